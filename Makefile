@@ -1,0 +1,39 @@
+# make setup | demo | test | slow | lint | bench
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+OUT := out
+
+.PHONY: setup demo test slow lint bench clean
+
+setup: $(VENV)/.ready
+
+$(VENV)/.ready: pyproject.toml
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "srl needs Python 3.11 or newer; set PYTHON=")'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	touch $@
+
+# The main job, without hardware: a simulated hand closes and opens, the sixth finger follows.
+demo: setup
+	rm -rf $(OUT)/demo && mkdir -p $(OUT)/demo
+	$(BIN)/srl run sixth-finger --sim --duration 12 --record $(OUT)/demo/sixth-finger.rrd --figure $(OUT)/demo/sixth-finger.png
+	@echo "recording: $(OUT)/demo/sixth-finger.rrd (open it: $(BIN)/rerun $(OUT)/demo/sixth-finger.rrd)"
+	@echo "picture:   $(OUT)/demo/sixth-finger.png"
+
+test: setup
+	$(BIN)/python -m pytest -m "not slow"
+
+slow: setup
+	$(BIN)/python -m pytest -m slow
+
+lint: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: setup
+	$(BIN)/python -m bench
+
+clean:
+	rm -rf $(VENV) $(OUT) .cache .pytest_cache .mypy_cache .ruff_cache .hypothesis build *.egg-info

@@ -1,0 +1,240 @@
+"""From raw sensor bytes to joint angles and back, by a person's calibration (sheet cyberglove, §6).
+
+The project's own file, YAML, with every sensor of the glove under its name:
+
+    person: P07            # an anonymous id
+    date: 2026-02-17
+    hand: right
+    sensors:
+      thumb_roll: {points: [[69, 0.0], [131, 0.8], [198, 1.7]]}   # (raw byte, rad), a broken line
+      wrist_yaw: {gain: 0.0091, offset: 128}                      # gain (rad) * (raw - offset)
+      ...
+
+Angles are anatomical, so that both hands read alike: flexion positive, abduction positive when the neighbours
+(or the thumb and the palm) are apart.
+"""
+
+from __future__ import annotations
+
+from datetime import date
+from pathlib import Path
+from typing import Annotated, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from drivers.cyberglove.protocol import LABELS
+from runtime.errors import ProfileError, nearest
+from runtime.signals import Array
+
+_RAW: Final = np.arange(256, dtype=float)
+_Byte = Annotated[float, Field(ge=0, le=255)]
+_Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Fit(_Part):
+    """One sensor's line: either `points` or `gain` and `offset`.
+
+    Attributes:
+        points: two or more (raw, rad), raw rising and rad strictly rising or falling; between them straight
+            lines, beyond them the outer lines go on.
+        gain, offset: rad = gain (raw - offset); the gain isn't zero, the offset may lie outside a byte.
+    """
+
+    points: Annotated[list[tuple[_Byte, _Finite]], Field(min_length=2)] | None = None
+    gain: _Finite | None = None
+    offset: _Finite | None = None
+
+    @model_validator(mode="after")
+    def _is_one_line(self) -> Fit:
+        if self.points is None:
+            if self.gain is None or self.offset is None:
+                raise ValueError("needs points, or gain and offset")
+            if self.gain == 0:
+                raise ValueError("gain must not be 0")
+        elif self.gain is not None or self.offset is not None:
+            raise ValueError("has both points and gain or offset; give one")
+        else:
+            raw, rad = np.diff(np.array(self.points).T)
+            if not np.all(raw > 0):
+                raise ValueError("the points' raw values must rise")
+            if not (np.all(rad > 0) or np.all(rad < 0)):
+                raise ValueError("the points' angles must all rise or all fall")
+        return self
+
+    def angles(self) -> Array:
+        """(256,) rad: the angle of each raw byte."""
+        if self.points is None:
+            assert self.gain is not None
+            assert self.offset is not None
+            return self.gain * (_RAW - self.offset)
+        raw, rad = np.array(self.points).T
+        slope = np.diff(rad) / np.diff(raw)
+        piece = np.clip(np.searchsorted(raw, _RAW) - 1, 0, len(slope) - 1)
+        return rad[piece] + slope[piece] * (_RAW - raw[piece])
+
+
+class _File(_Part):
+    person: str = Field(pattern=r"^[A-Za-z0-9_-]{1,32}$")
+    date: date
+    hand: Literal["right", "left"]
+    sensors: dict[str, Fit]
+
+
+class Calibration:
+    """A glove's calibration.
+
+    Attributes:
+        table: (n, 256) rad: the angle of each sensor at each raw byte; strictly monotonic in every row.
+        note: what a person should know about it ("uncalibrated: ..."); empty for a calibrated glove.
+        hand: "right" or "left"; None where the source doesn't say.
+        person: anonymous id; empty where the source doesn't say.
+    """
+
+    def __init__(
+        self, table: Array, *, note: str = "", hand: Literal["right", "left"] | None = None, person: str = ""
+    ) -> None:
+        self.table = table
+        self.note = note
+        self.hand = hand
+        self.person = person
+        self._angles = table.ravel()
+        self._rows = np.arange(len(table)) * 256
+        self._index = np.empty(len(table), dtype=np.intp)
+        self._sign = np.where(table[:, 2] > table[:, 1], 1.0, -1.0)
+        self._rising = table[:, 1:] * self._sign[:, None]  # np.interp inverts rising lines only
+
+    def angles(self, raw: bytes, out: Array) -> None:
+        """Writes into `out`, (n,) rad, the angles of n raw bytes."""
+        np.add(self._rows, np.frombuffer(raw, np.uint8), out=self._index)
+        np.take(self._angles, self._index, out=out, mode="clip")
+
+    def raw(self, angles: Array) -> NDArray[np.uint8]:
+        """(n,) bytes 1..255, those of the nearest angles along each line; the exact inverse of `angles`."""
+        lines = zip(angles * self._sign, self._rising, strict=True)
+        return np.array([round(np.interp(angle, line, _RAW[1:])) for angle, line in lines], dtype=np.uint8)
+
+
+def load(path: Path, sensors: int) -> Calibration:
+    """Reads a calibration: the project's YAML, or a vendor's file, told by its ending `.cal`.
+
+    Raises:
+        ProfileError: naming file, key and what was expected.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it isn't UTF-8 text"
+        raise ProfileError(
+            str(path), f"the calibration can't be read: {reason}", "Name an existing file"
+        ) from None
+    return _vendor(path, text, sensors) if path.suffix == ".cal" else _own(path, text, sensors)
+
+
+def default(sensors: int) -> Calibration:
+    """An average hand, from the sheet's ranges; good enough to see a hand move, not to control a device."""
+    fits = [_typical(label) for label in LABELS[sensors]]
+    return Calibration(
+        np.array([fit.angles() for fit in fits]), note="uncalibrated: angles are those of an average hand"
+    )
+
+
+def _own(path: Path, text: str, sensors: int) -> Calibration:
+    try:
+        tree = YAML(typ="safe", pure=True).load(text)
+    except YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        place = f"{path}: line {mark.line + 1}" if mark else str(path)
+        problem = getattr(error, "problem", None) or str(error)
+        raise ProfileError(place, f"this isn't valid YAML: {problem}", "Mend the text there") from None
+    try:
+        file = _File.model_validate(tree)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        message = first["msg"].removeprefix("Value error, ")
+        raise ProfileError(
+            f"{path}: {key}" if key else str(path),
+            f"{message[0].lower()}{message[1:]}",
+            "docs/devices/cyberglove.md has an example",
+        ) from None
+    labels = LABELS[sensors]
+    for name in file.sensors:
+        if name not in labels:
+            raise ProfileError(
+                f"{path}: sensors.{name}",
+                f"a glove of {sensors} sensors has none of this name",
+                nearest(name, labels),
+            )
+    for name in labels:
+        if name not in file.sensors:
+            raise ProfileError(
+                f"{path}: sensors.{name}", "the sensor is missing", f"Give all {sensors} sensors a line"
+            )
+    table = np.array([file.sensors[name].angles() for name in labels])
+    return Calibration(table, hand=file.hand, person=file.person)
+
+
+# Where the vendor's file has its sensors' lines, counted from 0, in the record's order (§6).
+_VENDOR_LINES: Final = {
+    22: (*range(2, 6), *range(7, 10), *(12, 13, 14, 15), *range(17, 21), *range(22, 26), *(27, 28, 29)),
+    18: (*range(2, 6), *(7, 8), *(12, 13, 15), *(17, 18, 20), *(22, 23, 25), *(27, 28, 29)),
+}
+_OFFSET, _GAIN = 6, 9  # words of a line, counted from 0
+_GAIN_ELSEWHERE: Final = {15: 10}  # the vendor's tool writes line 15's gain (middle abduction) into line 10
+
+
+def _vendor(path: Path, text: str, sensors: int) -> Calibration:
+    """VirtualHand's file: angle = (raw - offset) gain, rad. Its signs differ between versions."""
+    lines = [line.split() for line in text.splitlines()]
+
+    def number(line: int, word: int, what: str) -> float:
+        try:
+            value = float(lines[line][word])
+        except (IndexError, ValueError):
+            value = np.nan
+        if not np.isfinite(value):
+            raise ProfileError(
+                f"{path}: line {line + 1}",
+                f"word {word + 1} isn't a number, expected the {what} of a VirtualHand calibration",
+                f"Check that the file is one of a glove with {sensors} sensors, or write the YAML form",
+            )
+        return value
+
+    rows = []
+    for label, line in zip(LABELS[sensors], _VENDOR_LINES[sensors], strict=True):
+        source = _GAIN_ELSEWHERE.get(line, line)
+        gain = number(source, _GAIN, "gain")
+        if gain == 0:
+            raise ProfileError(
+                f"{path}: line {source + 1}", f"the gain of {label} is 0", "Calibrate the glove again"
+            )
+        rows.append(Fit(gain=gain, offset=number(line, _OFFSET, "offset")).angles())
+    return Calibration(np.array(rows), note="vendor calibration: check each joint's sign before use")
+
+
+def _typical(label: str) -> Fit:
+    """The flat hand at raw 80, the fist at 190; abductions fall from 50° at 6 to 0 at 153 (§6)."""
+    if label.endswith("abduction"):
+        return Fit(points=[(6, 0.87), (153, 0.0)])
+    if label.startswith("wrist"):
+        return Fit(gain=0.01, offset=128)
+    return Fit(points=[(80, 0.0), (190, _FIST[label if label in _FIST else label[-3:]])])
+
+
+_FIST: Final = {  # rad, by sensor or by joint
+    "thumb_roll": 1.2,
+    "thumb_mpj": 0.9,
+    "thumb_ij": 1.2,
+    "palm_arch": 0.4,
+    "mpj": 1.45,
+    "pij": 1.75,
+    "dij": 1.1,
+}

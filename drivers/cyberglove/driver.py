@@ -1,0 +1,230 @@
+"""The CyberGlove as a device: identified at open, then each cycle takes the newest record of its stream."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from pathlib import Path
+from typing import Final, Literal
+
+from pydantic import Field
+
+from drivers.cyberglove import calibration
+from drivers.cyberglove.protocol import BAUDRATE, LABELS, START, STOP, Parser, Record, Reply, assign, query
+from drivers.transport import Transport, open_transport
+from runtime.driver import DeviceConfig, Driver
+from runtime.errors import DeviceError, DeviceLostError
+from runtime.signals import Signal, Stop
+
+TRIES: Final = 3  # after power-up the first answer can fail (§7)
+ANSWER: Final = 1.0  # s for an answer or the first record; the sheet's drivers wait 0.1 to 2 s
+QUIET: Final = 0.15  # s without a byte: the stream has stopped
+RESTART: Final = 1_000_000_000  # ns without a record after which streaming is asked for again
+_REMEDY = "Check the port, that it is an 8-bit CyberGlove II or III, and its power; switch it off and on"
+
+
+class CyberGloveConfig(DeviceConfig):
+    """Options of a glove."""
+
+    port: str = Field(description="link: a serial port's path, tcp://HOST:PORT, spy:FILE:URL")
+    sensors: Literal[18, 22] = 22
+    calibration: Path | None = Field(None, description="YAML, or the vendor's .cal; None: an average hand's")
+    hand: Literal["right", "left"] = "right"
+
+
+class CyberGlove(Driver):
+    """States: `position` (n,), rad, joint angles by sensor name; `buttons` (1,), the wrist switch, 0 or 1.
+
+    Angles are anatomical (flexion and spreading positive), so both hands read alike. A sample's `stamp` is
+    when the loop found it: the unit and byte order of the glove's own time stamp aren't known (§3), so it
+    stays off. A glove pulled from its interface goes stale: its records are read but not taken.
+    """
+
+    Config = CyberGloveConfig
+    summary = "CyberGlove II/III data glove, 18 or 22 joint angles"
+    max_age = 0.1
+
+    def __init__(self, name: str, config: CyberGloveConfig) -> None:
+        super().__init__(name, config)
+        self.port = config.port
+        self.sensors: int = config.sensors
+        self.hand = config.hand
+        labels = LABELS[config.sensors]
+        self.states = (
+            Signal(name="position", shape=(config.sensors,), unit="rad", labels=labels),
+            Signal(name="buttons", shape=(1,), unit="1", labels=("wrist_switch",)),
+        )
+        self._calibration_file = config.calibration
+        self._calibration: calibration.Calibration | None = None
+        self._parser = Parser(config.sensors)
+        self._link: Transport | None = None
+        self._opened = False
+        # After a power-cycle a glove has forgotten all of it, so a stream that stops is asked for with it.
+        self._settings = (assign("N", config.sensors), assign("D", 0), assign("U", 1))
+        self._since = -1  # ns: the newest record of any kind, or the newest request to stream
+        self._restarts = 0
+        self._slow = 0
+
+    # -- life
+
+    def open(self) -> None:
+        self.close()
+        self._calibration = self._load_calibration()
+        link = self._link = open_transport(self.port, place=self._place, baudrate=BAUDRATE)
+        try:
+            self._silence(link)
+            self._identify(link)
+            self._stream(link)
+        except DeviceError:
+            self.close()
+            raise
+        self._since = -1
+        self.health.connected = True
+        self.health.message = self._calibration.note
+        self.health.reconnects += self._opened
+        self._opened = True
+
+    def read(self, now: int) -> None:
+        if self._link is None:
+            raise DeviceLostError(self._place, "the glove isn't open", "Open it first")
+        try:
+            data = self._link.read()
+            if self._since < 0:
+                self._since = now
+            newest = self._take(data) if data else None
+            if newest is not None:
+                self._since = now
+                self._fill(newest, now)
+            elif now - self._since > RESTART:
+                self._since = now
+                self._restarts += self._link.write(b"".join(self._settings) + START)
+                self.health.message = f"no records; streaming was asked for again {self._restarts} times"
+        except DeviceLostError as error:
+            self.health.connected = False
+            self.health.message = error.problem
+            raise
+
+    def write(self, now: int) -> None:
+        """A glove takes no commands."""
+
+    def stop(self, category: Stop) -> None:
+        """A glove moves nothing."""
+
+    def close(self) -> None:
+        link, self._link = self._link, None
+        self.health.connected = False
+        if link is not None:
+            with contextlib.suppress(DeviceError):
+                link.write(STOP)
+            link.close()
+
+    def figures(self) -> dict[str, object]:
+        """Times streaming was asked for again, and records the glove marked as sampled too slowly."""
+        return {"restarts": self._restarts, "slow_records": self._slow}
+
+    # -- a cycle
+
+    def _take(self, data: bytes) -> Record | None:
+        newest = None
+        for message in self._parser.feed(data):
+            if isinstance(message, Record):
+                newest = message
+                self._slow += message.slow
+        health, parser = self.health, self._parser
+        health.frames, health.errors, health.resyncs = parser.frames, parser.errors, parser.resyncs
+        return newest
+
+    def _fill(self, record: Record, now: int) -> None:
+        assert self._calibration is not None
+        if record.unplugged:
+            self.health.message = "the glove isn't plugged into its interface"
+            return
+        self._calibration.angles(record.sensors, self.state_arrays["position"])
+        self.state_arrays["buttons"][0] = record.switch
+        self.health.stamp = now
+        self.health.message = self._calibration.note
+
+    # -- opening
+
+    @property
+    def _place(self) -> str:
+        return f"{self.name} ({self.port})"
+
+    def _load_calibration(self) -> calibration.Calibration:
+        if self._calibration_file is None:
+            return calibration.default(self.sensors)
+        loaded = calibration.load(self._calibration_file, self.sensors)
+        if loaded.hand not in (None, self.hand):
+            raise DeviceError(
+                self._place,
+                f"{self._calibration_file} is of a {loaded.hand} hand, the profile says {self.hand}",
+                "Name that hand's calibration, or correct 'hand'",
+            )
+        return loaded
+
+    def _silence(self, link: Transport) -> None:
+        """Ends a stream that an earlier client left on, and throws away what is under way."""
+        for _ in range(TRIES):
+            link.write_all(STOP, ANSWER)
+            deadline = time.monotonic() + ANSWER
+            while time.monotonic() < deadline:
+                if not link.read_wait(QUIET):
+                    return
+        raise DeviceError(self._place, "the device keeps sending though it was told to stop", _REMEDY)
+
+    def _identify(self, link: Transport) -> None:
+        sensors = self._ask(link, query("S"))[0]
+        if sensors != self.sensors:
+            raise DeviceError(
+                self._place,
+                f"this glove has {sensors} sensors, the profile says {self.sensors}",
+                f"Set 'sensors: {sensors}'" if sensors in LABELS else _REMEDY,
+            )
+        ready = self._ask(link, query("G"))[0]
+        if ready & 3 != 3:
+            missing = "isn't plugged into its interface" if not ready & 2 else "hasn't initialised itself"
+            raise DeviceError(self._place, f"the glove {missing}", "Plug it in, switch it off and on")
+        hand = "right" if self._ask(link, query("R"))[0] == 1 else "left"
+        if hand != self.hand:
+            raise DeviceError(
+                self._place, f"this is a {hand} glove, the profile says {self.hand}", f"Set 'hand: {hand}'"
+            )
+
+    def _stream(self, link: Transport) -> None:
+        """All sensors, no time stamp, with the status byte; an earlier client may have left it otherwise."""
+        for setting in self._settings:
+            self._ask(link, setting)
+        self._parser.reset(time_stamp=False, status=True)
+        link.write_all(START, ANSWER)
+        deadline = time.monotonic() + ANSWER
+        heard = b""
+        while (left := deadline - time.monotonic()) > 0:
+            data = link.read_wait(left)
+            heard = heard or data
+            record = self._take(data)
+            if record is not None:
+                return
+        raise DeviceError(self._place, f"the glove doesn't stream: it sent {_shown(heard)}", _REMEDY)
+
+    def _ask(self, link: Transport, command: bytes) -> bytes:
+        """The answer's value to one command."""
+        expected = command[:2] if command[:1] == b"?" else command[:1]
+        heard = b""
+        for _ in range(TRIES):
+            link.flush_input()
+            self._parser.reset(time_stamp=False, status=False)
+            link.write_all(command, ANSWER)
+            deadline = time.monotonic() + ANSWER
+            while (left := deadline - time.monotonic()) > 0:
+                data = link.read_wait(left)
+                heard += data[: 64 - len(heard)] if len(heard) < 64 else b""
+                for message in self._parser.feed(data):
+                    if isinstance(message, Reply) and message.command == expected:
+                        return message.value
+        raise DeviceError(
+            self._place, f"expected a CyberGlove's answer to {command!r}, got {_shown(heard)}", _REMEDY
+        )
+
+
+def _shown(heard: bytes) -> str:
+    return f"the bytes {heard[:12].hex(' ')}" if heard else "nothing"

@@ -1,0 +1,127 @@
+"""A Firmata board's options in the profile, and the calibration of its servos."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from drivers.firmata.protocol import MAX_SERVOS, MIN_PULSE_US
+from runtime.driver import DeviceConfig
+
+MAX_PULSE_US = 2400
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """Joint angle (rad) to pulse width (µs) and back, for one servo.
+
+    `pulse` and `angle` are exact inverses on whole microseconds within `shortest` to `longest`, the pulses
+    this servo may get.
+    """
+
+    us_per_rad: float  # negative for a reversed servo
+    zero_us: float  # the pulse of angle 0, which need not be reachable
+    shortest: int
+    longest: int
+
+    def pulse(self, angle: float) -> int:
+        """The whole pulse width (µs) nearest to a finite angle (rad), kept within the servo's pulses."""
+        return round(min(max(self.zero_us + self.us_per_rad * angle, self.shortest), self.longest))
+
+    def angle(self, pulse: float) -> float:
+        """The angle (rad) of a pulse width (µs), which isn't bounded here."""
+        return (pulse - self.zero_us) / self.us_per_rad
+
+    @property
+    def lower(self) -> float:
+        """The smallest reachable angle (rad)."""
+        return min(self.angle(self.shortest), self.angle(self.longest))
+
+    @property
+    def upper(self) -> float:
+        """The largest reachable angle (rad)."""
+        return max(self.angle(self.shortest), self.angle(self.longest))
+
+
+class ServoConfig(BaseModel):
+    """One joint: its pin and how pulse widths relate to angles."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    pin: int = Field(ge=0, le=127, description="the board's digital pin number; A0 of an Uno is 14")
+    min_us: int = Field(MIN_PULSE_US, ge=MIN_PULSE_US, le=MAX_PULSE_US, description="shortest pulse, us")
+    max_us: int = Field(MAX_PULSE_US, ge=MIN_PULSE_US, le=MAX_PULSE_US, description="longest pulse, us")
+    lower: float = Field(allow_inf_nan=False, description="angle at min_us, rad (at max_us if reversed)")
+    upper: float = Field(allow_inf_nan=False, description="angle at max_us, rad (at min_us if reversed)")
+    reversed: bool = Field(False, description="true where a longer pulse makes the angle smaller")
+    home: float = Field(allow_inf_nan=False, description="angle of the first command, rad")
+    trim_us: int = Field(0, ge=-400, le=400, description="added to every pulse, us; corrects the horn's seat")
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        if self.min_us >= self.max_us:
+            raise ValueError(f"min_us ({self.min_us}) must be less than max_us ({self.max_us})")
+        if self.lower >= self.upper:
+            raise ValueError(
+                f"lower ({self.lower:g}) must be less than upper ({self.upper:g}); "
+                "'reversed: true' is for a servo that turns the other way"
+            )
+        reach = self.calibration
+        if reach.shortest >= reach.longest:
+            raise ValueError(f"trim_us ({self.trim_us}) leaves no pulses within 544 to 2400 us")
+        if not reach.lower <= self.home <= reach.upper:
+            raise ValueError(
+                f"home ({self.home:g}) is outside the servo's reach, {reach.lower:.4g} to {reach.upper:.4g}"
+            )
+        return self
+
+    @property
+    def calibration(self) -> Calibration:
+        """How angles become pulses.
+
+        A trim that pushes an end beyond 544 to 2400 µs takes that much from the reach: below 544 the board
+        would read an angle in degrees.
+        """
+        slope = (self.max_us - self.min_us) / (self.upper - self.lower)
+        if self.reversed:
+            slope = -slope
+        at_min = self.upper if self.reversed else self.lower
+        return Calibration(
+            us_per_rad=slope,
+            zero_us=self.min_us + self.trim_us - slope * at_min,
+            shortest=max(self.min_us + self.trim_us, MIN_PULSE_US),
+            longest=min(self.max_us + self.trim_us, MAX_PULSE_US),
+        )
+
+
+class ButtonConfig(BaseModel):
+    """One push button between its pin and ground."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    pin: int = Field(ge=0, le=127, description="the board's digital pin number")
+    debounce: float = Field(0.02, ge=0, le=1, description="time a new level must last to count, s")
+    pull_up: bool = Field(True, description="use the board's pull-up; false where a resistor to 5 V is wired")
+
+
+class FirmataConfig(DeviceConfig):
+    """A board with servos, buttons, or both. The order of `servos` and `buttons` is that of the arrays."""
+
+    port: str = Field(description="the board's port, e.g. /dev/ttyACM0")
+    servos: dict[str, ServoConfig] = Field(default={}, max_length=MAX_SERVOS, description="joints by name")
+    buttons: dict[str, ButtonConfig] = Field(default={}, description="buttons by name")
+
+    @model_validator(mode="after")
+    def _something_on_each_pin(self) -> Self:
+        if not self.servos and not self.buttons:
+            raise ValueError("the board has neither servos nor buttons; name at least one")
+        taken: dict[int, str] = {}
+        pins = [(name, servo.pin) for name, servo in self.servos.items()]
+        pins += [(name, button.pin) for name, button in self.buttons.items()]
+        for name, pin in pins:
+            if pin in taken:
+                raise ValueError(f"pin {pin} is used twice, by {taken[pin]} and {name}")
+            taken[pin] = name
+        return self

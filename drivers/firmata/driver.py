@@ -1,0 +1,318 @@
+"""An Arduino board with StandardFirmata: servos that follow angles, buttons that report.
+
+Firmata has neither a heartbeat nor a watchdog: a board whose host dies goes on with its last pulses. So each
+command is followed by a version query, whose answer shows that the board has taken it. The next command waits
+for that answer, so that a stalled link never holds more than one.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+
+import numpy as np
+
+from drivers.firmata import protocol
+from drivers.firmata.buttons import Buttons
+from drivers.firmata.config import ButtonConfig, Calibration, FirmataConfig
+from drivers.firmata.identify import FLASH, identify, listen, require
+from drivers.firmata.protocol import Decoder, Mode
+from drivers.transport import Transport, open_transport
+from runtime.driver import Driver
+from runtime.errors import DeviceError, DeviceLostError
+from runtime.signals import Array, Command, Kind, Limits, Signal, Stop
+
+COMMAND = "position_command"
+ASK_ACTIVE = 400_000_000  # ns between version queries while `write` is called
+ASK_IDLE = 500_000_000  # ns between version queries otherwise
+
+# The board's own limits are a second fence. The Servo library stores them as one signed byte in units of 4 µs
+# from 544 and from 2400, so narrower ones than these wrap around and fence nothing; the driver keeps each
+# pulse within the servo's own anyway.
+LARGEST_MIN_US = 1056
+SMALLEST_MAX_US = 1892
+
+
+class Firmata(Driver):
+    """Servos and buttons on one board.
+
+    Command `position_command`, shape (n,), rad: the servos in the profile's order. State `buttons`, shape
+    (m,): 1 pressed, 0 released, debounced. Source: Firmata protocol 2.5 (protocol.md), StandardFirmata.
+
+    Attributes:
+        home: by command name, the angles of the first command after `open` (rad).
+    """
+
+    Config = FirmataConfig
+    summary = "Arduino with StandardFirmata: hobby servos and push buttons (USB serial)"
+    max_age = 1.2
+
+    def __init__(self, name: str, config: FirmataConfig) -> None:
+        super().__init__(name, config)
+        self.config: FirmataConfig = config
+        servos, buttons = config.servos, config.buttons
+        self.home: dict[str, Array] = {}
+        if servos:
+            self.commands = (
+                Command(
+                    name=COMMAND,
+                    shape=(len(servos),),
+                    unit="rad",
+                    labels=tuple(servos),
+                    kind=Kind.POSITION,
+                    stops=(Stop.HOLD, Stop.RETRACT, Stop.LIMP),
+                ),
+            )
+            self.home[COMMAND] = np.array([servo.home for servo in servos.values()])
+        if buttons:
+            self.states = (Signal(name="buttons", shape=(len(buttons),), unit="1", labels=tuple(buttons)),)
+        self._pins = [servo.pin for servo in servos.values()]
+        self._calibrations = tuple(servo.calibration for servo in servos.values())
+        if servos:
+            self.limits[COMMAND] = Limits(
+                lower=np.array([servo.lower for servo in self._calibrations]),
+                upper=np.array([servo.upper for servo in self._calibrations]),
+            )
+        self._buttons = Buttons(
+            [button.pin for button in buttons.values()], [button.debounce for button in buttons.values()]
+        )
+        self._decoder = Decoder()
+        self._link: Transport | None = None
+        self._was_lost = False
+        self._firmware = ""
+        self._sent: list[int | None] = []  # the last pulse of each servo, None while it is detached
+        self._in_flight = 0  # bytes of the command that the board hasn't answered
+        self._asked: int | None = None  # when the newest version query was sent
+        self._waiting = False  # for its answer
+        self._limp = False  # asked for and not sent yet
+        self._was_limp = False  # the servos were attached once since the board's reset
+        self._inputs_frame = b"".join(
+            protocol.set_pin_mode(button.pin, _input_mode(button)) for button in buttons.values()
+        ) + b"".join(protocol.report_digital(port, True) for port in self._buttons.ports)
+        self._limp_frame = protocol.END_SYSEX + b"".join(
+            protocol.set_pin_mode(pin, Mode.OUTPUT) for pin in self._pins
+        )
+        self._hold_frame: bytes | None = None
+        self._forget()
+
+    def open(self) -> None:
+        """See `Driver.open`; blocks up to 10 s, mostly for the board's boot. Servos stay detached."""
+        self.close()
+        link = open_transport(self.config.port, place=self.name, baudrate=protocol.BAUDRATE)
+        try:
+            self._set_up(link)
+        except BaseException:
+            link.close()
+            raise
+        self._link = link
+        self._forget()
+        self._count()
+        self.health.connected = True
+        self.health.message = self._firmware
+        self.health.reconnects += self._was_lost
+        self._was_lost = False
+
+    def read(self, now: int) -> None:
+        """See `Driver.read`. A board that has reset itself is lost: its servos are detached."""
+        link = self._open_link()
+        try:
+            data = link.read()
+            if data:
+                for message in self._decoder.feed(data):
+                    self._take(message, now)
+                self._count()
+            if self._limp:
+                self._send_limp(link)
+            if self._due(now, ASK_IDLE):
+                self._ask(link, now, b"")
+        except DeviceLostError:
+            self._lose()
+            raise
+        self.health.unsent = self._in_flight
+        if self.states:
+            self._buttons.settle(now)
+            self.state_arrays["buttons"][:] = self._buttons.pressed
+
+    def write(self, now: int) -> None:
+        """See `Driver.write`. Only pulses that changed are written; the first call attaches all servos."""
+        link = self._open_link()
+        if not self.commands:
+            return
+        self._limp = False
+        angles = self.command_arrays[COMMAND].tolist()
+        wanted = [
+            calibration.pulse(angle) if math.isfinite(angle) else sent
+            for calibration, angle, sent in zip(self._calibrations, angles, self._sent, strict=True)
+        ]
+        frame = b"" if wanted == self._sent else self._frame(wanted)
+        try:
+            if self._waiting:
+                taken = False
+            elif frame:
+                taken = self._ask(link, now, frame)
+            else:
+                taken = self._due(now, ASK_ACTIVE) and self._ask(link, now, b"")
+        except DeviceLostError:
+            self._lose()
+            raise
+        if frame and taken:
+            self._sent = wanted
+            self._was_limp = False
+            self._hold_frame = None
+        elif frame:
+            self.health.unsent = len(frame)
+
+    def stop(self, category: Stop) -> None:
+        """See `Driver.stop`. HOLD needs nothing: servos keep their last pulse. LIMP detaches them."""
+        link = self._link
+        if link is None:
+            return
+        with contextlib.suppress(DeviceError):  # a lost link shows at the next read
+            if category is Stop.LIMP:
+                self._limp = any(pulse is not None for pulse in self._sent)
+                self._send_limp(link)
+            else:
+                link.write(b"")  # the rest of a command the kernel took in part
+
+    def close(self) -> None:
+        """See `Driver.close`. Servos that weren't made limp go on with their last pulse."""
+        link, self._link = self._link, None
+        self.health.connected = False
+        if link is None:
+            return
+        with contextlib.suppress(DeviceError):
+            last = self._limp_frame if self._limp else b""
+            last += b"".join(protocol.report_digital(port, False) for port in self._buttons.ports)
+            if last and not self._was_lost:
+                link.write_all(last, 0.2)
+        link.close()
+
+    def fileno(self) -> int | None:
+        """See `Driver.fileno`; None for a board without servos."""
+        return self._link.fileno() if self._link is not None and self.commands else None
+
+    def stop_frame(self, category: Stop) -> bytes:
+        """See `Driver.stop_frame`: LIMP detaches, any other repeats the last pulses of the attached servos.
+
+        F7 in front ends a system-exclusive message that was cut short; a shorter message that was cut is
+        dropped by the board at the next command byte.
+        """
+        if category is Stop.LIMP:
+            return self._limp_frame
+        if self._hold_frame is None:
+            pulses = zip(self._pins, self._sent, strict=True)
+            self._hold_frame = protocol.END_SYSEX + b"".join(
+                protocol.analog_write(pin, pulse) for pin, pulse in pulses if pulse is not None
+            )
+        return self._hold_frame
+
+    @property
+    def calibrations(self) -> tuple[Calibration, ...]:
+        """Angle to pulse and back, for each servo in the profile's order."""
+        return self._calibrations
+
+    def figures(self) -> dict[str, object]:
+        """The firmware's name, and the pulses last sent (µs, None while detached) by joint."""
+        return {
+            "firmware": self._firmware,
+            "pulses_us": dict(zip(self.config.servos, self._sent, strict=True)),
+        }
+
+    def _set_up(self, link: Transport) -> None:
+        board = identify(link, self._decoder, self.name)
+        for joint, servo in self.config.servos.items():
+            require(board, servo.pin, Mode.SERVO, joint, self.name)
+        for name, button in self.config.buttons.items():
+            require(board, button.pin, _input_mode(button), name, self.name)
+        link.write_all(self._inputs_frame, 1.0)
+        ports = self._buttons.ports
+        masks: dict[int, int] = {}
+        for message in listen(link, self._decoder, 1.0 if ports else 0.0):
+            if isinstance(message, protocol.DigitalPort):
+                masks[message.port] = message.mask
+            if masks.keys() >= set(ports):
+                break
+        if missing := set(ports) - masks.keys():
+            raise DeviceError(
+                self.name, f"{board.firmware} reports no inputs of port {missing.pop()} when asked to", FLASH
+            )
+        self._buttons.start(masks)
+        self._firmware = board.firmware
+
+    def _take(self, message: protocol.Message, now: int) -> None:
+        self.health.stamp = now
+        match message:
+            case protocol.DigitalPort(port, mask):
+                self._buttons.take(port, mask, now)
+            case protocol.Version():
+                self._waiting = False
+                self._in_flight = 0
+            case protocol.Text(text):
+                self.health.message = text
+            case protocol.Firmware():
+                raise DeviceLostError(
+                    self.name,
+                    "the board has restarted by itself; its servos are without pulses",
+                    "Give the servos a supply of their own with a common ground: a dip of the board's supply "
+                    "is the usual cause",
+                )
+
+    def _count(self) -> None:
+        health, decoder = self.health, self._decoder
+        health.frames, health.errors, health.resyncs = decoder.frames, decoder.errors, decoder.resyncs
+
+    def _due(self, now: int, period: int) -> bool:
+        return self._asked is None or now - self._asked >= period
+
+    def _ask(self, link: Transport, now: int, command: bytes) -> bool:
+        """Sends a command, or nothing, and the version query behind it, if the link is free."""
+        if not link.write(command + protocol.VERSION_QUERY):
+            return False
+        self._asked = now
+        self._waiting = True
+        self._in_flight = self._in_flight or len(command)
+        return True
+
+    def _frame(self, wanted: list[int | None]) -> bytes:
+        """What takes the servos from the pulses last sent to the wanted ones."""
+        parts = []
+        if self._was_limp:
+            # The firmware doesn't count detached servos back: without a reset it refuses the thirteenth.
+            parts += [protocol.RESET, self._inputs_frame]
+        for pin, pulse, sent, servo in zip(self._pins, wanted, self._sent, self._calibrations, strict=True):
+            if pulse is None or pulse == sent:
+                continue
+            if sent is None:
+                # Attached, a servo gets pulses of 1500 µs until it is told better: so in the same breath.
+                low, high = min(servo.shortest, LARGEST_MIN_US), max(servo.longest, SMALLEST_MAX_US)
+                parts.append(protocol.servo_config(pin, low, high))
+            parts.append(protocol.analog_write(pin, pulse))
+        return b"".join(parts)
+
+    def _send_limp(self, link: Transport) -> None:
+        if self._limp and link.write(self._limp_frame):
+            self._limp = False
+            self._was_limp = True
+            self._sent = [None] * len(self._pins)
+            self._hold_frame = None
+
+    def _forget(self) -> None:
+        self._sent = [None] * len(self._pins)
+        self._hold_frame = None
+        self._in_flight = 0
+        self._asked = None
+        self._waiting = False
+        self._limp = self._was_limp = False
+
+    def _open_link(self) -> Transport:
+        if self._link is None:
+            raise DeviceLostError(self.name, "the board isn't open", "Open it first")
+        return self._link
+
+    def _lose(self) -> None:
+        self.health.connected = False
+        self._was_lost = True
+
+
+def _input_mode(button: ButtonConfig) -> Mode:
+    return Mode.PULL_UP if button.pull_up else Mode.INPUT

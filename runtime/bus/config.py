@@ -1,0 +1,61 @@
+"""The profile's `bus:` section: closed by default, open to the network only with mutual TLS."""
+
+from __future__ import annotations
+
+import ipaddress
+import re
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+_ENDPOINT = re.compile(r"^(?P<protocol>tcp|tls)/(?P<host>\[[0-9a-fA-F:]+\]|[^:/\[\]?#]+):(?P<port>\d{1,5})$")
+
+
+class TlsConfig(BaseModel):
+    """`bus.tls`: both sides show a certificate signed by `ca`. Paths of PEM files, absolute."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    ca: str = Field(description="certificate of the authority that signs this service and its clients")
+    certificate: str = Field(description="this side's certificate")
+    key: str = Field(description="this side's private key")
+
+    @model_validator(mode="after")
+    def _absolute(self) -> TlsConfig:
+        for name in ("ca", "certificate", "key"):
+            if not Path(getattr(self, name)).is_absolute():
+                raise ValueError(f"'{name}' must be an absolute path, as the service has no folder of its own")
+        return self
+
+
+class BusConfig(BaseModel):
+    """`bus`: what the bus publishes and where it listens besides its own Unix socket."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    decimate: int = Field(10, ge=1, description="every how many-th cycle is published")
+    listen: tuple[str, ...] = Field((), description="more endpoints: 'tls/0.0.0.0:7447', 'tcp/127.0.0.1:7447'")
+    tls: TlsConfig | None = None
+    required: bool = Field(False, description="the bus's death is then a fault of the run")
+
+    @model_validator(mode="after")
+    def _closed(self) -> BusConfig:
+        for endpoint in self.listen:
+            match = _ENDPOINT.match(endpoint)
+            if match is None or not 0 < int(match["port"]) < 65536:
+                raise ValueError(f"listen: '{endpoint}' must read tcp/HOST:PORT or tls/HOST:PORT")
+            if match["protocol"] == "tcp" and not _is_loopback(match["host"]):
+                raise ValueError(
+                    f"listen: '{endpoint}' would let anyone on the network move the limb; "
+                    f"use tls/{match['host']}:{match['port']} with `tls:`, or 127.0.0.1"
+                )
+            if match["protocol"] == "tls" and self.tls is None:
+                raise ValueError(f"listen: '{endpoint}' needs `tls:` with ca, certificate and key")
+        return self
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return False  # a name may resolve to anything, localhost included

@@ -1,0 +1,106 @@
+"""zenoh sessions of the service and of its clients: explicit endpoints, no scouting.
+
+A session must be closed before its process ends, or the process hangs; and zenoh must never be forked.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+from runtime.bus.config import BusConfig, TlsConfig
+from runtime.bus.keys import Keys
+from runtime.errors import HostError, RequestError
+
+LONGEST_PATH = 107  # bytes of a Unix socket's path, Linux
+SOCKET_UMASK = 0o117  # the socket's mode is 0660: the service's user and group
+
+
+def serve(socket: Path, config: BusConfig, keys: Keys) -> zenoh.Session:
+    """The service's session: listens on its Unix socket and where the profile says, nowhere else.
+
+    Sets the process's umask, as the socket must never have another mode, not for an instant.
+
+    Raises:
+        HostError: an endpoint can't be listened on.
+    """
+    if len(os.fsencode(socket)) > LONGEST_PATH or set(str(socket)) & set("?#;"):
+        raise HostError(str(socket), "this path can't name a Unix socket", "Set SRL_RUNTIME_DIR to a short, plain path")
+    os.umask(SOCKET_UMASK)
+    endpoints = [f"unixsock-stream/{socket}", *config.listen]
+    content = _base("peer") | {
+        "listen": {"endpoints": endpoints, "exit_on_failure": True, "timeout_ms": 0},
+        "connect": {"endpoints": []},
+        "adminspace": {"enabled": False},
+        "access_control": _access(keys),
+    }
+    if config.tls is not None:
+        content["transport"] = {"link": {"tls": _tls(config.tls, "listen")}}
+    try:
+        return zenoh.open(zenoh.Config.from_json5(json.dumps(content)))
+    except zenoh.ZError as error:
+        where = ", ".join(endpoints)
+        raise HostError(f"bus ({where})", f"zenoh can't listen: {_reason(error)}", "Free the address, or see bus.tls") from None
+
+
+def join(endpoint: str, tls: TlsConfig | None = None, timeout: float = 2.0) -> zenoh.Session:
+    """A client's session. Raises RequestError if nobody answers at the endpoint within `timeout` s."""
+    content = _base("client") | {
+        "connect": {"endpoints": [endpoint], "timeout_ms": round(timeout * 1000), "exit_on_failure": True}
+    }
+    if tls is not None:
+        content["transport"] = {"link": {"tls": _tls(tls, "connect")}}
+    try:
+        return zenoh.open(zenoh.Config.from_json5(json.dumps(content)))
+    except zenoh.ZError as error:
+        raise RequestError(f"bus ({endpoint})", f"no connection: {_reason(error)}", "Is the service running?") from None
+
+
+def _reason(error: zenoh.ZError) -> str:
+    return str(error).partition(" at /")[0].rstrip(". ")
+
+
+def _base(mode: str) -> dict[str, Any]:
+    return {"mode": mode, "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}}}
+
+
+def _tls(tls: TlsConfig, side: str) -> dict[str, Any]:
+    return {
+        "root_ca_certificate": tls.ca,
+        f"{side}_certificate": tls.certificate,
+        f"{side}_private_key": tls.key,
+        "enable_mtls": True,
+    }
+
+
+def _access(keys: Keys) -> dict[str, Any]:
+    """What a client may do: read, ask, and write setpoints. Nobody but the service speaks for the instance."""
+    everything = [f"{keys.root}/**"]
+    rules: list[dict[str, Any]] = [
+        {"id": "setpoints", "flows": ["ingress"], "messages": ["put"], "key_exprs": [f"{keys.root}/setpoint/**"]},
+        {"id": "ask", "flows": ["ingress"], "messages": ["query", "declare_subscriber"], "key_exprs": everything},
+        {
+            "id": "presence",
+            "flows": ["ingress"],
+            "messages": ["liveliness_query", "declare_liveliness_subscriber"],
+            "key_exprs": ["srl/*/alive"],
+        },
+        {
+            "id": "speak",
+            "flows": ["egress"],
+            "messages": ["put", "reply", "liveliness_token", "declare_queryable", "declare_subscriber"],
+            "key_exprs": everything,
+        },
+    ]
+    names = [rule["id"] for rule in rules]
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": [rule | {"permission": "allow"} for rule in rules],
+        "subjects": [{"id": "anyone"}],
+        "policies": [{"rules": names, "subjects": ["anyone"]}],
+    }

@@ -1,0 +1,92 @@
+"""`srl check`: validates a profile and prints its wiring; opens nothing."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from typing import Any
+
+from runtime import profile, registry, wiring
+from runtime.cli import add_command
+from runtime.errors import WiringError
+from runtime.guard import make_guard
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Registers the command."""
+    parser = add_command(subparsers, "check", "checks a profile and prints its wiring", "srl check sixth-finger")
+    parser.add_argument("profile", nargs="?", help="a name under profiles/, or a path to a YAML file")
+    parser.add_argument("--sim", nargs="*", metavar="DEVICE", help="as for run: simulate these devices, or all")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="as for run")
+    parser.add_argument("--schema", action="store_true", help="print the JSON Schema of a profile, for editors")
+    parser.add_argument("--json", action="store_true", help="the wiring as one JSON object")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Checks, prints, returns 0; errors are raised."""
+    if args.schema:
+        print(json.dumps(schema(), indent=1))
+        return 0
+    if args.profile is None:
+        from runtime.errors import ProfileError
+
+        raise ProfileError("srl check", "no profile is named", f"One of: {', '.join(profile.shipped())}")
+    checked, source = profile.load(args.profile, args.set)
+    graph = wiring.build(checked, source, args.sim)
+    guards = check_guards(graph)
+    if args.json:
+        content = {"profile": checked.name, "rate_hz": float(checked.rate), "wiring": graph.wiring(), "commands": guards}
+        print(json.dumps(content))
+        return 0
+    print(f"{checked.name}: {checked.summary}".rstrip(": "))
+    print(f"  rate {float(checked.rate):g} Hz, clock {checked.clock}, start {checked.start}")
+    for device in graph.devices:
+        kind = "simulated" if device.name in graph.simulated else checked.devices[device.name].driver
+        age = f", stale after {device.max_age:g} s" if device.max_age else ""
+        print(f"  device {device.name} ({kind}{age})")
+    for start, form, end in graph.wiring():
+        print(f"  {start:<34} -> {end:<34} {form}")
+    for name, category in guards.items():
+        print(f"  guard {name}, stop: {category}")
+    return 0
+
+
+def check_guards(graph: wiring.Graph) -> dict[str, str]:
+    """Builds the guards as far as the profile alone decides them; returns each command's stop category.
+
+    What a device reads from its own hardware isn't known before it is open; a limit that only the device
+    can give is checked at the start of a run.
+    """
+    from runtime.cycle import limits_of
+
+    categories = {}
+    for actuator in graph.actuators:
+        limits = limits_of(graph)[actuator.name]
+        try:
+            make_guard(
+                graph.source.place(f"guard.{actuator.name}"), actuator.command, limits,
+                float(1 / graph.profile.rate), rest=actuator.home,
+            )  # fmt: skip
+        except WiringError as error:
+            if "needs limits" not in error.problem or actuator.command.feedback is None:
+                raise
+        categories[actuator.name] = str(actuator.category)
+    return categories
+
+
+def schema() -> dict[str, Any]:
+    """JSON Schema of a profile, with the options of every registered driver and controller."""
+    content = profile.Profile.model_json_schema(by_alias=True)
+    definitions = content["$defs"]
+    for group, entry, key in (("drivers", "DeviceEntry", "driver"), ("controllers", "ControllerEntry", "use")):
+        rules = []
+        for name in registry.names(group):
+            options = registry.load(group, name, f"{group} {name}").Config.model_json_schema()
+            definitions |= options.pop("$defs", {})
+            rules.append(
+                {"if": {"properties": {key: {"const": name}}}, "then": {"properties": options.get("properties", {})}}
+            )
+        definitions[entry]["allOf"] = rules
+        definitions[entry]["properties"][key]["enum"] = registry.names(group)
+    return content

@@ -1,0 +1,20 @@
+"""Which running instance a command means."""
+
+from __future__ import annotations
+
+from runtime.errors import RequestError, nearest
+from runtime.rundir import RunDir, base, running
+
+
+def choose(name: str | None) -> RunDir:
+    """The instance called `name`, or the only one. Raises RequestError."""
+    found = {rundir.path.name: rundir for rundir in running()}
+    if name is not None:
+        if name not in found:
+            raise RequestError(f"instance '{name}'", f"it isn't running (looked in {base()})", nearest(name, found))
+        return found[name]
+    if not found:
+        raise RequestError("no instance", f"nothing runs on this host (looked in {base()})", "Start one with `srl run`")
+    if len(found) > 1:
+        raise RequestError("which instance", f"{len(found)} run here: {', '.join(found)}", "Name one of them")
+    return next(iter(found.values()))

@@ -1,0 +1,68 @@
+"""`srl list`: drivers, controllers and profiles, a line each."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from typing import Any
+
+from runtime import profile, registry
+from runtime.cli import add_command
+from runtime.errors import SrlError
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Registers the command."""
+    parser = add_command(subparsers, "list", "lists drivers, controllers and profiles", "srl list --json")
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Prints the lists; a part that can't be imported is listed with the reason."""
+    content = {"drivers": _drivers(), "controllers": _controllers(), "profiles": _profiles()}
+    if args.json:
+        print(json.dumps(content))
+        return 0
+    for title, items in content.items():
+        print(f"{title}:")
+        for item in items:
+            marks = [m for m in ("fake", "twin") if item.get(m)]
+            print(f"  {item['name']:<18} {item['summary']}" + (f"  [{', '.join(marks)}]" if marks else ""))
+    return 0
+
+
+def _drivers() -> list[dict[str, Any]]:
+    fakes, twins = registry.names("fakes"), registry.names("twins")
+    found = []
+    for name in registry.names("drivers"):
+        item: dict[str, Any] = {"name": name, "fake": name in fakes, "twin": name in twins}
+        try:
+            cls = registry.load("drivers", name, f"driver {name}")
+            item |= {"summary": cls.summary, "states": cls.gives, "commands": cls.takes}
+        except SrlError as error:
+            item |= {"summary": str(error), "states": [], "commands": []}
+        found.append(item)
+    return found
+
+
+def _controllers() -> list[dict[str, Any]]:
+    found = []
+    for name in registry.names("controllers"):
+        try:
+            summary = registry.load("controllers", name, f"controller {name}").summary
+        except SrlError as error:
+            summary = str(error)
+        found.append({"name": name, "summary": summary})
+    return found
+
+
+def _profiles() -> list[dict[str, Any]]:
+    found = []
+    for name in profile.shipped():
+        try:
+            summary = profile.load(name)[0].summary
+        except SrlError as error:
+            summary = str(error)
+        found.append({"name": name, "summary": summary})
+    return found

@@ -1,0 +1,46 @@
+"""`srl replay`: feeds a recording's inputs through its profile and compares the commands."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+from runtime.cli import add_command
+from runtime.errors import RecordingError
+from runtime.replay import perturbed, replay
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Registers the command."""
+    parser = add_command(subparsers, "replay", "replays a recording and compares the commands", "srl replay hand.rrd --json")
+    parser.add_argument("recording", type=Path, help="FILE.rrd, or a folder of segments (a torn tail is salvaged)")
+    parser.add_argument(
+        "--perturb", metavar="SIGNAL:CYCLE:AMOUNT", help="move one input sample first: the comparison must then fail"
+    )
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Returns 0 if every bit is the same, else 1."""
+    from runtime.recorder.reader import read
+
+    recording = read(args.recording)
+    place = str(args.recording)
+    if recording.missing:
+        first, last = recording.missing[0]
+        raise RecordingError(place, f"rows {first} to {last} are missing, so it can't be replayed", "Use a whole recording")
+    rows = recording.rows if args.perturb is None else perturbed(recording.layout, recording.rows, args.perturb)
+    comparison = replay(recording.layout, rows, place)
+    if args.json:
+        print(json.dumps(comparison.figures() | {"recording": place, "salvaged_bytes": recording.salvaged}))
+    else:
+        for warning in comparison.warnings:
+            print(f"warning: {warning}")
+        if recording.salvaged:
+            print(f"a torn tail of {recording.salvaged} bytes was left out")
+        print(f"{comparison.cycles} cycles, largest difference {comparison.largest!r}", end="")
+        print(f" in {comparison.where[0]} at cycle {comparison.where[1]}" if comparison.where else "")
+        print("identical" if comparison.identical else f"NOT identical ({comparison.states_differ} cycles with another state)")
+    return 0 if comparison.identical else 1

@@ -1,0 +1,215 @@
+"""`srl run`: runs a profile."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from runtime import profile, rundir, wiring
+from runtime.cli import add_command
+from runtime.cli.check import check_guards
+from runtime.cli.status import Status
+from runtime.errors import HostError, RequestError
+from runtime.layout import Cause, Layout
+from runtime.notes import Level, NotesReader
+from runtime.order import Order
+from runtime.ring import RingReader
+from runtime.summary import Summary
+from runtime.supervisor import Supervisor, helpers, load_last, save_last, state_dir
+
+REFRESH = 0.1  # s between looks at the rows
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Registers the command."""
+    parser = add_command(subparsers, "run", "runs a profile", "srl run sixth-finger --sim --duration 20 --record hand.rrd")
+    parser.add_argument("profile", help="a name under profiles/, or a path to a YAML file")
+    parser.add_argument("--sim", nargs="*", metavar="DEVICE", help="simulate these devices; without a name, all")
+    parser.add_argument("--fast", action="store_true", help="simulated time as fast as it goes (all devices simulated)")
+    parser.add_argument("--duration", type=float, metavar="S", help="end after so many seconds of the loop's time")
+    parser.add_argument("--record", type=Path, metavar="FILE.rrd", help="record every cycle")
+    parser.add_argument("--figure", type=Path, metavar="FILE.png", help="draw what happened, from the recording")
+    parser.add_argument("--view", action="store_true", help="show it live in the rerun viewer (127.0.0.1 only)")
+    parser.add_argument("--wearer", metavar="FILE", help="the simulated person repeats this recording")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of the profile")
+    parser.add_argument("--instance", metavar="NAME", help="name of this instance; default: the profile's")
+    parser.add_argument(
+        "--confirm", action="store_true",
+        help="devices without feedback stand where the profile says (home), nothing is in their way",
+    )  # fmt: skip
+    parser.add_argument("--json", action="store_true", help="print one summary object at the end")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Runs until the duration is over, a signal, or a fault that ends it."""
+    _check_names()
+    overrides = list(args.set)
+    if args.wearer:
+        overrides.append(f"sim.wearer.recording={json.dumps(args.wearer)}")
+    checked, source = profile.load(args.profile, overrides)
+    graph = wiring.build(checked, source, args.sim)
+    check_guards(graph)
+    _check_arguments(args, graph)
+    name = args.instance or checked.name
+    state = state_dir(name)
+    automatic, advice = _automatic(args, graph)
+    cycles = round(args.duration * float(checked.rate)) if args.duration is not None else _wearers_end(graph)
+    where = rundir.RunDir.of(name)
+    crashed = where.claim()
+    clean = False
+    try:
+        record = args.record
+        if args.figure is not None and record is None:
+            record = where.path / "figure.rrd"
+            record.unlink(missing_ok=True)
+        order = Order(
+            source.label, source.text, list(source.overrides), args.sim, args.fast, cycles, automatic, crashed,
+            record is not None, load_last(state),
+        )  # fmt: skip
+        supervisor = Supervisor(where, order, state, helpers(where, checked.bus is not None, record, args.view), _say)
+        result = _supervise(supervisor, args, advice)
+        clean = supervisor.death is None
+        if args.figure is not None and record is not None and supervisor.error is None:
+            _draw(record, args.figure)
+        if clean and supervisor.error is None:
+            save_last(state, where)
+    finally:
+        where.release(clean)
+    return _report(supervisor, result, args)
+
+
+def _supervise(supervisor: Supervisor, args: argparse.Namespace, advice: str) -> dict[str, Any]:
+    """Starts it, looks after it, and returns the figures."""
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: supervisor.end())
+    status = Status(sys.stderr, quiet=args.json)
+    summary: Summary | None = None
+    notes: NotesReader | None = None
+    next_look = 0.0
+    supervisor.start()
+    while supervisor.step():
+        if not supervisor.running or time.monotonic() < next_look:
+            continue
+        next_look = time.monotonic() + REFRESH
+        if summary is None or notes is None:
+            summary = Summary(Layout.load(supervisor.rundir.layout), RingReader(supervisor.rundir.rows))
+            notes = NotesReader(supervisor.rundir.notes)
+            if advice:
+                _say(advice)
+        summary.update()
+        _pass_on(notes, status)
+        status.show(summary)
+    if summary is None and supervisor.error is None and supervisor.rundir.rows.exists():
+        summary = Summary(Layout.load(supervisor.rundir.layout), RingReader(supervisor.rundir.rows))
+        notes = NotesReader(supervisor.rundir.notes)
+    if summary is not None and notes is not None:
+        summary.update()
+        _pass_on(notes, status)
+        status.show(summary)
+    status.end()
+    supervisor.finish()
+    return summary.figures() if summary is not None else {}
+
+
+def _report(supervisor: Supervisor, result: dict[str, Any], args: argparse.Namespace) -> int:
+    if supervisor.error is not None:
+        raise supervisor.error
+    cause = Cause[result.get("cause", "none").upper()]
+    code = 0 if cause in (Cause.NONE, Cause.REQUEST, Cause.END) else 1
+    result["instance"] = supervisor.rundir.path.name
+    result["restarts"] = {h.name: h.restarts for h in supervisor.helpers}
+    result["result"] = supervisor.figures
+    result["recording"] = str(args.record) if args.record is not None else None
+    if supervisor.death is not None:
+        code = 1
+        death = supervisor.death
+        result["death"] = {
+            "how": death.how,
+            "actuators_stopped_ms": round(death.stopped_after_ms, 3),
+            "black_box": str(death.black_box) if death.black_box else None,
+        }
+        _say(
+            f"{death.how}; the actuators had their stop {death.stopped_after_ms:.1f} ms after its last sign of life. "
+            f"The last rows are in {death.black_box}. Find the cause before the next run, which begins in the stop."
+        )
+    elif code:
+        _say(f"ended in a fault: {cause.name.lower().replace('_', ' ')} {result['culprit']}".rstrip())
+    if args.json:
+        print(json.dumps(result))
+    return code
+
+
+def _automatic(args: argparse.Namespace, graph: wiring.Graph) -> tuple[bool, str]:
+    """Whether motion begins without being asked for, and what to tell the user if it doesn't."""
+    if graph.profile.start == "manual":
+        return False, "ready; `srl start` lets the limb move"
+    blind = [a for a in graph.actuators if a.command.feedback is None and graph.devices[a.device].name not in graph.simulated]
+    if not blind or args.confirm:
+        return True, ""
+    names = ", ".join(a.name for a in blind)
+    return False, (
+        f"{names} has no position feedback: put the limb near its home, clear of people and things, then `srl start` "
+        "(or run with --confirm)"
+    )
+
+
+def _wearers_end(graph: wiring.Graph) -> int | None:
+    """Cycles until the wearer's recording is over; None where there is no end."""
+    duration = getattr(graph.world, "duration", None)
+    return None if duration is None else round(duration * float(graph.profile.rate))
+
+
+def _check_arguments(args: argparse.Namespace, graph: wiring.Graph) -> None:
+    if args.duration is not None and not args.duration > 0:
+        raise RequestError("--duration", f"{args.duration} s is no duration", "Give a number above 0")
+    real = [d.name for d in graph.devices if d.name not in graph.simulated]
+    if args.fast and real:
+        raise RequestError(
+            "--fast", f"real devices keep their own time: {', '.join(real)}", "Leave --fast out, or simulate all with --sim"
+        )
+    if args.wearer and args.sim is None:
+        raise RequestError("--wearer", "only a simulated person repeats a recording", "Add --sim")
+    if args.record is not None:
+        from runtime.recorder import check_target
+
+        check_target(args.record)
+    if args.figure is not None and not args.figure.absolute().parent.is_dir():
+        raise RequestError("--figure", f"there is no folder {args.figure.parent}", "Make it first")
+
+
+def _check_names() -> None:
+    """Our import packages have common names; another distribution that owns one would be run in our place."""
+    import importlib.util
+
+    ours = Path(__file__).parents[2]
+    for name in ("runtime", "drivers", "sim", "profiles"):
+        spec = importlib.util.find_spec(name)
+        origin = Path(spec.origin).parents[1] if spec is not None and spec.origin else None
+        if origin != ours:
+            raise HostError(
+                f"package '{name}'", f"it would be imported from {origin}, not from srl-runtime in {ours}",
+                "Install srl-runtime into an environment of its own",
+            )  # fmt: skip
+
+
+def _pass_on(notes: NotesReader, status: Status) -> None:
+    for note in notes.take():
+        level = {Level.INFO: "", Level.WARNING: "warning: ", Level.ERROR: "error: "}[note.level]
+        status.line(f"cycle {note.cycle}: {level}{note.text}")
+
+
+def _draw(record: Path, figure: Path) -> None:
+    from runtime.recorder.figure import draw
+    from runtime.recorder.reader import read
+
+    draw(read(record), figure)
+
+
+def _say(text: str) -> None:
+    print(f"srl: {text}", file=sys.stderr, flush=True)

@@ -1,0 +1,58 @@
+"""`srl stop`, `srl reset`, `srl start`: straight to the loop, without the bus."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+
+from runtime.cli import add_command
+from runtime.cli.instance import choose
+from runtime.errors import RequestError
+from runtime.inbox import ask
+from runtime.rundir import RunDir
+
+_TEXTS = {
+    "stop": "puts the limb into its safe stop",
+    "reset": "lets a stopped limb move again, from where it is",
+    "start": "lets a limb that is ready move (devices without feedback go to their home slowly)",
+}
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Registers the three commands."""
+    for name, text in _TEXTS.items():
+        parser = add_command(subparsers, name, text, f"srl {name} sixth-finger")
+        parser.add_argument("instance", nargs="?", help="default: the only one that runs")
+        parser.add_argument("--json", action="store_true", help="print the loop's answer as one JSON object")
+        if name == "stop":
+            parser.add_argument("--exit", action="store_true", help="end the run after the stop")
+        parser.set_defaults(run=run, exit=False)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Asks and prints the answer."""
+    rundir = choose(args.instance)
+    answer = ask(rundir, "exit" if args.exit else args.command)
+    if answer is None:
+        raise RequestError(
+            f"instance '{rundir.path.name}'", "the loop didn't answer within 2 s",
+            "Use the hardware stop; then look at `srl top` and the journal",
+        )  # fmt: skip
+    if args.exit:
+        _wait_for_end(rundir)
+    if args.json:
+        print(json.dumps(answer))
+    elif answer["ok"]:
+        print(f"{rundir.path.name}: {answer['state']}")
+    if answer["ok"]:
+        return 0
+    why = f" ({answer['cause']} {answer['culprit']})".replace(" )", ")") if answer["cause"] != "none" else ""
+    remedy = "Mend its cause, then reset" if "cause" in str(answer["error"]) else "See `srl top` for what it does"
+    raise RequestError(f"instance '{rundir.path.name}'", f"{args.command} refused, {answer['state']}{why}: {answer['error']}", remedy)
+
+
+def _wait_for_end(rundir: RunDir) -> None:
+    deadline = time.monotonic() + 10
+    while rundir.running.exists() and time.monotonic() < deadline:
+        time.sleep(0.02)

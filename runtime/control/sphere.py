@@ -1,0 +1,92 @@
+"""The minimum enclosing sphere of a few points, exactly and without chance."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from math import sqrt
+
+from runtime.signals import Array
+
+Point = list[float]
+
+_INSIDE = 1e-11  # relative to r^2, when a point counts as inside a candidate
+_FLAT = 1e-14  # relative determinant below which points lie on a line or plane, or coincide
+
+
+def minimum_sphere(points: Array) -> tuple[float, float, float, float]:
+    """Centre x, y, z and radius r, m, of the smallest sphere around points (n, 3), n >= 1.
+
+    The support (at most four points, all on the surface) takes in the farthest point until none is outside;
+    the radius grows with every step, so it ends. r is the farthest point's distance: none is outside.
+    """
+    cloud: list[Point] = points.tolist()
+    centre, r2 = _farthest(cloud, cloud[0])[0], 0.0
+    support = [centre]
+    farthest, reach2 = _farthest(cloud, centre)
+    while reach2 > r2 * (1.0 + _INSIDE):
+        grown, grown2, next_support = _smallest(support, farthest)
+        if grown2 <= r2:  # rounding only is left
+            break
+        point, far2 = _farthest(cloud, grown)
+        centre, r2, support, farthest, reach2 = grown, grown2, next_support, point, far2
+    return centre[0], centre[1], centre[2], sqrt(reach2)
+
+
+def _farthest(cloud: list[Point], centre: Point) -> tuple[Point, float]:
+    x, y, z = centre
+    best, most = cloud[0], -1.0
+    for p in cloud:
+        d2 = (p[0] - x) ** 2 + (p[1] - y) ** 2 + (p[2] - z) ** 2
+        if d2 > most:
+            best, most = p, d2
+    return best, most
+
+
+def _smallest(support: list[Point], p: Point) -> tuple[Point, float, list[Point]]:
+    """The smallest sphere around `support` and p, with p on its surface, and the points that support it."""
+    best: tuple[Point, float, list[Point]] = (p, 0.0, [p])
+    least = float("inf")
+    for size in range(1, min(len(support), 3) + 1):
+        for chosen in combinations(support, size):
+            centre = _circumcentre(p, chosen)
+            if centre is None:
+                continue
+            r2 = (p[0] - centre[0]) ** 2 + (p[1] - centre[1]) ** 2 + (p[2] - centre[2]) ** 2
+            if r2 < least and _farthest(support, centre)[1] <= r2 * (1.0 + _INSIDE):
+                best, least = (centre, r2, [p, *chosen]), r2
+    return best
+
+
+def _circumcentre(p: Point, others: tuple[Point, ...]) -> Point | None:
+    """The point of the affine hull as far from p as from the one to three others; None if they are flat.
+
+    With edges e_i = p_i - p it is p + sum w_i e_i, where sum_j (e_i . e_j) w_j = e_i . e_i / 2.
+    """
+    px, py, pz = p
+    if len(others) == 1:
+        qx, qy, qz = others[0]
+        return [0.5 * (px + qx), 0.5 * (py + qy), 0.5 * (pz + qz)]
+    edges = [(q[0] - px, q[1] - py, q[2] - pz) for q in others]
+    g = [[a[0] * b[0] + a[1] * b[1] + a[2] * b[2] for b in edges] for a in edges]
+    if len(edges) == 2:
+        (A, B), (_, C) = g
+        det = A * C - B * B
+        if det <= _FLAT * A * C:
+            return None
+        w = [0.5 * C * (A - B) / det, 0.5 * A * (C - B) / det]
+    else:
+        (A, B, C), (_, D, E), (_, _, F) = g
+        a, b, c = D * F - E * E, C * E - B * F, B * E - C * D  # first row of the adjugate
+        det = A * a + B * b + C * c
+        if det <= _FLAT * A * D * F:
+            return None
+        d, e, f = A * F - C * C, B * C - A * E, A * D - B * B
+        w = [
+            0.5 * (a * A + b * D + c * F) / det,
+            0.5 * (b * A + d * D + e * F) / det,
+            0.5 * (c * A + e * D + f * F) / det,
+        ]
+    x, y, z = p
+    for k, (ex, ey, ez) in zip(w, edges, strict=True):
+        x, y, z = x + k * ex, y + k * ey, z + k * ez
+    return [x, y, z]

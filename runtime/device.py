@@ -1,0 +1,135 @@
+"""A driver in the loop: calls it, catches what it may raise, and opens it again after a loss.
+
+A lost device is opened again by a thread of ordinary priority, away from the loop's path; until it is back
+the loop doesn't touch the driver. Simulated devices are opened again in the loop itself, so that a run keeps
+its bits.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+import traceback
+from collections.abc import Callable
+
+from runtime.driver import Driver
+from runtime.errors import DeviceLostError, SrlError
+from runtime.layout import CYCLE, DEVICE, LINK_CONNECTED, LINK_ERROR, LINK_STALE, Board
+from runtime.world import Fake
+
+RETRY = 0.5  # s between attempts to open a lost device
+_KEPT = ~(LINK_CONNECTED | LINK_ERROR | LINK_STALE)
+
+
+class Device:
+    """See the module's text.
+
+    Attributes:
+        driver: the driver.
+        lost: it is away.
+    """
+
+    def __init__(self, driver: Driver, index: int, board: Board, note: Callable[[str], None]) -> None:
+        self.driver = driver
+        self.lost = False
+        first = len(CYCLE) + index * len(DEVICE)
+        self._words = board.ints[first : first + len(DEVICE)]
+        self._words[0] = -1
+        self._note = note
+        self._error = False
+        self._reopener: threading.Thread | None = None
+        self._back = threading.Event()
+        self._give_up = threading.Event()
+        self._next_try = 0
+        self._reconnects = 0
+        self.on_loss: Callable[[Device], None] = lambda device: None
+        self.on_return: Callable[[Device], None] = lambda device: None
+
+    def read(self, now: int) -> None:
+        """Reads the driver and copies its health into the row."""
+        if self.lost:
+            self._await_return(now)
+        else:
+            self._call(self.driver.read, now)
+        self._report()
+
+    def write(self, now: int) -> None:
+        """Sends the commands; not while the device is away."""
+        if not self.lost:
+            self._call(self.driver.write, now)
+
+    def _call(self, function: Callable[[int], None], now: int) -> None:
+        try:
+            function(now)
+            self._error = False
+        except DeviceLostError as error:
+            self._lose(str(error), now)
+        except Exception:
+            # A driver's defect must not end the loop while a person wears the limb.
+            if not self._error:
+                self._note(f"driver '{self.driver.name}' failed: {traceback.format_exc(limit=-3)}")
+            self._error = True
+
+    def _report(self) -> None:
+        health, words = self.driver.health, self._words
+        link = int(words[1]) & _KEPT
+        if not self.lost and health.connected:
+            link |= LINK_CONNECTED
+        if self._error:
+            link |= LINK_ERROR
+        words[:] = health.stamp, link, health.frames, health.errors, health.resyncs, self._reconnects
+
+    def _lose(self, reason: str, now: int) -> None:
+        self.lost = True
+        self._next_try = now + round(RETRY * 1e9)
+        self._note(f"lost {reason}")
+        self.on_loss(self)
+        if isinstance(self.driver, Fake):
+            return
+        self._back.clear()
+        self._reopener = threading.Thread(target=self._reopen, name=f"reopen-{self.driver.name}", daemon=True)
+        self._reopener.start()
+
+    def _reopen(self) -> None:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))  # pid 0: this thread only
+        said = ""
+        while not self._give_up.is_set():
+            try:
+                self.driver.close()
+                self.driver.open()
+                self._back.set()
+                return
+            except SrlError as error:
+                if str(error) != said:
+                    said = str(error)
+                    self._note(f"still away: {said}")
+            except Exception:
+                self._note(f"driver '{self.driver.name}' failed to open: {traceback.format_exc(limit=-3)}")
+            self._give_up.wait(RETRY)
+
+    def _await_return(self, now: int) -> None:
+        if isinstance(self.driver, Fake):
+            if now < self._next_try:
+                return
+            self._next_try = now + round(RETRY * 1e9)
+            try:
+                self.driver.close()
+                self.driver.open()
+            except SrlError:
+                return
+        elif not self._back.is_set():
+            return
+        self.lost, self._reopener = False, None
+        self._reconnects += 1
+        self.driver.health.reconnects = self._reconnects
+        self._note(f"'{self.driver.name}' is back")
+        self.on_return(self)
+
+    def close(self) -> None:
+        """Lets go of the device, and of an attempt to open it that is under way."""
+        self._give_up.set()
+        if self._reopener is not None:
+            deadline = time.monotonic() + 2
+            self._reopener.join(max(0.0, deadline - time.monotonic()))
+        self.driver.close()

@@ -1,0 +1,65 @@
+"""Errors a user can act on: each names the place, what is wrong there, and the remedy.
+
+The command line prints `str(error)` and ends with exit code 2, without a traceback. Anything that is not
+an `SrlError` is a defect of this program and does show its traceback.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class SrlError(Exception):
+    """Something outside this program is not as it must be.
+
+    Attributes:
+        place: where it is wrong ("sixth-finger.yaml: devices.glove.port", "glove (/dev/ttyUSB0)").
+        problem: what is wrong and what was expected.
+        remedy: what the reader can do about it.
+    """
+
+    def __init__(self, place: str, problem: str, remedy: str) -> None:
+        super().__init__(place, problem, remedy)
+        self.place = place
+        self.problem = problem
+        self.remedy = remedy
+
+    def __str__(self) -> str:
+        return f"{self.place}: {self.problem}. {self.remedy}."
+
+
+class ProfileError(SrlError):
+    """The profile's text is wrong: syntax, an unknown key, a value out of its range."""
+
+
+class WiringError(SrlError):
+    """The profile's parts don't fit together: an unbound signal, two writers, units that differ."""
+
+
+class DeviceError(SrlError):
+    """A device can't be reached, isn't what the profile says, or refuses what is asked of it."""
+
+
+class DeviceLostError(DeviceError):
+    """A device that was open has gone: the descriptor is closed or the peer hung up."""
+
+
+class RequestError(SrlError):
+    """A client's request can't be carried out."""
+
+
+class RecordingError(SrlError):
+    """A recording can't be read or written."""
+
+
+class HostError(SrlError):
+    """The machine lacks something: a right, a package, a free name."""
+
+
+def nearest(name: str, valid: Iterable[str]) -> str:
+    """The remedy for an unknown name: the closest valid one, or all of them."""
+    names = sorted(valid)
+    close = difflib.get_close_matches(name, names, n=1)
+    listed = ", ".join(names) if names else "none"
+    return f"Did you mean '{close[0]}'? Known: {listed}" if close else f"Known: {listed}"

@@ -1,0 +1,198 @@
+"""What every guard has in common: its place between one command's controller and its driver."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from math import inf, isfinite
+
+import numpy as np
+
+from runtime.errors import DeviceError, WiringError
+from runtime.signals import Array, Command, Limits, Stop
+
+LONGEST = 5  # periods: a longer pause is not made up for, the motion goes on where it was
+RETRACT_SPEED = 0.25  # of the velocity limit
+
+
+class CommandGuard(ABC):
+    """Bounds one command. Life: `bind` -> (`reset` -> cycles of `step` -> cycles of `stop`) again and again.
+
+    Nothing here allocates for long, blocks or raises once it is reset: bad input makes it brake.
+
+    Attributes:
+        applied: the command that may go to the device, of the command's shape and unit.
+        velocity: rate of `applied` (kind position) or `applied` itself (velocity); zero for torque.
+        rejected: this cycle's desired command, or a measurement it needs, was not finite.
+        limited: this cycle's desired command was changed by more than the tolerance.
+        fallback: this cycle braked because the trajectory generator failed.
+        rejections, limitations, fallbacks: how many cycles had the flag since the guard was made.
+        at_rest: the stop under way is complete.
+    """
+
+    needs: tuple[str, ...] = ()  # limits without which it can't work
+
+    def __init__(
+        self,
+        place: str,
+        command: Command,
+        limits: Limits,
+        dt: float,
+        *,
+        rest: Array | None = None,
+        tolerance: float = 1e-3,
+    ) -> None:
+        """Takes what is fixed.
+
+        Args:
+            place: for errors: `guard.<signal>`.
+            command: the command that is bounded.
+            limits: narrower of the profile's and the device's, arrays of the command's shape.
+            dt: nominal period, s.
+            rest: position to which the stop category `retract` goes; without one it holds.
+            tolerance: change of the command, in its unit, from which it counts as limited.
+        Raises:
+            WiringError: a needed limit is missing, limits leave no room, or something has another shape.
+        """
+        self.place, self.command, self.dt, self.tolerance = place, command, dt, tolerance
+        self.size = command.size
+        missing = [name for name in self.needs if getattr(limits, name) is None]
+        if missing:
+            raise WiringError(
+                place,
+                f"a {command.kind} command needs {', '.join(missing)}; neither profile nor device limits it",
+                f"Add {missing[0]} to {place} in the profile",
+            )
+        self.lower = self._flat("lower", limits.lower, -inf)
+        self.upper = self._flat("upper", limits.upper, inf)
+        self.max_velocity = self._flat("velocity", limits.velocity, inf)
+        self.max_acceleration = self._flat("acceleration", limits.acceleration, inf)
+        self.max_jerk = self._flat("jerk", limits.jerk, inf)
+        self.max_effort = self._flat("effort", limits.effort, inf)
+        self.max_effort_rate = self._flat("effort_rate", limits.effort_rate, inf)
+        for low, high in zip(self.lower, self.upper, strict=True):
+            if not low < high:
+                raise WiringError(
+                    place,
+                    f"lower {low:g} and upper {high:g} leave no room",
+                    "Widen the profile's limits, or check them against the device's own",
+                )
+        self.rest = None if rest is None else self._flat("rest", rest, 0.0)
+        if self.rest is not None and any(
+            not low <= r <= high for r, low, high in zip(self.rest, self.lower, self.upper, strict=True)
+        ):
+            raise WiringError(place, f"the rest position {self.rest} is outside the limits", "Move it inside")
+
+        self.applied: Array = np.zeros(command.shape)
+        self.velocity: Array = np.zeros(command.shape)
+        self.rejected = self.limited = self.fallback = self.at_rest = False
+        self.rejections = self.limitations = self.fallbacks = 0
+        self._position: Array | None = None
+        self._velocity: Array | None = None
+        self._ready = False
+
+    def bind(self, applied: Array, position: Array | None = None, velocity: Array | None = None) -> None:
+        """Takes the arrays, made once by the runtime.
+
+        Args:
+            applied: filled by `step` and `stop`; C-contiguous.
+            position: measured position, read by velocity and torque guards.
+            velocity: measured velocity, read by torque guards.
+        Raises:
+            WiringError: one that this kind needs is missing or of another shape.
+        """
+        for name, array in (("applied", applied), ("position", position), ("velocity", velocity)):
+            if array is not None and array.shape != self.command.shape:
+                raise WiringError(
+                    self.place,
+                    f"{name} has shape {array.shape}, the command {self.command.shape}",
+                    "Wire arrays of the command's shape",
+                )
+        self.applied, self._position, self._velocity = applied, position, velocity
+
+    @abstractmethod
+    def reset(self, position: Array, velocity: Array | None = None) -> None:
+        """Starts afresh, without a jump; `applied` holds the first command.
+
+        Args:
+            position: measured, or home for a device without feedback.
+            velocity: of the command at present, zero if None; beyond its limit it is cut.
+        Raises:
+            DeviceError: they are not finite.
+        """
+
+    def step(self, desired: Array, desired_velocity: Array | None, dt: float) -> None:
+        """One cycle in which the controller commands.
+
+        Args:
+            desired: what the controller asks for.
+            desired_velocity: its rate if the controller knows it; only read by the position guard.
+            dt: > 0, s since the last cycle.
+        """
+        self._begin()
+        dt = min(dt, LONGEST * self.dt)
+        wanted = desired.ravel().tolist()
+        rate = None if desired_velocity is None else desired_velocity.ravel().tolist()
+        if finite(wanted) and (rate is None or finite(rate)) and self._sensed():
+            self._follow(wanted, rate, dt)
+            self.limited = any(
+                abs(w - x) > self.tolerance
+                for w, x in zip(wanted, self.applied.ravel().tolist(), strict=True)
+            )
+            self.limitations += self.limited
+        else:
+            self.rejected = True
+            self.rejections += 1
+            self._halt(Stop.HOLD, dt)
+
+    def stop(self, category: Stop, dt: float) -> None:
+        """One cycle of a stop; `at_rest` tells when it is complete. dt > 0, s since the last cycle."""
+        self._begin()
+        self._halt(category if self._sensed() else Stop.HOLD, min(dt, LONGEST * self.dt))
+
+    @abstractmethod
+    def _follow(self, desired: list[float], rate: list[float] | None, dt: float) -> None:
+        """Fills `applied` as near to the finite `desired` as the limits allow."""
+
+    @abstractmethod
+    def _halt(self, category: Stop, dt: float) -> None:
+        """One cycle of a stop; also what is left when the desired command is useless."""
+
+    def _sensed(self) -> bool:
+        """Whether the measurements it needs are finite."""
+        return True
+
+    def _begin(self) -> None:
+        if not self._ready:
+            raise RuntimeError(f"{self.place}: step or stop before reset")
+        self.rejected = self.limited = self.fallback = self.at_rest = False
+
+    def _start(self, position: Array, velocity: Array | None) -> tuple[list[float], list[float]]:
+        p = np.broadcast_to(np.asarray(position, np.float64), self.command.shape).ravel().tolist()
+        v = [0.0] * self.size if velocity is None else np.asarray(velocity, np.float64).ravel().tolist()
+        if not (finite(p) and finite(v)):
+            raise DeviceError(
+                self.place,
+                "the position to start from is not finite",
+                "Check the device's feedback, then reset",
+            )
+        self.rejected = self.limited = self.fallback = self.at_rest = False
+        self._ready = True
+        return p, [min(max(x, -limit), limit) for x, limit in zip(v, self.max_velocity, strict=True)]
+
+    def _flat(self, name: str, array: Array | None, default: float) -> list[float]:
+        if array is None:
+            return [default] * self.size
+        if array.shape != self.command.shape:
+            raise WiringError(
+                self.place,
+                f"{name} has shape {array.shape}, the command {self.command.shape}",
+                "Give one value for each joint",
+            )
+        values: list[float] = array.ravel().tolist()
+        return values
+
+
+def finite(values: Sequence[float]) -> bool:
+    """Whether all are finite (their sum is not, where one isn't)."""
+    return isfinite(sum(values))

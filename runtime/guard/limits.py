@@ -1,0 +1,67 @@
+"""The guard's limits: as the profile writes them, as arrays, and the narrower of two sources."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from runtime.errors import WiringError
+from runtime.signals import Array, Limits
+
+NAMES = ("lower", "upper", "velocity", "acceleration", "jerk", "effort", "effort_rate")
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+class GuardLimits(BaseModel):
+    """One command's limits in the profile's `guard:`; a number is for every joint, a list has one each."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    lower: Finite | list[Finite] | None = Field(None, description="lowest position, rad or m")
+    upper: Finite | list[Finite] | None = Field(None, description="highest position, rad or m")
+    velocity: Positive | list[Positive] | None = Field(None, description="rad/s or m/s")
+    acceleration: Positive | list[Positive] | None = Field(None, description="rad/s^2 or m/s^2")
+    jerk: Positive | list[Positive] | None = Field(None, description="rad/s^3 or m/s^3; none: unbounded")
+    effort: Positive | list[Positive] | None = Field(None, description="N m or N")
+    effort_rate: Positive | list[Positive] | None = Field(None, description="N m/s or N/s")
+    tolerance: Positive = Field(1e-3, description="a command changed by more than this counts as limited")
+
+    def to_limits(self, shape: tuple[int, ...], place: str) -> Limits:
+        """As arrays of the command's shape.
+
+        Args:
+            shape: the command's.
+            place: where the profile has these limits, for the error.
+        Raises:
+            WiringError: a list is of the wrong length.
+        """
+        size = int(np.prod(shape, dtype=int))
+        arrays: dict[str, Array] = {}
+        for name in NAMES:
+            value = getattr(self, name)
+            if value is None:
+                continue
+            if isinstance(value, list) and len(value) != size:
+                raise WiringError(
+                    f"{place}.{name}",
+                    f"{len(value)} values for a command of {size}",
+                    "Give one number for all joints, or a list with one for each",
+                )
+            arrays[name] = np.broadcast_to(np.asarray(value, np.float64), size).reshape(shape).copy()
+        return Limits(**arrays)
+
+
+def merge(a: Limits, b: Limits) -> Limits:
+    """The narrower of two limits, element by element; what one source doesn't know the other decides."""
+    merged: dict[str, Array] = {}
+    for name in NAMES:
+        x, y = getattr(a, name), getattr(b, name)
+        if x is None and y is None:
+            continue
+        narrower = np.maximum if name == "lower" else np.minimum
+        merged[name] = x if y is None else y if x is None else narrower(x, y)
+    return Limits(**merged)

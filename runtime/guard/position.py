@@ -1,0 +1,205 @@
+"""The guard of position commands."""
+
+from __future__ import annotations
+
+from math import inf, isfinite, isinf, sqrt
+
+import ruckig
+
+from runtime.guard.base import RETRACT_SPEED, CommandGuard
+from runtime.guard.braking import Bounds, State, brake, stop_range, stoppable
+from runtime.signals import Array, Command, Limits, Stop
+
+SLACK = 1e-10  # rad or m: rounding in the comparison of two braking distances
+SQRT2 = sqrt(2.0)
+CATCH_UP_V, CATCH_UP_A = 0.01, 0.1  # of the limits: kept free, so that a moving target can be caught
+
+
+class PositionGuard(CommandGuard):
+    """Follows a desired position within limits of position, velocity, acceleration and jerk.
+
+    The state is the last applied command (p, v, a) of each joint, never the measurement: a limiter that
+    compares with a lagging measured position slows the motion. Joints are independent. Each cycle, and joint:
+
+    1. If jerk is unbounded and the desired position can be reached in this cycle, it is applied as it is.
+    2. Otherwise ruckig plans how to meet the target, which moves on: first as it moves, then, if that way
+       would leave the limits, without its acceleration, then as if it stood still.
+    3. A plan's next state is taken only if the joint can still stop from there within its limits; if none is,
+       the joint brakes.
+
+    The target's velocity is what the controller gives, or else the difference of two desired positions. Two
+    that differ by more than the acceleration limit allows are a jump, not a motion: then the estimate changes
+    at that limit, and the acceleration counts as zero.
+    """
+
+    needs = ("velocity", "acceleration")
+
+    def __init__(
+        self,
+        place: str,
+        command: Command,
+        limits: Limits,
+        dt: float,
+        *,
+        rest: Array | None = None,
+        tolerance: float = 1e-3,
+    ) -> None:
+        super().__init__(place, command, limits, dt, rest=rest, tolerance=tolerance)
+        bounds = zip(self.max_velocity, self.max_acceleration, self.max_jerk, strict=True)
+        self._bounds = [Bounds(V, A, J) for V, A, J in bounds]
+        self._slow = [Bounds(RETRACT_SPEED * V, A, J) for V, A, J in self._bounds]
+        self._states: list[State] = []
+        self._targets: list[float] = []  # the last desired positions,
+        self._raw: list[float] = []  # their last rates as they came,
+        self._rates: list[float] = []  # and as estimated
+        # Where a stop may end: the limits, or beyond them as far as the start was, which only shrinks.
+        self._floor: list[float] = []
+        self._ceiling: list[float] = []
+        self._otg = ruckig.Ruckig(1)
+        self._plan = ruckig.Trajectory(1)
+        self._inputs = [ruckig.InputParameter(1) for _ in self._bounds]
+        for ask, J in zip(self._inputs, self.max_jerk, strict=True):
+            ask.target_position, ask.max_jerk = [0.0], [J]
+
+    def reset(self, position: Array, velocity: Array | None = None) -> None:
+        p, v = self._start(position, velocity)
+        self._states = [(x, y, 0.0) for x, y in zip(p, v, strict=True)]
+        self._floor, self._ceiling = [-inf] * self.size, [inf] * self.size
+        self._settle()
+
+    def _follow(self, desired: list[float], rate: list[float] | None, dt: float) -> None:
+        for i, wanted in enumerate(desired):
+            low, high, bounds = self.lower[i], self.upper[i], self._bounds[i]
+            target = low if wanted < low else high if wanted > high else wanted
+            told = None if rate is None else rate[i] if target == wanted else 0.0
+            speed, acceleration = self._motion(i, target, told, dt)
+            self._states[i] = self._towards(i, (target, speed, acceleration), bounds, dt)
+        self.fallbacks += self.fallback
+        self._publish()
+
+    def _halt(self, category: Stop, dt: float) -> None:
+        if category is Stop.RETRACT and self.rest is not None:
+            for i, target in enumerate(self.rest):
+                self._states[i] = self._towards(i, (target, 0.0, 0.0), self._slow[i], dt)
+            self.at_rest = all(
+                s[1] == 0 and abs(s[0] - r) <= SLACK for s, r in zip(self._states, self.rest, strict=True)
+            )
+        else:
+            for i, state in enumerate(self._states):
+                self._states[i] = brake(state, self.max_acceleration[i], self.max_jerk[i], dt)
+            self.at_rest = all(s[1] == 0 and s[2] == 0 for s in self._states)
+        self.fallbacks += self.fallback
+        self._settle()
+
+    def _motion(self, i: int, target: float, told: float | None, dt: float) -> tuple[float, float]:
+        """Velocity and acceleration of joint i's target at the end of this cycle."""
+        step = self.max_acceleration[i] * dt
+        raw = (target - self._targets[i]) / dt if told is None else told
+        change = raw - self._raw[i]
+        self._targets[i], self._raw[i] = target, raw
+        if abs(change) <= step:
+            self._rates[i] = raw
+            # A difference of positions is the velocity half a cycle ago.
+            return (raw + change / 2 if told is None else raw), change / dt
+        last = self._rates[i]
+        self._rates[i] = min(max(raw, last - step), last + step)
+        return (self._rates[i] if told is None else raw), 0.0
+
+    def _towards(self, i: int, target: State, bounds: Bounds, dt: float) -> State:
+        """Joint i's state after dt on its way to meet `target`, which is where it should be by then."""
+        state, (V, A, J), (wanted, speed, acceleration) = self._states[i], bounds, target
+        # The target itself must be able to stop within the limits.
+        most = min(stoppable(self.upper[i] - wanted, A, J), V)
+        least = -min(stoppable(wanted - self.lower[i], A, J), V)
+        if not least <= speed <= most:
+            speed, acceleration = min(max(speed, least), most), 0.0
+        if isinf(J):
+            exact = reach(state, wanted, speed, bounds, dt)
+            if exact is not None and self._safe(i, exact):
+                return exact
+        elif state == (wanted, 0.0, 0.0) and speed == 0:
+            return state
+        tried = None
+        for moving in ((wanted, speed, acceleration), (wanted, speed, 0.0), (wanted, 0.0, 0.0)):
+            if moving != tried:
+                planned = self._planned(i, moving, bounds, dt)
+                if planned is not None and self._safe(i, planned):
+                    return planned
+                tried = moving
+        self.fallback = True
+        return brake(state, A, J, dt)
+
+    def _planned(self, i: int, target: State, bounds: Bounds, dt: float) -> State | None:
+        """Ruckig's state after dt, seen from the moving target: there the target rests at zero.
+
+        The acceleration that is left for catching up is A minus the target's own, either way: who relied on
+        more would turn too late when the target brakes, and never catch it.
+        """
+        (p, v, a), (wanted, speed, acceleration), (V, A, J) = self._states[i], target, bounds
+        room, spare = (1 - CATCH_UP_V) * V, (1 - CATCH_UP_A) * A
+        speed = min(max(speed, -room), room)
+        acceleration = min(max(acceleration, -spare), spare)
+        earlier = min(max(speed - acceleration * dt, -room), room)
+        ask = self._inputs[i]
+        ask.current_position = [p - (wanted - speed * dt + acceleration * dt * dt / 2)]
+        ask.current_velocity = [v - (speed - acceleration * dt)]
+        ask.current_acceleration = [a - acceleration]
+        ask.max_velocity = [V - max(speed, earlier)]
+        ask.min_velocity = [-V - min(speed, earlier)]
+        ask.max_acceleration = [A - abs(acceleration)]
+        try:
+            if self._otg.calculate(ask, self._plan) != ruckig.Result.Working:
+                return None
+            (x,), (xd,), (xdd,) = self._plan.at_time(dt)
+        except ruckig.RuckigError:
+            return None
+        if dt >= self._plan.duration:
+            x = xd = xdd = 0.0  # without the rounding of the way there
+        # In mid-cycle a target that brakes is faster than at its end.
+        if not isfinite(xd + xdd) or not abs(wanted + x - p) <= V * dt * (1 + 1e-9):
+            return None
+        return wanted + x, speed + xd, 0.0 if isinf(J) else acceleration + xdd
+
+    def _safe(self, i: int, state: State) -> bool:
+        """Whether the joint can still stop from `state` without leaving a limit."""
+        low, high, fastest = stop_range(state, self.max_acceleration[i], self.max_jerk[i])
+        return (
+            low >= self._floor[i] - SLACK
+            and high <= self._ceiling[i] + SLACK
+            and fastest <= self.max_velocity[i] * (1 + 1e-9)
+        )
+
+    def _settle(self) -> None:
+        """After cycles without a desired command: the next one is compared with what was applied."""
+        self._targets = [p for p, _, _ in self._states]
+        self._raw = [v for _, v, _ in self._states]
+        self._rates = list(self._raw)
+        self._publish()
+
+    def _publish(self) -> None:
+        self.applied.reshape(-1)[:] = [p for p, _, _ in self._states]
+        self.velocity.reshape(-1)[:] = [v for _, v, _ in self._states]
+        for i, state in enumerate(self._states):
+            if self._floor[i] < self.lower[i] or self._ceiling[i] > self.upper[i]:
+                low, high, _ = stop_range(state, self.max_acceleration[i], self.max_jerk[i])
+                self._floor[i] = min(self.lower[i], max(self._floor[i], low))
+                self._ceiling[i] = max(self.upper[i], min(self._ceiling[i], high))
+
+
+def reach(state: State, target: float, speed: float, bounds: Bounds, dt: float) -> State | None:
+    """The state at `target` in exactly dt with |acceleration| <= A; None where there is no way.
+
+    Two pieces of bounded acceleration lead from (p, v) to (target, u) in dt exactly if
+    |target - p - dt (v + u)/2| <= A dt^2/4 (1 - ((u - v)/(A dt))^2). Solved for u that is an interval; the
+    velocity in it that is nearest to `speed` is taken, if that is near enough for the target to be met in the
+    next cycle too, and at its own velocity: |u - speed| <= (sqrt 2 - 1) A dt. Else it would run past it.
+    """
+    (p, v, _), (V, A, _) = state, bounds
+    step = A * dt
+    w = (target - p - v * dt) / (step * dt)
+    if abs(w) > 0.5 or abs(target - p) > V * dt:
+        return None
+    least = max(v + step * (1 - sqrt(2 - 4 * w)), -V)
+    most = min(v + step * (sqrt(2 + 4 * w) - 1), V)
+    u = min(max(speed, least), most)
+    return (target, u, 0.0) if least <= most and abs(u - speed) <= (SQRT2 - 1) * step else None

@@ -1,0 +1,83 @@
+"""The guard of velocity commands."""
+
+from __future__ import annotations
+
+from math import inf, sqrt
+
+import numpy as np
+
+from runtime.errors import WiringError
+from runtime.guard.base import RETRACT_SPEED, CommandGuard, finite
+from runtime.signals import Array, Stop
+
+# Periods of motion kept free before a position limit. Near it the speed is distance / REACTION periods, and a
+# device that obeys one period late doesn't overshoot from four on.
+REACTION = 4
+
+
+class VelocityGuard(CommandGuard):
+    """Bounds a velocity by its limit, its change by the acceleration limit, and both by the way left to stop.
+
+    Acceleration is taken against the last applied command. The way left is taken from the measured position,
+    as nothing else knows where a device that integrates really is.
+    """
+
+    needs = ("velocity", "acceleration")
+
+    def bind(self, applied: Array, position: Array | None = None, velocity: Array | None = None) -> None:
+        super().bind(applied, position, velocity)
+        bounded = any(low > -inf for low in self.lower) or any(high < inf for high in self.upper)
+        if position is None and (bounded or self.rest is not None):
+            raise WiringError(
+                self.place,
+                "position limits or a rest position on a velocity command need the measured position",
+                "Use a device that measures it, or take lower, upper and rest out of the profile",
+            )
+        self.velocity = applied
+
+    def reset(self, position: Array, velocity: Array | None = None) -> None:
+        self._start(position, velocity)
+        self._apply(np.zeros(self.size).tolist())
+
+    def _follow(self, desired: list[float], rate: list[float] | None, dt: float) -> None:
+        self._apply(self._bounded(desired, self.max_velocity, dt))
+
+    def _halt(self, category: Stop, dt: float) -> None:
+        if category is Stop.RETRACT and self.rest is not None and self._sensed():
+            assert self._position is not None
+            left = [r - q for r, q in zip(self.rest, self._position.ravel().tolist(), strict=True)]
+            limits = [RETRACT_SPEED * V for V in self.max_velocity]
+            wanted = [self._arrival(i, d) if d >= 0 else -self._arrival(i, -d) for i, d in enumerate(left)]
+            applied = self._bounded(wanted, limits, dt)
+            self.at_rest = all(abs(d) <= self.tolerance for d in left)
+        else:
+            applied = []
+            for v, A in zip(self.applied.ravel().tolist(), self.max_acceleration, strict=True):
+                applied.append(min(max(0.0, v - A * dt), v + A * dt))
+            self.at_rest = not any(applied)
+        self._apply(applied)
+
+    def _sensed(self) -> bool:
+        return self._position is None or finite(self._position.ravel().tolist())
+
+    def _bounded(self, desired: list[float], limits: list[float], dt: float) -> list[float]:
+        """Nearest to `desired` within speed, way left and change, the change coming last: it always holds."""
+        position = [0.0] * self.size if self._position is None else self._position.ravel().tolist()
+        out = []
+        for i, (v, q, V) in enumerate(zip(self.applied.ravel().tolist(), position, limits, strict=True)):
+            u = min(max(desired[i], -V), V)
+            u = min(max(u, -self._arrival(i, q - self.lower[i])), self._arrival(i, self.upper[i] - q))
+            step = self.max_acceleration[i] * dt
+            out.append(min(max(u, v - step), v + step))
+        return out
+
+    def _arrival(self, i: int, distance: float) -> float:
+        """The speed v that stops within `distance` after the reaction time T: v T + v^2/2A = distance."""
+        if distance <= 0:
+            return 0.0
+        A = self.max_acceleration[i]
+        ramp = A * REACTION * self.dt
+        return sqrt(ramp * ramp + 2 * A * distance) - ramp
+
+    def _apply(self, values: list[float]) -> None:
+        self.applied.reshape(-1)[:] = values

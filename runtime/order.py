@@ -1,0 +1,44 @@
+"""What the supervisor orders its loop process to run: written beside the ring, read by the loop and by people."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+
+@dataclass
+class Order:
+    """One run.
+
+    Attributes:
+        label, text, overrides: the profile as it was found.
+        sim: devices to simulate, empty for all, None for none.
+        fast: simulated time as fast as it goes.
+        cycles: end after so many; None: run on.
+        automatic: go from READY to motion without being asked.
+        crashed: the run before ended in a crash: begin in the stop.
+        recorded: a recorder reads the rows; unpaced simulation waits for it.
+        last: positions last applied in an earlier run, for commands without feedback.
+    """
+
+    label: str
+    text: str
+    overrides: list[str] = field(default_factory=list)
+    sim: list[str] | None = None
+    fast: bool = False
+    cycles: int | None = None
+    automatic: bool = True
+    crashed: bool = False
+    recorded: bool = False
+    last: dict[str, Any] = field(default_factory=dict)
+
+    def save(self, path: Path) -> None:
+        """Writes it as JSON."""
+        path.write_text(json.dumps(asdict(self)))
+
+    @classmethod
+    def load(cls, path: Path) -> Order:
+        """Reads what `save` wrote."""
+        return cls(**json.loads(path.read_text()))

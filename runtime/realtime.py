@@ -1,0 +1,39 @@
+"""Makes this process fit to keep deadlines; says what the host didn't allow."""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import os
+
+PRIORITY = 80  # below the kernel's own threads (90 and up on PREEMPT_RT), above everything ordinary
+_MCL_CURRENT, _MCL_FUTURE = 1, 2
+_PR_SET_PDEATHSIG, _PR_SET_TIMERSLACK = 1, 29
+_libc = ctypes.CDLL(None, use_errno=True)
+
+
+def enter(priority: int = PRIORITY) -> list[str]:
+    """SCHED_FIFO, locked memory, timer slack of 1 ns, garbage collection frozen and off.
+
+    Returns:
+        What could not be had, a sentence each with its remedy; empty when all is well.
+    """
+    refused = []
+    try:
+        # Children (a reopening thread, a helper) must not inherit the priority.
+        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+    except PermissionError:
+        refused.append("no real-time priority: raise LimitRTPRIO (systemd) or `ulimit -r` to 80")
+    if _libc.mlockall(_MCL_CURRENT | _MCL_FUTURE) != 0:
+        refused.append("memory isn't locked: raise LimitMEMLOCK (systemd) or `ulimit -l`")
+    if _libc.prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0) != 0:
+        refused.append("timer slack can't be set")
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    return refused
+
+
+def die_with_parent(signal_number: int) -> None:
+    """This process gets `signal_number` when its parent dies."""
+    _libc.prctl(_PR_SET_PDEATHSIG, signal_number, 0, 0, 0)

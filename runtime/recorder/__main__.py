@@ -1,0 +1,34 @@
+"""`python -m runtime.recorder RUNDIR --out FILE.rrd [--view]`: started, and after a crash restarted, by the supervisor.
+
+Exit codes: 0 the merged recording is complete; 1 it isn't, or the segments were kept (stderr says why); 2 the
+arguments are wrong.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from runtime.errors import SrlError
+from runtime.rundir import RunDir
+
+
+def main() -> int:
+    """Runs the recorder."""
+    parser = argparse.ArgumentParser(prog="python -m runtime.recorder")
+    parser.add_argument("rundir", type=Path)
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--view", action="store_true")
+    options = parser.parse_args()
+    try:
+        from runtime.recorder.process import Recorder
+
+        return Recorder(RunDir(options.rundir), options.out, options.view).run()
+    except SrlError as error:
+        print(f"recorder: {error}", file=sys.stderr)
+        return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main())

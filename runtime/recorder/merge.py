@@ -1,0 +1,117 @@
+"""Segments to one file: written beside the target, read back and compared, only then put in place."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from runtime.errors import RecordingError
+from runtime.recorder.columns import Words
+from runtime.recorder.segments import folder_of, listed
+from runtime.recorder.source import Source
+from runtime.recorder.stream import Stream
+from runtime.rundir import free_bytes
+
+BATCH = 4096  # rows a chunk of the merged file
+
+
+@dataclass
+class Sum:
+    """What two readings of the same rows have in common."""
+
+    rows: int = 0
+    check: int = 0
+
+    def add(self, sequence: Words, rows: Words) -> None:
+        """Takes rows in their order."""
+        self.rows += len(rows)
+        both = np.column_stack([sequence, rows])
+        self.check = zlib.crc32(memoryview(both).cast("B"), self.check)
+
+
+def merge(target: Path) -> int:
+    """Makes `target` of its segments and removes them; returns the number of rows.
+
+    Raises:
+        RecordingError: the segments are kept as they are; says why.
+    """
+    folder = folder_of(target)
+    files = listed(folder)
+    kept = f"The segments are kept and can be read as they are: {folder}"
+    if target.exists():
+        raise RecordingError(str(target), "a recording is there already", kept)
+    if free_bytes(folder) < sum(f.stat().st_size for f in files):
+        raise RecordingError(str(target), "the disk hasn't enough room for the merged recording", kept)
+    part = target.with_name(f"{target.name}.part")
+    part.unlink(missing_ok=True)
+    try:
+        source = Source(files)
+        written = _write(source, part)
+        copy = Source([part])
+        found = Sum()
+        for sequence, rows in copy.blocks():
+            found.add(sequence, rows)
+        if found != written or copy.notes != source.notes or copy.text != source.text or copy.cut:
+            problem = f"the merged recording isn't complete ({found.rows} of {written.rows} rows)"
+            raise RecordingError(str(target), problem, kept)
+        part.rename(target)
+    except OSError as error:
+        raise RecordingError(str(target), f"it can't be written: {error.strerror}", kept) from None
+    finally:
+        part.unlink(missing_ok=True)
+    remove(folder)
+    return written.rows
+
+
+def remove(folder: Path) -> None:
+    """Removes the segments."""
+    for file in listed(folder):
+        file.unlink()
+    folder.rmdir()
+
+
+def covers(target: Path, rows: int) -> bool:
+    """True if `target` is a whole recording that ends with row `rows`: a merge was cut before it tidied up."""
+    source = Source([target])
+    last = max((int(sequence[-1]) for sequence, _ in source.blocks()), default=0)
+    return last == rows and source.cut == 0
+
+
+def _write(source: Source, part: Path) -> Sum:
+    written = Sum()
+    stream: Stream | None = None
+    sent: set[int] = set()
+    for sequence, rows in _batches(source):
+        if stream is None:
+            stream = Stream(source.text)
+            stream.recording.save(part)
+            stream.prologue()
+            stream.recording.flush()
+        written.add(sequence, rows)
+        stream.rows(sequence, rows)
+        cycle = int(stream.layout.int(rows, "cycle")[-1])
+        _notes(stream, source, sent, cycle)
+        stream.recording.flush()  # bounds what waits in memory
+    if stream is None:
+        raise RecordingError(str(part.with_suffix("")), "no row was recorded", "The run ended before its first cycle")
+    _notes(stream, source, sent, None)
+    stream.recording.flush()
+    stream.recording.disconnect()  # writes the manifest and closes the file
+    return written
+
+
+def _notes(stream: Stream, source: Source, sent: set[int], cycle: int | None) -> None:
+    """Sends the remarks up to `cycle` that weren't sent yet."""
+    new = sorted(n for n, note in source.notes.items() if n not in sent and (cycle is None or note.cycle <= cycle))
+    stream.notes(new, [source.notes[n] for n in new])
+    sent.update(new)
+
+
+def _batches(source: Source) -> Iterator[tuple[Words, Words]]:
+    for sequence, rows in source.blocks():
+        for at in range(0, len(rows), BATCH):
+            yield sequence[at : at + BATCH], rows[at : at + BATCH]

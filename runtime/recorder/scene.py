@@ -1,0 +1,190 @@
+"""What people look at besides the numbers: 3D, loop timing, device ages, states. Derived and thinned to 30 Hz.
+
+Nothing here is read back: the rows are in the columns.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from runtime.frames import FrameEntry, transform
+from runtime.layout import Cause, Field, Layout, State
+from runtime.recorder.columns import Columns, Words, entity
+from runtime.recorder.plots import Plot, series_names
+
+VIEW_RATE = 30.0  # Hz of the loop's clock
+PHASES = ("read", "control", "guard", "write", "log")
+PALETTE = ((86, 180, 233), (230, 159, 0), (0, 158, 115), (204, 121, 167), (240, 228, 66), (213, 94, 0))
+STATE_COLORS = {
+    State.STARTING: (150, 150, 150),
+    State.READY: (86, 180, 233),
+    State.ACTIVE: (0, 158, 115),
+    State.STOPPING: (230, 159, 0),
+    State.STOPPED: (213, 94, 0),
+    State.ENDED: (90, 90, 90),
+}
+ROOT = "tf#/"  # rerun's own name of the frame of "/"
+
+
+class Scene:
+    """The views of one layout."""
+
+    def __init__(self, columns: Columns) -> None:
+        self._columns = columns
+        self._layout = layout = columns.layout
+        self._frames = {n: FrameEntry(**f) for n, f in layout.meta.get("frames", {}).items()}
+        self._plots = plots(layout)
+        self._shapes = {f.name: PALETTE[i % len(PALETTE)] for i, f in enumerate(visuals(layout))}
+        self._state: dict[str, int] = {}
+        self._wake = 0
+
+    def statics(self, recording: rr.RecordingStream) -> None:
+        """Sends what doesn't change: names, colours, fixed frames."""
+
+        def log(path: str, *what: Any) -> None:
+            rr.log(path, *what, static=True, recording=recording, strict=True)
+
+        for field in self._layout.fields.values():
+            if field.size:
+                suffix = {"command": " asked", "applied": " applied"}.get(field.role, "")
+                names = [name + suffix for name in series_names(self._layout, field.name)]
+                log(entity(field.name), rr.SeriesLines(names=names))
+        log("/loop/timing/period", rr.SeriesLines(names=["period, us"]))
+        log("/loop/timing/cycle", rr.SeriesLines(names=["cycle, us"]))
+        log("/loop/timing/phases", rr.SeriesLines(names=[f"{phase}, us" for phase in PHASES]))
+        if self._layout.devices:
+            log("/loop/timing/ages", rr.SeriesLines(names=[f"{device}, ms" for device in self._layout.devices]))
+        colors = [(*STATE_COLORS[state], 255) for state in State]
+        log("/loop/state", rr.StateConfiguration(values=[s.name.lower() for s in State], colors=colors))
+        for plot in self._plots:
+            labels = list(plot.curves(self._layout, np.zeros((1, self._layout.width), np.int64)))
+            log(plot_path(plot), rr.SeriesLines(names=labels))
+        for name, frame in self._frames.items():
+            T = transform(frame.xyz, frame.rpy)
+            child = f"{name} mount" if frame.pose else name
+            fixed = rr.Transform3D(
+                translation=T[:3, 3], mat3x3=T[:3, :3], parent_frame=frame.parent or ROOT, child_frame=child
+            )
+            log(rr.new_entity_path(["frames", child]), fixed)
+        for field in visuals(self._layout):
+            path, color = entity(field.name), self._shapes[field.name]
+            if field.frame in self._frames:
+                log(path, rr.CoordinateFrame(field.frame))
+            if field.visual == "points":
+                labels = list(field.labels) or None
+                log(path, rr.Points3D.from_fields(colors=[color], radii=[0.004], labels=labels, show_labels=False))
+                log(path, rr.LineStrips3D.from_fields(colors=[color], radii=[0.0015]))
+            else:
+                fill = rr.components.FillMode.TransparentFillMajorWireframe
+                log(path, rr.Ellipsoids3D.from_fields(colors=[(*color, 90)], fill_mode=fill))
+
+    def send(self, recording: rr.RecordingStream, rows: Words) -> None:
+        """Sends the views of rows (k, width), which follow those of the last call."""
+
+        def columns(path: str, at: Words, *what: Any) -> None:
+            rr.send_columns(path, self._columns.times(at), [c for w in what for c in w], recording=recording, strict=True)
+
+        now = self._layout.int(rows, "now")
+        bins = np.floor_divide(now, int(1e9 / VIEW_RATE))
+        ends = np.append(np.flatnonzero(np.diff(bins)), len(rows) - 1)
+        starts = np.append(0, ends[:-1] + 1)
+        thin = rows[ends]
+        for path, values in self._timing(rows).items():
+            largest = np.fmax.reduceat(values, starts, axis=0)
+            columns(path, thin, scalars(largest))
+        for plot in self._plots:
+            curves = plot.curves(self._layout, thin)
+            columns(plot_path(plot), thin, scalars(np.stack(list(curves.values()), axis=1)))
+        for field in visuals(self._layout):
+            columns(entity(field.name), thin, *_shape(field, self._layout.value(thin, field.name)))
+        self._measured_frames(thin, columns)
+        self._states(rows, columns)
+
+    def _timing(self, rows: Words) -> dict[str, NDArray[np.float64]]:
+        """Durations by entity path, (k, n): us for the loop's, ms for the ages."""
+        word = {name: self._layout.int(rows, name) for name in ("now", "wake", *PHASES)}
+        before = np.append(self._wake or word["wake"][0], word["wake"][:-1])
+        self._wake = int(word["wake"][-1])
+        marks = np.stack([word[name] for name in ("wake", "read", "control", "guard", "write")], axis=1)
+        phases = np.column_stack([np.diff(marks, axis=1), word["log"]])
+        timing = {
+            "/loop/timing/period": (word["wake"] - before)[:, None] / 1e3,
+            "/loop/timing/cycle": (word["write"] - word["wake"])[:, None] / 1e3,
+            "/loop/timing/phases": phases / 1e3,
+        }
+        if self._layout.devices:
+            stamps = np.stack([self._layout.int(rows, f"{d}.stamp") for d in self._layout.devices], axis=1)
+            ages = (word["now"][:, None] - stamps) / 1e6
+            timing["/loop/timing/ages"] = np.where(stamps < 0, np.nan, ages)
+        return timing
+
+    def _measured_frames(self, thin: Words, columns: Any) -> None:
+        for name, frame in self._frames.items():
+            if frame.pose is None or frame.pose not in self._layout.fields:
+                continue
+            pose = self._layout.value(thin, frame.pose)
+            norm = np.linalg.norm(pose[:, 3:], axis=1)
+            known = np.isfinite(pose).all(axis=1) & (norm > 0)  # before the first sample it is all zeros
+            if known.any():
+                p = pose[known]
+                xyzw = p[:, [4, 5, 6, 3]] / norm[known, None]
+                measured = rr.Transform3D.columns(
+                    translation=p[:, :3],
+                    quaternion=xyzw,
+                    parent_frame=[f"{name} mount"] * len(p),
+                    child_frame=[name] * len(p),
+                )
+                columns(rr.new_entity_path(["frames", name]), thin[known], measured)
+
+    def _states(self, rows: Words, columns: Any) -> None:
+        for word, names in (("state", State), ("cause", Cause)):
+            values = self._layout.int(rows, word)
+            before = np.append(self._state.get(word, -1), values[:-1])
+            changed = np.flatnonzero(values != before)
+            self._state[word] = int(values[-1])
+            if len(changed):
+                known = {int(n): n.name.lower() for n in names}
+                texts = [known.get(int(values[i]), str(values[i])) for i in changed]
+                columns(f"/loop/{word}", rows[changed], rr.StateChange.columns(state=texts))
+
+
+def plots(layout: Layout) -> list[Plot]:
+    """The plots the profile asks for."""
+    return [Plot(**p) for p in (layout.meta.get("record") or {}).get("plots", ())]
+
+
+def plot_path(plot: Plot) -> str:
+    """The entity that carries a plot's curves."""
+    path: str = rr.new_entity_path(["plots", plot.title])
+    return path
+
+
+def visuals(layout: Layout) -> list[Field]:
+    """The signals that have a shape in 3D."""
+    return [
+        f
+        for f in layout.fields.values()
+        if (f.visual == "points" and f.shape[1:] == (3,)) or (f.visual == "sphere" and f.shape == (4,))
+    ]
+
+
+def scalars(values: NDArray[np.float64]) -> Any:
+    """The columns of values (k, n): n series."""
+    k, n = values.shape
+    return rr.Scalars.columns(scalars=values.ravel()).partition(np.full(k, n))
+
+
+def _shape(field: Field, values: NDArray[np.float64]) -> list[Any]:
+    k = len(values)
+    if field.visual == "sphere":
+        center, radius = values[:, :3], values[:, 3:]
+        return [rr.Ellipsoids3D.columns(centers=center, half_sizes=np.repeat(radius, 3, axis=1))]
+    shown = [rr.Points3D.columns(positions=values.reshape(-1, 3)).partition(np.full(k, field.shape[0]))]
+    if field.links:
+        strips = [v[list(link)] for v in values for link in field.links]
+        shown.append(rr.LineStrips3D.columns(strips=strips).partition(np.full(k, len(field.links))))
+    return shown

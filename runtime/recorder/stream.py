@@ -1,0 +1,82 @@
+"""One rerun stream of a run: what every file and viewer of it gets, in the same order."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Sequence
+
+import numpy as np
+
+os.environ.pop("RERUN", None)  # RERUN=off would make a recorder that records nothing
+
+import pyarrow as pa
+import rerun as rr
+
+from runtime.layout import Layout
+from runtime.notes import Level, Note
+from runtime.recorder import blueprint
+from runtime.recorder.columns import ArrowBatch, Columns, Words
+from runtime.recorder.scene import Scene
+
+APPLICATION = "srl"
+FORMAT = 1
+PROPERTY = "srl"
+LEVELS = {Level.INFO: "INFO", Level.WARNING: "WARN", Level.ERROR: "ERROR"}
+
+
+def recording_id(text: str) -> str:
+    """The same for every segment of one run: from the layout's text, which holds the run's clock offset."""
+    return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+class Stream:
+    """Rows and notes into rerun's data model; the caller attaches a file or a viewer."""
+
+    def __init__(self, text: str) -> None:
+        """`text` is the layout's JSON."""
+        self._text = text
+        self.layout = Layout.from_json(text)
+        self._columns = Columns(self.layout)
+        self._scene = Scene(self._columns)
+        self._newest = np.zeros((1, self.layout.width), np.int64)
+        self.recording = rr.RecordingStream(APPLICATION, recording_id=recording_id(text), send_properties=False)
+
+    def prologue(self) -> None:
+        """Sends what stands at the head of every file: layout, profile, names, blueprint."""
+        meta = self.layout.meta
+        profile, digest = str(meta.get("profile", "")), str(meta.get("sha256", ""))
+        self.recording.send_recording_name(str(meta.get("name", "srl")))
+        self.recording.send_property(PROPERTY, rr.AnyValues(format=FORMAT, layout=self._text, profile_sha256=digest))
+        document = rr.TextDocument(f"```yaml\n{profile}\n```\nsha256 {digest}", media_type="text/markdown")
+        rr.log("/profile", document, static=True, recording=self.recording, strict=True)
+        self._scene.statics(self.recording)
+        self.recording.send_blueprint(blueprint.make(self.layout))
+
+    def rows(self, sequence: Words, rows: Words) -> None:
+        """Sends rows (k, width) with their sequence numbers (k,)."""
+        if len(rows):
+            self._columns.send(self.recording, sequence, rows)
+            self._scene.send(self.recording, rows)
+            self._newest = rows
+
+    def notes(self, sequence: Sequence[int], notes: Sequence[Note]) -> None:
+        """Sends remarks; they show at the time of their cycle's row, or of the newest row before."""
+        if not notes:
+            return
+        cycles = self.layout.int(self._newest, "cycle")
+        at = np.searchsorted(cycles, [n.cycle for n in notes], side="right") - 1
+        _, time = self._columns.times(self._newest[np.clip(at, 0, len(cycles) - 1)])
+        exact = {
+            "sequence": pa.array(np.asarray(sequence, np.int64)),
+            "time": pa.array(np.asarray([n.time for n in notes], np.int64)),
+        }
+        columns = [
+            rr.ComponentColumn(rr.ComponentDescriptor(name).with_builtin_archetype("srl.Note"), ArrowBatch(array))
+            for name, array in exact.items()
+        ]
+        columns += rr.TextLog.columns(text=[n.text for n in notes], level=[LEVELS[n.level] for n in notes])
+        indexes = [rr.TimeColumn("cycle", sequence=[n.cycle for n in notes]), time]
+        rr.send_columns("/notes", indexes, columns, recording=self.recording, strict=True)
+
+

@@ -1,0 +1,117 @@
+"""The live viewer: rerun's own server on 127.0.0.1, shown in a browser, fed a thinned stream."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+from runtime.errors import RecordingError
+from runtime.recorder.columns import Words
+from runtime.recorder.stream import Stream
+
+HOST = "127.0.0.1"
+GRPC_PORT, WEB_PORT = 9876, 9090  # rerun's own, where they are free
+RATE = 100.0  # rows/s of the loop's clock that a viewer gets
+_PR_SET_PDEATHSIG = 1
+
+
+class Viewer:
+    """Runs `rerun --serve-web` bound to the loopback interface.
+
+    `rr.serve_grpc` and `rr.serve_web_viewer` aren't used: they listen on every interface.
+    """
+
+    def __init__(self, text: str) -> None:
+        """Starts it; `text` is the layout's JSON.
+
+        Raises:
+            RecordingError: it doesn't start.
+        """
+        grpc, web = _free_port(GRPC_PORT), _free_port(WEB_PORT)
+        self.url = f"http://{HOST}:{web}/?url=rerun%2Bhttp://{HOST}:{grpc}/proxy"
+        command = [_executable(), "--serve-web", "--bind", HOST, "--port", str(grpc)]
+        command += ["--web-viewer-port", str(web), "--server-memory-limit", "512MB"]
+        # CI=1: rerun sends no usage statistics then. The death signal: a killed recorder leaves no server behind.
+        library = ctypes.CDLL(None)
+        self._process = subprocess.Popen(
+            command,
+            env={**os.environ, "CI": "1"},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            preexec_fn=lambda: library.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM),
+        )
+        if not _listens(grpc, 10.0):
+            self._process.kill()
+            raise RecordingError("rerun", "the viewer's server doesn't start", "Try `rerun --serve-web` by hand")
+        self._stream = Stream(text)
+        self._stream.recording.connect_grpc(f"rerun+http://{HOST}:{grpc}/proxy")
+        self._stream.prologue()
+        self._period = int(1e9 / RATE)
+        self._bin = -1
+
+    @property
+    def alive(self) -> bool:
+        """False once its server has ended."""
+        return self._process.poll() is None
+
+    def rows(self, sequence: Words, rows: Words) -> None:
+        """Shows the first row of each 1/RATE s."""
+        bins = self._stream.layout.int(rows, "now") // self._period
+        keep = bins != np.append(self._bin, bins[:-1])
+        self._bin = int(bins[-1])
+        self._stream.rows(sequence[keep], rows[keep])
+
+    @property
+    def stream(self) -> Stream:
+        """For remarks."""
+        return self._stream
+
+    def close(self) -> None:
+        """Ends the server."""
+        self._process.terminate()
+        try:
+            self._process.wait(5.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+
+
+def _executable() -> str:
+    """rerun's own binary: its Python wrapper would take the signals meant for it."""
+    spec = find_spec("rerun_cli")
+    path = Path(spec.origin).parent / "rerun" if spec is not None and spec.origin else None
+    if path is None or not path.exists():
+        raise RecordingError("rerun", f"its viewer isn't installed beside {sys.executable}", "Install rerun-sdk anew")
+    return str(path)
+
+
+def _free_port(wanted: int) -> int:
+    for port in (wanted, 0):
+        with socket.socket() as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                probe.bind((HOST, port))
+            except OSError:
+                continue
+            return int(probe.getsockname()[1])
+    raise RecordingError(HOST, "no port is free", "End other programs")
+
+
+def _listens(port: int, seconds: float) -> bool:
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        try:
+            socket.create_connection((HOST, port), 1.0).close()
+            return True
+        except OSError:
+            time.sleep(0.05)
+    return False

@@ -1,0 +1,91 @@
+"""What flows between devices and controllers: named, shaped arrays in SI units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Signal:
+    """One named array of float64.
+
+    Attributes:
+        name: the field's standard term, a slug: "position", "wrench", "tips".
+        shape: e.g. (22,) or (5, 3).
+        unit: SI: "rad", "m", "N", "N m", "rad/s"; "1" for a pure number or a button (0 or 1).
+        frame: the frame of the profile's tree its coordinates are in; None for joint space.
+        labels: a name for each row (joints, fingertips); empty where there is none.
+        visual: how a viewer shows it: "points" for shape (k, 3), "sphere" for (x, y, z, radius).
+        links: polylines through the points' rows, for visual "points".
+    """
+
+    name: str
+    shape: tuple[int, ...]
+    unit: str
+    frame: str | None = None
+    labels: tuple[str, ...] = ()
+    visual: Literal["", "points", "sphere"] = ""
+    links: tuple[tuple[int, ...], ...] = ()
+
+    @property
+    def size(self) -> int:
+        """Number of float64 elements."""
+        return int(np.prod(self.shape, dtype=int))
+
+
+class Kind(StrEnum):
+    """What a command means physically; decides how the guard bounds it."""
+
+    POSITION = "position"
+    VELOCITY = "velocity"
+    TORQUE = "torque"
+
+
+class Stop(StrEnum):
+    """Stop categories of an actuator."""
+
+    HOLD = "hold"  # stay where the last command left it, braking within limits
+    DAMP = "damp"  # oppose motion, give way to force
+    LIMP = "limp"  # no torque (with gravity compensation where the device offers it)
+    RETRACT = "retract"  # go to the rest configuration slowly
+    BRAKE = "brake"  # ramp the velocity to zero, then the device's own brake
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """Bounds of a command, each of the command's own shape; None where the source knows none.
+
+    Units follow the command: lower/upper bound the position (rad or m) for kinds position, velocity and
+    torque alike; velocity, acceleration, jerk its derivatives; effort the torque (N m), effort_rate N m/s.
+    """
+
+    lower: Array | None = None
+    upper: Array | None = None
+    velocity: Array | None = None
+    acceleration: Array | None = None
+    jerk: Array | None = None
+    effort: Array | None = None
+    effort_rate: Array | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Command(Signal):
+    """A signal a device obeys.
+
+    Attributes:
+        kind: position, velocity or torque.
+        feedback: the device's state signal that measures the same coordinates, None for a device
+            without feedback (a hobby servo): such a command starts at the profile's `home`.
+        stops: the stop categories this interface can do, the default first.
+    """
+
+    kind: Kind
+    feedback: str | None = None
+    stops: tuple[Stop, ...] = (Stop.HOLD,)

@@ -1,0 +1,262 @@
+"""The world `augmented-hand`: a person's hand, extra fingers worn at the wrist, things to grasp."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final, Self
+from xml.etree.ElementTree import Element, tostring
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from runtime.signals import Array, Signal
+from runtime.world import World, WorldConfig
+from sim.finger import FINGER_JOINTS, FingerConfig, add_finger
+from sim.hand import FINGERS, JOINTS, add_hand
+from sim.mjcf import add
+from sim.objects import ObjectConfig, add_object
+from sim.servo import ServoBank
+from sim.wearer import Wearer, WearerConfig, make_wearer
+
+_TICK: Final = 10_000_000  # ns; how often the wearer's will is asked for and the hand's motion is remembered
+_MEMORY: Final = 64  # ticks of the hand's past that a slow sensor may still ask for
+
+
+class AugmentedHandConfig(WorldConfig):
+    """Options of the world."""
+
+    timestep: float = Field(default=0.001, ge=1e-5, le=0.005, description="s, of the physics")
+    gravity: tuple[float, float, float] = Field(default=(0.0, 0.0, -9.81), description="m/s^2, in frame hand")
+    strength: float = Field(
+        default=1.0, gt=0, description="multiplies the greatest torque of every joint of the hand"
+    )
+    fingers: tuple[FingerConfig, ...] = Field(default=(FingerConfig(),), min_length=1)
+    objects: tuple[ObjectConfig, ...] = ()
+    wearer: WearerConfig = WearerConfig()
+
+    @model_validator(mode="after")
+    def _distinct(self) -> Self:
+        names = [finger.name for finger in self.fingers]
+        if len(set(names)) < len(names) or "hand" in names:
+            raise ValueError("each finger needs a name of its own, other than 'hand'")
+        return self
+
+
+class AugmentedHand(World):
+    """Hand joints follow the wearer with limited torque, servos follow their pulses; contacts stop both.
+
+    Joint targets of the hand change every 10 ms and move evenly in between. Servo `i` is joint `i % 4` of
+    finger `i // 4`. The frame `hand` is the world's frame: the wrist doesn't move.
+    """
+
+    Config = AugmentedHandConfig
+    summary = "a 20-joint hand wearing robotic fingers, moved by a script or by a recording"
+
+    def __init__(self, config: AugmentedHandConfig, seed: int) -> None:
+        super().__init__(config, seed)
+        self.wearer: Wearer = make_wearer(config.wearer, seed)
+        self._config = config
+        self._model = model = mujoco.MjModel.from_xml_string(mjcf(config))
+        self._data = data = mujoco.MjData(model)
+        self._step_ns = round(config.timestep * 1e9)
+        self._tick = max(1, _TICK // self._step_ns)  # steps
+        self._step = 0  # steps done
+        n = 4 * len(config.fingers)
+        hand, servos = slice(0, 20), slice(20, 20 + n)
+        # Views of MuJoCo's own arrays; joints and actuators are in the order hand, fingers, objects.
+        self._hand_qpos, self._servo_qpos, self._servo_qvel = (
+            data.qpos[hand],
+            data.qpos[servos],
+            data.qvel[servos],
+        )
+        self._hand_rate, self._servo_ctrl = data.ctrl[hand], data.ctrl[servos]
+        self._servo_force, self._set_points = data.actuator_force[servos], data.act
+        bands = np.repeat([finger.servo.dead_band for finger in config.fingers], 4)
+        self._bank = ServoBank(bands)
+        self._gain = model.actuator_gainprm[servos, 0].copy()
+        self._bias = model.actuator_biasprm[servos].copy()
+        self._drag = model.dof_damping[servos].reshape(n, -1)[:, 0].copy()
+        # Sites are in the order of the bodies: the hand's five fingertips, then the extra fingers'.
+        self._hand_sites, self._finger_sites = data.site_xpos[:5], data.site_xpos[5:]
+        self._object_bodies = [model.body(f"object_{i}").id for i in range(len(config.objects))]
+        self._finger_of_geom = _finger_of_geom(model, config)
+        self._welds = [  # (step of release, equality)
+            (round(item.held_until / config.timestep), model.equality(f"object_{i}").id)
+            for i, item in enumerate(config.objects)
+            if item.held_until
+        ]
+        self._servo_slice = servos
+        self._hand_qpos[:] = self._set_points[:] = self.wearer.target(0.0)
+        self._past = np.tile(self._hand_qpos, (_MEMORY, 1))  # (64, 20), row k % 64 is tick k
+        self._drive_servos()
+        self.truth = _truth(config)
+        self.bind({signal.name: np.zeros(signal.shape) for signal in self.truth})
+
+    def bind(self, truth: Mapping[str, Array]) -> None:
+        super().bind(truth)
+        self._fill()
+
+    def advance(self, until: int) -> None:
+        goal = until // self._step_ns
+        while self._step < goal:
+            step, tick = self._step, self._tick
+            if step % tick == 0:
+                self._will(step)
+            if self._bank.latch(step):
+                self._drive_servos()
+            stop = min(goal, step - step % tick + tick)
+            if (due := self._bank.next_step()) is not None:
+                stop = min(stop, due)
+            for release, weld in self._welds:
+                self._data.eq_active[weld] = step < release
+                if step < release:
+                    stop = min(stop, release)
+            mujoco.mj_step(self._model, self._data, stop - step)
+            self._step = stop
+            if stop % tick == 0:
+                self._past[stop // tick % _MEMORY] = self._hand_qpos
+        self.time = max(self.time, until)
+        self._fill()
+
+    def hand_position(self, at: int | None = None) -> Array:
+        """Joint angles of the hand (20,), rad.
+
+        Args:
+            at: ns of world time, at most 0.6 s ago; now, if omitted. Between instants 10 ms apart the
+                motion is interpolated.
+        """
+        here = self._hand_qpos.copy()
+        if at is None or at >= self._step * self._step_ns:
+            return here
+        span = self._tick * self._step_ns
+        newest = self._step // self._tick
+        tick, rest = divmod(max(at, (newest - _MEMORY + 1) * span, 0), span)
+        before = self._past[tick % _MEMORY]
+        if tick < newest:
+            return before + (self._past[(tick + 1) % _MEMORY] - before) * (rest / span)
+        return before + (here - before) * (rest / (self._step * self._step_ns - newest * span))
+
+    def finger_position(self) -> Array:
+        """Joint angles of the extra fingers (4 k,), rad."""
+        return self._servo_qpos.copy()
+
+    def set_servo(self, servo: int, target: float | None, at: int = 0) -> None:
+        """Gives a servo's pulses a new meaning from `at` on.
+
+        Args:
+            servo: number, 4 times the finger plus the joint.
+            target: rad; None ends the pulses, which leaves the servo limp.
+            at: ns of world time; in the past means from now on.
+        """
+        step = max(-(-at // self._step_ns), self._step)
+        self._bank.command(range(self._bank.held.size)[servo], np.nan if target is None else target, step)
+
+    def servo_targets(self) -> Array:
+        """(4 k,) rad: what each servo holds at present; NaN for one without pulses."""
+        return self._bank.held.copy()
+
+    def save(self) -> NDArray[np.float64]:
+        kind = mujoco.mjtState.mjSTATE_INTEGRATION
+        physics = np.empty(mujoco.mj_stateSize(self._model, kind))
+        mujoco.mj_getState(self._model, self._data, physics, kind)
+        # Effort and contact force belong to the step before the state and can't be found again from it.
+        truth = [self.truth_arrays[signal.name].ravel() for signal in self.truth]
+        head = [float(self.time), float(self._step)]
+        return np.concatenate([head, physics, *truth, self._past.ravel(), self._bank.save()])
+
+    def restore(self, state: NDArray[np.float64]) -> None:
+        kind = mujoco.mjtState.mjSTATE_INTEGRATION
+        sizes = [2, mujoco.mj_stateSize(self._model, kind), *(s.size for s in self.truth), self._past.size]
+        head, physics, *truth, past, bank = np.split(state, np.cumsum(sizes))
+        self.time, self._step = int(head[0]), int(head[1])
+        mujoco.mj_setState(self._model, self._data, physics, kind)
+        for signal, values in zip(self.truth, truth, strict=True):
+            self.truth_arrays[signal.name][...] = values.reshape(signal.shape)
+        self._past[...] = past.reshape(self._past.shape)
+        self._bank.restore(bank)
+        self._drive_servos()
+
+    def _will(self, step: int) -> None:
+        """Sets off the hand's set-points toward where the wearer wants them one tick from now."""
+        span = self._tick * self._config.timestep
+        goal = self.wearer.target(step * self._config.timestep + span)
+        self._hand_rate[:] = (goal - self._set_points) / span
+
+    def _drive_servos(self) -> None:
+        """Sets targets, and takes the gains from servos without pulses."""
+        powered = np.isfinite(self._bank.held)
+        self._servo_ctrl[:] = np.where(powered, self._bank.held, 0.0)
+        self._model.actuator_gainprm[self._servo_slice, 0] = self._gain * powered
+        self._model.actuator_biasprm[self._servo_slice] = self._bias * powered[:, None]
+
+    def _fill(self) -> None:
+        data, out = self._data, self.truth_arrays
+        mujoco.mj_kinematics(self._model, data)  # a step leaves positions one step behind the angles
+        out["hand_position"][:] = self._hand_qpos
+        out["finger_position"][:] = self._servo_qpos
+        out["finger_velocity"][:] = self._servo_qvel
+        out["finger_effort"][:] = self._servo_force - self._drag * self._servo_qvel
+        out["hand_tips"][:] = self._hand_sites
+        out["finger_tip"][:] = self._finger_sites
+        self._contact_force(out["contact_force"])
+        if self._object_bodies:
+            out["object_position"][:] = data.xpos[self._object_bodies]
+
+    def _contact_force(self, out: Array) -> None:
+        out[:] = 0.0
+        if self._data.ncon == 0:
+            return
+        force = np.zeros(6)
+        for number, pair in enumerate(self._finger_of_geom[self._data.contact.geom]):
+            for finger in pair[pair >= 0]:
+                mujoco.mj_contactForce(self._model, self._data, number, force)
+                out[finger] += force[0]
+
+
+def mjcf(config: AugmentedHandConfig) -> str:
+    """The world as an MJCF document; joints, actuators and sites are in the order hand, fingers, objects."""
+    root = Element("mujoco", model="augmented-hand")
+    add(root, "compiler", angle="radian")
+    option = {"timestep": config.timestep, "gravity": config.gravity}
+    add(root, "option", integrator="implicitfast", cone="elliptic", **option)
+    world = add(root, "worldbody")
+    add(world, "light", pos="0 -0.5 1.5", dir="0 0.3 -1", directional=True)
+    actuators = add(root, "actuator")
+    equality = add(root, "equality")
+    add_hand(world, actuators, config.strength)
+    for finger in config.fingers:
+        add_finger(world, actuators, finger)
+    for number, item in enumerate(config.objects):
+        add_object(world, equality, f"object_{number}", item)
+    return tostring(root, encoding="unicode")
+
+
+def _truth(config: AugmentedHandConfig) -> tuple[Signal, ...]:
+    names = tuple(finger.name for finger in config.fingers)
+    servos = tuple(f"{name}_{joint}" for name in names for joint in FINGER_JOINTS)
+    n = len(servos)
+    signals = [
+        Signal(name="hand_position", shape=(20,), unit="rad", labels=JOINTS),
+        Signal(name="finger_position", shape=(n,), unit="rad", labels=servos),
+        Signal(name="finger_velocity", shape=(n,), unit="rad/s", labels=servos),
+        Signal(name="finger_effort", shape=(n,), unit="N m", labels=servos),
+        _points("hand_tips", FINGERS),
+        _points("finger_tip", names),
+        Signal(name="contact_force", shape=(len(names),), unit="N", labels=names),
+    ]
+    if config.objects:
+        signals.append(_points("object_position", tuple(item.code or item.shape for item in config.objects)))
+    return tuple(signals)
+
+
+def _points(name: str, labels: tuple[str, ...]) -> Signal:
+    shape = (len(labels), 3)
+    return Signal(name=name, shape=shape, unit="m", frame="hand", labels=labels, visual="points")
+
+
+def _finger_of_geom(model: mujoco.MjModel, config: AugmentedHandConfig) -> NDArray[np.int64]:
+    """(ngeom,): the extra finger a geom belongs to, or -1."""
+    numbers = {finger.name: number for number, finger in enumerate(config.fingers)}
+    return np.array([numbers.get(model.geom(i).name.split("/")[0], -1) for i in range(model.ngeom)])

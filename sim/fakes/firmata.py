@@ -1,0 +1,195 @@
+"""An Arduino with StandardFirmata in the simulated world: servos on the extra finger, buttons by script."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+from typing import Annotated, Final, Protocol
+
+from pydantic import AfterValidator, Field
+
+from drivers.firmata import Firmata
+from drivers.firmata.config import FirmataConfig
+from drivers.firmata.driver import COMMAND
+from runtime.driver import DeviceConfig
+from runtime.errors import DeviceLostError, WiringError
+from runtime.signals import Array, Stop
+from runtime.world import Fake, FakeConfig, World
+from sim.fakes.windows import Windows, inside, refuse_while_gone, require, rising
+
+_NEUTRAL: Final = 1500  # us, what an attached servo gets until it is told better
+
+
+class Servos(Protocol):
+    """What this fake asks of its world."""
+
+    time: int
+
+    def set_servo(self, servo: int, target: float | None, at: int = 0) -> None: ...
+
+    def servo_targets(self) -> Array: ...
+
+
+class FakeFirmataConfig(FakeConfig):
+    """Options of the fake."""
+
+    first: int = Field(
+        default=0, ge=0, description="the world's servo that the board's first one is; 4 a finger"
+    )
+    delay: float = Field(
+        default=0.003, ge=0, le=1, description="s, from the command to the board's new pulse width"
+    )
+    frame_rate: float = Field(
+        default=50.0, gt=0, le=1000, description="Hz of servo pulses: a new width waits for the next"
+    )
+    presses: dict[str, Annotated[Windows, AfterValidator(rising)]] = Field(
+        default={}, description="s, by button: [from, to] pairs in world time during which it is pressed"
+    )
+    loss: Annotated[Windows, AfterValidator(rising)] = Field(
+        default=(), description="s, [from, to] pairs in world time during which the board is gone"
+    )
+
+
+class FakeFirmata(Fake):
+    """Servos get whole microseconds, `delay` later, at the next pulse; detached servos are limp.
+
+    As on the real board, opening resets it, which detaches the servos, and a board that is lost goes on with
+    its last pulses. `read`, `write` and `stop` are one door; the methods `attach`, `set_pulse`, `detach` and
+    `button` are the board itself, for a twin to use as well.
+    """
+
+    Config = FirmataConfig
+    Options = FakeFirmataConfig
+    summary = Firmata.summary
+    max_age = Firmata.max_age
+
+    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+        super().__init__(name, config, world, options)
+        assert isinstance(config, FirmataConfig)
+        assert isinstance(options, FakeFirmataConfig)
+        real = Firmata(name, config)
+        self.states, self.commands, self.limits, self.home = (
+            real.states,
+            real.commands,
+            real.limits,
+            real.home,
+        )
+        self.servos: Servos = require(world, "set_servo", name)
+        self._options = options
+        self._calibrations = real.calibrations
+        self._joints, self._buttons = tuple(config.servos), tuple(config.buttons)
+        self._debounce = [button.debounce for button in config.buttons.values()]
+        n = len(self._joints)
+        there = self.servos.servo_targets().size - options.first
+        if n > there:
+            raise WiringError(
+                f"sim.devices.{name}",
+                f"the board has {n} servos, the world {max(there, 0)} from number {options.first} on",
+                "Give the world more fingers or the board fewer servos",
+            )
+        if unknown := set(options.presses) - set(self._buttons):
+            raise WiringError(
+                f"sim.devices.{name}.presses", f"the board has no button '{unknown.pop()}'", "Name one it has"
+            )
+        self._bounds = [(544, 2400)] * n
+        self._pulses: list[int | None] = [None] * n
+        self._widths = [_NEUTRAL] * n  # the last pulse width, which a servo attached again begins with
+        self._delay = round(options.delay * 1e9)
+        self._frame = Fraction(10**9) / Fraction(options.frame_rate).limit_denominator(10**6)  # ns
+        self._opened = False
+
+    def open(self) -> None:
+        self.close()
+        refuse_while_gone(self.name, self._options.loss, self.world.time)
+        self.reset()
+        self.health.connected = True
+        self.health.message = "simulated StandardFirmata"
+        self.health.reconnects += self._opened
+        self._opened = True
+
+    def read(self, now: int) -> None:
+        self._check()
+        self.health.stamp = now
+        self.health.frames += 1
+        if self.states:
+            out = self.state_arrays["buttons"]
+            for i in range(len(self._buttons)):
+                out[i] = self._settled(i)
+
+    def write(self, now: int) -> None:
+        self._check()
+        if not self.commands:
+            return
+        for i, angle in enumerate(self.command_arrays[COMMAND].tolist()):
+            if not math.isfinite(angle):
+                continue
+            calibration = self._calibrations[i]
+            pulse = calibration.pulse(angle)
+            if self._pulses[i] is None:
+                self.attach(i, calibration.shortest, calibration.longest)
+            self.set_pulse(i, pulse)
+
+    def stop(self, category: Stop) -> None:
+        """LIMP detaches the servos; any other category leaves them their last pulse."""
+        if category is Stop.LIMP and self.health.connected:
+            for i in range(len(self._joints)):
+                self.detach(i)
+
+    def close(self) -> None:
+        """Servos that weren't made limp go on with their last pulse."""
+        self.health.connected = False
+
+    def figures(self) -> dict[str, object]:
+        """Pulse widths (us, None while detached) by joint."""
+        return {"pulses_us": dict(zip(self._joints, self._pulses, strict=True))}
+
+    # -- the board itself, for both doors; joints and buttons by their number in the profile
+
+    def attach(self, joint: int, min_us: int, max_us: int) -> None:
+        """Starts pulses of the last width, at first 1500 us, clipped to the bounds like all later ones."""
+        self._bounds[joint] = (min_us, max_us)
+        self.set_pulse(joint, self._widths[joint])
+
+    def set_pulse(self, joint: int, us: int) -> None:
+        """Sets the pulse width of an attached servo; it takes effect `delay` later, at the next pulse."""
+        low, high = self._bounds[joint]
+        self._pulses[joint] = self._widths[joint] = pulse = min(max(us, low), high)
+        self._send(joint, self._calibrations[joint].angle(pulse))
+
+    def detach(self, joint: int) -> None:
+        """Ends a servo's pulses, which leaves it limp."""
+        if self._pulses[joint] is not None:
+            self._pulses[joint] = None
+            self._send(joint, None)
+
+    def reset(self) -> None:
+        """The board starts anew: its servos are detached and their last widths forgotten."""
+        for joint in range(len(self._joints)):
+            self.detach(joint)
+        self._widths = [_NEUTRAL] * len(self._joints)
+
+    def button(self, number: int) -> bool:
+        """Whether a button is pressed now; not debounced, which is the driver's work."""
+        return inside(self._options.presses.get(self._buttons[number], ()), self.world.time)
+
+    def _send(self, joint: int, target: float | None) -> None:
+        at = self.world.time + self._delay
+        self.servos.set_servo(self._options.first + joint, target, int(-(-at // self._frame) * self._frame))
+
+    def _settled(self, number: int) -> float:
+        """The button's level as the real driver debounces it: each level counts once it has lasted."""
+        t, wait = self.world.time * 1e-9, self._debounce[number]
+        edges = [edge for press in self._options.presses.get(self._buttons[number], ()) for edge in press]
+        level = 0.0
+        for i, edge in enumerate(edges):
+            until = edges[i + 1] if i + 1 < len(edges) else math.inf
+            if edge + wait <= t and until - edge >= wait:
+                level = 1.0 - i % 2
+        return level
+
+    def _check(self) -> None:
+        if not self.health.connected or inside(self._options.loss, self.world.time):
+            self.health.connected = False
+            raise DeviceLostError(
+                self.name, "the simulated board is gone", "It comes back at the end of its 'loss' window"
+            )

@@ -1,0 +1,114 @@
+"""The hobby servos of the extra finger: a torque-speed line, a stiff position loop, a dead band."""
+
+from __future__ import annotations
+
+from xml.etree.ElementTree import Element
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from runtime.signals import Array
+from sim.mjcf import add
+
+
+class ServoConfig(BaseModel):
+    """A servo at its output shaft. The defaults are a micro analog servo (sheet human_hand)."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    stall_torque: float = Field(default=0.14, gt=0, description="N m, the greatest torque, at rest")
+    no_load_speed: float = Field(default=8.0, gt=0, description="rad/s, where the torque has fallen to zero")
+    stiffness: float = Field(
+        default=3.0, gt=0, description="N m/rad of position error, up to the stall torque"
+    )
+    damping: float = Field(
+        default=0.05, ge=0, description="N m s/rad, the position loop's own (it brakes before the goal)"
+    )
+    armature: float = Field(default=3e-4, gt=0, description="kg m^2, rotor and gears seen at the shaft")
+    friction: float = Field(default=0.004, ge=0, description="N m, dry friction of the gears")
+    dead_band: float = Field(
+        default=0.0068,
+        ge=0,
+        description="rad; a smaller change of the command is ignored (4 us at 590 us/rad)",
+    )
+
+
+def add_servo(
+    body: Element, actuators: Element, name: str, limits: tuple[float, float], servo: ServoConfig
+) -> None:
+    """Adds a hinge about the body's z axis and the servo that drives it, both called `name`.
+
+    The torque available at speed w is stall_torque - (stall_torque / no_load_speed) w: the line's slope is
+    the joint's damping, which acts inside and outside the position loop alike, and stays when it is limp.
+
+    Args:
+        body: the body the servo moves.
+        actuators: the `actuator` element.
+        name: of joint and actuator.
+        limits: rad, mechanical end stops.
+        servo: its parameters.
+    """
+    add(
+        body,
+        "joint",
+        name=name,
+        axis="0 0 1",
+        range=limits,
+        armature=servo.armature,
+        damping=servo.stall_torque / servo.no_load_speed,
+        frictionloss=servo.friction,
+    )
+    add(
+        actuators,
+        "general",
+        name=name,
+        joint=name,
+        gainprm=servo.stiffness,
+        biastype="affine",
+        biasprm=(0.0, -servo.stiffness, -servo.damping),
+        forcerange=(-servo.stall_torque, servo.stall_torque),
+    )
+
+
+class ServoBank:
+    """What the servos were told: the pulse each one holds, and pulses still on their way.
+
+    Attributes:
+        held: (n,) rad, the target each servo holds; NaN while it gets no pulses and is limp.
+    """
+
+    def __init__(self, dead_bands: Array) -> None:
+        self.held = np.full(dead_bands.shape, np.nan)
+        self._dead_bands = dead_bands
+        self._pending: list[tuple[int, int, float]] = []  # (step, servo, rad or NaN), by step
+
+    def command(self, servo: int, target: float, step: int) -> None:
+        """Hands `target` (rad; NaN: pulses end) to a servo at step `step`, where the last word counts."""
+        self._pending = [p for p in self._pending if p[:2] != (step, servo)]
+        self._pending.append((step, servo, target))
+        self._pending.sort(key=lambda p: p[0])
+
+    def next_step(self) -> int | None:
+        """The step at which the next pulse arrives."""
+        return self._pending[0][0] if self._pending else None
+
+    def latch(self, step: int) -> bool:
+        """Takes what has arrived by `step`; True if a servo's target changed."""
+        changed = False
+        while self._pending and self._pending[0][0] <= step:
+            _, servo, target = self._pending.pop(0)
+            if abs(target - self.held[servo]) < self._dead_bands[servo]:  # False while either is NaN
+                continue
+            self.held[servo] = target
+            changed = True
+        return changed
+
+    def save(self) -> Array:
+        """(n + 3 k,) with k pulses on their way."""
+        return np.concatenate([self.held, np.array(self._pending, dtype=float).ravel()])
+
+    def restore(self, state: Array) -> None:
+        """Goes back to what `save` gave."""
+        n = self.held.size
+        self.held[:] = state[:n]
+        self._pending = [(int(step), int(servo), float(rad)) for step, servo, rad in state[n:].reshape(-1, 3)]

@@ -1,0 +1,36 @@
+"""The simulated person: where the joints of the hand want to be, as a function of time."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from sim.wearer.motion import Wearer
+from sim.wearer.recording import load_wearer
+from sim.wearer.scripted import ScriptedWearer
+
+__all__ = ["ScriptedWearer", "Wearer", "WearerConfig", "load_wearer", "make_wearer"]
+
+
+class WearerConfig(BaseModel):
+    """Who wears the hand: a recording, or a script that closes and opens it."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    recording: str | None = Field(
+        default=None, description="file or folder (docs/simulation.md); null: the script"
+    )
+    episode: int | None = Field(default=None, ge=0, description="one episode of a recording that has several")
+    speed: float = Field(default=1.0, gt=0, le=10, description="1 is the person's own pace")
+    loop: bool = Field(default=False, description="start again at the end instead of standing still")
+    period: float = Field(default=4.0, ge=1.0, description="s, the script's time from one grasp to the next")
+
+
+def make_wearer(config: WearerConfig, seed: int) -> Wearer:
+    """The wearer a profile asks for.
+
+    Raises:
+        RecordingError: the recording can't be read.
+    """
+    if config.recording is None:
+        return ScriptedWearer(seed, period=config.period, speed=config.speed)
+    return load_wearer(config.recording, episode=config.episode, speed=config.speed, loop=config.loop)

@@ -1,0 +1,48 @@
+"""What every reader asks of a recording's numbers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from runtime.errors import RecordingError
+from runtime.signals import Array
+
+MAX_RATE = 10_000.0  # Hz; a "time" that runs faster is no time in seconds
+
+
+def check_samples(path: Path, time: Array, values: Array, names: list[str], first_line: int) -> None:
+    """Refuses what can't be played.
+
+    Args:
+        path: for the error.
+        time: (n,), s.
+        values: (n, m).
+        names: of the m columns.
+        first_line: line (or sample) number of the first sample, for the error.
+    Raises:
+        RecordingError: fewer than two samples, a value that isn't finite, a time that doesn't increase.
+    """
+    if len(time) < 2:
+        raise RecordingError(str(path), f"it has {len(time)} sample(s)", "A motion needs two at least")
+    columns = np.column_stack([time, values])
+    bad = np.argwhere(~np.isfinite(columns))
+    if bad.size:
+        row, column = bad[0]
+        name = (["time", *names])[column]
+        raise RecordingError(
+            f"{path}, line {first_line + row}, column '{name}'",
+            "the value is missing or not a finite number",
+            "Cut the line out or fill the gap; gaps are not guessed",
+        )
+    steps = np.diff(time)
+    if (steps <= 0).any():
+        row = int(np.argmax(steps <= 0)) + 1
+        raise RecordingError(
+            f"{path}, line {first_line + row}, column 'time'",
+            f"the time {time[row]:g} doesn't come after {time[row - 1]:g}",
+            "Sort the samples by time and drop repeated ones",
+        )
+    if np.median(steps) < 1.0 / MAX_RATE:
+        raise RecordingError(str(path), "samples come faster than 10 kHz", "Give the time in seconds")

@@ -1,0 +1,103 @@
+"""What every wearer offers, and motion given by samples."""
+
+from __future__ import annotations
+
+from typing import Final, Protocol
+
+import numpy as np
+
+from runtime.signals import Array
+from sim.hand import RANGES
+
+BLEND: Final = 0.5  # s, from the end of one stretch of a recording to the beginning of the next
+_RATE: Final = 100.0  # Hz of blends
+
+
+class Wearer(Protocol):
+    """A person's will for the 20 joints of the hand.
+
+    Attributes:
+        duration: s, when the motion ends; inf if it never does.
+    """
+
+    duration: float
+
+    def target(self, t: float) -> Array:
+        """Joint angles (20,), rad, within the model's ranges, at t seconds since the world's start.
+
+        The same time gives the same bits, in whatever order times are asked for.
+        """
+        ...
+
+
+class Curve:
+    """A smooth curve through samples: piecewise cubic, and monotone wherever the samples are.
+
+    So it never overshoots what was recorded. Slopes are the weighted harmonic means of Fritsch and Butland
+    (SIAM J. Sci. Stat. Comput. 5(2), 1984), zero at an extremum and at both ends.
+    """
+
+    def __init__(self, time: Array, values: Array) -> None:
+        """Args: time (n,), s, strictly increasing, n >= 2; values (n, m)."""
+        h = np.diff(time)[:, None]
+        slope = np.diff(values, axis=0) / h
+        left, right = slope[:-1], slope[1:]
+        w1, w2 = 2.0 * h[1:] + h[:-1], h[1:] + 2.0 * h[:-1]
+        same = left * right > 0.0
+        with np.errstate(divide="ignore", invalid="ignore"):
+            mean = (w1 + w2) / (w1 / left + w2 / right)
+        d = np.zeros_like(values)
+        d[1:-1] = np.where(same, mean, 0.0)
+        d0, d1, rise = h * d[:-1], h * d[1:], np.diff(values, axis=0)
+        self._time, self._length = time, h[:, 0]
+        # Coefficients of the cubic in s = (t - t_i) / h_i, highest power first.
+        self._cubic = np.stack([d0 + d1 - 2 * rise, 3 * rise - 2 * d0 - d1, d0, values[:-1]], axis=1)
+
+    def at(self, t: Array) -> Array:
+        """(k, m) at the times (k,); outside the samples the nearest one."""
+        return np.array([self.at_one(float(moment)) for moment in t])
+
+    def at_one(self, t: float) -> Array:
+        """(m,) at one time."""
+        time = self._time
+        i = min(max(int(time.searchsorted(t, side="right")) - 1, 0), time.size - 2)
+        s = min(max((t - time[i]) / self._length[i], 0.0), 1.0)
+        a, b, c, d = self._cubic[i]
+        return d + s * (c + s * (b + s * a))
+
+
+class SampledWearer:
+    """A recorded motion."""
+
+    def __init__(self, time: Array, position: Array, *, speed: float = 1.0, loop: bool = False) -> None:
+        """Args: time (n,), s, strictly increasing; position (n, 20), rad, which the model's ranges clamp."""
+        position = np.clip(position, RANGES[:, 0], RANGES[:, 1])
+        if loop:
+            time, position = join([(time, position), (time[:1], position[:1])])
+        self._curve = Curve(time, position)
+        self._start, self._span = time[0], time[-1] - time[0]
+        self._speed, self._loop = speed, loop
+        self.duration = np.inf if loop else float(self._span / speed)
+
+    def target(self, t: float) -> Array:
+        t *= self._speed
+        if self._loop:
+            t %= self._span
+        return self._curve.at_one(self._start + t)
+
+
+def join(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
+    """Stretches of motion, (time (n,), position (n, m)), one after another with a blend of 0.5 s between."""
+    times, positions = [parts[0][0]], [parts[0][1]]
+    s = np.arange(1, round(BLEND * _RATE)) / (BLEND * _RATE)
+    for time, position in parts[1:]:
+        start, end = positions[-1][-1], times[-1][-1]
+        times += [end + BLEND * s, end + BLEND + (time - time[0])]
+        positions += [start + minimum_jerk(s)[:, None] * (position[0] - start), position]
+    return np.concatenate(times), np.concatenate(positions)
+
+
+def minimum_jerk(s: Array) -> Array:
+    """How far a reaching movement has come at the fraction s of its time (Flash and Hogan 1985)."""
+    s = np.minimum(np.maximum(s, 0.0), 1.0)
+    return s * s * s * (10.0 + s * (6.0 * s - 15.0))

@@ -1,0 +1,141 @@
+"""Torque commands on a simulated inertia."""
+
+from math import inf, nan
+
+import numpy as np
+import pytest
+from helpers_guard import guard_of
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from runtime.signals import Kind, Stop
+
+DT, E, RATE, V, LOW, HIGH = 0.001, 10.0, 2000.0, 2.0, -1.0, 1.0
+SOFT = 0.01  # rad: the barrier is a spring
+
+
+class Joint:
+    """An inertia, kg m^2, under the applied torque less a constant load that gravity compensation carries."""
+
+    def __init__(self, inertia=0.5, load=0.0):
+        limits = {"lower": LOW, "upper": HIGH, "velocity": V, "effort": E, "effort_rate": RATE}
+        self.guard = guard_of(Kind.TORQUE, dt=DT, **limits)
+        self.inertia, self.load = inertia, load
+        self.q, self.qd, self.tau, self.g = np.zeros(1), np.zeros(1), np.zeros(1), np.array([load])
+        self.guard.bind(self.tau, self.q, self.qd, self.g)
+        self.guard.reset(self.q)
+
+    def after(self, action):
+        before = self.tau[0]
+        action()
+        assert abs(self.tau[0]) <= E
+        assert abs(self.tau[0] - before) <= RATE * DT * (1 + 1e-9)
+        self.qd += (self.tau - self.load) / self.inertia * DT
+        self.q += self.qd * DT
+
+    def step(self, wanted):
+        self.after(lambda: self.guard.step(np.array([wanted]), None, DT))
+
+    def stop(self, category):
+        self.after(lambda: self.guard.stop(category, DT))
+
+
+wanted = st.one_of(st.floats(-30, 30), st.sampled_from([nan, inf, E, -E, 1e300]))
+
+
+@given(
+    st.lists(st.tuples(wanted, st.integers(1, 300)), min_size=1, max_size=8), st.sampled_from([0.1, 0.5, 1.0])
+)
+@settings(max_examples=40)
+def test_effort_and_rate_hold_and_a_light_joint_stays_within_its_limits(pieces, inertia):
+    joint = Joint(inertia)
+    for what, cycles in pieces:
+        for _ in range(cycles):
+            joint.step(what)
+            assert joint.guard.rejected == (not np.isfinite(what))
+            assert LOW - SOFT <= joint.q[0] <= HIGH + SOFT
+            assert abs(joint.qd[0]) <= 1.2 * V
+
+
+@given(st.floats(1e-3, 1.0), st.floats(-0.9 * V, 3), st.floats(-50, 50), st.booleans())
+def test_beyond_a_limit_the_torque_points_inwards(beyond, outwards, asked, high):
+    joint = Joint()
+    joint.q[0] = HIGH + beyond if high else LOW - beyond
+    joint.qd[0] = outwards if high else -outwards
+    for _ in range(20):
+        joint.guard.step(np.array([asked]), None, DT)
+    assert joint.tau[0] < 0 if high else joint.tau[0] > 0
+
+
+def test_within_limits_a_torque_passes_unchanged():
+    joint = Joint(load=4.0)
+    assert joint.tau[0] == 4.0
+    for _ in range(20):
+        joint.step(4.5)
+    assert joint.tau[0] == 4.5
+    assert not joint.guard.limited
+
+
+def test_gravity_compensation_passes_at_a_limit():
+    joint = Joint(load=4.0)
+    joint.q[0] = HIGH
+    joint.guard.step(np.array([4.0]), None, DT)
+    assert joint.tau[0] == 4.0
+
+
+@pytest.mark.parametrize("category", [Stop.DAMP, Stop.HOLD])
+def test_a_moving_joint_is_brought_to_rest_and_carries_its_load(category):
+    joint = Joint(load=3.0)
+    joint.qd[0] = 1.0
+    for _ in range(3000):
+        joint.stop(category)
+    assert joint.guard.at_rest
+    assert joint.qd[0] == pytest.approx(0, abs=0.04)
+    assert joint.tau[0] == pytest.approx(3.0, abs=0.3)
+
+
+def test_hold_springs_back_to_where_it_came_to_rest():
+    joint = Joint()
+    for _ in range(200):
+        joint.stop(Stop.HOLD)
+    for _ in range(100):  # a push of 3 N m
+        joint.stop(Stop.HOLD)
+        joint.qd += 3.0 / joint.inertia * DT
+    pushed = joint.q[0]
+    for _ in range(3000):
+        joint.stop(Stop.HOLD)
+    assert pushed > 0.01
+    assert joint.q[0] == pytest.approx(0, abs=1e-3)
+
+
+def test_limp_ramps_to_gravity_compensation_only():
+    joint = Joint(load=3.0)
+    for _ in range(10):
+        joint.step(8.0)
+    joint.stop(Stop.LIMP)
+    assert joint.tau[0] == pytest.approx(8.0 - RATE * DT)
+    for _ in range(10):
+        joint.stop(Stop.LIMP)
+    assert joint.guard.at_rest
+    assert joint.tau[0] == 3.0
+
+
+def test_blind_it_ramps_to_gravity_compensation():
+    joint = Joint(load=3.0)
+    for _ in range(10):
+        joint.step(8.0)
+    joint.qd[0] = nan
+    for _ in range(10):
+        joint.guard.step(np.array([8.0]), None, DT)
+    assert joint.guard.rejected
+    assert joint.tau[0] == 3.0
+
+
+@pytest.mark.parametrize("inertia", [0.05, 0.5])
+def test_full_effort_settles_at_the_velocity_limit(inertia):
+    joint = Joint(inertia)
+    fastest = 0.0
+    while joint.q[0] < 0.7:
+        joint.step(E)
+        fastest = max(fastest, joint.qd[0])
+    assert 0.6 * V < fastest <= V * (1 + 1e-3)

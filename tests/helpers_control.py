@@ -1,0 +1,64 @@
+"""Runs controllers without the loop: binds arrays, and hands the command back as applied."""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+import numpy as np
+
+from runtime.control.hand_kinematics import HandKinematics, HandKinematicsConfig
+from runtime.control.human_hand import JOINTS, hand_chains
+from runtime.control.object_mapping import ObjectMapping, ObjectMappingConfig
+from runtime.controller import Controller
+from runtime.signals import Array
+
+C = TypeVar("C", bound=Controller)
+
+HOME = np.deg2rad([0.0, 40.0, 30.0, 30.0])
+RELAXED = np.deg2rad([-20.0, 20, 10, 10] + [0.0, 15, 15, 10] * 4)
+FIST = np.deg2rad([-40.0, 60, 30, 40] + [0.0, 70, 80, 50] * 4)
+
+
+def bound(controller: C) -> C:
+    """The controller with arrays of its own; outputs named "q" count as wired to a device."""
+    arrays = [{s.name: np.zeros(s.shape) for s in group} for group in (controller.inputs, controller.outputs)]
+    applied = {"q": arrays[1]["q"].copy()} if "q" in arrays[1] else {}
+    controller.bind(*arrays, applied, {p.name: np.array(p.default) for p in controller.parameters})
+    return controller
+
+
+def mapping(tips: Array, home: Array = HOME, **options: object) -> ObjectMapping:
+    """A bound and reset object mapping whose fingers stand at `home`."""
+    controller = bound(ObjectMapping("mapping", ObjectMappingConfig(**options)))
+    controller.input["tips"][:] = tips
+    controller.applied["q"][:] = home
+    controller.reset()
+    return controller
+
+
+def step(controller: ObjectMapping, tips: Array, dt: float = 0.01) -> Array:
+    """One cycle in which the guard lets everything through; the command."""
+    controller.input["tips"][:] = tips
+    controller.update(dt)
+    controller.applied["q"][:] = controller.output["q"]
+    return controller.output["q"].copy()
+
+
+def hand_tips(q: Array) -> Array:
+    """(5, 3) m, fingertips of the model hand at joint angles q (20,) rad."""
+    return hand_chains().forward(q.reshape(5, 4)).copy()
+
+
+def glove(sensors: int = 22, **options: object) -> HandKinematics:
+    return bound(HandKinematics("hand", HandKinematicsConfig(sensors=sensors, **options)))
+
+
+def adroit_hand(position: Array) -> Array:
+    """(20,) rad of the model from the 24 Adroit hand angles of the door recordings, joint by joint.
+
+    The two thumbs are built differently: its opposition becomes abduction, the flexions follow in turn.
+    """
+    q = np.zeros(len(JOINTS))
+    q[0:4] = -position[19], position[20], -position[22], -position[23]
+    q[4:8], q[8:12], q[12:16], q[16:20] = position[2:6], position[6:10], position[10:14], position[15:19]
+    return q

@@ -1,0 +1,61 @@
+"""The model against the fact sheet's fingertips, which other code computed."""
+
+import mujoco
+import numpy as np
+import pytest
+from helpers_shared import shared
+from ruamel.yaml import YAML
+
+from sim.augmented_hand import AugmentedHandConfig, mjcf
+from sim.hand import FINGERS, JOINTS, RANGES
+
+
+@pytest.fixture(scope="module")
+def facts():
+    return YAML(typ="safe").load(shared("facts/human_hand.yaml"))
+
+
+@pytest.fixture(scope="module")
+def model():
+    return mujoco.MjModel.from_xml_string(mjcf(AugmentedHandConfig()))
+
+
+def sites(model, hand=np.zeros(20), finger=np.zeros(4)):
+    data = mujoco.MjData(model)
+    for names, values in ((JOINTS, hand), (("abduction", "flexion_1", "flexion_2", "flexion_3"), finger)):
+        prefix = "hand" if names is JOINTS else "finger"
+        for name, value in zip(names, values, strict=True):
+            data.joint(f"{prefix}/{name}").qpos[0] = value
+    mujoco.mj_kinematics(model, data)
+    return data
+
+
+@pytest.mark.parametrize("pose", ["zero", "flex30", "santello_mean", "abd10", "fist"])
+def test_fingertips_are_where_the_sheet_has_them(facts, model, pose):
+    reference = facts["reference"][pose]
+    data = sites(model, hand=np.deg2rad(reference["q_deg"]))
+    for finger in FINGERS:
+        expected = np.array(reference["tips_mm"][finger]) / 1000
+        np.testing.assert_allclose(data.site(f"hand/{finger}").xpos, expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("pose", ["zero", "flex30", "flex60", "abd20", "mix"])
+def test_the_sixth_fingers_tip_is_where_the_sheet_has_it(facts, model, pose):
+    reference = facts["sixth_finger"]["reference"][pose]
+    data = sites(model, finger=np.deg2rad(reference["q_deg"]))
+    np.testing.assert_allclose(data.site("finger").xpos, np.array(reference["tip_mm"]) / 1000, atol=1e-6)
+
+
+def test_ranges_and_masses_are_the_sheets(facts, model):
+    ranges = np.deg2rad([row for finger in FINGERS for row in facts["joint_ranges_deg"]["recommended_20dof"][finger]])
+    np.testing.assert_allclose(RANGES, ranges)
+    np.testing.assert_allclose([model.joint(f"hand/{joint}").range for joint in JOINTS], ranges)
+    finger = [model.body(i) for i in range(model.nbody) if model.body(i).name.startswith("finger/")]
+    assert sum(body.mass[0] for body in finger) == pytest.approx(facts["sixth_finger"]["mass_g_estimate"]["total"] / 1e3)
+
+
+def test_actuators_and_joints_are_in_the_documented_order(model):
+    joints = [model.joint(i).name for i in range(model.njnt)]
+    assert joints == [model.actuator(i).name for i in range(model.nu)]
+    assert joints[:20] == [f"hand/{joint}" for joint in JOINTS]
+    assert [model.site(i).name for i in range(model.nsite)] == [*(f"hand/{finger}" for finger in FINGERS), "finger"]
