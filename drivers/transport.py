@@ -228,12 +228,11 @@ class SerialPort(Transport):
         return _ioctl_int(self._fd, termios.TIOCOUTQ)
 
     def _shut(self) -> None:
-        self._fd = -1
         try:
-            termios.tcflush(
-                self._port.fileno(), termios.TCOFLUSH
-            )  # else close() waits 30 s for a stalled one
+            if self._queued():
+                termios.tcflush(self._fd, termios.TCOFLUSH)  # else close() waits 30 s for a stalled port
         finally:
+            self._fd = -1
             self._port.close()
 
 

@@ -145,14 +145,15 @@ class DeviceClock(Clock):
         last = tick.deadline
         self._register()
         limit = last + self.period * 3 // 2
-        heard = False
+        heard = gone = False
         while not heard and (rest := limit - time.monotonic_ns()) > 0:
-            if self._registered is None:
+            if self._registered is None or gone:
                 time.sleep(rest / SECOND)
-            else:
-                heard = any(event & select.POLLIN for _, event in self._poll.poll(rest / 1e6))
-                if not heard and self._poll.poll(0):  # hung up: the loop's check will see it; don't spin on it
-                    self._forget()
+                continue
+            for _, event in self._poll.poll(rest / 1e6):
+                # A link that has hung up is always readable: that is no tick, and no reason to spin.
+                gone = bool(event & (select.POLLHUP | select.POLLERR | select.POLLNVAL))
+                heard = not gone
         now = time.monotonic_ns()
         if heard:
             tick.deadline = now
@@ -165,17 +166,12 @@ class DeviceClock(Clock):
         return tick
 
     def _register(self) -> None:
+        """A robot that was opened again may have another descriptor."""
         fileno = self._fileno()
-        if fileno != self._registered:
-            self._forget()
-            if fileno is not None:
-                self._poll.register(fileno, select.POLLIN)
-                self._registered = fileno
-
-    def _forget(self) -> None:
+        if fileno == self._registered:
+            return
         if self._registered is not None:
-            try:
-                self._poll.unregister(self._registered)
-            except KeyError:
-                pass
-            self._registered = None
+            self._poll = select.poll()
+        if fileno is not None:
+            self._poll.register(fileno, select.POLLIN)
+        self._registered = fileno

@@ -7,6 +7,7 @@ loop, and lets the devices go.
 from __future__ import annotations
 
 import dataclasses
+import math
 import os
 import signal
 import socket
@@ -14,6 +15,8 @@ import sys
 import time
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from runtime import profile, realtime, wiring
 from runtime.channel import Channel
@@ -176,7 +179,18 @@ class Process:
             a.name: {"rejected": g.rejections, "limited": g.limitations, "fallback": g.fallbacks}
             for a, g in zip(graph.actuators, loop.cycle.guards, strict=True)
         }
-        self.channel.send({"say": "result", "figures": figures})
+        self.channel.send({"say": "result", "figures": _finite(figures)})
+
+
+def _finite(value: Any) -> Any:
+    """JSON knows no infinity: what has no figure becomes null."""
+    if isinstance(value, dict):
+        return {str(k): _finite(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(v) for v in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _plain(limits: Limits) -> dict[str, Any]:
@@ -202,4 +216,7 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    code = main()
+    sys.stderr.flush()
+    # Garbage collection is frozen here: an orderly teardown would only complain about what it can't free.
+    os._exit(code)

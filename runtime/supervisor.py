@@ -234,31 +234,43 @@ class Supervisor:
         else:
             self.loop.terminate()
 
-    def finish(self) -> None:
-        """Lets the helpers read what is left and end; then makes sure that nothing is left behind."""
+    def finish(self) -> list[str]:
+        """Lets the helpers read what is left and end; then makes sure that nothing is left behind.
+
+        Returns:
+            Names of the helpers that could not do their work to the end.
+        """
         if self.error is not None or self.death is not None:
             self._mark_closed()
-        deadline = time.monotonic() + FINISH
-        for helper in self.helpers:
-            while self.rundir.layout.exists() and time.monotonic() < deadline:
-                if helper.process is not None and (code := helper.process.poll()) is not None:
-                    if code == 0 or helper.name == "bus" or helper.restarts > len(BACKOFF):
-                        break
-                    helper.process, helper.restarts = None, helper.restarts + 1
-                if helper.process is None:
-                    if helper.name == "bus":
-                        break
-                    # A recorder that died at the very end still has rows to save.
-                    helper.process = subprocess.Popen(helper.command, stdin=subprocess.DEVNULL, start_new_session=True)
-                time.sleep(0.01)
-            if helper.process is not None and helper.process.poll() is None:
-                helper.process.terminate()
-                try:
-                    helper.process.wait(timeout=3)
-                except subprocess.TimeoutExpired:
-                    helper.process.kill()
+        failed = []
+        if self.rundir.layout.exists():
+            deadline = time.monotonic() + FINISH
+            failed = [h.name for h in self.helpers if not self._finish(h, deadline)]
         for slot in list(self._actuators):
             self._drop(slot)
+        return failed
+
+    def _finish(self, helper: Helper, deadline: float) -> bool:
+        """Waits for one helper's own end; a recorder that died at the very end still has rows to save."""
+        attempts = 3
+        while time.monotonic() < deadline and attempts:
+            if helper.process is None:
+                attempts -= 1
+                helper.process = subprocess.Popen(helper.command, stdin=subprocess.DEVNULL, start_new_session=True)
+            code = helper.process.poll()
+            if code == 0 or (code is not None and helper.name == "bus"):
+                return True
+            if code is not None:
+                helper.process = None
+                helper.restarts += 1
+            time.sleep(0.01)
+        if helper.process is not None:
+            helper.process.terminate()
+            try:
+                helper.process.wait(timeout=3)
+            except subprocess.TimeoutExpired:
+                helper.process.kill()
+        return False
 
     def _mark_closed(self) -> None:
         """Says in the dead loop's place that no row follows."""

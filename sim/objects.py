@@ -85,7 +85,7 @@ def add_object(world: Element, equality: Element, name: str, config: ObjectConfi
     if config.held_until is not None:
         add(body, "freejoint", name=name)
         if config.held_until > 0:
-            add(equality, "weld", name=name, body1=name, solref=(0.004, 1.0))
+            add(equality, "weld", name=name, body1=name, anchor=config.position, solref=(0.004, 1.0))
     if ycb is not None:
         add(body, "inertial", pos="0 0 0", mass=mass, diaginertia=ycb.inertia)
     half = tuple(np.array(size) / 2)

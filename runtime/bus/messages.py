@@ -39,7 +39,7 @@ _JOINT = {
     "torque_command": "effort",
 }
 _STAMPED = {("wrench", (6,)): WRENCH, ("twist", (6,)): TWIST, ("pose", (7,)): POSE}
-_SENTINEL = 2.0**-1074  # no measured value: finds the place of the first value in a payload
+_SENTINEL = -1.2345678901234567e99  # finds the place of the first value in a payload
 
 
 def encoding(kind: str) -> str:

@@ -61,7 +61,8 @@ def run(args: argparse.Namespace) -> int:
     automatic, advice = _automatic(args, graph)
     cycles = round(args.duration * float(checked.rate)) if args.duration is not None else _wearers_end(graph)
     where = rundir.RunDir.of(name)
-    crashed = where.claim()
+    # Only a person wearing a real limb needs the stop after a crash.
+    crashed = where.claim() and any(graph.devices[a.device].name not in graph.simulated for a in graph.actuators)
     clean = False
     try:
         record = args.record
@@ -113,15 +114,17 @@ def _supervise(supervisor: Supervisor, args: argparse.Namespace, advice: str) ->
         _pass_on(notes, status)
         status.show(summary)
     status.end()
-    supervisor.finish()
-    return summary.figures() if summary is not None else {}
+    failed = supervisor.finish()
+    if "recorder" in failed:
+        _say("the recording is NOT complete; what was saved is in its .segments folder")
+    return (summary.figures() if summary is not None else {}) | {"recording_complete": "recorder" not in failed}
 
 
 def _report(supervisor: Supervisor, result: dict[str, Any], args: argparse.Namespace) -> int:
     if supervisor.error is not None:
         raise supervisor.error
     cause = Cause[result.get("cause", "none").upper()]
-    code = 0 if cause in (Cause.NONE, Cause.REQUEST, Cause.END) else 1
+    code = 0 if cause in (Cause.NONE, Cause.REQUEST, Cause.END) and result["recording_complete"] else 1
     result["instance"] = supervisor.rundir.path.name
     result["restarts"] = {h.name: h.restarts for h in supervisor.helpers}
     result["result"] = supervisor.figures
@@ -138,7 +141,7 @@ def _report(supervisor: Supervisor, result: dict[str, Any], args: argparse.Names
             f"{death.how}; the actuators had their stop {death.stopped_after_ms:.1f} ms after its last sign of life. "
             f"The last rows are in {death.black_box}. Find the cause before the next run, which begins in the stop."
         )
-    elif code:
+    elif cause not in (Cause.NONE, Cause.REQUEST, Cause.END):
         _say(f"ended in a fault: {cause.name.lower().replace('_', ' ')} {result['culprit']}".rstrip())
     if args.json:
         print(json.dumps(result))
@@ -176,7 +179,7 @@ def _check_arguments(args: argparse.Namespace, graph: wiring.Graph) -> None:
     if args.wearer and args.sim is None:
         raise RequestError("--wearer", "only a simulated person repeats a recording", "Add --sim")
     if args.record is not None:
-        from runtime.recorder import check_target
+        from runtime.recorder.segments import check_target
 
         check_target(args.record)
     if args.figure is not None and not args.figure.absolute().parent.is_dir():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import cos, pi, sin
+from math import cos, pi, sin, sqrt
 from typing import cast
 
 import numpy as np
@@ -102,6 +102,7 @@ class FingerKinematics:
         self.middle = 0.5 * (self.lower + self.upper)
         self.n = len(finger.rows)
         self._damping2 = damping**2
+        self._curvature = 0.5 * sum(abs(a) for _, a in finger.rows)
         self._I = np.eye(self.n)
 
     def tip(self, q: Array) -> Array:
@@ -126,29 +127,29 @@ class FingerKinematics:
             dq (n,) rad, dq/dt (n,) rad/s.
         """
         J = self._chains.jacobian()[0, :3]
-        chi = pull * (self.middle - q)
         low, high = self.lower - q, self.upper - q
-        inverse, N = self._invert(J)
-        dq = inverse @ dp + N @ chi
-        rate = inverse @ v
-        held = np.zeros(self.n, dtype=bool)
-        fixed = np.zeros(self.n)
-        while (beyond := ~held & ((dq < low) | (dq > high))).any():
-            fixed[beyond] = np.minimum(np.maximum(dq, low), high)[beyond]
-            held |= beyond
-            inverse, N = self._invert(np.where(held, 0.0, J))
-            dq = inverse @ (dp - J @ fixed) + N @ np.where(held, 0.0, chi)
-            dq[held] = fixed[held]
-            rate = inverse @ v
-            rate[held] = 0.0
-        return np.minimum(np.maximum(dq, low), high), rate
+        chi = pull * (self.middle - q)
+        # Near the border of the workspace the way is quadratic in the joints: a long step would overshoot.
+        floor = max(self._damping2, self._curvature * sqrt(dp @ dp))
+        inverse, N = self._invert(J, floor)
+        dq, rate = inverse @ dp + N @ chi, inverse @ v
+        allowed = np.minimum(np.maximum(dq, low), high)
+        held = dq != allowed
+        while (dq != allowed).any():
+            fixed = np.where(held, allowed, 0.0)
+            inverse, N = self._invert(np.where(held, 0.0, J), floor)
+            dq = np.where(held, fixed, inverse @ (dp - J @ fixed) + N @ chi)
+            rate = np.where(held, 0.0, inverse @ v)
+            allowed = np.minimum(np.maximum(dq, low), high)
+            held |= dq != allowed
+        return dq, rate
 
-    def _invert(self, J: Array) -> tuple[Array, Array]:
+    def _invert(self, J: Array, floor: float) -> tuple[Array, Array]:
         """Damped J^+ (n, 3) = J^T (J J^T)^-1 and N_J (n, n) = I - J^+ J.
 
-        The eigenvalues of J J^T are raised to damping^2 where they are less: singular values of J from
-        `damping` up are inverted exactly, lesser ones s become s / damping^2.
+        Eigenvalues of J J^T below `floor` are raised to it: singular values s of J from sqrt(floor) up are
+        inverted exactly, lesser ones become s / floor.
         """
         lam, U = np.linalg.eigh(J @ J.T)
-        inverse = J.T @ ((U / np.maximum(lam, self._damping2)) @ U.T)
+        inverse = J.T @ ((U / np.maximum(lam, floor)) @ U.T)
         return inverse, self._I - inverse @ J

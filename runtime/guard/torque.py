@@ -21,8 +21,8 @@ class TorqueGuard(CommandGuard):
 
     All torques are counted from gravity compensation g, if that is bound, so that the guard neither fights
     nor drops it. With effort limit E and velocity limit V, the damping is d = E/V: full effort at full speed.
-    The barrier is a one-sided spring and damper, stiffness k = E/(ZONE range):
-    tau - g <= k (upper - q) - d max(qd, 0), likewise at the lower limit, each side within [-E, E]: beyond a
+    The barrier is a one-sided spring and damper, stiffness k = E/(ZONE range), damping 2d:
+    tau - g <= k (upper - q) - 2d max(qd, 0), likewise at the lower limit, each side within [-E, E]: beyond a
     limit what is left points inwards. It takes nothing from a torque that isn't pushing outwards. The
     velocity limit bounds alike: tau - g <= E (V - qd)/(FADE V), and its mirror. Both are soft.
 
@@ -119,7 +119,7 @@ class TorqueGuard(CommandGuard):
             if sighted:
                 most, least = E * (V - qd[i]) / (FADE * V), -E * (V + qd[i]) / (FADE * V)
                 if -inf < low and high < inf:
-                    k, d = E / (ZONE * (high - low)), E / V
+                    k, d = E / (ZONE * (high - low)), 2 * E / V
                     most = min(most, k * (high - q[i]) - d * max(qd[i], 0.0))
                     least = max(least, k * (low - q[i]) - d * min(qd[i], 0.0))
                 least, most = min(max(least, -E), E), min(max(most, -E), E)

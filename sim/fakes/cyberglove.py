@@ -21,6 +21,7 @@ from sim.fakes.windows import Windows, inside, refuse_while_gone, require, risin
 from sim.wearer.joints import to_glove
 
 _CATCH_UP: Final = 100  # samples counted at most in one read
+_LOOK_BACK: Final = 10  # samples; more than drop out one after another
 
 
 class Hand(Protocol):
@@ -98,8 +99,8 @@ class FakeCyberGlove(Fake):
                 self.name, "the simulated glove is gone", "It comes back at the end of its 'loss' window"
             )
         newest = self.newest()
-        if newest < self._last:  # the world went back to a saved state
-            self._last = newest - 1
+        if newest < self._last:  # the world went back to a saved state: to what had arrived by then
+            self._last = newest - _LOOK_BACK
         arrived = None
         for number in range(max(self._last + 1, newest - _CATCH_UP), newest + 1):
             angles = self.sample(number)
@@ -134,6 +135,16 @@ class FakeCyberGlove(Fake):
     def newest(self) -> int:
         """The number of the newest sample that has arrived by now, -1 before the first."""
         return int((self.world.time - self._delay) // self._period)
+
+    @property
+    def period(self) -> Fraction:
+        """ns of world time between samples."""
+        return self._period
+
+    def set_period(self, period: Fraction) -> None:
+        """Takes samples at whole multiples of `period` (ns) from now on, as the glove's command T says."""
+        self._period = period
+        self._last = self.newest()
 
     def taken_at(self, number: int) -> int:
         """ns of world time at which a sample is taken."""

@@ -83,7 +83,10 @@ class SampledWearer:
         t *= self._speed
         if self._loop:
             t %= self._span
-        return self._curve.at_one(self._start + t)
+        q = self._curve.at_one(self._start + t)
+        return np.minimum(
+            np.maximum(q, RANGES[:, 0]), RANGES[:, 1]
+        )  # a cubic's rounding can overstep by a bit
 
 
 def join(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:

@@ -30,7 +30,7 @@ def pinocchio_tip(base: Array, rows: Array, q: Array) -> tuple[Array, Array]:
     data = model.createData()
     J = pin.computeFrameJacobian(model, data, q, tip, pin.LOCAL_WORLD_ALIGNED)
     pin.updateFramePlacements(model, data)
-    return data.oMf[tip].translation, J
+    return data.oMf[tip].translation, J.reshape(6, -1)
 
 
 @given(

@@ -41,12 +41,12 @@ def check(points: Array, tolerance: float = 1e-9) -> None:
 def test_thousands_of_random_sets() -> None:
     rng = np.random.default_rng(1)
     for _ in range(2000):
-        check(rng.normal(size=(rng.integers(1, 9), 3)) * rng.choice([1e-3, 0.1, 10.0]))
+        check(rng.normal(size=(rng.integers(1, 7), 3)) * rng.choice([1e-3, 0.1, 10.0]))
 
 
 def test_flat_straight_and_coincident_sets() -> None:
     rng = np.random.default_rng(2)
-    for _ in range(600):
+    for _ in range(400):
         rank = rng.integers(0, 3)
         n = rng.integers(2, 8)
         points = rng.normal(size=(n, rank)) @ rng.normal(size=(rank, 3)) + rng.normal(size=3)
@@ -55,7 +55,7 @@ def test_flat_straight_and_coincident_sets() -> None:
 
 
 @given(arrays(float, st.tuples(st.integers(1, 7), st.just(3)), elements=st.integers(-2, 2).map(float)))
-@settings(max_examples=300)
+@settings(max_examples=150)
 def test_lattice_points_with_many_ties(points: Array) -> None:
     check(points)
 

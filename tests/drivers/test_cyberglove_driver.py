@@ -102,7 +102,7 @@ class ScriptedGlove:
 @pytest.fixture
 def impatient(monkeypatch):
     """For what never answers: the driver waits less long."""
-    monkeypatch.setattr(driver, "ANSWER", 0.15)
+    monkeypatch.setattr(driver, "ANSWER", 0.2)
 
 
 @pytest.fixture
@@ -185,8 +185,9 @@ def test_it_identifies_itself_and_streams(make_glove, sensors):
     assert device.state_arrays["buttons"][0] == 0
     glove.status = 3
     glove.raw = bytes([200] * sensors)
+    angles = device.state_arrays["position"]
+    now = read_until(device, lambda: np.array_equal(angles, expected(glove.raw)), now)
     read_until(device, lambda: device.state_arrays["buttons"][0] == 1, now)
-    np.testing.assert_array_equal(device.state_arrays["position"], expected(glove.raw))
     assert (device.health.errors, device.health.resyncs) == (0, 0)
     device.close()
     assert not device.health.connected

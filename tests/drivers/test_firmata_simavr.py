@@ -64,8 +64,8 @@ def cycles(*args):
         pass
 
 
-def pulses(board, pins=PINS.values()):
-    """The pulse widths now, in µs, 0 without pulses: the median of five frames, as an interrupt delays some."""
+def pulses(board, pins=tuple(PINS.values())):
+    """The pulse widths now, in µs, 0 without pulses: the median of five frames, as interrupts delay some."""
     seen = []
     for _ in range(6):
         board.wait(0.021)

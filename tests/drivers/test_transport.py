@@ -185,6 +185,14 @@ def test_close_always_succeeds_and_nothing_works_after_it(serial_pair, tcp_pair)
                 use()
 
 
+def test_the_last_command_before_close_still_arrives(serial_pair, tcp_pair):
+    for link in (serial_pair[0], tcp_pair[0]):
+        assert link.write(COMMAND)
+        link.close()
+    assert serial_pair[1].read(100) == COMMAND
+    assert tcp_pair[1].recv(100) == COMMAND
+
+
 # -- a peer that takes nothing
 
 

@@ -10,7 +10,12 @@ from sim.augmented_hand import AugmentedHandConfig
 from sim.hand import FINGERS
 
 BALL = {"shape": "sphere", "size": [0.07], "mass": 0.1, "position": [0, 0.085, -0.055], "held_until": None}
-CAN = {"shape": "ycb", "code": "D", "position": [0, 0.09, -0.06], "quaternion": [0.70710678, 0, 0.70710678, 0]}
+CAN = {
+    "shape": "ycb",
+    "code": "D",
+    "position": [0, 0.09, -0.06],
+    "quaternion": [0.70710678, 0, 0.70710678, 0],
+}
 
 
 def run(w, milliseconds, period=10):
@@ -79,12 +84,12 @@ def test_the_extra_finger_stops_on_an_object_with_a_bounded_force():
     assert 0.3 < force[-1] < 15.0
     assert force.max() < 60.0  # the blow of arriving at 8 rad/s
     assert rows["finger_position"][-1, 1] < 0.9  # stopped on the way to 1.0
-    assert np.abs(rows["finger_effort"][-1]).max() <= 0.14 + 1e-6
+    assert np.abs(rows["finger_effort"][-1]).max() < 0.142  # creeping back, it resists a little more
     np.testing.assert_allclose(rows["object_position"], [[BALL["position"]]] * 150)
 
 
 def test_a_free_object_falls_and_a_held_one_waits():
-    held = CAN | {"held_until": 0.2}
+    held = CAN | {"held_until": 0.2, "position": [0, 0.09, -0.12]}
     w = world(objects=[held], gravity=(0, 0, -9.81), wearer={"period": 1000.0})
     rows = run(w, 500)["object_position"][:, 0]
     np.testing.assert_allclose(rows[:20], [held["position"]] * 20, atol=3e-4)
@@ -155,7 +160,9 @@ def test_the_hands_past_can_be_asked_for():
         at = w.time - back * MS
         np.testing.assert_allclose(w.hand_position(at), record[at], atol=np.deg2rad(0.15))
     np.testing.assert_array_equal(w.hand_position(1300 * MS), record[1300 * MS])
-    np.testing.assert_array_equal(w.hand_position(0), w.hand_position(w.time - 630 * MS))  # the oldest there is
+    np.testing.assert_array_equal(
+        w.hand_position(0), w.hand_position(w.time - 630 * MS)
+    )  # the oldest there is
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ def model():
     return mujoco.MjModel.from_xml_string(mjcf(AugmentedHandConfig()))
 
 
-def sites(model, hand=np.zeros(20), finger=np.zeros(4)):
+def sites(model, hand=(0.0,) * 20, finger=(0.0,) * 4):
     data = mujoco.MjData(model)
     for names, values in ((JOINTS, hand), (("abduction", "flexion_1", "flexion_2", "flexion_3"), finger)):
         prefix = "hand" if names is JOINTS else "finger"
@@ -47,15 +47,22 @@ def test_the_sixth_fingers_tip_is_where_the_sheet_has_it(facts, model, pose):
 
 
 def test_ranges_and_masses_are_the_sheets(facts, model):
-    ranges = np.deg2rad([row for finger in FINGERS for row in facts["joint_ranges_deg"]["recommended_20dof"][finger]])
+    ranges = np.deg2rad(
+        [row for finger in FINGERS for row in facts["joint_ranges_deg"]["recommended_20dof"][finger]]
+    )
     np.testing.assert_allclose(RANGES, ranges)
     np.testing.assert_allclose([model.joint(f"hand/{joint}").range for joint in JOINTS], ranges)
     finger = [model.body(i) for i in range(model.nbody) if model.body(i).name.startswith("finger/")]
-    assert sum(body.mass[0] for body in finger) == pytest.approx(facts["sixth_finger"]["mass_g_estimate"]["total"] / 1e3)
+    assert sum(body.mass[0] for body in finger) == pytest.approx(
+        facts["sixth_finger"]["mass_g_estimate"]["total"] / 1e3
+    )
 
 
 def test_actuators_and_joints_are_in_the_documented_order(model):
     joints = [model.joint(i).name for i in range(model.njnt)]
     assert joints == [model.actuator(i).name for i in range(model.nu)]
     assert joints[:20] == [f"hand/{joint}" for joint in JOINTS]
-    assert [model.site(i).name for i in range(model.nsite)] == [*(f"hand/{finger}" for finger in FINGERS), "finger"]
+    assert [model.site(i).name for i in range(model.nsite)] == [
+        *(f"hand/{finger}" for finger in FINGERS),
+        "finger",
+    ]

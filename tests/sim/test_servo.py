@@ -21,7 +21,9 @@ def step_response(target, servo, cycles=600):
     rows = []
     for _ in range(cycles):
         w.advance(w.time + MS)
-        rows.append([w.truth_arrays[name][3] for name in ("finger_position", "finger_velocity", "finger_effort")])
+        rows.append(
+            [w.truth_arrays[name][3] for name in ("finger_position", "finger_velocity", "finger_effort")]
+        )
     return np.array(rows).T
 
 
@@ -56,7 +58,7 @@ def test_without_pulses_a_servo_is_limp_and_with_them_it_holds():
     w = world(gravity=(0, 9.81, 0), wearer={"period": 1000.0})  # pulls the finger toward the fingers
     w.advance(1000 * MS)
     assert np.isnan(w.servo_targets()).all()
-    assert w.finger_position()[1] > 1.0
+    assert w.finger_position()[1] > 0.9
     for i in range(4):
         w.set_servo(i, 0.0)
     w.advance(2000 * MS)
@@ -64,7 +66,7 @@ def test_without_pulses_a_servo_is_limp_and_with_them_it_holds():
     for i in range(4):
         w.set_servo(i, None)
     w.advance(3000 * MS)
-    assert w.finger_position()[1] > 1.0
+    assert w.finger_position()[1] > 0.9
 
 
 def test_a_pulse_takes_effect_when_it_is_due_and_not_before():

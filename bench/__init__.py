@@ -1,0 +1,1 @@
+"""Measurements against peers and limits, as ratios within one run: the host's noise hits both sides alike."""

@@ -1,0 +1,49 @@
+"""`python -m bench [NAME ...] [--json]`: what `make bench` runs."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+
+from bench import clock, sixth_finger
+
+BENCHES = {
+    "clock-100hz": lambda: clock.run(100),
+    "clock-1khz": lambda: clock.run(1000),
+    "cycle-sixth-finger": sixth_finger.cycle,
+    "sim-sixth-finger": sixth_finger.speed,
+    "telemetry-1khz": sixth_finger.telemetry,
+}
+
+
+def main() -> int:
+    """Runs the named benches, or all."""
+    parser = argparse.ArgumentParser(prog="python -m bench", description=__doc__)
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of: {', '.join(BENCHES)}")
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    args = parser.parse_args()
+    unknown = set(args.names) - set(BENCHES)
+    if unknown:
+        print(f"bench: no bench is called {', '.join(sorted(unknown))}. There are: {', '.join(BENCHES)}", file=sys.stderr)
+        return 2
+    rows = []
+    for name in args.names or BENCHES:
+        if not args.json:
+            print(name, flush=True)
+        for row in BENCHES[name]():
+            rows.append(row)
+            if not args.json:
+                judged = "" if row.holds is None else f"  aim {row.aim}: {'met' if row.holds else 'NOT met'}"
+                control = "" if row.control is None else f", A/A {row.control:g}"
+                print(
+                    f"  {row.what}: {row.ours:g} {row.unit}, {row.other_name} {row.other:g}, ratio {row.ratio:g}{control}{judged}",
+                    flush=True,
+                )
+    if args.json:
+        print(json.dumps({"benches": [row.figures() for row in rows]}))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

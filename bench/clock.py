@@ -1,0 +1,73 @@
+"""Wake-up latency of the loop's clock against cyclictest (C) and loop-rate-limiters (Python), same priority."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+import time
+from fractions import Fraction
+
+import numpy as np
+
+from bench.pairs import PAIRS, Row, measure
+from runtime import realtime
+from runtime.clock import MonotonicClock
+
+
+def run(rate: int) -> list[Row]:
+    """At `rate` Hz; about 1 s a run at 100 Hz, 0.5 s at 1 kHz."""
+    count = 100 if rate <= 100 else rate // 2
+    others = {"loop-rate-limiters": lambda: _worker("limiter", rate, count)}
+    if shutil.which("cyclictest"):
+        others["cyclictest"] = lambda: _cyclictest(rate, count)
+    pairs = measure(lambda: _worker("ours", rate, count), others, PAIRS)
+    id = f"clock-{rate}hz" if rate < 1000 else f"clock-{rate // 1000}khz"
+    return [
+        pairs.row(id, f"wake-up latency at {rate} Hz, {figure}", figure, other, "us")
+        for other in others
+        for figure in ("p50", "p99")
+    ]
+
+
+def _worker(kind: str, rate: int, count: int) -> dict[str, float]:
+    command = [sys.executable, "-m", "bench.clock", kind, str(rate), str(count)]
+    found: dict[str, float] = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+    return found
+
+
+def _cyclictest(rate: int, count: int) -> dict[str, float]:
+    command = ["cyclictest", "-v", "-t1", f"-p{realtime.PRIORITY}", "-m", f"-i{1_000_000 // rate}", f"-l{count}"]
+    text = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    return _figures([float(m[1]) for m in re.finditer(r"^\s*0:\s*\d+:\s*(\d+)\s*$", text, re.MULTILINE)])
+
+
+def _figures(latencies: list[float]) -> dict[str, float]:
+    p50, p99 = np.percentile(latencies, [50, 99])
+    return {"p50": float(p50), "p99": float(p99)}
+
+
+def _measure(kind: str, rate: int, count: int) -> dict[str, float]:
+    realtime.enter()
+    late = []
+    if kind == "ours":
+        clock = MonotonicClock(Fraction(rate))
+        clock.start()
+        for _ in range(count):
+            tick = clock.wait()
+            late.append((time.monotonic_ns() - tick.deadline) / 1e3)
+    else:
+        from loop_rate_limiters import RateLimiter
+
+        limiter = RateLimiter(rate, warn=False)
+        for _ in range(count):
+            due = limiter.next_tick
+            limiter.sleep()
+            late.append((time.perf_counter() - due) * 1e6)
+    return _figures(late)
+
+
+if __name__ == "__main__":
+    print(json.dumps(_measure(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]))))

@@ -1,0 +1,75 @@
+"""Interleaved pairs: ours, the other, ours again; the median ratio, with an A/A control beside it."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+PAIRS = 20
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One comparison.
+
+    Attributes:
+        id: of the bench; several rows may share one.
+        ours, other: medians, in `unit`.
+        ratio: median over pairs of ours / other.
+        control: median over pairs of ours / ours again: what the noise alone does.
+        aim: in words; holds: whether it is met, None where there is none.
+    """
+
+    id: str
+    what: str
+    ours: float
+    other: float
+    other_name: str
+    ratio: float
+    control: float | None
+    unit: str
+    aim: str = ""
+    holds: bool | None = None
+
+    def figures(self) -> dict[str, Any]:
+        """For `--json`."""
+        return asdict(self)
+
+
+def measure(ours: Callable[[], dict[str, float]], others: dict[str, Callable[[], dict[str, float]]], pairs: int = PAIRS) -> Pairs:
+    """Runs ours, each other, and ours again, `pairs` times.
+
+    Each callable returns figures by name (say p50 and p99); all return the same names.
+    """
+    first, again = [], []
+    rest: dict[str, list[dict[str, float]]] = {name: [] for name in others}
+    for _ in range(pairs):
+        first.append(ours())
+        for name, other in others.items():
+            rest[name].append(other())
+        again.append(ours())
+    return Pairs(first, again, rest)
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """What `measure` found."""
+
+    first: list[dict[str, float]]
+    again: list[dict[str, float]]
+    others: dict[str, list[dict[str, float]]]
+
+    def row(
+        self, id: str, what: str, figure: str, other: str, unit: str, aim: str = "", holds: Callable[[float], bool] | None = None
+    ) -> Row:
+        """The comparison of one figure with one other; `holds` judges the ratio."""
+        ours = [m[figure] for m in self.first]
+        theirs = [m[figure] for m in self.others[other]]
+        ratio = statistics.median(a / b for a, b in zip(ours, theirs, strict=True) if b)
+        control = statistics.median(a / m[figure] for a, m in zip(ours, self.again, strict=True) if m[figure])
+        return Row(
+            id=id, what=what, ours=round(statistics.median(ours), 3), other=round(statistics.median(theirs), 3), other_name=other,
+            ratio=round(ratio, 3), control=round(control, 3), unit=unit, aim=aim, holds=holds(ratio) if holds else None,
+        )  # fmt: skip

@@ -1,0 +1,96 @@
+"""The sixth finger's cycle, its simulated speed, and what telemetry costs the loop."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from bench.pairs import Row, measure
+
+SPAN = 20.0  # simulated s a run
+
+
+def _srl(*arguments: str) -> dict[str, Any]:
+    command = [sys.executable, "-m", "runtime", "run", "sixth-finger", "--sim", "--instance", "bench", "--json", *arguments]
+    found = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    summary: dict[str, Any] = json.loads(found)
+    return summary
+
+
+def cycle() -> list[Row]:
+    """Microseconds of one whole cycle by phase, paced at 100 Hz; the other side is the period."""
+
+    def ours() -> dict[str, float]:
+        summary = _srl("--duration", "2")
+        return summary["phases_us"] | {"whole": summary["cycle_us"]["p50"]}
+
+    period = {"read": 1e4, "control": 1e4, "guard": 1e4, "write": 1e4, "log": 1e4, "whole": 1e4}
+    pairs = measure(ours, {"the period": lambda: period})
+    return [
+        pairs.row("cycle-sixth-finger", f"{phase} (median of medians; read and write include the fakes)", phase, "the period", "us")
+        for phase in period
+    ]
+
+
+def speed() -> list[Row]:
+    """Simulated seconds a second, whole runtime with --fast, against a bare mj_step loop of the same world."""
+    pairs = measure(
+        lambda: {"speed": _srl("--fast", "--duration", str(SPAN))["realtime_factor"]},
+        {"bare mj_step loop": _bare},
+    )
+    return [
+        pairs.row(
+            "sim-sixth-finger", "simulated speed with --fast", "speed", "bare mj_step loop", "s/s", "at least 0.7", lambda r: r >= 0.7
+        )
+    ]
+
+
+def _bare() -> dict[str, float]:
+    command = [sys.executable, "-m", "bench.sixth_finger", "bare"]
+    found: dict[str, float] = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+    return found
+
+
+def _bare_loop() -> dict[str, float]:
+    """The same model under the same wearer's motion: only the stepping is timed."""
+    import mujoco
+
+    from runtime import profile, wiring
+
+    checked, source = profile.load("sixth-finger")
+    graph = wiring.build(checked, source, [])
+    world: Any = graph.world
+    world.advance(10_000_000)
+    model, data = world._model, world._data  # the bare physics inside the world
+    steps = round(SPAN / model.opt.timestep)
+    begun = time.perf_counter()
+    for _ in range(steps):
+        mujoco.mj_step(model, data)
+    return {"speed": SPAN / (time.perf_counter() - begun)}
+
+
+def telemetry() -> list[Row]:
+    """What a row of full-rate telemetry costs the loop at 1 kHz, recorder and bus attached."""
+
+    def ours() -> dict[str, float]:
+        with tempfile.TemporaryDirectory() as folder:
+            summary = _srl("--set", "rate=1000", "--duration", "2", "--record", str(Path(folder) / "x.rrd"))
+        return {"p50": summary["phases_us"]["log"], "p99": summary["phases_p99_us"]["log"]}
+
+    pairs = measure(ours, {"the aim": lambda: {"p50": 10.0, "p99": 10.0}})
+    return [
+        pairs.row(
+            "telemetry-1khz", f"appending a row, sign of life and answers, {figure}", figure, "the aim", "us",
+            "under 10 us", (lambda r: r < 1.0) if figure == "p50" else None,
+        )
+        for figure in ("p50", "p99")
+    ]  # fmt: skip
+
+
+if __name__ == "__main__":
+    print(json.dumps(_bare_loop()))

@@ -1,0 +1,7 @@
+"""`python -m runtime.bus RUNDIR`."""
+
+import sys
+
+from runtime.bus.process import main
+
+sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,239 @@
+"""A small client of a running instance, for `srl top`, tests and users' scripts.
+
+    from runtime.bus.client import connect
+    with connect("sixth-finger") as srl:
+        print(srl.status()["state"])
+        for update in srl.states("glove/**", timeout=1.0): ...
+        srl.command("stop")
+"""
+
+from __future__ import annotations
+
+import json
+import queue
+import re
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+import zenoh
+
+from runtime.bus import cdr, messages, session
+from runtime.bus.config import TlsConfig
+from runtime.bus.keys import COMMANDS, Keys, path
+from runtime.bus.status import parse
+from runtime.errors import RequestError, nearest
+from runtime.rundir import RunDir
+from runtime.signals import Array
+
+_ENDPOINT = re.compile(r"^(tcp|tls|unixsock-stream)/")
+KEPT = 1024  # samples that wait for a slow reader; the oldest go first
+
+
+@dataclass(frozen=True, slots=True)
+class Update:
+    """One sample of a signal.
+
+    Attributes:
+        name: the signal's place below `state/`, "glove/position".
+        values: SI units, its shape; a pose as (x, y, z, qw, qx, qy, qz).
+        stamp: Unix time in s; None where the message has no header (Float64MultiArray).
+        labels: a JointState's names.
+        kind: the ROS 2 message's type.
+    """
+
+    name: str
+    values: Array
+    stamp: float | None
+    labels: tuple[str, ...]
+    kind: str
+
+
+def connect(target: str | Path | RunDir, tls: TlsConfig | None = None, timeout: float = 2.0) -> Client:
+    """A client of one instance.
+
+    Args:
+        target: the instance's name, its run directory, or a zenoh endpoint ("tls/host:7447").
+        tls: certificates, for a tls endpoint.
+        timeout: s to wait for the connection, and for each answer.
+    Raises:
+        RequestError: nobody answers there.
+    """
+    if isinstance(target, str) and _ENDPOINT.match(target):
+        return Client(target, tls, timeout)
+    if isinstance(target, str):
+        target = RunDir(Path(target)) if "/" in target else RunDir.of(target)
+    rundir = target if isinstance(target, RunDir) else RunDir(target)
+    if not rundir.bus_socket.exists():
+        raise RequestError(f"instance '{rundir.path.name}'", f"no bus listens at {rundir.bus_socket}", "Is it running?")
+    return Client(f"unixsock-stream/{rundir.bus_socket}", tls, timeout)
+
+
+class Client:
+    """See `connect`. Close it, or use it in a `with`: a session left open hangs the process at its end."""
+
+    def __init__(self, endpoint: str, tls: TlsConfig | None, timeout: float) -> None:
+        self._endpoint, self._timeout = endpoint, timeout
+        self._session = session.join(endpoint, tls, timeout)
+        try:
+            self.instance = self._find()
+        except BaseException:
+            self._session.close()
+            raise
+        self.keys = Keys(self.instance)
+
+    def _find(self) -> str:
+        until = time.monotonic() + self._timeout
+        while True:
+            for answer in self._session.liveliness().get("srl/*/alive", timeout=self._timeout):
+                if answer.ok is not None:
+                    return str(answer.ok.key_expr).split("/")[1]
+            if time.monotonic() > until:
+                raise RequestError(f"bus ({self._endpoint})", "no srl instance is alive there", "Is the service running?")
+            time.sleep(0.02)
+
+    def close(self) -> None:
+        """Ends the session."""
+        self._session.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def alive(self) -> bool:
+        """Whether the instance's bus is there now."""
+        return any(a.ok is not None for a in self._session.liveliness().get(self.keys.alive, timeout=self._timeout))
+
+    # Reading
+
+    def status(self, timeout: float | None = None) -> dict[str, Any]:
+        """The next status, as `runtime.bus.status.parse` makes it. Raises RequestError if none comes in time."""
+        for sample in self._samples(self.keys.status, timeout or self._timeout):
+            return parse(cdr.decode(messages.DIAGNOSTICS, sample.payload.to_bytes()))
+        raise RequestError(self.keys.status, "no status came", "Is the service running?")
+
+    def states(self, pattern: str = "**", timeout: float | None = None) -> Iterator[Update]:
+        """Samples of the signals whose name ("glove/position") matches a pattern, as they come.
+
+        Args:
+            pattern: a key expression below `state/`.
+            timeout: s without a sample until it ends; None: never.
+        """
+        for sample in self._samples(f"{self.keys.root}/state/{pattern}", timeout):
+            yield self._update(sample)
+
+    def subscribe(self, callback: Callable[[Update], None], pattern: str = "**") -> Any:
+        """Calls `callback` for each sample, on a thread of zenoh's. Call `undeclare()` on what it returns to end it."""
+        return self._session.declare_subscriber(f"{self.keys.root}/state/{pattern}", lambda s: callback(self._update(s)))
+
+    def subscribe_status(self, callback: Callable[[dict[str, Any]], None]) -> Any:
+        """The same for the status."""
+        return self._session.declare_subscriber(
+            self.keys.status, lambda s: callback(parse(cdr.decode(messages.DIAGNOSTICS, s.payload.to_bytes())))
+        )
+
+    def _samples(self, key: str, timeout: float | None) -> Iterator[zenoh.Sample]:
+        arrived: queue.SimpleQueue[zenoh.Sample] = queue.SimpleQueue()
+
+        def arrive(sample: zenoh.Sample) -> None:
+            arrived.put(sample)
+            if arrived.qsize() > KEPT:
+                arrived.get_nowait()
+
+        subscriber = self._session.declare_subscriber(key, arrive)
+        try:
+            while True:
+                try:
+                    yield arrived.get(timeout=timeout)
+                except queue.Empty:
+                    return
+        finally:
+            subscriber.undeclare()
+
+    def _update(self, sample: zenoh.Sample) -> Update:
+        name = str(sample.key_expr).removeprefix(f"{self.keys.root}/state/")
+        kind = str(sample.encoding).partition(";")[2]
+        message = cdr.decode(kind, sample.payload.to_bytes())
+        stamp = message["header"]["stamp"] if "header" in message else None
+        seconds = None if stamp is None else stamp["sec"] + stamp["nanosec"] * 1e-9
+        return Update(name, messages.values_of(kind, message), seconds, tuple(message.get("name", ())), kind)
+
+    def meta(self, pattern: str = "**") -> dict[str, dict[str, Any]]:
+        """What each signal is: unit, frame, labels, shape, type; by its name below `state/`."""
+        answers = self._get(f"{self.keys.root}/state/{pattern}/meta")
+        return {key.removeprefix(f"{self.keys.root}/state/").removesuffix("/meta"): value for key, value in answers}
+
+    def notes(self) -> list[dict[str, Any]]:
+        """The newest remarks of the loop, oldest first: time (Unix, ns), level, cycle, text."""
+        notes: list[dict[str, Any]] = next((value for _, value in self._get(self.keys.notes)), [])
+        return notes
+
+    def parameters(self) -> dict[str, dict[str, Any]]:
+        """Every live parameter: value, lower, upper, unit, text, default; by its name."""
+        return {value["name"]: value for _, value in self._get(f"{self.keys.root}/param/**")}
+
+    # Asking
+
+    def command(self, name: str) -> dict[str, Any]:
+        """ "start", "stop" or "reset". Returns {"ok": True, "state": ...}.
+
+        Raises:
+            RequestError: it was refused, or nobody answered.
+        """
+        if name not in COMMANDS:
+            raise RequestError(f"command '{name}'", "there is no such command", nearest(name, COMMANDS))
+        return self._ask(self.keys.command(name))
+
+    def get_param(self, name: str) -> dict[str, Any]:
+        """The parameter's value, lower, upper, unit, text and default. Raises RequestError."""
+        return self._ask(self.keys.parameter(name))
+
+    def set_param(self, name: str, value: float) -> dict[str, Any]:
+        """Sets a parameter; returns once the loop has it. Raises RequestError with the reason if it is refused."""
+        return self._ask(self.keys.parameter(name), json.dumps(float(value)).encode(), messages.JSON)
+
+    def setpoint(self, name: str, values: Any, answer: bool = False) -> None:
+        """Gives the loop a setpoint; it lasts for the setpoint's `max_age`.
+
+        Args:
+            name: "client.force".
+            values: a number or an array, of the signal's shape, SI units.
+            answer: wait until it is accepted, and raise RequestError if it isn't. Without, a refusal shows only in
+                the status.
+        """
+        array = np.asarray(values, np.float64)
+        payload = cdr.encode(messages.MULTI_ARRAY, messages.multi_array(array))
+        encoding = messages.encoding(messages.MULTI_ARRAY)
+        if answer:
+            self._ask(self.keys.setpoint(name), payload, encoding)
+        else:
+            # DROP: with BLOCK a put waits for a bus that has died.
+            congestion = zenoh.CongestionControl.DROP
+            key = self.keys.setpoint(name)
+            self._session.put(key, payload, encoding=encoding, congestion_control=congestion, express=True)
+
+    def _ask(self, key: str, payload: bytes | None = None, encoding: str | None = None) -> dict[str, Any]:
+        for _, answer in self._get(key, payload, encoding):
+            if answer["ok"]:
+                return answer  # type: ignore[no-any-return]
+            place, _, rest = answer["error"].partition(": ")
+            problem, _, remedy = rest.partition(". ")
+            raise RequestError(place, problem, remedy.rstrip("."))
+        known = ", ".join(sorted(self._known(key))) or "none"
+        raise RequestError(key, "nobody answered", f"Is the service running? Names there: {known}")
+
+    def _known(self, key: str) -> list[str]:
+        if "/param/" not in key:
+            return []
+        return [path(name).replace("/", ".") for name in self.parameters()]
+
+    def _get(self, key: str, payload: bytes | None = None, encoding: str | None = None) -> list[tuple[str, Any]]:
+        answers = self._session.get(
+            key, payload=payload, encoding=encoding, timeout=self._timeout, congestion_control=zenoh.CongestionControl.DROP
+        )
+        return [(str(a.ok.key_expr), json.loads(a.ok.payload.to_bytes())) for a in answers if a.ok is not None]

@@ -1,0 +1,234 @@
+"""The bus process: tails the ring, publishes, and carries clients' requests to the loop.
+
+One thread does everything; zenoh's own threads only put what arrives into a queue. It may be killed at any
+instant and started again.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import queue
+import signal
+import sys
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zenoh
+from numpy.typing import NDArray
+
+from runtime.bus import cdr, messages, session
+from runtime.bus.config import BusConfig
+from runtime.bus.keys import Keys, check
+from runtime.bus.requests import Requests, reply
+from runtime.bus.status import Counts, Timing, diagnostics
+from runtime.errors import SrlError
+from runtime.layout import CYCLE, FLAG_DEGRADED, Layout
+from runtime.mailbox import MailboxWriter
+from runtime.notes import NotesReader
+from runtime.ring import RingReader
+from runtime.rundir import RunDir
+
+PUBLISHED = ("state", "command", "applied", "internal", "truth")  # roles
+STATUS_PERIOD = 200_000_000  # ns
+SILENT = 500_000_000  # ns without a sign of life, besides two periods, until the loop counts as dead
+MOST = 16  # rows published a turn: a simulation ahead of real time isn't followed row by row
+ARRIVALS = 1024  # queries and samples that may wait for a turn
+NOTES_KEPT = 20
+_NOW, _STATE, _CAUSE, _FLAGS = (CYCLE.index(n) for n in ("now", "state", "cause", "flags"))
+_PR_SET_PDEATHSIG = 1
+
+
+class Bus:
+    """See the module's text."""
+
+    def __init__(self, rundir: RunDir) -> None:
+        """Opens everything. Raises SrlError."""
+        self._layout = Layout.load(rundir.layout)
+        meta = self._layout.meta
+        config = BusConfig.model_validate(meta["bus"] or {})
+        self._name = rundir.path.name
+        self._keys = Keys(self._name)
+        self._fields = [f for f in self._layout.fields.values() if f.role in PUBLISHED and f.size]
+        check((f.name for f in self._fields), "signal")
+        check((p["name"] for p in meta.get("parameters", [])), "parameter")
+        check((s["name"] for s in meta.get("setpoints", [])), "setpoint")
+        self._ring = RingReader(rundir.rows)
+        self._ring.sequence = self._ring.head  # what was written before is the recorder's
+        self._mail = MailboxWriter(rundir.mail)
+        self._notes = NotesReader(rundir.notes)
+        self._remembered: deque[dict[str, Any]] = deque(maxlen=NOTES_KEPT)
+        self._wall = int(meta["wall"])
+        period = 1e9 * meta["rate"][1] / meta["rate"][0]
+        self._silence = SILENT + round(2 * period)
+        self._decimate = config.decimate
+        self._pause = min(max(config.decimate * period / 2e9, 0.002), 0.02)
+        self._counts, self._timing = Counts(), Timing()
+        self._requests = Requests(self._layout, self._keys, self._mail, self._counts)
+        self._arrivals: queue.SimpleQueue[tuple[Callable[[Any], None], Any]] = queue.SimpleQueue()
+        self._row = self._ring.newest()
+        self._said: tuple[int, int] | None = None  # state and cause of the last status
+        self._status_due = 0
+        self._silent = False
+        self._ending = False
+        self._session = session.serve(rundir.bus_socket, config, self._keys)
+        try:
+            self._declare()
+        except BaseException:
+            self._session.close()
+            raise
+
+    def _declare(self) -> None:
+        s = self._session
+
+        def publisher(key: str, kind: str) -> zenoh.Publisher:
+            # DROP: a slow subscriber costs samples; BLOCK held a put for 5 s.
+            return s.declare_publisher(
+                key, encoding=messages.encoding(kind), congestion_control=zenoh.CongestionControl.DROP, express=True
+            )
+
+        self._signals = [
+            (f, encoder := messages.Encoder(f), publisher(self._keys.state(f.name), encoder.kind)) for f in self._fields
+        ]
+        self._status = publisher(self._keys.status, messages.DIAGNOSTICS)
+        self._remarks = publisher(self._keys.notes, messages.STRING)
+        self._declared: list[Any] = []
+        for key, answer in self._requests.handlers().items():
+            self._declared.append(s.declare_queryable(key, self._into(answer)))
+        for key, take in self._requests.subscribers().items():
+            self._declared.append(s.declare_subscriber(key, self._into(take)))
+        self._declared.append(s.declare_queryable(self._keys.states, self._into(self._describe)))
+        self._declared.append(s.declare_queryable(self._keys.notes, self._into(self._recall)))
+        # Last: whoever sees it finds everything else declared.
+        self._declared.append(s.liveliness().declare_token(self._keys.alive))
+
+    def _into(self, work: Callable[[Any], None]) -> Callable[[Any], None]:
+        """A callback for zenoh's threads that leaves its argument for the next turn."""
+
+        def arrive(item: Any) -> None:
+            # A flood must not grow without bounds, and one of setpoints must leave room for a stop.
+            asked = isinstance(item, zenoh.Query)
+            if self._arrivals.qsize() < (ARRIVALS if asked else ARRIVALS // 2):
+                self._arrivals.put((work, item))
+            elif asked:
+                item.drop()
+
+        return arrive
+
+    def run(self) -> None:
+        """Until the ring is closed, or SIGTERM."""
+        signal.signal(signal.SIGTERM, self._end)
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the supervisor, which ends us in order
+        try:
+            while not self._ending:
+                self._turn()
+                if self._ring.closed and self._ring.sequence >= self._ring.head:
+                    break
+                self._wait()
+            self._requests.end()
+            self._say_status()
+        finally:
+            self._session.close()
+            self._mail.close()
+            self._notes.close()
+            self._ring.close()
+
+    def _end(self, *_: object) -> None:
+        self._ending = True
+
+    def _wait(self) -> None:
+        """Until the next turn is due, or something has arrived and been worked on."""
+        try:
+            work, item = self._arrivals.get(timeout=0.001 if self._requests.busy else self._pause)
+            work(item)
+            for _ in range(ARRIVALS):
+                work, item = self._arrivals.get_nowait()
+                work(item)
+        except queue.Empty:
+            pass
+
+    def _turn(self) -> None:
+        rows = self._ring.take()
+        if rows.shape[0]:
+            self._timing.add(rows)
+            self._row = rows[-1]
+            self._publish(rows)
+        self._counts.lost_rows = self._ring.lost
+        now = time.monotonic_ns()
+        self._silent = not self._ring.closed and now - self._ring.beat > self._silence
+        self._requests.turn(rows, self._row, self._silent or self._ring.closed)
+        for change in self._changes(rows):
+            self._row = change
+            self._say_status()
+        if rows.shape[0]:
+            self._row = rows[-1]
+        if now >= self._status_due:
+            self._status_due = now + STATUS_PERIOD
+            self._say_status()
+            self._say_notes()
+
+    def _publish(self, rows: NDArray[np.int64]) -> None:
+        every = np.where(rows[:, _FLAGS] & FLAG_DEGRADED, 2 * self._decimate, self._decimate)
+        for row in rows[rows[:, 0] % every == 0][-MOST:]:
+            stamp = int(row[_NOW]) + self._wall
+            floats = row[self._layout.ints :].view(np.float64)
+            for field, encoder, publisher in self._signals:
+                values = floats[field.offset : field.offset + field.size]
+                publisher.put(encoder.encode(values, stamp))
+
+    def _changes(self, rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+        """The rows that begin a state or have another cause."""
+        found = []
+        for row in rows:
+            said = int(row[_STATE]), int(row[_CAUSE])
+            if said != self._said:
+                self._said = said
+                found.append(row)
+        return found[-MOST:]
+
+    def _say_status(self) -> None:
+        message = diagnostics(
+            self._name, self._layout, self._row, self._timing, self._counts, time.time_ns(), self._silent
+        )
+        self._status.put(cdr.encode(messages.DIAGNOSTICS, message))
+
+    def _say_notes(self) -> None:
+        for note in self._notes.take():
+            self._remembered.append(asdict(note) | {"level": note.level.name.lower(), "time": note.time + self._wall_now()})
+            text = f"{note.level.name.lower()}: {note.text}"
+            self._remarks.put(cdr.encode(messages.STRING, {"data": text}))
+
+    @staticmethod
+    def _wall_now() -> int:
+        return time.time_ns() - time.monotonic_ns()
+
+    def _describe(self, query: zenoh.Query) -> None:
+        """Answers for the metadata of every signal the query's key expression meets."""
+        for field, _, _ in self._signals:
+            key = self._keys.meta(field.name)
+            if query.key_expr.intersects(zenoh.KeyExpr(key)):
+                reply(query, key, messages.describe(field))
+        query.drop()
+
+    def _recall(self, query: zenoh.Query) -> None:
+        reply(query, self._keys.notes, list(self._remembered))
+        query.drop()
+
+
+def main(arguments: list[str]) -> int:
+    """`python -m runtime.bus RUNDIR`; the supervisor's business. Returns the exit code."""
+    # A bus that outlived its supervisor would keep the instance's name alive on the socket.
+    ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    if len(arguments) != 1:
+        print("usage: python -m runtime.bus RUNDIR", file=sys.stderr)
+        return 2
+    try:
+        Bus(RunDir(Path(arguments[0]))).run()
+    except (SrlError, OSError) as error:
+        print(f"bus: {error}", file=sys.stderr)
+        return 2
+    return 0

@@ -1,0 +1,274 @@
+"""Clients' requests: checked here, handed to the loop by the mailbox, answered from the rows.
+
+Every query gets one JSON object: {"ok": true, "state": ...} or {"ok": false, "state": ..., "error": "place:
+problem. Remedy."}. A stop goes to the loop at once; of the others only a few are on their way at a time, so
+that a stop never waits behind them. A setpoint goes out at most once a cycle, the newest one.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+import zenoh
+from numpy.typing import NDArray
+
+from runtime.bus import messages
+from runtime.bus.keys import COMMANDS, Keys
+from runtime.bus.status import CAUSES, Counts, culprit
+from runtime.errors import RequestError
+from runtime.layout import CYCLE, Cause, Field, Layout, State
+from runtime.mailbox import Answer, Ask, MailboxWriter
+from runtime.signals import Array
+
+PATIENCE = 1_000_000_000  # ns until a request that the loop didn't take is given up
+UNDERWAY = 4  # requests in the mailbox at a time, stops not counted: the loop takes one a cycle
+WAITING = 64
+_ASKS = {"start": Ask.START, "stop": Ask.STOP, "reset": Ask.RESET}
+_REQUEST, _KIND, _RESULT, _STATE = (CYCLE.index(n) for n in ("request", "request_kind", "request_result", "state"))
+_CAUSE, _CULPRIT = CYCLE.index("cause"), CYCLE.index("culprit")
+
+
+@dataclass(slots=True)
+class Pending:
+    """A query on its way."""
+
+    query: zenoh.Query
+    place: str
+    kind: Ask
+    target: int
+    values: Array | None
+    until: int  # CLOCK_MONOTONIC ns
+
+
+class Requests:
+    """See the module's text. One thread calls all of it.
+
+    Attributes:
+        busy: someone waits for the loop.
+    """
+
+    def __init__(self, layout: Layout, keys: Keys, mail: MailboxWriter, counts: Counts) -> None:
+        self._layout, self._keys, self._mail, self._counts = layout, keys, mail, counts
+        self._parameters: list[dict[str, Any]] = layout.meta.get("parameters", [])
+        self._setpoints: list[dict[str, Any]] = layout.meta.get("setpoints", [])
+        self._underway: dict[int, Pending] = {}
+        self._waiting: deque[Pending] = deque()
+        self._newest: dict[int, tuple[int, Array]] = {}  # setpoints that go out next, by index: expiry, values
+        self._row: NDArray[np.int64] | None = None
+        self._cycle = -1
+        self._said = 0.0
+        self.silent = False
+
+    def handlers(self) -> dict[str, Callable[[zenoh.Query], None]]:
+        """What answers a query, by key expression."""
+        found: dict[str, Callable[[zenoh.Query], None]] = {}
+        for name in COMMANDS:
+            found[self._keys.command(name)] = partial(self._command, name)
+        for i, parameter in enumerate(self._parameters):
+            found[self._keys.parameter(parameter["name"])] = partial(self._parameter, i)
+        for i, setpoint in enumerate(self._setpoints):
+            found[self._keys.setpoint(setpoint["name"])] = partial(self._asked_setpoint, i)
+        return found
+
+    def subscribers(self) -> dict[str, Callable[[zenoh.Sample], None]]:
+        """What takes a sample, by key."""
+        return {
+            self._keys.setpoint(s["name"]): partial(self._put_setpoint, i) for i, s in enumerate(self._setpoints)
+        }
+
+    @property
+    def busy(self) -> bool:
+        """Someone waits for the loop's answer."""
+        return bool(self._underway or self._waiting or self._newest)
+
+    # Queries
+
+    def _command(self, name: str, query: zenoh.Query) -> None:
+        key = self._keys.command(name)
+        crowd = len(self._underway if name == "stop" else self._waiting)
+        if self._answerable(query, key, crowd):
+            self._ask(Pending(query, key, _ASKS[name], 0, None, time.monotonic_ns() + PATIENCE))
+
+    def _parameter(self, index: int, query: zenoh.Query) -> None:
+        parameter = self._parameters[index]
+        key = self._keys.parameter(parameter["name"])
+        if query.payload is None or not query.payload.to_bytes():
+            # Reading is harmless: a wildcard may ask for all.
+            value = None if self._row is None else self._value(self._row, index)
+            self._reply(query, key, {"ok": True, "value": value} | parameter)
+            return
+        if not self._answerable(query, key, len(self._waiting)):
+            return
+        lower, upper, unit = parameter["lower"], parameter["upper"], parameter["unit"]
+        field = self._layout.fields[parameter["name"]]
+        try:
+            values = messages.read_values(query.payload.to_bytes(), str(query.encoding), field, key)
+            if not lower <= values[0] <= upper:
+                raise RequestError(key, f"{values[0]:g} {unit} is out of bounds", f"Send {lower:g} to {upper:g} {unit}")
+        except RequestError as error:
+            self._refuse(query, key, error)
+            return
+        self._ask(Pending(query, key, Ask.PARAMETER, index, values, time.monotonic_ns() + PATIENCE))
+
+    def _value(self, row: NDArray[np.int64], index: int) -> float:
+        return float(self._layout.value(row[np.newaxis], self._parameters[index]["name"])[0])
+
+    def _asked_setpoint(self, index: int, query: zenoh.Query) -> None:
+        key = self._keys.setpoint(self._setpoints[index]["name"])
+        if not self._answerable(query, key, 0):
+            return
+        try:
+            payload = b"" if query.payload is None else query.payload.to_bytes()
+            self._setpoint(payload, str(query.encoding), index, key)
+        except RequestError as error:
+            self._reject(error)
+            self._refuse(query, key, error)
+        else:
+            self._reply(query, key, {"ok": True, "state": self._state()})
+
+    def _put_setpoint(self, index: int, sample: zenoh.Sample) -> None:
+        key = self._keys.setpoint(self._setpoints[index]["name"])
+        try:
+            self._setpoint(sample.payload.to_bytes(), str(sample.encoding), index, key)
+        except RequestError as error:
+            self._reject(error)
+
+    def _setpoint(self, payload: bytes, encoding: str, index: int, key: str) -> None:
+        field: Field = self._layout.fields[self._setpoints[index]["name"]]
+        expires = time.monotonic_ns() + round(self._setpoints[index]["max_age"] * 1e9)
+        self._newest[index] = expires, messages.read_values(payload, encoding, field, key)
+
+    def _reject(self, error: RequestError) -> None:
+        self._counts.rejected += 1
+        self._counts.last_rejection = str(error)
+        if (now := time.monotonic()) - self._said >= 1.0:
+            self._said = now
+            print(f"bus: setpoint refused ({self._counts.rejected} so far): {error}", file=sys.stderr, flush=True)
+
+    def _answerable(self, query: zenoh.Query, key: str, crowd: int) -> bool:
+        """Refuses what came by a wildcard: a look at `srl/**` must not move or stop anything.
+
+        `crowd` is how many requests are before it: a full mailbox would lose the oldest.
+        """
+        problem = None
+        if str(query.key_expr) != key:
+            problem = "what changes something takes its exact key, not a wildcard", f"Ask {key} itself"
+        elif self.silent:
+            problem = "the loop gives no sign of life", "Look at the service's log; actuators are stopped by the supervisor"
+        elif crowd >= WAITING:
+            problem = "too many requests wait already", "Ask less often"
+        if problem is not None:
+            self._refuse(query, key, RequestError(key, *problem))
+        return problem is None
+
+    # The way to the loop and back
+
+    def _ask(self, pending: Pending) -> None:
+        if pending.kind is Ask.STOP:
+            for other in [p for p in self._waiting if p.kind in (Ask.START, Ask.RESET)]:
+                self._waiting.remove(other)  # it would set in motion what was stopped after it
+                self._refuse(other.query, other.place, RequestError(other.place, "a stop came after it", "Ask again"))
+            self._send(pending)
+        else:
+            self._waiting.append(pending)
+            self._fill()
+
+    def _send(self, pending: Pending) -> None:
+        number = self._mail.send(pending.kind, pending.until, pending.target, pending.values)
+        self._underway[number] = pending
+
+    def _fill(self) -> None:
+        while self._waiting and len(self._underway) < UNDERWAY:
+            self._send(self._waiting.popleft())
+
+    def turn(self, rows: NDArray[np.int64], row: NDArray[np.int64] | None, silent: bool) -> None:
+        """Once a turn: answers what the rows answer, gives up what is too old, sends what is due.
+
+        Args:
+            rows: the rows since the last turn (k, width).
+            row: the newest row (width,); None before the first.
+            silent: the loop gives no sign of life.
+        """
+        self._row, self.silent = row, silent
+        for taken in rows[rows[:, _REQUEST] != 0]:
+            self._answer(taken)
+        now = time.monotonic_ns()
+        problem = "the loop gives no sign of life" if silent else "the loop gave no answer within 1 s"
+        for number in [n for n, p in self._underway.items() if silent or p.until < now]:
+            self._give_up(self._underway.pop(number), problem)
+        while self._waiting and (silent or self._waiting[0].until < now):
+            self._give_up(self._waiting.popleft(), problem)
+        self._fill()
+        if silent:
+            self._newest.clear()
+        if self._newest and row is not None and row[0] != self._cycle:
+            self._cycle = int(row[0])
+            for index, (expires, values) in self._newest.items():
+                self._mail.send(Ask.SETPOINT, expires, index, values)
+            self._newest.clear()
+
+    def _answer(self, row: NDArray[np.int64]) -> None:
+        pending = self._underway.pop(int(row[_REQUEST]), None)
+        if pending is None or int(row[_KIND]) != pending.kind:
+            return  # asked by a bus process before this one
+        answer, state = Answer(int(row[_RESULT])), State(int(row[_STATE])).name.lower()
+        if answer is Answer.DONE:
+            content: dict[str, Any] = {"ok": True, "state": state}
+            if pending.kind is Ask.PARAMETER:
+                content["value"] = self._value(row, pending.target)
+            self._reply(pending.query, pending.place, content)
+            return
+        cause = Cause(int(row[_CAUSE]))
+        who = culprit(self._layout, cause, int(row[_CULPRIT]))
+        why = CAUSES[cause] + (f" ({who})" if who else "")
+        problem, remedy = {
+            Answer.REFUSED_STATE: (
+                f"not possible while {state}",
+                {Ask.START: "Start is for the state ready", Ask.RESET: "Reset is for the state stopped"}.get(
+                    pending.kind, "Look at the status"
+                ),
+            ),
+            Answer.REFUSED_FAULT: (f"what caused the stop is still there: {why}", "Mend that, then ask again"),
+            Answer.REFUSED_VALUE: ("the loop found the value not finite or out of bounds", "Ask without payload for the bounds"),
+            Answer.EXPIRED: ("the loop came to it too late", "Ask again; if it stays so, look at the overruns"),
+        }.get(answer, (f"the loop refused it ({answer.name.lower()})", "Look at the status"))
+        self._refuse(pending.query, pending.place, RequestError(pending.place, problem, remedy), state)
+
+    def _give_up(self, pending: Pending, problem: str) -> None:
+        error = RequestError(pending.place, problem, "Look at the status before asking again")
+        self._refuse(pending.query, pending.place, error)
+
+    def end(self) -> None:
+        """Answers whoever still waits."""
+        for pending in [*self._underway.values(), *self._waiting]:
+            self._give_up(pending, "the run has ended")
+        self._underway.clear()
+        self._waiting.clear()
+
+    def _state(self) -> str:
+        if self.silent:
+            return "unknown"
+        return "starting" if self._row is None else State(int(self._row[_STATE])).name.lower()
+
+    def _refuse(self, query: zenoh.Query, key: str, error: RequestError, state: str = "") -> None:
+        self._reply(query, key, {"ok": False, "state": state or self._state(), "error": str(error)})
+
+    def _reply(self, query: zenoh.Query, key: str, content: dict[str, Any]) -> None:
+        reply(query, key, content)
+        query.drop()
+
+
+def reply(query: zenoh.Query, key: str, content: Any) -> None:
+    """Answers with JSON. The query must be dropped after its last answer, or its asker waits on."""
+    try:
+        query.reply(key, json.dumps(content), encoding=messages.JSON)
+    except zenoh.ZError:
+        pass  # the asker has gone

@@ -1,0 +1,200 @@
+"""What the instance says of itself: the rows of the last second as a diagnostic_msgs/DiagnosticArray, and back.
+
+The first status is the instance's, with the state machine in words; then comes one a device.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.bus import cdr
+from runtime.bus.messages import time_of
+from runtime.layout import (
+    CYCLE,
+    DEVICE,
+    FLAG_DEGRADED,
+    LINK_ACTIVE,
+    LINK_CONNECTED,
+    LINK_ERROR,
+    LINK_STALE,
+    Cause,
+    Layout,
+    State,
+)
+
+OK, WARN, ERROR, STALE = range(4)  # levels of diagnostic_msgs/DiagnosticStatus
+WINDOW = 1_000_000_000  # ns
+_TIMES = ("wake", "read", "control", "guard", "write", "log")
+_COLUMNS = [CYCLE.index(name) for name in _TIMES]
+
+CAUSES = {
+    Cause.NONE: "",
+    Cause.REQUEST: "stopped on request",
+    Cause.INTENT_LOSS: "loss of intent: a sensor the motion follows is stale or gone",
+    Cause.DEVICE_LOSS: "an actuator is stale or gone",
+    Cause.OVERRUN: "too many cycles came late",
+    Cause.DRIVER_ERROR: "a driver failed",
+    Cause.CONTROLLER_ERROR: "a controller failed",
+    Cause.EMERGENCY: "an e-stop or enabling input",
+    Cause.BUS_LOSS: "the bus died",
+    Cause.SUPERVISOR_LOSS: "the supervisor died",
+    Cause.RESTART: "started again after a crash",
+    Cause.END: "the run's duration is over",
+}
+
+
+@dataclass
+class Counts:
+    """What the bus itself counts."""
+
+    lost_rows: int = 0
+    rejected: int = 0
+    last_rejection: str = ""
+
+
+@dataclass
+class Timing:
+    """The cycle's times over the last second."""
+
+    _chunks: deque[NDArray[np.int64]] = field(default_factory=deque)
+
+    def add(self, rows: NDArray[np.int64]) -> None:
+        """Takes rows (k, width)."""
+        self._chunks.append(rows[:, _COLUMNS])
+        newest = self._chunks[-1][-1, 0]
+        while self._chunks[0][-1, 0] < newest - WINDOW:
+            self._chunks.popleft()
+
+    def figures(self) -> dict[str, float]:
+        """Rate in Hz, and times in us: percentiles of period and cycle, means of the phases."""
+        if not self._chunks:
+            return {}
+        times = np.concatenate(self._chunks)
+        times = times[times[:, 0] >= times[-1, 0] - WINDOW]
+        found: dict[str, float] = {}
+        periods = np.diff(times[:, 0])
+        if periods.size:
+            p50, p99 = np.percentile(periods, (50, 99)) / 1e3
+            found = {"rate_hz": 1e9 / float(periods.mean()), "period_p50_us": p50, "period_p99_us": p99}
+        p50, p99 = np.percentile(times[:, 4] - times[:, 0], (50, 99)) / 1e3
+        found |= {"cycle_p50_us": p50, "cycle_p99_us": p99}
+        phases = np.diff(times[:, :5], axis=1).mean(axis=0) / 1e3
+        found |= {f"{name}_us": us for name, us in zip(_TIMES[1:5], phases, strict=True)}
+        return found | {"log_us": float(times[:, 5].mean()) / 1e3}
+
+
+def culprit(layout: Layout, cause: Cause, index: int) -> str:
+    """The name of the device, controller or emergency input that a cause's index means; "" for none."""
+    names = list(layout.devices)
+    if cause is Cause.CONTROLLER_ERROR:
+        names = [c["name"] for c in layout.meta.get("controllers", [])]
+    elif cause is Cause.EMERGENCY:
+        names = []  # the profile's order; the layout doesn't name them
+    if index < 0:
+        return ""
+    return names[index] if index < len(names) else f"number {index + 1}"
+
+
+def diagnostics(
+    name: str, layout: Layout, row: NDArray[np.int64] | None, timing: Timing, counts: Counts, stamp: int, silent: bool
+) -> cdr.Message:
+    """The message.
+
+    Args:
+        name: the instance.
+        row: the newest row (width,), None before the first.
+        stamp: Unix time, ns.
+        silent: the loop gives no sign of life.
+    """
+    own = {"lost_rows": counts.lost_rows, "rejected_setpoints": counts.rejected, "last_rejection": counts.last_rejection}
+    profile = str(layout.meta.get("name", name))
+    if row is None:
+        status = [_status(STALE if silent else OK, name, "starting", profile, {"state": "starting"} | own)]
+    else:
+        status = [_instance(name, layout, row, timing.figures() | own, profile, silent)]
+        status += [_device(name, layout, row, i, device) for i, device in enumerate(layout.devices)]
+    return {"header": {"stamp": time_of(stamp), "frame_id": ""}, "status": status}
+
+
+def _instance(
+    name: str, layout: Layout, row: NDArray[np.int64], figures: dict[str, Any], profile: str, silent: bool
+) -> cdr.Message:
+    ints = dict(zip(CYCLE, row[: len(CYCLE)].tolist(), strict=True))
+    state, cause = State(ints["state"]), Cause(ints["cause"])
+    who = culprit(layout, cause, ints["culprit"])
+    level = OK if state in (State.ACTIVE, State.READY, State.HOMING) else WARN
+    if cause not in (Cause.NONE, Cause.REQUEST, Cause.END):
+        level = ERROR
+    words = state.name.lower()
+    if cause is not Cause.NONE:
+        words += f": {CAUSES[cause]}" + (f" ({who})" if who else "")
+    if silent:
+        level, words = STALE, f"the loop gives no sign of life (last: {words})"
+    rate = layout.meta["rate"]
+    values = {
+        "state": state.name.lower(),
+        "cause": cause.name.lower(),
+        "culprit": who,
+        "cycle": ints["cycle"],
+        "overruns": ints["overruns"],
+        "degraded": int(bool(ints["flags"] & FLAG_DEGRADED)),
+        "rate_nominal_hz": rate[0] / rate[1],
+    }
+    return _status(level, name, words, profile, values | figures)
+
+
+def _device(name: str, layout: Layout, row: NDArray[np.int64], index: int, device: str) -> cdr.Message:
+    start = len(CYCLE) + index * len(DEVICE)
+    words = dict(zip(DEVICE, row[start : start + len(DEVICE)].tolist(), strict=True))
+    link = words.pop("link")
+    stamp = words.pop("stamp")
+    age = (int(row[CYCLE.index("now")]) - stamp) / 1e6 if stamp >= 0 else -1.0
+    bits = [
+        "connected" if link & LINK_CONNECTED else "lost",
+        *(["stale"] if link & LINK_STALE else []),
+        *(["active"] if link & LINK_ACTIVE else []),
+        *(["driver error"] if link & LINK_ERROR else []),
+    ]
+    bad = not link & LINK_CONNECTED or link & LINK_ERROR
+    level = ERROR if bad else STALE if link & LINK_STALE else OK
+    driver = str(layout.meta.get("devices", {}).get(device, {}).get("driver", ""))
+    return _status(level, f"{name}/{device}", ", ".join(bits), driver, {"age_ms": age} | words)
+
+
+def _status(level: int, name: str, message: str, hardware: str, values: dict[str, Any]) -> cdr.Message:
+    pairs = [{"key": k, "value": f"{v:.3f}" if isinstance(v, float) else str(v)} for k, v in values.items()]
+    return {"level": level, "name": name, "message": message, "hardware_id": hardware, "values": pairs}
+
+
+def parse(message: cdr.Message) -> dict[str, Any]:
+    """A status as one dict: the instance's values, and `devices` with each device's; numbers as numbers.
+
+    `instance`, `message` and `level` (0 well, 1 warning, 2 error, 3 stale) are the status's own; `stamp` is Unix
+    time in s.
+    """
+    stamp = message["header"]["stamp"]
+    found: dict[str, Any] = {"stamp": stamp["sec"] + stamp["nanosec"] * 1e-9, "devices": {}}
+    for i, status in enumerate(message["status"]):
+        values: dict[str, Any] = {"message": status["message"], "level": status["level"]}
+        values |= {pair["key"]: _number(pair["value"]) for pair in status["values"]}
+        if i == 0:
+            found |= {"instance": status["name"], "profile": status["hardware_id"]} | values
+        else:
+            device = status["name"].rpartition("/")[2]
+            found["devices"][device] = {"driver": status["hardware_id"]} | values
+    return found
+
+
+def _number(text: str) -> Any:
+    try:
+        return int(text)
+    except ValueError:
+        try:
+            return float(text)
+        except ValueError:
+            return text

@@ -1,0 +1,94 @@
+"""Bad input: one paragraph with the place and the remedy, exit code 2, no traceback."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from runtime import profile
+from runtime.cli import main
+
+TEXT = profile.find("sixth-finger")[1]
+
+# (what is changed in the profile's text, what the message must name)
+WRONG_TEXTS = {
+    "unknown driver": (("driver: cyberglove", "driver: cyberglov"), ["devices.glove.driver", "line", "'cyberglov'", "cyberglove"]),
+    "unknown controller": (("use: object-mapping", "use: object-maping"), ["controllers.1.use", "object-mapping"]),
+    "unbound signal": (("    in: {angles: glove.position}\n", ""), ["controllers.0.in", "angles", "isn't bound"]),
+    "signal that isn't there": (("in: {tips: hand.tips}", "in: {tips: hand.tip}"), ["controllers.1.in.tips", "hand.tips"]),
+    "wrong shape": (("sensors: 22", "sensors: 18"), ["shapes differ", "18", "22"]),
+    "wrong unit": (("in: {angles: glove.position}", "in: {angles: mapping.q}"), ["controllers.0.in.angles"]),
+    "two writers": (
+        ("    out: {q: finger", "    out: {target: hand.tips, q: finger"),
+        ["two writers", "hand.tips", "controller 'hand'", "controller 'mapping'"],
+    ),
+    "no such command": (("out: {q: finger.position_command,", "out: {q: finger.position,"), ["controllers.1.out.q", "isn't a command"]),
+    "nobody writes the command": (
+        ("    out: {q: finger.position_command, q_velocity: finger.position_command.velocity}\n", ""),
+        ["finger.position_command", "no controller writes"],
+    ),
+    "misspelt key": (("rate: 100 ", "rat: 100 "), ["'rat'", "rate"]),
+    "misspelt key below": (("velocity: 4.0", "velocty: 4.0"), ["guard.finger.position_command.velocty", "velocity"]),
+    "misspelt option of a driver": (("sensors: 22", "sensor: 22"), ["devices.glove.sensor", "sensors"]),
+    "misspelt option of a controller": (("    points: [", "    point: ["), ["controllers.1.point", "points"]),
+    "rate out of range": (("rate: 100 ", "rate: 0 "), ["rate", "1 to 10000"]),
+    "key twice": (("rate: 100 ", "rate: 100\nrate: 100 "), ["line", "rate"]),
+    "not YAML": (("devices:", "devices: ["), ["line", "YAML"]),
+    "category it can't do": (("stop: {finger: hold}", "stop: {finger: damp}"), ["stop.finger", "damp", "hold"]),
+    "limits missing": (("    velocity: 4.0  ", "    jerk: 4.0  "), ["guard.finger.position_command", "velocity"]),
+    "wrong number of limits": (("velocity: 4.0 ", "velocity: [4.0, 4.0] "), ["guard.finger.position_command", "2", "4"]),
+    "unknown frame parent": (("  hand: {}", "  hand: {parent: world}"), ["frames.hand.parent", "world"]),
+    "stop of no device": (("stop: {finger: hold}", "stop: {finge: hold}"), ["stop.finge", "finger"]),
+    "truth as input": (("in: {tips: hand.tips}", "in: {tips: world.hand_tips}"), ["controllers.1.in.tips"]),
+    "home outside": (("home: 0.0}", "home: 9.0}"), ["finger"]),
+}
+
+
+@pytest.mark.parametrize("case", WRONG_TEXTS)
+def test_wrong_profiles(case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (old, new), names = WRONG_TEXTS[case]
+    assert TEXT.count(old) == 1, f"the profile has changed; '{old}' is to be found once"
+    path = tmp_path / "wrong.yaml"
+    path.write_text(TEXT.replace(old, new))
+    assert main(["check", str(path)]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("srl check: ")
+    assert "Traceback" not in said
+    assert len(said.strip().splitlines()) == 1
+    for name in names:
+        assert name in said, f"'{name}' isn't in: {said}"
+
+
+WRONG_CALLS = {
+    "no such profile": (["check", "sixth-fingr"], ["sixth-finger"]),
+    "no such file": (["check", "nowhere/my.yaml"], ["nowhere/my.yaml", "No such file"]),
+    "odd override": (["check", "sixth-finger", "--set", "rate"], ["--set rate", "key.path=value"]),
+    "override of nothing": (["check", "sixth-finger", "--set", "rate.x.y=1"], ["--set"]),
+    "override with a wrong key": (["check", "sixth-finger", "--set", "devices.glove.prt=/dev/x"], ["--set devices.glove.prt", "port"]),
+    "simulate no device": (["check", "sixth-finger", "--sim", "glov"], ["--sim glov", "glove"]),
+    "negative duration": (["run", "sixth-finger", "--sim", "--duration", "-1"], ["--duration"]),
+    "fast with real devices": (["run", "sixth-finger", "--sim", "glove", "--fast"], ["--fast", "finger"]),
+    "wearer without simulation": (["run", "sixth-finger", "--wearer", "x.csv"], ["--wearer", "--sim"]),
+    "recording with another name": (["run", "sixth-finger", "--sim", "--record", "x.bag"], ["x.bag", ".rrd"]),
+    "no such wearer": (["run", "sixth-finger", "--sim", "--wearer", "nowhere.csv", "--duration", "1"], ["nowhere.csv"]),
+    "missing port": (
+        ["run", "sixth-finger", "--sim", "finger", "--set", "devices.glove.port=/dev/ttyUSB99", "--duration", "1"],
+        ["glove", "/dev/ttyUSB99"],
+    ),
+    "nothing runs": (["stop"], ["nothing runs"]),
+    "no such recording": (["replay", "nowhere.rrd"], ["nowhere.rrd"]),
+    "odd rate": (["doctor", "--rate", "fast"], ["--rate", "fast"]),
+}
+
+
+@pytest.mark.parametrize("case", WRONG_CALLS)
+def test_wrong_calls(case: str, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SRL_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    arguments, names = WRONG_CALLS[case]
+    assert main(arguments) == 2
+    said = capfd.readouterr().err
+    assert "Traceback" not in said
+    for name in names:
+        assert name in said, f"'{name}' isn't in: {said}"
