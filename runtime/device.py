@@ -42,7 +42,6 @@ class Device:
         self._back = threading.Event()
         self._give_up = threading.Event()
         self._next_try = 0
-        self._reconnects = 0
         self.on_loss: Callable[[Device], None] = lambda device: None
         self.on_return: Callable[[Device], None] = lambda device: None
 
@@ -78,7 +77,7 @@ class Device:
             link |= LINK_CONNECTED
         if self._error:
             link |= LINK_ERROR
-        words[:] = health.stamp, link, health.frames, health.errors, health.resyncs, self._reconnects
+        words[:] = health.stamp, link, health.frames, health.errors, health.resyncs, health.reconnects
 
     def _lose(self, reason: str, now: int) -> None:
         self.lost = True
@@ -121,8 +120,6 @@ class Device:
         elif not self._back.is_set():
             return
         self.lost, self._reopener = False, None
-        self._reconnects += 1
-        self.driver.health.reconnects = self._reconnects
         self._note(f"'{self.driver.name}' is back")
         self.on_return(self)
 

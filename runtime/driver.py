@@ -51,7 +51,7 @@ class Driver(ABC):
 
     Life: `__init__` (declares, touches nothing outside) -> `bind` -> `open` -> cycles of `read`, `write`
     -> `stop` -> `close`. After `DeviceLostError` the runtime calls `close` and then `open` again, away from
-    the loop's path, until it succeeds; `health.reconnects` counts it.
+    the loop's path, until it succeeds; `open` counts it in `health.reconnects`.
 
     Attributes:
         states: signals the device gives; known after `__init__`.

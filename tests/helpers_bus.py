@@ -45,7 +45,14 @@ def layout(name: str, rate: int, **bus: Any) -> Layout:
         "devices": {"glove": {"driver": "cyberglove"}, "finger": {"driver": "firmata"}},
         "controllers": [{"name": "object-mapping", "use": "object-mapping"}],
         "parameters": [
-            {"name": "object-mapping.pull", "lower": 0.0, "upper": 5.0, "unit": "N", "text": "pull", "default": 1.0}
+            {
+                "name": "object-mapping.pull",
+                "lower": 0.0,
+                "upper": 5.0,
+                "unit": "N",
+                "text": "pull",
+                "default": 1.0,
+            }
         ],
         "setpoints": [{"name": "client.force", "max_age": 0.5}],
         "bus": {"decimate": 10} | bus,
@@ -106,8 +113,17 @@ class Run(threading.Thread):
                 request = waiting.pop(0)
                 self.taken.append(request.kind)
                 answer = self._answer(request.kind, request.values)
-                words[index["request"] : index["request_result"] + 1] = request.id, request.kind, request.target, answer
-            words[index["state"]], words[index["cause"]], words[index["culprit"]] = self.state, self.cause, self.culprit
+                words[index["request"] : index["request_result"] + 1] = (
+                    request.id,
+                    request.kind,
+                    request.target,
+                    answer,
+                )
+            words[index["state"]], words[index["cause"]], words[index["culprit"]] = (
+                self.state,
+                self.cause,
+                self.culprit,
+            )
             words[index["client.stamp"]], words[index["client.link"]] = -1, LINK_CONNECTED
             for device in ("glove", "finger"):
                 words[index[f"{device}.stamp"]] = wake - 2_000_000

@@ -21,10 +21,21 @@ def make_layout(rate: int = 1000, extra: int = 40) -> Layout:
     """A hand, an extra finger with a command, a virtual sphere, frames, plots and `extra` more numbers."""
     layout = Layout(devices=["glove", "finger"])
     layout.add("glove.position", "state", (22,), "rad", labels=tuple(f"joint {i}" for i in range(22)))
-    layout.add("hand.tips", "internal", (5, 3), "m", frame="hand", labels=FINGERS, visual="points", links=((0, 1, 2, 3, 4),))
+    layout.add(
+        "hand.tips",
+        "internal",
+        (5, 3),
+        "m",
+        frame="hand",
+        labels=FINGERS,
+        visual="points",
+        links=((0, 1, 2, 3, 4),),
+    )
     layout.add("mapping.sphere", "internal", (4,), "m", frame="hand", visual="sphere")
     layout.add("finger.position_command", "command", (4,), "rad", labels=("abduction", "mcp", "pip", "dip"))
-    layout.add("finger.position_command.applied", "applied", (4,), "rad", labels=("abduction", "mcp", "pip", "dip"))
+    layout.add(
+        "finger.position_command.applied", "applied", (4,), "rad", labels=("abduction", "mcp", "pip", "dip")
+    )
     layout.add("world.finger", "truth", (4,), "rad", labels=("abduction", "mcp", "pip", "dip"))
     layout.add("world.tip", "truth", (3,), "m", frame="hand")
     layout.add("hand.pose", "state", (7,), "m")
@@ -48,13 +59,19 @@ def make_layout(rate: int = 1000, extra: int = 40) -> Layout:
                     "lines": {
                         f"{name} {what}": f"{signal}[{i}]"
                         for i, name in enumerate(joints)
-                        for what, signal in (("applied", "finger.position_command.applied"), ("measured", "world.finger"))
+                        for what, signal in (
+                            ("applied", "finger.position_command.applied"),
+                            ("measured", "world.finger"),
+                        )
                     },
                 },
                 {
                     "title": "Distance of the tips",
                     "unit": "m",
-                    "distance": {"thumb": ["hand.tips[0]", "world.tip"], "index": ["hand.tips[1]", "world.tip"]},
+                    "distance": {
+                        "thumb": ["hand.tips[0]", "world.tip"],
+                        "index": ["hand.tips[1]", "world.tip"],
+                    },
                 },
             ]
         },
@@ -63,7 +80,7 @@ def make_layout(rate: int = 1000, extra: int = 40) -> Layout:
 
 
 def make_rows(layout: Layout, count: int, first: int = 1) -> NDArray[np.int64]:
-    """Rows first .. first + count - 1, the same ones at each call: smooth motion, and every kind of float64."""
+    """Rows first .. first + count - 1, the same at each call: smooth motion, and every kind of float64."""
     n = np.arange(first, first + count)
     rows = np.zeros((count, layout.width), np.int64)
     period = 1_000_000_000 * layout.meta["rate"][1] // layout.meta["rate"][0]
@@ -74,11 +91,15 @@ def make_rows(layout: Layout, count: int, first: int = 1) -> NDArray[np.int64]:
     def signal(name: str, values: NDArray[np.float64]) -> None:
         field = layout.fields[name]
         start = layout.ints + field.offset
-        rows[:, start : start + field.size] = np.ascontiguousarray(values).view(np.int64).reshape(count, field.size)
+        rows[:, start : start + field.size] = (
+            np.ascontiguousarray(values).view(np.int64).reshape(count, field.size)
+        )
 
     rng = np.random.default_rng(first)
     wake = 5_000_000_000_000_001 + n * period + (np.sin(n * 12.9898) * 20_000).astype(np.int64)
-    ends = wake[:, None] + np.cumsum(20_000 + (np.sin(n[:, None] + np.arange(4)) * 9000).astype(np.int64), axis=1)
+    ends = wake[:, None] + np.cumsum(
+        20_000 + (np.sin(n[:, None] + np.arange(4)) * 9000).astype(np.int64), axis=1
+    )
     word("cycle", n + 41)
     word("now", 5_000_000_000_000_000 + n * period)
     word("dt", period)
@@ -95,7 +116,9 @@ def make_rows(layout: Layout, count: int, first: int = 1) -> NDArray[np.int64]:
         word(f"{device}.frames", n)
     t = n * period / 1e9
     q = 0.6 + 0.5 * np.sin(2 * t[:, None] * np.array([0.3, 0.5, 0.7, 0.9]))
-    tips = np.stack([[0.09, 0.02 * i, 0.0] + 0.02 * np.stack([np.cos(t + i), np.sin(t), t * 0], 1) for i in range(5)], 1)
+    tips = np.stack(
+        [[0.09, 0.02 * i, 0.0] + 0.02 * np.stack([np.cos(t + i), np.sin(t), t * 0], 1) for i in range(5)], 1
+    )
     signal("glove.position", 0.5 + 0.4 * np.sin(t[:, None] + np.arange(22)))
     signal("hand.tips", tips)
     signal("mapping.sphere", np.column_stack([tips.mean(1), 0.03 + 0.01 * np.sin(t)]))
@@ -109,7 +132,9 @@ def make_rows(layout: Layout, count: int, first: int = 1) -> NDArray[np.int64]:
     signal("hand.pose", pose)
     odd = layout.fields["odd.values"]
     start = layout.ints + odd.offset
-    rows[:, start : start + odd.size] = rng.integers(-(2**63), 2**63 - 1, (count, odd.size))  # NaN payloads too
+    rows[:, start : start + odd.size] = rng.integers(
+        -(2**63), 2**63 - 1, (count, odd.size)
+    )  # NaN payloads too
     return rows
 
 
@@ -121,8 +146,15 @@ def make_run(path: Path, layout: Layout, capacity: int = 8192) -> tuple[RunDir, 
     return run, RingWriter.create(run.rows, layout.width, capacity), NotesWriter(run.notes)
 
 
-def write_run(
-    run: RunDir, ring: RingWriter, notes: NotesWriter, layout: Layout, count: int, rate: float, first: int = 1
+def write_run(  # noqa: PLR0917
+    run: RunDir,
+    ring: RingWriter,
+    notes: NotesWriter,
+    layout: Layout,
+    count: int,
+    rate: float,
+    *,
+    first: int = 1,
 ) -> None:
     """Appends `count` rows at `rate` rows/s, a remark every 500; 0: as fast as the recorder consumes them."""
     start = time.monotonic()
@@ -139,7 +171,12 @@ def write_run(
 
 
 if __name__ == "__main__":
-    folder, total, per_second, more = Path(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3]), int(sys.argv[4])
+    folder, total, per_second, more = (
+        Path(sys.argv[1]),
+        int(sys.argv[2]),
+        float(sys.argv[3]),
+        int(sys.argv[4]),
+    )
     the_layout = make_layout(extra=more)
     the_run, the_ring, the_notes = make_run(folder, the_layout)
     print("ready", flush=True)

@@ -89,8 +89,10 @@ class Firmata(Driver):
         self._inputs_frame = b"".join(
             protocol.set_pin_mode(button.pin, _input_mode(button)) for button in buttons.values()
         ) + b"".join(protocol.report_digital(port, True) for port in self._buttons.ports)
+        # Detached in the middle of a pulse, a pin would stay high: hence the low behind it.
         self._limp_frame = protocol.END_SYSEX + b"".join(
-            protocol.set_pin_mode(pin, Mode.OUTPUT) for pin in self._pins
+            protocol.set_pin_mode(pin, Mode.OUTPUT) + protocol.digital_pin_write(pin, False)
+            for pin in self._pins
         )
         self._hold_frame: bytes | None = None
         self._forget()
@@ -224,7 +226,7 @@ class Firmata(Driver):
             require(board, servo.pin, Mode.SERVO, joint, self.name)
         for name, button in self.config.buttons.items():
             require(board, button.pin, _input_mode(button), name, self.name)
-        link.write_all(self._inputs_frame, 1.0)
+        link.write_all(self._limp_frame + self._inputs_frame, 1.0)
         ports = self._buttons.ports
         masks: dict[int, int] = {}
         for message in listen(link, self._decoder, 1.0 if ports else 0.0):

@@ -40,6 +40,11 @@ def set_pin_mode(pin: int, mode: Mode) -> bytes:
     return bytes((0xF4, _within(pin, 0x7F), mode))
 
 
+def digital_pin_write(pin: int, high: bool) -> bytes:
+    """Sets one output (protocol 2.5)."""
+    return bytes((0xF5, _within(pin, 0x7F), int(high)))
+
+
 def servo_config(pin: int, min_us: int, max_us: int) -> bytes:
     """Attaches a servo and sets the pulse widths (µs) the board clips to; pulses start at once."""
     return bytes((0xF0, 0x70, _within(pin, 0x7F), *_pair(min_us), *_pair(max_us), 0xF7))

@@ -14,7 +14,7 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Mapping
-from functools import lru_cache
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -34,20 +34,38 @@ TYPES: dict[str, tuple[tuple[str, str], ...]] = {
     "std_msgs/msg/Bool": (("data", "bool"),),
     "std_msgs/msg/String": (("data", "string"),),
     "std_msgs/msg/MultiArrayDimension": (("label", "string"), ("size", "uint32"), ("stride", "uint32")),
-    "std_msgs/msg/MultiArrayLayout": (("dim", "std_msgs/msg/MultiArrayDimension[]"), ("data_offset", "uint32")),
+    "std_msgs/msg/MultiArrayLayout": (
+        ("dim", "std_msgs/msg/MultiArrayDimension[]"),
+        ("data_offset", "uint32"),
+    ),
     "std_msgs/msg/Float64MultiArray": (("layout", "std_msgs/msg/MultiArrayLayout"), ("data", "float64[]")),
     "geometry_msgs/msg/Point": _XYZ,
     "geometry_msgs/msg/Vector3": _XYZ,
     "geometry_msgs/msg/Quaternion": (*_XYZ, ("w", "float64")),
-    "geometry_msgs/msg/Pose": (("position", "geometry_msgs/msg/Point"), ("orientation", "geometry_msgs/msg/Quaternion")),
-    "geometry_msgs/msg/Twist": (("linear", "geometry_msgs/msg/Vector3"), ("angular", "geometry_msgs/msg/Vector3")),
-    "geometry_msgs/msg/Wrench": (("force", "geometry_msgs/msg/Vector3"), ("torque", "geometry_msgs/msg/Vector3")),
+    "geometry_msgs/msg/Pose": (
+        ("position", "geometry_msgs/msg/Point"),
+        ("orientation", "geometry_msgs/msg/Quaternion"),
+    ),
+    "geometry_msgs/msg/Twist": (
+        ("linear", "geometry_msgs/msg/Vector3"),
+        ("angular", "geometry_msgs/msg/Vector3"),
+    ),
+    "geometry_msgs/msg/Wrench": (
+        ("force", "geometry_msgs/msg/Vector3"),
+        ("torque", "geometry_msgs/msg/Vector3"),
+    ),
     "geometry_msgs/msg/PointStamped": (_HEADER, ("point", "geometry_msgs/msg/Point")),
     "geometry_msgs/msg/PoseStamped": (_HEADER, ("pose", "geometry_msgs/msg/Pose")),
     "geometry_msgs/msg/TwistStamped": (_HEADER, ("twist", "geometry_msgs/msg/Twist")),
     "geometry_msgs/msg/WrenchStamped": (_HEADER, ("wrench", "geometry_msgs/msg/Wrench")),
-    "geometry_msgs/msg/PoseWithCovariance": (("pose", "geometry_msgs/msg/Pose"), ("covariance", "float64[36]")),
-    "geometry_msgs/msg/TwistWithCovariance": (("twist", "geometry_msgs/msg/Twist"), ("covariance", "float64[36]")),
+    "geometry_msgs/msg/PoseWithCovariance": (
+        ("pose", "geometry_msgs/msg/Pose"),
+        ("covariance", "float64[36]"),
+    ),
+    "geometry_msgs/msg/TwistWithCovariance": (
+        ("twist", "geometry_msgs/msg/Twist"),
+        ("covariance", "float64[36]"),
+    ),
     "nav_msgs/msg/Odometry": (
         _HEADER,
         ("child_frame_id", "string"),
@@ -88,7 +106,7 @@ _ARRAY = re.compile(r"(.+)\[(\d*)\]")
 Message = dict[str, Any]
 
 
-@lru_cache(maxsize=None)
+@cache
 def _split(kind: str) -> tuple[str, int | None]:
     """("float64", 36) of "float64[36]"; 0 for a sequence; None for one element."""
     match = _ARRAY.fullmatch(kind)
@@ -155,7 +173,9 @@ def decode(kind: str, payload: bytes) -> Message:
     if len(payload) > LONGEST:
         raise _bad(kind, f"{len(payload)} bytes are too long for it (at most {LONGEST})")
     if payload[:2] != HEADER[:2] or len(payload) < len(HEADER):
-        raise _bad(kind, f"it begins with '{payload[:4].hex(' ')}' and not with 00 01 00 00 (CDR, little endian)")
+        raise _bad(
+            kind, f"it begins with '{payload[:4].hex(' ')}' and not with 00 01 00 00 (CDR, little endian)"
+        )
     reader = _Reader(kind, memoryview(payload)[len(HEADER) :])
     message: Message = reader.read(kind)
     if len(payload) - len(HEADER) - reader.at > 3:
@@ -213,6 +233,8 @@ class _Reader:
         start = self.at + -self.at % alignment
         if start + size > len(self._data):
             missing = start + size - len(self._data)
-            raise _bad(self._kind, f"it is cut short: {missing} bytes are missing at byte {start + len(HEADER)}")
+            raise _bad(
+                self._kind, f"it is cut short: {missing} bytes are missing at byte {start + len(HEADER)}"
+            )
         self.at = start + size
         return self._data[start : self.at]

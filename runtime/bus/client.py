@@ -1,10 +1,10 @@
 """A small client of a running instance, for `srl top`, tests and users' scripts.
 
-    from runtime.bus.client import connect
-    with connect("sixth-finger") as srl:
-        print(srl.status()["state"])
-        for update in srl.states("glove/**", timeout=1.0): ...
-        srl.command("stop")
+from runtime.bus.client import connect
+with connect("sixth-finger") as srl:
+    print(srl.status()["state"])
+    for update in srl.states("glove/**", timeout=1.0): ...
+    srl.command("stop")
 """
 
 from __future__ import annotations
@@ -68,7 +68,9 @@ def connect(target: str | Path | RunDir, tls: TlsConfig | None = None, timeout: 
         target = RunDir(Path(target)) if "/" in target else RunDir.of(target)
     rundir = target if isinstance(target, RunDir) else RunDir(target)
     if not rundir.bus_socket.exists():
-        raise RequestError(f"instance '{rundir.path.name}'", f"no bus listens at {rundir.bus_socket}", "Is it running?")
+        raise RequestError(
+            f"instance '{rundir.path.name}'", f"no bus listens at {rundir.bus_socket}", "Is it running?"
+        )
     return Client(f"unixsock-stream/{rundir.bus_socket}", tls, timeout)
 
 
@@ -92,7 +94,9 @@ class Client:
                 if answer.ok is not None:
                     return str(answer.ok.key_expr).split("/")[1]
             if time.monotonic() > until:
-                raise RequestError(f"bus ({self._endpoint})", "no srl instance is alive there", "Is the service running?")
+                raise RequestError(
+                    f"bus ({self._endpoint})", "no srl instance is alive there", "Is the service running?"
+                )
             time.sleep(0.02)
 
     def close(self) -> None:
@@ -107,12 +111,14 @@ class Client:
 
     def alive(self) -> bool:
         """Whether the instance's bus is there now."""
-        return any(a.ok is not None for a in self._session.liveliness().get(self.keys.alive, timeout=self._timeout))
+        return any(
+            a.ok is not None for a in self._session.liveliness().get(self.keys.alive, timeout=self._timeout)
+        )
 
     # Reading
 
     def status(self, timeout: float | None = None) -> dict[str, Any]:
-        """The next status, as `runtime.bus.status.parse` makes it. Raises RequestError if none comes in time."""
+        """The next status, as `runtime.bus.status.parse` makes it. Raises RequestError."""
         for sample in self._samples(self.keys.status, timeout or self._timeout):
             return parse(cdr.decode(messages.DIAGNOSTICS, sample.payload.to_bytes()))
         raise RequestError(self.keys.status, "no status came", "Is the service running?")
@@ -128,13 +134,16 @@ class Client:
             yield self._update(sample)
 
     def subscribe(self, callback: Callable[[Update], None], pattern: str = "**") -> Any:
-        """Calls `callback` for each sample, on a thread of zenoh's. Call `undeclare()` on what it returns to end it."""
-        return self._session.declare_subscriber(f"{self.keys.root}/state/{pattern}", lambda s: callback(self._update(s)))
+        """Calls `callback` for each sample, on a thread of zenoh's; `undeclare()` of what it returns ends it."""
+        return self._session.declare_subscriber(
+            f"{self.keys.root}/state/{pattern}", lambda s: callback(self._update(s))
+        )
 
     def subscribe_status(self, callback: Callable[[dict[str, Any]], None]) -> Any:
         """The same for the status."""
         return self._session.declare_subscriber(
-            self.keys.status, lambda s: callback(parse(cdr.decode(messages.DIAGNOSTICS, s.payload.to_bytes())))
+            self.keys.status,
+            lambda s: callback(parse(cdr.decode(messages.DIAGNOSTICS, s.payload.to_bytes()))),
         )
 
     def _samples(self, key: str, timeout: float | None) -> Iterator[zenoh.Sample]:
@@ -166,7 +175,10 @@ class Client:
     def meta(self, pattern: str = "**") -> dict[str, dict[str, Any]]:
         """What each signal is: unit, frame, labels, shape, type; by its name below `state/`."""
         answers = self._get(f"{self.keys.root}/state/{pattern}/meta")
-        return {key.removeprefix(f"{self.keys.root}/state/").removesuffix("/meta"): value for key, value in answers}
+        return {
+            key.removeprefix(f"{self.keys.root}/state/").removesuffix("/meta"): value
+            for key, value in answers
+        }
 
     def notes(self) -> list[dict[str, Any]]:
         """The newest remarks of the loop, oldest first: time (Unix, ns), level, cycle, text."""
@@ -194,7 +206,7 @@ class Client:
         return self._ask(self.keys.parameter(name))
 
     def set_param(self, name: str, value: float) -> dict[str, Any]:
-        """Sets a parameter; returns once the loop has it. Raises RequestError with the reason if it is refused."""
+        """Sets a parameter; returns once the loop has it. Raises RequestError if it is refused."""
         return self._ask(self.keys.parameter(name), json.dumps(float(value)).encode(), messages.JSON)
 
     def setpoint(self, name: str, values: Any, answer: bool = False) -> None:
@@ -203,8 +215,8 @@ class Client:
         Args:
             name: "client.force".
             values: a number or an array, of the signal's shape, SI units.
-            answer: wait until it is accepted, and raise RequestError if it isn't. Without, a refusal shows only in
-                the status.
+            answer: wait until it is accepted, and raise RequestError if it isn't. Without, a refusal shows
+                only in the status.
         """
         array = np.asarray(values, np.float64)
         payload = cdr.encode(messages.MULTI_ARRAY, messages.multi_array(array))
@@ -220,7 +232,7 @@ class Client:
     def _ask(self, key: str, payload: bytes | None = None, encoding: str | None = None) -> dict[str, Any]:
         for _, answer in self._get(key, payload, encoding):
             if answer["ok"]:
-                return answer  # type: ignore[no-any-return]
+                return answer
             place, _, rest = answer["error"].partition(": ")
             problem, _, remedy = rest.partition(". ")
             raise RequestError(place, problem, remedy.rstrip("."))
@@ -232,8 +244,16 @@ class Client:
             return []
         return [path(name).replace("/", ".") for name in self.parameters()]
 
-    def _get(self, key: str, payload: bytes | None = None, encoding: str | None = None) -> list[tuple[str, Any]]:
+    def _get(
+        self, key: str, payload: bytes | None = None, encoding: str | None = None
+    ) -> list[tuple[str, Any]]:
         answers = self._session.get(
-            key, payload=payload, encoding=encoding, timeout=self._timeout, congestion_control=zenoh.CongestionControl.DROP
+            key,
+            payload=payload,
+            encoding=encoding,
+            timeout=self._timeout,
+            congestion_control=zenoh.CongestionControl.DROP,
         )
-        return [(str(a.ok.key_expr), json.loads(a.ok.payload.to_bytes())) for a in answers if a.ok is not None]
+        return [
+            (str(a.ok.key_expr), json.loads(a.ok.payload.to_bytes())) for a in answers if a.ok is not None
+        ]

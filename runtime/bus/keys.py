@@ -11,7 +11,7 @@ COMMANDS = ("start", "stop", "reset")
 
 
 def slug(name: str) -> str:
-    """ "sixth-finger" -> "sixth_finger". """
+    """ "sixth-finger" -> "sixth_finger"."""
     return re.sub(r"[^a-z0-9_]", "_", name.lower())
 
 
@@ -65,4 +65,6 @@ def check(names: Iterable[str], what: str) -> None:
     for key, name in seen.items():
         if key.endswith("/meta") and key.removesuffix("/meta") in seen:
             other = seen[key.removesuffix("/meta")]
-            raise ProfileError(f"{what} '{name}'", f"its key is that of the metadata of '{other}'", "Rename it")
+            raise ProfileError(
+                f"{what} '{name}'", f"its key is that of the metadata of '{other}'", "Rename it"
+            )

@@ -25,7 +25,7 @@ from runtime.bus import cdr, messages, session
 from runtime.bus.config import BusConfig
 from runtime.bus.keys import Keys, check
 from runtime.bus.requests import Requests, reply
-from runtime.bus.status import Counts, Timing, diagnostics
+from runtime.bus.status import Reporter
 from runtime.errors import SrlError
 from runtime.layout import CYCLE, FLAG_DEGRADED, Layout
 from runtime.mailbox import MailboxWriter
@@ -37,7 +37,8 @@ PUBLISHED = ("state", "command", "applied", "internal", "truth")  # roles
 STATUS_PERIOD = 200_000_000  # ns
 SILENT = 500_000_000  # ns without a sign of life, besides two periods, until the loop counts as dead
 MOST = 16  # rows published a turn: a simulation ahead of real time isn't followed row by row
-ARRIVALS = 1024  # queries and samples that may wait for a turn
+ARRIVALS = 1024  # queries that may wait
+SAMPLES = 64  # what may wait when a sample comes, and what is worked on a turn: more would make a stop wait
 NOTES_KEPT = 20
 _NOW, _STATE, _CAUSE, _FLAGS = (CYCLE.index(n) for n in ("now", "state", "cause", "flags"))
 _PR_SET_PDEATHSIG = 1
@@ -48,6 +49,7 @@ class Bus:
 
     def __init__(self, rundir: RunDir) -> None:
         """Opens everything. Raises SrlError."""
+        self._ring = RingReader(rundir.rows)
         self._layout = Layout.load(rundir.layout)
         meta = self._layout.meta
         config = BusConfig.model_validate(meta["bus"] or {})
@@ -57,7 +59,6 @@ class Bus:
         check((f.name for f in self._fields), "signal")
         check((p["name"] for p in meta.get("parameters", [])), "parameter")
         check((s["name"] for s in meta.get("setpoints", [])), "setpoint")
-        self._ring = RingReader(rundir.rows)
         self._ring.sequence = self._ring.head  # what was written before is the recorder's
         self._mail = MailboxWriter(rundir.mail)
         self._notes = NotesReader(rundir.notes)
@@ -67,8 +68,8 @@ class Bus:
         self._silence = SILENT + round(2 * period)
         self._decimate = config.decimate
         self._pause = min(max(config.decimate * period / 2e9, 0.002), 0.02)
-        self._counts, self._timing = Counts(), Timing()
-        self._requests = Requests(self._layout, self._keys, self._mail, self._counts)
+        self._reporter = Reporter(self._name, self._layout)
+        self._requests = Requests(self._layout, self._keys, self._mail, self._reporter.counts)
         self._arrivals: queue.SimpleQueue[tuple[Callable[[Any], None], Any]] = queue.SimpleQueue()
         self._row = self._ring.newest()
         self._said: tuple[int, int] | None = None  # state and cause of the last status
@@ -88,11 +89,15 @@ class Bus:
         def publisher(key: str, kind: str) -> zenoh.Publisher:
             # DROP: a slow subscriber costs samples; BLOCK held a put for 5 s.
             return s.declare_publisher(
-                key, encoding=messages.encoding(kind), congestion_control=zenoh.CongestionControl.DROP, express=True
+                key,
+                encoding=messages.encoding(kind),
+                congestion_control=zenoh.CongestionControl.DROP,
+                express=True,
             )
 
         self._signals = [
-            (f, encoder := messages.Encoder(f), publisher(self._keys.state(f.name), encoder.kind)) for f in self._fields
+            (f, encoder := messages.Encoder(f), publisher(self._keys.state(f.name), encoder.kind))
+            for f in self._fields
         ]
         self._status = publisher(self._keys.status, messages.DIAGNOSTICS)
         self._remarks = publisher(self._keys.notes, messages.STRING)
@@ -112,7 +117,7 @@ class Bus:
         def arrive(item: Any) -> None:
             # A flood must not grow without bounds, and one of setpoints must leave room for a stop.
             asked = isinstance(item, zenoh.Query)
-            if self._arrivals.qsize() < (ARRIVALS if asked else ARRIVALS // 2):
+            if self._arrivals.qsize() < (ARRIVALS if asked else SAMPLES):
                 self._arrivals.put((work, item))
             elif asked:
                 item.drop()
@@ -145,7 +150,7 @@ class Bus:
         try:
             work, item = self._arrivals.get(timeout=0.001 if self._requests.busy else self._pause)
             work(item)
-            for _ in range(ARRIVALS):
+            for _ in range(SAMPLES):
                 work, item = self._arrivals.get_nowait()
                 work(item)
         except queue.Empty:
@@ -154,10 +159,10 @@ class Bus:
     def _turn(self) -> None:
         rows = self._ring.take()
         if rows.shape[0]:
-            self._timing.add(rows)
+            self._reporter.timing.add(rows)
             self._row = rows[-1]
             self._publish(rows)
-        self._counts.lost_rows = self._ring.lost
+        self._reporter.counts.lost_rows = self._ring.lost
         now = time.monotonic_ns()
         self._silent = not self._ring.closed and now - self._ring.beat > self._silence
         self._requests.turn(rows, self._row, self._silent or self._ring.closed)
@@ -177,8 +182,9 @@ class Bus:
             stamp = int(row[_NOW]) + self._wall
             floats = row[self._layout.ints :].view(np.float64)
             for field, encoder, publisher in self._signals:
-                values = floats[field.offset : field.offset + field.size]
-                publisher.put(encoder.encode(values, stamp))
+                if _matches(publisher):
+                    values = floats[field.offset : field.offset + field.size]
+                    publisher.put(encoder.encode(values, stamp))
 
     def _changes(self, rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
         """The rows that begin a state or have another cause."""
@@ -191,14 +197,14 @@ class Bus:
         return found[-MOST:]
 
     def _say_status(self) -> None:
-        message = diagnostics(
-            self._name, self._layout, self._row, self._timing, self._counts, time.time_ns(), self._silent
-        )
+        message = self._reporter.message(self._row, time.time_ns(), self._silent)
         self._status.put(cdr.encode(messages.DIAGNOSTICS, message))
 
     def _say_notes(self) -> None:
         for note in self._notes.take():
-            self._remembered.append(asdict(note) | {"level": note.level.name.lower(), "time": note.time + self._wall_now()})
+            self._remembered.append(
+                asdict(note) | {"level": note.level.name.lower(), "time": note.time + self._wall_now()}
+            )
             text = f"{note.level.name.lower()}: {note.text}"
             self._remarks.put(cdr.encode(messages.STRING, {"data": text}))
 
@@ -217,6 +223,12 @@ class Bus:
     def _recall(self, query: zenoh.Query) -> None:
         reply(query, self._keys.notes, list(self._remembered))
         query.drop()
+
+
+def _matches(publisher: zenoh.Publisher) -> bool:
+    """Whether anyone listens. zenoh declares a bool and returns an object that is always true."""
+    status: Any = publisher.matching_status
+    return bool(getattr(status, "matching", status))
 
 
 def main(arguments: list[str]) -> int:

@@ -7,6 +7,7 @@ that a stop never waits behind them. A setpoint goes out at most once a cycle, t
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sys
 import time
@@ -32,7 +33,9 @@ PATIENCE = 1_000_000_000  # ns until a request that the loop didn't take is give
 UNDERWAY = 4  # requests in the mailbox at a time, stops not counted: the loop takes one a cycle
 WAITING = 64
 _ASKS = {"start": Ask.START, "stop": Ask.STOP, "reset": Ask.RESET}
-_REQUEST, _KIND, _RESULT, _STATE = (CYCLE.index(n) for n in ("request", "request_kind", "request_result", "state"))
+_REQUEST, _KIND, _RESULT, _STATE = (
+    CYCLE.index(n) for n in ("request", "request_kind", "request_result", "state")
+)
 _CAUSE, _CULPRIT = CYCLE.index("cause"), CYCLE.index("culprit")
 
 
@@ -61,7 +64,9 @@ class Requests:
         self._setpoints: list[dict[str, Any]] = layout.meta.get("setpoints", [])
         self._underway: dict[int, Pending] = {}
         self._waiting: deque[Pending] = deque()
-        self._newest: dict[int, tuple[int, Array]] = {}  # setpoints that go out next, by index: expiry, values
+        self._newest: dict[
+            int, tuple[int, Array]
+        ] = {}  # setpoints that go out next, by index: expiry, values
         self._row: NDArray[np.int64] | None = None
         self._cycle = -1
         self._said = 0.0
@@ -81,7 +86,8 @@ class Requests:
     def subscribers(self) -> dict[str, Callable[[zenoh.Sample], None]]:
         """What takes a sample, by key."""
         return {
-            self._keys.setpoint(s["name"]): partial(self._put_setpoint, i) for i, s in enumerate(self._setpoints)
+            self._keys.setpoint(s["name"]): partial(self._put_setpoint, i)
+            for i, s in enumerate(self._setpoints)
         }
 
     @property
@@ -112,7 +118,9 @@ class Requests:
         try:
             values = messages.read_values(query.payload.to_bytes(), str(query.encoding), field, key)
             if not lower <= values[0] <= upper:
-                raise RequestError(key, f"{values[0]:g} {unit} is out of bounds", f"Send {lower:g} to {upper:g} {unit}")
+                raise RequestError(
+                    key, f"{values[0]:g} {unit} is out of bounds", f"Send {lower:g} to {upper:g} {unit}"
+                )
         except RequestError as error:
             self._refuse(query, key, error)
             return
@@ -151,7 +159,11 @@ class Requests:
         self._counts.last_rejection = str(error)
         if (now := time.monotonic()) - self._said >= 1.0:
             self._said = now
-            print(f"bus: setpoint refused ({self._counts.rejected} so far): {error}", file=sys.stderr, flush=True)
+            print(
+                f"bus: setpoint refused ({self._counts.rejected} so far): {error}",
+                file=sys.stderr,
+                flush=True,
+            )
 
     def _answerable(self, query: zenoh.Query, key: str, crowd: int) -> bool:
         """Refuses what came by a wildcard: a look at `srl/**` must not move or stop anything.
@@ -162,7 +174,10 @@ class Requests:
         if str(query.key_expr) != key:
             problem = "what changes something takes its exact key, not a wildcard", f"Ask {key} itself"
         elif self.silent:
-            problem = "the loop gives no sign of life", "Look at the service's log; actuators are stopped by the supervisor"
+            problem = (
+                "the loop gives no sign of life",
+                "Look at the service's log; actuators are stopped by the supervisor",
+            )
         elif crowd >= WAITING:
             problem = "too many requests wait already", "Ask less often"
         if problem is not None:
@@ -175,7 +190,9 @@ class Requests:
         if pending.kind is Ask.STOP:
             for other in [p for p in self._waiting if p.kind in (Ask.START, Ask.RESET)]:
                 self._waiting.remove(other)  # it would set in motion what was stopped after it
-                self._refuse(other.query, other.place, RequestError(other.place, "a stop came after it", "Ask again"))
+                self._refuse(
+                    other.query, other.place, RequestError(other.place, "a stop came after it", "Ask again")
+                )
             self._send(pending)
         else:
             self._waiting.append(pending)
@@ -236,9 +253,18 @@ class Requests:
                     pending.kind, "Look at the status"
                 ),
             ),
-            Answer.REFUSED_FAULT: (f"what caused the stop is still there: {why}", "Mend that, then ask again"),
-            Answer.REFUSED_VALUE: ("the loop found the value not finite or out of bounds", "Ask without payload for the bounds"),
-            Answer.EXPIRED: ("the loop came to it too late", "Ask again; if it stays so, look at the overruns"),
+            Answer.REFUSED_FAULT: (
+                f"what caused the stop is still there: {why}",
+                "Mend that, then ask again",
+            ),
+            Answer.REFUSED_VALUE: (
+                "the loop found the value not finite or out of bounds",
+                "Ask without payload for the bounds",
+            ),
+            Answer.EXPIRED: (
+                "the loop came to it too late",
+                "Ask again; if it stays so, look at the overruns",
+            ),
         }.get(answer, (f"the loop refused it ({answer.name.lower()})", "Look at the status"))
         self._refuse(pending.query, pending.place, RequestError(pending.place, problem, remedy), state)
 
@@ -268,7 +294,5 @@ class Requests:
 
 def reply(query: zenoh.Query, key: str, content: Any) -> None:
     """Answers with JSON. The query must be dropped after its last answer, or its asker waits on."""
-    try:
+    with contextlib.suppress(zenoh.ZError):  # the asker has gone
         query.reply(key, json.dumps(content), encoding=messages.JSON)
-    except zenoh.ZError:
-        pass  # the asker has gone

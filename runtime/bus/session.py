@@ -29,7 +29,9 @@ def serve(socket: Path, config: BusConfig, keys: Keys) -> zenoh.Session:
         HostError: an endpoint can't be listened on.
     """
     if len(os.fsencode(socket)) > LONGEST_PATH or set(str(socket)) & set("?#;"):
-        raise HostError(str(socket), "this path can't name a Unix socket", "Set SRL_RUNTIME_DIR to a short, plain path")
+        raise HostError(
+            str(socket), "this path can't name a Unix socket", "Set SRL_RUNTIME_DIR to a short, plain path"
+        )
     os.umask(SOCKET_UMASK)
     endpoints = [f"unixsock-stream/{socket}", *config.listen]
     content = _base("peer") | {
@@ -44,7 +46,9 @@ def serve(socket: Path, config: BusConfig, keys: Keys) -> zenoh.Session:
         return zenoh.open(zenoh.Config.from_json5(json.dumps(content)))
     except zenoh.ZError as error:
         where = ", ".join(endpoints)
-        raise HostError(f"bus ({where})", f"zenoh can't listen: {_reason(error)}", "Free the address, or see bus.tls") from None
+        raise HostError(
+            f"bus ({where})", f"zenoh can't listen: {_reason(error)}", "Free the address, or see bus.tls"
+        ) from None
 
 
 def join(endpoint: str, tls: TlsConfig | None = None, timeout: float = 2.0) -> zenoh.Session:
@@ -57,7 +61,9 @@ def join(endpoint: str, tls: TlsConfig | None = None, timeout: float = 2.0) -> z
     try:
         return zenoh.open(zenoh.Config.from_json5(json.dumps(content)))
     except zenoh.ZError as error:
-        raise RequestError(f"bus ({endpoint})", f"no connection: {_reason(error)}", "Is the service running?") from None
+        raise RequestError(
+            f"bus ({endpoint})", f"no connection: {_reason(error)}", "Is the service running?"
+        ) from None
 
 
 def _reason(error: zenoh.ZError) -> str:
@@ -78,11 +84,22 @@ def _tls(tls: TlsConfig, side: str) -> dict[str, Any]:
 
 
 def _access(keys: Keys) -> dict[str, Any]:
-    """What a client may do: read, ask, and write setpoints. Nobody but the service speaks for the instance."""
+    """What a client may do: read, ask, put setpoints. Only the service speaks for the instance."""
     everything = [f"{keys.root}/**"]
     rules: list[dict[str, Any]] = [
-        {"id": "setpoints", "flows": ["ingress"], "messages": ["put"], "key_exprs": [f"{keys.root}/setpoint/**"]},
-        {"id": "ask", "flows": ["ingress"], "messages": ["query", "declare_subscriber"], "key_exprs": everything},
+        {
+            "id": "setpoints",
+            "flows": ["ingress"],
+            "messages": ["put"],
+            "key_exprs": [f"{keys.root}/setpoint/**"],
+        },
+        # Wider than the instance, as a client may read by `srl/**`; nothing else is published here.
+        {
+            "id": "ask",
+            "flows": ["ingress"],
+            "messages": ["query", "declare_subscriber"],
+            "key_exprs": ["srl/**"],
+        },
         {
             "id": "presence",
             "flows": ["ingress"],

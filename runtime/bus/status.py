@@ -1,4 +1,4 @@
-"""What the instance says of itself: the rows of the last second as a diagnostic_msgs/DiagnosticArray, and back.
+"""What the instance says of itself: the last second's rows as diagnostic_msgs/DiagnosticArray, and back.
 
 The first status is the instance's, with the state machine in words; then comes one a device.
 """
@@ -100,55 +100,70 @@ def culprit(layout: Layout, cause: Cause, index: int) -> str:
     return names[index] if index < len(names) else f"number {index + 1}"
 
 
-def diagnostics(
-    name: str, layout: Layout, row: NDArray[np.int64] | None, timing: Timing, counts: Counts, stamp: int, silent: bool
-) -> cdr.Message:
-    """The message.
+class Reporter:
+    """Makes the message.
 
-    Args:
-        name: the instance.
-        row: the newest row (width,), None before the first.
-        stamp: Unix time, ns.
-        silent: the loop gives no sign of life.
+    Attributes:
+        counts: what the bus counts.
+        timing: fed with the rows.
     """
-    own = {"lost_rows": counts.lost_rows, "rejected_setpoints": counts.rejected, "last_rejection": counts.last_rejection}
-    profile = str(layout.meta.get("name", name))
-    if row is None:
-        status = [_status(STALE if silent else OK, name, "starting", profile, {"state": "starting"} | own)]
-    else:
-        status = [_instance(name, layout, row, timing.figures() | own, profile, silent)]
-        status += [_device(name, layout, row, i, device) for i, device in enumerate(layout.devices)]
-    return {"header": {"stamp": time_of(stamp), "frame_id": ""}, "status": status}
+
+    def __init__(self, name: str, layout: Layout) -> None:
+        self._name, self._layout = name, layout
+        self._profile = str(layout.meta.get("name", name))
+        self.counts, self.timing = Counts(), Timing()
+
+    def message(self, row: NDArray[np.int64] | None, stamp: int, silent: bool) -> cdr.Message:
+        """diagnostic_msgs/msg/DiagnosticArray.
+
+        Args:
+            row: the newest row (width,), None before the first.
+            stamp: Unix time, ns.
+            silent: the loop gives no sign of life.
+        """
+        own = {
+            "lost_rows": self.counts.lost_rows,
+            "rejected_setpoints": self.counts.rejected,
+            "last_rejection": self.counts.last_rejection,
+        }
+        if row is None:
+            values = {"state": "starting", "rate_nominal_hz": self._rate()} | own
+            status = [_status(STALE if silent else OK, self._name, "starting", self._profile, values)]
+        else:
+            status = [self._instance(row, own, silent)]
+            status += [_device(self._name, self._layout, row, i) for i in range(len(self._layout.devices))]
+        return {"header": {"stamp": time_of(stamp), "frame_id": ""}, "status": status}
+
+    def _rate(self) -> float:
+        numerator, denominator = self._layout.meta["rate"]
+        return float(numerator / denominator)
+
+    def _instance(self, row: NDArray[np.int64], own: dict[str, Any], silent: bool) -> cdr.Message:
+        ints = dict(zip(CYCLE, row[: len(CYCLE)].tolist(), strict=True))
+        state, cause = State(ints["state"]), Cause(ints["cause"])
+        who = culprit(self._layout, cause, ints["culprit"])
+        level = OK if state in (State.ACTIVE, State.READY, State.HOMING) else WARN
+        if cause not in (Cause.NONE, Cause.REQUEST, Cause.END):
+            level = ERROR
+        words = state.name.lower()
+        if cause is not Cause.NONE:
+            words += f": {CAUSES[cause]}" + (f" ({who})" if who else "")
+        if silent:
+            level, words = STALE, f"the loop gives no sign of life (last: {words})"
+        values = {
+            "state": state.name.lower(),
+            "cause": cause.name.lower(),
+            "culprit": who,
+            "cycle": ints["cycle"],
+            "overruns": ints["overruns"],
+            "degraded": int(bool(ints["flags"] & FLAG_DEGRADED)),
+            "rate_nominal_hz": self._rate(),
+        }
+        return _status(level, self._name, words, self._profile, values | self.timing.figures() | own)
 
 
-def _instance(
-    name: str, layout: Layout, row: NDArray[np.int64], figures: dict[str, Any], profile: str, silent: bool
-) -> cdr.Message:
-    ints = dict(zip(CYCLE, row[: len(CYCLE)].tolist(), strict=True))
-    state, cause = State(ints["state"]), Cause(ints["cause"])
-    who = culprit(layout, cause, ints["culprit"])
-    level = OK if state in (State.ACTIVE, State.READY, State.HOMING) else WARN
-    if cause not in (Cause.NONE, Cause.REQUEST, Cause.END):
-        level = ERROR
-    words = state.name.lower()
-    if cause is not Cause.NONE:
-        words += f": {CAUSES[cause]}" + (f" ({who})" if who else "")
-    if silent:
-        level, words = STALE, f"the loop gives no sign of life (last: {words})"
-    rate = layout.meta["rate"]
-    values = {
-        "state": state.name.lower(),
-        "cause": cause.name.lower(),
-        "culprit": who,
-        "cycle": ints["cycle"],
-        "overruns": ints["overruns"],
-        "degraded": int(bool(ints["flags"] & FLAG_DEGRADED)),
-        "rate_nominal_hz": rate[0] / rate[1],
-    }
-    return _status(level, name, words, profile, values | figures)
-
-
-def _device(name: str, layout: Layout, row: NDArray[np.int64], index: int, device: str) -> cdr.Message:
+def _device(name: str, layout: Layout, row: NDArray[np.int64], index: int) -> cdr.Message:
+    device = layout.devices[index]
     start = len(CYCLE) + index * len(DEVICE)
     words = dict(zip(DEVICE, row[start : start + len(DEVICE)].tolist(), strict=True))
     link = words.pop("link")
@@ -174,8 +189,8 @@ def _status(level: int, name: str, message: str, hardware: str, values: dict[str
 def parse(message: cdr.Message) -> dict[str, Any]:
     """A status as one dict: the instance's values, and `devices` with each device's; numbers as numbers.
 
-    `instance`, `message` and `level` (0 well, 1 warning, 2 error, 3 stale) are the status's own; `stamp` is Unix
-    time in s.
+    `instance`, `message` and `level` (0 well, 1 warning, 2 error, 3 stale) are the status's own; `stamp`
+    is Unix time in s.
     """
     stamp = message["header"]["stamp"]
     found: dict[str, Any] = {"stamp": stamp["sec"] + stamp["nanosec"] * 1e-9, "devices": {}}

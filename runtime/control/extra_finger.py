@@ -103,7 +103,6 @@ class FingerKinematics:
         self.n = len(finger.rows)
         self._damping2 = damping**2
         self._curvature = 0.5 * sum(abs(a) for _, a in finger.rows)
-        self._I = np.eye(self.n)
 
     def tip(self, q: Array) -> Array:
         """(3,) m, a view that the next call overwrites."""
@@ -131,25 +130,26 @@ class FingerKinematics:
         chi = pull * (self.middle - q)
         # Near the border of the workspace the way is quadratic in the joints: a long step would overshoot.
         floor = max(self._damping2, self._curvature * sqrt(dp @ dp))
-        inverse, N = self._invert(J, floor)
-        dq, rate = inverse @ dp + N @ chi, inverse @ v
+        inverse = _invert(J, floor)
+        dq, rate = chi + inverse @ (dp - J @ chi), inverse @ v  # N_J chi = chi - J^+ J chi
         allowed = np.minimum(np.maximum(dq, low), high)
-        held = dq != allowed
-        while (dq != allowed).any():
-            fixed = np.where(held, allowed, 0.0)
-            inverse, N = self._invert(np.where(held, 0.0, J), floor)
-            dq = np.where(held, fixed, inverse @ (dp - J @ fixed) + N @ chi)
+        held = beyond = dq != allowed
+        while beyond.any():
+            fixed = np.where(held, allowed, chi)
+            inverse = _invert(np.where(held, 0.0, J), floor)
+            dq = fixed + inverse @ (dp - J @ fixed)
             rate = np.where(held, 0.0, inverse @ v)
             allowed = np.minimum(np.maximum(dq, low), high)
-            held |= dq != allowed
-        return dq, rate
+            beyond = ~held & (dq != allowed)
+            held = held | beyond
+        return np.where(held, allowed, dq), rate
 
-    def _invert(self, J: Array, floor: float) -> tuple[Array, Array]:
-        """Damped J^+ (n, 3) = J^T (J J^T)^-1 and N_J (n, n) = I - J^+ J.
 
-        Eigenvalues of J J^T below `floor` are raised to it: singular values s of J from sqrt(floor) up are
-        inverted exactly, lesser ones become s / floor.
-        """
-        lam, U = np.linalg.eigh(J @ J.T)
-        inverse = J.T @ ((U / np.maximum(lam, floor)) @ U.T)
-        return inverse, self._I - inverse @ J
+def _invert(J: Array, floor: float) -> Array:
+    """Damped J^+ (n, 3) = J^T (J J^T)^-1.
+
+    Eigenvalues of J J^T below `floor` are raised to it: singular values s of J from sqrt(floor) up are
+    inverted exactly, lesser ones become s / floor.
+    """
+    lam, U = np.linalg.eigh(J @ J.T)
+    return cast(Array, J.T @ ((U / np.maximum(lam, floor)) @ U.T))

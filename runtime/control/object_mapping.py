@@ -45,7 +45,7 @@ class ObjectMappingConfig(ControllerConfig):
         "motion beyond it is damped; .inf for none",
     )
     damping: float = Field(
-        0.02, gt=0.0, description="m/rad; singular values of the finger's Jacobian below it are damped"
+        0.01, gt=0.0, description="m/rad; singular values of the finger's Jacobian below it are damped"
     )
     leash: float = Field(
         0.03, gt=0.0, description="m, how far a tip's target may be ahead of what the guard let through"

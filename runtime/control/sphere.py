@@ -20,8 +20,10 @@ def minimum_sphere(points: Array) -> tuple[float, float, float, float]:
     the radius grows with every step, so it ends. r is the farthest point's distance: none is outside.
     """
     cloud: list[Point] = points.tolist()
-    centre, r2 = _farthest(cloud, cloud[0])[0], 0.0
-    support = [centre]
+    first, _ = _farthest(cloud, cloud[0])
+    second, d2 = _farthest(cloud, first)
+    support, r2 = [first, second], 0.25 * d2
+    centre = [0.5 * (a + b) for a, b in zip(first, second, strict=True)]
     farthest, reach2 = _farthest(cloud, centre)
     while reach2 > r2 * (1.0 + _INSIDE):
         grown, grown2, next_support = _smallest(support, farthest)
@@ -46,11 +48,17 @@ def _smallest(support: list[Point], p: Point) -> tuple[Point, float, list[Point]
     """The smallest sphere around `support` and p, with p on its surface, and the points that support it."""
     best: tuple[Point, float, list[Point]] = (p, 0.0, [p])
     least = float("inf")
-    for size in range(1, min(len(support), 3) + 1):
+    for q in support:  # a sphere on two points that holds all is the least
+        centre = [0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1]), 0.5 * (p[2] + q[2])]
+        r2 = (p[0] - centre[0]) ** 2 + (p[1] - centre[1]) ** 2 + (p[2] - centre[2]) ** 2
+        if _farthest(support, centre)[1] <= r2 * (1.0 + _INSIDE):
+            return centre, r2, [p, q]
+    for size in range(2, min(len(support), 3) + 1):
         for chosen in combinations(support, size):
-            centre = _circumcentre(p, chosen)
-            if centre is None:
+            through = _circumcentre(p, chosen)
+            if through is None:
                 continue
+            centre = through
             r2 = (p[0] - centre[0]) ** 2 + (p[1] - centre[1]) ** 2 + (p[2] - centre[2]) ** 2
             if r2 < least and _farthest(support, centre)[1] <= r2 * (1.0 + _INSIDE):
                 best, least = (centre, r2, [p, *chosen]), r2
@@ -58,14 +66,11 @@ def _smallest(support: list[Point], p: Point) -> tuple[Point, float, list[Point]
 
 
 def _circumcentre(p: Point, others: tuple[Point, ...]) -> Point | None:
-    """The point of the affine hull as far from p as from the one to three others; None if they are flat.
+    """The point of the affine hull as far from p as from the two or three others; None if they are flat.
 
     With edges e_i = p_i - p it is p + sum w_i e_i, where sum_j (e_i . e_j) w_j = e_i . e_i / 2.
     """
     px, py, pz = p
-    if len(others) == 1:
-        qx, qy, qz = others[0]
-        return [0.5 * (px + qx), 0.5 * (py + qy), 0.5 * (pz + qz)]
     edges = [(q[0] - px, q[1] - py, q[2] - pz) for q in others]
     g = [[a[0] * b[0] + a[1] * b[1] + a[2] * b[2] for b in edges] for a in edges]
     if len(edges) == 2:

@@ -7,6 +7,7 @@ robotic ones, c the centroid of p_h, o and r the virtual sphere's centre and rad
 from __future__ import annotations
 
 from enum import StrEnum
+from math import sqrt
 from typing import Final, cast
 
 import numpy as np
@@ -94,13 +95,13 @@ class VirtualObject:
             xi = xi + self._null_motion(
                 W[:, lam <= _null_below(lam[-1])], xi, v, sphere[:3] - c, float(sphere[3])
             )
-        norm = float(np.sqrt(xi @ xi))
+        norm = sqrt(xi @ xi)
         if norm > _STEP:
             xi *= _STEP / norm
-        half = (0.5 * xi @ self._flat).reshape(3, 3)
-        # p' - p = v + G ((p' + p) / 2 - c), solved for p'
-        moved = np.linalg.solve(_I - half, (_I + half) @ (p_a - c).T + v[:, None])
-        return cast(Array, c + moved.T)
+        G = (xi @ self._flat).reshape(3, 3)
+        # p' - p = v + G ((p' + p) / 2 - c), solved for p' - p
+        x = p_a - c
+        return cast(Array, p_a + (v + x @ G.T) @ _inverse(_I - 0.5 * G).T)
 
     def noise_gain(self, p_h: Array, p_a: Array) -> tuple[float, float]:
         """Of the worst robotic tip, its rms motion over the fingertips' rms noise: damped, undamped.
@@ -112,12 +113,10 @@ class VirtualObject:
         null = _null_below(lam[-1])
         undamped = np.array([1.0 / x if x > null else 0.0 for x in lam.tolist()])
         mean = np.tile(_I, n) / n
-        gains = []
+        gains: list[float] = []
         for inverse in (damped, undamped):
             X = (W * inverse) @ W.T @ A
-            gains.append(
-                max(float(np.linalg.norm(mean + self._effect(p - c) @ X)) for p in p_a) / np.sqrt(3.0)
-            )
+            gains.append(max(float(np.linalg.norm(mean + self._effect(p - c) @ X)) for p in p_a) / sqrt(3.0))
         return gains[0], gains[1]
 
     def _decompose(self, d: Array, x: Array) -> tuple[Array, Array, Array, Array]:
@@ -179,6 +178,7 @@ def similarity(reference: Array, points: Array, p_a: Array, rigid: bool) -> Arra
     lack = _TWIST - (first - second) / (first + second)
     if lack > 0.0:
         Q = np.linalg.eigh(N + 0.5 * lack * (first + second) * _IDENTITY)[1]
+        first = float(Q[:, 3] @ N @ Q[:, 3])
     w, x, y, z = Q[:, 3].tolist()
     R = np.array(
         [
@@ -187,8 +187,22 @@ def similarity(reference: Array, points: Array, p_a: Array, rigid: bool) -> Arra
             [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
         ]
     )
-    scale = 1.0 if rigid else max(float(Q[:, 3] @ N @ Q[:, 3]) / float((a * a).sum()), 0.0)
+    scale = 1.0 if rigid else max(first / float((a * a).sum()), 0.0)
     return cast(Array, c1 + scale * (p_a - c0) @ R.T)
+
+
+def _inverse(M: Array) -> Array:
+    """The inverse (3, 3) by cofactors, for M near the identity."""
+    (a, b, c), (d, e, f), (g, h, i) = M.tolist()
+    A, B, C = e * i - f * h, f * g - d * i, d * h - e * g
+    adjugate = np.array(
+        [
+            [A, c * h - b * i, b * f - c * e],
+            [B, a * i - c * g, c * d - a * f],
+            [C, b * g - a * h, a * e - b * d],
+        ]
+    )
+    return cast(Array, adjugate / (a * A + b * B + c * C))
 
 
 def _null_below(largest: float) -> float:

@@ -12,6 +12,7 @@ from runtime.errors import DeviceError, WiringError
 from runtime.signals import Array, Command, Limits, Stop
 
 LONGEST = 5  # periods: a longer pause is not made up for, the motion goes on where it was
+SHORTEST = 1e-3  # periods: a clock that stands still must not divide by zero
 RETRACT_SPEED = 0.25  # of the velocity limit
 
 
@@ -127,10 +128,10 @@ class CommandGuard(ABC):
         Args:
             desired: what the controller asks for.
             desired_velocity: its rate if the controller knows it; only read by the position guard.
-            dt: > 0, s since the last cycle.
+            dt: s since the last cycle, the actual one.
         """
         self._begin()
-        dt = min(dt, LONGEST * self.dt)
+        dt = self._span(dt)
         wanted = desired.ravel().tolist()
         rate = None if desired_velocity is None else desired_velocity.ravel().tolist()
         if finite(wanted) and (rate is None or finite(rate)) and self._sensed():
@@ -146,9 +147,9 @@ class CommandGuard(ABC):
             self._halt(Stop.HOLD, dt)
 
     def stop(self, category: Stop, dt: float) -> None:
-        """One cycle of a stop; `at_rest` tells when it is complete. dt > 0, s since the last cycle."""
+        """One cycle of a stop; `at_rest` tells when it is complete. dt: s since the last cycle."""
         self._begin()
-        self._halt(category if self._sensed() else Stop.HOLD, min(dt, LONGEST * self.dt))
+        self._halt(category if self._sensed() else Stop.HOLD, self._span(dt))
 
     @abstractmethod
     def _follow(self, desired: list[float], rate: list[float] | None, dt: float) -> None:
@@ -161,6 +162,9 @@ class CommandGuard(ABC):
     def _sensed(self) -> bool:
         """Whether the measurements it needs are finite."""
         return True
+
+    def _span(self, dt: float) -> float:
+        return min(max(dt, SHORTEST * self.dt), LONGEST * self.dt)
 
     def _begin(self) -> None:
         if not self._ready:

@@ -21,10 +21,12 @@ class TorqueGuard(CommandGuard):
 
     All torques are counted from gravity compensation g, if that is bound, so that the guard neither fights
     nor drops it. With effort limit E and velocity limit V, the damping is d = E/V: full effort at full speed.
-    The barrier is a one-sided spring and damper, stiffness k = E/(ZONE range), damping 2d:
-    tau - g <= k (upper - q) - 2d max(qd, 0), likewise at the lower limit, each side within [-E, E]: beyond a
-    limit what is left points inwards. It takes nothing from a torque that isn't pushing outwards. The
-    velocity limit bounds alike: tau - g <= E (V - qd)/(FADE V), and its mirror. Both are soft.
+    The barrier is a one-sided spring and damper, stiffness k = E/(ZONE range), damping 2d; for qd > 0
+    tau - g <= k (upper - q - qd^2/2A) - 2d qd, likewise at the lower limit, each side within [-E, E]: beyond
+    a limit what is left points inwards. It takes nothing from a torque that isn't pushing outwards. A is the
+    acceleration limit, if given: what the effort surely brakes the joint with. Without it a joint that is
+    heavy for its effort overruns the barrier. The velocity limit bounds alike:
+    tau - g <= E (V - qd)/(FADE V).
 
     Stops: `damp` -d qd; `limp` nothing but g; `hold` damps, then springs to where each joint came to rest,
     stiffness d/HOLD_TIME; `brake` and `retract` are `hold`. All within effort and rate.
@@ -113,21 +115,25 @@ class TorqueGuard(CommandGuard):
         q, qd = self._measured()
         out = []
         for i, (tau, last) in enumerate(zip(wanted, self.applied.ravel().tolist(), strict=True)):
-            E, g, low, high = self.max_effort[i], self._g[i], self.lower[i], self.upper[i]
-            V = self.max_velocity[i]
-            bounded = tau
+            E, g, bounded = self.max_effort[i], self._g[i], tau
             if sighted:
-                most, least = E * (V - qd[i]) / (FADE * V), -E * (V + qd[i]) / (FADE * V)
-                if -inf < low and high < inf:
-                    k, d = E / (ZONE * (high - low)), 2 * E / V
-                    most = min(most, k * (high - q[i]) - d * max(qd[i], 0.0))
-                    least = max(least, k * (low - q[i]) - d * min(qd[i], 0.0))
-                least, most = min(max(least, -E), E), min(max(most, -E), E)
+                least, most = self._range(i, q[i], qd[i])
                 bounded = min(max(tau - g, least), most) + g
             bounded = min(max(bounded, -E), E)
             step = self.max_effort_rate[i] * dt
             out.append(min(max(bounded, last - step), last + step))
         self.applied.reshape(-1)[:] = out
+
+    def _range(self, i: int, q: float, qd: float) -> tuple[float, float]:
+        """What velocity limit and barrier leave of joint i's torque, counted from gravity compensation."""
+        E, V, low, high = self.max_effort[i], self.max_velocity[i], self.lower[i], self.upper[i]
+        least, most = -E * (V + qd) / (FADE * V), E * (V - qd) / (FADE * V)
+        if -inf < low and high < inf:
+            k, d = E / (ZONE * (high - low)), E / V
+            way = qd * abs(qd) / (2 * self.max_acceleration[i])  # to brake on
+            most = min(most, k * (high - q - max(way, 0.0)) - 2 * d * max(qd, 0.0))
+            least = max(least, k * (low - q - min(way, 0.0)) - 2 * d * min(qd, 0.0))
+        return min(max(least, -E), E), min(max(most, -E), E)
 
     def _sensed(self) -> bool:
         q, qd = self._measured()

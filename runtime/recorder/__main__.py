@@ -1,4 +1,6 @@
-"""`python -m runtime.recorder RUNDIR --out FILE.rrd [--view]`: started, and after a crash restarted, by the supervisor.
+"""`python -m runtime.recorder RUNDIR --out FILE.rrd [--view]`.
+
+The supervisor starts it, and starts it again with the same arguments if it dies.
 
 Exit codes: 0 the merged recording is complete; 1 it isn't, or the segments were kept (stderr says why); 2 the
 arguments are wrong.

@@ -60,7 +60,9 @@ class Columns:
             self.entities.setdefault(path, []).append(Column(descriptor, start, 1, np.int64))
         for field in layout.fields.values():
             if field.size:
-                column = Column(rr.Scalars.descriptor_scalars(), layout.ints + field.offset, field.size, np.float64)
+                column = Column(
+                    rr.Scalars.descriptor_scalars(), layout.ints + field.offset, field.size, np.float64
+                )
                 self.entities.setdefault(entity(field.name), []).append(column)
 
     def times(self, rows: Words) -> list[rr.TimeColumn]:
@@ -112,7 +114,9 @@ class Assembler:
             number, column = self._columns[path, name]
             values = array.flatten()
             if len(values) != len(sequence) * column.size or values.type != pa.from_numpy_dtype(column.kind):
-                raise RecordingError(path, "the column doesn't fit the recording's layout", "The file is damaged")
+                raise RecordingError(
+                    path, "the column doesn't fit the recording's layout", "The file is damaged"
+                )
             block = values.to_numpy(zero_copy_only=True).view(np.int64).reshape(len(sequence), column.size)
             self._pending.append((number, column, sequence, block))
             self.bytes += block.nbytes
@@ -123,12 +127,12 @@ class Assembler:
             return np.empty(0, np.int64), np.empty((0, self._width), np.int64)
         sequence = np.unique(np.concatenate([s for _, _, s, _ in self._pending]))
         rows = np.zeros((len(sequence), self._width), np.int64)
-        have = np.zeros((len(sequence), len(self._columns)), bool)
+        have: NDArray[np.bool_] = np.zeros((len(sequence), len(self._columns)), bool)
         for number, column, numbers, block in self._pending:
             at = np.searchsorted(sequence, numbers)
             rows[at, column.start : column.start + column.size] = block
             have[at, number] = True
-        whole = have.all(axis=1)
+        whole: NDArray[np.bool_] = np.asarray(have.all(axis=1))
         rest = []
         if not whole.all():
             for number, column, numbers, block in self._pending:
@@ -141,6 +145,6 @@ class Assembler:
 
 
 def entity(name: str) -> str:
-    """The entity path of a signal: `finger.position_command.applied` -> `/finger/position_command/applied`."""
+    """The entity path of a signal: `finger.position.applied` -> `/finger/position/applied`."""
     path: str = rr.new_entity_path(name.split("."))
     return path if path.startswith("/") else f"/{path}"

@@ -29,8 +29,7 @@ class Sum:
     def add(self, sequence: Words, rows: Words) -> None:
         """Takes rows in their order."""
         self.rows += len(rows)
-        both = np.column_stack([sequence, rows])
-        self.check = zlib.crc32(memoryview(both).cast("B"), self.check)
+        self.check = zlib.crc32(np.column_stack([sequence, rows]).tobytes(), self.check)
 
 
 def merge(target: Path) -> int:
@@ -75,7 +74,7 @@ def remove(folder: Path) -> None:
 
 
 def covers(target: Path, rows: int) -> bool:
-    """True if `target` is a whole recording that ends with row `rows`: a merge was cut before it tidied up."""
+    """True if `target` is whole and ends with row `rows`: a merge was killed while tidying up."""
     source = Source([target])
     last = max((int(sequence[-1]) for sequence, _ in source.blocks()), default=0)
     return last == rows and source.cut == 0
@@ -97,7 +96,9 @@ def _write(source: Source, part: Path) -> Sum:
         _notes(stream, source, sent, cycle)
         stream.recording.flush()  # bounds what waits in memory
     if stream is None:
-        raise RecordingError(str(part.with_suffix("")), "no row was recorded", "The run ended before its first cycle")
+        raise RecordingError(
+            str(part.with_suffix("")), "no row was recorded", "The run ended before its first cycle"
+        )
     _notes(stream, source, sent, None)
     stream.recording.flush()
     stream.recording.disconnect()  # writes the manifest and closes the file
@@ -106,7 +107,9 @@ def _write(source: Source, part: Path) -> Sum:
 
 def _notes(stream: Stream, source: Source, sent: set[int], cycle: int | None) -> None:
     """Sends the remarks up to `cycle` that weren't sent yet."""
-    new = sorted(n for n, note in source.notes.items() if n not in sent and (cycle is None or note.cycle <= cycle))
+    new = sorted(
+        n for n, note in source.notes.items() if n not in sent and (cycle is None or note.cycle <= cycle)
+    )
     stream.notes(new, [source.notes[n] for n in new])
     sent.update(new)
 

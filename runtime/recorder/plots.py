@@ -31,7 +31,9 @@ class Plot(BaseModel):
 
     title: str
     unit: str = Field(description="what the axis says; the values are not converted")
-    lines: dict[str, Reference] = Field(default_factory=dict, description="by its label: a signal or a part of one")
+    lines: dict[str, Reference] = Field(
+        default_factory=dict, description="by its label: a signal or a part of one"
+    )
     distance: dict[str, tuple[Reference, Reference]] = Field(
         default_factory=dict, description="by its label: two points (x, y, z), m, in the same frame"
     )
@@ -43,7 +45,7 @@ class Plot(BaseModel):
         return self
 
     def curves(self, layout: Layout, rows: NDArray[np.int64]) -> dict[str, Array]:
-        """The curves over rows (k, width), each (k,), by label; elements of a larger signal are labelled apart.
+        """The curves over rows (k, width), each (k,), by label; a larger signal gives one for each element.
 
         Raises:
             RecordingError: the layout lacks a signal, an index is out of range, or a point isn't (3,).
@@ -71,7 +73,9 @@ def split(reference: str) -> tuple[str, tuple[int, ...]]:
     """The signal's name and the index of a reference."""
     match = re.match(_REFERENCE, reference)
     if match is None:
-        raise RecordingError(f"'{reference}'", "it isn't a signal", "Write device.signal or device.signal[row]")
+        raise RecordingError(
+            f"'{reference}'", "it isn't a signal", "Write device.signal or device.signal[row]"
+        )
     return match[1], tuple(int(i) for i in match[2].split(",")) if match[2] else ()
 
 
@@ -82,8 +86,12 @@ def pick(layout: Layout, rows: NDArray[np.int64], reference: str, place: str) ->
         raise RecordingError(place, f"the recording has no signal '{name}'", nearest(name, layout.fields))
     shape = layout.fields[name].shape
     if len(index) > len(shape) or any(i >= n for i, n in zip(index, shape, strict=False)):
-        raise RecordingError(place, f"'{reference}': '{name}' is shaped {shape}", "Use indices from 0 within it")
-    values: Array = layout.value(rows, name)[(slice(None), *index)]
+        raise RecordingError(
+            place, f"'{reference}': '{name}' is shaped {shape}", "Use indices from 0 within it"
+        )
+    values = layout.value(rows, name)
+    for i in index:
+        values = values[:, i]
     return values[:, 0] if values.shape[1:] == (1,) else values
 
 
@@ -103,7 +111,9 @@ def series_names(layout: Layout, name: str) -> list[str]:
         return [name.rsplit(".", 1)[-1]]
     if field.visual == "sphere" and field.shape == (4,):
         return ["x", "y", "z", "radius"]
-    first = list(field.labels) if len(field.labels) == field.shape[0] else [str(i) for i in range(field.shape[0])]
+    first = (
+        list(field.labels) if len(field.labels) == field.shape[0] else [str(i) for i in range(field.shape[0])]
+    )
     if len(field.shape) == 1:
         return first
     inner = field.shape[1:]

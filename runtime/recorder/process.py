@@ -15,12 +15,13 @@ from pathlib import Path
 import numpy as np
 
 from runtime.errors import RecordingError
-from runtime.notes import NotesReader
+from runtime.notes import Note, NotesReader
+from runtime.recorder.columns import Words
 from runtime.recorder.framing import HEADER, strip
 from runtime.recorder.merge import covers, merge, remove
 from runtime.recorder.reader import last_recorded
 from runtime.recorder.segments import Segments, check_target, folder_of, listed
-from runtime.recorder.stream import Stream, recording_id
+from runtime.recorder.stream import Stream
 from runtime.recorder.viewer import Viewer
 from runtime.ring import RingReader
 from runtime.rundir import RunDir
@@ -50,7 +51,9 @@ class Recorder:
         try:
             text = run.layout.read_text()
         except OSError as error:
-            raise RecordingError(str(run.layout), f"no layout is here: {error.strerror}", "Is the run up?") from None
+            raise RecordingError(
+                str(run.layout), f"no layout is here: {error.strerror}", "Is the run up?"
+            ) from None
         self._segments_there = bool(listed(folder_of(target)))
         if self._segments_there:
             self._ring.sequence = last_recorded(folder_of(target), text)
@@ -83,7 +86,7 @@ class Recorder:
             if self._viewer is not None:
                 self._viewer.close()
         if not stored:
-            _say(f"the disk stayed full: the newest rows are only in the ring; {folder_of(self._target)} holds the rest")
+            _say(f"the disk stayed full: new rows are in the ring, the rest in {folder_of(self._target)}")
             return INCOMPLETE
         try:
             rows = merge(self._target)
@@ -131,7 +134,7 @@ class Recorder:
         self._show(sequence, rows, list(numbers), notes)
         return strip(self._binary.read())
 
-    def _show(self, sequence, rows, numbers, notes) -> None:  # type: ignore[no-untyped-def]
+    def _show(self, sequence: Words, rows: Words, numbers: list[int], notes: list[Note]) -> None:
         if self._viewer is None:
             return
         if not self._viewer.alive:
@@ -150,7 +153,7 @@ class Recorder:
                 self._segments.write(data)
             except OSError as error:
                 if not self._stuck:
-                    _say(f"{folder_of(self._target)}: can't write ({error.strerror}); trying again until there is room")
+                    _say(f"{folder_of(self._target)}: can't write ({error.strerror}); will try again")
                 self._stuck = True
             else:
                 if self._stuck:
@@ -164,18 +167,18 @@ class Recorder:
             time.sleep(RETRY)
 
     def _over(self) -> bool:
-        """True once no row will follow: the loop said so, or it is silent and we were told to end or orphaned."""
+        """True once no row will follow: the loop said so, or is silent and we were told to end."""
         if self._ring.closed:
             return True
         told = self._asked_to_end or os.getppid() != self._parent
         return told and time.monotonic() - self._last_row > SILENCE and self._ring.head == self._ring.sequence
 
     def _ask(self, *_: object) -> None:
-        # A service's stop signals every process of it; the loop's own stop takes a while and belongs in the recording.
+        # A service's stop signals all its processes; the loop's own stop takes a while and is to be recorded.
         self._asked_to_end = True
 
     def _tidy(self) -> int:
-        """The merged file is there already: an earlier recorder of this run was killed before it tidied up."""
+        """The merged file is there already: an earlier recorder of this run was killed while tidying up."""
         if not self._segments_there or not self._ring.closed or not covers(self._target, self._ring.head):
             check_target(self._target)
         remove(folder_of(self._target))
@@ -184,6 +187,3 @@ class Recorder:
 
 def _say(text: str) -> None:
     print(f"recorder: {text}", file=sys.stderr, flush=True)
-
-
-__all__ = ["INCOMPLETE", "WELL", "Recorder", "recording_id"]

@@ -59,7 +59,9 @@ def read(path: Path) -> Recording:
     elif path.exists():
         recording = _files(path, [path])
     elif folder_of(path).is_dir():
-        raise RecordingError(str(path), "the recording wasn't finished", f"Read its segments: {folder_of(path)}")
+        raise RecordingError(
+            str(path), "the recording wasn't finished", f"Read its segments: {folder_of(path)}"
+        )
     else:
         raise RecordingError(str(path), "there is no such file or folder", "Check the path")
     if not len(recording.rows):
@@ -89,7 +91,9 @@ def last_recorded(folder: Path, text: str) -> int:
 def _files(path: Path, files: list[Path]) -> Recording:
     if not files:
         problem = "the folder holds neither segments nor a black box"
-        raise RecordingError(str(path), problem, "Give a .rrd file, its .segments folder or a black box folder")
+        raise RecordingError(
+            str(path), problem, "Give a .rrd file, its .segments folder or a black box folder"
+        )
     source = Source(files)
     blocks = list(source.blocks())
     if source.layout is None:
@@ -105,7 +109,9 @@ def _black_box(path: Path) -> Recording:
     try:
         layout = Layout.load(path / "layout.json")
     except (OSError, ValueError, KeyError) as error:
-        raise RecordingError(str(path / "layout.json"), f"the layout can't be read: {error}", "It is kept beside the ring") from None
+        raise RecordingError(
+            str(path / "layout.json"), f"the layout can't be read: {error}", "It is kept beside the ring"
+        ) from None
     with RingReader(path / "rows.ring") as ring:
         if ring.width != layout.width:
             problem = f"rows are {ring.width} words wide, the layout says {layout.width}"

@@ -1,4 +1,4 @@
-"""What people look at besides the numbers: 3D, loop timing, device ages, states. Derived and thinned to 30 Hz.
+"""What people look at besides the numbers: 3D, loop timing, device ages, states; derived, thinned to 30 Hz.
 
 Nothing here is read back: the rows are in the columns.
 """
@@ -57,8 +57,11 @@ class Scene:
         log("/loop/timing/cycle", rr.SeriesLines(names=["cycle, us"]))
         log("/loop/timing/phases", rr.SeriesLines(names=[f"{phase}, us" for phase in PHASES]))
         if self._layout.devices:
-            log("/loop/timing/ages", rr.SeriesLines(names=[f"{device}, ms" for device in self._layout.devices]))
-        colors = [(*STATE_COLORS[state], 255) for state in State]
+            log(
+                "/loop/timing/ages",
+                rr.SeriesLines(names=[f"{device}, ms" for device in self._layout.devices]),
+            )
+        colors = [(*STATE_COLORS.get(state, (0, 114, 178)), 255) for state in State]
         log("/loop/state", rr.StateConfiguration(values=[s.name.lower() for s in State], colors=colors))
         for plot in self._plots:
             labels = list(plot.curves(self._layout, np.zeros((1, self._layout.width), np.int64)))
@@ -75,8 +78,13 @@ class Scene:
             if field.frame in self._frames:
                 log(path, rr.CoordinateFrame(field.frame))
             if field.visual == "points":
-                labels = list(field.labels) or None
-                log(path, rr.Points3D.from_fields(colors=[color], radii=[0.004], labels=labels, show_labels=False))
+                names_shown = list(field.labels) or None
+                log(
+                    path,
+                    rr.Points3D.from_fields(
+                        colors=[color], radii=[0.004], labels=names_shown, show_labels=False
+                    ),
+                )
                 log(path, rr.LineStrips3D.from_fields(colors=[color], radii=[0.0015]))
             else:
                 fill = rr.components.FillMode.TransparentFillMajorWireframe
@@ -86,7 +94,9 @@ class Scene:
         """Sends the views of rows (k, width), which follow those of the last call."""
 
         def columns(path: str, at: Words, *what: Any) -> None:
-            rr.send_columns(path, self._columns.times(at), [c for w in what for c in w], recording=recording, strict=True)
+            rr.send_columns(
+                path, self._columns.times(at), [c for w in what for c in w], recording=recording, strict=True
+            )
 
         now = self._layout.int(rows, "now")
         bins = np.floor_divide(now, int(1e9 / VIEW_RATE))

@@ -1,6 +1,6 @@
 """The files of a recording under way: `FILE.rrd.segments/000001.rrd`, each readable by itself.
 
-A batch goes out in one `write`, so that what a killed process leaves is whole messages and at most one torn one.
+A batch goes out in one `write`: a killed process leaves whole messages and at most one torn one.
 """
 
 from __future__ import annotations
@@ -34,13 +34,19 @@ def check_target(target: Path) -> None:
     if target.suffix != ".rrd":
         raise RecordingError(str(target), "the name doesn't end in .rrd", "Name it like run.rrd")
     if target.exists():
-        raise RecordingError(str(target), "a recording is there already", "Move it away or choose another name")
+        raise RecordingError(
+            str(target), "a recording is there already", "Move it away or choose another name"
+        )
     folder = folder_of(target)
     if folder.exists() and any(folder.iterdir()):
         problem = "the segments of an unfinished recording are there already"
-        raise RecordingError(str(folder), problem, "Move them away (they can be read as they are) or choose another name")
+        raise RecordingError(
+            str(folder), problem, "Move them away (they can be read as they are) or choose another name"
+        )
     if not target.parent.is_dir() or not os.access(target.parent, os.W_OK):
-        raise RecordingError(str(target.parent), "the folder can't be written", "Make it, or choose another place")
+        raise RecordingError(
+            str(target.parent), "the folder can't be written", "Make it, or choose another place"
+        )
 
 
 class Segments:

@@ -1,4 +1,4 @@
-"""Recorded rows, file by file: torn tails cut, duplicates dropped, never more than a file's worth in memory."""
+"""Recorded rows, file by file: torn tails cut, duplicates dropped, never more in memory than one file."""
 
 from __future__ import annotations
 
@@ -94,14 +94,19 @@ class Source:
             raise RecordingError(str(file), problem, "Read it with the version of srl that wrote it")
         text = column(batch, "layout")[0]
         if self.text and text != self.text:
-            raise RecordingError(str(file), "it belongs to another run than the files before", "Keep runs apart")
+            raise RecordingError(
+                str(file), "it belongs to another run than the files before", "Keep runs apart"
+            )
         if not self.text:
             self.text, self.layout = text, Layout.from_json(text)
         assert self.layout is not None
         self._assembler = Assembler(Columns(self.layout))
 
     def _take_notes(self, batch: pa.RecordBatch) -> None:
-        words = {n: column(batch, n) for n in ("srl.Note:sequence", "srl.Note:time", "TextLog:text", "TextLog:level")}
+        words = {
+            n: column(batch, n)
+            for n in ("srl.Note:sequence", "srl.Note:time", "TextLog:text", "TextLog:level")
+        }
         cycles = batch.column(batch.schema.names.index("cycle")).to_pylist()
         for number, time, text, level, cycle in zip(*words.values(), cycles, strict=True):
             self.notes[number] = Note(time, _LEVELS[level], cycle, text)
@@ -109,7 +114,8 @@ class Source:
 
 def column(batch: pa.RecordBatch, name: str) -> list[Any]:
     """The values of a component that has one a row."""
-    return batch.column(batch.schema.names.index(name)).flatten().to_pylist()  # type: ignore[no-any-return]
+    values: list[Any] = batch.column(batch.schema.names.index(name)).flatten().to_pylist()
+    return values
 
 
 def _ordered(file: Path, shown: Path) -> Iterator[Chunk]:
@@ -121,7 +127,9 @@ def _ordered(file: Path, shown: Path) -> Iterator[Chunk]:
             warnings.simplefilter("ignore")  # a segment has no manifest at its end, which is as it must be
             reader = rr.chunk.RrdReader(file)
             if not any(store.application_id == APPLICATION for store in reader.recordings()):
-                raise RecordingError(str(shown), "no run of srl is recorded in it", "Give a .rrd file that srl wrote")
+                raise RecordingError(
+                    str(shown), "no run of srl is recorded in it", "Give a .rrd file that srl wrote"
+                )
             stream = reader.stream()
         for chunk in stream:
             path, batch = chunk.entity_path, chunk.to_record_batch()
@@ -133,7 +141,9 @@ def _ordered(file: Path, shown: Path) -> Iterator[Chunk]:
                 held.clear()
     except RuntimeError as error:  # how rerun reports a file that it can't decode
         reason = str(error).splitlines()[0]
-        raise RecordingError(str(shown), f"rerun can't read it: {reason}", "It is damaged, or from another rerun") from None
+        raise RecordingError(
+            str(shown), f"rerun can't read it: {reason}", "It is damaged, or from another rerun"
+        ) from None
 
 
 def gaps(sequence: Words) -> list[tuple[int, int]]:

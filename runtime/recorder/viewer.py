@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
-import signal
 import socket
 import subprocess
 import sys
@@ -21,7 +19,9 @@ from runtime.recorder.stream import Stream
 HOST = "127.0.0.1"
 GRPC_PORT, WEB_PORT = 9876, 9090  # rerun's own, where they are free
 RATE = 100.0  # rows/s of the loop's clock that a viewer gets
-_PR_SET_PDEATHSIG = 1
+# Runs a program that ends with the process that started it (PR_SET_PDEATHSIG is 1, SIGTERM 15), however that
+# dies. Not by `preexec_fn`: this process has threads.
+_MORTAL = "import ctypes, os, sys; ctypes.CDLL(None).prctl(1, 15); os.execv(sys.argv[1], sys.argv[1:])"
 
 
 class Viewer:
@@ -38,21 +38,20 @@ class Viewer:
         """
         grpc, web = _free_port(GRPC_PORT), _free_port(WEB_PORT)
         self.url = f"http://{HOST}:{web}/?url=rerun%2Bhttp://{HOST}:{grpc}/proxy"
-        command = [_executable(), "--serve-web", "--bind", HOST, "--port", str(grpc)]
-        command += ["--web-viewer-port", str(web), "--server-memory-limit", "512MB"]
-        # CI=1: rerun sends no usage statistics then. The death signal: a killed recorder leaves no server behind.
-        library = ctypes.CDLL(None)
+        command = [sys.executable, "-ISc", _MORTAL, _executable(), "--serve-web", "--bind", HOST]
+        command += ["--port", str(grpc), "--web-viewer-port", str(web), "--server-memory-limit", "512MB"]
         self._process = subprocess.Popen(
             command,
-            env={**os.environ, "CI": "1"},
+            env={**os.environ, "CI": "1"},  # rerun sends no usage statistics then
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
-            preexec_fn=lambda: library.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM),
         )
         if not _listens(grpc, 10.0):
             self._process.kill()
-            raise RecordingError("rerun", "the viewer's server doesn't start", "Try `rerun --serve-web` by hand")
+            raise RecordingError(
+                "rerun", "the viewer's server doesn't start", "Try `rerun --serve-web` by hand"
+            )
         self._stream = Stream(text)
         self._stream.recording.connect_grpc(f"rerun+http://{HOST}:{grpc}/proxy")
         self._stream.prologue()
@@ -90,7 +89,9 @@ def _executable() -> str:
     spec = find_spec("rerun_cli")
     path = Path(spec.origin).parent / "rerun" if spec is not None and spec.origin else None
     if path is None or not path.exists():
-        raise RecordingError("rerun", f"its viewer isn't installed beside {sys.executable}", "Install rerun-sdk anew")
+        raise RecordingError(
+            "rerun", f"its viewer isn't installed beside {sys.executable}", "Install rerun-sdk anew"
+        )
     return str(path)
 
 

@@ -34,9 +34,13 @@ _KEPT: Final = {  # settings that are remembered and asked for, and change nothi
 class Sensors(Protocol):
     """What the interpreter asks of the glove."""
 
-    count: int
-    right: bool
     period: Fraction  # ns between samples; set by `T`
+
+    @property
+    def count(self) -> int: ...
+
+    @property
+    def right(self) -> bool: ...
 
     def newest(self) -> bytes:
         """The newest sample, a byte of 1..255 for each sensor."""

@@ -39,6 +39,7 @@ class PtyDoor:
         self.bytes_out = 0
         self.lost = 0
         self._fd = -1
+        self._path = ""
         self._there = False
         self._poll = select.poll()
 
@@ -71,6 +72,7 @@ class PtyDoor:
         finally:
             os.close(client)  # from here on the poll tells whether somebody has it open
         self._fd = master
+        self._path = path
         self._there = False
         self._poll = select.poll()
         self._poll.register(master, select.POLLIN)
@@ -93,8 +95,7 @@ class PtyDoor:
         """Whether a client has the port open now."""
         hung_up = self._fd < 0 or any(event & select.POLLHUP for _, event in self._poll.poll(0))
         if self._there and hung_up and self._fd >= 0:
-            with contextlib.suppress(termios.error):
-                termios.tcflush(self._fd, termios.TCOFLUSH)  # the next client must not read this one's
+            self._forget_unread()
         if not self._there and not hung_up:
             self.connects += 1
         self._there = not hung_up
@@ -122,6 +123,16 @@ class PtyDoor:
             taken = 0
         self.bytes_out += taken
         self.lost += len(data) - taken
+
+    def _forget_unread(self) -> None:
+        """Throws away what the client that left hasn't read; the next one must not get it."""
+        with contextlib.suppress(OSError, termios.error):
+            termios.tcflush(self._fd, termios.TCOFLUSH)  # on its way; what has arrived is the other end's
+            end = os.open(self._path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+            try:
+                termios.tcflush(end, termios.TCIFLUSH)
+            finally:
+                os.close(end)
 
     def _point(self, path: str) -> None:
         if self.link is None:

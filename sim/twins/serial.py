@@ -46,13 +46,14 @@ class SerialTwin(Twin):
         self.door.link = path
 
     def open(self) -> None:
-        """See `Twin.open`; opens the port again after `close`, too."""
+        """See `Twin.open`."""
         self.door.open()
         self.address = self.door.address
 
     def close(self) -> None:
-        """See `Twin.close`; a client that has the port open sees it hang up."""
+        """See `Twin.close`; a client that has the port open sees it hang up. `open` puts the port back."""
         self.door.close()
+        self.address = ""
 
     def service(self, now: int) -> None:
         """See `Twin.service`."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 from typing import Any
 
@@ -33,7 +34,9 @@ def values(kind: str) -> st.SearchStrategy[Any]:
     if kind.endswith("]"):
         base, size = kind[:-1].split("[")
         inner = values(base)
-        return st.lists(inner, min_size=int(size), max_size=int(size)) if size else st.lists(inner, max_size=5)
+        return (
+            st.lists(inner, min_size=int(size), max_size=int(size)) if size else st.lists(inner, max_size=5)
+        )
     if kind in NUMBERS:
         return NUMBERS[kind]
     return st.fixed_dictionaries({name: values(inner) for name, inner in cdr.TYPES[kind]})
@@ -42,7 +45,7 @@ def values(kind: str) -> st.SearchStrategy[Any]:
 def foreign(kind: str, value: Any) -> Any:
     """The same message as rosbags holds it."""
     if kind.endswith("]"):
-        base = kind[:-1].split("[")[0]
+        base = kind.partition("[")[0]
         if base in NUMBERS and base != "string":
             return np.array(value, base)
         return [foreign(base, v) for v in value]
@@ -53,7 +56,9 @@ def foreign(kind: str, value: Any) -> Any:
 
 def same(ours: Any, theirs: Any) -> bool:
     if isinstance(ours, dict):
-        return all(same(v, theirs[k] if isinstance(theirs, dict) else getattr(theirs, k)) for k, v in ours.items())
+        return all(
+            same(v, theirs[k] if isinstance(theirs, dict) else getattr(theirs, k)) for k, v in ours.items()
+        )
     if isinstance(ours, list) and ours and isinstance(ours[0], dict):
         return len(ours) == len(theirs) and all(same(a, b) for a, b in zip(ours, theirs, strict=True))
     return bool(np.array_equal(ours, theirs)) if isinstance(ours, np.ndarray) else ours == theirs
@@ -66,7 +71,7 @@ def test_definitions_are_those_of_ros2(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", sorted(cdr.TYPES))
-@settings(max_examples=30)
+@settings(max_examples=12)
 @given(data=st.data())
 def test_bytes_equal_rosbags_both_ways(kind: str, data: st.DataObject) -> None:
     message = data.draw(values(kind))
@@ -95,7 +100,12 @@ def odometry(frame: str, child: str) -> dict[str, Any]:
     [
         ("odom", "base_link", 724, "625c87e9048425883e0e76710973dea9641fde33c0dfc5bc5f07b2714d0f31cb"),
         ("odom", "base_footprint", 724, "9ed2dcf8b1361bb345e51d2bc27dfec2c20c61b5e48876c16086be45651da05e"),
-        ("robot_odom", "robot_base_footprint", 740, "e88796057321abd663efc44c2d2c55c9d8794aa3271c897c30e4c2a6873bb870"),
+        (
+            "robot_odom",
+            "robot_base_footprint",
+            740,
+            "e88796057321abd663efc44c2d2c55c9d8794aa3271c897c30e4c2a6873bb870",
+        ),
     ],
 )
 def test_odometry_is_golden(frame: str, child: str, size: int, digest: str) -> None:
@@ -106,13 +116,14 @@ def test_odometry_is_golden(frame: str, child: str, size: int, digest: str) -> N
 @given(st.sampled_from(sorted(cdr.TYPES)), st.binary(max_size=200))
 def test_garbage_is_a_request_error_or_a_message(kind: str, payload: bytes) -> None:
     for data in (payload, cdr.HEADER + payload):
-        try:
+        with contextlib.suppress(RequestError):
             cdr.decode(kind, data)
-        except RequestError:
-            pass
 
 
-@pytest.mark.parametrize("kind", ["nav_msgs/msg/Odometry", "sensor_msgs/msg/JointState", "diagnostic_msgs/msg/DiagnosticArray"])
+@pytest.mark.parametrize(
+    "kind", ["nav_msgs/msg/Odometry", "sensor_msgs/msg/JointState", "diagnostic_msgs/msg/DiagnosticArray"]
+)
+@settings(max_examples=40)
 @given(data=st.data())
 def test_a_cut_payload_is_refused(kind: str, data: st.DataObject) -> None:
     payload = cdr.encode(kind, data.draw(values(kind)))
@@ -125,7 +136,10 @@ def test_a_length_out_of_all_bounds_allocates_nothing() -> None:
     with pytest.raises(RequestError, match="cut short"):
         cdr.decode("std_msgs/msg/Float64MultiArray", cdr.HEADER + bytes(4) + bytes(4) + b"\xff\xff\xff\xff")
     with pytest.raises(RequestError, match="claims"):
-        cdr.decode("diagnostic_msgs/msg/DiagnosticArray", cdr.encode("std_msgs/msg/Header", odometry("", "")["header"]) + b"\0" * 3 + b"\xff" * 4)
+        cdr.decode(
+            "diagnostic_msgs/msg/DiagnosticArray",
+            cdr.encode("std_msgs/msg/Header", odometry("", "")["header"]) + b"\0" * 3 + b"\xff" * 4,
+        )
 
 
 def test_errors_say_what_is_wrong() -> None:

@@ -75,7 +75,7 @@ def test_hand_reaches_the_reference_tips(posture: str) -> None:
 @pytest.mark.parametrize("posture", ["zero", "flex30", "flex60", "abd20", "mix"])
 def test_sixth_finger_reaches_the_reference_tips(posture: str) -> None:
     sheet = YAML(typ="safe").load(shared("facts/human_hand.yaml"))["sixth_finger"]["reference"][posture]
-    tip = FingerKinematics(ExtraFinger(), 0.02).tip(np.deg2rad(sheet["q_deg"])) * 1e3
+    tip = FingerKinematics(ExtraFinger(), 0.01).tip(np.deg2rad(sheet["q_deg"])) * 1e3
     np.testing.assert_allclose(tip, sheet["tip_mm"], atol=2e-6)
 
 

@@ -38,15 +38,15 @@ def check(points: Array, tolerance: float = 1e-9) -> None:
     assert r == pytest.approx(brute_force(points), rel=tolerance, abs=1e-12)
 
 
-def test_thousands_of_random_sets() -> None:
+def test_many_random_sets() -> None:
     rng = np.random.default_rng(1)
-    for _ in range(2000):
+    for _ in range(1200):
         check(rng.normal(size=(rng.integers(1, 7), 3)) * rng.choice([1e-3, 0.1, 10.0]))
 
 
 def test_flat_straight_and_coincident_sets() -> None:
     rng = np.random.default_rng(2)
-    for _ in range(400):
+    for _ in range(300):
         rank = rng.integers(0, 3)
         n = rng.integers(2, 8)
         points = rng.normal(size=(n, rank)) @ rng.normal(size=(rank, 3)) + rng.normal(size=3)

@@ -16,7 +16,7 @@ from runtime.control.virtual_object import Deformation, Psi, VirtualObject, simi
 from runtime.signals import Array
 
 ISOTROPIC = VirtualObject(Deformation.ISOTROPIC, Psi.NONE, 4.0)
-ROBOT = FingerKinematics(ExtraFinger(), 0.02).tip(HOME)[None].copy()
+ROBOT = FingerKinematics(ExtraFinger(), 0.01).tip(HOME)[None].copy()
 TIPS = hand_tips(RELAXED)
 
 direction = arrays(float, 3, elements=st.floats(-1, 1))
@@ -133,7 +133,7 @@ def test_noise_gain_is_what_noise_does() -> None:
     rng = np.random.default_rng(7)
     for chosen in ([0, 1, 2, 3, 4], [2, 3, 4]):
         p_h = TIPS[chosen]
-        noise = 1e-6 * rng.normal(size=(4000, len(chosen), 3))
+        noise = 1e-6 * rng.normal(size=(2000, len(chosen), 3))
         out = np.array([moved(ISOTROPIC, p_h, p_h + dp) - ROBOT for dp in noise])
         gain, _ = ISOTROPIC.noise_gain(p_h, ROBOT)
         assert np.sqrt((out**2).mean() / (noise**2).mean()) == pytest.approx(gain, rel=0.05)

@@ -117,8 +117,8 @@ def test_limp_detaches_and_the_next_command_attaches_again(board, opened):
     board.seen.clear()
     opened.stop(Stop.LIMP)
     opened.stop(Stop.LIMP)
-    loop.until(lambda: board.seen[-1:] == [bytes.fromhex("f4 0a 01")])
-    assert board.seen == [b"\xf7", bytes.fromhex("f4 09 01"), bytes.fromhex("f4 0a 01")]
+    loop.until(lambda: board.seen[-1:] == [bytes.fromhex("f5 0a 00")])
+    assert b"".join(board.seen) == bytes.fromhex("f7 f4 09 01 f5 09 00 f4 0a 01 f5 0a 00")
     assert opened.stop_frame(Stop.HOLD) == b"\xf7"
     board.seen.clear()
     loop.until(lambda: any(message[0] == 0xEA for message in board.seen), 1.0, 1.0)
@@ -148,9 +148,9 @@ def test_stop_frames_repeat_the_last_pulses_or_detach(board, opened):
     loop.cycle(0.0, 3.0)
     assert opened.stop_frame(Stop.HOLD) is hold
     assert opened.stop_frame(Stop.RETRACT) is hold
-    assert opened.stop_frame(Stop.LIMP) == bytes.fromhex("f7 f4 09 01 f4 0a 01")
+    assert opened.stop_frame(Stop.LIMP) == bytes.fromhex("f7 f4 09 01 f5 09 00 f4 0a 01 f5 0a 00")
     os.write(opened.fileno(), opened.stop_frame(Stop.LIMP))
-    board.wait_for(bytes.fromhex("f4 0a 01"))
+    board.wait_for(bytes.fromhex("f5 0a 00"))
 
 
 def test_a_board_that_stops_reading_gets_one_command_and_then_the_newest(board, opened):

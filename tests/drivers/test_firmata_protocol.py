@@ -40,6 +40,7 @@ from drivers.firmata.protocol import Decoder, Mode
         (p.pin_state_query(9), "f0 6d 09 f7"),
         (p.VERSION_QUERY, "f9"),
         (p.RESET, "ff"),
+        (p.digital_pin_write(9, False), "f5 09 00"),
     ],
 )
 def test_messages_to_the_board_are_the_golden_ones(built, golden):

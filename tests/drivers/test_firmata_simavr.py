@@ -64,12 +64,12 @@ def cycles(*args):
         pass
 
 
-def pulses(board, pins=tuple(PINS.values())):
+def pulses(board, pins=None):
     """The pulse widths now, in µs, 0 without pulses: the median of five frames, as interrupts delay some."""
     seen = []
     for _ in range(6):
         board.wait(0.021)
-        seen.append([look.last_us if look.max_us else 0.0 for look in map(board.pin, pins)])
+        seen.append([look.last_us if look.max_us else 0.0 for look in map(board.pin, pins or PINS.values())])
     return list(np.median(seen[1:], axis=0))
 
 
@@ -133,6 +133,14 @@ def test_limp_detaches_and_a_command_attaches_again_as_often_as_wanted(board, dr
         assert pulses(board) == [0.0] * 4
 
 
+def test_limp_in_the_middle_of_a_pulse_does_not_leave_a_pin_high(board, driver):
+    for step in range(25):  # frames are 20 ms, four pulses fill a quarter: some fall into one
+        cycles(driver, board, 0.03 + 0.0013 * step, np.full(4, 2.0))
+        driver.stop(Stop.LIMP)
+        cycles(driver, board, 0.025)
+        assert not any(board.pin(pin).high for pin in PINS.values())
+
+
 def test_twelve_servos_can_be_made_limp_and_driven_again(board):
     driver = firmata(board.port, servos={f"j{pin}": servo(pin) for pin in range(2, 14)})
     driver.open()
@@ -156,6 +164,7 @@ WHOLE = [
 CUT = sorted({message[:size] for message in WHOLE for size in range(1, len(message))})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("category", [Stop.HOLD, Stop.LIMP])
 def test_the_stop_frame_is_obeyed_after_any_message_that_was_cut_short(board, driver, category):
     for cut in CUT:

@@ -169,6 +169,15 @@ def test_a_pause_is_not_made_up_for():
     assert guard.applied[0] - before <= V * 5 * DT
 
 
+def test_a_clock_that_stands_still_moves_nothing():
+    guard = position_guard()
+    guard.reset(np.zeros(1))
+    for _ in range(10):
+        guard.step(np.array([1.0]), None, 0.0)
+        guard.stop(Stop.HOLD, 0.0)
+    assert guard.applied[0] == pytest.approx(0, abs=1e-6)
+
+
 @pytest.mark.parametrize("jerk", [None, 1000.0])
 def test_retract_goes_slowly_to_rest(jerk):
     guard = position_guard(jerk, rest=np.array([-0.5]))

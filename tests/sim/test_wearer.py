@@ -253,3 +253,14 @@ def test_wrong_npz_folder_and_selector_are_refused(tmp_path):
         )
     with pytest.raises(RecordingError, match="no time in common"):
         load_wearer(tmp_path / "topics")
+
+
+def test_the_thumb_opposes_the_fingers_when_doors_are_opened():
+    q = sampled(load_wearer(shared("data/cyberglove_adroit_door/door_demos.npz")))
+    grip = q[:, JOINTS.index("index_pip_flexion")]
+    across, lifted, bent = (
+        q[:, JOINTS.index(f"thumb_{j}")] for j in ("tm_abduction", "tm_flexion", "ip_flexion")
+    )
+    assert np.corrcoef(across, grip)[0, 1] < -0.3  # negative abduction turns it across the palm
+    assert np.corrcoef(lifted, grip)[0, 1] > 0.3
+    assert np.corrcoef(bent, grip)[0, 1] > 0.3

@@ -86,6 +86,7 @@ class Pin:
     """One pin as seen from outside; widths in µs, 0 where there was no pulse."""
 
     output: bool
+    high: bool
     last_us: float
     pulses: int
     min_us: float  # since the pin was last looked at
@@ -131,6 +132,7 @@ class Board:
         found = dict(word.split("=") for word in self.tell(f"out {pin}").split()[2:])
         return Pin(
             found["ddr"] == "1",
+            found["level"] == "1",
             float(found["us"]),
             int(found["n"]),
             float(found["min"]),

@@ -1,0 +1,248 @@
+"""`srl top`: a live view of a running instance, over its bus."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import threading
+import time
+from typing import Any
+
+import numpy as np
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from runtime.bus.client import Client, Update, connect
+from runtime.bus.keys import path
+from runtime.cli import add_command
+from runtime.errors import RequestError, nearest
+from runtime.rundir import running
+
+REFRESH = 5.0  # Hz
+GONE = 5.0  # s without a status until we ask whether the instance is still there
+BAR = 15  # characters
+SHOWN_NOTES = 6
+SHOWN_COMMANDS = 24
+_LEVELS = ("green", "yellow", "bold red", "magenta")  # of diagnostic_msgs/DiagnosticStatus
+_PHASES = ("read", "control", "guard", "write", "log")
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Registers the command."""
+    parser = add_command(subparsers, "top", "live view of a running instance", "srl top sixth-finger")
+    parser.add_argument("instance", nargs="?", help="its name; not needed where only one runs")
+    parser.add_argument("--once", action="store_true", help="print one frame as plain text")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Raises RequestError if the instance isn't there or isn't named where several run."""
+    with connect(_instance(args.instance)) as client:
+        view = View(client)
+        if args.json:
+            view.gather()
+            print(json.dumps(view.content()))
+        elif args.once:
+            view.gather()
+            Console(width=100, color_system=None, force_terminal=False, highlight=False).print(view.frame())
+        else:
+            _live(view, client)
+    return 0
+
+
+def _instance(name: str | None) -> str:
+    names = [r.path.name for r in running()]
+    if name is not None:
+        if name not in names and "/" not in name:
+            raise RequestError(f"instance '{name}'", "it isn't running", nearest(name, names).rstrip("."))
+        return name
+    if not names:
+        raise RequestError("srl top", "no instance runs", "Start one with `srl run PROFILE`")
+    if len(names) > 1:
+        raise RequestError(
+            "srl top", f"several instances run: {', '.join(names)}", f"Name one: srl top {names[0]}"
+        )
+    return names[0]
+
+
+def _live(view: View, client: Client) -> None:
+    try:
+        with Live(view.frame(), refresh_per_second=REFRESH, screen=True) as live:
+            while True:
+                time.sleep(1 / REFRESH)
+                view.refresh_notes()
+                live.update(view.frame())
+                if view.silence() > GONE and not client.alive():
+                    break
+    except KeyboardInterrupt:
+        return
+    print(f"{client.instance} has ended.")
+
+
+class View:
+    """What is known of the instance, and the picture of it."""
+
+    def __init__(self, client: Client) -> None:
+        self._client = client
+        self._lock = threading.Lock()  # updates come on a thread of zenoh's
+        self._meta = client.meta()
+        self._status: dict[str, Any] = {}
+        self._heard = time.monotonic()
+        self._updates: dict[str, Update] = {}
+        self._span: dict[str, float] = {}  # the largest value seen, by signal: the bars' scale
+        self._notes = client.notes()
+        self._notes_at = time.monotonic()
+        client.subscribe_status(self._take_status)
+        client.subscribe(self._take)
+
+    def _take_status(self, status: dict[str, Any]) -> None:
+        with self._lock:
+            self._status, self._heard = status, time.monotonic()
+
+    def _take(self, update: Update) -> None:
+        with self._lock:
+            self._updates[update.name] = update
+
+    def gather(self, timeout: float = 2.0) -> None:
+        """Waits until there is a status and, as far as they come, a sample of each signal."""
+        until = time.monotonic() + timeout
+        while time.monotonic() < until and not (self._status and len(self._updates) >= len(self._meta)):
+            time.sleep(0.01)
+        if not self._status:
+            raise RequestError(
+                f"instance '{self._client.instance}'", "it sent no status", "Is its loop running?"
+            )
+
+    def silence(self) -> float:
+        """Seconds since the last status."""
+        return time.monotonic() - self._heard
+
+    def refresh_notes(self) -> None:
+        """Asks for the newest remarks, once a second."""
+        if time.monotonic() - self._notes_at > 1.0:
+            self._notes_at = time.monotonic()
+            self._notes = self._client.notes() or self._notes
+
+    def content(self) -> dict[str, Any]:
+        """For `--json`: the status, every signal's values, the remarks."""
+        with self._lock:
+            signals = {
+                name: {
+                    "values": u.values.tolist(),
+                    "stamp": u.stamp,
+                    "unit": self._meta.get(name, {}).get("unit", ""),
+                }
+                for name, u in self._updates.items()
+            }
+            return {**self._status, "signals": signals, "notes": self._notes}
+
+    def frame(self) -> Group:
+        """The whole picture."""
+        with self._lock:
+            status, updates = self._status, dict(self._updates)
+        if not status:
+            return Group(Panel(Text("waits for a status"), title=self._client.instance))
+        parts: list[RenderableType] = [self._head(status), _devices(status["devices"])]
+        commands = self._commands(updates)
+        if commands.row_count:
+            parts.append(commands)
+        if self._notes:
+            lines = [
+                f"{time.strftime('%H:%M:%S', time.localtime(n['time'] / 1e9))}  {n['text']}"
+                for n in self._notes
+            ]
+            parts.append(Panel(Text("\n".join(lines[-SHOWN_NOTES:])), title="notes", title_align="left"))
+        return Group(*parts)
+
+    def _head(self, status: dict[str, Any]) -> Panel:
+        text = Text()
+        text.append(f"{status['message']}\n", style=_LEVELS[min(status["level"], 3)])
+        if self.silence() > 1.0:
+            text.append(f"no status for {self.silence():.0f} s\n", style="bold red")
+        if "rate_hz" in status:
+            text.append(
+                f"rate {status['rate_hz']:.1f} of {status['rate_nominal_hz']:g} Hz"
+                f"   period p50 {status['period_p50_us']:.0f} us, p99 {status['period_p99_us']:.0f} us"
+                f"   overruns {status['overruns']}"
+                + ("   telemetry degraded" if status["degraded"] else "")
+                + "\n"
+            )
+        if "cycle_p50_us" in status:
+            phases = "  ".join(f"{p} {status[f'{p}_us']:.0f}" for p in _PHASES)
+            text.append(
+                f"cycle p50 {status['cycle_p50_us']:.0f} us, p99 {status['cycle_p99_us']:.0f} us"
+                f"   in us: {phases}\n"
+            )
+        text.append(f"cycle {status.get('cycle', 0)}   rows lost by the bus {status['lost_rows']}")
+        if status["rejected_setpoints"]:
+            text.append(
+                f"\nsetpoints refused {status['rejected_setpoints']}: {status['last_rejection']}",
+                style="yellow",
+            )
+        return Panel(text, title=f"{status['instance']} ({status['profile']})", title_align="left")
+
+    def _commands(self, updates: dict[str, Update]) -> Table:
+        table = Table(title="commands: asked, applied", title_justify="left", expand=True, box=None)
+        for heading, how in (
+            ("command", "left"),
+            ("asked", "right"),
+            ("", "left"),
+            ("applied", "right"),
+            ("", "left"),
+        ):
+            table.add_column(heading, justify=how, no_wrap=True)  # type: ignore[arg-type]
+        for name, update in sorted(updates.items()):
+            applied = updates.get(f"{name}/applied")
+            if applied is None or applied.values.shape != update.values.shape:
+                continue
+            meta = self._meta.get(name, {})
+            asked, given = update.values.ravel(), applied.values.ravel()
+            labels = update.labels or tuple(str(i) for i in range(asked.size))
+            span = max(self._span.get(name, 1e-9), *np.nan_to_num(np.abs([*asked, *given]), posinf=0.0))
+            self._span[name] = span
+            for label, a, g in zip(labels, asked, given, strict=False):
+                if table.row_count < SHOWN_COMMANDS:
+                    unit = meta.get("unit", "")
+                    short = path(label).replace("/", ".")
+                    table.add_row(
+                        f"{name} {short}",
+                        f"{a:.3f} {unit}",
+                        _bar(a / span),
+                        f"{g:.3f} {unit}",
+                        _bar(g / span),
+                    )
+        return table
+
+
+def _devices(devices: dict[str, dict[str, Any]]) -> Table:
+    table = Table(title="devices", title_justify="left", expand=True, box=None)
+    for heading in ("device", "driver", "link"):
+        table.add_column(heading, no_wrap=True)
+    for heading in ("age ms", "frames", "errors", "resyncs", "reconnects"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for name, device in devices.items():
+        age = f"{device['age_ms']:.1f}" if device["age_ms"] >= 0 else "-"
+        table.add_row(
+            name,
+            device["driver"],
+            Text(device["message"], style=_LEVELS[min(device["level"], 3)]),
+            age,
+            *(str(device[word]) for word in ("frames", "errors", "resyncs", "reconnects")),
+        )
+    return table
+
+
+def _bar(share: float) -> str:
+    """-1 to 1 as a bar from the middle."""
+    if not np.isfinite(share):
+        return "not finite".center(BAR)
+    middle = BAR // 2
+    length = round(min(abs(share), 1.0) * middle)
+    cells = ["·"] * BAR
+    for i in range(length + 1):
+        cells[middle + (i if share > 0 else -i)] = "█"
+    return "".join(cells)

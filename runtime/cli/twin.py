@@ -1,0 +1,246 @@
+"""`srl twin`: opens the wire-level twins of a profile's devices, in real time."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import select
+import shlex
+import signal
+import sys
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from runtime import profile, registry, wiring
+from runtime.cli import add_command
+from runtime.clock import MonotonicClock
+from runtime.errors import ProfileError, RequestError, SrlError, nearest
+from runtime.world import Fake, Twin, World
+
+RATE = Fraction(1000)  # Hz, how often the world is stepped and the twins look at their lines
+LOG_PERIOD = 10_000_000  # ns of world time between rows of the log
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Registers the command."""
+    parser = add_command(subparsers, "twin", "opens the wire-level twins and prints their addresses", "srl twin sixth-finger")
+    parser.add_argument("profile", help="a name under profiles/, or a path to a YAML file")
+    parser.add_argument("devices", nargs="*", metavar="DEVICE", help="default: all that have a twin")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of the profile")
+    parser.add_argument("--wearer", metavar="FILE", help="the simulated person repeats this recording")
+    parser.add_argument("--duration", type=float, metavar="S", help="end after so many seconds; default: at Ctrl-C")
+    parser.add_argument("--speed", type=float, default=1.0, help="seconds of the world in a second; default 1")
+    parser.add_argument("--link", type=Path, metavar="DIR", help="keep a symlink DIR/DEVICE to each port")
+    parser.add_argument("--log", type=Path, metavar="FILE.npz", help="save what happened at the end (docs/twins.md)")
+    parser.add_argument("--control", action="store_true", help="take faults from standard input (docs/twins.md)")
+    parser.add_argument("--json", action="store_true", help="one JSON line with the addresses, one with the figures")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Serves until the duration is over or a signal comes."""
+    _check_arguments(args)
+    overrides = list(args.set)
+    if args.wearer:
+        overrides.append(f"sim.wearer.recording={json.dumps(args.wearer)}")
+    checked, source = profile.load(args.profile, overrides)
+    graph = wiring.build(checked, source, [])
+    assert graph.world is not None
+    twins = make_twins(graph, args.devices)
+    for name, twin in twins.items():
+        if args.link is not None:
+            _serial(twin, name).link = args.link / name
+        if args.log is not None and hasattr(twin, "keep_log"):
+            twin.keep_log = True
+    ended: list[int] = []
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda caught, _: ended.append(caught))
+    log = _Log(graph.world) if args.log is not None else None
+    try:
+        for twin in twins.values():
+            twin.open()
+        _announce(args, twins)
+        _serve(graph.world, twins, args, ended, log)
+        if args.json:
+            print(json.dumps({"figures": {name: twin.figures() for name, twin in twins.items()}}), flush=True)
+    finally:
+        for twin in twins.values():
+            twin.close()
+        graph.world.close()
+    if log is not None:
+        log.save(args.log, twins)
+    return 0
+
+
+def make_twins(graph: wiring.Graph, names: list[str]) -> dict[str, Twin]:
+    """A twin for each named device, by default for all that have one; none is open yet.
+
+    Raises:
+        ProfileError: no such device, or its driver has no twin.
+    """
+    entries, known = graph.profile.devices, registry.names("twins")
+    for name in names:
+        if name not in entries:
+            raise ProfileError(f"srl twin {name}", f"{graph.source.label} has no device '{name}'", nearest(name, entries))
+    chosen = names or [name for name, entry in entries.items() if entry.driver in known]
+    if not chosen:
+        drivers = ", ".join(sorted({entry.driver for entry in entries.values()}))
+        raise ProfileError(
+            graph.source.label, f"none of its drivers has a twin: {drivers}", f"Drivers that have one: {', '.join(known)}"
+        )
+    fakes = {device.name: device for device in graph.devices if isinstance(device, Fake)}
+    return {
+        name: registry.load("twins", entries[name].driver, graph.source.place(f"devices.{name}.driver"))(fakes[name])
+        for name in dict.fromkeys(chosen)
+    }
+
+
+def _serve(world: World, twins: dict[str, Twin], args: argparse.Namespace, ended: list[int], log: _Log | None) -> None:
+    clock = MonotonicClock(RATE)
+    control = _Control(twins, args.json) if args.control else None
+    clock.start()
+    start = clock.tick.deadline
+    addresses = {name: twin.address for name, twin in twins.items()}
+    while not ended:
+        tick = clock.wait()
+        elapsed = tick.deadline - start
+        if args.duration is not None and elapsed > args.duration * 1e9:
+            break
+        world.advance(round(elapsed * args.speed))
+        for twin in twins.values():
+            twin.service(tick.now)
+        if log is not None:
+            log.take(tick.now)
+        if control is not None:
+            control.service()
+        for name, twin in twins.items():
+            if twin.address != addresses[name]:
+                addresses[name] = twin.address
+                _say(f"{name} is at {twin.address}" if twin.address else f"{name} is gone", args.json)
+
+
+def _announce(args: argparse.Namespace, twins: dict[str, Twin]) -> None:
+    line = ["run", args.profile]
+    for override in args.set:
+        if not override.strip().startswith("sim."):
+            line += ["--set", override]
+    for name, twin in twins.items():
+        line += ["--set", f"devices.{name}.port={twin.address}"]
+    line.append("--confirm")
+    if args.json:
+        print(json.dumps({"twins": {name: twin.address for name, twin in twins.items()}, "run": line}), flush=True)
+        return
+    for name, twin in twins.items():
+        print(f"{name:<12} {twin.address}")
+    print(f"srl {shlex.join(line)}", flush=True)
+
+
+def _say(text: str, quiet: bool) -> None:
+    print(text, file=sys.stderr if quiet else sys.stdout, flush=True)
+
+
+class _Control:
+    """Faults from standard input, a line each: VERB DEVICE. Each is answered by a line "ok VERB DEVICE ADDRESS"."""
+
+    def __init__(self, twins: dict[str, Twin], as_json: bool) -> None:
+        self._twins, self._json = twins, as_json
+        self._poll = select.poll()
+        self._poll.register(sys.stdin.fileno(), select.POLLIN)
+        self._rest = b""
+        self._open = True
+
+    def service(self) -> None:
+        """Does what has come in; never blocks."""
+        if not self._open or not self._poll.poll(0):
+            return
+        data = os.read(sys.stdin.fileno(), 4096)
+        self._open = bool(data)
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        for line in lines:
+            if words := line.decode("utf-8", "replace").split():
+                try:
+                    self._do(words)
+                except SrlError as error:
+                    print(f"srl twin: {error}", file=sys.stderr, flush=True)
+
+    def _do(self, words: list[str]) -> None:
+        verb, name = words if len(words) == 2 else (" ".join(words), "")
+        if verb not in _VERBS:
+            raise RequestError(f"--control '{' '.join(words)}'", "expected VERB DEVICE", f"Verbs: {', '.join(_VERBS)}")
+        if name not in self._twins:
+            raise RequestError(f"--control '{verb} {name}'", f"there is no twin '{name}'", nearest(name, self._twins))
+        twin = self._twins[name]
+        attribute, value = _VERBS[verb]
+        if not hasattr(twin, attribute):
+            raise RequestError(f"--control '{verb} {name}'", "this device's twin can't do that", "Use another verb")
+        if value is None:
+            getattr(twin, attribute)()
+        else:
+            setattr(twin, attribute, value)
+        done = {"control": verb, "device": name, "address": twin.address}
+        print(json.dumps(done) if self._json else f"ok {verb} {name} {twin.address}".rstrip(), flush=True)
+
+
+_VERBS: dict[str, tuple[str, bool | None]] = {  # a method to call, or an attribute and its value
+    "close": ("close", None),
+    "open": ("open", None),
+    "mute": ("muted", True),
+    "unmute": ("muted", False),
+    "unplug": ("unplugged", True),
+    "plug": ("unplugged", False),
+    "restart": ("restart", None),
+}
+
+
+class _Log:
+    """The world's truth at 100 Hz of its time, for a file at the end."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._next = 0
+        self._times: list[tuple[int, int]] = []
+        self._rows: dict[str, list[Any]] = {name: [] for name in world.truth_arrays}
+
+    def take(self, now: int) -> None:
+        """Keeps a row if one is due."""
+        time = self._world.time
+        if time < self._next:
+            return
+        self._next = time - time % LOG_PERIOD + LOG_PERIOD
+        self._times.append((time, now))
+        for name, values in self._world.truth_arrays.items():
+            self._rows[name].append(values.copy())
+
+    def save(self, path: Path, twins: dict[str, Twin]) -> None:
+        """Writes the file."""
+        times = np.array(self._times, np.int64).reshape(-1, 2)
+        arrays: dict[str, Any] = {"t": times[:, 0] * 1e-9, "now_ns": times[:, 1]}
+        arrays |= {f"world.{name}": np.array(rows) for name, rows in self._rows.items()}
+        for device, twin in twins.items():
+            if hasattr(twin, "log"):
+                arrays |= {f"{device}.{name}": values for name, values in twin.log().items()}
+        try:
+            np.savez_compressed(path, **arrays)
+        except OSError as error:
+            raise RequestError(f"--log {path}", f"can't be written: {error.strerror}", "Name another file") from None
+
+
+def _serial(twin: Twin, name: str) -> Any:
+    if not hasattr(twin, "link"):
+        raise RequestError("--link", f"the twin of '{name}' isn't behind a port that could be linked to", "Leave it out")
+    return twin
+
+
+def _check_arguments(args: argparse.Namespace) -> None:
+    if args.duration is not None and not args.duration > 0:
+        raise RequestError("--duration", f"{args.duration} s is no duration", "Give a number above 0")
+    if not 0 < args.speed <= 10:
+        raise RequestError("--speed", f"{args.speed:g} isn't above 0 and up to 10", "1 is real time")
+    if args.link is not None and not args.link.is_dir():
+        raise RequestError("--link", f"there is no folder {args.link}", "Make it first")
+    if args.log is not None and (args.log.suffix != ".npz" or not args.log.absolute().parent.is_dir()):
+        raise RequestError("--log", f"{args.log} isn't a .npz in a folder that exists", "Name one, e.g. twin.npz")

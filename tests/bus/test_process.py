@@ -1,0 +1,444 @@
+"""The bus process, spawned, with clients beside it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import stat
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers_bus import JOINTS, Run, reach, spawn
+
+from runtime.bus import cdr, messages, session
+from runtime.bus.client import Client, connect
+from runtime.bus.config import TlsConfig
+from runtime.errors import RequestError
+from runtime.layout import State
+from runtime.mailbox import Ask
+from runtime.rundir import RunDir
+
+PULL = "object-mapping.pull"
+
+
+class Instance:
+    """A run, its bus process and a client."""
+
+    def __init__(self, path: Path, rate: int = 200, **bus: Any) -> None:
+        self.rundir = RunDir(path)
+        self.run = Run(self.rundir, rate, **bus)
+        self.run.start()
+        self.process = spawn(self.rundir, stderr=subprocess.PIPE)
+        self.client = reach(self.rundir)
+
+    def close(self) -> None:
+        self.client.close()
+        self.run.end()
+        if self.process.poll() is None:
+            self.process.wait(10)
+        assert self.process.stderr is not None
+        self.process.stderr.close()
+
+
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Instance]:
+    instance = Instance(tmp_path_factory.mktemp("bus") / "sixth-finger")
+    yield instance
+    instance.close()
+
+
+@pytest.fixture
+def one(shared: Instance) -> Instance:
+    shared.run.state, shared.run.fault = State.READY, False
+    shared.run.setpoints.clear()
+    shared.run.taken.clear()
+    return shared
+
+
+@pytest.fixture
+def own(tmp_path: Path) -> Iterator[Instance]:
+    instance = Instance(tmp_path / "own")
+    yield instance
+    instance.close()
+
+
+def eventually(true: Callable[[], Any], timeout: float = 10.0) -> Any:
+    until = time.monotonic() + timeout
+    while not (found := true()):
+        assert time.monotonic() < until, "it never came true"
+        time.sleep(0.01)
+    return found
+
+
+def sockets(pid: int) -> set[str]:
+    """What a process listens on, by the kernel's own tables."""
+    links = [os.readlink(path) for path in Path(f"/proc/{pid}/fd").iterdir() if path.is_symlink()]
+    own = {link[8:-1] for link in links if link.startswith("socket:")}
+    found = set()
+    for table in ("tcp", "tcp6", "udp", "udp6"):
+        for line in Path(f"/proc/{pid}/net/{table}").read_text().splitlines()[1:]:
+            words = line.split()
+            if words[9] in own and (words[3] == "0A" or table.startswith("udp")):
+                found.add(f"{table} {words[1]}")
+    for line in Path(f"/proc/{pid}/net/unix").read_text().splitlines()[1:]:
+        words = line.split()
+        if words[6] in own and int(words[3], 16) & 0x10000:  # SO_ACCEPTCON: it listens
+            found.add(f"unix {words[7]}")
+    return found
+
+
+def test_another_process_reads_states(one: Instance) -> None:
+    script = f"""
+import json
+from runtime.bus.client import connect
+found = {{}}
+with connect({str(one.rundir.path)!r}) as client:
+    for update in client.states(timeout=5):
+        found[update.name] = [update.kind, update.labels, update.values.tolist(), update.stamp]
+        if len(found) == 7:
+            break
+    print(json.dumps([found, client.meta()]))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=30, check=True
+    )
+    found, meta = json.loads(done.stdout)
+    kind, labels, values, stamp = found["glove/position"]
+    assert (kind, labels, values[:2]) == ("sensor_msgs/msg/JointState", list(JOINTS), [0.1, 0.2])
+    assert abs(stamp - time.time()) < 10
+    assert found["glove/pose"][2] == [1, 2, 3, 0.5, -0.5, 0.5, -0.5]
+    assert found["hand/tips"][2] == np.arange(15.0).reshape(5, 3).tolist()
+    assert found["finger/position_command/applied"][2][1] == 1.0
+    assert meta["hand/tips"] == {
+        "name": "hand.tips",
+        "role": "internal",
+        "type": "std_msgs/msg/Float64MultiArray",
+        "unit": "m",
+        "frame": "palm",
+        "labels": [],
+        "shape": [5, 3],
+    }
+
+
+def test_every_tenth_row_is_published(one: Instance) -> None:
+    stamps: list[float] = []
+    for update in one.client.states("glove/position", timeout=5):
+        assert update.stamp is not None
+        stamps.append(update.stamp)
+        if len(stamps) == 21:
+            break
+    # The rows' own times, so no judgement on this machine's speed: 10 cycles of 5 ms, on average.
+    assert (stamps[-1] - stamps[0]) / 20 == pytest.approx(0.05, rel=0.5)
+
+
+def test_status_tells_state_rate_and_devices(one: Instance) -> None:
+    status = one.client.status()
+    assert (status["instance"], status["state"], status["level"]) == ("sixth-finger", "ready", 0)
+    assert status["rate_nominal_hz"] == 200
+    assert (status["read_us"], status["log_us"], status["cycle_p50_us"]) == (20, 3, 80)
+    assert status["devices"]["glove"]["driver"] == "cyberglove"
+    assert status["devices"]["glove"]["age_ms"] == 2.0
+    assert status["devices"]["finger"]["message"] == "connected, active"
+    assert status["devices"]["client"]["age_ms"] == -1.0
+    assert [n["text"] for n in one.client.notes()] == ["ready"]
+
+
+def test_start_stop_reset(one: Instance) -> None:
+    assert one.client.command("start") == {"ok": True, "state": "active"}
+    with pytest.raises(RequestError, match="not possible while active"):
+        one.client.command("start")
+    assert one.client.command("stop") == {"ok": True, "state": "stopped"}
+    one.run.fault = True
+    with pytest.raises(RequestError, match=r"still there: an actuator is stale or gone \(finger\)"):
+        one.client.command("reset")
+    one.run.fault = False
+    assert one.client.command("reset") == {"ok": True, "state": "active"}
+    with pytest.raises(RequestError, match="there is no such command"):
+        one.client.command("sotp")
+
+
+def test_a_change_of_state_is_told_at_once(one: Instance) -> None:
+    told: list[str] = []
+    subscriber = one.client.subscribe_status(lambda s: told.append(s["message"]))
+    for name in ("start", "stop", "reset"):
+        one.client.command(name)
+    eventually(lambda: told and told[-1] == "active")
+    subscriber.undeclare()
+    assert "stopped: stopped on request" in told
+
+
+def test_parameters(one: Instance) -> None:
+    assert one.client.set_param(PULL, 2.5)["value"] == 2.5
+    found = one.client.get_param(PULL)
+    assert (found["value"], found["lower"], found["upper"], found["unit"]) == (2.5, 0.0, 5.0, "N")
+    assert list(one.client.parameters()) == [PULL]
+    taken = len(one.run.taken)
+    for value, said in (
+        (float("nan"), "NaN"),
+        (float("inf"), "infinite"),
+        (5.01, "out of bounds"),
+        (-1, "0 to 5 N"),
+    ):
+        with pytest.raises(RequestError, match=said):
+            one.client.set_param(PULL, value)
+    assert len(one.run.taken) == taken
+    assert one.client.get_param(PULL)["value"] == 2.5
+    with pytest.raises(RequestError, match="nobody answered"):
+        one.client.get_param("object-mapping.push")
+
+
+def test_many_requests_at_once_are_all_answered(one: Instance) -> None:
+    answers: list[float] = []
+    threads = [
+        threading.Thread(target=lambda v=v: answers.append(one.client.set_param(PULL, v / 10)["value"]))
+        for v in range(12)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert sorted(answers) == [v / 10 for v in range(12)]
+
+
+@pytest.mark.parametrize("pattern", ["cmd/*", "**", "cmd/stop/**", "param/**", "setpoint/**"])
+def test_a_wildcard_moves_nothing(one: Instance, pattern: str) -> None:
+    before = one.client.get_param(PULL)["value"]
+    with session.join(f"unixsock-stream/{one.rundir.bus_socket}") as stranger:
+        answers = list(stranger.get(f"srl/sixth_finger/{pattern}", payload="[1, 2, 3]", timeout=2))
+        answers += list(stranger.get(f"srl/sixth_finger/{pattern}", payload="1", timeout=2))
+    contents = [json.loads(a.ok.payload.to_bytes()) for a in answers if a.ok is not None]
+    assert all("exact key" in c["error"] for c in contents if isinstance(c, dict) and "ok" in c)
+    one.client.status()
+    assert (one.run.taken, one.run.setpoints) == ([], [])
+    assert one.client.get_param(PULL)["value"] == before
+
+
+def test_setpoints_reach_the_loop(one: Instance) -> None:
+    def last() -> list[float]:
+        return one.run.setpoints[-1][1].tolist() if one.run.setpoints else []
+
+    asked = time.monotonic_ns()
+    one.client.setpoint("client.force", [1.0, 2.0, 3.0], answer=True)
+    eventually(lambda: last() == [1, 2, 3])
+    expires = one.run.setpoints[-1][0]
+    assert asked + 500_000_000 <= expires <= time.monotonic_ns() + 500_000_000
+    one.client.setpoint("client.force", np.array([4.0, 5, 6]))
+    eventually(lambda: last() == [4, 5, 6])
+    header = {"stamp": messages.time_of(0), "frame_id": ""}
+    joints = {"header": header, "name": [], "position": [7, 8, 9], "velocity": [], "effort": []}
+    with session.join(f"unixsock-stream/{one.rundir.bus_socket}") as stranger:
+        key = "srl/sixth_finger/setpoint/client/force"
+        stranger.put(
+            key, cdr.encode(messages.JOINT_STATE, joints), encoding=messages.encoding(messages.JOINT_STATE)
+        )
+        eventually(lambda: last() == [7, 8, 9])
+        stranger.put(key, "[0, 1, 2]")
+        eventually(lambda: last() == [0, 1, 2])
+
+
+def test_bad_setpoints_are_refused_and_counted(one: Instance) -> None:
+    before = one.client.status()["rejected_setpoints"]
+    with pytest.raises(RequestError, match="NaN or infinite"):
+        one.client.setpoint("client.force", [1, float("nan"), 3], answer=True)
+    one.client.setpoint("client.force", [1, 2])
+    status = eventually(lambda: (s := one.client.status())["rejected_setpoints"] == before + 2 and s)
+    assert "2 values came where the signal has 3" in status["last_rejection"]
+    assert one.run.setpoints == []
+
+
+def test_nobody_else_speaks_for_the_instance(one: Instance) -> None:
+    heard: list[bytes] = []
+    endpoint = f"unixsock-stream/{one.rundir.bus_socket}"
+    with session.join(endpoint) as listener, session.join(endpoint) as forger:
+        subscriber = listener.declare_subscriber("srl/**", lambda s: heard.append(s.payload.to_bytes()))
+        eventually(lambda: heard)
+        forger.put("srl/sixth_finger/state/glove/position", b"forged")
+        forger.put("srl/sixth_finger/status", b"forged")
+        forger.put("srl/sixth_finger/setpoint/client/force", "[1, 1, 1]")
+        eventually(lambda: one.run.setpoints)
+        count = len(heard)
+        eventually(lambda: len(heard) > count + 5)
+        subscriber.undeclare()
+    assert b"forged" not in heard
+
+
+def test_it_listens_on_its_unix_socket_and_nowhere_else(one: Instance) -> None:
+    assert sockets(one.process.pid) == {f"unix {one.rundir.bus_socket}"}
+    assert stat.S_IMODE(one.rundir.bus_socket.stat().st_mode) == 0o660
+
+
+def test_two_instances_do_not_see_each_other(one: Instance, own: Instance) -> None:
+    for mine, other in ((one, own), (own, one)):
+        names: set[str] = set()
+        with session.join(f"unixsock-stream/{mine.rundir.bus_socket}") as listener:
+            subscriber = listener.declare_subscriber(
+                "srl/**", lambda s, names=names: names.add(str(s.key_expr).split("/")[1])
+            )
+            eventually(lambda names=names: names)
+            own_state = mine.run.cause, other.run.taken.copy()
+            mine.client.command("stop")
+            time.sleep(0.3)
+            subscriber.undeclare()
+            assert names == {mine.client.keys.root.split("/")[1]}
+            assert list(listener.get(f"{other.client.keys.root}/cmd/stop", timeout=1)) == []
+            assert other.run.taken == own_state[1]
+
+
+def test_a_killed_bus_comes_back(own: Instance) -> None:
+    updates: list[float] = []
+    own.client.subscribe(lambda u: updates.append(u.values[2]), "glove/position")
+    eventually(lambda: updates)
+    head = own.run.ring.head
+    own.process.kill()
+    own.process.wait()
+    assert not own.client.alive()
+    count = len(updates)
+    replaced, own.process = own.process, spawn(own.rundir, stderr=subprocess.PIPE)
+    assert replaced.stderr is not None
+    replaced.stderr.close()
+    eventually(own.client.alive)
+    eventually(lambda: len(updates) > count)  # the same subscription, on the same client
+    assert own.client.command("start") == {"ok": True, "state": "active"}
+    assert own.client.set_param(PULL, 3.0)["value"] == 3.0
+    assert own.run.taken == [Ask.START, Ask.PARAMETER]
+    assert own.run.ring.head > head
+    assert sockets(own.process.pid) == {f"unix {own.rundir.bus_socket}"}
+
+
+def test_a_dead_loop_is_said_clearly(own: Instance) -> None:
+    own.run.paused.set()
+    status = eventually(lambda: (s := own.client.status())["level"] == 3 and s)
+    assert status["message"] == "the loop gives no sign of life (last: ready)"
+    with pytest.raises(RequestError, match="no sign of life"):
+        own.client.command("stop")
+    with pytest.raises(RequestError, match="no sign of life"):
+        own.client.setpoint("client.force", [1, 2, 3], answer=True)
+    assert own.client.get_param(PULL)["value"] == 1.0
+    own.run.paused.clear()
+    eventually(lambda: own.client.status()["level"] == 0)
+    assert own.client.command("stop")["ok"]
+
+
+@pytest.mark.parametrize("how", ["closed", "SIGTERM"])
+def test_it_ends_in_order(tmp_path: Path, how: str) -> None:
+    instance = Instance(tmp_path / "one")
+    if how == "closed":
+        instance.run.end()
+    else:
+        instance.process.send_signal(signal.SIGTERM)
+    assert instance.process.wait(10) == 0
+    assert not instance.client.alive()
+    instance.close()
+    with pytest.raises(RequestError, match="no bus listens"):
+        connect(instance.rundir)
+
+
+def test_it_does_not_outlive_its_supervisor(tmp_path: Path) -> None:
+    run = Run(RunDir(tmp_path / "one"), 100)
+    run.start()
+    script = (
+        "import subprocess, sys, time\n"
+        "p = subprocess.Popen([sys.executable, '-m', 'runtime.bus', sys.argv[1]])\n"
+        "print(p.pid, flush=True)\ntime.sleep(60)\n"
+    )
+    supervisor = subprocess.Popen(
+        [sys.executable, "-c", script, str(run.rundir.path)], stdout=subprocess.PIPE
+    )
+    assert supervisor.stdout is not None
+    pid = int(supervisor.stdout.readline())
+    reach(run.rundir).close()
+    supervisor.kill()
+    supervisor.wait()
+    supervisor.stdout.close()
+
+    def gone() -> bool:
+        try:  # without a reaper above us it stays as a zombie
+            return Path(f"/proc/{pid}/stat").read_text().rpartition(") ")[2][0] in "ZX"
+        except FileNotFoundError:
+            return True
+
+    eventually(gone)
+    run.end()
+
+
+def test_a_run_directory_that_is_none_is_said(tmp_path: Path) -> None:
+    process = spawn(RunDir(tmp_path), stderr=subprocess.PIPE)
+    _, said = process.communicate(timeout=30)
+    assert process.returncode == 2
+    assert b"Traceback" not in said
+
+
+def _certificates(folder: Path) -> dict[str, TlsConfig]:
+    """An authority, and one nobody knows, each with a certificate for localhost."""
+
+    def openssl(*words: str) -> None:
+        subprocess.run(["openssl", *words], check=True, capture_output=True, cwd=folder)
+
+    (folder / "extensions").write_text("subjectAltName=DNS:localhost,IP:127.0.0.1\n")
+    for name in ("lab", "stranger"):
+        key = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes")
+        openssl(
+            "req",
+            "-x509",
+            *key,
+            "-keyout",
+            f"{name}-ca.key",
+            "-out",
+            f"{name}-ca.pem",
+            "-subj",
+            f"/CN={name} CA",
+        )
+        openssl("req", *key, "-keyout", f"{name}.key", "-out", f"{name}.csr", "-subj", f"/CN={name}")
+        sign = (
+            "-CA",
+            f"{name}-ca.pem",
+            "-CAkey",
+            f"{name}-ca.key",
+            "-CAcreateserial",
+            "-extfile",
+            "extensions",
+        )
+        openssl("x509", "-req", "-in", f"{name}.csr", "-out", f"{name}.pem", *sign)
+    lab = str(folder / "lab-ca.pem")
+    return {
+        name: TlsConfig(ca=lab, certificate=str(folder / f"{name}.pem"), key=str(folder / f"{name}.key"))
+        for name in ("lab", "stranger")
+    }
+
+
+def test_the_network_is_reached_by_mutual_tls_only(tmp_path: Path) -> None:
+    import shutil
+    import socket
+
+    if shutil.which("openssl") is None:
+        pytest.skip("openssl isn't installed; it makes the certificates")
+    tls = _certificates(tmp_path)
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    instance = Instance(tmp_path / "one", listen=[f"tls/127.0.0.1:{port}"], tls=tls["lab"].model_dump())
+    try:
+        with connect(f"tls/localhost:{port}", tls["lab"]) as client:
+            assert isinstance(client, Client)
+            assert client.instance == "one"
+            assert client.command("start") == {"ok": True, "state": "active"}
+        for certificate, endpoint in (
+            (tls["stranger"], f"tls/localhost:{port}"),
+            (None, f"tcp/127.0.0.1:{port}"),
+        ):
+            with pytest.raises(RequestError):
+                connect(endpoint, certificate, timeout=0.5)
+        assert sockets(instance.process.pid) == {
+            f"unix {instance.rundir.bus_socket}",
+            f"tcp 0100007F:{port:04X}",
+        }
+    finally:
+        instance.close()

@@ -1,0 +1,147 @@
+"""What reaches the mailbox, and in which order."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers_bus import layout
+
+from runtime.bus.keys import Keys
+from runtime.bus.requests import UNDERWAY, WAITING, Requests
+from runtime.bus.status import Counts
+from runtime.layout import Board, State
+from runtime.mailbox import Answer, Ask, MailboxReader, MailboxWriter
+
+
+class Query:
+    """What of a zenoh query is used."""
+
+    def __init__(self, key: str, payload: bytes | None = None) -> None:
+        self.key_expr, self.encoding = key, "zenoh/bytes"
+        self.payload = None if payload is None else self
+        self._payload = payload
+        self.answers: list[dict[str, Any]] = []
+        self.dropped = 0
+
+    def to_bytes(self) -> bytes:
+        assert self._payload is not None
+        return self._payload
+
+    def reply(self, key: str, content: str, encoding: str) -> None:
+        assert not self.dropped
+        self.answers.append(json.loads(content))
+
+    def drop(self) -> None:
+        self.dropped += 1
+
+
+class Desk:
+    def __init__(self, path: Path) -> None:
+        MailboxWriter.create(path / "mail.ring")
+        self.layout = layout("sixth-finger", 100)
+        self.mail = MailboxReader(path / "mail.ring")
+        self.counts = Counts()
+        self.keys = Keys("sixth-finger")
+        self.requests = Requests(self.layout, self.keys, MailboxWriter(path / "mail.ring"), self.counts)
+        self.board = Board(self.layout)
+        self.handlers = self.requests.handlers()
+        self.turn()
+
+    def ask(self, key: str, payload: bytes | None = None) -> Query:
+        query = Query(key, payload)
+        self.handlers[key](query)  # type: ignore[arg-type]
+        return query
+
+    def turn(
+        self, number: int = 0, kind: Ask = Ask.NONE, answer: Answer = Answer.DONE, silent: bool = False
+    ) -> None:
+        """A row of the loop that took request `number`."""
+        words, index = self.board.ints, self.board.index
+        words[index["cycle"]] += 1
+        words[index["state"]] = State.STOPPED
+        words[index["request"]], words[index["request_kind"]], words[index["request_result"]] = (
+            number,
+            kind,
+            answer,
+        )
+        rows = self.board.words[np.newaxis].copy()
+        self.requests.turn(rows, rows[-1], silent)
+
+
+@pytest.fixture
+def desk(tmp_path: Path) -> Desk:
+    return Desk(tmp_path)
+
+
+def test_a_stop_overtakes_and_cancels_what_would_move(desk: Desk) -> None:
+    pull = desk.keys.parameter("object-mapping.pull")
+    parameters = [desk.ask(pull, b"1") for _ in range(UNDERWAY + 2)]
+    reset = desk.ask(desk.keys.command("reset"))
+    stop = desk.ask(desk.keys.command("stop"))
+    assert [r.kind for r in desk.mail.take()] == [Ask.PARAMETER] * UNDERWAY + [Ask.STOP]
+    assert reset.dropped == 1
+    assert "a stop came after it" in reset.answers[0]["error"]
+    assert not stop.answers
+    for number in range(1, UNDERWAY + 2):
+        desk.turn(number, Ask.PARAMETER if number <= UNDERWAY else Ask.STOP)
+    assert stop.answers == [{"ok": True, "state": "stopped"}]
+    assert [r.kind for r in desk.mail.take()] == [Ask.PARAMETER] * 2
+    assert [len(p.answers) for p in parameters] == [1] * UNDERWAY + [0, 0]
+
+
+def test_a_flood_is_refused_before_the_mailbox_is_full(desk: Desk) -> None:
+    queries = [desk.ask(desk.keys.command("stop")) for _ in range(WAITING + 10)]
+    queries += [desk.ask(desk.keys.command("start")) for _ in range(WAITING + 10)]
+    refused = [q for q in queries if q.answers]
+    assert len(refused) == 20
+    assert all("too many requests" in q.answers[0]["error"] for q in refused)
+
+
+def test_the_newest_setpoint_goes_out_once_a_cycle(desk: Desk) -> None:
+    key = desk.keys.setpoint("client.force")
+    for value in range(5):
+        assert desk.ask(key, f"[{value}, 0, 0]".encode()).answers == [{"ok": True, "state": "stopped"}]
+    desk.turn()
+    assert [r.values.tolist() for r in desk.mail.take()] == [[4, 0, 0]]
+    desk.ask(key, b"[7, 0, 0]")
+    desk.requests.turn(np.empty((0, desk.layout.width), np.int64), desk.board.words.copy(), False)
+    assert desk.mail.take() == []  # the same cycle still
+    desk.turn()
+    assert [r.values.tolist() for r in desk.mail.take()] == [[7, 0, 0]]
+
+
+def test_no_setpoint_waits_for_a_dead_loop(desk: Desk) -> None:
+    desk.ask(desk.keys.setpoint("client.force"), b"[1, 2, 3]")
+    desk.turn(silent=True)
+    desk.turn()
+    assert desk.mail.take() == []
+    desk.turn(silent=True)
+    query = desk.ask(desk.keys.setpoint("client.force"), b"[1, 2, 3]")
+    assert query.answers[0]["ok"] is False
+
+
+@pytest.mark.parametrize(
+    ("answer", "said"),
+    [
+        (Answer.REFUSED_STATE, "not possible while stopped"),
+        (Answer.REFUSED_FAULT, "still there"),
+        (Answer.REFUSED_VALUE, "out of bounds"),
+        (Answer.EXPIRED, "too late"),
+    ],
+)
+def test_every_answer_of_the_loop_has_words(desk: Desk, answer: Answer, said: str) -> None:
+    query = desk.ask(desk.keys.command("reset"))
+    desk.turn(1, Ask.RESET, answer)
+    assert query.dropped == 1
+    assert said in query.answers[0]["error"]
+    assert query.answers[0]["state"] == "stopped"
+
+
+def test_every_query_is_answered_at_the_end(desk: Desk) -> None:
+    queries = [desk.ask(desk.keys.command(name)) for name in ("start", "reset", "stop")]
+    desk.requests.end()
+    assert all(q.dropped == 1 and q.answers for q in queries)

@@ -1,0 +1,81 @@
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from helpers_bus import Run, reach, spawn
+
+from runtime.cli import top
+from runtime.errors import RequestError
+from runtime.rundir import RunDir
+
+
+@pytest.fixture
+def base(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("SRL_RUNTIME_DIR", str(tmp_path))
+    return tmp_path
+
+
+@pytest.fixture
+def instance(base: Path) -> Iterator[Run]:
+    rundir = RunDir.of("sixth-finger")
+    rundir.claim()
+    run = Run(rundir, 200)
+    run.start()
+    process = spawn(rundir)
+    reach(rundir).close()
+    yield run
+    run.end()
+    assert process.wait(10) == 0
+    rundir.release(clean=True)
+
+
+def call(*words: str) -> int:
+    parser = argparse.ArgumentParser()
+    top.add_parser(parser.add_subparsers())
+    args = parser.parse_args(["top", *words])
+    return int(args.run(args))
+
+
+def test_one_frame_as_text(instance: Run, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call("--once") == 0
+    frame = capsys.readouterr().out
+    for word in (
+        "sixth-finger",
+        "ready",
+        "glove",
+        "cyberglove",
+        "connected, active",
+        "of 200 Hz",
+        "█",
+        "1.000 rad",
+    ):
+        assert word in frame
+    assert "\x1b" not in frame
+
+
+def test_one_object(instance: Run, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call("sixth-finger", "--json") == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["state"], found["devices"]["finger"]["driver"]) == ("ready", "firmata")
+    assert found["signals"]["glove/pose"]["values"] == [1, 2, 3, 0.5, -0.5, 0.5, -0.5]
+    assert found["signals"]["glove/position"]["unit"] == "rad"
+
+
+def test_which_instance_is_asked_for(base: Path) -> None:
+    with pytest.raises(RequestError, match="no instance runs"):
+        call()
+    claimed = [RunDir.of(name) for name in ("left", "right")]
+    for rundir in claimed:
+        rundir.claim()
+    with pytest.raises(RequestError, match="left, right"):
+        call()
+    with pytest.raises(RequestError, match="Did you mean 'left'"):
+        call("letf")
+    with pytest.raises(RequestError, match="no bus listens"):
+        call("left")
+    for rundir in claimed:
+        rundir.release(clean=True)

@@ -1,0 +1,94 @@
+"""What happens when something dies: telemetry, the loop, the supervisor. Times are printed, not asserted tightly."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from pathlib import Path
+
+from helpers_run import Running, call
+from runtime.layout import Cause, State
+from runtime.recorder.reader import read
+
+
+def test_killed_telemetry_costs_no_cycle(tmp_path: Path) -> None:
+    with Running(tmp_path, "sixth-finger", "--sim", "--duration", "14", "--record", "x.rrd") as run:
+        run.started()
+        run.until(lambda: set(run.children()) == {"loop_process", "bus", "recorder"}, "all processes")
+        time.sleep(2)
+        back = {}
+        for name in ("bus", "recorder"):
+            old = run.children()[name]
+            os.kill(old, signal.SIGKILL)
+            killed = time.monotonic()
+            run.until(lambda name=name, old=old: run.children().get(name, old) != old, f"the {name} again")
+            if name == "recorder":
+                mark = run.reader.consumed
+                run.until(lambda mark=mark: run.reader.consumed > mark, "rows taken again")
+            else:
+                run.until(lambda: run.rundir.bus_socket.exists(), "the bus's socket")
+            back[name] = time.monotonic() - killed
+            time.sleep(1)
+        found = run.finish()
+    print(f"back after {back}")
+    assert found["restarts"] == {"bus": 1, "recorder": 1}
+    assert max(back.values()) < 10  # the figure for people is in the closing note; this only catches a hang
+    recording = read(tmp_path / "x.rrd")
+    assert recording.missing == []
+    assert len(recording.rows) == found["cycles"] == 1401
+
+
+def test_a_killed_supervisor_takes_the_limb_into_its_stop(tmp_path: Path) -> None:
+    with Running(tmp_path, "sixth-finger", "--sim", "--duration", "60") as run:
+        run.started()
+        run.until(lambda: run.word("state") == State.ACTIVE, "motion")
+        children = run.children()
+        reader = run.reader
+        os.kill(run.process.pid, signal.SIGKILL)
+        run.process.wait()
+        end = time.monotonic() + 10
+        while not reader.closed and time.monotonic() < end:
+            time.sleep(0.02)
+        assert reader.closed, "the loop must end by itself"
+        assert run.word("state") == State.ENDED
+        assert run.word("cause") == Cause.REQUEST
+        time.sleep(1.0)
+        assert not any(Path(f"/proc/{pid}").exists() for pid in children.values()), "nothing may be left behind"
+
+
+def test_a_killed_loop_is_said_and_its_rows_are_kept(tmp_path: Path) -> None:
+    with Running(tmp_path, "sixth-finger", "--sim", "--duration", "60", "--record", "x.rrd") as run:
+        run.started()
+        run.until(lambda: run.reader.head > 300, "three seconds of rows")
+        os.kill(run.children()["loop_process"], signal.SIGKILL)
+        found = run.finish(code=1)
+    assert "SIGKILL" in found["death"]["how"]
+    box = read(Path(found["death"]["black_box"]))
+    whole = read(tmp_path / "x.rrd")
+    assert box.missing == whole.missing == []
+    assert len(whole.rows) == len(box.rows) >= 300
+    assert (whole.rows == box.rows).all()
+    assert call(tmp_path, "replay", "x.rrd").returncode == 0
+
+
+def test_stop_reset_and_start_reach_the_loop(tmp_path: Path) -> None:
+    with Running(tmp_path, "sixth-finger", "--sim", "--duration", "60", "--set", "bus=null") as run:
+        run.started()
+        run.until(lambda: run.word("state") == State.ACTIVE, "motion")
+        assert "stopp" in call(tmp_path, "stop").stdout
+        run.until(lambda: run.word("state") == State.STOPPED, "the stop")
+        assert call(tmp_path, "start", code=2).stderr  # not ready but stopped: refused, with the reason
+        call(tmp_path, "reset", "sixth-finger")
+        run.until(lambda: run.word("state") == State.ACTIVE, "motion again")
+        call(tmp_path, "stop", "--exit")
+        found = run.finish()
+    assert (found["state"], found["cause"]) == ("ended", "request")
+
+
+def test_one_instance_of_a_name_at_a_time(tmp_path: Path) -> None:
+    with Running(tmp_path, "sixth-finger", "--sim", "--duration", "60", "--set", "bus=null") as run:
+        run.started()
+        done = call(tmp_path, "run", "sixth-finger", "--sim", code=2)
+        assert "running already" in done.stderr
+        call(tmp_path, "run", "sixth-finger", "--sim", "--fast", "--duration", "1", "--instance", "second")

@@ -1,0 +1,120 @@
+"""Running `srl` as its users do: as a process, with a runtime folder of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from runtime.layout import Layout
+from runtime.ring import RingReader
+from runtime.rundir import RunDir
+
+
+def srl(*arguments: str) -> list[str]:
+    """The command line."""
+    return [sys.executable, "-m", "runtime", *arguments]
+
+
+def environment(folder: Path) -> dict[str, str]:
+    """Runtime and state folders of the test's own."""
+    return os.environ | {"SRL_RUNTIME_DIR": str(folder / "run"), "STATE_DIRECTORY": str(folder / "state")}
+
+
+def call(folder: Path, *arguments: str, code: int | None = 0, timeout: float = 100) -> subprocess.CompletedProcess[str]:
+    """Runs it to its end and checks the exit code."""
+    done = subprocess.run(
+        srl(*arguments), env=environment(folder), cwd=folder, capture_output=True, text=True, timeout=timeout, check=False
+    )
+    assert code is None or done.returncode == code, f"exit {done.returncode}\n{done.stdout}\n{done.stderr}"
+    assert "Traceback" not in done.stderr, done.stderr
+    return done
+
+
+def summary(done: subprocess.CompletedProcess[str]) -> dict[str, Any]:
+    """The JSON object of `--json`."""
+    found: dict[str, Any] = json.loads(done.stdout.strip().splitlines()[-1])
+    return found
+
+
+class Running:
+    """`srl run` in the background; ends it at the end."""
+
+    def __init__(self, folder: Path, *arguments: str, instance: str = "sixth-finger") -> None:
+        self.folder = folder
+        self.rundir = RunDir(folder / "run" / instance)
+        self.process = subprocess.Popen(
+            srl("run", *arguments, "--json"), env=environment(folder), cwd=folder,
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        self._reader: RingReader | None = None
+        self._layout: Layout | None = None
+
+    def __enter__(self) -> Running:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGTERM)
+            try:
+                self.process.communicate(timeout=30)
+            except subprocess.TimeoutExpired:
+                self.process.kill()
+                self.process.communicate()
+
+    def until(self, condition: Callable[[], bool], what: str, timeout: float = 40.0) -> None:
+        """Waits for a condition."""
+        end = time.monotonic() + timeout
+        while not condition():
+            if self.process.poll() is not None:
+                out, err = self.process.communicate()
+                raise AssertionError(f"the run ended before {what}:\n{out}\n{err}")
+            assert time.monotonic() < end, f"not in {timeout} s: {what}"
+            time.sleep(0.02)
+
+    def started(self) -> None:
+        """Waits for the first rows."""
+        self.until(lambda: self.rundir.layout.exists() and self.rundir.rows.exists() and self.reader.head > 0, "the first row")
+
+    @property
+    def layout(self) -> Layout:
+        """The rows' layout."""
+        if self._layout is None:
+            self._layout = Layout.load(self.rundir.layout)
+        return self._layout
+
+    @property
+    def reader(self) -> RingReader:
+        """A reader of the rows."""
+        if self._reader is None:
+            self._reader = RingReader(self.rundir.rows)
+        return self._reader
+
+    def word(self, name: str) -> int:
+        """An int64 word of the newest row."""
+        row = self.reader.newest()
+        return -1 if row is None else int(self.layout.int(row, name))
+
+    def children(self) -> dict[str, int]:
+        """Process ids of loop, bus and recorder."""
+        found = {}
+        for path in Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split():
+            line = Path(f"/proc/{path}/cmdline").read_bytes().decode().split("\0")
+            for name in ("loop_process", "bus", "recorder"):
+                if f"runtime.{name}" in line:
+                    found[name] = int(path)
+        return found
+
+    def finish(self, code: int | None = 0, timeout: float = 60.0) -> dict[str, Any]:
+        """Waits for the run's own end; returns the summary."""
+        out, err = self.process.communicate(timeout=timeout)
+        assert code is None or self.process.returncode == code, f"exit {self.process.returncode}\n{out}\n{err}"
+        self.stderr = err
+        found: dict[str, Any] = json.loads(out.strip().splitlines()[-1])
+        return found
