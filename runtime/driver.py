@@ -59,6 +59,8 @@ class Driver(ABC):
         max_age: s; older than this its newest sample is stale, unless the profile says otherwise.
             0 for a device that gives no samples.
         health: see `Health`.
+        home: for commands without feedback, by name: where the limb is put before a start, and where
+            `retract` goes; known after `__init__`.
         limits: the device's own limits by command name, known after `open`; the guard takes the
             narrower of these and the profile's.
     """
@@ -75,6 +77,7 @@ class Driver(ABC):
         self.states: tuple[Signal, ...] = ()
         self.commands: tuple[Command, ...] = ()
         self.health = Health()
+        self.home: dict[str, Array] = {}
         self.limits: dict[str, Limits] = {}
         self.state_arrays: Mapping[str, Array] = {}
         self.command_arrays: Mapping[str, Array] = {}

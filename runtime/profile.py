@@ -255,7 +255,8 @@ def parse(label: str, text: str, overrides: Sequence[str] = ()) -> tuple[Profile
 
 def first_error(error: ValidationError, source: Source, prefix: str = "", model: type[BaseModel] = Profile) -> ProfileError:
     """The first error of pydantic's as ours."""
-    item = error.errors()[0]
+    # A misspelt key makes two errors; the unknown key says more than the missing one.
+    item = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
     location = [str(part) for part in item["loc"] if not str(part).startswith(("function-", "literal", "is-instance"))]
     path = ".".join([prefix, *location] if prefix else location)
     more = f" ({error.error_count() - 1} more after this one)" if error.error_count() > 1 else ""
@@ -331,15 +332,20 @@ def _override(tree: Any, override: str) -> None:
         value = _plain(YAML(typ="safe", pure=True).load(io.StringIO(text)))
     except YAMLError:
         value = text
-    *parents, last = path.split(".")
-    node = tree
-    for part in parents:
-        if isinstance(node, list) and part.isdigit() and int(part) < len(node):
-            node = node[int(part)]
+    node, parts = tree, path.split(".")
+    while len(parts) > 1:
+        if isinstance(node, list) and parts[0].isdigit() and int(parts[0]) < len(node):
+            node, parts = node[int(parts[0])], parts[1:]
         elif isinstance(node, dict):
-            node = node.setdefault(part, {})
+            # A signal's name is one key with dots in it.
+            length = next((n for n in range(len(parts), 0, -1) if ".".join(parts[:n]) in node), 1)
+            if length == len(parts):
+                parts = [".".join(parts)]
+                break
+            node, parts = node.setdefault(".".join(parts[:length]), {}), parts[length:]
         else:
-            raise ProfileError(place, f"there is no '{part}' to go into", "Check the key path against the profile")
+            raise ProfileError(place, f"there is no '{parts[0]}' to go into", "Check the key path against the profile")
+    last = parts[0]
     if isinstance(node, list) and last.isdigit() and int(last) < len(node):
         node[int(last)] = value
     elif isinstance(node, dict):

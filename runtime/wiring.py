@@ -377,8 +377,7 @@ def _actuators(b: _Builder, devices: list[Driver], board: Board) -> list[Actuato
                     f"It can: {', '.join(command.stops)}",
                 )
             state = f"{device.name}.{command.feedback}" if command.feedback else None
-            homes: dict[str, Array] = getattr(device, "home", {})
-            if state is None and command.name not in homes:
+            if state is None and command.name not in device.home:
                 raise WiringError(
                     b.source.place(f"devices.{device.name}"), f"'{name}' has no feedback, so the runtime can't know where it starts",
                     "Give the device a home position",
@@ -387,7 +386,7 @@ def _actuators(b: _Builder, devices: list[Driver], board: Board) -> list[Actuato
                 Actuator(
                     name, i, command, board.views[name], board.views.get(f"{name}.velocity"), board.views[f"{name}.applied"],
                     board.views[state] if state else None, board.views.get(f"{device.name}.velocity"),
-                    category or command.stops[0], homes.get(command.name),
+                    category or command.stops[0], device.home.get(command.name),
                 )  # fmt: skip
             )
     if b.profile.stop:

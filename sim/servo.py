@@ -80,35 +80,36 @@ class ServoBank:
     def __init__(self, dead_bands: Array) -> None:
         self.held = np.full(dead_bands.shape, np.nan)
         self._dead_bands = dead_bands
-        self._pending: list[tuple[int, int, float]] = []  # (step, servo, rad or NaN), by step
+        self._pending: dict[int, dict[int, float]] = {}  # by step, then servo: rad or NaN
 
     def command(self, servo: int, target: float, step: int) -> None:
         """Hands `target` (rad; NaN: pulses end) to a servo at step `step`, where the last word counts."""
-        self._pending = [p for p in self._pending if p[:2] != (step, servo)]
-        self._pending.append((step, servo, target))
-        self._pending.sort(key=lambda p: p[0])
+        self._pending.setdefault(step, {})[servo] = target
 
     def next_step(self) -> int | None:
         """The step at which the next pulse arrives."""
-        return self._pending[0][0] if self._pending else None
+        return min(self._pending) if self._pending else None
 
     def latch(self, step: int) -> bool:
         """Takes what has arrived by `step`; True if a servo's target changed."""
         changed = False
-        while self._pending and self._pending[0][0] <= step:
-            _, servo, target = self._pending.pop(0)
-            if abs(target - self.held[servo]) < self._dead_bands[servo]:  # False while either is NaN
-                continue
-            self.held[servo] = target
-            changed = True
+        while self._pending and (due := min(self._pending)) <= step:
+            for servo, target in self._pending.pop(due).items():
+                if abs(target - self.held[servo]) < self._dead_bands[servo]:  # False while either is NaN
+                    continue
+                self.held[servo] = target
+                changed = True
         return changed
 
     def save(self) -> Array:
         """(n + 3 k,) with k pulses on their way."""
-        return np.concatenate([self.held, np.array(self._pending, dtype=float).ravel()])
+        pending = [(step, *word) for step, words in sorted(self._pending.items()) for word in words.items()]
+        return np.concatenate([self.held, np.array(pending, dtype=float).ravel()])
 
     def restore(self, state: Array) -> None:
         """Goes back to what `save` gave."""
         n = self.held.size
         self.held[:] = state[:n]
-        self._pending = [(int(step), int(servo), float(rad)) for step, servo, rad in state[n:].reshape(-1, 3)]
+        self._pending = {}
+        for step, servo, target in state[n:].reshape(-1, 3).tolist():
+            self.command(int(servo), target, int(step))

@@ -87,7 +87,7 @@ class Bench:
                 if not frozen:
                     self.world.advance(self.now)
                 self.twin.service(self.now)
-                time.sleep(0.0002)
+                time.sleep(0.0005)
 
         thread = threading.Thread(target=serve)
         thread.start()
@@ -153,7 +153,10 @@ def bound(driver: Driver, commands: Mapping[str, Array] | None = None) -> Driver
     """The driver with arrays of its own."""
     driver.bind(
         {signal.name: np.full(signal.shape, np.nan) for signal in driver.states},
-        {signal.name: (commands or {}).get(signal.name, np.zeros(signal.shape)).copy() for signal in driver.commands},
+        {
+            signal.name: (commands or {}).get(signal.name, np.zeros(signal.shape)).copy()
+            for signal in driver.commands
+        },
     )
     return driver
 

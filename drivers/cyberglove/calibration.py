@@ -105,21 +105,31 @@ class Calibration:
         self.note = note
         self.hand = hand
         self.person = person
+        rows = np.arange(len(table))
         self._angles = table.ravel()
-        self._rows = np.arange(len(table)) * 256
+        self._rows = rows * 256
         self._index = np.empty(len(table), dtype=np.intp)
-        self._sign = np.where(table[:, 2] > table[:, 1], 1.0, -1.0)
-        self._rising = table[:, 1:] * self._sign[:, None]  # np.interp inverts rising lines only
+        # For the inverse, row i is scaled to rise from 2 i at byte 1 to 2 i + 1 at byte 255. So the places
+        # halfway between bytes make one rising sequence, and a single search finds the bytes of all rows.
+        self._scale = 1.0 / (table[:, 255] - table[:, 1])
+        self._shift = 2.0 * rows - table[:, 1] * self._scale
+        self._lowest, self._highest = 2.0 * rows - 0.5, 2.0 * rows + 1.5
+        halfway = (table[:, 1:-1] + table[:, 2:]) / 2.0
+        self._halfway = (halfway * self._scale[:, None] + self._shift[:, None]).ravel()
+        self._before = 254 * rows - 1
 
     def angles(self, raw: bytes, out: Array) -> None:
         """Writes into `out`, (n,) rad, the angles of n raw bytes."""
         np.add(self._rows, np.frombuffer(raw, np.uint8), out=self._index)
-        np.take(self._angles, self._index, out=out, mode="clip")
+        self._angles.take(self._index, out=out, mode="clip")
 
     def raw(self, angles: Array) -> NDArray[np.uint8]:
         """(n,) bytes 1..255, those of the nearest angles along each line; the exact inverse of `angles`."""
-        lines = zip(angles * self._sign, self._rising, strict=True)
-        return np.array([round(np.interp(angle, line, _RAW[1:])) for angle, line in lines], dtype=np.uint8)
+        place = angles * self._scale
+        place += self._shift
+        np.maximum(place, self._lowest, out=place)
+        np.minimum(place, self._highest, out=place)
+        return (self._halfway.searchsorted(place) - self._before).astype(np.uint8)
 
 
 def load(path: Path, sensors: int) -> Calibration:

@@ -285,7 +285,7 @@ class Firmata(Driver):
             if pulse is None or pulse == sent:
                 continue
             if sent is None:
-                # Attached, a servo gets pulses of 1500 µs until it is told better: so in the same breath.
+                # Attached, a servo gets pulses of its last width, or 1500 µs, until told better: at once.
                 low, high = min(servo.shortest, LARGEST_MIN_US), max(servo.longest, SMALLEST_MAX_US)
                 parts.append(protocol.servo_config(pin, low, high))
             parts.append(protocol.analog_write(pin, pulse))

@@ -134,7 +134,7 @@ class Client:
             yield self._update(sample)
 
     def subscribe(self, callback: Callable[[Update], None], pattern: str = "**") -> Any:
-        """Calls `callback` for each sample, on a thread of zenoh's; `undeclare()` of what it returns ends it."""
+        """Calls `callback` for each sample, on a thread of zenoh's, until its answer's `undeclare()`."""
         return self._session.declare_subscriber(
             f"{self.keys.root}/state/{pattern}", lambda s: callback(self._update(s))
         )

@@ -96,7 +96,11 @@ class Bus:
             )
 
         self._signals = [
-            (f, encoder := messages.Encoder(f), publisher(self._keys.state(f.name), encoder.kind))
+            (
+                slice(f.offset, f.offset + f.size),
+                e := messages.Encoder(f),
+                publisher(self._keys.state(f.name), e.kind),
+            )
             for f in self._fields
         ]
         self._status = publisher(self._keys.status, messages.DIAGNOSTICS)
@@ -181,10 +185,9 @@ class Bus:
         for row in rows[rows[:, 0] % every == 0][-MOST:]:
             stamp = int(row[_NOW]) + self._wall
             floats = row[self._layout.ints :].view(np.float64)
-            for field, encoder, publisher in self._signals:
+            for place, encoder, publisher in self._signals:
                 if _matches(publisher):
-                    values = floats[field.offset : field.offset + field.size]
-                    publisher.put(encoder.encode(values, stamp))
+                    publisher.put(encoder.encode(floats[place], stamp))
 
     def _changes(self, rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
         """The rows that begin a state or have another cause."""
@@ -214,7 +217,7 @@ class Bus:
 
     def _describe(self, query: zenoh.Query) -> None:
         """Answers for the metadata of every signal the query's key expression meets."""
-        for field, _, _ in self._signals:
+        for field in self._fields:
             key = self._keys.meta(field.name)
             if query.key_expr.intersects(zenoh.KeyExpr(key)):
                 reply(query, key, messages.describe(field))

@@ -41,7 +41,7 @@ def serve(socket: Path, config: BusConfig, keys: Keys) -> zenoh.Session:
         "access_control": _access(keys),
     }
     if config.tls is not None:
-        content["transport"] = {"link": {"tls": _tls(config.tls, "listen")}}
+        content["transport"]["link"] = {"tls": _tls(config.tls, "listen")}
     try:
         return zenoh.open(zenoh.Config.from_json5(json.dumps(content)))
     except zenoh.ZError as error:
@@ -57,7 +57,7 @@ def join(endpoint: str, tls: TlsConfig | None = None, timeout: float = 2.0) -> z
         "connect": {"endpoints": [endpoint], "timeout_ms": round(timeout * 1000), "exit_on_failure": True}
     }
     if tls is not None:
-        content["transport"] = {"link": {"tls": _tls(tls, "connect")}}
+        content["transport"]["link"] = {"tls": _tls(tls, "connect")}
     try:
         return zenoh.open(zenoh.Config.from_json5(json.dumps(content)))
     except zenoh.ZError as error:
@@ -71,7 +71,11 @@ def _reason(error: zenoh.ZError) -> str:
 
 
 def _base(mode: str) -> dict[str, Any]:
-    return {"mode": mode, "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}}}
+    return {
+        "mode": mode,
+        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        "transport": {"shared_memory": {"enabled": False}},  # messages are small; it only locks memory
+    }
 
 
 def _tls(tls: TlsConfig, side: str) -> dict[str, Any]:

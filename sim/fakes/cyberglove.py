@@ -77,7 +77,9 @@ class FakeCyberGlove(Fake):
         self._columns = np.array([LABELS_22.index(label) for label in LABELS[config.sensors]])
         self._period = Fraction(10**9) / Fraction(options.rate).limit_denominator(10**6)  # ns
         self._delay = round(options.delay * 1e9)
-        self._key = [world.seed, zlib.crc32(name.encode())]
+        self._bits = np.random.Philox(np.random.SeedSequence([world.seed, zlib.crc32(name.encode())]))
+        self._stream = self._bits.state
+        self._rng = np.random.Generator(self._bits)
         self._calibration: calibration.Calibration | None = None
         self._last = -1  # newest sample counted
         self._opened = False
@@ -101,19 +103,17 @@ class FakeCyberGlove(Fake):
         newest = self.newest()
         if newest < self._last:  # the world went back to a saved state: to what had arrived by then
             self._last = newest - _LOOK_BACK
-        arrived = None
-        for number in range(max(self._last + 1, newest - _CATCH_UP), newest + 1):
-            angles = self.sample(number)
-            if angles is None:
+        arrived = -1
+        for number in range(max(self._last + 1, newest - _CATCH_UP, 0), newest + 1):
+            if self._is_lost(number):
                 self.health.errors += 1
             else:
                 self.health.frames += 1
-                arrived = number, angles
+                arrived = number
         self._last = newest
-        if arrived is None:
+        if arrived < 0:
             return
-        number, angles = arrived
-        taken = self.taken_at(number)
+        angles, taken = self._measured(arrived), self.taken_at(arrived)
         if self._options.quantise:
             self.calibration().angles(self.raw(angles).tobytes(), self.state_arrays["position"])
         else:
@@ -134,7 +134,7 @@ class FakeCyberGlove(Fake):
 
     def newest(self) -> int:
         """The number of the newest sample that has arrived by now, -1 before the first."""
-        return int((self.world.time - self._delay) // self._period)
+        return (self.world.time - self._delay) * self._period.denominator // self._period.numerator
 
     @property
     def period(self) -> Fraction:
@@ -148,19 +148,11 @@ class FakeCyberGlove(Fake):
 
     def taken_at(self, number: int) -> int:
         """ns of world time at which a sample is taken."""
-        return int(number * self._period)
+        return number * self._period.numerator // self._period.denominator
 
     def sample(self, number: int) -> Array | None:
         """The sensors' angles (n,), rad, with noise; None if the sample got lost. At most 0.6 s old."""
-        if number < 0:
-            return None
-        angles = to_glove(self.hand.hand_position(self.taken_at(number)))[self._columns]
-        if self._options.noise or self._options.dropout:
-            rng = np.random.default_rng([*self._key, number])
-            if rng.random() < self._options.dropout:
-                return None
-            angles += rng.normal(0.0, self._options.noise, angles.size)
-        return angles
+        return None if number < 0 or self._is_lost(number) else self._measured(number)
 
     def raw(self, angles: Array) -> NDArray[np.uint8]:
         """(n,) bytes 1..255, as the calibration turns them; beyond its ends a sensor saturates."""
@@ -180,3 +172,25 @@ class FakeCyberGlove(Fake):
             path, sensors = self._config.calibration, self._config.sensors
             self._calibration = calibration.load(path, sensors) if path else calibration.default(sensors)
         return self._calibration
+
+    # -- a sample's chances
+
+    def _is_lost(self, number: int) -> bool:
+        return self._options.dropout > 0.0 and self._draws(number, 0).random() < self._options.dropout
+
+    def _measured(self, number: int) -> Array:
+        """(n,) rad, with noise."""
+        angles = to_glove(self.hand.hand_position(self.taken_at(number))).take(self._columns)
+        if self._options.noise:
+            angles += self._draws(number, 1).standard_normal(angles.size) * self._options.noise
+        return angles
+
+    def _draws(self, number: int, purpose: int) -> np.random.Generator:
+        """Random numbers of one sample and purpose.
+
+        A counter-based generator (Salmon et al., SC 2011) goes to any of them without the ones before. Its
+        counter's lowest word counts draws, so no two samples or purposes share any.
+        """
+        self._stream["state"]["counter"][:] = 0, number, purpose, 0
+        self._bits.state = self._stream
+        return self._rng

@@ -78,7 +78,6 @@ class FakeFirmata(Fake):
         self._options = options
         self._calibrations = real.calibrations
         self._joints, self._buttons = tuple(config.servos), tuple(config.buttons)
-        self._debounce = [button.debounce for button in config.buttons.values()]
         n = len(self._joints)
         there = self.servos.servo_targets().size - options.first
         if n > there:
@@ -91,11 +90,16 @@ class FakeFirmata(Fake):
             raise WiringError(
                 f"sim.devices.{name}.presses", f"the board has no button '{unknown.pop()}'", "Name one it has"
             )
+        self._levels = [
+            _settled(options.presses.get(button, ()), config.buttons[button].debounce)
+            for button in self._buttons
+        ]
         self._bounds = [(544, 2400)] * n
         self._pulses: list[int | None] = [None] * n
         self._widths = [_NEUTRAL] * n  # the last pulse width, which a servo attached again begins with
         self._delay = round(options.delay * 1e9)
-        self._frame = Fraction(10**9) / Fraction(options.frame_rate).limit_denominator(10**6)  # ns
+        frame = Fraction(10**9) / Fraction(options.frame_rate).limit_denominator(10**6)
+        self._frame = frame.as_integer_ratio()  # ns, as a rational
         self._opened = False
 
     def open(self) -> None:
@@ -112,9 +116,13 @@ class FakeFirmata(Fake):
         self.health.stamp = now
         self.health.frames += 1
         if self.states:
-            out = self.state_arrays["buttons"]
-            for i in range(len(self._buttons)):
-                out[i] = self._settled(i)
+            out, t = self.state_arrays["buttons"], self.world.time * 1e-9
+            for i, levels in enumerate(self._levels):
+                level = 0.0
+                for since, new in levels:
+                    if since <= t:
+                        level = new
+                out[i] = level
 
     def write(self, now: int) -> None:
         self._check()
@@ -173,19 +181,9 @@ class FakeFirmata(Fake):
         return inside(self._options.presses.get(self._buttons[number], ()), self.world.time)
 
     def _send(self, joint: int, target: float | None) -> None:
-        at = self.world.time + self._delay
-        self.servos.set_servo(self._options.first + joint, target, int(-(-at // self._frame) * self._frame))
-
-    def _settled(self, number: int) -> float:
-        """The button's level as the real driver debounces it: each level counts once it has lasted."""
-        t, wait = self.world.time * 1e-9, self._debounce[number]
-        edges = [edge for press in self._options.presses.get(self._buttons[number], ()) for edge in press]
-        level = 0.0
-        for i, edge in enumerate(edges):
-            until = edges[i + 1] if i + 1 < len(edges) else math.inf
-            if edge + wait <= t and until - edge >= wait:
-                level = 1.0 - i % 2
-        return level
+        ns, per = self._frame
+        frame = -(-(self.world.time + self._delay) * per // ns)
+        self.servos.set_servo(self._options.first + joint, target, frame * ns // per)
 
     def _check(self) -> None:
         if not self.health.connected or inside(self._options.loss, self.world.time):
@@ -193,3 +191,14 @@ class FakeFirmata(Fake):
             raise DeviceLostError(
                 self.name, "the simulated board is gone", "It comes back at the end of its 'loss' window"
             )
+
+
+def _settled(presses: Windows, wait: float) -> list[tuple[float, float]]:
+    """(since s, level) as the real driver debounces them: a level counts once it has lasted for `wait` s."""
+    edges = [edge for press in presses for edge in press]
+    ends = [*edges[1:], math.inf]
+    return [
+        (edge + wait, 1.0 - i % 2)
+        for i, (edge, end) in enumerate(zip(edges, ends, strict=False))
+        if end - edge >= wait
+    ]

@@ -91,5 +91,3 @@ class Input:
         self._sysex = False
         self.too_long += self._length > MAX_SYSEX
         return Received(0xF0, 0, bytes(self._stored[: self._length or MAX_SYSEX]))
-
-

@@ -266,7 +266,12 @@ class Commands:
         return bytes(
             (
                 self._status_byte(),
-                self._status << 2 | on["J"] << 3 | on["F"] << 4 | self._stamp << 5 | self.glove.right << 6 | 1 << 7,
+                self._status << 2
+                | on["J"] << 3
+                | on["F"] << 4
+                | self._stamp << 5
+                | self.glove.right << 6
+                | 1 << 7,
                 on["Q"],
             )
         )

@@ -104,7 +104,9 @@ class StandardFirmata:
             if reported:
                 self._report_port(port, always=False)
         if milliseconds - self._analog_due > self._interval:
-            self._analog_due += self._interval * max(1, (milliseconds - self._analog_due - 1) // self._interval)
+            self._analog_due += self._interval * max(
+                1, (milliseconds - self._analog_due - 1) // self._interval
+            )
             for channel in sorted(self._analog_reported):
                 if self._mode[_FIRST_ANALOG + channel] == ANALOG:
                     self._send_analog(channel)
@@ -246,7 +248,9 @@ class StandardFirmata:
     def _write_port(self, port: int, mask: int) -> None:
         for pin in range(8 * port, min(8 * port + 8, PINS)):
             if self._mode[pin] in (INPUT, OUTPUT) and pin not in _SERIAL_PINS:
-                self._state[pin] = mask >> pin % 8 & 1  # a 1 written to an input is the old way to its pull-up
+                self._state[pin] = (
+                    mask >> pin % 8 & 1
+                )  # a 1 written to an input is the old way to its pull-up
 
     # -- inputs
 

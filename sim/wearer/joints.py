@@ -103,15 +103,17 @@ def _numbered(names: Sequence[str]) -> list[str]:
     return [number.get(name, name) for name in names]
 
 
+# Where the model has the joint that each of the 22 sensors measures; the last three measure none of them.
+_MEASURED: Final = np.array([1, 2, 3, 0, 5, 6, 7, 9, 10, 11, 4, 13, 14, 15, 8, 17, 18, 19, 12, 0, 0, 0])
+
+
 def to_glove(position: Array) -> Array:
     """The 22 sensors' angles (22,), rad, that a hand's joints (20,), rad, bring about.
 
     The inverse of the glove's scheme. Abduction sensors measure how far neighbours are apart; palm arch and
     wrist, which the model doesn't have, stay at zero.
     """
-    thumb, index, middle, ring, little = position.reshape(5, 4)
-    s = np.zeros(22)
-    s[0], s[1], s[2], s[3] = thumb[1], thumb[2], thumb[3], thumb[0]
-    s[4:7], s[7:10], s[11:14], s[15:18] = index[1:], middle[1:], ring[1:], little[1:]
-    s[10], s[14], s[18] = index[0] - middle[0], middle[0] - ring[0], ring[0] - little[0]
+    s = position.take(_MEASURED)
+    s[10:19:4] -= position[8:17:4]  # the neighbour's abduction
+    s[19:] = 0.0
     return s

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from typing import Final, Protocol
 
 import numpy as np
@@ -11,6 +12,7 @@ from sim.hand import RANGES
 
 BLEND: Final = 0.5  # s, from the end of one stretch of a recording to the beginning of the next
 _RATE: Final = 100.0  # Hz of blends
+_LOWER, _UPPER = np.ascontiguousarray(RANGES.T)
 
 
 class Wearer(Protocol):
@@ -49,7 +51,7 @@ class Curve:
         d = np.zeros_like(values)
         d[1:-1] = np.where(same, mean, 0.0)
         d0, d1, rise = h * d[:-1], h * d[1:], np.diff(values, axis=0)
-        self._time, self._length = time, h[:, 0]
+        self._time: list[float] = time.tolist()
         # Coefficients of the cubic in s = (t - t_i) / h_i, highest power first.
         self._cubic = np.stack([d0 + d1 - 2 * rise, 3 * rise - 2 * d0 - d1, d0, values[:-1]], axis=1)
 
@@ -60,8 +62,8 @@ class Curve:
     def at_one(self, t: float) -> Array:
         """(m,) at one time."""
         time = self._time
-        i = min(max(int(time.searchsorted(t, side="right")) - 1, 0), time.size - 2)
-        s = min(max((t - time[i]) / self._length[i], 0.0), 1.0)
+        i = min(max(bisect_right(time, t) - 1, 0), len(time) - 2)
+        s = min(max((t - time[i]) / (time[i + 1] - time[i]), 0.0), 1.0)
         a, b, c, d = self._cubic[i]
         return d + s * (c + s * (b + s * a))
 
@@ -71,22 +73,21 @@ class SampledWearer:
 
     def __init__(self, time: Array, position: Array, *, speed: float = 1.0, loop: bool = False) -> None:
         """Args: time (n,), s, strictly increasing; position (n, 20), rad, which the model's ranges clamp."""
-        position = np.clip(position, RANGES[:, 0], RANGES[:, 1])
+        position = np.clip(position, _LOWER, _UPPER)
         if loop:
             time, position = join([(time, position), (time[:1], position[:1])])
         self._curve = Curve(time, position)
-        self._start, self._span = time[0], time[-1] - time[0]
+        self._start, self._span = float(time[0]), float(time[-1] - time[0])
         self._speed, self._loop = speed, loop
-        self.duration = np.inf if loop else float(self._span / speed)
+        self.duration = np.inf if loop else self._span / speed
 
     def target(self, t: float) -> Array:
         t *= self._speed
         if self._loop:
             t %= self._span
         q = self._curve.at_one(self._start + t)
-        return np.minimum(
-            np.maximum(q, RANGES[:, 0]), RANGES[:, 1]
-        )  # a cubic's rounding can overstep by a bit
+        np.maximum(q, _LOWER, out=q)  # a cubic's rounding can overstep by a bit
+        return np.minimum(q, _UPPER, out=q)
 
 
 def join(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:

@@ -13,17 +13,17 @@ from sim.wearer.motion import minimum_jerk
 
 _OPEN: Final[Array] = np.deg2rad(
     [[10, 25, 0, 0], [8, 5, 8, 5], [0, 5, 8, 5], [-6, 5, 8, 5], [-12, 5, 8, 5]]  # spread a little
-).ravel()
+)
 _CLOSED: Final[Array] = np.deg2rad(
     [[-45, 80, 0, 10], [2, 55, 65, 43], [0, 60, 70, 46], [-1, 62, 72, 48], [-3, 64, 70, 46]]  # thumb opposed
-).ravel()
+)
 
 
 @dataclass(frozen=True)
 class _Grasp:
-    start: Array  # (2, 20) fraction of the period at which each joint sets off to close, and to open
-    pace: Array  # (2, 20) 1 / (fraction of the period the movement takes)
-    way: Array  # (20,) rad, from the open to the closed posture
+    start: Array  # (2, 5, 1) fraction of the period at which each finger sets off to close, and to open
+    pace: Array  # (2, 5, 1) 1 / (fraction of the period the movement takes)
+    way: Array  # (5, 4) rad, from the open to the closed posture
 
 
 class ScriptedWearer:
@@ -46,16 +46,17 @@ class ScriptedWearer:
             self._number, self._grasp = int(number), self._draw(int(number))
         g = self._grasp
         closed, opened = minimum_jerk((s - g.start) * g.pace)
-        return _OPEN + (closed - opened) * g.way
+        return (_OPEN + (closed - opened) * g.way).ravel()
 
     def _draw(self, number: int) -> _Grasp:
         rng = np.random.default_rng([self._seed, number])
 
         def per_finger(low: float, high: float) -> Array:
-            return np.repeat(rng.uniform(low, high, 5), 4)
+            return rng.uniform(low, high, (5, 1))
 
         reach = rng.uniform(0.65, 1.0) * per_finger(0.92, 1.0)
-        posture = np.clip(_OPEN + reach * (_CLOSED - _OPEN), RANGES[:, 0], RANGES[:, 1])
+        lower, upper = RANGES.T.reshape(2, 5, 4)
+        posture = np.clip(_OPEN + reach * (_CLOSED - _OPEN), lower, upper)
         return _Grasp(
             start=np.stack([per_finger(0.10, 0.16), per_finger(0.60, 0.66)]),
             pace=1.0 / np.stack([per_finger(0.20, 0.30), per_finger(0.20, 0.30)]),

@@ -33,7 +33,8 @@ def recording(folder: Path, run: dict[str, object]) -> Recording:
 
 def test_the_summary_says_what_happened(run: dict[str, object]) -> None:
     assert run["profile"] == "sixth-finger"
-    assert (run["state"], run["cause"], run["cycles"]) == ("ended", "end", 801)
+    assert (run["state"], run["cause"]) == ("ended", "end")
+    assert run["cycles"] > 800  # and the few in which it brakes
     assert run["rate_hz"] == pytest.approx(100.0)
     for name in ("period_us", "cycle_us"):
         assert set(run[name]) == {"p50", "p99", "p999", "max"}  # type: ignore[call-overload]
@@ -43,10 +44,10 @@ def test_the_summary_says_what_happened(run: dict[str, object]) -> None:
     assert run["recording_complete"] is True
 
 
-def test_every_cycle_is_in_the_recording(recording: Recording) -> None:
+def test_every_cycle_is_in_the_recording(run: dict[str, int], recording: Recording) -> None:
     assert recording.missing == []
-    assert recording.layout.int(recording.rows, "cycle").tolist() == list(range(801))
-    assert np.diff(recording.layout.int(recording.rows, "now")).tolist() == [10_000_000] * 800
+    assert recording.layout.int(recording.rows, "cycle").tolist() == list(range(run["cycles"]))
+    assert (np.diff(recording.layout.int(recording.rows, "now")) == 10_000_000).all()
 
 
 def test_the_finger_closes_with_the_hand(recording: Recording) -> None:
@@ -78,7 +79,7 @@ def test_a_replay_gives_the_same_bits(folder: Path, recording: Recording) -> Non
     found = json.loads(call(folder, "replay", "x.rrd", "--json").stdout)
     assert found["largest_difference"] == 0.0
     assert found["identical"] is True
-    assert found["cycles"] == 801
+    assert found["cycles"] > 800
 
 
 @pytest.mark.parametrize(("element", "cycle"), [(4, 100), (0, 555)])

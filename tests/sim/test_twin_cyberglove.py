@@ -39,7 +39,9 @@ GOLDEN_TIME = 0x00123456 * 1_000_000  # ns; the time stamp of the vectors, which
 
 def make(world: Any = None, sensors: int = 22, hand: str = "right", **options: Any) -> CyberGloveTwin:
     config = CyberGloveConfig(port="/dev/null", sensors=sensors, hand=hand)
-    return CyberGloveTwin(FakeCyberGlove("glove", config, world or StillWorld(), FakeCyberGloveConfig(**options)))
+    return CyberGloveTwin(
+        FakeCyberGlove("glove", config, world or StillWorld(), FakeCyberGloveConfig(**options))
+    )
 
 
 def golden(monkeypatch: pytest.MonkeyPatch) -> CyberGloveTwin:
@@ -62,7 +64,7 @@ def test_golden_vectors_byte_for_byte(monkeypatch):
         for stop in (b"\x5e\x63", b"\x03"):
             client.send(b"S")
             bench.run(0.1)
-            assert client.read(250) == (b"S" + RAW + b"\0") * 10 + (b"S" + RAW + b"\0")[:10]
+            assert client.rest() == (b"S" + RAW + b"\0") * 10  # T: 100 Hz
             client.send(stop)
             client.rest()
             bench.run(0.1)
@@ -93,7 +95,7 @@ def test_answers_do_not_depend_on_how_the_bytes_are_cut(monkeypatch):
         (b"CA" + bytes(range(1, 45)) + b"?C", b"CA\0?C" + bytes(range(1, 45)) + b"\0"),
         (b"^I", b"^I\r\n\0"),
         (b"U\1^R?U", b"U\0^R\r\n\0?U\0\0"),
-        (b"?W W\1?W".replace(b" ", b""), b"?W\0\0W\0?W\1\0"),
+        (b"?WW\1?W", b"?W\0\0W\0?W\1\0"),
         (b"u 1\r?U", b"u\r\n\0?U\1\0"),
         (b"t 2560 1\r?T", b"t\r\n\0?T\x0a\x00\x00\x01\0"),
         (b"u 7\r", b"e?\0"),
@@ -200,7 +202,7 @@ def test_both_doors_show_the_same_hand():
 
 
 def test_the_driver_survives_a_glove_that_hangs_and_sees_one_that_is_gone():
-    with Bench(make(loss=((2.0, 3.0),), rate=100)) as bench:
+    with Bench(make(loss=((6.0, 7.0),), rate=100)) as bench:
         driver = driver_at(bench)
         with bench.running():
             driver.open()
@@ -215,7 +217,8 @@ def test_the_driver_survives_a_glove_that_hangs_and_sees_one_that_is_gone():
         bench.twin.muted = False
         bench.run(0.05)
         read_all(driver, bench, driver.health.frames + 1)
-        bench.run(max(0.0, 2.01 - bench.now * 1e-9))
+        assert bench.now < 6_000_000_000
+        bench.run(6.01 - bench.now * 1e-9)
         with pytest.raises(DeviceLostError):
             for _ in range(1000):
                 driver.read(bench.now)

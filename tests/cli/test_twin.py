@@ -1,0 +1,122 @@
+"""`srl twin`: what it prints, what it refuses, faults on demand, and the log."""
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers_srl_twin import ROOT, TwinProcess
+from helpers_twin import bound, until
+
+from drivers.cyberglove import CyberGlove
+from drivers.firmata import Firmata
+from runtime import profile
+from runtime.cli import main
+from runtime.errors import DeviceLostError
+
+
+def driver(cls, name: str, port: str):
+    checked, _ = profile.load("sixth-finger", [f"devices.{name}.port={port}"])
+    made = cls(name, cls.Config(**checked.devices[name].options))
+    return bound(made, getattr(made, "home", None))
+
+
+def test_both_devices_with_faults_and_log(tmp_path: Path):
+    import time
+
+    log = tmp_path / "log.npz"
+    with TwinProcess("sixth-finger", "--link", str(tmp_path), "--log", str(log), "--control") as twin:
+        assert twin.addresses == {"glove": str(tmp_path / "glove"), "finger": str(tmp_path / "finger")}
+        assert twin.run[:2] == ["run", "sixth-finger"]
+        assert twin.run[-1] == "--confirm"
+        checked, _ = profile.load("sixth-finger", [a for a in twin.run if a.startswith("devices.")])
+        assert checked.devices["glove"].options["port"] == twin.addresses["glove"]
+        glove, finger = (
+            driver(CyberGlove, "glove", twin.addresses["glove"]),
+            driver(Firmata, "finger", twin.addresses["finger"]),
+        )
+        glove.open()
+        finger.open()
+        finger.write(time.monotonic_ns())
+        frames = glove.health.frames
+        until(lambda: glove.health.frames > frames + 20, lambda: glove.read(time.monotonic_ns()))
+        assert twin.control("close finger") == {"control": "close", "device": "finger", "address": ""}
+        with pytest.raises(DeviceLostError):
+            until(lambda: False, lambda: finger.read(time.monotonic_ns()))
+        finger.close()
+        assert twin.control("open finger")["address"] == twin.addresses["finger"]
+        finger.open()
+        twin.control("unplug glove")
+        until(lambda: "isn't plugged" in glove.health.message, lambda: glove.read(time.monotonic_ns()))
+        stopped = time.monotonic_ns()
+        finger.command_arrays["position_command"][:] = 0.1
+        finger.write(stopped)
+        until(lambda: not finger._waiting, lambda: finger.read(time.monotonic_ns()))
+        finger.close()
+        glove.close()
+    assert twin.process.returncode == 0, twin.said
+    assert not (tmp_path / "glove").is_symlink()
+    assert twin.figures["finger"]["connects"] == 2
+    assert twin.figures["finger"]["last_command_ns"] >= stopped
+    rows = np.load(log)
+    assert rows["world.finger_position"].shape == (len(rows["t"]), 4)
+    np.testing.assert_allclose(np.diff(rows["t"]), 0.01, atol=0.2)
+    assert rows["finger.servo_ns"][-1] == twin.figures["finger"]["last_command_ns"]
+    assert bytes(rows["glove.rx"]).startswith(b"^c\x03")
+    assert len(rows["glove.sent_ns"]) >= 20
+
+
+def test_ends_by_itself_and_prints_a_line_to_paste():
+    done = subprocess.run(
+        [sys.executable, "-m", "runtime", "twin", "sixth-finger", "glove", "--duration", "0.1", "--set", "rate=50"],
+        capture_output=True, text=True, cwd=ROOT, timeout=60, check=True,
+    )  # fmt: skip
+    address, line = done.stdout.splitlines()
+    port = address.split()[1]
+    assert line == f"srl run sixth-finger --set rate=50 --set devices.glove.port={port} --confirm"
+
+
+def test_ctrl_c_is_no_error():
+    with TwinProcess("sixth-finger") as twin:
+        twin.process.send_signal(signal.SIGINT)
+        twin.process.wait(timeout=60)
+    assert twin.process.returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["no-such-profile"], "no profile has this name"),
+        (["sixth-finger", "thumb"], "has no device 'thumb'"),
+        (["sixth-finger", "--duration", "0"], "is no duration"),
+        (["sixth-finger", "--speed", "-1"], "isn't above 0"),
+        (["sixth-finger", "--link", "/no/such/folder"], "there is no folder"),
+        (["sixth-finger", "--log", "log.csv"], "isn't a .npz"),
+    ],
+)
+def test_what_it_refuses(arguments, expected, capsys):
+    assert main(["twin", *arguments]) == 2
+    assert expected in capsys.readouterr().err
+
+
+def test_a_driver_without_a_twin_is_named(monkeypatch, capsys):
+    from runtime import registry
+
+    known = registry.names
+    monkeypatch.setattr(registry, "names", lambda group: [] if group == "twins" else known(group))
+    assert main(["twin", "sixth-finger"]) == 2
+    assert "none of its drivers has a twin: cyberglove, firmata" in capsys.readouterr().err
+
+
+def test_a_control_line_that_is_wrong_is_answered_and_changes_nothing():
+    with TwinProcess("sixth-finger", "glove", "--control") as twin:
+        for wrong in ("explode glove", "close thumb", "restart glove", "close"):
+            assert twin.process.stdin is not None
+            twin.process.stdin.write(wrong + "\n")
+        assert twin.control("mute glove")["control"] == "mute"
+    for told in ("Verbs: close", "no twin 'thumb'", "can't do that", "expected VERB DEVICE"):
+        assert told in twin.said
+    assert json.dumps(twin.figures)
