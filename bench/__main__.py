@@ -25,7 +25,9 @@ def main() -> int:
     args = parser.parse_args()
     unknown = set(args.names) - set(BENCHES)
     if unknown:
-        print(f"bench: no bench is called {', '.join(sorted(unknown))}. There are: {', '.join(BENCHES)}", file=sys.stderr)
+        print(
+            f"bench: no bench is called {', '.join(sorted(unknown))}. There are: {', '.join(BENCHES)}", file=sys.stderr
+        )
         return 2
     rows = []
     for name in args.names or BENCHES:
@@ -36,10 +38,8 @@ def main() -> int:
             if not args.json:
                 judged = "" if row.holds is None else f"  aim {row.aim}: {'met' if row.holds else 'NOT met'}"
                 control = "" if row.control is None else f", A/A {row.control:g}"
-                print(
-                    f"  {row.what}: {row.ours:g} {row.unit}, {row.other_name} {row.other:g}, ratio {row.ratio:g}{control}{judged}",
-                    flush=True,
-                )
+                measured = f"{row.ours:g} {row.unit}, {row.other_name} {row.other:g}, ratio {row.ratio:g}{control}"
+                print(f"  {row.what}: {measured}{judged}", flush=True)
     if args.json:
         print(json.dumps({"benches": [row.figures() for row in rows]}))
     return 0

@@ -38,7 +38,9 @@ class Row:
         return asdict(self)
 
 
-def measure(ours: Callable[[], dict[str, float]], others: dict[str, Callable[[], dict[str, float]]], pairs: int = PAIRS) -> Pairs:
+def measure(
+    ours: Callable[[], dict[str, float]], others: dict[str, Callable[[], dict[str, float]]], pairs: int = PAIRS
+) -> Pairs:
     """Runs ours, each other, and ours again, `pairs` times.
 
     Each callable returns figures by name (say p50 and p99); all return the same names.
@@ -62,7 +64,14 @@ class Pairs:
     others: dict[str, list[dict[str, float]]]
 
     def row(
-        self, id: str, what: str, figure: str, other: str, unit: str, aim: str = "", holds: Callable[[float], bool] | None = None
+        self,
+        id: str,
+        what: str,
+        figure: str,
+        other: str,
+        unit: str,
+        aim: str = "",
+        holds: Callable[[float], bool] | None = None,
     ) -> Row:
         """The comparison of one figure with one other; `holds` judges the ratio."""
         ours = [m[figure] for m in self.first]
@@ -70,6 +79,7 @@ class Pairs:
         ratio = statistics.median(a / b for a, b in zip(ours, theirs, strict=True) if b)
         control = statistics.median(a / m[figure] for a, m in zip(ours, self.again, strict=True) if m[figure])
         return Row(
-            id=id, what=what, ours=round(statistics.median(ours), 3), other=round(statistics.median(theirs), 3), other_name=other,
+            id=id, what=what, ours=round(statistics.median(ours), 3), other=round(statistics.median(theirs), 3),
+            other_name=other,
             ratio=round(ratio, 3), control=round(control, 3), unit=unit, aim=aim, holds=holds(ratio) if holds else None,
         )  # fmt: skip

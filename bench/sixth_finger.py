@@ -16,7 +16,18 @@ SPAN = 20.0  # simulated s a run
 
 
 def _srl(*arguments: str) -> dict[str, Any]:
-    command = [sys.executable, "-m", "runtime", "run", "sixth-finger", "--sim", "--instance", "bench", "--json", *arguments]
+    command = [
+        sys.executable,
+        "-m",
+        "runtime",
+        "run",
+        "sixth-finger",
+        "--sim",
+        "--instance",
+        "bench",
+        "--json",
+        *arguments,
+    ]
     found = subprocess.run(command, check=True, capture_output=True, text=True).stdout
     summary: dict[str, Any] = json.loads(found)
     return summary
@@ -32,7 +43,13 @@ def cycle() -> list[Row]:
     period = {"read": 1e4, "control": 1e4, "guard": 1e4, "write": 1e4, "log": 1e4, "whole": 1e4}
     pairs = measure(ours, {"the period": lambda: period})
     return [
-        pairs.row("cycle-sixth-finger", f"{phase} (median of medians; read and write include the fakes)", phase, "the period", "us")
+        pairs.row(
+            "cycle-sixth-finger",
+            f"{phase} (median of medians; read and write include the fakes)",
+            phase,
+            "the period",
+            "us",
+        )
         for phase in period
     ]
 
@@ -45,7 +62,13 @@ def speed() -> list[Row]:
     )
     return [
         pairs.row(
-            "sim-sixth-finger", "simulated speed with --fast", "speed", "bare mj_step loop", "s/s", "at least 0.7", lambda r: r >= 0.7
+            "sim-sixth-finger",
+            "simulated speed with --fast",
+            "speed",
+            "bare mj_step loop",
+            "s/s",
+            "at least 0.7",
+            lambda r: r >= 0.7,
         )
     ]
 

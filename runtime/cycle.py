@@ -176,7 +176,9 @@ class Cycle:
                 guard.stop(category, dt)
                 at_rest &= guard.at_rest
             ints[_CATEGORY] = _CATEGORIES.index(category)
-            ints[_FLAGS] |= FLAG_REJECTED * guard.rejected | FLAG_FALLBACK * guard.fallback | FLAG_LIMITED * guard.limited
+            ints[_FLAGS] |= (
+                FLAG_REJECTED * guard.rejected | FLAG_FALLBACK * guard.fallback | FLAG_LIMITED * guard.limited
+            )
         self._was = state
         machine.settle(at_rest)
         ints[_STATE], ints[_CAUSE], ints[_CULPRIT] = machine.state, machine.cause, machine.culprit

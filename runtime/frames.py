@@ -96,5 +96,7 @@ class Frames:
         while (parent := self.entries[seen[-1]].parent) is not None:
             if parent in seen:
                 circle = " -> ".join([*seen, parent])
-                raise ProfileError(f"{label}: frames.{name}", f"the frames form a circle: {circle}", "Give one no parent")
+                raise ProfileError(
+                    f"{label}: frames.{name}", f"the frames form a circle: {circle}", "Give one no parent"
+                )
             seen.append(parent)

@@ -78,7 +78,7 @@ def _rights() -> Iterator[Finding]:
     except PermissionError:
         yield Finding(
             "real-time priority", "bad", f"SCHED_FIFO {PRIORITY} is refused",
-            f"As a service: LimitRTPRIO={PRIORITY}; by hand: a line '@srl - rtprio {PRIORITY}' in /etc/security/limits.d",
+            f"As a service: LimitRTPRIO={PRIORITY}; by hand: '@srl - rtprio {PRIORITY}' in /etc/security/limits.d",
         )  # fmt: skip
     soft, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
     privileged = os.geteuid() == 0
@@ -96,7 +96,7 @@ def _throttling(rate: Fraction) -> Finding:
     period = _read("/proc/sys/kernel/sched_rt_period_us") or "1000000"
     if runtime and runtime != "-1" and int(runtime) < 0.9 * int(period):
         return Finding(
-            "real-time throttling", "doubtful", f"real-time tasks get {int(runtime) / int(period):.0%} of the processor",
+            "real-time throttling", "doubtful", f"real-time tasks get {int(runtime) / int(period):.0%}",
             "sysctl kernel.sched_rt_runtime_us=950000",
         )  # fmt: skip
     return Finding("real-time throttling", "good", "at its default or off")
@@ -105,12 +105,16 @@ def _throttling(rate: Fraction) -> Finding:
 def _timers() -> Iterator[Finding]:
     resolution = time.clock_getres(time.CLOCK_MONOTONIC)
     if resolution > 1e-6:
-        yield Finding("timer", "bad", f"resolution {resolution * 1e3:g} ms", "Boot a kernel with high-resolution timers")
+        yield Finding(
+            "timer", "bad", f"resolution {resolution * 1e3:g} ms", "Boot a kernel with high-resolution timers"
+        )
     else:
         yield Finding("timer", "good", "high resolution")
     source = _read("/sys/devices/system/clocksource/clocksource0/current_clocksource")
     if source and source not in ("tsc", "kvm-clock", "arch_sys_counter", "hyperv_clocksource_tsc_page"):
-        yield Finding("clock source", "doubtful", f"{source} is slow to read", "Boot with clocksource=tsc if the TSC is stable")
+        yield Finding(
+            "clock source", "doubtful", f"{source} is slow to read", "Boot with clocksource=tsc if the TSC is stable"
+        )
     else:
         yield Finding("clock source", "good", source or "unknown")
 
@@ -131,11 +135,20 @@ def _memory_folder() -> Finding:
     while not at.exists():
         at = at.parent
     mounts = [line.split()[1:3] for line in Path("/proc/mounts").read_text().splitlines()]
-    kind = max(((m, k) for m, k in mounts if str(at).startswith(m.rstrip("/") + "/") or str(at) == m), key=lambda x: len(x[0]))[1]
+    kind = max(
+        ((m, k) for m, k in mounts if str(at).startswith(m.rstrip("/") + "/") or str(at) == m), key=lambda x: len(x[0])
+    )[1]
     if not os.access(at, os.W_OK):
-        return Finding("runtime folder", "bad", f"{folder} can't be written", "Set SRL_RUNTIME_DIR to a folder of yours on tmpfs")
+        return Finding(
+            "runtime folder", "bad", f"{folder} can't be written", "Set SRL_RUNTIME_DIR to a folder of yours on tmpfs"
+        )
     if kind not in ("tmpfs", "ramfs"):
-        return Finding("runtime folder", "doubtful", f"{folder} is on {kind}, not in memory", "Set SRL_RUNTIME_DIR to a folder on tmpfs")
+        return Finding(
+            "runtime folder",
+            "doubtful",
+            f"{folder} is on {kind}, not in memory",
+            "Set SRL_RUNTIME_DIR to a folder on tmpfs",
+        )
     return Finding("runtime folder", "good", f"{folder} is in memory")
 
 
@@ -192,9 +205,13 @@ def _jitter(rate: Fraction) -> Finding:
     found = f"wakes {p50:.0f} us late (p99 {p99:.0f}, max {most:.0f})"
     share = p99 / (1e6 / float(rate))
     if share > 0.5:
-        return Finding("wake-up at this rate", "bad", found, "Lower the rate, end other load, isolate a core (isolcpus)")
+        return Finding(
+            "wake-up at this rate", "bad", found, "Lower the rate, end other load, isolate a core (isolcpus)"
+        )
     if share > 0.1:
-        return Finding("wake-up at this rate", "doubtful", found, "End other load; isolate a core (isolcpus=) for the loop")
+        return Finding(
+            "wake-up at this rate", "doubtful", found, "End other load; isolate a core (isolcpus=) for the loop"
+        )
     return Finding("wake-up at this rate", "good", found)
 
 

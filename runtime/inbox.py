@@ -70,7 +70,7 @@ class Inbox:
             except BlockingIOError:
                 break
             if (item := _parse(data, sender)) is not None:
-                self.waiting.append(item)
+                self._queue(item)
         clock = 0
         for request in self._mail.take():
             clock = clock or time.monotonic_ns()
@@ -78,13 +78,23 @@ class Inbox:
                 self._set(request, now, clock)
             else:
                 late = request.expires < clock
-                self.waiting.append(Item(request, answer=Answer.EXPIRED if late else Answer.NONE))
+                self._queue(Item(request, answer=Answer.EXPIRED if late else Answer.NONE))
         if not self.waiting:
             return None
         item = self.waiting.popleft()
         if item.request.kind is Ask.PARAMETER and item.answer is Answer.NONE:
             item.answer = self._change(item.request)
         return item
+
+    def _queue(self, item: Item) -> None:
+        """A stop overtakes what waits, and what would have led into motion is refused."""
+        if item.request.kind not in (Ask.STOP, Ask.EXIT, Ask.FAULT):
+            self.waiting.append(item)
+            return
+        for other in self.waiting:
+            if other.request.kind in (Ask.START, Ask.RESET):
+                other.answer = Answer.REFUSED_STATE
+        self.waiting.appendleft(item)
 
     def own(self, kind: Ask, cause: Cause) -> Item:
         """A request of the loop's own."""

@@ -134,7 +134,7 @@ class Layout:
         self.fields[name] = Field(name, role, self.floats, shape, unit, **rest)
         return self.fields[name]
 
-    def int(self, rows: NDArray[np.int64], name: str) -> NDArray[np.int64]:
+    def word(self, rows: NDArray[np.int64], name: str) -> NDArray[np.int64]:
         """The word `name` ("cycle", "glove.stamp") of rows shaped (k, width) or (width,)."""
         word: NDArray[np.int64] = rows[..., self.int_names.index(name)]
         return word
@@ -144,7 +144,15 @@ class Layout:
         f = self.fields[name]
         start = self.ints + f.offset
         words = np.ascontiguousarray(rows[..., start : start + f.size])
-        return words.view(np.float64).reshape(*rows.shape[:-1], *f.shape)
+        return words.view(np.float64).reshape((*rows.shape[:-1], *f.shape))
+
+    def culprit(self, cause: Cause, index: int) -> str:
+        """The name of the device, controller or emergency input that a cause's index means; "" for none."""
+        if index < 0:
+            return ""
+        if cause is Cause.CONTROLLER_ERROR:
+            return str(self.meta["controllers"][index]["name"])
+        return str(self.meta["emergency"][index] if cause is Cause.EMERGENCY else self.devices[index])
 
     def save(self, path: Path) -> None:
         """Writes it as JSON."""

@@ -31,7 +31,14 @@ class Loop:
     def __init__(
         self, graph: Graph, devices: list[Device], clock: Clock, cycle: Cycle, inbox: Inbox, ring: RingWriter
     ) -> None:
-        self.graph, self.devices, self.clock, self.cycle, self.inbox, self.ring = graph, devices, clock, cycle, inbox, ring
+        self.graph, self.devices, self.clock, self.cycle, self.inbox, self.ring = (
+            graph,
+            devices,
+            clock,
+            cycle,
+            inbox,
+            ring,
+        )
         self.actuators = [d for d in devices if d.driver.commands]
         self.links = [graph.board.index[f"{d.driver.name}.link"] for d in self.actuators]
         self.after_write: Callable[[Device], None] = lambda device: None  # keeps the supervisor's stop frames true
@@ -43,7 +50,13 @@ class Loop:
         self.clock.start()
         while self.cycle.machine.state is not State.ENDED:
             tick = self.clock.wait()
-            ints[0], ints[_NOW], ints[_DT], ints[_DEADLINE], ints[_WAKE] = count, tick.now, tick.dt, tick.deadline, monotonic()
+            ints[0], ints[_NOW], ints[_DT], ints[_DEADLINE], ints[_WAKE] = (
+                count,
+                tick.now,
+                tick.dt,
+                tick.deadline,
+                monotonic(),
+            )
             ints[_OVERRUNS] += tick.missed
             for device in self.devices:
                 device.read(tick.now)
@@ -93,7 +106,7 @@ class Loop:
 
     def culprit(self) -> str:
         """The name of what caused the stop, or nothing."""
-        return culprit(self.cycle.machine.cause, self.cycle.machine.culprit, self.graph)
+        return self.graph.layout.culprit(self.cycle.machine.cause, self.cycle.machine.culprit)
 
     def _let_go(self) -> None:
         """Once a stop has begun, tells the devices that stop by themselves (limp) to do so."""
@@ -103,16 +116,8 @@ class Loop:
         for device, link in zip(self.actuators, self.links, strict=True):
             if not self.graph.board.ints[link] & LINK_ACTIVE and not device.lost:
                 for actuator in self.graph.actuators:
-                    if self.graph.devices[actuator.device] is device.driver and self.cycle.category(actuator) is Stop.LIMP:
+                    if (
+                        self.graph.devices[actuator.device] is device.driver
+                        and self.cycle.category(actuator) is Stop.LIMP
+                    ):
                         device.driver.stop(Stop.LIMP)
-
-
-def culprit(cause: Cause, index: int, graph: Graph) -> str:
-    """The name of the device, controller or input that a cause's index means."""
-    if index < 0:
-        return ""
-    if cause is Cause.CONTROLLER_ERROR:
-        return graph.controllers[index].name
-    if cause is Cause.EMERGENCY:
-        return graph.profile.emergency[index].signal
-    return graph.layout.devices[index]

@@ -75,7 +75,9 @@ class Process:
     def _loop(self, graph: Graph) -> None:
         limits = limits_of(graph)
         clock = self._clock(graph)
-        cycle = Cycle(graph, limits, self.order.automatic, Cause.RESTART if self.order.crashed else Cause.NONE, self.note)
+        cycle = Cycle(
+            graph, limits, self.order.automatic, Cause.RESTART if self.order.crashed else Cause.NONE, self.note
+        )
         meta = graph.layout.meta
         meta["limits"] = {name: _plain(value) for name, value in limits.items()}
         meta["clock"] = type(clock).__name__
@@ -94,7 +96,7 @@ class Process:
         if not unpaced:
             for refused in realtime.enter():
                 self.note(refused)
-        signal.signal(signal.SIGTERM, lambda *_: inbox.waiting.append(inbox.own(Ask.EXIT, Cause.REQUEST)))
+        signal.signal(signal.SIGTERM, lambda *_: inbox.waiting.appendleft(inbox.own(Ask.EXIT, Cause.REQUEST)))
         ring.touch(time.monotonic_ns())
         self.channel.send({"say": "running", "period": clock.period, "unpaced": unpaced})
         try:
@@ -210,7 +212,9 @@ def main() -> int:
         process.run()
     except SrlError as error:
         kind = "device" if isinstance(error, DeviceError) else "other"
-        channel.send({"say": "failed", "kind": kind, "place": error.place, "problem": error.problem, "remedy": error.remedy})
+        channel.send(
+            {"say": "failed", "kind": kind, "place": error.place, "problem": error.problem, "remedy": error.remedy}
+        )
         return 2
     return 0
 

@@ -14,7 +14,6 @@ from runtime.mailbox import Answer, Ask
 from runtime.profile import EmergencyInput, Faults
 from runtime.signals import Stop
 
-
 # What a fault leads to: a category for every actuator, or "stop", each actuator's own.
 _OWN = "stop"
 

@@ -93,6 +93,7 @@ class MailboxReader:
 
     def __init__(self, path: Path) -> None:
         self._ring = RingReader(path)
+        self._ring.sequence = self._ring.head  # what was asked of an earlier loop isn't asked of this one
 
     def take(self, most: int = 16) -> list[Request]:
         """The next requests, oldest first; an empty list is the common, cheap case."""

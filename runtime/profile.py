@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -161,10 +162,8 @@ class Profile(Part):
     @field_validator("devices", "setpoints")
     @classmethod
     def _slugs(cls, value: dict[str, Any]) -> dict[str, Any]:
-        import re
-
-        for name in value:
-            if not re.match(SIGNAL if value and isinstance(value[name], SetpointEntry) else SLUG, name):
+        for name, entry in value.items():
+            if not re.match(SIGNAL if isinstance(entry, SetpointEntry) else SLUG, name):
                 raise ValueError(f"'{name}' isn't a valid name: lower-case letters, digits, - and _ only")
         return value
 
@@ -211,7 +210,9 @@ def find(name: str) -> tuple[str, str]:
         except (OSError, UnicodeDecodeError) as error:
             reason = error.strerror if isinstance(error, OSError) else "it isn't UTF-8 text"
             raise ProfileError(name, f"the profile can't be read: {reason}", "Give an existing YAML file") from None
-    shipped = {p.name.removesuffix(".yaml"): p for p in resources.files("profiles").iterdir() if p.name.endswith(".yaml")}
+    shipped = {
+        p.name.removesuffix(".yaml"): p for p in resources.files("profiles").iterdir() if p.name.endswith(".yaml")
+    }
     if name not in shipped:
         raise ProfileError(name, "no profile has this name", nearest(name, shipped) + ". A path must end in .yaml")
     return f"{name}.yaml", shipped[name].read_text(encoding="utf-8")
@@ -219,7 +220,9 @@ def find(name: str) -> tuple[str, str]:
 
 def shipped() -> list[str]:
     """Names of the profiles that come with the runtime."""
-    return sorted(p.name.removesuffix(".yaml") for p in resources.files("profiles").iterdir() if p.name.endswith(".yaml"))
+    return sorted(
+        p.name.removesuffix(".yaml") for p in resources.files("profiles").iterdir() if p.name.endswith(".yaml")
+    )
 
 
 def load(name: str, overrides: Sequence[str] = ()) -> tuple[Profile, Source]:
@@ -253,7 +256,9 @@ def parse(label: str, text: str, overrides: Sequence[str] = ()) -> tuple[Profile
         raise first_error(error, source) from None
 
 
-def first_error(error: ValidationError, source: Source, prefix: str = "", model: type[BaseModel] = Profile) -> ProfileError:
+def first_error(
+    error: ValidationError, source: Source, prefix: str = "", model: type[BaseModel] = Profile
+) -> ProfileError:
     """The first error of pydantic's as ours."""
     # A misspelt key makes two errors; the unknown key says more than the missing one.
     item = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
@@ -262,7 +267,9 @@ def first_error(error: ValidationError, source: Source, prefix: str = "", model:
     more = f" ({error.error_count() - 1} more after this one)" if error.error_count() > 1 else ""
     if item["type"] == "extra_forbidden":
         known = _known_keys(model, location[:-1])
-        return ProfileError(source.place(path), f"the key '{location[-1]}' isn't known here{more}", nearest(location[-1], known))
+        return ProfileError(
+            source.place(path), f"the key '{location[-1]}' isn't known here{more}", nearest(location[-1], known)
+        )
     if item["type"] == "missing":
         return ProfileError(source.place(path), f"the key '{location[-1]}' is missing{more}", "Add it")
     message = item["msg"].removeprefix("Value error, ")

@@ -8,7 +8,6 @@ controller output, every command, every applied command, and the state.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -73,16 +72,18 @@ def replay(layout: Layout, rows: NDArray[np.int64], place: str) -> Comparison:
     """
     if not len(rows):
         raise RecordingError(place, "the recording has no rows", "Record a run first")
-    if int(layout.int(rows[0], "cycle")) != 0:
+    if int(layout.word(rows[0], "cycle")) != 0:
         raise RecordingError(
-            place, f"the recording begins at cycle {int(layout.int(rows[0], 'cycle'))}, not at the start of the run",
+            place, f"the recording begins at cycle {int(layout.word(rows[0], 'cycle'))}, not at the start of the run",
             "A replay needs the whole run: give the recording rather than a black box",
         )  # fmt: skip
     graph, cycle = _rebuild(layout, place)
     comparison = Comparison(warnings=_other_versions(layout))
     board, words = graph.board, graph.board.index
     inputs = [(board.views[f.name], layout.value(rows, f.name)) for f in layout.fields.values() if f.role in _INPUT]
-    outputs = [(f.name, board.views[f.name], layout.value(rows, f.name)) for f in layout.fields.values() if f.role in _OUTPUT]
+    outputs = [
+        (f.name, board.views[f.name], layout.value(rows, f.name)) for f in layout.fields.values() if f.role in _OUTPUT
+    ]
     copied = [words[n] for n in _COPIED]
     decided = [words[n] for n in _DECIDED]
     differences = {name: 0.0 for name, _, _ in outputs}

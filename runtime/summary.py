@@ -59,7 +59,9 @@ class Summary:
     def update(self) -> None:
         """Takes the rows written since the last call."""
         while (rows := self.ring.take()).shape[0]:
-            get = {n: rows[:, self.index[n]] for n in ("now", "wake", "read", "control", "guard", "write", "log", "cause")}
+            get = {
+                n: rows[:, self.index[n]] for n in ("now", "wake", "read", "control", "guard", "write", "log", "cause")
+            }
             if self._first is None:
                 self._first = (int(get["now"][0]), int(get["wake"][0]))
             wakes = np.concatenate(([self._wake] if self._wake else [], get["wake"]))
@@ -86,14 +88,6 @@ class Summary:
     def state(self) -> State:
         """The newest row's state."""
         return State(self.word("state"))
-
-    def culprit(self, cause: Cause, index: int) -> str:
-        """What a cause's index means, in words."""
-        if index < 0:
-            return ""
-        if cause is Cause.CONTROLLER_ERROR:
-            return str(self.layout.meta["controllers"][index]["name"])
-        return "emergency input" if cause is Cause.EMERGENCY else self.layout.devices[index]
 
     def seconds(self) -> tuple[float, float]:
         """(on the loop's clock, on the wall): how long it has run."""
@@ -125,7 +119,7 @@ class Summary:
             "profile": self.layout.meta["name"],
             "state": self.state.name.lower(),
             "cause": cause.name.lower(),
-            "culprit": self.culprit(cause, self.word("culprit")),
+            "culprit": self.layout.culprit(cause, self.word("culprit")),
             "cycles": self.cycles,
             "rate_hz": round((self.cycles - 1) / duration, 3) if duration > 0 else None,
             "duration_s": round(duration, 4),

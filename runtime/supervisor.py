@@ -69,7 +69,9 @@ class Supervisor:
         figures: the controllers' own figures.
     """
 
-    def __init__(self, rundir: RunDir, order: Order, state: Path, helpers: list[Helper], report: Callable[[str], None]) -> None:
+    def __init__(
+        self, rundir: RunDir, order: Order, state: Path, helpers: list[Helper], report: Callable[[str], None]
+    ) -> None:
         """`rundir` is claimed; `state` is where black boxes go; `report` takes a line for people."""
         self.rundir, self.order, self.state, self.helpers, self.report = rundir, order, state, helpers, report
         self.loop: subprocess.Popen[bytes] | None = None
@@ -201,7 +203,9 @@ class Supervisor:
                 if path.exists():
                     shutil.copyfile(path, target / path.name)
         except OSError as error:
-            self.report(f"the black box can't be saved in {target}: {error.strerror}; the rows are still in {self.rundir.path}")
+            self.report(
+                f"the black box can't be saved in {target}: {error.strerror}; the rows are still in {self.rundir.path}"
+            )
             return None
         return target
 
@@ -319,7 +323,9 @@ def save_last(state: Path, rundir: RunDir) -> None:
     if row is None or layout.meta.get("simulated"):
         return
     last = {
-        f.name.removesuffix(".applied"): layout.value(row, f.name).tolist() for f in layout.fields.values() if f.role == "applied"
+        f.name.removesuffix(".applied"): layout.value(row, f.name).tolist()
+        for f in layout.fields.values()
+        if f.role == "applied"
     }
     state.mkdir(parents=True, exist_ok=True)
     scratch = state / "last.new"

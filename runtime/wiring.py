@@ -18,6 +18,7 @@ import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from runtime import __version__, registry
+from runtime.bus import keys
 from runtime.controller import Controller, Parameter
 from runtime.driver import Driver
 from runtime.errors import ProfileError, WiringError, nearest
@@ -153,7 +154,9 @@ def _text(value: object) -> str:
     return "x".join(map(str, value)) if isinstance(value, tuple) else f"'{value}'"
 
 
-def build(profile: Profile, source: Source, sim: Iterable[str] | None = None, last: dict[str, Any] | None = None) -> Graph:
+def build(
+    profile: Profile, source: Source, sim: Iterable[str] | None = None, last: dict[str, Any] | None = None
+) -> Graph:
     """Builds and checks everything; opens nothing.
 
     Args:
@@ -178,6 +181,7 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None, la
     _unused(b, devices)
     layout = b.layout
     layout.meta = _meta(b, devices, controllers, parameters, last or {})
+    keys.check(layout.fields, f"{b.source.label}: signal")
     board = Board(layout)
     for item in layout.meta["parameters"]:
         board.views[item["name"]][()] = item["default"]
@@ -289,7 +293,9 @@ def _inputs(b: _Builder, controller: Controller, entry: ControllerEntry, path: s
         target = entry.inputs[name]
         if target not in b.signals:
             raise WiringError(
-                b.source.place(place), f"no signal '{target}' is made before {controller.name}", nearest(target, b.signals)
+                b.source.place(place),
+                f"no signal '{target}' is made before {controller.name}",
+                nearest(target, b.signals),
             )
         if target.startswith("world."):
             raise WiringError(
@@ -316,7 +322,12 @@ def _outputs(
             b.match(place, signal, f"{controller.name}.{name}", commands[target], target)
             b.add(target, commands[target], "command", writer, place)
         elif last == "velocity" and base in commands and commands[base].kind is Kind.POSITION:
-            rate = Signal(name="velocity", shape=commands[base].shape, unit=f"{commands[base].unit}/s", labels=commands[base].labels)
+            rate = Signal(
+                name="velocity",
+                shape=commands[base].shape,
+                unit=f"{commands[base].unit}/s",
+                labels=commands[base].labels,
+            )
             b.match(place, signal, f"{controller.name}.{name}", rate, target)
             b.add(target, rate, "internal", writer, place)
         elif target.split(".")[0] in b.profile.devices:
@@ -344,14 +355,18 @@ def _unused(b: _Builder, devices: list[Driver]) -> None:
             raise WiringError(b.source.place(f"setpoints.{name}"), f"nothing reads '{name}'", "Wire it or remove it")
     for name in b.profile.guard:
         if name not in commands:
-            raise WiringError(b.source.place(f"guard.{name}"), f"no command is called '{name}'", nearest(name, commands))
+            raise WiringError(
+                b.source.place(f"guard.{name}"), f"no command is called '{name}'", nearest(name, commands)
+            )
     for entry in b.profile.emergency:
         signal = b.signals.get(entry.signal)
         if signal is None:
-            raise WiringError(b.source.place("emergency"), f"no signal is called '{entry.signal}'", nearest(entry.signal, b.signals))
+            raise WiringError(
+                b.source.place("emergency"), f"no signal is called '{entry.signal}'", nearest(entry.signal, b.signals)
+            )
         if entry.index >= signal.size:
             raise WiringError(
-                b.source.place("emergency"), f"'{entry.signal}' has {signal.size} elements, none at index {entry.index}",
+                b.source.place("emergency"), f"'{entry.signal}' has {signal.size} elements, none at {entry.index}",
                 "Indices start at 0",
             )  # fmt: skip
     for name, frame in b.profile.frames.items():
@@ -379,21 +394,31 @@ def _actuators(b: _Builder, devices: list[Driver], board: Board) -> list[Actuato
             state = f"{device.name}.{command.feedback}" if command.feedback else None
             if state is None and command.name not in device.home:
                 raise WiringError(
-                    b.source.place(f"devices.{device.name}"), f"'{name}' has no feedback, so the runtime can't know where it starts",
+                    b.source.place(f"devices.{device.name}"),
+                    f"'{name}' has no feedback, so the runtime can't know where it starts",
                     "Give the device a home position",
                 )  # fmt: skip
             actuators.append(
                 Actuator(
-                    name, i, command, board.views[name], board.views.get(f"{name}.velocity"), board.views[f"{name}.applied"],
-                    board.views[state] if state else None, board.views.get(f"{device.name}.velocity"),
-                    category or command.stops[0], device.home.get(command.name),
-                )  # fmt: skip
+                    name,
+                    i,
+                    command,
+                    board.views[name],
+                    board.views.get(f"{name}.velocity"),
+                    board.views[f"{name}.applied"],
+                    board.views[state] if state else None,
+                    board.views.get(f"{device.name}.velocity"),
+                    category or command.stops[0],
+                    device.home.get(command.name),
+                )
             )
     if b.profile.stop:
         driven = {devices[a.device].name for a in actuators}
         for name in b.profile.stop:
             if name not in driven:
-                raise WiringError(b.source.place(f"stop.{name}"), f"device '{name}' takes no commands", "Remove the line")
+                raise WiringError(
+                    b.source.place(f"stop.{name}"), f"device '{name}' takes no commands", "Remove the line"
+                )
     return actuators
 
 
@@ -425,7 +450,11 @@ def _bind(graph: Graph) -> None:
 
 
 def _meta(
-    b: _Builder, devices: list[Driver], controllers: list[Controller], parameters: list[tuple[str, Parameter]], last: dict[str, Any]
+    b: _Builder,
+    devices: list[Driver],
+    controllers: list[Controller],
+    parameters: list[tuple[str, Parameter]],
+    last: dict[str, Any],
 ) -> dict[str, Any]:
     profile = b.profile
     return {
@@ -441,12 +470,15 @@ def _meta(
         "blas": blas(),
         "wall": time.time_ns() - time.monotonic_ns(),
         "devices": {
-            d.name: {"driver": profile.devices[d.name].driver, "max_age": d.max_age, "simulated": isinstance(d, Fake)} for d in devices
+            d.name: {"driver": profile.devices[d.name].driver, "max_age": d.max_age, "simulated": isinstance(d, Fake)}
+            for d in devices
         },
         "controllers": [{"name": c.name, "use": e.use} for c, e in zip(controllers, profile.controllers, strict=True)],
         "parameters": [
-            {"name": n, "lower": p.lower, "upper": p.upper, "unit": p.unit, "text": p.text, "default": p.default} for n, p in parameters
+            {"name": n, "lower": p.lower, "upper": p.upper, "unit": p.unit, "text": p.text, "default": p.default}
+            for n, p in parameters
         ],
+        "emergency": [f"{e.signal}[{e.index}]" for e in profile.emergency],
         "setpoints": [{"name": n, "max_age": e.max_age} for n, e in profile.setpoints.items()],
         "frames": {n: f.model_dump() for n, f in profile.frames.items()},
         "bus": profile.bus.model_dump() if profile.bus is not None else None,

@@ -73,21 +73,27 @@ class AugmentedHand(World):
         )
         self._hand_rate, self._servo_ctrl = data.ctrl[hand], data.ctrl[servos]
         self._servo_force, self._set_points = data.actuator_force[servos], data.act
+        self._servo_gain, self._servo_bias = (
+            model.actuator_gainprm[servos, 0],
+            model.actuator_biasprm[servos],
+        )
         bands = np.repeat([finger.servo.dead_band for finger in config.fingers], 4)
         self._bank = ServoBank(bands)
-        self._gain = model.actuator_gainprm[servos, 0].copy()
-        self._bias = model.actuator_biasprm[servos].copy()
+        self._gain, self._bias = self._servo_gain.copy(), self._servo_bias.copy()
         self._drag = model.dof_damping[servos].reshape(n, -1)[:, 0].copy()
         # Sites are in the order of the bodies: the hand's five fingertips, then the extra fingers'.
         self._hand_sites, self._finger_sites = data.site_xpos[:5], data.site_xpos[5:]
-        self._object_bodies = [model.body(f"object_{i}").id for i in range(len(config.objects))]
+        self._bodies, self._weld_active = data.xpos, data.eq_active
+        self._object_bodies = np.array(
+            [model.body(f"object_{i}").id for i in range(len(config.objects))], dtype=np.intp
+        )
         self._finger_of_geom = _finger_of_geom(model, config)
+        self._force = np.empty(6)  # of one contact, and its torque
         self._welds = [  # (step of release, equality)
             (round(item.held_until / config.timestep), model.equality(f"object_{i}").id)
             for i, item in enumerate(config.objects)
             if item.held_until
         ]
-        self._servo_slice = servos
         self._hand_qpos[:] = self._set_points[:] = self.wearer.target(0.0)
         self._past = np.tile(self._hand_qpos, (_MEMORY, 1))  # (64, 20), row k % 64 is tick k
         self._drive_servos()
@@ -110,7 +116,7 @@ class AugmentedHand(World):
             if (due := self._bank.next_step()) is not None:
                 stop = min(stop, due)
             for release, weld in self._welds:
-                self._data.eq_active[weld] = step < release
+                self._weld_active[weld] = step < release
                 if step < release:
                     stop = min(stop, release)
             mujoco.mj_step(self._model, self._data, stop - step)
@@ -127,16 +133,21 @@ class AugmentedHand(World):
             at: ns of world time, at most 0.6 s ago; now, if omitted. Between instants 10 ms apart the
                 motion is interpolated.
         """
-        here = self._hand_qpos.copy()
-        if at is None or at >= self._step * self._step_ns:
-            return here
+        now = self._step * self._step_ns
+        if at is None or at >= now:
+            return self._hand_qpos.copy()
         span = self._tick * self._step_ns
         newest = self._step // self._tick
         tick, rest = divmod(max(at, (newest - _MEMORY + 1) * span, 0), span)
         before = self._past[tick % _MEMORY]
         if tick < newest:
-            return before + (self._past[(tick + 1) % _MEMORY] - before) * (rest / span)
-        return before + (here - before) * (rest / (self._step * self._step_ns - newest * span))
+            after = self._past[(tick + 1) % _MEMORY]
+        else:
+            after, span = self._hand_qpos, now - newest * span
+        between = after - before
+        between *= rest / span
+        between += before
+        return between
 
     def finger_position(self) -> Array:
         """Joint angles of the extra fingers (4 k,), rad."""
@@ -182,14 +193,16 @@ class AugmentedHand(World):
         """Sets off the hand's set-points toward where the wearer wants them one tick from now."""
         span = self._tick * self._config.timestep
         goal = self.wearer.target(step * self._config.timestep + span)
-        self._hand_rate[:] = (goal - self._set_points) / span
+        goal -= self._set_points
+        np.divide(goal, span, out=self._hand_rate)
 
     def _drive_servos(self) -> None:
         """Sets targets, and takes the gains from servos without pulses."""
         powered = np.isfinite(self._bank.held)
-        self._servo_ctrl[:] = np.where(powered, self._bank.held, 0.0)
-        self._model.actuator_gainprm[self._servo_slice, 0] = self._gain * powered
-        self._model.actuator_biasprm[self._servo_slice] = self._bias * powered[:, None]
+        self._servo_ctrl[:] = 0.0
+        np.copyto(self._servo_ctrl, self._bank.held, where=powered)
+        np.multiply(self._gain, powered, out=self._servo_gain)
+        np.multiply(self._bias, powered[:, None], out=self._servo_bias)
 
     def _fill(self) -> None:
         data, out = self._data, self.truth_arrays
@@ -197,22 +210,25 @@ class AugmentedHand(World):
         out["hand_position"][:] = self._hand_qpos
         out["finger_position"][:] = self._servo_qpos
         out["finger_velocity"][:] = self._servo_qvel
-        out["finger_effort"][:] = self._servo_force - self._drag * self._servo_qvel
+        effort = out["finger_effort"]
+        np.multiply(self._drag, self._servo_qvel, out=effort)
+        np.subtract(self._servo_force, effort, out=effort)
         out["hand_tips"][:] = self._hand_sites
         out["finger_tip"][:] = self._finger_sites
         self._contact_force(out["contact_force"])
-        if self._object_bodies:
-            out["object_position"][:] = data.xpos[self._object_bodies]
+        if self._object_bodies.size:
+            self._bodies.take(self._object_bodies, axis=0, out=out["object_position"], mode="clip")
 
     def _contact_force(self, out: Array) -> None:
         out[:] = 0.0
         if self._data.ncon == 0:
             return
-        force = np.zeros(6)
-        for number, pair in enumerate(self._finger_of_geom[self._data.contact.geom]):
-            for finger in pair[pair >= 0]:
-                mujoco.mj_contactForce(self._model, self._data, number, force)
-                out[finger] += force[0]
+        force = self._force
+        for number, pair in enumerate(self._finger_of_geom[self._data.contact.geom].tolist()):
+            for finger in pair:
+                if finger >= 0:
+                    mujoco.mj_contactForce(self._model, self._data, number, force)
+                    out[finger] += force[0]
 
 
 def mjcf(config: AugmentedHandConfig) -> str:

@@ -44,6 +44,7 @@ def layout(name: str, rate: int, **bus: Any) -> Layout:
         "wall": time.time_ns() - time.monotonic_ns(),
         "devices": {"glove": {"driver": "cyberglove"}, "finger": {"driver": "firmata"}},
         "controllers": [{"name": "object-mapping", "use": "object-mapping"}],
+        "emergency": ["panel.buttons[0]"],
         "parameters": [
             {
                 "name": "object-mapping.pull",

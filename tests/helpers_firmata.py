@@ -96,9 +96,7 @@ class ScriptedBoard:
         """Returns once the message was received."""
         deadline = time.monotonic() + 10
         while message not in self.seen:
-            assert time.monotonic() < deadline, (
-                f"no {message.hex(' ')} among {[m.hex(' ') for m in self.seen]}"
-            )
+            assert time.monotonic() < deadline, f"no {message.hex(' ')} among {[m.hex(' ') for m in self.seen]}"
             time.sleep(0.001)
 
     def _run(self) -> None:
@@ -121,9 +119,7 @@ class ScriptedBoard:
             if data[0] == 0xF0:
                 size = data.find(b"\xf7") + 1
             else:
-                size = {0xE0: 3, 0x90: 3, 0xC0: 2, 0xD0: 2}.get(
-                    data[0] & 0xF0, 3 if data[0] in (0xF4, 0xF5) else 1
-                )
+                size = {0xE0: 3, 0x90: 3, 0xC0: 2, 0xD0: 2}.get(data[0] & 0xF0, 3 if data[0] in (0xF4, 0xF5) else 1)
             if size == 0 or len(data) < size:
                 break
             self._obey(data[:size])

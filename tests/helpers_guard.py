@@ -10,9 +10,7 @@ from runtime.signals import Array, Command, Kind
 PLACE = "guard.finger.command"
 
 
-def guard_of(
-    kind: Kind, joints: int = 1, dt: float = 0.01, rest: Array | None = None, **limits: Any
-) -> CommandGuard:
+def guard_of(kind: Kind, joints: int = 1, dt: float = 0.01, rest: Array | None = None, **limits: Any) -> CommandGuard:
     """A guard with `applied` bound; velocity and torque guards need a `bind` of their measurements."""
     command = Command(name="command", shape=(joints,), unit="rad", kind=kind)
     return make_guard(PLACE, command, GuardLimits(**limits).to_limits((joints,), PLACE), dt, rest=rest)

@@ -33,9 +33,7 @@ def make_layout(rate: int = 1000, extra: int = 40) -> Layout:
     )
     layout.add("mapping.sphere", "internal", (4,), "m", frame="hand", visual="sphere")
     layout.add("finger.position_command", "command", (4,), "rad", labels=("abduction", "mcp", "pip", "dip"))
-    layout.add(
-        "finger.position_command.applied", "applied", (4,), "rad", labels=("abduction", "mcp", "pip", "dip")
-    )
+    layout.add("finger.position_command.applied", "applied", (4,), "rad", labels=("abduction", "mcp", "pip", "dip"))
     layout.add("world.finger", "truth", (4,), "rad", labels=("abduction", "mcp", "pip", "dip"))
     layout.add("world.tip", "truth", (3,), "m", frame="hand")
     layout.add("hand.pose", "state", (7,), "m")
@@ -91,15 +89,11 @@ def make_rows(layout: Layout, count: int, first: int = 1) -> NDArray[np.int64]:
     def signal(name: str, values: NDArray[np.float64]) -> None:
         field = layout.fields[name]
         start = layout.ints + field.offset
-        rows[:, start : start + field.size] = (
-            np.ascontiguousarray(values).view(np.int64).reshape(count, field.size)
-        )
+        rows[:, start : start + field.size] = np.ascontiguousarray(values).view(np.int64).reshape(count, field.size)
 
     rng = np.random.default_rng(first)
     wake = 5_000_000_000_000_001 + n * period + (np.sin(n * 12.9898) * 20_000).astype(np.int64)
-    ends = wake[:, None] + np.cumsum(
-        20_000 + (np.sin(n[:, None] + np.arange(4)) * 9000).astype(np.int64), axis=1
-    )
+    ends = wake[:, None] + np.cumsum(20_000 + (np.sin(n[:, None] + np.arange(4)) * 9000).astype(np.int64), axis=1)
     word("cycle", n + 41)
     word("now", 5_000_000_000_000_000 + n * period)
     word("dt", period)
@@ -132,9 +126,7 @@ def make_rows(layout: Layout, count: int, first: int = 1) -> NDArray[np.int64]:
     signal("hand.pose", pose)
     odd = layout.fields["odd.values"]
     start = layout.ints + odd.offset
-    rows[:, start : start + odd.size] = rng.integers(
-        -(2**63), 2**63 - 1, (count, odd.size)
-    )  # NaN payloads too
+    rows[:, start : start + odd.size] = rng.integers(-(2**63), 2**63 - 1, (count, odd.size))  # NaN payloads too
     return rows
 
 
@@ -146,7 +138,7 @@ def make_run(path: Path, layout: Layout, capacity: int = 8192) -> tuple[RunDir, 
     return run, RingWriter.create(run.rows, layout.width, capacity), NotesWriter(run.notes)
 
 
-def write_run(  # noqa: PLR0917
+def write_run(
     run: RunDir,
     ring: RingWriter,
     notes: NotesWriter,

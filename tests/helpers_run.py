@@ -30,7 +30,13 @@ def environment(folder: Path) -> dict[str, str]:
 def call(folder: Path, *arguments: str, code: int | None = 0, timeout: float = 100) -> subprocess.CompletedProcess[str]:
     """Runs it to its end and checks the exit code."""
     done = subprocess.run(
-        srl(*arguments), env=environment(folder), cwd=folder, capture_output=True, text=True, timeout=timeout, check=False
+        srl(*arguments),
+        env=environment(folder),
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+        check=False,
     )
     assert code is None or done.returncode == code, f"exit {done.returncode}\n{done.stdout}\n{done.stderr}"
     assert "Traceback" not in done.stderr, done.stderr
@@ -41,6 +47,14 @@ def summary(done: subprocess.CompletedProcess[str]) -> dict[str, Any]:
     """The JSON object of `--json`."""
     found: dict[str, Any] = json.loads(done.stdout.strip().splitlines()[-1])
     return found
+
+
+def alive(pid: int) -> bool:
+    """Whether a process is there and not merely waiting to be reaped."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
 
 
 class Running:
@@ -80,7 +94,9 @@ class Running:
 
     def started(self) -> None:
         """Waits for the first rows."""
-        self.until(lambda: self.rundir.layout.exists() and self.rundir.rows.exists() and self.reader.head > 0, "the first row")
+        self.until(
+            lambda: self.rundir.layout.exists() and self.rundir.rows.exists() and self.reader.head > 0, "the first row"
+        )
 
     @property
     def layout(self) -> Layout:
@@ -99,7 +115,7 @@ class Running:
     def word(self, name: str) -> int:
         """An int64 word of the newest row."""
         row = self.reader.newest()
-        return -1 if row is None else int(self.layout.int(row, name))
+        return -1 if row is None else int(self.layout.word(row, name))
 
     def children(self) -> dict[str, int]:
         """Process ids of loop, bus and recorder."""

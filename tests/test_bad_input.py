@@ -13,17 +13,26 @@ TEXT = profile.find("sixth-finger")[1]
 
 # (what is changed in the profile's text, what the message must name)
 WRONG_TEXTS = {
-    "unknown driver": (("driver: cyberglove", "driver: cyberglov"), ["devices.glove.driver", "line", "'cyberglov'", "cyberglove"]),
+    "unknown driver": (
+        ("driver: cyberglove", "driver: cyberglov"),
+        ["devices.glove.driver", "line", "'cyberglov'", "cyberglove"],
+    ),
     "unknown controller": (("use: object-mapping", "use: object-maping"), ["controllers.1.use", "object-mapping"]),
     "unbound signal": (("    in: {angles: glove.position}\n", ""), ["controllers.0.in", "angles", "isn't bound"]),
-    "signal that isn't there": (("in: {tips: hand.tips}", "in: {tips: hand.tip}"), ["controllers.1.in.tips", "hand.tips"]),
+    "signal that isn't there": (
+        ("in: {tips: hand.tips}", "in: {tips: hand.tip}"),
+        ["controllers.1.in.tips", "hand.tips"],
+    ),
     "wrong shape": (("sensors: 22", "sensors: 18"), ["shapes differ", "18", "22"]),
     "wrong unit": (("in: {angles: glove.position}", "in: {angles: mapping.q}"), ["controllers.0.in.angles"]),
     "two writers": (
         ("    out: {q: finger", "    out: {target: hand.tips, q: finger"),
         ["two writers", "hand.tips", "controller 'hand'", "controller 'mapping'"],
     ),
-    "no such command": (("out: {q: finger.position_command,", "out: {q: finger.position,"), ["controllers.1.out.q", "isn't a command"]),
+    "no such command": (
+        ("out: {q: finger.position_command,", "out: {q: finger.position,"),
+        ["controllers.1.out.q", "isn't a command"],
+    ),
     "nobody writes the command": (
         ("    out: {q: finger.position_command, q_velocity: finger.position_command.velocity}\n", ""),
         ["finger.position_command", "no controller writes"],
@@ -37,7 +46,10 @@ WRONG_TEXTS = {
     "not YAML": (("devices:", "devices: ["), ["line", "YAML"]),
     "category it can't do": (("stop: {finger: hold}", "stop: {finger: damp}"), ["stop.finger", "damp", "hold"]),
     "limits missing": (("    velocity: 4.0  ", "    jerk: 4.0  "), ["guard.finger.position_command", "velocity"]),
-    "wrong number of limits": (("velocity: 4.0 ", "velocity: [4.0, 4.0] "), ["guard.finger.position_command", "2", "4"]),
+    "wrong number of limits": (
+        ("velocity: 4.0 ", "velocity: [4.0, 4.0] "),
+        ["guard.finger.position_command", "2", "4"],
+    ),
     "unknown frame parent": (("  hand: {}", "  hand: {parent: world}"), ["frames.hand.parent", "world"]),
     "stop of no device": (("stop: {finger: hold}", "stop: {finge: hold}"), ["stop.finge", "finger"]),
     "truth as input": (("in: {tips: hand.tips}", "in: {tips: world.hand_tips}"), ["controllers.1.in.tips"]),
@@ -65,7 +77,10 @@ WRONG_CALLS = {
     "no such file": (["check", "nowhere/my.yaml"], ["nowhere/my.yaml", "No such file"]),
     "odd override": (["check", "sixth-finger", "--set", "rate"], ["--set rate", "key.path=value"]),
     "override of nothing": (["check", "sixth-finger", "--set", "rate.x.y=1"], ["--set"]),
-    "override with a wrong key": (["check", "sixth-finger", "--set", "devices.glove.prt=/dev/x"], ["--set devices.glove.prt", "port"]),
+    "override with a wrong key": (
+        ["check", "sixth-finger", "--set", "devices.glove.prt=/dev/x"],
+        ["--set devices.glove.prt", "port"],
+    ),
     "simulate no device": (["check", "sixth-finger", "--sim", "glov"], ["--sim glov", "glove"]),
     "negative duration": (["run", "sixth-finger", "--sim", "--duration", "-1"], ["--duration"]),
     "fast with real devices": (["run", "sixth-finger", "--sim", "glove", "--fast"], ["--fast", "finger"]),
@@ -83,7 +98,9 @@ WRONG_CALLS = {
 
 
 @pytest.mark.parametrize("case", WRONG_CALLS)
-def test_wrong_calls(case: str, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_wrong_calls(
+    case: str, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("SRL_RUNTIME_DIR", str(tmp_path))
     monkeypatch.chdir(tmp_path)
     arguments, names = WRONG_CALLS[case]

@@ -19,7 +19,9 @@ def _row(k: int, width: int = 6) -> np.ndarray:
 
 
 @given(batches=st.lists(st.integers(0, 25), max_size=12))
-def test_rows_come_back_in_order_and_losses_are_counted(tmp_path_factory: pytest.TempPathFactory, batches: list[int]) -> None:
+def test_rows_come_back_in_order_and_losses_are_counted(
+    tmp_path_factory: pytest.TempPathFactory, batches: list[int]
+) -> None:
     path = tmp_path_factory.mktemp("ring") / "rows"
     with RingWriter.create(path, 6, 16) as writer, RingReader(path) as reader:
         written = taken = 0

@@ -173,9 +173,7 @@ def decode(kind: str, payload: bytes) -> Message:
     if len(payload) > LONGEST:
         raise _bad(kind, f"{len(payload)} bytes are too long for it (at most {LONGEST})")
     if payload[:2] != HEADER[:2] or len(payload) < len(HEADER):
-        raise _bad(
-            kind, f"it begins with '{payload[:4].hex(' ')}' and not with 00 01 00 00 (CDR, little endian)"
-        )
+        raise _bad(kind, f"it begins with '{payload[:4].hex(' ')}' and not with 00 01 00 00 (CDR, little endian)")
     reader = _Reader(kind, memoryview(payload)[len(HEADER) :])
     message: Message = reader.read(kind)
     if len(payload) - len(HEADER) - reader.at > 3:
@@ -233,8 +231,6 @@ class _Reader:
         start = self.at + -self.at % alignment
         if start + size > len(self._data):
             missing = start + size - len(self._data)
-            raise _bad(
-                self._kind, f"it is cut short: {missing} bytes are missing at byte {start + len(HEADER)}"
-            )
+            raise _bad(self._kind, f"it is cut short: {missing} bytes are missing at byte {start + len(HEADER)}")
         self.at = start + size
         return self._data[start : self.at]

@@ -68,9 +68,7 @@ def connect(target: str | Path | RunDir, tls: TlsConfig | None = None, timeout: 
         target = RunDir(Path(target)) if "/" in target else RunDir.of(target)
     rundir = target if isinstance(target, RunDir) else RunDir(target)
     if not rundir.bus_socket.exists():
-        raise RequestError(
-            f"instance '{rundir.path.name}'", f"no bus listens at {rundir.bus_socket}", "Is it running?"
-        )
+        raise RequestError(f"instance '{rundir.path.name}'", f"no bus listens at {rundir.bus_socket}", "Is it running?")
     return Client(f"unixsock-stream/{rundir.bus_socket}", tls, timeout)
 
 
@@ -111,9 +109,7 @@ class Client:
 
     def alive(self) -> bool:
         """Whether the instance's bus is there now."""
-        return any(
-            a.ok is not None for a in self._session.liveliness().get(self.keys.alive, timeout=self._timeout)
-        )
+        return any(a.ok is not None for a in self._session.liveliness().get(self.keys.alive, timeout=self._timeout))
 
     # Reading
 
@@ -175,10 +171,7 @@ class Client:
     def meta(self, pattern: str = "**") -> dict[str, dict[str, Any]]:
         """What each signal is: unit, frame, labels, shape, type; by its name below `state/`."""
         answers = self._get(f"{self.keys.root}/state/{pattern}/meta")
-        return {
-            key.removeprefix(f"{self.keys.root}/state/").removesuffix("/meta"): value
-            for key, value in answers
-        }
+        return {key.removeprefix(f"{self.keys.root}/state/").removesuffix("/meta"): value for key, value in answers}
 
     def notes(self) -> list[dict[str, Any]]:
         """The newest remarks of the loop, oldest first: time (Unix, ns), level, cycle, text."""
@@ -244,9 +237,7 @@ class Client:
             return []
         return [path(name).replace("/", ".") for name in self.parameters()]
 
-    def _get(
-        self, key: str, payload: bytes | None = None, encoding: str | None = None
-    ) -> list[tuple[str, Any]]:
+    def _get(self, key: str, payload: bytes | None = None, encoding: str | None = None) -> list[tuple[str, Any]]:
         answers = self._session.get(
             key,
             payload=payload,
@@ -254,6 +245,4 @@ class Client:
             timeout=self._timeout,
             congestion_control=zenoh.CongestionControl.DROP,
         )
-        return [
-            (str(a.ok.key_expr), json.loads(a.ok.payload.to_bytes())) for a in answers if a.ok is not None
-        ]
+        return [(str(a.ok.key_expr), json.loads(a.ok.payload.to_bytes())) for a in answers if a.ok is not None]

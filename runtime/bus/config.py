@@ -24,9 +24,7 @@ class TlsConfig(BaseModel):
     def _absolute(self) -> TlsConfig:
         for name in ("ca", "certificate", "key"):
             if not Path(getattr(self, name)).is_absolute():
-                raise ValueError(
-                    f"'{name}' must be an absolute path, as the service has no folder of its own"
-                )
+                raise ValueError(f"'{name}' must be an absolute path, as the service has no folder of its own")
         return self
 
 
@@ -36,11 +34,8 @@ class BusConfig(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     decimate: int = Field(10, ge=1, description="every how many-th cycle is published")
-    listen: tuple[str, ...] = Field(
-        (), description="more endpoints: 'tls/0.0.0.0:7447', 'tcp/127.0.0.1:7447'"
-    )
+    listen: tuple[str, ...] = Field((), description="more endpoints: 'tls/0.0.0.0:7447', 'tcp/127.0.0.1:7447'")
     tls: TlsConfig | None = None
-    required: bool = Field(False, description="the bus's death is then a fault of the run")
 
     @model_validator(mode="after")
     def _closed(self) -> BusConfig:

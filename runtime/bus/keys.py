@@ -65,6 +65,4 @@ def check(names: Iterable[str], what: str) -> None:
     for key, name in seen.items():
         if key.endswith("/meta") and key.removesuffix("/meta") in seen:
             other = seen[key.removesuffix("/meta")]
-            raise ProfileError(
-                f"{what} '{name}'", f"its key is that of the metadata of '{other}'", "Rename it"
-            )
+            raise ProfileError(f"{what} '{name}'", f"its key is that of the metadata of '{other}'", "Rename it")

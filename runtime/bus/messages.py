@@ -71,9 +71,7 @@ def time_of(stamp: int) -> dict[str, int]:
 def joint_names(field: Field) -> list[str]:
     """A name for each element: the labels, or the device's name with a number."""
     owner = field.name.partition(".")[0].replace("-", "_")
-    return (
-        list(field.labels) if len(field.labels) == field.size else [f"{owner}_{i}" for i in range(field.size)]
-    )
+    return list(field.labels) if len(field.labels) == field.size else [f"{owner}_{i}" for i in range(field.size)]
 
 
 def message_of(field: Field, values: Array, stamp: int) -> tuple[str, cdr.Message]:
@@ -128,9 +126,9 @@ class Encoder:
     def encode(self, values: Array, stamp: int) -> bytes:
         """As `cdr.encode(*message_of(field, values, stamp))`."""
         if self._stamped:
-            self._payload[4:12] = (stamp // 1_000_000_000).to_bytes(4, "little") + (
-                stamp % 1_000_000_000
-            ).to_bytes(4, "little")
+            self._payload[4:12] = (stamp // 1_000_000_000).to_bytes(4, "little") + (stamp % 1_000_000_000).to_bytes(
+                4, "little"
+            )
         self._payload[self._at : self._end] = values.ravel()[self._order].tobytes()
         return bytes(self._payload)
 
@@ -155,9 +153,7 @@ def values_of(kind: str, message: cdr.Message) -> Array:
         data: Array = message["data"]
         shape = [int(dim["size"]) for dim in message["layout"]["dim"]]
         return data.reshape(shape) if math.prod(shape) == data.size else data
-    raise RequestError(
-        f"payload '{kind}'", "this message carries no values of a signal", f"Send {MULTI_ARRAY}"
-    )
+    raise RequestError(f"payload '{kind}'", "this message carries no values of a signal", f"Send {MULTI_ARRAY}")
 
 
 def describe(field: Field) -> dict[str, Any]:
@@ -212,16 +208,12 @@ def _from_cdr(payload: bytes, kind: str, field: Field, place: str) -> Array:
     if kind == MULTI_ARRAY:
         return values_of(kind, message)
     if kind != JOINT_STATE:
-        raise RequestError(
-            place, f"a setpoint can't be a {kind}", f"Send {MULTI_ARRAY}, {JOINT_STATE} or a JSON list"
-        )
+        raise RequestError(place, f"a setpoint can't be a {kind}", f"Send {MULTI_ARRAY}, {JOINT_STATE} or a JSON list")
     position: Array = message["position"]
     names = message["name"]
     if field.labels and names:
         if sorted(names) != sorted(field.labels) or len(names) != position.size:
-            raise RequestError(
-                place, f"the joints are {', '.join(names)}", f"Name these: {', '.join(field.labels)}"
-            )
+            raise RequestError(place, f"the joints are {', '.join(names)}", f"Name these: {', '.join(field.labels)}")
         position = position[[names.index(label) for label in field.labels]]
     return position
 
@@ -237,9 +229,7 @@ def _from_json(payload: bytes, place: str) -> Any:
     try:
         return np.array(content, np.float64)
     except (ValueError, OverflowError):
-        raise RequestError(
-            place, "the JSON's rows differ in length, or a number is too large", remedy
-        ) from None
+        raise RequestError(place, "the JSON's rows differ in length, or a number is too large", remedy) from None
 
 
 def _numbers(content: Any, depth: int = 0) -> bool:

@@ -6,7 +6,6 @@ instant and started again.
 
 from __future__ import annotations
 
-import ctypes
 import queue
 import signal
 import sys
@@ -30,6 +29,7 @@ from runtime.errors import SrlError
 from runtime.layout import CYCLE, FLAG_DEGRADED, Layout
 from runtime.mailbox import MailboxWriter
 from runtime.notes import NotesReader
+from runtime.realtime import die_with_parent
 from runtime.ring import RingReader
 from runtime.rundir import RunDir
 
@@ -41,7 +41,6 @@ ARRIVALS = 1024  # queries that may wait
 SAMPLES = 64  # what may wait when a sample comes, and what is worked on a turn: more would make a stop wait
 NOTES_KEPT = 20
 _NOW, _STATE, _CAUSE, _FLAGS = (CYCLE.index(n) for n in ("now", "state", "cause", "flags"))
-_PR_SET_PDEATHSIG = 1
 
 
 class Bus:
@@ -237,7 +236,7 @@ def _matches(publisher: zenoh.Publisher) -> bool:
 def main(arguments: list[str]) -> int:
     """`python -m runtime.bus RUNDIR`; the supervisor's business. Returns the exit code."""
     # A bus that outlived its supervisor would keep the instance's name alive on the socket.
-    ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    die_with_parent(signal.SIGTERM)
     if len(arguments) != 1:
         print("usage: python -m runtime.bus RUNDIR", file=sys.stderr)
         return 2

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from runtime.bus import messages
 from runtime.bus.keys import COMMANDS, Keys
-from runtime.bus.status import CAUSES, Counts, culprit
+from runtime.bus.status import CAUSES, Counts
 from runtime.errors import RequestError
 from runtime.layout import CYCLE, Cause, Field, Layout, State
 from runtime.mailbox import Answer, Ask, MailboxWriter
@@ -33,9 +33,7 @@ PATIENCE = 1_000_000_000  # ns until a request that the loop didn't take is give
 UNDERWAY = 4  # requests in the mailbox at a time, stops not counted: the loop takes one a cycle
 WAITING = 64
 _ASKS = {"start": Ask.START, "stop": Ask.STOP, "reset": Ask.RESET}
-_REQUEST, _KIND, _RESULT, _STATE = (
-    CYCLE.index(n) for n in ("request", "request_kind", "request_result", "state")
-)
+_REQUEST, _KIND, _RESULT, _STATE = (CYCLE.index(n) for n in ("request", "request_kind", "request_result", "state"))
 _CAUSE, _CULPRIT = CYCLE.index("cause"), CYCLE.index("culprit")
 
 
@@ -64,9 +62,7 @@ class Requests:
         self._setpoints: list[dict[str, Any]] = layout.meta.get("setpoints", [])
         self._underway: dict[int, Pending] = {}
         self._waiting: deque[Pending] = deque()
-        self._newest: dict[
-            int, tuple[int, Array]
-        ] = {}  # setpoints that go out next, by index: expiry, values
+        self._newest: dict[int, tuple[int, Array]] = {}  # setpoints that go out next, by index: expiry, values
         self._row: NDArray[np.int64] | None = None
         self._cycle = -1
         self._said = 0.0
@@ -85,10 +81,7 @@ class Requests:
 
     def subscribers(self) -> dict[str, Callable[[zenoh.Sample], None]]:
         """What takes a sample, by key."""
-        return {
-            self._keys.setpoint(s["name"]): partial(self._put_setpoint, i)
-            for i, s in enumerate(self._setpoints)
-        }
+        return {self._keys.setpoint(s["name"]): partial(self._put_setpoint, i) for i, s in enumerate(self._setpoints)}
 
     @property
     def busy(self) -> bool:
@@ -118,9 +111,7 @@ class Requests:
         try:
             values = messages.read_values(query.payload.to_bytes(), str(query.encoding), field, key)
             if not lower <= values[0] <= upper:
-                raise RequestError(
-                    key, f"{values[0]:g} {unit} is out of bounds", f"Send {lower:g} to {upper:g} {unit}"
-                )
+                raise RequestError(key, f"{values[0]:g} {unit} is out of bounds", f"Send {lower:g} to {upper:g} {unit}")
         except RequestError as error:
             self._refuse(query, key, error)
             return
@@ -190,9 +181,7 @@ class Requests:
         if pending.kind is Ask.STOP:
             for other in [p for p in self._waiting if p.kind in (Ask.START, Ask.RESET)]:
                 self._waiting.remove(other)  # it would set in motion what was stopped after it
-                self._refuse(
-                    other.query, other.place, RequestError(other.place, "a stop came after it", "Ask again")
-                )
+                self._refuse(other.query, other.place, RequestError(other.place, "a stop came after it", "Ask again"))
             self._send(pending)
         else:
             self._waiting.append(pending)
@@ -244,7 +233,7 @@ class Requests:
             self._reply(pending.query, pending.place, content)
             return
         cause = Cause(int(row[_CAUSE]))
-        who = culprit(self._layout, cause, int(row[_CULPRIT]))
+        who = self._layout.culprit(cause, int(row[_CULPRIT]))
         why = CAUSES[cause] + (f" ({who})" if who else "")
         problem, remedy = {
             Answer.REFUSED_STATE: (

@@ -29,9 +29,7 @@ def serve(socket: Path, config: BusConfig, keys: Keys) -> zenoh.Session:
         HostError: an endpoint can't be listened on.
     """
     if len(os.fsencode(socket)) > LONGEST_PATH or set(str(socket)) & set("?#;"):
-        raise HostError(
-            str(socket), "this path can't name a Unix socket", "Set SRL_RUNTIME_DIR to a short, plain path"
-        )
+        raise HostError(str(socket), "this path can't name a Unix socket", "Set SRL_RUNTIME_DIR to a short, plain path")
     os.umask(SOCKET_UMASK)
     endpoints = [f"unixsock-stream/{socket}", *config.listen]
     content = _base("peer") | {
@@ -54,16 +52,19 @@ def serve(socket: Path, config: BusConfig, keys: Keys) -> zenoh.Session:
 def join(endpoint: str, tls: TlsConfig | None = None, timeout: float = 2.0) -> zenoh.Session:
     """A client's session. Raises RequestError if nobody answers at the endpoint within `timeout` s."""
     content = _base("client") | {
-        "connect": {"endpoints": [endpoint], "timeout_ms": round(timeout * 1000), "exit_on_failure": True}
+        "connect": {
+            "endpoints": [endpoint],
+            "timeout_ms": round(timeout * 1000),
+            "exit_on_failure": True,
+            "retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 1.5},
+        }
     }
     if tls is not None:
         content["transport"]["link"] = {"tls": _tls(tls, "connect")}
     try:
         return zenoh.open(zenoh.Config.from_json5(json.dumps(content)))
     except zenoh.ZError as error:
-        raise RequestError(
-            f"bus ({endpoint})", f"no connection: {_reason(error)}", "Is the service running?"
-        ) from None
+        raise RequestError(f"bus ({endpoint})", f"no connection: {_reason(error)}", "Is the service running?") from None
 
 
 def _reason(error: zenoh.ZError) -> str:

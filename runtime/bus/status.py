@@ -88,18 +88,6 @@ class Timing:
         return found | {"log_us": float(times[:, 5].mean()) / 1e3}
 
 
-def culprit(layout: Layout, cause: Cause, index: int) -> str:
-    """The name of the device, controller or emergency input that a cause's index means; "" for none."""
-    names = list(layout.devices)
-    if cause is Cause.CONTROLLER_ERROR:
-        names = [c["name"] for c in layout.meta.get("controllers", [])]
-    elif cause is Cause.EMERGENCY:
-        names = []  # the profile's order; the layout doesn't name them
-    if index < 0:
-        return ""
-    return names[index] if index < len(names) else f"number {index + 1}"
-
-
 class Reporter:
     """Makes the message.
 
@@ -141,7 +129,7 @@ class Reporter:
     def _instance(self, row: NDArray[np.int64], own: dict[str, Any], silent: bool) -> cdr.Message:
         ints = dict(zip(CYCLE, row[: len(CYCLE)].tolist(), strict=True))
         state, cause = State(ints["state"]), Cause(ints["cause"])
-        who = culprit(self._layout, cause, ints["culprit"])
+        who = self._layout.culprit(cause, ints["culprit"])
         level = OK if state in (State.ACTIVE, State.READY, State.HOMING) else WARN
         if cause not in (Cause.NONE, Cause.REQUEST, Cause.END):
             level = ERROR

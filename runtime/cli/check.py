@@ -36,7 +36,12 @@ def run(args: argparse.Namespace) -> int:
     graph = wiring.build(checked, source, args.sim)
     guards = check_guards(graph)
     if args.json:
-        content = {"profile": checked.name, "rate_hz": float(checked.rate), "wiring": graph.wiring(), "commands": guards}
+        content = {
+            "profile": checked.name,
+            "rate_hz": float(checked.rate),
+            "wiring": graph.wiring(),
+            "commands": guards,
+        }
         print(json.dumps(content))
         return 0
     print(f"{checked.name}: {checked.summary}".rstrip(": "))

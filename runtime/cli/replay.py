@@ -13,7 +13,9 @@ from runtime.replay import perturbed, replay
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Registers the command."""
-    parser = add_command(subparsers, "replay", "replays a recording and compares the commands", "srl replay hand.rrd --json")
+    parser = add_command(
+        subparsers, "replay", "replays a recording and compares the commands", "srl replay hand.rrd --json"
+    )
     parser.add_argument("recording", type=Path, help="FILE.rrd, or a folder of segments (a torn tail is salvaged)")
     parser.add_argument(
         "--perturb", metavar="SIGNAL:CYCLE:AMOUNT", help="move one input sample first: the comparison must then fail"
@@ -30,7 +32,9 @@ def run(args: argparse.Namespace) -> int:
     place = str(args.recording)
     if recording.missing:
         first, last = recording.missing[0]
-        raise RecordingError(place, f"rows {first} to {last} are missing, so it can't be replayed", "Use a whole recording")
+        raise RecordingError(
+            place, f"rows {first} to {last} are missing, so it can't be replayed", "Use a whole recording"
+        )
     rows = recording.rows if args.perturb is None else perturbed(recording.layout, recording.rows, args.perturb)
     comparison = replay(recording.layout, rows, place)
     if args.json:
@@ -42,5 +46,9 @@ def run(args: argparse.Namespace) -> int:
             print(f"a torn tail of {recording.salvaged} bytes was left out")
         print(f"{comparison.cycles} cycles, largest difference {comparison.largest!r}", end="")
         print(f" in {comparison.where[0]} at cycle {comparison.where[1]}" if comparison.where else "")
-        print("identical" if comparison.identical else f"NOT identical ({comparison.states_differ} cycles with another state)")
+        print(
+            "identical"
+            if comparison.identical
+            else f"NOT identical ({comparison.states_differ} cycles with another state)"
+        )
     return 0 if comparison.identical else 1

@@ -27,7 +27,9 @@ REFRESH = 0.1  # s between looks at the rows
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Registers the command."""
-    parser = add_command(subparsers, "run", "runs a profile", "srl run sixth-finger --sim --duration 20 --record hand.rrd")
+    parser = add_command(
+        subparsers, "run", "runs a profile", "srl run sixth-finger --sim --duration 20 --record hand.rrd"
+    )
     parser.add_argument("profile", help="a name under profiles/, or a path to a YAML file")
     parser.add_argument("--sim", nargs="*", metavar="DEVICE", help="simulate these devices; without a name, all")
     parser.add_argument("--fast", action="store_true", help="simulated time as fast as it goes (all devices simulated)")
@@ -152,7 +154,9 @@ def _automatic(args: argparse.Namespace, graph: wiring.Graph) -> tuple[bool, str
     """Whether motion begins without being asked for, and what to tell the user if it doesn't."""
     if graph.profile.start == "manual":
         return False, "ready; `srl start` lets the limb move"
-    blind = [a for a in graph.actuators if a.command.feedback is None and graph.devices[a.device].name not in graph.simulated]
+    blind = [
+        a for a in graph.actuators if a.command.feedback is None and graph.devices[a.device].name not in graph.simulated
+    ]
     if not blind or args.confirm:
         return True, ""
     names = ", ".join(a.name for a in blind)
@@ -174,7 +178,9 @@ def _check_arguments(args: argparse.Namespace, graph: wiring.Graph) -> None:
     real = [d.name for d in graph.devices if d.name not in graph.simulated]
     if args.fast and real:
         raise RequestError(
-            "--fast", f"real devices keep their own time: {', '.join(real)}", "Leave --fast out, or simulate all with --sim"
+            "--fast",
+            f"real devices keep their own time: {', '.join(real)}",
+            "Leave --fast out, or simulate all with --sim",
         )
     if args.wearer and args.sim is None:
         raise RequestError("--wearer", "only a simulated person repeats a recording", "Add --sim")

@@ -32,15 +32,20 @@ class Status:
             self._next = time.monotonic() + _EVERY
         seconds, wall = summary.seconds()
         cause = Cause(summary.word("cause"))
-        why = f" ({cause.name.lower()} {summary.culprit(cause, summary.word('culprit'))})".replace(" )", ")") if cause else ""
+        why = (
+            f" ({cause.name.lower()} {summary.layout.culprit(cause, summary.word('culprit'))})".replace(" )", ")")
+            if cause
+            else ""
+        )
         devices = "  ".join(
             f"{name} {d['state']}" + (f" {d['age_ms']:.0f} ms" if d["age_ms"] is not None else "")
             for name, d in summary.devices().items()
         )
         factor = f" x{seconds / wall:.1f}" if wall > 0 and seconds > 1.05 * wall else ""
+        p50, p99 = (summary.cycle.percentile(share) / 1e3 for share in (0.5, 0.99))
         text = (
-            f"{summary.state.name:<8}{why} {seconds:7.1f} s{factor}  cycle {summary.cycle.percentile(0.5) / 1e3:.0f} us "
-            f"(p99 {summary.cycle.percentile(0.99) / 1e3:.0f})  overruns {summary.word('overruns')}  {devices}"
+            f"{summary.state.name:<8}{why} {seconds:7.1f} s{factor}  cycle {p50:.0f} us (p99 {p99:.0f})  "
+            f"overruns {summary.word('overruns')}  {devices}"
         )
         if self._terminal:
             width = shutil.get_terminal_size().columns - 1

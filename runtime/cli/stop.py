@@ -49,7 +49,9 @@ def run(args: argparse.Namespace) -> int:
         return 0
     why = f" ({answer['cause']} {answer['culprit']})".replace(" )", ")") if answer["cause"] != "none" else ""
     remedy = "Mend its cause, then reset" if "cause" in str(answer["error"]) else "See `srl top` for what it does"
-    raise RequestError(f"instance '{rundir.path.name}'", f"{args.command} refused, {answer['state']}{why}: {answer['error']}", remedy)
+    raise RequestError(
+        f"instance '{rundir.path.name}'", f"{args.command} refused, {answer['state']}{why}: {answer['error']}", remedy
+    )
 
 
 def _wait_for_end(rundir: RunDir) -> None:

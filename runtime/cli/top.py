@@ -63,9 +63,7 @@ def _instance(name: str | None) -> str:
     if not names:
         raise RequestError("srl top", "no instance runs", "Start one with `srl run PROFILE`")
     if len(names) > 1:
-        raise RequestError(
-            "srl top", f"several instances run: {', '.join(names)}", f"Name one: srl top {names[0]}"
-        )
+        raise RequestError("srl top", f"several instances run: {', '.join(names)}", f"Name one: srl top {names[0]}")
     return names[0]
 
 
@@ -113,9 +111,7 @@ class View:
         while time.monotonic() < until and not (self._status and len(self._updates) >= len(self._meta)):
             time.sleep(0.01)
         if not self._status:
-            raise RequestError(
-                f"instance '{self._client.instance}'", "it sent no status", "Is its loop running?"
-            )
+            raise RequestError(f"instance '{self._client.instance}'", "it sent no status", "Is its loop running?")
 
     def silence(self) -> float:
         """Seconds since the last status."""
@@ -151,10 +147,7 @@ class View:
         if commands.row_count:
             parts.append(commands)
         if self._notes:
-            lines = [
-                f"{time.strftime('%H:%M:%S', time.localtime(n['time'] / 1e9))}  {n['text']}"
-                for n in self._notes
-            ]
+            lines = [f"{time.strftime('%H:%M:%S', time.localtime(n['time'] / 1e9))}  {n['text']}" for n in self._notes]
             parts.append(Panel(Text("\n".join(lines[-SHOWN_NOTES:])), title="notes", title_align="left"))
         return Group(*parts)
 
@@ -167,15 +160,12 @@ class View:
             text.append(
                 f"rate {status['rate_hz']:.1f} of {status['rate_nominal_hz']:g} Hz"
                 f"   period p50 {status['period_p50_us']:.0f} us, p99 {status['period_p99_us']:.0f} us"
-                f"   overruns {status['overruns']}"
-                + ("   telemetry degraded" if status["degraded"] else "")
-                + "\n"
+                f"   overruns {status['overruns']}" + ("   telemetry degraded" if status["degraded"] else "") + "\n"
             )
         if "cycle_p50_us" in status:
             phases = "  ".join(f"{p} {status[f'{p}_us']:.0f}" for p in _PHASES)
             text.append(
-                f"cycle p50 {status['cycle_p50_us']:.0f} us, p99 {status['cycle_p99_us']:.0f} us"
-                f"   in us: {phases}\n"
+                f"cycle p50 {status['cycle_p50_us']:.0f} us, p99 {status['cycle_p99_us']:.0f} us   in us: {phases}\n"
             )
         text.append(f"cycle {status.get('cycle', 0)}   rows lost by the bus {status['lost_rows']}")
         if status["rejected_setpoints"]:

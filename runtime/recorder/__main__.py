@@ -9,10 +9,12 @@ arguments are wrong.
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 from pathlib import Path
 
 from runtime.errors import SrlError
+from runtime.realtime import die_with_parent
 from runtime.rundir import RunDir
 
 
@@ -23,6 +25,7 @@ def main() -> int:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--view", action="store_true")
     options = parser.parse_args()
+    die_with_parent(signal.SIGTERM)  # it then saves what there is and ends
     try:
         from runtime.recorder.process import Recorder
 

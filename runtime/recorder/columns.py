@@ -67,9 +67,9 @@ class Columns:
 
     def times(self, rows: Words) -> list[rr.TimeColumn]:
         """The timelines for people, `cycle` and `time`, of rows (k, width)."""
-        stamps = self.layout.int(rows, "now") + self._wall
+        stamps = self.layout.word(rows, "now") + self._wall
         return [
-            rr.TimeColumn("cycle", sequence=self.layout.int(rows, "cycle")),
+            rr.TimeColumn("cycle", sequence=self.layout.word(rows, "cycle")),
             rr.TimeColumn("time", timestamp=stamps.astype("datetime64[ns]")),
         ]
 

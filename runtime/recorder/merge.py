@@ -92,7 +92,7 @@ def _write(source: Source, part: Path) -> Sum:
             stream.recording.flush()
         written.add(sequence, rows)
         stream.rows(sequence, rows)
-        cycle = int(stream.layout.int(rows, "cycle")[-1])
+        cycle = int(stream.layout.word(rows, "cycle")[-1])
         _notes(stream, source, sent, cycle)
         stream.recording.flush()  # bounds what waits in memory
     if stream is None:

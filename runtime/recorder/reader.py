@@ -41,7 +41,7 @@ class Recording:
 
     def int(self, name: str) -> Words:
         """The word `name` of every row, (k,)."""
-        return self.layout.int(self.rows, name)
+        return self.layout.word(self.rows, name)
 
     def value(self, name: str) -> NDArray[np.float64]:
         """The signal `name` of every row, (k, *shape)."""

@@ -98,7 +98,7 @@ class Scene:
                 path, self._columns.times(at), [c for w in what for c in w], recording=recording, strict=True
             )
 
-        now = self._layout.int(rows, "now")
+        now = self._layout.word(rows, "now")
         bins = np.floor_divide(now, int(1e9 / VIEW_RATE))
         ends = np.append(np.flatnonzero(np.diff(bins)), len(rows) - 1)
         starts = np.append(0, ends[:-1] + 1)
@@ -116,7 +116,7 @@ class Scene:
 
     def _timing(self, rows: Words) -> dict[str, NDArray[np.float64]]:
         """Durations by entity path, (k, n): us for the loop's, ms for the ages."""
-        word = {name: self._layout.int(rows, name) for name in ("now", "wake", *PHASES)}
+        word = {name: self._layout.word(rows, name) for name in ("now", "wake", *PHASES)}
         before = np.append(self._wake or word["wake"][0], word["wake"][:-1])
         self._wake = int(word["wake"][-1])
         marks = np.stack([word[name] for name in ("wake", "read", "control", "guard", "write")], axis=1)
@@ -127,7 +127,7 @@ class Scene:
             "/loop/timing/phases": phases / 1e3,
         }
         if self._layout.devices:
-            stamps = np.stack([self._layout.int(rows, f"{d}.stamp") for d in self._layout.devices], axis=1)
+            stamps = np.stack([self._layout.word(rows, f"{d}.stamp") for d in self._layout.devices], axis=1)
             ages = (word["now"][:, None] - stamps) / 1e6
             timing["/loop/timing/ages"] = np.where(stamps < 0, np.nan, ages)
         return timing
@@ -152,7 +152,7 @@ class Scene:
 
     def _states(self, rows: Words, columns: Any) -> None:
         for word, names in (("state", State), ("cause", Cause)):
-            values = self._layout.int(rows, word)
+            values = self._layout.word(rows, word)
             before = np.append(self._state.get(word, -1), values[:-1])
             changed = np.flatnonzero(values != before)
             self._state[word] = int(values[-1])

@@ -68,7 +68,7 @@ class Stream:
         """Sends remarks; they show at the time of their cycle's row, or of the newest row before."""
         if not notes:
             return
-        cycles = self.layout.int(self._newest, "cycle")
+        cycles = self.layout.word(self._newest, "cycle")
         at = np.searchsorted(cycles, [n.cycle for n in notes], side="right") - 1
         _, time = self._columns.times(self._newest[np.clip(at, 0, len(cycles) - 1)])
         exact = {

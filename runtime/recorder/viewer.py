@@ -65,7 +65,7 @@ class Viewer:
 
     def rows(self, sequence: Words, rows: Words) -> None:
         """Shows the first row of each 1/RATE s."""
-        bins = self._stream.layout.int(rows, "now") // self._period
+        bins = self._stream.layout.word(rows, "now") // self._period
         keep = bins != np.append(self._bin, bins[:-1])
         self._bin = int(bins[-1])
         self._stream.rows(sequence[keep], rows[keep])

@@ -72,7 +72,7 @@ class CyberGloveTwin(SerialTwin):
         return super().figures() | {"commands": dict(self.commands.seen), "unknown": self.commands.unknown}
 
     def log(self) -> dict[str, NDArray[Any]]:
-        """Those of every serial twin, `sent_ns` (k,) when a record left and `taken_ns` (k,) its world time."""
+        """Those of every serial twin, `sent_ns` (k,) when a record left, `taken_ns` (k,) its world time."""
         sent, taken = np.array(self._streamed, np.int64).reshape(-1, 2).T
         return super().log() | {"sent_ns": sent, "taken_ns": taken}
 

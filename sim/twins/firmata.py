@@ -77,8 +77,8 @@ class FirmataTwin(SerialTwin):
         }
 
     def log(self) -> dict[str, NDArray[Any]]:
-        """Those of every serial twin, and of each servo command, repetitions too: `servo_ns` (k,), `servo` (k,)
-        the joint's number, `pulse_us` (k,), NaN where pulses ended."""
+        """Those of every serial twin, and for each servo command, repetitions too: `servo_ns` (k,) when,
+        `servo` (k,) the joint's number, `pulse_us` (k,), NaN where pulses ended."""
         rows = self._log
         return super().log() | {
             "servo_ns": np.array([at for at, _, _ in rows], np.int64),

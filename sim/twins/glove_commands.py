@@ -130,7 +130,7 @@ class Commands:
 
     def _obey(self, command: bytes) -> bytes:
         head = chr(command[0])
-        if command == b"\x03" or command == b"^c":
+        if command in (b"\x03", b"^c"):
             self._note("^c")
             self.streaming = False
             return b""
@@ -263,18 +263,8 @@ class Commands:
     def _flags(self) -> bytes:
         """The parameter flags (§2): what is plugged in and what is switched on."""
         on = {name: int(self._kept[name] != b"\0") for name in "FQJ"}
-        return bytes(
-            (
-                self._status_byte(),
-                self._status << 2
-                | on["J"] << 3
-                | on["F"] << 4
-                | self._stamp << 5
-                | self.glove.right << 6
-                | 1 << 7,
-                on["Q"],
-            )
-        )
+        second = self._status << 2 | on["J"] << 3 | on["F"] << 4 | self._stamp << 5 | self.glove.right << 6
+        return bytes((self._status_byte(), second | 1 << 7, on["Q"]))
 
     def _refuse(self) -> bytes:
         self.unknown += 1

@@ -143,6 +143,7 @@ class PtyDoor:
             self.link.symlink_to(path)
         except OSError as error:
             raise HostError(
-                str(self.link), f"the link to the twin's port can't be made: {error.strerror}",
+                str(self.link),
+                f"the link to the twin's port can't be made: {error.strerror}",
                 "Name a folder where this name is free and writable",
-            ) from None  # fmt: skip
+            ) from None

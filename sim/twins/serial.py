@@ -76,7 +76,7 @@ class SerialTwin(Twin):
         answer = self.work(now)
         self.door.write(answer if there else b"")
 
-    def connected(self, now: int) -> None:  # noqa: B027 - most devices don't notice
+    def connected(self, now: int) -> None:
         """A client has opened the port."""
 
     @abstractmethod

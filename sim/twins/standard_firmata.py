@@ -99,14 +99,13 @@ class StandardFirmata:
         return self._flush()
 
     def loop(self, milliseconds: int) -> bytes:
-        """One pass of the main loop at `milliseconds` of the board's time: inputs that changed, analog reports."""
+        """One pass of the main loop at `milliseconds` of the board's time: changed inputs, analog reports."""
         for port, reported in enumerate(self._reported):
             if reported:
                 self._report_port(port, always=False)
         if milliseconds - self._analog_due > self._interval:
-            self._analog_due += self._interval * max(
-                1, (milliseconds - self._analog_due - 1) // self._interval
-            )
+            late = milliseconds - self._analog_due - 1
+            self._analog_due += late - late % self._interval
             for channel in sorted(self._analog_reported):
                 if self._mode[_FIRST_ANALOG + channel] == ANALOG:
                     self._send_analog(channel)
@@ -197,9 +196,8 @@ class StandardFirmata:
             self._mode[pin] = mode
             if pin not in self._slot_of:
                 self._attach(pin, SHORTEST_US, LONGEST_US)
-        elif mode == I2C:
-            if pin in _I2C_PINS:
-                self._mode[pin] = mode
+        elif mode == I2C and pin in _I2C_PINS:
+            self._mode[pin] = mode
 
     # -- servos
 
@@ -235,7 +233,7 @@ class StandardFirmata:
         if pin >= PINS:
             return
         if self._mode[pin] == SERVO:
-            if pin in self._slot_of:
+            if pin in self._slot_of:  # if not, the firmware writes somewhere into its memory
                 self._wires.servo_pulse(pin, self._slots[self._slot_of[pin]].pulse(value))
             self._state[pin] = value
         elif self._mode[pin] == PWM:

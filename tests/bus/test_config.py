@@ -12,7 +12,7 @@ TLS = {"ca": "/etc/srl/ca.pem", "certificate": "/etc/srl/c.pem", "key": "/etc/sr
 
 def test_closed_by_default() -> None:
     config = BusConfig()
-    assert (config.listen, config.tls, config.decimate, config.required) == ((), None, 10, False)
+    assert (config.listen, config.tls, config.decimate) == ((), None, 10)
 
 
 @pytest.mark.parametrize("endpoint", ["tcp/127.0.0.1:7447", "tcp/[::1]:7447", "tcp/127.9.9.9:1"])

@@ -4,6 +4,7 @@ import json
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -25,8 +26,6 @@ def driver(cls, name: str, port: str):
 
 
 def test_both_devices_with_faults_and_log(tmp_path: Path):
-    import time
-
     log = tmp_path / "log.npz"
     with TwinProcess("sixth-finger", "--link", str(tmp_path), "--log", str(log), "--control") as twin:
         assert twin.addresses == {"glove": str(tmp_path / "glove"), "finger": str(tmp_path / "finger")}
@@ -71,7 +70,7 @@ def test_both_devices_with_faults_and_log(tmp_path: Path):
 
 def test_ends_by_itself_and_prints_a_line_to_paste():
     done = subprocess.run(
-        [sys.executable, "-m", "runtime", "twin", "sixth-finger", "glove", "--duration", "0.1", "--set", "rate=50"],
+        [sys.executable, *"-m runtime twin sixth-finger glove --duration 0.1 --set rate=50".split()],
         capture_output=True, text=True, cwd=ROOT, timeout=60, check=True,
     )  # fmt: skip
     address, line = done.stdout.splitlines()

@@ -7,7 +7,8 @@ import signal
 import time
 from pathlib import Path
 
-from helpers_run import Running, call
+from helpers_run import Running, alive, call
+
 from runtime.layout import Cause, State
 from runtime.recorder.reader import read
 
@@ -27,7 +28,7 @@ def test_killed_telemetry_costs_no_cycle(tmp_path: Path) -> None:
                 mark = run.reader.consumed
                 run.until(lambda mark=mark: run.reader.consumed > mark, "rows taken again")
             else:
-                run.until(lambda: run.rundir.bus_socket.exists(), "the bus's socket")
+                run.until(run.rundir.bus_socket.exists, "the bus's socket")
             back[name] = time.monotonic() - killed
             time.sleep(1)
         found = run.finish()
@@ -54,7 +55,7 @@ def test_a_killed_supervisor_takes_the_limb_into_its_stop(tmp_path: Path) -> Non
         assert run.word("state") == State.ENDED
         assert run.word("cause") == Cause.REQUEST
         time.sleep(1.0)
-        assert not any(Path(f"/proc/{pid}").exists() for pid in children.values()), "nothing may be left behind"
+        assert not any(alive(pid) for pid in children.values()), "nothing may be left behind"
 
 
 def test_a_killed_loop_is_said_and_its_rows_are_kept(tmp_path: Path) -> None:

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 from helpers_run import call, summary
+
 from runtime.recorder.reader import Recording, read
 from runtime.replay import perturbed, replay
 
@@ -21,7 +21,18 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def run(folder: Path) -> dict[str, object]:
     done = call(
-        folder, "run", "sixth-finger", "--sim", "--fast", "--duration", "8", "--record", "x.rrd", "--figure", "x.png", "--json"
+        folder,
+        "run",
+        "sixth-finger",
+        "--sim",
+        "--fast",
+        "--duration",
+        "8",
+        "--record",
+        "x.rrd",
+        "--figure",
+        "x.png",
+        "--json",
     )
     return summary(done)
 
@@ -46,8 +57,8 @@ def test_the_summary_says_what_happened(run: dict[str, object]) -> None:
 
 def test_every_cycle_is_in_the_recording(run: dict[str, int], recording: Recording) -> None:
     assert recording.missing == []
-    assert recording.layout.int(recording.rows, "cycle").tolist() == list(range(run["cycles"]))
-    assert (np.diff(recording.layout.int(recording.rows, "now")) == 10_000_000).all()
+    assert recording.layout.word(recording.rows, "cycle").tolist() == list(range(run["cycles"]))
+    assert (np.diff(recording.layout.word(recording.rows, "now")) == 10_000_000).all()
 
 
 def test_the_finger_closes_with_the_hand(recording: Recording) -> None:
@@ -72,7 +83,9 @@ def test_commands_stay_within_the_guards_limits(recording: Recording) -> None:
     applied = recording.layout.value(recording.rows, "finger.position_command.applied")
     velocity = np.diff(applied, axis=0) * 100
     assert np.abs(velocity).max() <= 4.0 + 1e-6
-    assert np.abs(np.diff(velocity, axis=0)).max() * 100 <= 40.0 * (1 + 1e-6) * 2  # of position samples, not of the profile
+    assert (
+        np.abs(np.diff(velocity, axis=0)).max() * 100 <= 40.0 * (1 + 1e-6) * 2
+    )  # of position samples, not of the profile
 
 
 def test_a_replay_gives_the_same_bits(folder: Path, recording: Recording) -> None:

@@ -1,4 +1,4 @@
-"""The board's twin against the real StandardFirmata 2.5 in simavr: the same bytes in, the same bytes out."""
+"""The board's twin against the real StandardFirmata 2.5 in simavr: the same bytes in, the same answers and pulses out."""
 
 import os
 import random
@@ -7,6 +7,7 @@ import tty
 import pytest
 from simavr.board import Board
 
+from drivers.firmata.protocol import Decoder, DigitalPort, Message
 from sim.twins.standard_firmata import StandardFirmata
 
 SCRIPTS = 60
@@ -33,25 +34,22 @@ class Wires:
 
 
 def script(rng: random.Random) -> bytes:
-    """Commands with good, odd and cut-short parts; none whose answer depends on the time."""
+    """Commands with good, odd and cut-short parts; none whose answer depends on the time.
+
+    No mode that a servo's pin lacks: the firmware then takes the servo away but thinks the pin is still one,
+    and the next value for it goes to some place in its memory. No inputs without a pull-up: they float.
+    """
 
     def command() -> bytes:
+        bounds = *_pair(rng.randrange(500, 1100)), *_pair(rng.randrange(1850, 2450))
         pin, low, high = rng.choice(USED), rng.randrange(128), rng.randrange(24)
         return rng.choice(
             (
                 bytes((0xE0 | pin & 15, low, high)),
                 bytes((0xE0 | pin & 15, low, high)),
-                bytes((0xF4, pin, rng.choice((0, 1, 3, 4, 4, 4, 6, 10, 11, 33)))),
-                bytes(
-                    (
-                        0xF0,
-                        0x70,
-                        pin,
-                        *_pair(rng.randrange(500, 1100)),
-                        *_pair(rng.randrange(1850, 2450)),
-                        0xF7,
-                    )
-                ),
+                bytes((0xF4, pin, rng.choice((1, 4, 4, 4, 11)))),
+                bytes((0xF4, *rng.choice(((3, 3), (9, 3), (18, 6), (7, 10), (7, 33), (22, 33), (0, 33))))),
+                bytes((0xF0, 0x70, pin, *bounds, 0xF7)),
                 bytes((0xF0, 0x6F, pin, low, high, *rng.choice(((), (1,), (2,))), 0xF7)),
                 bytes((0xF0, 0x6D, pin, 0xF7)),
                 bytes((0xF5, pin, low & 1)),
@@ -60,7 +58,7 @@ def script(rng: random.Random) -> bytes:
                 b"\xf9",
                 b"\xf0\x79\xf7",
                 b"\xf0\x69\xf7",
-                b"\xff",
+                rng.choice((b"\xff", b"\xf9", b"\xf9", b"\xf9")),
                 bytes((low,)),
                 b"\xf7",
             )
@@ -70,7 +68,7 @@ def script(rng: random.Random) -> bytes:
     for _ in range(12):
         part = command()
         # A cut-short sysex would swallow what follows; the driver's own remedy is an F7.
-        if len(part) > 2 and rng.random() < 0.15:
+        if len(part) > 2 and part[0] != 0xF4 and rng.random() < 0.15:
             part = part[: rng.randrange(2, len(part))] + (b"\xf7" if part[0] == 0xF0 else b"")
         parts.append(part)
     return b"".join(parts)
@@ -90,12 +88,21 @@ def measured(real: Board, pin: int, expected: int) -> float:
     return width
 
 
+def split(messages: list[Message], ports: dict[int, int]) -> list[Message]:
+    """Takes the ports' masks out: changes are reported when the main loop comes round, which takes its time."""
+    ports.update({m.port: m.mask for m in messages if isinstance(m, DigitalPort)})
+    return [m for m in messages if not isinstance(m, DigitalPort)]
+
+
 @pytest.mark.slow
 def test_answers_and_pulses_are_the_real_firmware_s(tmp_path):
     rng = random.Random(20)
     wires = Wires()
     twin = StandardFirmata(wires)
     pulses = 0
+    told, heard = Decoder(), Decoder()
+    ours: dict[int, int] = {}
+    theirs: dict[int, int] = {}
     with Board(tmp_path) as real:
         fd = os.open(real.port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         tty.setraw(fd)
@@ -111,13 +118,14 @@ def test_answers_and_pulses_are_the_real_firmware_s(tmp_path):
                     expected += os.read(fd, 4096)
                 except BlockingIOError:
                     break
-            # Inputs that change while a command is obeyed are reported when the main loop comes round.
-            answered = twin.receive(sent) + twin.loop(0)
-            assert answered.hex(" ") == expected.hex(" "), f"script {number}: {sent.hex(' ')}"
+            answered = told.feed(twin.receive(sent) + twin.loop(0))
+            assert split(answered, ours) == split(heard.feed(expected), theirs), f"{number}: {sent.hex(' ')}"
+            assert ours == theirs, f"{number}: {sent.hex(' ')}"
             for pin, width in wires.pulses.items():
-                assert measured(real, pin, width) == pytest.approx(width, abs=3.0), (
-                    f"script {number}, pin {pin}"
-                )
+                seen = measured(real, pin, width)
+                assert seen == pytest.approx(width, abs=3.0), f"script {number}, pin {pin}"
                 pulses += 1
         os.close(fd)
     assert pulses > SCRIPTS
+    assert told.frames > 5 * SCRIPTS
+    assert told.errors == told.resyncs == heard.errors == heard.resyncs == 0

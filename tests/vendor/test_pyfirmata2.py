@@ -12,6 +12,7 @@ from helpers_srl_twin import TwinProcess
 
 from runtime.profile import find
 
+PRESSES = "{go: [[7.5, 7.8], [20, 20.3]], back: [[8.0, 8.3], [20, 20.3]]}"  # s of world time
 US_PER_RAD = (2400 - 544) / 3.142
 
 
@@ -22,7 +23,7 @@ def profile_with_buttons(folder: Path) -> str:
         "    servos:", "    buttons: {go: {pin: 2}, back: {pin: 3}}\n    servos:", 1
     ).replace(
         "sim:\n",
-        "sim:\n  devices: {finger: {presses: {go: [[7.5, 7.8], [20, 20.3]], back: [[8.0, 8.3], [20, 20.3]]}}}\n", 1,
+        f"sim:\n  devices: {{finger: {{presses: {PRESSES}}}}}\n", 1,
     )  # fmt: skip
     path = folder / "buttons.yaml"
     path.write_text(text)

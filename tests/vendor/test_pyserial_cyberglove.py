@@ -24,9 +24,12 @@ def glove(monkeypatch):
     angles = np.empty(22)
     fake.calibration().angles(RAW, angles)
     monkeypatch.setattr(fake, "sample", lambda number: angles.copy())
-    with Bench(CyberGloveTwin(fake)) as bench, bench.running():
-        with serial.Serial(bench.twin.address, 115200, timeout=5) as port:
-            yield port
+    with (
+        Bench(CyberGloveTwin(fake)) as bench,
+        bench.running(),
+        serial.Serial(bench.twin.address, 115200, timeout=5) as port,
+    ):
+        yield port
 
 
 def ask(port: serial.Serial, command: bytes, size: int) -> bytes:
