@@ -11,6 +11,7 @@ import os
 import threading
 import time
 import traceback
+from collections import deque
 from collections.abc import Callable
 
 from runtime.driver import Driver
@@ -37,7 +38,8 @@ class Device:
         self._words = board.ints[first : first + len(DEVICE)]
         self._words[0] = -1
         self._note = note
-        self._error = False
+        self._failing: set[str] = set()  # which of read and write failed when last called
+        self._remarks: deque[str] = deque()  # the reopening thread's: only the loop writes notes
         self._reopener: threading.Thread | None = None
         self._back = threading.Event()
         self._give_up = threading.Event()
@@ -50,32 +52,33 @@ class Device:
         if self.lost:
             self._await_return(now)
         else:
-            self._call(self.driver.read, now)
+            self._call("read", self.driver.read, now)
         self._report()
 
     def write(self, now: int) -> None:
         """Sends the commands; not while the device is away."""
         if not self.lost:
-            self._call(self.driver.write, now)
+            self._call("write", self.driver.write, now)
 
-    def _call(self, function: Callable[[int], None], now: int) -> None:
+    def _call(self, what: str, function: Callable[[int], None], now: int) -> None:
         try:
             function(now)
-            self._error = False
+            if self._failing:
+                self._failing.discard(what)
         except DeviceLostError as error:
             self._lose(str(error), now)
         except Exception:
             # A driver's defect must not end the loop while a person wears the limb.
-            if not self._error:
-                self._note(f"driver '{self.driver.name}' failed: {traceback.format_exc(limit=-3)}")
-            self._error = True
+            if what not in self._failing:
+                self._note(f"driver '{self.driver.name}' failed to {what}: {traceback.format_exc(limit=-3)}")
+            self._failing.add(what)
 
     def _report(self) -> None:
         health, words = self.driver.health, self._words
         link = int(words[1]) & _KEPT
         if not self.lost and health.connected:
             link |= LINK_CONNECTED
-        if self._error:
+        if self._failing:
             link |= LINK_ERROR
         words[:] = health.stamp, link, health.frames, health.errors, health.resyncs, health.reconnects
 
@@ -102,12 +105,14 @@ class Device:
             except SrlError as error:
                 if str(error) != said:
                     said = str(error)
-                    self._note(f"still away: {said}")
+                    self._remarks.append(f"still away: {said}")
             except Exception:
-                self._note(f"driver '{self.driver.name}' failed to open: {traceback.format_exc(limit=-3)}")
+                self._remarks.append(f"driver '{self.driver.name}' failed to open: {traceback.format_exc(limit=-3)}")
             self._give_up.wait(RETRY)
 
     def _await_return(self, now: int) -> None:
+        while self._remarks:
+            self._note(self._remarks.popleft())
         if isinstance(self.driver, Fake):
             if now < self._next_try:
                 return

@@ -216,6 +216,10 @@ class Supervisor:
             if code is None or (code == 0 and self._ring is not None and self._ring.closed):
                 return
             helper.process = None
+            if code == 2:  # it refused its order: the same order would be refused again
+                self.report(f"{helper.name} can't work (its reason is above); the loop goes on without it")
+                helper.not_before = float("inf")
+                return
             helper.deaths = [t for t in helper.deaths if t > now - 60] + [now]
             helper.restarts += 1
             helper.not_before = now + BACKOFF[min(len(helper.deaths), len(BACKOFF) - 1)]

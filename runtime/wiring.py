@@ -25,6 +25,7 @@ from runtime.errors import ProfileError, WiringError, nearest
 from runtime.frames import Frames
 from runtime.layout import Board, Layout
 from runtime.profile import ControllerEntry, Profile, Source, first_error
+from runtime.recorder.plots import split
 from runtime.signals import Array, Command, Kind, Signal, Stop
 from runtime.world import Fake, World
 
@@ -482,9 +483,29 @@ def _meta(
         "setpoints": [{"name": n, "max_age": e.max_age} for n, e in profile.setpoints.items()],
         "frames": {n: f.model_dump() for n, f in profile.frames.items()},
         "bus": profile.bus.model_dump() if profile.bus is not None else None,
-        "record": profile.record.model_dump(),
+        "record": {"plots": _plots(b)},
         "last": last,
     }
+
+
+def _plots(b: _Builder) -> list[dict[str, Any]]:
+    """The profile's plots, without what only a simulated world could show when there is none."""
+    kept = []
+    for i, plot in enumerate(b.profile.record.plots):
+        missing = set()
+        for references in [*((r,) for r in plot.lines.values()), *plot.distance.values()]:
+            for name in (split(reference)[0] for reference in references):
+                if name in b.signals or f"{name}".removesuffix(".applied") in b.signals:
+                    continue
+                if not name.startswith("world.") or b.simulated:
+                    place = b.source.place(f"record.plots.{i}")
+                    raise WiringError(place, f"no signal is called '{name}'", nearest(name, b.signals))
+                missing.add(name)
+        lines = {label: r for label, r in plot.lines.items() if split(r)[0] not in missing}
+        distance = {label: pair for label, pair in plot.distance.items() if not missing & {split(r)[0] for r in pair}}
+        if lines or distance:
+            kept.append(plot.model_copy(update={"lines": lines, "distance": distance}).model_dump())
+    return kept
 
 
 def versions() -> dict[str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import isnan
 from typing import Final, Self
 from xml.etree.ElementTree import Element, tostring
 
@@ -78,8 +79,9 @@ class AugmentedHand(World):
             model.actuator_biasprm[servos],
         )
         bands = np.repeat([finger.servo.dead_band for finger in config.fingers], 4)
-        self._bank = ServoBank(bands)
+        self._bank, self._servos = ServoBank(bands), range(n)
         self._gain, self._bias = self._servo_gain.copy(), self._servo_bias.copy()
+        self._powered = [True] * n  # the servos that have these gains at present
         self._drag = model.dof_damping[servos].reshape(n, -1)[:, 0].copy()
         # Sites are in the order of the bodies: the hand's five fingertips, then the extra fingers'.
         self._hand_sites, self._finger_sites = data.site_xpos[:5], data.site_xpos[5:]
@@ -88,7 +90,6 @@ class AugmentedHand(World):
             [model.body(f"object_{i}").id for i in range(len(config.objects))], dtype=np.intp
         )
         self._finger_of_geom = _finger_of_geom(model, config)
-        self._force = np.empty(6)  # of one contact, and its torque
         self._welds = [  # (step of release, equality)
             (round(item.held_until / config.timestep), model.equality(f"object_{i}").id)
             for i, item in enumerate(config.objects)
@@ -102,6 +103,13 @@ class AugmentedHand(World):
 
     def bind(self, truth: Mapping[str, Array]) -> None:
         super().bind(truth)
+        self._copies = [
+            (truth["hand_position"], self._hand_qpos),
+            (truth["finger_position"], self._servo_qpos),
+            (truth["finger_velocity"], self._servo_qvel),
+            (truth["hand_tips"], self._hand_sites),
+            (truth["finger_tip"], self._finger_sites),
+        ]
         self._fill()
 
     def advance(self, until: int) -> None:
@@ -140,6 +148,8 @@ class AugmentedHand(World):
         newest = self._step // self._tick
         tick, rest = divmod(max(at, (newest - _MEMORY + 1) * span, 0), span)
         before = self._past[tick % _MEMORY]
+        if rest == 0:
+            return before.copy()
         if tick < newest:
             after = self._past[(tick + 1) % _MEMORY]
         else:
@@ -154,15 +164,20 @@ class AugmentedHand(World):
         return self._servo_qpos.copy()
 
     def set_servo(self, servo: int, target: float | None, at: int = 0) -> None:
-        """Gives a servo's pulses a new meaning from `at` on.
+        """As `set_servos`, for one."""
+        self.set_servos({servo: target}, at)
+
+    def set_servos(self, targets: Mapping[int, float | None], at: int = 0) -> None:
+        """Gives servos' pulses a new meaning from `at` on.
 
         Args:
-            servo: number, 4 times the finger plus the joint.
-            target: rad; None ends the pulses, which leaves the servo limp.
+            targets: rad, by the servo's number, 4 times the finger plus the joint; None ends its pulses,
+                which leaves it limp.
             at: ns of world time; in the past means from now on.
         """
-        step = max(-(-at // self._step_ns), self._step)
-        self._bank.command(range(self._bank.held.size)[servo], np.nan if target is None else target, step)
+        step, servos = max(-(-at // self._step_ns), self._step), self._servos
+        for servo, target in targets.items():
+            self._bank.command(servos[servo], np.nan if target is None else target, step)
 
     def servo_targets(self) -> Array:
         """(4 k,) rad: what each servo holds at present; NaN for one without pulses."""
@@ -198,32 +213,30 @@ class AugmentedHand(World):
 
     def _drive_servos(self) -> None:
         """Sets targets, and takes the gains from servos without pulses."""
-        powered = np.isfinite(self._bank.held)
-        self._servo_ctrl[:] = 0.0
-        np.copyto(self._servo_ctrl, self._bank.held, where=powered)
-        np.multiply(self._gain, powered, out=self._servo_gain)
-        np.multiply(self._bias, powered[:, None], out=self._servo_bias)
+        held = self._bank.held.tolist()
+        self._servo_ctrl[:] = [0.0 if isnan(target) else target for target in held]
+        if (powered := [not isnan(target) for target in held]) != self._powered:
+            self._powered = powered
+            self._servo_gain[:] = self._gain * powered
+            self._servo_bias[:] = self._bias * np.array(powered)[:, None]
 
     def _fill(self) -> None:
         data, out = self._data, self.truth_arrays
         mujoco.mj_kinematics(self._model, data)  # a step leaves positions one step behind the angles
-        out["hand_position"][:] = self._hand_qpos
-        out["finger_position"][:] = self._servo_qpos
-        out["finger_velocity"][:] = self._servo_qvel
+        for copy, original in self._copies:
+            copy[...] = original
         effort = out["finger_effort"]
         np.multiply(self._drag, self._servo_qvel, out=effort)
         np.subtract(self._servo_force, effort, out=effort)
-        out["hand_tips"][:] = self._hand_sites
-        out["finger_tip"][:] = self._finger_sites
-        self._contact_force(out["contact_force"])
+        out["contact_force"][...] = 0.0
+        if data.ncon:
+            self._contact_force(out["contact_force"])
         if self._object_bodies.size:
             self._bodies.take(self._object_bodies, axis=0, out=out["object_position"], mode="clip")
 
     def _contact_force(self, out: Array) -> None:
-        out[:] = 0.0
-        if self._data.ncon == 0:
-            return
-        force = self._force
+        """Adds up, into `out` (k,), N, the normal forces of each extra finger's contacts."""
+        force = np.empty(6)
         for number, pair in enumerate(self._finger_of_geom[self._data.contact.geom].tolist()):
             for finger in pair:
                 if finger >= 0:

@@ -79,7 +79,7 @@ class ServoBank:
 
     def __init__(self, dead_bands: Array) -> None:
         self.held = np.full(dead_bands.shape, np.nan)
-        self._dead_bands = dead_bands
+        self._dead_bands: list[float] = dead_bands.tolist()
         self._pending: dict[int, dict[int, float]] = {}  # by step, then servo: rad or NaN
 
     def command(self, servo: int, target: float, step: int) -> None:
@@ -95,10 +95,10 @@ class ServoBank:
         changed = False
         while self._pending and (due := min(self._pending)) <= step:
             for servo, target in self._pending.pop(due).items():
-                if abs(target - self.held[servo]) < self._dead_bands[servo]:  # False while either is NaN
-                    continue
-                self.held[servo] = target
-                changed = True
+                change = abs(target - self.held.item(servo))
+                if not change < self._dead_bands[servo]:  # nor while either is NaN
+                    self.held[servo] = target
+                    changed = True
         return changed
 
     def save(self) -> Array:

@@ -6,8 +6,10 @@ from typing import TypeVar
 
 import numpy as np
 
+from runtime.control.extra_finger import ExtraFinger, FingerKinematics
 from runtime.control.hand_kinematics import HandKinematics, HandKinematicsConfig
-from runtime.control.human_hand import JOINTS, hand_chains
+from runtime.control.human_hand import JOINTS, hand_geometry
+from runtime.control.kinematics import Chain
 from runtime.control.object_mapping import ObjectMapping, ObjectMappingConfig
 from runtime.controller import Controller
 from runtime.signals import Array
@@ -44,9 +46,19 @@ def step(controller: ObjectMapping, tips: Array, dt: float = 0.01) -> Array:
     return controller.output["q"].copy()
 
 
+def finger_tip(q: Array, finger: ExtraFinger | None = None) -> Array:
+    """(3,) m, an extra finger's tip at joint angles q (n,) rad."""
+    return np.array(FingerKinematics(finger or ExtraFinger(), 0.01).chain.forward(q.tolist()))
+
+
+def hand_chains(**length: float) -> list[Chain]:
+    """The fingers of the model hand, one by one."""
+    return [Chain(base, rows) for base, rows in zip(*hand_geometry(**length), strict=True)]
+
+
 def hand_tips(q: Array) -> Array:
     """(5, 3) m, fingertips of the model hand at joint angles q (20,) rad."""
-    return hand_chains().forward(q.reshape(5, 4)).copy()
+    return np.array([c.forward(a) for c, a in zip(hand_chains(), q.reshape(5, 4).tolist(), strict=True)])
 
 
 def glove(sensors: int = 22, **options: object) -> HandKinematics:

@@ -63,6 +63,8 @@ class Running:
     def __init__(self, folder: Path, *arguments: str, instance: str = "sixth-finger") -> None:
         self.folder = folder
         self.rundir = RunDir(folder / "run" / instance)
+        for old in (self.rundir.layout, self.rundir.rows):
+            old.unlink(missing_ok=True)  # a crash before left them: they aren't this run's
         self.process = subprocess.Popen(
             srl("run", *arguments, "--json"), env=environment(folder), cwd=folder,
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,

@@ -110,13 +110,15 @@ class Calibration:
         self._rows = rows * 256
         self._index = np.empty(len(table), dtype=np.intp)
         # For the inverse, row i is scaled to rise from 2 i at byte 1 to 2 i + 1 at byte 255. So the places
-        # halfway between bytes make one rising sequence, and a single search finds the bytes of all rows.
+        # halfway between bytes, and between rows, make one rising sequence, in which a single search finds
+        # all rows' bytes: byte b of row i is behind 255 i + b - 1 of them.
         self._scale = 1.0 / (table[:, 255] - table[:, 1])
         self._shift = 2.0 * rows - table[:, 1] * self._scale
-        self._lowest, self._highest = 2.0 * rows - 0.5, 2.0 * rows + 1.5
-        halfway = (table[:, 1:-1] + table[:, 2:]) / 2.0
-        self._halfway = (halfway * self._scale[:, None] + self._shift[:, None]).ravel()
-        self._before = 254 * rows - 1
+        self._lowest, self._highest = 2.0 * rows - 0.25, 2.0 * rows + 1.25
+        halfway = (table[:, 1:-1] + table[:, 2:]) / 2.0 * self._scale[:, None] + self._shift[:, None]
+        self._halfway = np.column_stack([halfway, 2.0 * rows + 1.5]).ravel()
+        self._before = 255 * rows - 1
+        self._angles_from_1 = table[:, 1:].ravel()
 
     def angles(self, raw: bytes, out: Array) -> None:
         """Writes into `out`, (n,) rad, the angles of n raw bytes."""
@@ -125,11 +127,19 @@ class Calibration:
 
     def raw(self, angles: Array) -> NDArray[np.uint8]:
         """(n,) bytes 1..255, those of the nearest angles along each line; the exact inverse of `angles`."""
+        return (self._nearest(angles) - self._before).astype(np.uint8)
+
+    def quantise(self, angles: Array, out: Array) -> None:
+        """Writes into `out`, (n,) rad, the angles of the bytes that `raw` gives."""
+        self._angles_from_1.take(self._nearest(angles), out=out, mode="clip")
+
+    def _nearest(self, angles: Array) -> NDArray[np.intp]:
+        """(n,) the nearest bytes' places in the (n, 255) table of bytes 1..255, laid out as one row."""
         place = angles * self._scale
         place += self._shift
         np.maximum(place, self._lowest, out=place)
         np.minimum(place, self._highest, out=place)
-        return (self._halfway.searchsorted(place) - self._before).astype(np.uint8)
+        return self._halfway.searchsorted(place)
 
 
 def load(path: Path, sensors: int) -> Calibration:

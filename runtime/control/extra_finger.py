@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from math import cos, pi, sin, sqrt
-from typing import cast
+from typing import Final
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from runtime.control.kinematics import Chains
+from runtime.control.kinematics import Chain
+from runtime.control.symmetric import Vector, dot, gram, raised_inverse, times
 from runtime.signals import Array
 
-Vector = tuple[float, float, float]
 Matrix = tuple[tuple[float, float, float, float], ...]
+
+_HELD: Final = (0.0, 0.0, 0.0)  # the column of J of a joint at its limit
 
 
 class Base(BaseModel):
@@ -97,59 +99,47 @@ class FingerKinematics:
         """Args:
         damping: m/rad; singular values of J below it are damped.
         """
-        self._chains = Chains(finger.transformation()[None], np.array([finger.rows]))
-        self.lower, self.upper = np.array(finger.lower), np.array(finger.upper)
-        self.middle = 0.5 * (self.lower + self.upper)
+        self.chain = Chain(finger.transformation(), np.array(finger.rows))
         self.n = len(finger.rows)
+        self._limits = [
+            (low, 0.5 * (low + high), high) for low, high in zip(finger.lower, finger.upper, strict=True)
+        ]
         self._damping2 = damping**2
         self._curvature = 0.5 * sum(abs(a) for _, a in finger.rows)
 
-    def tip(self, q: Array) -> Array:
-        """(3,) m, a view that the next call overwrites."""
-        return self._chains.forward(q[None])[0]
-
-    def skeleton(self) -> Array:
-        """(n + 1, 3) m: the base, then each row's end, at the q of the last `tip`."""
-        return cast(Array, self._chains.frames[:, 0, :3, 3])
-
-    def follow(self, q: Array, dp: Array, v: Array, pull: float) -> tuple[Array, Array]:
+    def follow(self, q: list[float], dp: Vector, v: Vector, pull: float) -> tuple[list[float], list[float]]:
         """(5): dq_a = J_a^+ dp_a + N_J chi, within the joint limits, and the rate for the tip's velocity.
 
         A joint that would pass its limit stops there, and the others take over what they can.
 
         Args:
-            q: (n,) rad, for which `tip` was called last.
-            dp: (3,) m, how far the tip is to go.
-            v: (3,) m/s, its velocity.
+            q: (n,) rad, for which `chain.forward` was called last.
+            dp: m, how far the tip is to go.
+            v: m/s, its velocity.
             pull: chi = pull (middle - q), 0..1.
         Returns:
             dq (n,) rad, dq/dt (n,) rad/s.
         """
-        J = self._chains.jacobian()[0, :3]
-        low, high = self.lower - q, self.upper - q
-        chi = pull * (self.middle - q)
+        J = self.chain.jacobian()
+        room = [(low - x, high - x) for x, (low, _, high) in zip(q, self._limits, strict=True)]
+        # chi, and J, of the joints that are free; a held joint's way is given, and its column zero.
+        chi = [pull * (middle - x) for x, (_, middle, _) in zip(q, self._limits, strict=True)]
+        free = list(J)
         # Near the border of the workspace the way is quadratic in the joints: a long step would overshoot.
-        floor = max(self._damping2, self._curvature * sqrt(dp @ dp))
-        inverse = _invert(J, floor)
-        dq, rate = chi + inverse @ (dp - J @ chi), inverse @ v  # N_J chi = chi - J^+ J chi
-        allowed = np.minimum(np.maximum(dq, low), high)
-        held = beyond = dq != allowed
-        while beyond.any():
-            fixed = np.where(held, allowed, chi)
-            inverse = _invert(np.where(held, 0.0, J), floor)
-            dq = fixed + inverse @ (dp - J @ fixed)
-            rate = np.where(held, 0.0, inverse @ v)
-            allowed = np.minimum(np.maximum(dq, low), high)
-            beyond = ~held & (dq != allowed)
-            held = held | beyond
-        return np.where(held, allowed, dq), rate
-
-
-def _invert(J: Array, floor: float) -> Array:
-    """Damped J^+ (n, 3) = J^T (J J^T)^-1.
-
-    Eigenvalues of J J^T below `floor` are raised to it: singular values s of J from sqrt(floor) up are
-    inverted exactly, lesser ones become s / floor.
-    """
-    lam, U = np.linalg.eigh(J @ J.T)
-    return cast(Array, J.T @ ((U / np.maximum(lam, floor)) @ U.T))
+        floor = max(self._damping2, self._curvature * sqrt(dot(dp, dp)))
+        while True:
+            # J^+ = J^T (J J^T)^-1, and N_J chi = chi - J^+ J chi
+            inverse = raised_inverse(gram(free), floor)
+            x, y, z = dp
+            for (jx, jy, jz), step in zip(J, chi, strict=True):
+                x, y, z = x - jx * step, y - jy * step, z - jz * step
+            way, rate = times(inverse, (x, y, z)), times(inverse, v)
+            again, dq = False, []
+            for j, (low, high) in enumerate(room):
+                step = chi[j] + dot(free[j], way)
+                allowed = low if step < low else high if step > high else step
+                if allowed != step:
+                    chi[j], free[j], again = allowed, _HELD, True
+                dq.append(step)
+            if not again:
+                return dq, [dot(column, rate) for column in free]

@@ -7,7 +7,8 @@ from typing import Final, Literal, cast
 import numpy as np
 from pydantic import Field
 
-from runtime.control.human_hand import FINGERS, JOINTS, LOWER, MODEL_LENGTH, UPPER, hand_chains
+from runtime.control.human_hand import FINGERS, JOINTS, LOWER, MODEL_LENGTH, UPPER, hand_geometry
+from runtime.control.point_series import PointSeries
 from runtime.controller import Controller, ControllerConfig
 from runtime.signals import Array, Signal
 
@@ -40,9 +41,11 @@ class HandKinematics(Controller):
 
     def __init__(self, name: str, config: HandKinematicsConfig) -> None:
         super().__init__(name, config)
-        self._hand = hand_chains(config.hand_length)
+        bases, rows = hand_geometry(config.hand_length)
+        if config.side == "left":
+            bases[:, 0] *= -1.0  # mirrors x
+        self._points = PointSeries(bases, rows)
         self._M = glove_matrix(config.sensors)
-        self._x = 1.0 if config.side == "right" else -1.0
         self._cycles = self._beyond = 0
         links = tuple((0, *range(1 + 4 * i, 5 + 4 * i)) for i in range(5))
         points = ("wrist", *(f"{f}_{p}" for f in FINGERS for p in ("base", "middle", "distal", "tip")))
@@ -69,17 +72,15 @@ class HandKinematics(Controller):
         self._fill()
 
     def _fill(self) -> None:
-        q, tips, skeleton = self.output["angles"], self.output["tips"], self.output["skeleton"]
-        measured: Array = self._M @ self.input["angles"]
+        q, skeleton = self.output["angles"], self.output["skeleton"]
+        measured: Array = self._M.dot(self.input["angles"])
         np.minimum(np.maximum(measured, LOWER), UPPER, out=q)
         self._cycles += 1
-        self._beyond += bool(np.abs(measured - q).max() > _BEYOND)
-        tips[:] = self._hand.forward(q.reshape(5, 4))
-        tips[:, 0] *= self._x
-        # The first row has no length, so the frame after it lies on the base.
+        self._beyond += max(map(abs, (measured - q).tolist())) > _BEYOND
+        # The first row has no length and ends on the base; the wrist is the origin.
         skeleton[0] = 0.0
-        skeleton[1:] = self._hand.frames[1:, :, :3, 3].transpose(1, 0, 2).reshape(20, 3)
-        skeleton[1:, 0] *= self._x
+        skeleton[1:] = self._points.at(q)
+        self.output["tips"][:] = skeleton[4::4]
 
     def figures(self) -> dict[str, object]:
         """beyond_range: share of the cycles with a joint read more than 2 degrees outside its range."""

@@ -11,7 +11,6 @@ from typing import Final
 
 import numpy as np
 
-from runtime.control.kinematics import Chains
 from runtime.signals import Array
 
 FINGERS: Final = ("thumb", "index", "middle", "ring", "little")
@@ -69,10 +68,14 @@ LOWER.setflags(write=False)
 UPPER.setflags(write=False)
 
 
-def hand_chains(length: float = MODEL_LENGTH) -> Chains:
-    """The five fingers of a right hand of this length (m), in the order of FINGERS."""
+def hand_geometry(length: float = MODEL_LENGTH) -> tuple[Array, Array]:
+    """The five fingers of a right hand of this length (m), in the order of FINGERS.
+
+    Returns:
+        bases (5, 4, 4) in frame `hand`, m, and Denavit-Hartenberg rows (5, 4, 2), alpha (rad) and a (m).
+    """
     scale = length / MODEL_LENGTH
     bases = np.tile(np.eye(4), (5, 1, 1))
     bases[:, :3, :3] = _BASE_ROTATION
     bases[:, :3, 3] = scale * _ORIGINS
-    return Chains(bases, _ROWS * [1.0, scale])
+    return bases, _ROWS * [1.0, scale]

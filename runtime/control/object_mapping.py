@@ -6,7 +6,8 @@ Prattichizzo et al., RO-MAN 2014, section II. Errata, and what is added: docs/ob
 from __future__ import annotations
 
 from itertools import pairwise
-from math import dist, exp, inf
+from math import dist, exp, inf, sqrt
+from operator import add
 from typing import Final, Literal
 
 import numpy as np
@@ -14,11 +15,12 @@ from pydantic import Field
 
 from runtime.control.extra_finger import ExtraFinger, FingerKinematics
 from runtime.control.human_hand import FINGERS
-from runtime.control.sphere import minimum_sphere
-from runtime.control.virtual_object import Deformation, Psi, VirtualObject, similarity
+from runtime.control.sphere import MinimumSphere
+from runtime.control.symmetric import Vector
+from runtime.control.virtual_object import Deformation, Psi, Similarity, VirtualObject
 from runtime.controller import Controller, ControllerConfig, Parameter
 from runtime.errors import ProfileError
-from runtime.signals import Array, Signal
+from runtime.signals import Signal
 
 FingerName = Literal["thumb", "index", "middle", "ring", "little"]
 
@@ -113,17 +115,17 @@ class ObjectMapping(Controller):
                 text="chi: pull of redundant joints to mid-range, per metre of fingertip motion",
             ),
         )
-        self._reference = np.zeros((n_h, 3))
-        self._home = np.zeros((m, 3))
         self._before = np.zeros((n_h, 3))
+        self._finite = Similarity(self._before, self._rigid)
+        self._home = np.zeros((m, 3))
         self._target = np.zeros((m, 3))
-        self._tips = np.zeros((m, 3))
-        self._velocity = np.zeros((m, 3))
-        self._sphere = np.zeros(4)
-        self._cloud = np.zeros((n_h + m, 3))
+        self._tips: list[Vector] = [(0.0, 0.0, 0.0)] * m
+        self._velocity = list(self._tips)
+        self._enclosing = MinimumSphere()
         self._clear()
 
     def _clear(self) -> None:
+        self._enclosing.reset()
         self._radii = (inf, 0.0)
         self._nearest = inf
         self._leashed = 0
@@ -132,72 +134,87 @@ class ObjectMapping(Controller):
         """Takes the present posture as the reference and the applied joint angles as the fingers'."""
         self._clear()
         q = self._where()
-        self._reference[:] = self._before[:] = self.input["tips"][self._chosen]
+        self._before = self.input["tips"].take(self._chosen, axis=0)
+        self._finite = Similarity(self._before, self._rigid)
         self._locate(q)
-        self._home[:] = self._target[:] = self._tips
-        self._velocity[:] = 0.0
+        self._home, self._target = np.array(self._tips), np.array(self._tips)
+        self._velocity = [(0.0, 0.0, 0.0)] * len(self._tips)
         self._enclose()
         self.output["q"][:] = q
         self.output["q_velocity"][:] = 0.0
         self.output["target"][:] = self._target
 
     def update(self, dt: float) -> None:
-        q, out, rate = self._where(), self.output["q"], self.output["q_velocity"]
-        p_h = self.input["tips"][self._chosen]
+        q = self._where()
+        p_h = self.input["tips"].take(self._chosen, axis=0)
         self._locate(q)
 
         last = self._target.copy()
-        moved = p_h - self._before
-        path = float(np.sqrt((moved * moved).sum() / len(moved)))  # m, of the fingertips' rms motion
+        moved = (p_h - self._before).ravel()
+        path = sqrt(moved.dot(moved) / len(p_h))  # m, of the fingertips' rms motion
         if path > 0.0:
-            self._target[:] = self._object.move(self._before, p_h, last, self._sphere)
-            pull = float(self.param["drift_pull"][()])
+            self._target = self._object.move(self._before, p_h, last, self.output["sphere"])
+            pull = self.param["drift_pull"].item()
             if pull > 0.0:
-                finite = similarity(self._reference, p_h, self._home, self._rigid)
+                finite = self._finite.carry(p_h, self._home)
                 self._target += (1.0 - exp(-pull * path)) * (finite - self._target)
-            self._before[:] = p_h
+            self._before = p_h
         ahead = self._hold_back()
-        self._velocity += (1.0 - exp(-dt / _SMOOTHING)) * ((self._target - last) / dt - self._velocity)
-
-        centring = 1.0 - exp(-float(self.param["centring"][()]) * path)
+        smoothing = 1.0 - exp(-dt / _SMOOTHING)
+        centring = 1.0 - exp(-self.param["centring"].item() * path)
+        out: list[float] = []
+        rates: list[float] = []
+        motion = ((self._target - last) / dt).tolist()
         for i, (finger, joints) in enumerate(zip(self._fingers, self._joints, strict=True)):
-            dq, rate[joints] = finger.follow(q[joints], ahead[i], self._velocity[i], centring)
-            out[joints] = q[joints] + dq
+            (x, y, z), (dx, dy, dz) = self._velocity[i], motion[i]
+            self._velocity[i] = v = (
+                x + smoothing * (dx - x),
+                y + smoothing * (dy - y),
+                z + smoothing * (dz - z),
+            )
+            dq, rate = finger.follow(q[joints], ahead[i], v, centring)
+            out += map(add, q[joints], dq)
+            rates += rate
         self._enclose()
+        self.output["q"][:] = out
+        self.output["q_velocity"][:] = rates
         self.output["target"][:] = self._target
 
-    def _where(self) -> Array:
+    def _where(self) -> list[float]:
         """What the guard let through; the own last output where no device is wired to it."""
-        return self.applied["q"] if "q" in self.applied else self.output["q"]
+        q: list[float] = self.applied.get("q", self.output["q"]).tolist()
+        return q
 
-    def _locate(self, q: Array) -> None:
+    def _locate(self, q: list[float]) -> None:
         """Tips and skeleton at the applied joint angles."""
-        skeleton, start = self.output["skeleton"], 0
+        points: list[Vector] = []
         for i, (finger, joints) in enumerate(zip(self._fingers, self._joints, strict=True)):
-            self._tips[i] = finger.tip(q[joints])
-            skeleton[start : start + finger.n + 1] = finger.skeleton()
-            start += finger.n + 1
+            self._tips[i] = finger.chain.forward(q[joints])
+            points += finger.chain.points
+        self.output["skeleton"][:] = points
 
-    def _hold_back(self) -> Array:
-        """(m, 3) m, from the tips to their targets, after drawing in the targets that ran too far ahead."""
-        ahead = self._target - self._tips
-        distance = np.sqrt((ahead * ahead).sum(axis=1))
-        far = distance > self._leash
-        if far.any():
-            self._leashed += 1
-            ahead[far] *= (self._leash / distance[far])[:, None]
-            self._target[far] = self._tips[far] + ahead[far]
+    def _hold_back(self) -> list[Vector]:
+        """m, from the tips to their targets, after drawing in the targets that ran too far ahead."""
+        ahead: list[Vector] = []
+        leashed = False
+        for i, (target, tip) in enumerate(zip(self._target.tolist(), self._tips, strict=True)):
+            x, y, z = target[0] - tip[0], target[1] - tip[1], target[2] - tip[2]
+            distance = sqrt(x * x + y * y + z * z)
+            if distance > self._leash:
+                leashed, k = True, self._leash / distance
+                x, y, z = k * x, k * y, k * z
+                self._target[i] = tip[0] + x, tip[1] + y, tip[2] + z
+            ahead.append((x, y, z))
+        self._leashed += leashed
         return ahead
 
     def _enclose(self) -> None:
         """The sphere of the present points, for the viewer, the next step's psi and the figures."""
-        n_h = len(self._before)
-        self._cloud[:n_h], self._cloud[n_h:] = self._before, self._tips
-        self._sphere[:] = self.output["sphere"][:] = minimum_sphere(self._cloud)
-        radius = float(self._sphere[3])
-        self._radii = min(self._radii[0], radius), max(self._radii[1], radius)
+        sphere = self._enclosing.around([*self._before.tolist(), *self._tips])
+        self.output["sphere"][:] = sphere
+        self._radii = min(self._radii[0], sphere[3]), max(self._radii[1], sphere[3])
         thumb = self.input["tips"][0].tolist()
-        self._nearest = min(self._nearest, *(dist(tip, thumb) for tip in self._tips.tolist()))
+        self._nearest = min(self._nearest, *[dist(tip, thumb) for tip in self._tips])
 
     def figures(self) -> dict[str, object]:
         """Of the run, since the last reset.
@@ -206,7 +223,7 @@ class ObjectMapping(Controller):
         present posture; sphere_radius_m: least and greatest; nearest_to_thumb_m: of any robotic tip;
         leashed: cycles in which a target ran ahead of what the guard let through by more than the leash.
         """
-        damped, undamped = self._object.noise_gain(self._before, self._tips)
+        damped, undamped = self._object.noise_gain(self._before, np.array(self._tips))
         return {
             "noise_gain": damped,
             "noise_gain_undamped": undamped,

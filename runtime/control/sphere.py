@@ -2,28 +2,62 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import combinations
 from math import sqrt
 
 from runtime.signals import Array
 
-Point = list[float]
+Point = Sequence[float]
 
 _INSIDE = 1e-11  # relative to r^2, when a point counts as inside a candidate
 _FLAT = 1e-14  # relative determinant below which points lie on a line or plane, or coincide
 
 
+class MinimumSphere:
+    """The smallest sphere around points that move little from one call to the next.
+
+    The last support is tried first: the sphere on it is the smallest around all points if it holds them and
+    its centre lies in the support's hull. Else the search begins afresh.
+    """
+
+    def __init__(self) -> None:
+        self._support: list[int] = []
+
+    def reset(self) -> None:
+        """Forgets the last support."""
+        self._support = []
+
+    def around(self, cloud: list[Point]) -> tuple[float, float, float, float]:
+        """As `minimum_sphere`; always as many points in the same order."""
+        if self._support:
+            p, *others = [cloud[i] for i in self._support]
+            found = _circumcentre(p, tuple(others))
+            if found is not None and found[1]:
+                centre = found[0]
+                reach2 = _farthest(cloud, centre)[1]
+                if reach2 <= _distance2(p, centre) * (1.0 + _INSIDE):
+                    return centre[0], centre[1], centre[2], sqrt(reach2)
+        centre, radius, support = _search(cloud)
+        self._support = [cloud.index(p) for p in support]
+        return centre[0], centre[1], centre[2], radius
+
+
 def minimum_sphere(points: Array) -> tuple[float, float, float, float]:
-    """Centre x, y, z and radius r, m, of the smallest sphere around points (n, 3), n >= 1.
+    """Centre x, y, z and radius r, m, of the smallest sphere around points (n, 3), n >= 1."""
+    return MinimumSphere().around(points.tolist())
+
+
+def _search(cloud: list[Point]) -> tuple[Point, float, list[Point]]:
+    """Centre, radius and support.
 
     The support (at most four points, all on the surface) takes in the farthest point until none is outside;
     the radius grows with every step, so it ends. r is the farthest point's distance: none is outside.
     """
-    cloud: list[Point] = points.tolist()
     first, _ = _farthest(cloud, cloud[0])
     second, d2 = _farthest(cloud, first)
     support, r2 = [first, second], 0.25 * d2
-    centre = [0.5 * (a + b) for a, b in zip(first, second, strict=True)]
+    centre: Point = [0.5 * (a + b) for a, b in zip(first, second, strict=True)]
     farthest, reach2 = _farthest(cloud, centre)
     while reach2 > r2 * (1.0 + _INSIDE):
         grown, grown2, next_support = _smallest(support, farthest)
@@ -31,17 +65,21 @@ def minimum_sphere(points: Array) -> tuple[float, float, float, float]:
             break
         point, far2 = _farthest(cloud, grown)
         centre, r2, support, farthest, reach2 = grown, grown2, next_support, point, far2
-    return centre[0], centre[1], centre[2], sqrt(reach2)
+    return centre, sqrt(reach2), support
 
 
 def _farthest(cloud: list[Point], centre: Point) -> tuple[Point, float]:
-    x, y, z = centre
     best, most = cloud[0], -1.0
     for p in cloud:
-        d2 = (p[0] - x) ** 2 + (p[1] - y) ** 2 + (p[2] - z) ** 2
+        d2 = _distance2(p, centre)
         if d2 > most:
             best, most = p, d2
     return best, most
+
+
+def _distance2(p: Point, q: Point) -> float:
+    x, y, z = p[0] - q[0], p[1] - q[1], p[2] - q[2]
+    return x * x + y * y + z * z
 
 
 def _smallest(support: list[Point], p: Point) -> tuple[Point, float, list[Point]]:
@@ -49,8 +87,8 @@ def _smallest(support: list[Point], p: Point) -> tuple[Point, float, list[Point]
     best: tuple[Point, float, list[Point]] = (p, 0.0, [p])
     least = float("inf")
     for q in support:  # a sphere on two points that holds all is the least
-        centre = [0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1]), 0.5 * (p[2] + q[2])]
-        r2 = (p[0] - centre[0]) ** 2 + (p[1] - centre[1]) ** 2 + (p[2] - centre[2]) ** 2
+        centre: Point = [0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1]), 0.5 * (p[2] + q[2])]
+        r2 = _distance2(p, centre)
         if _farthest(support, centre)[1] <= r2 * (1.0 + _INSIDE):
             return centre, r2, [p, q]
     for size in range(2, min(len(support), 3) + 1):
@@ -58,22 +96,26 @@ def _smallest(support: list[Point], p: Point) -> tuple[Point, float, list[Point]
             through = _circumcentre(p, chosen)
             if through is None:
                 continue
-            centre = through
-            r2 = (p[0] - centre[0]) ** 2 + (p[1] - centre[1]) ** 2 + (p[2] - centre[2]) ** 2
+            centre = through[0]
+            r2 = _distance2(p, centre)
             if r2 < least and _farthest(support, centre)[1] <= r2 * (1.0 + _INSIDE):
                 best, least = (centre, r2, [p, *chosen]), r2
     return best
 
 
-def _circumcentre(p: Point, others: tuple[Point, ...]) -> Point | None:
-    """The point of the affine hull as far from p as from the two or three others; None if they are flat.
+def _circumcentre(p: Point, others: tuple[Point, ...]) -> tuple[Point, bool] | None:
+    """The point of the affine hull as far from p as from up to three others; None if they are flat.
+
+    And whether it lies in their convex hull, so that no smaller sphere holds them.
 
     With edges e_i = p_i - p it is p + sum w_i e_i, where sum_j (e_i . e_j) w_j = e_i . e_i / 2.
     """
     px, py, pz = p
     edges = [(q[0] - px, q[1] - py, q[2] - pz) for q in others]
     g = [[a[0] * b[0] + a[1] * b[1] + a[2] * b[2] for b in edges] for a in edges]
-    if len(edges) == 2:
+    if len(edges) < 2:
+        w = [0.5] * len(edges)
+    elif len(edges) == 2:
         (A, B), (_, C) = g
         det = A * C - B * B
         if det <= _FLAT * A * C:
@@ -94,4 +136,4 @@ def _circumcentre(p: Point, others: tuple[Point, ...]) -> Point | None:
     x, y, z = p
     for k, (ex, ey, ez) in zip(w, edges, strict=True):
         x, y, z = x + k * ex, y + k * ey, z + k * ez
-    return [x, y, z]
+    return [x, y, z], min(w, default=0.0) >= 0.0 and sum(w) <= 1.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from math import inf, isfinite
+from operator import sub
 
 import numpy as np
 
@@ -136,10 +137,8 @@ class CommandGuard(ABC):
         rate = None if desired_velocity is None else desired_velocity.ravel().tolist()
         if finite(wanted) and (rate is None or finite(rate)) and self._sensed():
             self._follow(wanted, rate, dt)
-            self.limited = any(
-                abs(w - x) > self.tolerance
-                for w, x in zip(wanted, self.applied.ravel().tolist(), strict=True)
-            )
+            changes = map(sub, wanted, self.applied.ravel().tolist())
+            self.limited = max(map(abs, changes)) > self.tolerance
             self.limitations += self.limited
         else:
             self.rejected = True

@@ -60,7 +60,7 @@ def stop_range(state: State, A: float, J: float) -> tuple[float, float, float]:
     p, v, a = state
     if isinf(J):
         end = p + v * abs(v) / (2 * A)
-        return min(p, end), max(p, end), abs(v)
+        return (p, end, v) if v >= 0 else (end, p, -v)
     end = brake(state, A, J, inf)[0]
     low, high, speed = min(p, end), max(p, end), abs(v)
     if v * a > 0:  # it goes on gaining speed while the acceleration is ramped out

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from math import inf, isfinite, isinf, sqrt
+from math import copysign, inf, isfinite, isinf, sqrt
 
 import ruckig
 
+from runtime.guard.approach import approach
 from runtime.guard.base import RETRACT_SPEED, CommandGuard
 from runtime.guard.braking import Bounds, State, brake, stop_range, stoppable
 from runtime.signals import Array, Command, Limits, Stop
@@ -22,8 +23,9 @@ class PositionGuard(CommandGuard):
     compares with a lagging measured position slows the motion. Joints are independent. Each cycle, and joint:
 
     1. If jerk is unbounded and the desired position can be reached in this cycle, it is applied as it is.
-    2. Otherwise ruckig plans how to meet the target, which moves on: first as it moves, then, if that way
-       would leave the limits, without its acceleration, then as if it stood still.
+    2. Otherwise the fastest way to meet the target is planned (with a jerk limit by ruckig). The target moves
+       on: first as it moves, then, if that way would leave the limits, without its acceleration, then as if it
+       stood still.
     3. A plan's next state is taken only if the joint can still stop from there within its limits; if none is,
        the joint brakes.
 
@@ -55,6 +57,7 @@ class PositionGuard(CommandGuard):
         # Where a stop may end: the limits, or beyond them as far as the start was, which only shrinks.
         self._floor: list[float] = []
         self._ceiling: list[float] = []
+        self._beyond = True
         self._otg = ruckig.Ruckig(1)
         self._plan = ruckig.Trajectory(1)
         self._inputs = [ruckig.InputParameter(1) for _ in self._bounds]
@@ -65,6 +68,7 @@ class PositionGuard(CommandGuard):
         p, v = self._start(position, velocity)
         self._states = [(x, y, 0.0) for x, y in zip(p, v, strict=True)]
         self._floor, self._ceiling = [-inf] * self.size, [inf] * self.size
+        self._beyond = True
         self._settle()
 
     def _follow(self, desired: list[float], rate: list[float] | None, dt: float) -> None:
@@ -109,10 +113,11 @@ class PositionGuard(CommandGuard):
         """Joint i's state after dt on its way to meet `target`, which is where it should be by then."""
         state, (V, A, J), (wanted, speed, acceleration) = self._states[i], bounds, target
         # The target itself must be able to stop within the limits.
-        most = min(stoppable(self.upper[i] - wanted, A, J), V)
-        least = -min(stoppable(wanted - self.lower[i], A, J), V)
-        if not least <= speed <= most:
-            speed, acceleration = min(max(speed, least), most), 0.0
+        if speed:
+            room = self.upper[i] - wanted if speed > 0 else wanted - self.lower[i]
+            most = min(stoppable(room, A, J), V)
+            if abs(speed) > most:
+                speed, acceleration = copysign(most, speed), 0.0
         if isinf(J):
             exact = reach(state, wanted, speed, bounds, dt)
             if exact is not None and self._safe(i, exact):
@@ -130,31 +135,41 @@ class PositionGuard(CommandGuard):
         return brake(state, A, J, dt)
 
     def _planned(self, i: int, target: State, bounds: Bounds, dt: float) -> State | None:
-        """Ruckig's state after dt, seen from the moving target: there the target rests at zero.
+        """The fastest way's state after dt, seen from the moving target: there the target rests at zero.
 
         The acceleration that is left for catching up is A minus the target's own, either way: who relied on
         more would turn too late when the target brakes, and never catch it.
         """
         (p, v, a), (wanted, speed, acceleration), (V, A, J) = self._states[i], target, bounds
         room, spare = (1 - CATCH_UP_V) * V, (1 - CATCH_UP_A) * A
-        speed = min(max(speed, -room), room)
-        acceleration = min(max(acceleration, -spare), spare)
-        earlier = min(max(speed - acceleration * dt, -room), room)
-        ask = self._inputs[i]
-        ask.current_position = [p - (wanted - speed * dt + acceleration * dt * dt / 2)]
-        ask.current_velocity = [v - (speed - acceleration * dt)]
-        ask.current_acceleration = [a - acceleration]
-        ask.max_velocity = [V - max(speed, earlier)]
-        ask.min_velocity = [-V - min(speed, earlier)]
-        ask.max_acceleration = [A - abs(acceleration)]
-        try:
-            if self._otg.calculate(ask, self._plan) != ruckig.Result.Working:
+        speed = within(speed, room)
+        acceleration = within(acceleration, spare)
+        earlier = within(speed - acceleration * dt, room)
+        x, xd, xdd = (
+            p - (wanted - speed * dt + acceleration * dt * dt / 2),
+            v - (speed - acceleration * dt),
+            0.0,
+        )
+        slowest, fastest = (-V - speed, V - earlier) if speed < earlier else (-V - earlier, V - speed)
+        if isinf(J):
+            x, xd, _ = approach(x, xd, A - abs(acceleration), slowest, fastest, dt)
+        else:
+            ask = self._inputs[i]
+            ask.current_position, ask.current_velocity, ask.current_acceleration = (
+                [x],
+                [xd],
+                [a - acceleration],
+            )
+            ask.min_velocity, ask.max_velocity = [slowest], [fastest]
+            ask.max_acceleration = [A - abs(acceleration)]
+            try:
+                if self._otg.calculate(ask, self._plan) != ruckig.Result.Working:
+                    return None
+                (x,), (xd,), (xdd,) = self._plan.at_time(dt)
+            except ruckig.RuckigError:
                 return None
-            (x,), (xd,), (xdd,) = self._plan.at_time(dt)
-        except ruckig.RuckigError:
-            return None
-        if dt >= self._plan.duration:
-            x = xd = xdd = 0.0  # without the rounding of the way there
+            if dt >= self._plan.duration:
+                x = xd = xdd = 0.0  # without the rounding of the way there
         # In mid-cycle a target that brakes is faster than at its end.
         if not isfinite(xd + xdd) or not abs(wanted + x - p) <= V * dt * (1 + 1e-9):
             return None
@@ -179,11 +194,18 @@ class PositionGuard(CommandGuard):
     def _publish(self) -> None:
         self.applied.reshape(-1)[:] = [p for p, _, _ in self._states]
         self.velocity.reshape(-1)[:] = [v for _, v, _ in self._states]
+        if not self._beyond:
+            return
         for i, state in enumerate(self._states):
-            if self._floor[i] < self.lower[i] or self._ceiling[i] > self.upper[i]:
-                low, high, _ = stop_range(state, self.max_acceleration[i], self.max_jerk[i])
-                self._floor[i] = min(self.lower[i], max(self._floor[i], low))
-                self._ceiling[i] = max(self.upper[i], min(self._ceiling[i], high))
+            low, high, _ = stop_range(state, self.max_acceleration[i], self.max_jerk[i])
+            self._floor[i] = min(self.lower[i], max(self._floor[i], low))
+            self._ceiling[i] = max(self.upper[i], min(self._ceiling[i], high))
+        self._beyond = self._floor != self.lower or self._ceiling != self.upper
+
+
+def within(value: float, most: float) -> float:
+    """The nearest in [-most, most]."""
+    return value if -most <= value <= most else copysign(most, value)
 
 
 def reach(state: State, target: float, speed: float, bounds: Bounds, dt: float) -> State | None:

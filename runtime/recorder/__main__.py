@@ -1,4 +1,4 @@
-"""`python -m runtime.recorder RUNDIR --out FILE.rrd [--view]`.
+"""`python -m runtime.recorder RUNDIR --out FILE.rrd [--view]`; `--view` alone shows the run and keeps nothing.
 
 The supervisor starts it, and starts it again with the same arguments if it dies.
 
@@ -22,14 +22,17 @@ def main() -> int:
     """Runs the recorder."""
     parser = argparse.ArgumentParser(prog="python -m runtime.recorder")
     parser.add_argument("rundir", type=Path)
-    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--out", type=Path)
     parser.add_argument("--view", action="store_true")
     options = parser.parse_args()
+    if options.out is None and not options.view:
+        parser.error("give --out, --view or both")
     die_with_parent(signal.SIGTERM)  # it then saves what there is and ends
     try:
-        from runtime.recorder.process import Recorder
+        from runtime.recorder.process import Recorder, watch
 
-        return Recorder(RunDir(options.rundir), options.out, options.view).run()
+        run = RunDir(options.rundir)
+        return watch(run) if options.out is None else Recorder(run, options.out, options.view).run()
     except SrlError as error:
         print(f"recorder: {error}", file=sys.stderr)
         return 2

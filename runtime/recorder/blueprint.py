@@ -5,51 +5,70 @@ from __future__ import annotations
 import rerun.blueprint as rrb
 
 from runtime.layout import Layout
-from runtime.recorder.columns import entity
-from runtime.recorder.scene import plot_path, plots, visuals
+from runtime.recorder.columns import Words, entity
+from runtime.recorder.eye import look
+from runtime.recorder.plots import Plot, command_plots, profile_plots
+from runtime.recorder.scene import plot_path, visuals
+
+STACKED = 5  # curves' views one above the other; more go side by side
 
 
-def make(layout: Layout) -> rrb.Blueprint:
-    """The blueprint of a layout."""
-    commands = [
-        rrb.TimeSeriesView(
-            name=f"{f.name} ({f.unit})",
-            contents=[entity(f.name)]
-            + ([entity(f"{f.name}.applied")] if f"{f.name}.applied" in layout.fields else []),
-        )
-        for f in layout.fields.values()
-        if f.role == "command"
+def make(layout: Layout, row: Words | None, live: bool) -> rrb.Blueprint:
+    """The blueprint of a layout.
+
+    `row` (width,), if there is one, says where the 3D view looks at first; `live` follows the newest rows.
+    """
+    loop = [
+        _series("Period and cycle (ms, largest of each 1/30 s)", "/loop/timing/period", "/loop/timing/cycle"),
+        _series("Phases of the cycle (us, largest of each 1/30 s)", "/loop/timing/phases"),
+        _series("Age of the devices' samples (ms)", "/loop/timing/ages"),
     ]
-    asked = [rrb.TimeSeriesView(name=f"{p.title} ({p.unit})", contents=[plot_path(p)]) for p in plots(layout)]
-    timing = [
-        rrb.TimeSeriesView(
-            name="Period and cycle (us, largest of each 1/30 s)", contents=_timing("period", "cycle")
-        ),
-        rrb.TimeSeriesView(name="Phases of the cycle (us)", contents=_timing("phases")),
-        rrb.TimeSeriesView(name="Age of the devices' samples (ms)", contents=_timing("ages")),
-    ]
-    tabs = [
-        rrb.Vertical(*views, name=name) for name, views in (("Plots", asked), ("Commands", commands)) if views
-    ]
-    tabs.append(rrb.Vertical(*timing, name="Loop"))
+    groups = {
+        "Commands": [_plot(p) for p in command_plots(layout)],
+        "Plots": [_plot(p) for p in profile_plots(layout)],
+        "Loop": loop,
+    }
+    tabs = [_stack(name, views) for name, views in groups.items() if views]
     tabs.append(rrb.TextDocumentView(name="Profile", contents=["/profile"]))
-    shapes = [entity(f.name) for f in visuals(layout)]
-    notes = rrb.TextLogView(name="Notes", contents=["/notes"])
-    left = [rrb.Spatial3DView(name="3D", contents=[*shapes, "/frames/**"]), notes] if shapes else [notes]
+    notes = rrb.TextLogView(
+        name="Notes",
+        contents=["/notes"],
+        columns=rrb.TextLogColumns(timeline_columns=["time", "cycle"], text_log_columns=["LogLevel", "Body"]),
+    )
+    left = [notes]
+    if shapes := visuals(layout):
+        view = rrb.Spatial3DView(
+            name="3D",
+            contents=[*(entity(f.name) for f in shapes), "/frames/**", "/axes/**"],
+            eye_controls=None if row is None else look(layout, row, shapes),
+        )
+        left = [view, notes]
     return rrb.Blueprint(
         rrb.Vertical(
             rrb.Horizontal(
-                rrb.Vertical(*left, row_shares=[3, 1][: len(left)]), rrb.Tabs(*tabs), column_shares=[1, 1]
+                rrb.Vertical(*left, row_shares=[3, 1][: len(left)]),
+                rrb.Tabs(*tabs, active_tab=0),
+                column_shares=[1, 1],
             ),
             rrb.StateTimelineView(name="State and cause", contents=["/loop/state", "/loop/cause"]),
             row_shares=[5, 1],
         ),
-        rrb.TimePanel(timeline="time", state="collapsed"),
+        rrb.TimePanel(timeline="time", state="collapsed", play_state="following" if live else "playing"),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         auto_views=False,
     )
 
 
-def _timing(*names: str) -> list[str]:
-    return [f"/loop/timing/{name}" for name in names]
+def _plot(plot: Plot) -> rrb.TimeSeriesView:
+    return _series(f"{plot.title} ({plot.unit})", plot_path(plot))
+
+
+def _series(name: str, *paths: str) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(name=name, contents=list(paths), plot_legend=rrb.Corner2D.LeftTop)
+
+
+def _stack(name: str, views: list[rrb.TimeSeriesView]) -> rrb.Container:
+    if len(views) <= STACKED:
+        return rrb.Vertical(*views, name=name)
+    return rrb.Grid(*views, name=name, grid_columns=2 if len(views) <= 2 * STACKED else 3)

@@ -60,9 +60,7 @@ class Columns:
             self.entities.setdefault(path, []).append(Column(descriptor, start, 1, np.int64))
         for field in layout.fields.values():
             if field.size:
-                column = Column(
-                    rr.Scalars.descriptor_scalars(), layout.ints + field.offset, field.size, np.float64
-                )
+                column = Column(rr.Scalars.descriptor_scalars(), layout.ints + field.offset, field.size, np.float64)
                 self.entities.setdefault(entity(field.name), []).append(column)
 
     def times(self, rows: Words) -> list[rr.TimeColumn]:
@@ -114,9 +112,7 @@ class Assembler:
             number, column = self._columns[path, name]
             values = array.flatten()
             if len(values) != len(sequence) * column.size or values.type != pa.from_numpy_dtype(column.kind):
-                raise RecordingError(
-                    path, "the column doesn't fit the recording's layout", "The file is damaged"
-                )
+                raise RecordingError(path, "the column doesn't fit the recording's layout", "The file is damaged")
             block = values.to_numpy(zero_copy_only=True).view(np.int64).reshape(len(sequence), column.size)
             self._pending.append((number, column, sequence, block))
             self.bytes += block.nbytes

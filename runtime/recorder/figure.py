@@ -1,7 +1,8 @@
-"""A picture of a recording: commands asked, applied and measured, distances, states, loop timing."""
+"""A picture of a recording: commands asked, applied and measured, the profile's plots, states, loop timing."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,26 +12,36 @@ mpl.use("Agg")
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.ticker import LogLocator, NullLocator
 from numpy.typing import NDArray
 
 from runtime.errors import RecordingError
 from runtime.layout import Cause, State
-from runtime.recorder.plots import Plot, series_names
+from runtime.recorder.plots import Plot, command_plots, profile_plots
 from runtime.recorder.reader import Recording
 
 # Okabe and Ito's colours, told apart by everyone; yellow is left out, as it is faint on white.
 COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#7A5195", "#444444")
+# Of a command: asked wide below, applied on it, measured thin on top; where they agree all three show.
+COMMAND_STYLES: dict[str, dict[str, Any]] = {
+    "asked": {"color": "#c4c4c4", "linewidth": 3.5},
+    "applied": {"color": "#0072B2", "linewidth": 1.5},
+    "measured": {"color": "#D55E00", "linewidth": 0.9},
+}
 STATE_COLORS = {
     State.STARTING: "#dddddd",
     State.READY: "#d6eaf8",
-    State.ACTIVE: "#ffffff",
+    State.ACTIVE: "#cdeadd",
     State.STOPPING: "#fde3b0",
     State.STOPPED: "#f5c6b8",
     State.ENDED: "#bbbbbb",
 }
 OTHER_STATE = "#e3dff0"
+NO_FAULT = (Cause.NONE, Cause.REQUEST, Cause.END)
 MOST_POINTS = 4000  # a curve's points; more can't be seen
 MOST_CURVES = 8  # of one panel without labels crowding it
+Times = NDArray[np.float64]
+Panel = tuple[float, Callable[[Any, Recording, Times], None]]  # height, inch, and what draws it
 
 
 def draw(recording: Recording, png: Path) -> None:
@@ -39,43 +50,31 @@ def draw(recording: Recording, png: Path) -> None:
     Raises:
         RecordingError: a plot names what the recording doesn't have, or the file can't be written.
     """
-    layout, rows = recording.layout, recording.rows
     now = recording.int("now")
     t = (now - now[0]) / 1e9
-    plots = [Plot(**p) for p in (layout.meta.get("record") or {}).get("plots", ())]
-    curves = [plot.curves(layout, rows) for plot in plots]
-    commands = [f.name for f in layout.fields.values() if f.role == "command" and f.size]
-    heights = [0.6, *[2.4] * (len(commands) + len(plots)), 2.0]
+    panels: list[Panel] = [(0.4, _states)]
+    panels += [(1.25, _drawn(plot, command=True)) for plot in command_plots(recording.layout)]
+    panels += [(1.9, _drawn(plot, command=False)) for plot in profile_plots(recording.layout)]
+    panels += [(1.5, _timing)] + ([(1.2, _ages)] if recording.layout.devices else [])
+    heights = [height for height, _ in panels]
     figure, axes = plt.subplots(
-        len(heights),
-        1,
-        sharex=True,
-        figsize=(11, sum(heights) + 1.4),
-        height_ratios=heights,
-        layout="constrained",
+        len(panels), 1, sharex=True, figsize=(11, sum(heights) + 1.0), height_ratios=heights, layout="constrained"
     )
+    figure.get_layout_engine().set(h_pad=0.05)
     try:
-        _states(axes[0], recording, t)
-        for axis, name in zip(axes[1:], commands, strict=False):
-            _command(axis, recording, t, name)
-        for axis, plot, lines in zip(axes[1 + len(commands) :], plots, curves, strict=False):
-            _curves(axis, t, plot.title, plot.unit, lines)
-        _timing(axes[-1], recording, t)
+        for axis, (_, paint) in zip(axes, panels, strict=True):
+            paint(axis, recording, t)
         for axis in axes[1:]:
             _bands(axis, recording, t)
             axis.grid(color="#dddddd", linewidth=0.5)
             axis.set_axisbelow(True)
             axis.spines[["top", "right"]].set_visible(False)
-        axes[-1].set_xlabel("time (s)")
+            axis.tick_params(labelsize=8)
+        figure.align_ylabels(axes[1:])
+        axes[-1].set_xlabel("time (s)", fontsize=9)
         axes[-1].set_xlim(float(t[0]), float(max(t[-1], t[0] + 1e-6)))
-        name = layout.meta.get("name", recording.path.name)
-        gone = sum(last - first + 1 for first, last in recording.missing)
-        simulated = ", simulated" if layout.meta.get("simulated") else ""
-        figure.suptitle(
-            f"{name}: {len(t)} cycles in {t[-1]:.1f} s{simulated}"
-            + (f", {gone} rows missing" if gone else "")
-        )
-        figure.savefig(png, dpi=110)
+        figure.suptitle(_title(recording, t), fontsize=11)
+        figure.savefig(png, dpi=130)
     except OSError as error:
         raise RecordingError(
             str(png), f"the picture can't be written: {error.strerror}", "Choose another place"
@@ -84,9 +83,19 @@ def draw(recording: Recording, png: Path) -> None:
         plt.close(figure)
 
 
-def _thin(
-    t: NDArray[np.float64], values: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _title(recording: Recording, t: Times) -> str:
+    meta = recording.layout.meta
+    gone = sum(last - first + 1 for first, last in recording.missing)
+    simulated = meta.get("simulated") or []
+    everything = set(simulated) >= set(recording.layout.devices)
+    parts = [f"{meta.get('name', recording.path.name)}: {len(t)} cycles in {t[-1] - t[0]:.1f} s"]
+    parts += ["simulated" if everything else f"simulated: {', '.join(simulated)}"] if simulated else []
+    parts += [f"{overruns} overruns"] if (overruns := int(recording.int("overruns").max())) else []
+    parts += [f"{gone} rows missing"] if gone else []
+    return ", ".join(parts)
+
+
+def _thin(t: Times, values: NDArray[np.float64]) -> tuple[Times, NDArray[np.float64]]:
     """At most MOST_POINTS points of a curve: least and largest of each stretch, so that no peak is lost."""
     stretch = -(-len(t) // (MOST_POINTS // 2))
     if stretch < 2:
@@ -96,88 +105,121 @@ def _thin(
     return np.repeat(t[starts], 2), np.stack(ends, axis=1).ravel()
 
 
-def _runs(values: NDArray[np.int64], t: NDArray[np.float64]) -> list[tuple[int, float, float]]:
-    """(value, from, to) of each stretch of equal values."""
+def _runs(values: NDArray[np.int64], t: Times) -> list[tuple[int, float, float]]:
+    """(index of the first, from, to) of each stretch of equal values."""
     starts = np.append(0, np.flatnonzero(np.diff(values)) + 1)
     ends = np.append(starts[1:], len(values) - 1)
-    return [(int(values[a]), float(t[a]), float(t[b])) for a, b in zip(starts, ends, strict=True)]
+    return [(int(a), float(t[a]), float(t[b])) for a, b in zip(starts, ends, strict=True)]
 
 
 def _name(number: int, names: Any) -> str:
     return next((n.name.lower().replace("_", " ") for n in names if n == number), str(number))
 
 
-def _bands(axis: Any, recording: Recording, t: NDArray[np.float64]) -> None:
-    for state, start, end in _runs(recording.int("state"), t):
-        if state != State.ACTIVE:
-            color = next((c for s, c in STATE_COLORS.items() if s == state), OTHER_STATE)
-            axis.axvspan(start, end, color=color, alpha=0.5, linewidth=0, zorder=0)
+def _color(state: int) -> str:
+    return next((c for s, c in STATE_COLORS.items() if s == state), OTHER_STATE)
 
 
-def _states(axis: Any, recording: Recording, t: NDArray[np.float64]) -> None:
-    """The states as a bar, with the cause under each stop."""
+def _bands(axis: Any, recording: Recording, t: Times) -> None:
+    states = recording.int("state")
+    for first, start, end in _runs(states, t):
+        if states[first] != State.ACTIVE:
+            axis.axvspan(start, end, color=_color(states[first]), alpha=0.5, linewidth=0, zorder=0)
+
+
+def _states(axis: Any, recording: Recording, t: Times) -> None:
+    """The states as a bar, with the cause at each stop's beginning; faults in red, with who caused them."""
+    states, causes, culprits = (recording.int(word) for word in ("state", "cause", "culprit"))
     span = max(float(t[-1] - t[0]), 1e-6)
-    for state, start, end in _runs(recording.int("state"), t):
-        color = next((c for s, c in STATE_COLORS.items() if s == state), OTHER_STATE)
-        axis.axvspan(start, end, color=color, linewidth=0)
+    for first, start, end in _runs(states, t):
+        axis.axvspan(start, end, color=_color(states[first]), linewidth=0)
         axis.axvline(start, color="#888888", linewidth=0.6)
         if (end - start) / span > 0.06:
-            axis.text((start + end) / 2, 0.68, _name(state, State), ha="center", va="center", fontsize=8)
-    for cause, start, end in _runs(recording.int("cause"), t):
-        if cause != Cause.NONE:
-            late = start > t[0] + 0.7 * span
-            at, side = (end, "right") if late else (start, "left")
-            axis.text(at, 0.25, f" {_name(cause, Cause)} ", ha=side, va="center", fontsize=8, color="#a02000")
+            axis.text((start + end) / 2, 0.5, _name(states[first], State), ha="center", va="center", fontsize=8)
+    for first, start, _ in _runs(causes, t):
+        cause = next((c for c in Cause if c == causes[first]), None)
+        if cause is Cause.NONE:
+            continue
+        text = _name(causes[first], Cause)
+        if cause is not None and cause not in NO_FAULT:
+            text = f"{text} {recording.layout.culprit(cause, int(culprits[first]))}".rstrip()
+        late = start > t[0] + 0.7 * span
+        color = "#333333" if cause in NO_FAULT else "#a02000"
+        axis.annotate(
+            text, (start, 1.0), (-4 if late else 4, 8), textcoords="offset points", fontsize=8, color=color,
+            ha="right" if late else "left", va="center", annotation_clip=False,
+            arrowprops={"arrowstyle": "-", "color": color, "linewidth": 0.6, "shrinkA": 0, "shrinkB": 0},
+        )  # fmt: skip
     axis.set_yticks([])
     axis.set_ylim(0, 1)
-    axis.set_ylabel("state", rotation=0, ha="right", va="center")
+    axis.tick_params(bottom=False)
+    axis.set_ylabel("state", rotation=0, ha="right", va="center", fontsize=9)
 
 
-def _command(axis: Any, recording: Recording, t: NDArray[np.float64], name: str) -> None:
-    """Asked (dotted) and applied (full) for each element."""
-    layout = recording.layout
-    asked = recording.value(name).reshape(len(t), -1)
-    applied = (
-        recording.value(f"{name}.applied").reshape(len(t), -1) if f"{name}.applied" in layout.fields else None
-    )
-    for i, label in enumerate(series_names(layout, name)):
-        color = COLORS[i % len(COLORS)]
-        if applied is not None:
-            axis.plot(*_thin(t, applied[:, i]), color=color, linewidth=1.3, label=label)
-        axis.plot(
-            *_thin(t, asked[:, i]),
-            ":",
-            color=color,
-            linewidth=1.3,
-            label=None if applied is not None else label,
-        )
-    title = name if applied is None else f"{name}: asked (dotted), applied (full)"
-    _finish(axis, title, layout.fields[name].unit, asked.shape[1])
+def _drawn(plot: Plot, command: bool) -> Callable[[Any, Recording, Times], None]:
+    def paint(axis: Any, recording: Recording, t: Times) -> None:
+        curves = plot.curves(recording.layout, recording.rows)
+        for i, (label, values) in enumerate(curves.items()):
+            plain = {"color": COLORS[i % len(COLORS)], "linewidth": 1.2}
+            plain["linestyle"] = ("-", "--", ":")[i // len(COLORS) % 3]
+            axis.plot(*_thin(t, values), label=label, **(COMMAND_STYLES[label] if command else plain))
+        if command:
+            _limits(axis, recording, plot)
+            axis.margins(y=0.12)
+        _finish(axis, plot.title, plot.unit, len(curves))
+
+    return paint
 
 
-def _curves(
-    axis: Any, t: NDArray[np.float64], title: str, unit: str, lines: dict[str, NDArray[np.float64]]
-) -> None:
-    styles = ("-", "--", ":")
-    for i, (label, values) in enumerate(lines.items()):
-        style = styles[i // len(COLORS) % len(styles)]
-        axis.plot(*_thin(t, values), style, color=COLORS[i % len(COLORS)], linewidth=1.2, label=label)
-    _finish(axis, title, unit, len(lines))
+def _limits(axis: Any, recording: Recording, plot: Plot) -> None:
+    """The guard's limits of a command's element, where the curves come near them."""
+    low, high = axis.get_ylim()
+    name, *rest = plot.lines["asked"].rstrip("]").split("[")
+    limits = (recording.layout.meta.get("limits") or {}).get(name) or {}
+    for key in ("lower", "upper"):
+        values = np.ravel(limits.get(key) or [])
+        index = int(rest[0]) if rest and "," not in rest[0] else 0
+        if index < len(values) and low <= values[index] <= high:
+            axis.axhline(values[index], color="#a02000", linewidth=0.8, linestyle=(0, (6, 4)), label="limit", zorder=1)
 
 
 def _finish(axis: Any, title: str, unit: str, curves: int) -> None:
-    axis.set_title(title, loc="left", fontsize=10)
-    axis.set_ylabel(unit)
+    axis.set_title(title, loc="left", fontsize=9, pad=3)
+    axis.set_ylabel(unit, fontsize=9)
     if curves <= 3 * MOST_CURVES:
-        columns = -(-curves // MOST_CURVES)
-        axis.legend(fontsize=8, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0), ncols=columns)
+        handles, labels = axis.get_legend_handles_labels()
+        once = dict(zip(labels, handles, strict=True))
+        columns = -(-len(once) // MOST_CURVES)
+        axis.legend(
+            once.values(), once.keys(), fontsize=8, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.05),
+            ncols=columns, labelspacing=0.25,
+        )  # fmt: skip
 
 
-def _timing(axis: Any, recording: Recording, t: NDArray[np.float64]) -> None:
-    """Period (wake to wake) and cycle time (wake to the end of writing), us."""
+def _timing(axis: Any, recording: Recording, t: Times) -> None:
+    """Period (wake to wake) and cycle time (wake to the end of writing), ms."""
     wake, write = recording.int("wake"), recording.int("write")
-    if len(t) > 1:
-        axis.plot(*_thin(t[1:], np.diff(wake) / 1e3), color=COLORS[0], linewidth=0.8, label="period")
-    axis.plot(*_thin(t, (write - wake) / 1e3), color=COLORS[1], linewidth=0.8, label="cycle")
+    for name, values, at, color in (
+        ("period", np.diff(wake) / 1e6, t[1:], COLORS[0]),
+        ("cycle", (write - wake) / 1e6, t, COLORS[1]),
+    ):
+        if len(values):
+            p50, p99 = np.percentile(values, [50, 99])
+            label = f"{name}\n p50 {p50:.3g}, p99 {p99:.3g}\n max {values.max():.3g}"
+            axis.plot(*_thin(at, values), color=color, linewidth=0.8, label=label)
     axis.set_yscale("log")
-    _finish(axis, "Loop timing", "us", 2)
+    axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+    axis.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axis.yaxis.set_minor_locator(NullLocator())
+    _finish(axis, "Loop timing: from wake to wake, and from wake to the last write", "ms", 2)
+
+
+def _ages(axis: Any, recording: Recording, t: Times) -> None:
+    """Age of each device's newest sample when the cycle began, ms; nothing while there is none."""
+    now = recording.int("now")
+    for i, device in enumerate(recording.layout.devices):
+        stamp = recording.int(f"{device}.stamp")
+        ages = np.where(stamp < 0, np.nan, (now - stamp) / 1e6)
+        axis.plot(*_thin(t, ages), color=COLORS[i % len(COLORS)], linewidth=0.8, label=device)
+    axis.set_ylim(0, 1.1 * axis.dataLim.ymax if axis.dataLim.ymax > 0 else 1.0)
+    _finish(axis, "Age of the devices' samples", "ms", len(recording.layout.devices))

@@ -45,9 +45,7 @@ def whole(path: Path) -> int:
     with open(path, "rb") as file:
         start = file.read(HEADER)
         if start[:4] != _MAGIC[: len(start)]:
-            raise RecordingError(
-                str(path), "the file isn't a rerun recording", "Give a .rrd file that srl wrote"
-            )
+            raise RecordingError(str(path), "the file isn't a rerun recording", "Give a .rrd file that srl wrote")
         if len(start) < HEADER:
             return 0
         end = HEADER

@@ -88,7 +88,7 @@ def _write(source: Source, part: Path) -> Sum:
         if stream is None:
             stream = Stream(source.text)
             stream.recording.save(part)
-            stream.prologue()
+            stream.prologue(rows[-1])
             stream.recording.flush()
         written.add(sequence, rows)
         stream.rows(sequence, rows)
@@ -96,9 +96,7 @@ def _write(source: Source, part: Path) -> Sum:
         _notes(stream, source, sent, cycle)
         stream.recording.flush()  # bounds what waits in memory
     if stream is None:
-        raise RecordingError(
-            str(part.with_suffix("")), "no row was recorded", "The run ended before its first cycle"
-        )
+        raise RecordingError(str(part.with_suffix("")), "no row was recorded", "The run ended before its first cycle")
     _notes(stream, source, sent, None)
     stream.recording.flush()
     stream.recording.disconnect()  # writes the manifest and closes the file
@@ -107,9 +105,7 @@ def _write(source: Source, part: Path) -> Sum:
 
 def _notes(stream: Stream, source: Source, sent: set[int], cycle: int | None) -> None:
     """Sends the remarks up to `cycle` that weren't sent yet."""
-    new = sorted(
-        n for n, note in source.notes.items() if n not in sent and (cycle is None or note.cycle <= cycle)
-    )
+    new = sorted(n for n, note in source.notes.items() if n not in sent and (cycle is None or note.cycle <= cycle))
     stream.notes(new, [source.notes[n] for n in new])
     sent.update(new)
 

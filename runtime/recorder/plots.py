@@ -1,4 +1,4 @@
-"""Which curves belong together in a picture of a recording: a profile's `record.plots`.
+"""Which curves belong together in a picture of a recording: each element of a command, and a profile's `record.plots`.
 
 A line names a signal ("finger.position"), one row of it ("hand.tips[1]") or one number ("hand.tips[1,2]").
 """
@@ -31,9 +31,7 @@ class Plot(BaseModel):
 
     title: str
     unit: str = Field(description="what the axis says; the values are not converted")
-    lines: dict[str, Reference] = Field(
-        default_factory=dict, description="by its label: a signal or a part of one"
-    )
+    lines: dict[str, Reference] = Field(default_factory=dict, description="by its label: a signal or a part of one")
     distance: dict[str, tuple[Reference, Reference]] = Field(
         default_factory=dict, description="by its label: two points (x, y, z), m, in the same frame"
     )
@@ -69,13 +67,41 @@ class Plot(BaseModel):
         return found
 
 
+def command_plots(layout: Layout) -> list[Plot]:
+    """Each element of each command: asked, applied and, where something tells it, measured.
+
+    A command `finger.position_command` is measured by the device's own `finger.position` or else, in simulation,
+    by the world's `world.finger_position`, if that has the same shape and unit.
+    """
+    found = []
+    for field in layout.fields.values():
+        if field.role != "command":
+            continue
+        stem = field.name.removesuffix("_command")
+        signals = {"asked": field.name, "applied": f"{field.name}.applied"}
+        for name in (stem, f"world.{stem.replace('.', '_')}"):
+            other = layout.fields.get(name)
+            if other is not None and (other.shape, other.unit) == (field.shape, field.unit):
+                signals["measured"] = name
+                break
+        there = {label: name for label, name in signals.items() if name in layout.fields}
+        for index, label in zip(np.ndindex(field.shape), series_names(layout, field.name), strict=True):
+            at = f"[{','.join(map(str, index))}]" if index else ""
+            lines = {what: name + at for what, name in there.items()}
+            found.append(Plot(title=f"{stem} {label}", unit=field.unit, lines=lines))
+    return found
+
+
+def profile_plots(layout: Layout) -> list[Plot]:
+    """The plots the profile asks for."""
+    return [Plot(**p) for p in (layout.meta.get("record") or {}).get("plots", ())]
+
+
 def split(reference: str) -> tuple[str, tuple[int, ...]]:
     """The signal's name and the index of a reference."""
     match = re.match(_REFERENCE, reference)
     if match is None:
-        raise RecordingError(
-            f"'{reference}'", "it isn't a signal", "Write device.signal or device.signal[row]"
-        )
+        raise RecordingError(f"'{reference}'", "it isn't a signal", "Write device.signal or device.signal[row]")
     return match[1], tuple(int(i) for i in match[2].split(",")) if match[2] else ()
 
 
@@ -86,9 +112,7 @@ def pick(layout: Layout, rows: NDArray[np.int64], reference: str, place: str) ->
         raise RecordingError(place, f"the recording has no signal '{name}'", nearest(name, layout.fields))
     shape = layout.fields[name].shape
     if len(index) > len(shape) or any(i >= n for i, n in zip(index, shape, strict=False)):
-        raise RecordingError(
-            place, f"'{reference}': '{name}' is shaped {shape}", "Use indices from 0 within it"
-        )
+        raise RecordingError(place, f"'{reference}': '{name}' is shaped {shape}", "Use indices from 0 within it")
     values = layout.value(rows, name)
     for i in index:
         values = values[:, i]
@@ -111,9 +135,7 @@ def series_names(layout: Layout, name: str) -> list[str]:
         return [name.rsplit(".", 1)[-1]]
     if field.visual == "sphere" and field.shape == (4,):
         return ["x", "y", "z", "radius"]
-    first = (
-        list(field.labels) if len(field.labels) == field.shape[0] else [str(i) for i in range(field.shape[0])]
-    )
+    first = list(field.labels) if len(field.labels) == field.shape[0] else [str(i) for i in range(field.shape[0])]
     if len(field.shape) == 1:
         return first
     inner = field.shape[1:]

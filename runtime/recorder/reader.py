@@ -59,9 +59,7 @@ def read(path: Path) -> Recording:
     elif path.exists():
         recording = _files(path, [path])
     elif folder_of(path).is_dir():
-        raise RecordingError(
-            str(path), "the recording wasn't finished", f"Read its segments: {folder_of(path)}"
-        )
+        raise RecordingError(str(path), "the recording wasn't finished", f"Read its segments: {folder_of(path)}")
     else:
         raise RecordingError(str(path), "there is no such file or folder", "Check the path")
     if not len(recording.rows):
@@ -69,31 +67,24 @@ def read(path: Path) -> Recording:
     return recording
 
 
-def last_recorded(folder: Path, text: str) -> int:
-    """The newest row that is safe in the segments, 0 if none: where a restarted recorder goes on.
+def check_run(folder: Path, text: str) -> None:
+    """Asks whether the newest segment belongs to the run whose layout's JSON is `text`.
 
-    Args:
-        folder: the segments.
-        text: the layout's JSON of the run that is to go on.
     Raises:
-        RecordingError: the segments are of another run.
+        RecordingError: it belongs to another.
     """
     for file in reversed(listed(folder)):
-        source = Source([file])
-        last = max((int(sequence[-1]) for sequence, _ in source.blocks()), default=0)
-        if source.text and source.text != text:
+        found = Source([file]).head()
+        if found and found != text:
             raise RecordingError(str(folder), "the segments of another run are there", "Move them away")
-        if last:
-            return last
-    return 0
+        if found:
+            return
 
 
 def _files(path: Path, files: list[Path]) -> Recording:
     if not files:
         problem = "the folder holds neither segments nor a black box"
-        raise RecordingError(
-            str(path), problem, "Give a .rrd file, its .segments folder or a black box folder"
-        )
+        raise RecordingError(str(path), problem, "Give a .rrd file, its .segments folder or a black box folder")
     source = Source(files)
     blocks = list(source.blocks())
     if source.layout is None:

@@ -5,6 +5,8 @@ Nothing here is read back: the rows are in the columns.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from enum import IntEnum
 from typing import Any
 
 import numpy as np
@@ -14,11 +16,15 @@ from numpy.typing import NDArray
 from runtime.frames import FrameEntry, transform
 from runtime.layout import Cause, Field, Layout, State
 from runtime.recorder.columns import Columns, Words, entity
-from runtime.recorder.plots import Plot, series_names
+from runtime.recorder.plots import Plot, command_plots, profile_plots, series_names
 
 VIEW_RATE = 30.0  # Hz of the loop's clock
 PHASES = ("read", "control", "guard", "write", "log")
-PALETTE = ((86, 180, 233), (230, 159, 0), (0, 158, 115), (204, 121, 167), (240, 228, 66), (213, 94, 0))
+# Okabe and Ito's colours without black, for a dark background.
+PALETTE = ((86, 180, 233), (230, 159, 0), (0, 158, 115), (204, 121, 167), (240, 228, 66), (213, 94, 0), (70, 130, 200))
+# Of a command's plot: asked wide below, applied on it, measured thin on top; where they agree all three show.
+COMMAND_COLORS = {"asked": (130, 130, 130), "applied": (86, 180, 233), "measured": (230, 159, 0)}
+COMMAND_WIDTHS = {"asked": 4.0, "applied": 2.0, "measured": 1.0}
 STATE_COLORS = {
     State.STARTING: (150, 150, 150),
     State.READY: (86, 180, 233),
@@ -27,6 +33,12 @@ STATE_COLORS = {
     State.STOPPED: (213, 94, 0),
     State.ENDED: (90, 90, 90),
 }
+OTHER_STATE = (0, 114, 178)
+# Causes that are no fault stay in the background.
+CAUSE_COLORS = {Cause.NONE: (50, 50, 50), Cause.REQUEST: (90, 90, 90), Cause.END: (90, 90, 90)}
+FAULT = (213, 94, 0)
+JOINT, POINT, LINK, WIRE = 0.003, 0.004, 0.0012, 0.0004  # m, radii in 3D
+AXES = 0.03  # m, of a frame
 ROOT = "tf#/"  # rerun's own name of the frame of "/"
 
 
@@ -37,7 +49,7 @@ class Scene:
         self._columns = columns
         self._layout = layout = columns.layout
         self._frames = {n: FrameEntry(**f) for n, f in layout.meta.get("frames", {}).items()}
-        self._plots = plots(layout)
+        self._plots = [*command_plots(layout), *profile_plots(layout)]
         self._shapes = {f.name: PALETTE[i % len(PALETTE)] for i, f in enumerate(visuals(layout))}
         self._state: dict[str, int] = {}
         self._wake = 0
@@ -52,20 +64,17 @@ class Scene:
             if field.size:
                 suffix = {"command": " asked", "applied": " applied"}.get(field.role, "")
                 names = [name + suffix for name in series_names(self._layout, field.name)]
-                log(entity(field.name), rr.SeriesLines(names=names))
-        log("/loop/timing/period", rr.SeriesLines(names=["period, us"]))
-        log("/loop/timing/cycle", rr.SeriesLines(names=["cycle, us"]))
-        log("/loop/timing/phases", rr.SeriesLines(names=[f"{phase}, us" for phase in PHASES]))
+                log(entity(field.name), lines(names))
+        log("/loop/timing/period", lines(["period"]))
+        log("/loop/timing/cycle", lines(["cycle"], first=1))
+        log("/loop/timing/phases", lines(PHASES))
         if self._layout.devices:
-            log(
-                "/loop/timing/ages",
-                rr.SeriesLines(names=[f"{device}, ms" for device in self._layout.devices]),
-            )
-        colors = [(*STATE_COLORS.get(state, (0, 114, 178)), 255) for state in State]
-        log("/loop/state", rr.StateConfiguration(values=[s.name.lower() for s in State], colors=colors))
+            log("/loop/timing/ages", lines(self._layout.devices))
+        log("/loop/state", _colored(State, STATE_COLORS, OTHER_STATE))
+        log("/loop/cause", _colored(Cause, CAUSE_COLORS, FAULT))
         for plot in self._plots:
             labels = list(plot.curves(self._layout, np.zeros((1, self._layout.width), np.int64)))
-            log(plot_path(plot), rr.SeriesLines(names=labels))
+            log(plot_path(plot), lines(labels))
         for name, frame in self._frames.items():
             T = transform(frame.xyz, frame.rpy)
             child = f"{name} mount" if frame.pose else name
@@ -73,22 +82,28 @@ class Scene:
                 translation=T[:3, 3], mat3x3=T[:3, :3], parent_frame=frame.parent or ROOT, child_frame=child
             )
             log(rr.new_entity_path(["frames", child]), fixed)
+            path = rr.new_entity_path(["axes", name])
+            log(path, rr.CoordinateFrame(name), rr.TransformAxes3D(AXES))
         for field in visuals(self._layout):
             path, color = entity(field.name), self._shapes[field.name]
             if field.frame in self._frames:
                 log(path, rr.CoordinateFrame(field.frame))
             if field.visual == "points":
-                names_shown = list(field.labels) or None
+                linked = bool(field.links)
+                labels = list(field.labels) if linked else [f"{field.name} {label}" for label in field.labels]
                 log(
                     path,
                     rr.Points3D.from_fields(
-                        colors=[color], radii=[0.004], labels=names_shown, show_labels=False
+                        colors=[color], radii=[JOINT if linked else POINT], labels=labels or None, show_labels=False
                     ),
                 )
-                log(path, rr.LineStrips3D.from_fields(colors=[color], radii=[0.0015]))
+                log(path, rr.LineStrips3D.from_fields(colors=[color], radii=[LINK]))
             else:
                 fill = rr.components.FillMode.TransparentFillMajorWireframe
-                log(path, rr.Ellipsoids3D.from_fields(colors=[(*color, 90)], fill_mode=fill))
+                log(
+                    path,
+                    rr.Ellipsoids3D.from_fields(colors=[(*color, 60)], fill_mode=fill, line_radii=[WIRE]),
+                )
 
     def send(self, recording: rr.RecordingStream, rows: Words) -> None:
         """Sends the views of rows (k, width), which follow those of the last call."""
@@ -102,6 +117,8 @@ class Scene:
         bins = np.floor_divide(now, int(1e9 / VIEW_RATE))
         ends = np.append(np.flatnonzero(np.diff(bins)), len(rows) - 1)
         starts = np.append(0, ends[:-1] + 1)
+        if self._wake == 0 and ends[0] > 0:  # the very first row, so that something shows from the start
+            ends, starts = np.append(0, ends), np.insert(starts, 1, 1)
         thin = rows[ends]
         for path, values in self._timing(rows).items():
             largest = np.fmax.reduceat(values, starts, axis=0)
@@ -115,15 +132,15 @@ class Scene:
         self._states(rows, columns)
 
     def _timing(self, rows: Words) -> dict[str, NDArray[np.float64]]:
-        """Durations by entity path, (k, n): us for the loop's, ms for the ages."""
+        """Durations by entity path, (k, n): us for the phases, ms for the others."""
         word = {name: self._layout.word(rows, name) for name in ("now", "wake", *PHASES)}
         before = np.append(self._wake or word["wake"][0], word["wake"][:-1])
         self._wake = int(word["wake"][-1])
         marks = np.stack([word[name] for name in ("wake", "read", "control", "guard", "write")], axis=1)
         phases = np.column_stack([np.diff(marks, axis=1), word["log"]])
         timing = {
-            "/loop/timing/period": (word["wake"] - before)[:, None] / 1e3,
-            "/loop/timing/cycle": (word["write"] - word["wake"])[:, None] / 1e3,
+            "/loop/timing/period": (word["wake"] - before)[:, None] / 1e6,
+            "/loop/timing/cycle": (word["write"] - word["wake"])[:, None] / 1e6,
             "/loop/timing/phases": phases / 1e3,
         }
         if self._layout.devices:
@@ -162,11 +179,6 @@ class Scene:
                 columns(f"/loop/{word}", rows[changed], rr.StateChange.columns(state=texts))
 
 
-def plots(layout: Layout) -> list[Plot]:
-    """The plots the profile asks for."""
-    return [Plot(**p) for p in (layout.meta.get("record") or {}).get("plots", ())]
-
-
 def plot_path(plot: Plot) -> str:
     """The entity that carries a plot's curves."""
     path: str = rr.new_entity_path(["plots", plot.title])
@@ -180,6 +192,21 @@ def visuals(layout: Layout) -> list[Field]:
         for f in layout.fields.values()
         if (f.visual == "points" and f.shape[1:] == (3,)) or (f.visual == "sphere" and f.shape == (4,))
     ]
+
+
+def lines(names: Sequence[str], first: int = 0) -> rr.SeriesLines:
+    """Names and colours of series; the colours begin with the palette's `first`."""
+    if set(names) <= COMMAND_COLORS.keys():
+        return rr.SeriesLines(
+            names=names, colors=[COMMAND_COLORS[n] for n in names], widths=[COMMAND_WIDTHS[n] for n in names]
+        )
+    colors = [PALETTE[(first + i) % len(PALETTE)] for i in range(len(names))]
+    return rr.SeriesLines(names=names, colors=colors, widths=[1.5] * len(names))
+
+
+def _colored(names: type[IntEnum], colors: Mapping[Any, tuple[int, int, int]], other: tuple[int, int, int]) -> Any:
+    values = [n.name.lower() for n in names]
+    return rr.StateConfiguration(values=values, colors=[(*colors.get(n, other), 255) for n in names])
 
 
 def scalars(values: NDArray[np.float64]) -> Any:

@@ -34,9 +34,7 @@ def check_target(target: Path) -> None:
     if target.suffix != ".rrd":
         raise RecordingError(str(target), "the name doesn't end in .rrd", "Name it like run.rrd")
     if target.exists():
-        raise RecordingError(
-            str(target), "a recording is there already", "Move it away or choose another name"
-        )
+        raise RecordingError(str(target), "a recording is there already", "Move it away or choose another name")
     folder = folder_of(target)
     if folder.exists() and any(folder.iterdir()):
         problem = "the segments of an unfinished recording are there already"
@@ -44,9 +42,7 @@ def check_target(target: Path) -> None:
             str(folder), problem, "Move them away (they can be read as they are) or choose another name"
         )
     if not target.parent.is_dir() or not os.access(target.parent, os.W_OK):
-        raise RecordingError(
-            str(target.parent), "the folder can't be written", "Make it, or choose another place"
-        )
+        raise RecordingError(str(target.parent), "the folder can't be written", "Make it, or choose another place")
 
 
 class Segments:

@@ -65,6 +65,14 @@ class Source:
                     last = int(sequence[-1])
                     yield sequence[new], rows[new]
 
+    def head(self) -> str:
+        """The layout's JSON of the first file, without reading its rows; "" if the file was cut before it."""
+        for path, batch in self._chunks(self.files[0]):
+            self._take(self.files[0], path, batch)
+            if self.text:
+                break
+        return self.text
+
     def _chunks(self, file: Path) -> Iterator[Chunk]:
         """The chunks of a file's whole messages, those of the layout first."""
         size, good = file.stat().st_size, whole(file)
@@ -94,19 +102,14 @@ class Source:
             raise RecordingError(str(file), problem, "Read it with the version of srl that wrote it")
         text = column(batch, "layout")[0]
         if self.text and text != self.text:
-            raise RecordingError(
-                str(file), "it belongs to another run than the files before", "Keep runs apart"
-            )
+            raise RecordingError(str(file), "it belongs to another run than the files before", "Keep runs apart")
         if not self.text:
             self.text, self.layout = text, Layout.from_json(text)
         assert self.layout is not None
         self._assembler = Assembler(Columns(self.layout))
 
     def _take_notes(self, batch: pa.RecordBatch) -> None:
-        words = {
-            n: column(batch, n)
-            for n in ("srl.Note:sequence", "srl.Note:time", "TextLog:text", "TextLog:level")
-        }
+        words = {n: column(batch, n) for n in ("srl.Note:sequence", "srl.Note:time", "TextLog:text", "TextLog:level")}
         cycles = batch.column(batch.schema.names.index("cycle")).to_pylist()
         for number, time, text, level, cycle in zip(*words.values(), cycles, strict=True):
             self.notes[number] = Note(time, _LEVELS[level], cycle, text)
@@ -127,9 +130,7 @@ def _ordered(file: Path, shown: Path) -> Iterator[Chunk]:
             warnings.simplefilter("ignore")  # a segment has no manifest at its end, which is as it must be
             reader = rr.chunk.RrdReader(file)
             if not any(store.application_id == APPLICATION for store in reader.recordings()):
-                raise RecordingError(
-                    str(shown), "no run of srl is recorded in it", "Give a .rrd file that srl wrote"
-                )
+                raise RecordingError(str(shown), "no run of srl is recorded in it", "Give a .rrd file that srl wrote")
             stream = reader.stream()
         for chunk in stream:
             path, batch = chunk.entity_path, chunk.to_record_batch()

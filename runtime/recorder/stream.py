@@ -40,22 +40,21 @@ class Stream:
         self._columns = Columns(self.layout)
         self._scene = Scene(self._columns)
         self._newest = np.zeros((1, self.layout.width), np.int64)
-        self.recording = rr.RecordingStream(
-            APPLICATION, recording_id=recording_id(text), send_properties=False
-        )
+        self.recording = rr.RecordingStream(APPLICATION, recording_id=recording_id(text), send_properties=False)
 
-    def prologue(self) -> None:
-        """Sends what stands at the head of every file: layout, profile, names, blueprint."""
+    def prologue(self, row: Words | None, live: bool = False) -> None:
+        """Sends what stands at the head of every file: layout, profile, names, blueprint.
+
+        `row` (width,), if there is one, says where the 3D view looks; `live` makes it follow the newest rows.
+        """
         meta = self.layout.meta
         profile, digest = str(meta.get("profile", "")), str(meta.get("sha256", ""))
         self.recording.send_recording_name(str(meta.get("name", "srl")))
-        self.recording.send_property(
-            PROPERTY, rr.AnyValues(format=FORMAT, layout=self._text, profile_sha256=digest)
-        )
+        self.recording.send_property(PROPERTY, rr.AnyValues(format=FORMAT, layout=self._text, profile_sha256=digest))
         document = rr.TextDocument(f"```yaml\n{profile}\n```\nsha256 {digest}", media_type="text/markdown")
         rr.log("/profile", document, static=True, recording=self.recording, strict=True)
         self._scene.statics(self.recording)
-        self.recording.send_blueprint(blueprint.make(self.layout))
+        self.recording.send_blueprint(blueprint.make(self.layout, row, live))
 
     def rows(self, sequence: Words, rows: Words) -> None:
         """Sends rows (k, width) with their sequence numbers (k,)."""
@@ -76,9 +75,7 @@ class Stream:
             "time": pa.array(np.asarray([n.time for n in notes], np.int64)),
         }
         columns = [
-            rr.ComponentColumn(
-                rr.ComponentDescriptor(name).with_builtin_archetype("srl.Note"), ArrowBatch(array)
-            )
+            rr.ComponentColumn(rr.ComponentDescriptor(name).with_builtin_archetype("srl.Note"), ArrowBatch(array))
             for name, array in exact.items()
         ]
         columns += rr.TextLog.columns(text=[n.text for n in notes], level=[LEVELS[n.level] for n in notes])

@@ -15,6 +15,7 @@ import numpy as np
 from runtime.errors import RecordingError
 from runtime.recorder.columns import Words
 from runtime.recorder.stream import Stream
+from runtime.recorder.tail import Batch
 
 HOST = "127.0.0.1"
 GRPC_PORT, WEB_PORT = 9876, 9090  # rerun's own, where they are free
@@ -30,8 +31,8 @@ class Viewer:
     `rr.serve_grpc` and `rr.serve_web_viewer` aren't used: they listen on every interface.
     """
 
-    def __init__(self, text: str) -> None:
-        """Starts it; `text` is the layout's JSON.
+    def __init__(self, text: str, newest: Words | None) -> None:
+        """Starts it; `text` is the layout's JSON, `newest` a row (width,) if there is one.
 
         Raises:
             RecordingError: it doesn't start.
@@ -49,12 +50,10 @@ class Viewer:
         )
         if not _listens(grpc, 10.0):
             self._process.kill()
-            raise RecordingError(
-                "rerun", "the viewer's server doesn't start", "Try `rerun --serve-web` by hand"
-            )
+            raise RecordingError("rerun", "the viewer's server doesn't start", "Try `rerun --serve-web` by hand")
         self._stream = Stream(text)
         self._stream.recording.connect_grpc(f"rerun+http://{HOST}:{grpc}/proxy")
-        self._stream.prologue()
+        self._stream.prologue(newest, live=True)
         self._period = int(1e9 / RATE)
         self._bin = -1
 
@@ -63,20 +62,19 @@ class Viewer:
         """False once its server has ended."""
         return self._process.poll() is None
 
-    def rows(self, sequence: Words, rows: Words) -> None:
-        """Shows the first row of each 1/RATE s."""
-        bins = self._stream.layout.word(rows, "now") // self._period
-        keep = bins != np.append(self._bin, bins[:-1])
-        self._bin = int(bins[-1])
-        self._stream.rows(sequence[keep], rows[keep])
-
-    @property
-    def stream(self) -> Stream:
-        """For remarks."""
-        return self._stream
+    def show(self, batch: Batch) -> None:
+        """Shows the first row of each 1/RATE s, and all remarks."""
+        if len(batch.rows):
+            bins = self._stream.layout.word(batch.rows, "now") // self._period
+            keep = bins != np.append(self._bin, bins[:-1])
+            self._bin = int(bins[-1])
+            self._stream.rows(batch.sequence[keep], batch.rows[keep])
+        self._stream.notes(batch.numbers, batch.notes)
 
     def close(self) -> None:
-        """Ends the server."""
+        """Ends the server, once it has what was sent."""
+        if self.alive:
+            self._stream.recording.disconnect()
         self._process.terminate()
         try:
             self._process.wait(5.0)
@@ -89,9 +87,7 @@ def _executable() -> str:
     spec = find_spec("rerun_cli")
     path = Path(spec.origin).parent / "rerun" if spec is not None and spec.origin else None
     if path is None or not path.exists():
-        raise RecordingError(
-            "rerun", f"its viewer isn't installed beside {sys.executable}", "Install rerun-sdk anew"
-        )
+        raise RecordingError("rerun", f"its viewer isn't installed beside {sys.executable}", "Install rerun-sdk anew")
     return str(path)
 
 

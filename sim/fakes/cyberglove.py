@@ -18,9 +18,10 @@ from runtime.errors import DeviceLostError
 from runtime.signals import Array, Stop
 from runtime.world import Fake, FakeConfig, World
 from sim.fakes.windows import Windows, inside, refuse_while_gone, require, rising
-from sim.wearer.joints import to_glove
+from sim.wearer.joints import GLOVE_OF_HAND
 
 _CATCH_UP: Final = 100  # samples counted at most in one read
+_BLOCK: Final = 128  # samples whose random numbers are drawn at once
 _LOOK_BACK: Final = 10  # samples; more than drop out one after another
 
 
@@ -74,14 +75,14 @@ class FakeCyberGlove(Fake):
         self.states = CyberGlove(name, config).states
         self.hand: Hand = require(world, "hand_position", name)
         self._config, self._options = config, options
-        self._columns = np.array([LABELS_22.index(label) for label in LABELS[config.sensors]])
-        self._period = Fraction(10**9) / Fraction(options.rate).limit_denominator(10**6)  # ns
+        self._of_hand = GLOVE_OF_HAND[[LABELS_22.index(label) for label in LABELS[config.sensors]]]
         self._delay = round(options.delay * 1e9)
-        self._bits = np.random.Philox(np.random.SeedSequence([world.seed, zlib.crc32(name.encode())]))
-        self._stream = self._bits.state
-        self._rng = np.random.Generator(self._bits)
+        self.set_period(Fraction(10**9) / Fraction(options.rate).limit_denominator(10**6))
+        self._key = [world.seed, zlib.crc32(name.encode())]
+        self._block = -1
+        self._luck: list[float] = []
+        self._noise = np.empty((0, 0))
         self._calibration: calibration.Calibration | None = None
-        self._last = -1  # newest sample counted
         self._opened = False
 
     def open(self) -> None:
@@ -115,7 +116,7 @@ class FakeCyberGlove(Fake):
             return
         angles, taken = self._measured(arrived), self.taken_at(arrived)
         if self._options.quantise:
-            self.calibration().angles(self.raw(angles).tobytes(), self.state_arrays["position"])
+            self.calibration().quantise(angles, self.state_arrays["position"])
         else:
             self.state_arrays["position"][:] = angles
         self.state_arrays["buttons"][0] = self.switch(taken)
@@ -134,21 +135,21 @@ class FakeCyberGlove(Fake):
 
     def newest(self) -> int:
         """The number of the newest sample that has arrived by now, -1 before the first."""
-        return (self.world.time - self._delay) * self._period.denominator // self._period.numerator
+        return (self.world.time - self._delay) * self._per // self._ns
 
     @property
     def period(self) -> Fraction:
         """ns of world time between samples."""
-        return self._period
+        return Fraction(self._ns, self._per)
 
     def set_period(self, period: Fraction) -> None:
         """Takes samples at whole multiples of `period` (ns) from now on, as the glove's command T says."""
-        self._period = period
-        self._last = self.newest()
+        self._ns, self._per = period.as_integer_ratio()
+        self._last = self.newest()  # newest sample counted
 
     def taken_at(self, number: int) -> int:
         """ns of world time at which a sample is taken."""
-        return number * self._period.numerator // self._period.denominator
+        return number * self._ns // self._per
 
     def sample(self, number: int) -> Array | None:
         """The sensors' angles (n,), rad, with noise; None if the sample got lost. At most 0.6 s old."""
@@ -173,24 +174,26 @@ class FakeCyberGlove(Fake):
             self._calibration = calibration.load(path, sensors) if path else calibration.default(sensors)
         return self._calibration
 
-    # -- a sample's chances
-
     def _is_lost(self, number: int) -> bool:
-        return self._options.dropout > 0.0 and self._draws(number, 0).random() < self._options.dropout
+        dropout = self._options.dropout
+        return dropout > 0.0 and self._drawn(number)[0] < dropout
 
     def _measured(self, number: int) -> Array:
         """(n,) rad, with noise."""
-        angles = to_glove(self.hand.hand_position(self.taken_at(number))).take(self._columns)
+        angles = self._of_hand.dot(self.hand.hand_position(self.taken_at(number)))
         if self._options.noise:
-            angles += self._draws(number, 1).standard_normal(angles.size) * self._options.noise
+            angles += self._drawn(number)[1]
         return angles
 
-    def _draws(self, number: int, purpose: int) -> np.random.Generator:
-        """Random numbers of one sample and purpose.
+    def _drawn(self, number: int) -> tuple[float, Array]:
+        """What chance does to a sample: a number from 0 to 1 that decides on its loss, and noise (n,), rad.
 
-        A counter-based generator (Salmon et al., SC 2011) goes to any of them without the ones before. Its
-        counter's lowest word counts draws, so no two samples or purposes share any.
+        A generator of its own for each sample would cost more than all else the glove does.
         """
-        self._stream["state"]["counter"][:] = 0, number, purpose, 0
-        self._bits.state = self._stream
-        return self._rng
+        block, row = divmod(number, _BLOCK)
+        if block != self._block:
+            rng = np.random.default_rng([*self._key, block])
+            self._luck = rng.random(_BLOCK).tolist()
+            self._noise = rng.normal(0.0, self._options.noise, (_BLOCK, len(self._of_hand)))
+            self._block = block
+        return self._luck[row], self._noise[row]

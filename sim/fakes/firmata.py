@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from fractions import Fraction
 from typing import Annotated, Final, Protocol
 
@@ -25,7 +26,7 @@ class Servos(Protocol):
 
     time: int
 
-    def set_servo(self, servo: int, target: float | None, at: int = 0) -> None: ...
+    def set_servos(self, targets: Mapping[int, float | None], at: int = 0) -> None: ...
 
     def servo_targets(self) -> Array: ...
 
@@ -74,11 +75,12 @@ class FakeFirmata(Fake):
             real.limits,
             real.home,
         )
-        self.servos: Servos = require(world, "set_servo", name)
+        self.servos: Servos = require(world, "set_servos", name)
         self._options = options
         self._calibrations = real.calibrations
         self._joints, self._buttons = tuple(config.servos), tuple(config.buttons)
         n = len(self._joints)
+        self._first = options.first
         there = self.servos.servo_targets().size - options.first
         if n > there:
             raise WiringError(
@@ -128,14 +130,15 @@ class FakeFirmata(Fake):
         self._check()
         if not self.commands:
             return
+        targets: dict[int, float | None] = {}
         for i, angle in enumerate(self.command_arrays[COMMAND].tolist()):
             if not math.isfinite(angle):
                 continue
             calibration = self._calibrations[i]
-            pulse = calibration.pulse(angle)
             if self._pulses[i] is None:
-                self.attach(i, calibration.shortest, calibration.longest)
-            self.set_pulse(i, pulse)
+                self._bounds[i] = (calibration.shortest, calibration.longest)
+            targets[self._first + i] = self._angle(i, calibration.pulse(angle))
+        self._send(targets)
 
     def stop(self, category: Stop) -> None:
         """LIMP detaches the servos; any other category leaves them their last pulse."""
@@ -160,15 +163,13 @@ class FakeFirmata(Fake):
 
     def set_pulse(self, joint: int, us: int) -> None:
         """Sets the pulse width of an attached servo; it takes effect `delay` later, at the next pulse."""
-        low, high = self._bounds[joint]
-        self._pulses[joint] = self._widths[joint] = pulse = min(max(us, low), high)
-        self._send(joint, self._calibrations[joint].angle(pulse))
+        self._send({self._first + joint: self._angle(joint, us)})
 
     def detach(self, joint: int) -> None:
         """Ends a servo's pulses, which leaves it limp."""
         if self._pulses[joint] is not None:
             self._pulses[joint] = None
-            self._send(joint, None)
+            self._send({self._first + joint: None})
 
     def reset(self) -> None:
         """The board starts anew: its servos are detached and their last widths forgotten."""
@@ -180,10 +181,18 @@ class FakeFirmata(Fake):
         """Whether a button is pressed now; not debounced, which is the driver's work."""
         return inside(self._options.presses.get(self._buttons[number], ()), self.world.time)
 
-    def _send(self, joint: int, target: float | None) -> None:
+    def _angle(self, joint: int, us: int) -> float:
+        """The angle (rad) that a servo's new pulse width means, clipped to the servo's bounds."""
+        low, high = self._bounds[joint]
+        pulse = low if us < low else high if us > high else us
+        self._pulses[joint] = self._widths[joint] = pulse
+        return self._calibrations[joint].angle(pulse)
+
+    def _send(self, targets: Mapping[int, float | None]) -> None:
+        """Targets by the world's number of the servo, from the next pulse after the delay on."""
         ns, per = self._frame
         frame = -(-(self.world.time + self._delay) * per // ns)
-        self.servos.set_servo(self._options.first + joint, target, frame * ns // per)
+        self.servos.set_servos(targets, frame * ns // per)
 
     def _check(self) -> None:
         if not self.health.connected or inside(self._options.loss, self.world.time):

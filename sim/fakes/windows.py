@@ -21,10 +21,7 @@ def rising(windows: Windows) -> Windows:
 
 def inside(windows: Windows, at: int) -> bool:
     """Whether `at` (ns) lies in one of the windows (s)."""
-    for start, end in windows:  # a loop, as `any` costs three times as much on the usual empty list
-        if start <= at * 1e-9 < end:
-            return True
-    return False
+    return bool(windows) and any(start <= at * 1e-9 < end for start, end in windows)
 
 
 def refuse_while_gone(name: str, loss: Windows, at: int) -> None:

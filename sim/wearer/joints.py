@@ -103,17 +103,23 @@ def _numbered(names: Sequence[str]) -> list[str]:
     return [number.get(name, name) for name in names]
 
 
-# Where the model has the joint that each of the 22 sensors measures; the last three measure none of them.
-_MEASURED: Final = np.array([1, 2, 3, 0, 5, 6, 7, 9, 10, 11, 4, 13, 14, 15, 8, 17, 18, 19, 12, 0, 0, 0])
+def _glove_of_hand() -> Array:
+    thumb, index, middle, ring, little = np.eye(20).reshape(5, 4, 20)
+    s = np.zeros((22, 20))
+    s[0], s[1], s[2], s[3] = thumb[1], thumb[2], thumb[3], thumb[0]
+    s[4:7], s[7:10], s[11:14], s[15:18] = index[1:], middle[1:], ring[1:], little[1:]
+    s[10], s[14], s[18] = index[0] - middle[0], middle[0] - ring[0], ring[0] - little[0]
+    return s
+
+
+GLOVE_OF_HAND: Final = _glove_of_hand()
+"""(22, 20): the sensors' angles from those of the hand's joints, the inverse of the glove's scheme.
+
+Abduction sensors measure how far neighbours are apart; palm arch and wrist, which the model doesn't have,
+stay at zero.
+"""
 
 
 def to_glove(position: Array) -> Array:
-    """The 22 sensors' angles (22,), rad, that a hand's joints (20,), rad, bring about.
-
-    The inverse of the glove's scheme. Abduction sensors measure how far neighbours are apart; palm arch and
-    wrist, which the model doesn't have, stay at zero.
-    """
-    s = position.take(_MEASURED)
-    s[10:19:4] -= position[8:17:4]  # the neighbour's abduction
-    s[19:] = 0.0
-    return s
+    """The 22 sensors' angles (22,), rad, that a hand's joints (20,), rad, bring about."""
+    return GLOVE_OF_HAND @ position

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from typing import Final, Protocol
+from typing import Final, Protocol, TypeVar
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from runtime.signals import Array
 from sim.hand import RANGES
 
 BLEND: Final = 0.5  # s, from the end of one stretch of a recording to the beginning of the next
+Number = TypeVar("Number", float, Array)
 _RATE: Final = 100.0  # Hz of blends
 _LOWER, _UPPER = np.ascontiguousarray(RANGES.T)
 
@@ -103,5 +104,9 @@ def join(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
 
 def minimum_jerk(s: Array) -> Array:
     """How far a reaching movement has come at the fraction s of its time (Flash and Hogan 1985)."""
-    s = np.minimum(np.maximum(s, 0.0), 1.0)
+    return quintic(np.minimum(np.maximum(s, 0.0), 1.0))
+
+
+def quintic(s: Number) -> Number:
+    """The minimum-jerk polynomial, for s from 0 to 1."""
     return s * s * s * (10.0 + s * (6.0 * s - 15.0))

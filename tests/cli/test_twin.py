@@ -70,7 +70,7 @@ def test_both_devices_with_faults_and_log(tmp_path: Path):
 
 def test_ends_by_itself_and_prints_a_line_to_paste():
     done = subprocess.run(
-        [sys.executable, *"-m runtime twin sixth-finger glove --duration 0.1 --set rate=50".split()],
+        [sys.executable, "-m", "runtime", "twin", "sixth-finger", "glove", "--duration", "0.1", "--set", "rate=50"],
         capture_output=True, text=True, cwd=ROOT, timeout=60, check=True,
     )  # fmt: skip
     address, line = done.stdout.splitlines()

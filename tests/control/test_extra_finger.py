@@ -19,13 +19,29 @@ from runtime.signals import Array
 REST = np.zeros(3)
 
 
-def finger(**options: object) -> FingerKinematics:
-    return FingerKinematics(ExtraFinger(**options), 0.01)
+class Finger:
+    """FingerKinematics in arrays, at the posture of the last `tip`."""
+
+    def __init__(self, **options: object) -> None:
+        description = ExtraFinger(**options)
+        self.lower, self.upper = np.array(description.lower), np.array(description.upper)
+        self.middle = 0.5 * (self.lower + self.upper)
+        self.kinematics = FingerKinematics(description, 0.01)
+
+    def tip(self, q: Array) -> Array:
+        return np.array(self.kinematics.chain.forward(q.tolist()))
+
+    def jacobian(self) -> Array:
+        return np.array(self.kinematics.chain.jacobian()).T
+
+    def follow(self, q: Array, dp: Array, v: Array, pull: float) -> tuple[Array, Array]:
+        dq, rate = self.kinematics.follow(q.tolist(), tuple(dp), tuple(v), pull)
+        return np.array(dq), np.array(rate)
 
 
 def test_small_steps_reach_and_leave_the_tip_to_the_null_space() -> None:
-    kinematics, dp = finger(), np.array([2e-6, -1e-6, 3e-6])
-    start = kinematics.tip(HOME).copy()
+    kinematics, dp = Finger(), np.array([2e-6, -1e-6, 3e-6])
+    start = kinematics.tip(HOME)
     dq, rate = kinematics.follow(HOME, dp, 7.0 * dp, 0.0)
     np.testing.assert_allclose(kinematics.tip(HOME + dq) - start, dp, atol=1e-9)
     np.testing.assert_allclose(rate, 7.0 * dq, rtol=1e-9)
@@ -39,7 +55,7 @@ def test_small_steps_reach_and_leave_the_tip_to_the_null_space() -> None:
 @given(arrays(float, 4, elements=st.floats(-1, 1)), arrays(float, 3, elements=st.floats(-1, 1)))
 def test_any_posture_and_target_stay_bounded_and_within_limits(where: Array, target: Array) -> None:
     """Singular postures (straight, folded) and targets out of reach among them."""
-    kinematics = finger()
+    kinematics = Finger()
     q = kinematics.middle + where * (kinematics.upper - kinematics.lower) / 2
     for _ in range(30):
         ahead = target - kinematics.tip(q)
@@ -52,7 +68,7 @@ def test_any_posture_and_target_stay_bounded_and_within_limits(where: Array, tar
 
 
 def test_out_of_reach_it_stretches_toward_the_target_and_rests() -> None:
-    kinematics, q, target = finger(), HOME.copy(), np.array([0.0, 0.2, -0.4])
+    kinematics, q, target = Finger(), HOME.copy(), np.array([0.0, 0.2, -0.4])
     for _ in range(400):
         ahead = target - kinematics.tip(q)
         dq, _ = kinematics.follow(q, ahead * 0.03 / np.linalg.norm(ahead), REST, 0.0)
@@ -64,8 +80,8 @@ def test_out_of_reach_it_stretches_toward_the_target_and_rests() -> None:
 
 
 def test_when_a_joint_is_at_its_limit_the_others_take_over() -> None:
-    kinematics = finger(upper=(pi / 3, np.deg2rad(40.0), pi / 2, pi / 2))
-    start = kinematics.tip(HOME).copy()
+    kinematics = Finger(upper=(pi / 3, np.deg2rad(40.0), pi / 2, pi / 2))
+    start = kinematics.tip(HOME)
     for dp in ([0.0, 1e-4, 1e-4], [0.0, 1e-4, -1e-4], [0.0, -1e-4, 1e-4], [0.0, -1e-4, -1e-4]):
         q = HOME
         for _ in range(60):
@@ -75,10 +91,10 @@ def test_when_a_joint_is_at_its_limit_the_others_take_over() -> None:
 
 
 def test_a_joint_at_its_limit_has_no_rate_beyond() -> None:
-    kinematics = finger()
+    kinematics = Finger()
     q = np.array([0.0, 0.3, 0.3, pi / 2])
     kinematics.tip(q)
-    J = kinematics._chains.jacobian()[0, :3]
+    J = kinematics.jacobian()
     outward = J @ np.array([0.0, 0.0, 0.0, 1e-3])
     dq, rate = kinematics.follow(q, outward, outward, 0.0)
     assert dq[3] <= 0.0
@@ -87,10 +103,10 @@ def test_a_joint_at_its_limit_has_no_rate_beyond() -> None:
 
 @pytest.mark.parametrize("n", [1, 2, 3, 5, 7])
 def test_any_number_of_joints(n: int) -> None:
-    kinematics = finger(rows=((0.5, 0.03),) * n, lower=(-1.5,) * n, upper=(1.5,) * n)
+    kinematics = Finger(rows=((0.5, 0.03),) * n, lower=(-1.5,) * n, upper=(1.5,) * n)
     q = np.full(n, 0.3)
-    start = kinematics.tip(q).copy()
-    reachable = kinematics._chains.jacobian()[0, :3] @ np.full(n, 1e-5)
+    start = kinematics.tip(q)
+    reachable = kinematics.jacobian() @ np.full(n, 1e-5)
     for _ in range(50):
         dq, _ = kinematics.follow(q, start + reachable - kinematics.tip(q), REST, 0.0)
         q = q + dq

@@ -4,14 +4,25 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers_control import FIST, HOME, RELAXED, adroit_hand, bound, glove, hand_tips, mapping, step
+from helpers_control import (
+    FIST,
+    HOME,
+    RELAXED,
+    adroit_hand,
+    bound,
+    finger_tip,
+    glove,
+    hand_tips,
+    mapping,
+    step,
+)
 from helpers_shared import shared
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from runtime.control.extra_finger import ExtraFinger, FingerKinematics
+from runtime.control.extra_finger import ExtraFinger
 from runtime.control.human_hand import FINGERS
 from runtime.control.object_mapping import ObjectMapping, ObjectMappingConfig
 from runtime.errors import ProfileError
@@ -24,10 +35,6 @@ PARTIAL = ("middle", "ring", "little")
 def closing(u: float) -> Array:
     """Fingertips from relaxed (0) to a fist (1)."""
     return hand_tips(RELAXED + u * (FIST - RELAXED))
-
-
-def tip_of(q: Array) -> Array:
-    return FingerKinematics(ExtraFinger(), 0.01).tip(q).copy()
 
 
 def test_first_output_and_a_still_hand_are_the_applied() -> None:
@@ -63,7 +70,7 @@ def test_documented_shapes_are_true() -> None:
 @settings(max_examples=40)
 def test_the_robotic_tip_follows_the_objects_motion(w: Array, kind: str) -> None:
     """In 20 steps, with the default drift pull and damping: target exact, joints to their linearisation."""
-    controller, start, centre = mapping(TIPS), tip_of(HOME), TIPS.mean(axis=0)
+    controller, start, centre = mapping(TIPS), finger_tip(HOME), TIPS.mean(axis=0)
     for u in np.linspace(0.05, 1.0, 20):
         R = Rotation.from_rotvec(0.1 * u * w).as_matrix() if kind == "turn" else np.eye(3)
         s = 1.0 + 0.05 * u * w[0] if kind == "scale" else 1.0
@@ -75,15 +82,15 @@ def test_the_robotic_tip_follows_the_objects_motion(w: Array, kind: str) -> None
         step(controller, transform(TIPS))
         np.testing.assert_allclose(controller.output["target"][0], transform(start), atol=1e-9)
     q = [step(controller, transform(TIPS)) for _ in range(20)][-1]
-    np.testing.assert_allclose(tip_of(q), transform(start), atol=1e-6)
+    np.testing.assert_allclose(finger_tip(q), transform(start), atol=1e-6)
 
 
 def test_a_closing_hand_closes_the_finger_and_opening_returns_it() -> None:
     controller = mapping(TIPS)
-    distance = [np.linalg.norm(tip_of(HOME) - TIPS, axis=1)]
+    distance = [np.linalg.norm(finger_tip(HOME) - TIPS, axis=1)]
     for u in (1 - np.cos(np.linspace(0, 2 * np.pi, 300))) / 2:
         q = step(controller, closing(0.7 * u))
-        distance.append(np.linalg.norm(tip_of(q) - closing(0.7 * u), axis=1))
+        distance.append(np.linalg.norm(finger_tip(q) - closing(0.7 * u), axis=1))
     mean = np.mean(distance, axis=1)
     assert mean[150] < 0.75 * mean[0]
     assert mean[-1] == pytest.approx(mean[0], abs=0.005)
@@ -110,10 +117,10 @@ def test_motion_held_back_by_the_guard_is_made_up_for(speed: float) -> None:
         before = slow.applied["q"].copy()
         slow.input["tips"][:] = closing(u)
         slow.update(0.01)
-        ahead = np.linalg.norm(slow.output["target"][0] - tip_of(before))
+        ahead = np.linalg.norm(slow.output["target"][0] - finger_tip(before))
         assert ahead <= slow._leash + 1e-12
         slow.applied["q"][:] = before + np.clip(slow.output["q"] - before, -speed * 0.01, speed * 0.01)
-    np.testing.assert_allclose(tip_of(slow.applied["q"]), tip_of(expected), atol=1e-4)
+    np.testing.assert_allclose(finger_tip(slow.applied["q"]), finger_tip(expected), atol=1e-4)
 
 
 def test_a_blocked_finger_does_not_wind_up() -> None:
@@ -121,7 +128,7 @@ def test_a_blocked_finger_does_not_wind_up() -> None:
     for u in np.linspace(0.0, 0.8, 200):
         controller.input["tips"][:] = closing(u)
         controller.update(0.01)  # applied stays at home
-        assert np.linalg.norm(controller.output["target"][0] - tip_of(HOME)) <= 0.03 + 1e-12
+        assert np.linalg.norm(controller.output["target"][0] - finger_tip(HOME)) <= 0.03 + 1e-12
         assert np.abs(controller.output["q"] - HOME).max() < 1.5
     assert controller.figures()["leashed"] > 50
 
@@ -258,7 +265,7 @@ def test_recorded_hands_drive_the_finger() -> None:
     assert np.all(np.isfinite(steps))
     assert np.ptp(steps, axis=0).max() > 0.3  # it does follow
     figures = controller.figures()
-    assert figures["nearest_to_thumb_m"] < np.linalg.norm(tip_of(HOME) - hand_tips(np.zeros(20))[0])
+    assert figures["nearest_to_thumb_m"] < np.linalg.norm(finger_tip(HOME) - hand_tips(np.zeros(20))[0])
 
 
 @pytest.mark.parametrize(

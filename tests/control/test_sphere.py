@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from runtime.control.sphere import minimum_sphere
+from runtime.control.sphere import MinimumSphere, minimum_sphere
 from runtime.signals import Array
 
 
@@ -76,3 +76,29 @@ def test_order_does_not_matter_and_runs_repeat() -> None:
     sphere = minimum_sphere(points)
     assert minimum_sphere(points.copy()) == sphere
     np.testing.assert_allclose(minimum_sphere(points[::-1]), sphere, rtol=1e-9)
+
+
+def test_points_that_move_on_have_the_same_sphere_as_afresh() -> None:
+    """The support of the last call is tried; it changes on the way, and points may coincide or jump."""
+    rng, moving = np.random.default_rng(4), MinimumSphere()
+    points, kept, supports = rng.normal(size=(6, 3)), 0, []
+    for k in range(1500):
+        points = points + rng.choice([0.0, 1e-6, 0.02, 0.5], p=[0.1, 0.3, 0.58, 0.02]) * rng.normal(
+            size=(6, 3)
+        )
+        if k % 100 == 0:
+            points[1] = points[0]
+        found = moving.around(points.tolist())
+        np.testing.assert_allclose(found, minimum_sphere(points), rtol=0, atol=1e-8 * found[3])
+        supports.append(list(moving._support))
+        kept += k > 0 and supports[-1] == supports[-2]
+    assert 500 < kept < 1499
+    assert {len(s) for s in supports} == {2, 3, 4}
+
+
+def test_reset_forgets_the_support() -> None:
+    used, fresh = MinimumSphere(), MinimumSphere()
+    used.around([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.1, 0.2, 0.0]])
+    used.reset()
+    cloud = [[0.0, 0.0, 0.0], [0.2, 0.9, 0.1], [1.0, 0.0, 0.0]]
+    assert used.around(cloud) == fresh.around(cloud)

@@ -4,19 +4,25 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers_control import FIST, HOME, RELAXED, hand_tips
+from helpers_control import FIST, HOME, RELAXED, finger_tip, hand_tips
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from runtime.control.extra_finger import ExtraFinger, FingerKinematics
 from runtime.control.sphere import minimum_sphere
-from runtime.control.virtual_object import Deformation, Psi, VirtualObject, similarity
+from runtime.control.virtual_object import (
+    Deformation,
+    Psi,
+    Similarity,
+    VirtualObject,
+    _any_rotation,
+    _firm_rotation,
+)
 from runtime.signals import Array
 
 ISOTROPIC = VirtualObject(Deformation.ISOTROPIC, Psi.NONE, 4.0)
-ROBOT = FingerKinematics(ExtraFinger(), 0.01).tip(HOME)[None].copy()
+ROBOT = finger_tip(HOME)[None]
 TIPS = hand_tips(RELAXED)
 
 direction = arrays(float, 3, elements=st.floats(-1, 1))
@@ -160,10 +166,51 @@ def test_a_nearly_straight_set_is_damped_continuously() -> None:
     assert turns[-1] < 0.01 * max(turns)
 
 
+@pytest.mark.parametrize("deformation", [Deformation.ISOTROPIC, Deformation.RIGID])
+def test_the_closed_form_is_the_general_solution(deformation: Deformation) -> None:
+    """One and two robotic tips, gain limits that damp some of the steps; steps beyond the bound, too."""
+    rng, closed = np.random.default_rng(9), 0
+    for k in range(600):
+        model = VirtualObject(deformation, Psi.NONE, [1.5, 4.0, np.inf][k % 3])
+        before = TIPS[: rng.integers(3, 6)] + 0.01 * rng.normal(size=3)
+        dp = rng.choice([1e-5, 1e-2, 1.0]) * rng.normal(size=before.shape)
+        tips = ROBOT + 0.03 * rng.normal(size=(rng.integers(1, 3), 3))
+        mid = before + 0.5 * dp
+        c, v = mid.mean(axis=0), dp.mean(axis=0)
+        fast = model._move_similarly(mid - c, dp, c.tolist(), v.tolist(), tips)
+        general = model._move_generally(mid, dp, c, v, tips, np.zeros(4))
+        if fast is not None:
+            closed += 1
+            np.testing.assert_allclose(fast, general, rtol=1e-9, atol=1e-13)
+    assert 200 < closed < 550
+
+
+def test_the_closed_rotation_is_the_quaternions() -> None:
+    """Planar, mirrored and general K; the closed form declines only where the turn is hardly held."""
+    rng, declined = np.random.default_rng(10), 0
+    for _ in range(500):
+        s = (
+            np.sort(rng.uniform(0, 1, 3))[::-1]
+            * [1, 1, rng.choice([-1, 0, 1e-6, 1])]
+            * 10.0 ** rng.uniform(-5, 0)
+        )
+        U, V = Rotation.random(2, random_state=rng).as_matrix()
+        K = U @ np.diag(s) @ V.T
+        found = _firm_rotation(K)
+        if found is None:
+            declined += 1
+            assert s[1] + s[2] < 0.75 * s[0] or s[2] < 0
+            continue
+        np.testing.assert_allclose(found[0], U @ V.T, atol=1e-13)
+        assert found[1] == pytest.approx(s.sum(), rel=1e-13)
+        np.testing.assert_allclose(_any_rotation(K)[0], found[0], atol=1e-9)
+    assert declined < 250
+
+
 @given(direction, direction, st.floats(0.5, 2.0))
 def test_similarity_is_exact_and_agrees_with_scipy(shift: Array, turn: Array, scale: float) -> None:
     R = Rotation.from_rotvec(2.0 * turn)
-    result = similarity(TIPS, scale * R.apply(TIPS) + shift, ROBOT, rigid=False)
+    result = Similarity(TIPS, rigid=False).carry(scale * R.apply(TIPS) + shift, ROBOT)
     np.testing.assert_allclose(result, scale * R.apply(ROBOT) + shift, atol=1e-9)
 
 
@@ -174,7 +221,7 @@ def test_similarity_of_unlike_hands_is_the_least_squares_one() -> None:
         R, _ = Rotation.align_vectors(b - b.mean(axis=0), TIPS - TIPS.mean(axis=0))
         rotated = R.apply(ROBOT - TIPS.mean(axis=0))
         np.testing.assert_allclose(
-            similarity(TIPS, b, ROBOT, rigid=True), b.mean(axis=0) + rotated, atol=1e-7
+            Similarity(TIPS, rigid=True).carry(b, ROBOT), b.mean(axis=0) + rotated, atol=1e-7
         )
 
 
@@ -184,5 +231,7 @@ def test_similarity_of_straight_sets_does_not_flip() -> None:
     def bent(height: float) -> Array:
         return np.array([[-0.02, 0.1, -0.02], [0.0, 0.1 + height, -0.02], [0.02, 0.1, -0.02]])
 
-    ways = [similarity(bent(0.004), bent(h), ROBOT, rigid=False)[0] for h in np.linspace(0.008, -0.008, 400)]
+    ways = [
+        Similarity(bent(0.004), rigid=False).carry(bent(h), ROBOT)[0] for h in np.linspace(0.008, -0.008, 400)
+    ]
     assert np.linalg.norm(np.diff(ways, axis=0), axis=1).max() < 0.005

@@ -87,6 +87,17 @@ def test_angles_out_of_the_gloves_reach_give_its_end_bytes():
     assert set(usual.raw(np.full(22, -9.0))) == {1, 255}
 
 
+@given(st.sampled_from([18, 22]), st.data())
+def test_quantised_angles_are_those_of_the_nearest_bytes(sensors, data):
+    usual = calibration.default(sensors)
+    wanted = np.array(data.draw(st.lists(st.floats(-20, 20), min_size=sensors, max_size=sensors)))
+    raw, quantised = usual.raw(wanted), np.empty(sensors)
+    usual.quantise(wanted, quantised)
+    np.testing.assert_array_equal(quantised, angles(usual, raw.tobytes()))
+    off = np.abs(usual.table[:, 1:] - wanted[:, None])
+    np.testing.assert_allclose(np.abs(quantised - wanted), off.min(axis=1), rtol=1e-12, atol=1e-12)
+
+
 # -- the vendor's file
 
 

@@ -131,6 +131,24 @@ def test_the_same_seed_gives_the_same_bits_at_any_loop_rate_and_after_a_restore(
     np.testing.assert_array_equal(stamps, stamps_again)
 
 
+@pytest.mark.parametrize("seconds", [1.2, 1.4, 2.7])
+def test_noise_is_the_samples_own_whatever_was_asked_for_before(seconds):
+    w = world(wearer={"period": 1000.0})
+    forward, backward = (glove(w, delay=0.0, noise=0.01) for _ in range(2))
+    w.advance(round(seconds * 1e9))
+    numbers = range(forward.newest() - 30, forward.newest() + 1)
+    rows = [forward.sample(number) for number in numbers]
+    np.testing.assert_array_equal(rows, [backward.sample(number) for number in numbers[::-1]][::-1])
+    assert len({row[5] for row in rows}) == len(rows)
+
+
+def test_nothing_is_lost_before_the_first_sample():
+    w = world()
+    fake = glove(w)
+    fake.read(0)
+    assert (fake.health.frames, fake.health.errors, fake.health.stamp) == (0, 0, -1)
+
+
 def test_drop_outs_are_counted_and_leave_the_last_sample():
     w = world()
     fake = glove(w, dropout=0.3, noise=0.0)

@@ -1,0 +1,49 @@
+"""Where the 3D view looks at first: at all that a row shows, from the side and above, close enough to fill the view."""
+
+from __future__ import annotations
+
+import numpy as np
+import rerun.blueprint as rrb
+
+from runtime.frames import FrameEntry, from_pose, transform
+from runtime.layout import Field, Layout
+from runtime.recorder.columns import Words
+from runtime.signals import Array
+
+# From the thumb's side of a right hand (-x), from behind the wrist (-y) and from its back (+z); as good for a robot.
+DIRECTION = np.array([-0.75, -0.35, 0.55]) / np.linalg.norm([-0.75, -0.35, 0.55])
+DISTANCE = 2.0  # in radii of what is shown
+UP = (0.0, 0.0, 1.0)
+
+
+def look(layout: Layout, row: Words, shapes: list[Field]) -> rrb.EyeControls3D | None:
+    """The eye for a row (width,); None if it has no shape yet. Positions in the root frame, m."""
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for field in shapes:
+        T = _to_root(layout, row, field.frame)
+        values = layout.value(row, field.name)
+        points, margin = (values[None, :3], values[3]) if field.visual == "sphere" else (values, 0.0)
+        points = points @ T[:3, :3].T + T[:3, 3] + 0.0 * margin
+        points = points[np.isfinite(points).all(axis=1)]
+        if not len(points):
+            continue
+        low, high = np.minimum(low, points.min(axis=0) - margin), np.maximum(high, points.max(axis=0) + margin)
+    radius = float(np.linalg.norm(high - low) / 2)
+    if not np.isfinite(radius) or radius == 0.0:
+        return None
+    centre = (low + high) / 2
+    return rrb.EyeControls3D(position=centre + DISTANCE * radius * DIRECTION, look_target=centre, eye_up=UP)
+
+
+def _to_root(layout: Layout, row: Words, frame: str | None) -> Array:
+    """T with p_root = T p_frame, by the row's measured poses; not finite while one of them isn't known."""
+    entries = {n: FrameEntry(**f) for n, f in layout.meta.get("frames", {}).items()}
+    T = np.eye(4)
+    while frame in entries:
+        entry = entries[frame]
+        own = transform(entry.xyz, entry.rpy)
+        if entry.pose in layout.fields:
+            with np.errstate(invalid="ignore", divide="ignore"):
+                own = own @ from_pose(layout.value(row, entry.pose))
+        T, frame = own @ T, entry.parent
+    return T

@@ -1,0 +1,100 @@
+"""Follows a run: the rows and remarks that its rings get, in batches, until no more will come."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from runtime.errors import RecordingError
+from runtime.notes import Note, NotesReader
+from runtime.recorder.columns import Words
+from runtime.ring import RingReader
+from runtime.rundir import RunDir
+
+BATCH = 4096  # rows at once, at most
+FLUSH = 0.2  # s between batches, at most
+POLL = 0.005  # s
+SILENCE = 1.0  # s without a row after which a run that was told to end has ended
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Rows (k, width) and remarks with their sequence numbers; false if there are neither."""
+
+    sequence: Words
+    rows: Words
+    numbers: range
+    notes: list[Note]
+
+    def __bool__(self) -> bool:
+        return len(self.rows) > 0 or len(self.notes) > 0
+
+
+class Tail:
+    """One reader's place in a run.
+
+    Attributes:
+        text: the layout's JSON.
+        ring: the rows; `ring.lost` counts those that were overwritten before they were taken.
+    """
+
+    def __init__(self, run: RunDir, recorder: bool) -> None:
+        """Opens the rings; `recorder`: this reader says what is safe on disk.
+
+        Raises:
+            RecordingError: no run is there.
+        """
+        try:
+            self.text = run.layout.read_text()
+            self.ring = RingReader(run.rows, recorder=recorder)
+            self._notes = NotesReader(run.notes)
+        except OSError as error:
+            raise RecordingError(str(run.path), f"no run is here: {error.strerror}", "Start it first") from None
+        self._due = 0.0
+        self._told = False
+        self._parent = os.getppid()
+        self._last_row = time.monotonic()
+
+    def catch_signals(self) -> None:
+        """SIGINT and SIGTERM end the tail once the loop is silent.
+
+        A service's stop signals all its processes; the loop's own stop takes a while and is to be seen.
+        """
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._tell)
+
+    def next(self) -> tuple[Batch, bool]:
+        """Waits for the next batch; True with an empty one if nothing will follow."""
+        while True:
+            over = self.over  # asked first: whatever came before the end is taken below
+            waiting = self.ring.head - self.ring.sequence
+            now = time.monotonic()
+            if over or now >= self._due or waiting >= min(BATCH, self.ring.capacity // 4):
+                self._due = now + FLUSH
+                batch = self._take()
+                return batch, over and not batch
+            time.sleep(POLL)
+
+    @property
+    def over(self) -> bool:
+        """True once no row will follow: the loop said so, or is silent and we were told to end."""
+        if self.ring.closed:
+            return True
+        told = self._told or os.getppid() != self._parent
+        return told and time.monotonic() - self._last_row > SILENCE and self.ring.head == self.ring.sequence
+
+    def _take(self) -> Batch:
+        notes = self._notes.take()
+        numbers = range(self._notes.sequence - len(notes) + 1, self._notes.sequence + 1)
+        rows = self.ring.take(BATCH)
+        if len(rows):
+            self._last_row = time.monotonic()
+        sequence = np.arange(self.ring.sequence - len(rows) + 1, self.ring.sequence + 1)
+        return Batch(sequence, rows, numbers, notes)
+
+    def _tell(self, *_: object) -> None:
+        self._told = True

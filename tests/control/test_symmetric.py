@@ -1,0 +1,46 @@
+"""Symmetric 3 x 3 matrices in plain numbers against numpy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from runtime.control.symmetric import FIRM, Symmetric, full, gram, inverse, is_above, raised_inverse, times
+from runtime.signals import Array
+
+
+def symmetric(lam: Array, turn: Array) -> tuple[Symmetric, Array]:
+    U = Rotation.from_rotvec(turn).as_matrix()
+    M = U @ np.diag(lam) @ U.T
+    return tuple(M[[0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]].tolist()), U
+
+
+eigenvalues = st.lists(st.floats(-8, 0).map(lambda x: 10.0**x), min_size=3, max_size=3).map(np.array)
+turns = st.lists(st.floats(-3, 3), min_size=3, max_size=3).map(np.array)
+
+
+@given(eigenvalues, turns, st.floats(-7, -1).map(lambda x: 10.0**x))
+def test_eigenvalues_below_the_floor_are_raised_on_both_ways(lam: Array, turn: Array, floor: float) -> None:
+    """Closed form where the matrix is well conditioned and above the floor, eigenvectors elsewhere."""
+    M, U = symmetric(lam, turn)
+    expected = (U / np.maximum(lam, floor)) @ U.T
+    np.testing.assert_allclose(full(raised_inverse(M, floor)), expected, atol=1e-8 * np.abs(expected).max())
+    if min(lam) > FIRM * sum(lam) * 1.001:
+        np.testing.assert_allclose(full(inverse(M)), np.linalg.inv(full(M)), atol=1e-9 / min(lam))
+
+
+@given(eigenvalues, turns, st.floats(-1, 1))
+def test_above_is_decided_by_the_least_eigenvalue(lam: Array, turn: Array, floor: float) -> None:
+    M, _ = symmetric(lam, turn)
+    if abs(min(lam) - floor) > 1e-12:
+        assert is_above(M, floor) == (min(lam) > floor)
+
+
+def test_products() -> None:
+    vectors = np.random.default_rng(1).normal(size=(5, 3))
+    M = gram(vectors.tolist())
+    np.testing.assert_allclose(full(M), vectors.T @ vectors)
+    assert times(M, (1.0, -2.0, 0.5)) == pytest.approx(full(M) @ [1.0, -2.0, 0.5])

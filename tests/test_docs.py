@@ -1,0 +1,296 @@
+"""The pages say what the code does: links, command lines, profile keys, devices, and the example package."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import os
+import re
+import shlex
+import subprocess
+import sys
+import tomllib
+import types
+import typing
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers_run import call, environment
+from pydantic import BaseModel
+from pydantic_core import PydanticUndefined
+
+from runtime import profile, registry, wiring
+from runtime.cli import COMMANDS
+from runtime.cli.check import check_guards
+from runtime.layout import Cause, State
+from runtime.machine import Fault, Machine
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted(DOCS.rglob("*.md"))]
+FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+name = lambda page: str(page.relative_to(ROOT))  # noqa: E731
+
+
+# Links
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_links_lead_somewhere(page: Path) -> None:
+    text = FENCE.sub("", page.read_text())
+    for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", text):
+        if not re.match(r"https?://|mailto:", target):
+            assert (page.parent / target).exists(), f"{name(page)} links to {target}"
+
+
+def test_every_page_is_linked_from_the_readme_or_its_folder() -> None:
+    readme = (ROOT / "README.md").read_text()
+    for page in DOCS.glob("*.md"):
+        assert f"(docs/{page.name})" in readme, page.name
+
+
+# Command lines
+
+
+@pytest.fixture(scope="module")
+def parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="srl", exit_on_error=False)
+    subparsers = parser.add_subparsers(required=True)
+    for command in COMMANDS:
+        importlib.import_module(f"runtime.cli.{command}").add_parser(subparsers)
+    return parser
+
+
+def command_lines(page: Path) -> Iterator[str]:
+    """Each `srl ...` that a reader may type: lines of fenced text blocks, and inline code."""
+    text = page.read_text()
+    code = [line for kind, body in FENCE.findall(text) if kind in ("", "sh", "ini") for line in body.splitlines()]
+    code += re.findall(r"`([^`\n]+)`", FENCE.sub("", text))
+    for line in code:
+        for part in line.split("#")[0].split(" | "):
+            if match := re.search(r"^(?:.*[/ ])?srl ([a-z].*)$", part.rstrip(" '")):
+                yield match[1]
+
+
+def as_typed(line: str) -> list[str]:
+    """Placeholders filled in: optional parts and what systemd expands left out, numbers for S."""
+    line = re.sub(r"\[[A-Z][^\]]*\]|\$?\$\(.*\)", "", line)
+    words = shlex.split(re.sub(r"\$\{?(\w+)\}?", r"\1", line).replace("SRL_OPTIONS", ""))
+    return ["1" if word == "S" else word for word in words if word not in (">", "srl.json")]
+
+
+def parses(parser: argparse.ArgumentParser, line: str) -> bool:
+    """Whether srl takes it; a mention such as `srl run --json` may leave out the profile."""
+    for more in ([], ["sixth-finger"]):
+        try:
+            parser.parse_args(as_typed(line) + more)
+        except (SystemExit, argparse.ArgumentError):
+            continue
+        return True
+    return False
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_command_lines_parse(page: Path, parser: argparse.ArgumentParser) -> None:
+    for line in command_lines(page):
+        assert parses(parser, line), f"{name(page)}: srl {line}"
+
+
+def test_wrong_command_lines_would_be_noticed(tmp_path: Path, parser: argparse.ArgumentParser) -> None:
+    assert sum(len(list(command_lines(page))) for page in PAGES) > 30
+    page = tmp_path / "page.md"
+    page.write_text(
+        "Use `srl run x --simulate`.\n\n```\nsudo /opt/srl/bin/srl stopp x   # no\nsrl check x | srl go\n```\n"
+    )
+    found = list(command_lines(page))
+    assert found == ["stopp x", "check x", "go", "run x --simulate"]
+    assert [parses(parser, line) for line in found] == [False, True, False, False]
+
+
+# profiles.md
+
+
+def models(annotation: Any) -> Iterator[tuple[type[BaseModel], str]]:
+    """The models within a field's type, and what stands between the field's name and theirs."""
+    origin, inner = typing.get_origin(annotation), typing.get_args(annotation)
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation, ""
+    elif origin is dict:
+        yield from ((model, f".<name>{rest}") for model, rest in models(inner[1]))
+    elif origin is tuple:
+        yield from ((model, f"[]{rest}") for model, rest in models(inner[0]))
+    elif origin in (typing.Union, types.UnionType):
+        for one in inner:
+            yield from models(one)
+
+
+def keys(model: type[BaseModel], prefix: str = "") -> dict[str, Any]:
+    """Every key's default, by its path."""
+    found: dict[str, Any] = {}
+    for field_name, field in model.model_fields.items():
+        path = prefix + (field.alias or field_name)
+        below = list(models(field.annotation))
+        for inner, between in below:
+            found |= keys(inner, f"{path}{between}.")
+        if not below:
+            found[path] = field.get_default(call_default_factory=True)
+    return found
+
+
+def documented() -> dict[str, str]:
+    """Key path: what the table says of its default."""
+    text = (DOCS / "profiles.md").read_text()
+    return dict(re.findall(r"^\| `([^`]+)` \| ([^|]*?) \|", text, re.MULTILINE))
+
+
+def test_profiles_page_has_every_key_and_no_other() -> None:
+    assert set(documented()) == set(keys(profile.Profile))
+
+
+def test_profiles_page_has_the_defaults() -> None:
+    said = documented()
+    for path, default in keys(profile.Profile).items():
+        text = said[path].strip("`")
+        if default is PydanticUndefined:
+            assert text == "required", path
+        elif default is None:
+            assert text in ("none", "the driver's", "the law's"), path
+        elif default in ("", (), {}):
+            assert text == "empty", path
+        elif isinstance(default, int | float):
+            assert float(text) == default, path
+        else:
+            assert text == str(list(default) if isinstance(default, tuple) else default).replace(".0", ""), path
+
+
+def test_profiles_pages_example_is_right() -> None:
+    (text,) = (body for kind, body in FENCE.findall((DOCS / "profiles.md").read_text()) if kind == "yaml")
+    checked, source = profile.parse("one-servo.yaml", text)
+    nothing: list[str] | None = None
+    for simulated in (nothing, []):
+        assert check_guards(wiring.build(checked, source, simulated)) == {"board.position_command": "hold"}
+
+
+def test_every_override_on_the_profiles_page_works(parser: argparse.ArgumentParser) -> None:
+    for line in command_lines(DOCS / "profiles.md"):
+        args = parser.parse_args(as_typed(line))
+        if getattr(args, "profile", "") == "sixth-finger":
+            checked, source = profile.load("sixth-finger", args.set)
+            wiring.build(checked, source, [])
+
+
+# Pages for people
+
+
+@pytest.mark.parametrize("driver", sorted(p.name for p in (ROOT / "drivers").iterdir() if (p / "driver.py").exists()))
+def test_each_driver_has_a_page(driver: str) -> None:
+    assert driver in registry.names("drivers")
+    page = (DOCS / "devices" / f"{driver}.md").read_text()
+    assert f"driver: {driver}" in page
+
+
+def test_the_safety_page_knows_every_cause_that_stops() -> None:
+    text = (DOCS / "safety.md").read_text()
+    causes = {c.name.lower() for c in Cause} - {"none", "end", "supervisor_loss"}
+    table = set(re.findall(r"^\| `([a-z_]+)` \| ", text, re.MULTILINE))
+    assert causes <= table
+
+
+def test_the_safety_pages_defaults_are_the_machines() -> None:
+    """Each fault of the table, put to a machine with default faults that is under way."""
+    rows = re.findall(
+        r"^\| `([a-z_]+)` \| [^|]* \| `faults\.[a-z-]+` \| `([a-z]+)` \|",
+        (DOCS / "safety.md").read_text(),
+        re.M,
+    )
+    assert len(rows) == 5
+    for cause, reaction in rows:
+        machine = Machine(profile.Faults(), (), automatic=True)
+        machine.start_if_ready(None)
+        machine.settle(at_rest=True)
+        assert machine.state is State.ACTIVE
+        machine.stop(Fault(Cause[cause.upper()]))
+        assert (machine.state is State.ACTIVE) == (reaction == "ignore"), cause
+        assert machine.override is None
+
+
+# extending.md
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The page's package, as if it were installed: its files, and its entry points."""
+    folder = tmp_path_factory.mktemp("lever")
+    for _, body in FENCE.findall((DOCS / "extending.md").read_text()):
+        if match := re.match(r"# ([\w./]+)\n", body):
+            path = folder / match[1]
+            path.parent.mkdir(exist_ok=True)
+            path.write_text(body)
+    project = tomllib.loads((folder / "pyproject.toml").read_text())
+    assert project["tool"]["setuptools"]["packages"] == ["srl_lever"]
+    info = folder / "srl_lever-0.1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: srl-lever\nVersion: 0.1.0\n")
+    points = project["project"]["entry-points"]
+    (info / "entry_points.txt").write_text(
+        "".join(f"[{group}]\n" + "".join(f"{k} = {v}\n" for k, v in items.items()) for group, items in points.items())
+    )
+    return folder
+
+
+@pytest.fixture
+def installed(package: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("PYTHONPATH", str(package))
+    return package
+
+
+def test_the_example_is_listed(installed: Path) -> None:
+    found = json.loads(call(installed, "list", "--json").stdout)
+    lever = next(d for d in found["drivers"] if d["name"] == "lever")
+    assert (lever["fake"], lever["states"]) == (True, ["position"])
+    assert "lever-to-joint" in [c["name"] for c in found["controllers"]]
+
+
+def test_the_examples_own_tests_pass(installed: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_lever.py"],
+        cwd=installed, env=os.environ, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout
+    assert "4 passed" in done.stdout
+
+
+@pytest.mark.slow
+def test_the_example_runs_moves_and_replays(installed: Path) -> None:
+    assert "lever.position" in call(installed, "check", "lever.yaml").stdout
+    call(
+        installed,
+        "run",
+        "lever.yaml",
+        "--sim",
+        "--fast",
+        "--duration",
+        "6",
+        "--set",
+        "bus=null",
+        "--record",
+        "l.rrd",
+    )
+    code = (
+        "import sys; from pathlib import Path; from runtime.recorder.reader import read; import numpy as np\n"
+        "r = read(Path(sys.argv[1])); q = r.value('finger.position_command.applied')[:, 0]\n"
+        "asked = r.value('finger.position_command')[:, 0]; on = r.int('state') == 2\n"
+        "print(np.ptp(r.value('lever.position')), np.ptp(q), abs(asked[on][0] - q[on][0]))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, "l.rrd"], cwd=installed, env=environment(installed),
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    lever, moved, jump = map(float, done.stdout.split())
+    assert lever > 0.5  # the simulated finger pressed it
+    assert moved == pytest.approx(0.5 * lever, rel=0.2)
+    assert jump < 0.05  # the first command is what was applied
+    assert json.loads(call(installed, "replay", "l.rrd", "--json").stdout)["identical"] is True
