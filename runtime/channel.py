@@ -16,9 +16,12 @@ class Channel:
         self.socket = end
 
     def send(self, content: dict[str, Any], descriptor: int | None = None) -> None:
-        """Sends a message, and a duplicate of `descriptor` with it. A supervisor that is gone is no error."""
+        """Sends a message, and a duplicate of `descriptor` with it; never blocks.
+
+        A supervisor that is gone, or hangs, is no error here.
+        """
         try:
-            socket.send_fds(self.socket, [json.dumps(content).encode()], [] if descriptor is None else [descriptor])
+            socket.send_fds(self.socket, [json.dumps(content).encode()], [] if descriptor is None else [descriptor], socket.MSG_DONTWAIT)
         except OSError:
             pass  # its death reaches the loop as a signal
 

@@ -154,6 +154,9 @@ class DeviceClock(Clock):
                 # A link that has hung up is always readable: that is no tick, and no reason to spin.
                 gone = bool(event & (select.POLLHUP | select.POLLERR | select.POLLNVAL))
                 heard = not gone
+        # A descriptor that nobody drains must not make the loop spin.
+        if heard and (early := last + self.period // 2 - time.monotonic_ns()) > 0:
+            time.sleep(early / SECOND)
         now = time.monotonic_ns()
         if heard:
             tick.deadline = now
@@ -168,6 +171,8 @@ class DeviceClock(Clock):
     def _register(self) -> None:
         """A robot that was opened again may have another descriptor."""
         fileno = self._fileno()
+        if fileno is not None and fileno < 0:
+            fileno = None
         if fileno == self._registered:
             return
         if self._registered is not None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable
+from math import isfinite
 
 import numpy as np
 
@@ -33,6 +34,7 @@ from runtime.mailbox import Answer, Ask
 from runtime.signals import Kind, Limits, Stop
 from runtime.wiring import Actuator, Graph
 
+PATIENCE = 5_000_000_000  # ns that a stop may take on the way out: a limb that can't come to rest mustn't keep the run
 _CATEGORIES = list(Stop)
 _NOW, _DT, _STATE, _CAUSE = (CYCLE.index(n) for n in ("now", "dt", "state", "cause"))
 _CULPRIT, _CATEGORY, _OVERRUNS, _FLAGS = (CYCLE.index(n) for n in ("culprit", "category", "overruns", "flags"))
@@ -69,13 +71,23 @@ class Cycle:
         self._max_age = self._ages()
         self._count = len(graph.devices)
         self._emergency = [
-            (graph.board.views[e.signal].reshape(-1)[e.index : e.index + 1], e.when) for e in graph.profile.emergency
+            (graph.board.views[e.signal].reshape(-1)[e.index : e.index + 1], e.when, self._device_of(e.signal))
+            for e in graph.profile.emergency
         ]
         self._setpoints = {n.partition(".")[0] for n in graph.profile.setpoints}
-        self._homed = [a.command.feedback is not None for a in graph.actuators]
+        # Without feedback, the limb is where a person put it (home) before the first start and after it hung
+        # limp; after a loss it is about where it was, and goes home slowly.
+        self._homed = [True for a in graph.actuators]
+        self._put_home = [a.command.feedback is None for a in graph.actuators]
+        self._leaving = 0  # ns since the exit was asked for
         self._fault: Fault | None = None
         self._was = State.STARTING
         self._at_rest = True
+
+    def _device_of(self, signal: str) -> int:
+        """Index of the device that gives a signal; -1 for one that a controller makes."""
+        name = signal.partition(".")[0]
+        return self.graph.layout.devices.index(name) if name in self.graph.layout.devices else -1
 
     def _ages(self) -> list[int]:
         """Each device's max_age in ns; 0 where it gives nothing that could be stale."""
@@ -117,9 +129,12 @@ class Cycle:
             stamp, link = words[at], words[at + 1]
             client = i >= self._count
             # A client that hasn't spoken yet isn't late; a device is.
-            stale = max_age > 0 and (now - stamp > max_age if stamp >= 0 else not client)
+            stale = max_age > 0 and (abs(now - stamp) > max_age if stamp >= 0 else not client)
             if stale != bool(link & LINK_STALE):
-                self._ints[self._first + at + 1] = link ^ LINK_STALE
+                link ^= LINK_STALE
+                self._ints[self._first + at + 1] = link
+            if link & LINK_ACTIVE and not link & LINK_CONNECTED:
+                self._lost(i)
             if fault is not None:
                 continue
             if link & LINK_ERROR:
@@ -129,13 +144,23 @@ class Cycle:
                     fault = Fault(Cause.INTENT_LOSS, i)
                 elif not client and self.graph.devices[i].commands:
                     fault = Fault(Cause.DEVICE_LOSS, i)
-        for i, (element, when) in enumerate(self._emergency):
-            if element[0] == when:
+        for i, (element, when, device) in enumerate(self._emergency):
+            link = int(self._ints[self._first + device * len(DEVICE) + 1]) if device >= 0 else LINK_CONNECTED
+            # A switch that can't be read counts as pressed.
+            if element[0] == when or not isfinite(element[0]) or not link & LINK_CONNECTED or link & LINK_STALE:
                 return Fault(Cause.EMERGENCY, i)
         return fault
 
+    def _lost(self, device: int) -> None:
+        """No command may reach a device that comes back before the next start."""
+        self._ints[self._first + device * len(DEVICE) + 1] &= ~LINK_ACTIVE
+        for i, actuator in enumerate(self.graph.actuators):
+            if actuator.device == device and actuator.command.feedback is None:
+                self._homed[i] = False
+
     def _client_is_silent(self) -> bool:
-        return self._fault is not None and self._fault.culprit >= len(self.graph.devices)
+        fault = self._fault
+        return fault is not None and fault.cause is Cause.INTENT_LOSS and fault.culprit >= self._count
 
     def control(self) -> None:
         """Runs the controllers while the limb is active."""
@@ -174,6 +199,7 @@ class Cycle:
                 at_rest &= guard.at_rest
             elif category is Stop.LIMP and actuator.command.kind is Kind.POSITION:
                 ints[at] &= ~LINK_ACTIVE  # the loop tells the device to let go; no command follows
+                self._put_home[i] = actuator.command.feedback is None
             else:
                 guard.stop(category, dt)
                 at_rest &= guard.at_rest
@@ -182,7 +208,9 @@ class Cycle:
                 FLAG_REJECTED * guard.rejected | FLAG_FALLBACK * guard.fallback | FLAG_LIMITED * guard.limited
             )
         self._was = state
-        machine.settle(at_rest)
+        if machine.exiting:
+            self._leaving += int(ints[_DT])
+        machine.settle(at_rest or self._leaving > PATIENCE)
         ints[_STATE], ints[_CAUSE], ints[_CULPRIT] = machine.state, machine.cause, machine.culprit
 
     def category(self, actuator: Actuator) -> Stop:
@@ -191,15 +219,14 @@ class Cycle:
         return override if override is not None and override in actuator.command.stops else actuator.category
 
     def _begin(self) -> None:
-        """Takes every command up where the limb is: measured, else last applied, else where an earlier run left it."""
+        """Takes every command up where the limb is: measured, else home where a person put it, else last applied."""
         for i, (actuator, guard) in enumerate(zip(self.graph.actuators, self.guards, strict=True)):
             start = actuator.applied.copy()
             if actuator.command.kind is Kind.POSITION:
                 if actuator.measured is not None:
                     start = actuator.measured.copy()
-                elif not self._homed[i]:
-                    last = self.graph.layout.meta["last"].get(actuator.name)
-                    start = np.array(actuator.home if last is None else last, float)
+                elif self._put_home[i] and actuator.home is not None:
+                    start, self._put_home[i] = actuator.home.copy(), False
             try:
                 guard.reset(start)
             except DeviceError as error:

@@ -57,9 +57,12 @@ class Machine:
 
     def stop(self, fault: Fault) -> None:
         """Enters the stop. The first cause stands until the reset; only an emergency overrules it."""
-        if self._reactions.get(fault.cause) == "ignore" or self.state is State.ENDED:
+        if self.state is State.ENDED:
             return
-        emergency = fault.cause is Cause.EMERGENCY and self.cause is not Cause.EMERGENCY
+        # Of two emergencies the one that the profile lists first counts.
+        emergency = fault.cause is Cause.EMERGENCY and (
+            self.cause is not Cause.EMERGENCY or fault.culprit < self.culprit
+        )
         if self.state in (State.ACTIVE, State.HOMING):
             self._enter(State.STOPPING, fault)
         elif emergency or (self.state is State.READY and fault.cause in (Cause.REQUEST, Cause.END)):
@@ -67,7 +70,7 @@ class Machine:
 
     def _enter(self, state: State, fault: Fault) -> None:
         self.state, self.cause, self.culprit = state, fault.cause, fault.culprit
-        if fault.cause is Cause.EMERGENCY:
+        if fault.cause is Cause.EMERGENCY and fault.culprit >= 0:
             reaction: object = self._emergency[fault.culprit].category
         else:
             reaction = self._reactions.get(fault.cause, _OWN)
@@ -77,7 +80,9 @@ class Machine:
         """A client's request; `present` is a fault that is there in this cycle."""
         if kind in (Ask.STOP, Ask.EXIT, Ask.FAULT):
             self.exiting |= kind is Ask.EXIT
-            self.stop(Fault(Cause(target) if target else Cause.REQUEST))
+            fault = Fault(Cause(target) if target else Cause.REQUEST)
+            if kind is not Ask.FAULT or self._reactions.get(fault.cause) != "ignore":
+                self.stop(fault)
             return Answer.DONE
         wanted = State.READY if kind is Ask.START else State.STOPPED
         if self.state is not wanted or self.exiting:

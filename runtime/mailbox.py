@@ -36,6 +36,9 @@ class Ask(IntEnum):
     FAULT = 7  # target: a `layout.Cause` seen outside the loop (the bus died, the duration is over)
 
 
+_KINDS = frozenset(Ask)
+
+
 class Answer(IntEnum):
     """What became of it."""
 
@@ -99,9 +102,10 @@ class MailboxReader:
         """The next requests, oldest first; an empty list is the common, cheap case."""
         if self._ring.head == self._ring.sequence:
             return []
+        rows = [row for row in self._ring.take(most) if int(row[1]) in _KINDS]
         return [
             Request(int(row[0]), Ask(int(row[1])), int(row[2]), int(row[3]), row[5 : 5 + int(row[4])].view(np.float64))
-            for row in self._ring.take(most)
+            for row in rows
         ]
 
     def close(self) -> None:

@@ -46,7 +46,7 @@ class NotesWriter:
 
     def write(self, time: int, level: Level, cycle: int, text: str) -> None:
         """Appends a remark; a long one is cut."""
-        content = text.encode()[:_TEXT]
+        content = text.encode(errors="replace")[:_TEXT]
         self._words[:3] = time, level, cycle
         self._bytes[:] = 0
         self._bytes[: len(content)] = np.frombuffer(content, np.uint8)

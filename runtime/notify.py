@@ -24,6 +24,10 @@ class Notifier:
         """The service is up."""
         self._send(b"READY=1")
 
+    def stopping(self) -> None:
+        """The loop has ended; what follows is no hang."""
+        self._send(b"STOPPING=1")
+
     def ping(self) -> None:
         """Once a cycle: tells systemd now and then that the loop goes round."""
         if self._every and (now := time.monotonic_ns()) >= self._next:

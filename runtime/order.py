@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
 
 @dataclass
@@ -20,7 +19,6 @@ class Order:
         automatic: go from READY to motion without being asked.
         crashed: the run before ended in a crash: begin in the stop.
         recorded: a recorder reads the rows; unpaced simulation waits for it.
-        last: positions last applied in an earlier run, for commands without feedback.
     """
 
     label: str
@@ -32,7 +30,6 @@ class Order:
     automatic: bool = True
     crashed: bool = False
     recorded: bool = False
-    last: dict[str, Any] = field(default_factory=dict)
 
     def save(self, path: Path) -> None:
         """Writes it as JSON."""

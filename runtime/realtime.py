@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import gc
 import os
+import sys
 
 PRIORITY = 80  # below the kernel's own threads (90 and up on PREEMPT_RT), above everything ordinary
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
@@ -29,6 +30,7 @@ def enter(priority: int = PRIORITY) -> list[str]:
     if _libc.prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0) != 0:
         refused.append("timer slack can't be set")
     _stay_awake()
+    sys.setswitchinterval(1e-4)  # a thread that opens a lost device gives way soon
     gc.collect()
     gc.freeze()
     gc.disable()
@@ -44,6 +46,11 @@ def _stay_awake() -> None:
         pass
 
 
+PARENT = "SRL_SUPERVISOR"  # environment: the supervisor's process id
+
+
 def die_with_parent(signal_number: int) -> None:
-    """This process gets `signal_number` when its parent dies."""
+    """This process gets `signal_number` when its supervisor dies; it ends at once if that has happened already."""
     _libc.prctl(_PR_SET_PDEATHSIG, signal_number, 0, 0, 0)
+    if (parent := os.environ.get(PARENT)) and os.getppid() != int(parent):
+        os._exit(1)

@@ -115,8 +115,7 @@ def replay(layout: Layout, rows: NDArray[np.int64], place: str) -> Comparison:
 
 def _decide(cycle: Cycle, row: NDArray[np.int64], words: dict[str, int], missed: int) -> None:
     kind = Ask(int(row[words["request_kind"]]))
-    late = row[words["request_result"]] == Answer.EXPIRED
-    if kind not in _STATE_REQUESTS or late:
+    if kind not in _STATE_REQUESTS or row[words["request_result"]] != Answer.DONE:
         kind = Ask.NONE
     cycle.check(missed, kind, int(row[words["request_target"]]))
     cycle.control()
@@ -136,7 +135,7 @@ def _copy_devices(ints: NDArray[np.int64], row: NDArray[np.int64], layout: Layou
 def _rebuild(layout: Layout, place: str) -> tuple[wiring.Graph, Cycle]:
     meta = layout.meta
     checked, source = profile.parse(meta["label"], meta["profile"], meta["overrides"])
-    graph = wiring.build(checked, source, None if not meta["simulated"] else meta["simulated"], meta["last"])
+    graph = wiring.build(checked, source, None if not meta["simulated"] else meta["simulated"])
     have = {n: (f.shape, f.unit, f.role) for n, f in graph.layout.fields.items() if f.role != "truth"}
     want = {n: (f.shape, f.unit, f.role) for n, f in layout.fields.items() if f.role != "truth"}
     if have != want:

@@ -19,7 +19,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.errors import RecordingError
+from runtime.errors import HostError, RecordingError
 
 PAGE = 4096
 MAGIC = int.from_bytes(b"SRLRING1", "little")
@@ -99,7 +99,14 @@ class RingWriter(_Ring):
             header = np.zeros(PAGE // 8, np.int64)
             header[[_MAGIC, _WIDTH, _CAPACITY]] = MAGIC, width, capacity
             file.write(header.tobytes())
-            file.truncate(PAGE + capacity * (width + 2) * 8)
+            size = PAGE + capacity * (width + 2) * 8
+            try:
+                os.posix_fallocate(file.fileno(), 0, size)  # room now, rather than a SIGBUS in the loop
+            except OSError as error:
+                file.close()
+                scratch.unlink()
+                problem = f"there is no room for {size >> 20} MiB of rows: {error.strerror}"
+                raise HostError(str(path), problem, "Make room there, or set SRL_RUNTIME_DIR") from None
         os.chmod(scratch, 0o640)
         scratch.rename(path)
         return cls(path)

@@ -10,6 +10,8 @@ from pathlib import Path
 
 from runtime.errors import HostError
 
+SERVICES = Path("/run/srl")  # where the systemd unit's instances live
+_SOCKET_PATH = 107  # bytes, sun_path less its terminator
 MODE = 0o750  # the service's user moves limbs; its group may look and ask
 
 
@@ -26,7 +28,7 @@ class RunDir:
         self.loop_socket = path / "loop.sock"
         self.bus_socket = path / "zenoh.sock"
         self.stops = path / "stops.slots"
-        self.running = path / "running"  # there while a run is under way: left behind by a crash
+        self.result = path / "result.json"  # the loop's own account of itself, at its end
         self._lock: int | None = None
 
     @classmethod
@@ -34,14 +36,17 @@ class RunDir:
         """The folder of the instance called `name`."""
         return cls(base() / name)
 
-    def claim(self) -> bool:
+    def claim(self) -> None:
         """Makes the folder and locks it for this process.
 
-        Returns:
-            True if an earlier run of this instance ended in a crash.
         Raises:
-            HostError: another process runs this instance.
+            HostError: another process runs this instance, or the folder can't be had.
         """
+        if len(str(self.loop_socket)) > _SOCKET_PATH:
+            raise HostError(
+                str(self.path), f"the path is too long for a Unix socket ({_SOCKET_PATH} bytes)",
+                "Set SRL_RUNTIME_DIR to a shorter one, best on tmpfs",
+            )  # fmt: skip
         try:
             self.path.mkdir(mode=MODE, parents=True, exist_ok=True)
             self._lock = os.open(self.path / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
@@ -51,6 +56,8 @@ class RunDir:
                 f"the instance's folder can't be made: {error.strerror}",
                 "Set SRL_RUNTIME_DIR to a folder of yours, best on tmpfs",
             ) from None
+        if self.path.stat().st_uid != os.geteuid():
+            raise HostError(str(self.path), "the folder belongs to another user", "Set SRL_RUNTIME_DIR to one of yours")
         try:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -59,17 +66,26 @@ class RunDir:
                 "it is running already",
                 f"End it first (`srl stop --exit {self.path.name}`), or run this one with --instance NAME",
             ) from None
-        crashed = self.running.exists()
-        self.running.touch()
-        return crashed
 
-    def release(self, clean: bool) -> None:
-        """Lets go of the folder; `clean` removes what a crash would leave behind."""
-        if clean:
-            self.running.unlink(missing_ok=True)
+    def release(self) -> None:
+        """Lets go of the folder; its files stay for whoever wants to look."""
         if self._lock is not None:
             os.close(self._lock)
             self._lock = None
+
+    def is_claimed(self) -> bool:
+        """Whether a process runs this instance now."""
+        try:
+            descriptor = os.open(self.path / "lock", os.O_RDONLY)
+        except OSError:
+            return False
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        finally:
+            os.close(descriptor)
+        return False
 
 
 def base() -> Path:
@@ -93,17 +109,9 @@ def _is_tmpfs(mount: str) -> bool:
 
 
 def running() -> list[RunDir]:
-    """Every instance that runs now, by the lock its supervisor holds."""
-    found = []
-    for path in sorted(base().glob("*/lock")):
-        descriptor = os.open(path, os.O_RDONLY)
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:
-            found.append(RunDir(path.parent))
-        finally:
-            os.close(descriptor)
-    return found
+    """Every instance that runs now and that this user may see: one's own, and the host's services."""
+    folders = {p.parent for root in (base(), SERVICES) for pattern in ("*/lock", "*/*/lock") for p in root.glob(pattern)}
+    return [rundir for rundir in map(RunDir, sorted(folders)) if rundir.is_claimed()]
 
 
 def free_bytes(path: Path) -> int:

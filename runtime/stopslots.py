@@ -28,14 +28,19 @@ class StopSlots:
         """Keeps a frame; free of cost while it is the same object as before."""
         if frame is self._newest[slot]:
             return
-        if len(frame) > FRAME:
-            raise ValueError(f"a stop frame of {len(frame)} bytes; {FRAME} at most")
         self._newest[slot] = frame
+        if len(frame) > FRAME:  # half a frame would be worse than the one before
+            return
         start = slot * _SLOT
         other = 2 if self._map[start] == 1 else 1
         at = start + 8 + (other - 1) * _BUFFER
         self._map[at : at + 8 + len(frame)] = len(frame).to_bytes(8, "little") + frame
         self._map[start] = other
+
+    def clear(self, slot: int) -> None:
+        """Forgets the frame: it was made for a connection that is gone."""
+        self._newest[slot] = None
+        self._map[slot * _SLOT] = 0
 
     def read(self, slot: int) -> bytes:
         """The newest whole frame; empty if there was none."""

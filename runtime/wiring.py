@@ -155,16 +155,13 @@ def _text(value: object) -> str:
     return "x".join(map(str, value)) if isinstance(value, tuple) else f"'{value}'"
 
 
-def build(
-    profile: Profile, source: Source, sim: Iterable[str] | None = None, last: dict[str, Any] | None = None
-) -> Graph:
+def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) -> Graph:
     """Builds and checks everything; opens nothing.
 
     Args:
         profile: as `runtime.profile.load` gives it.
         source: likewise.
         sim: devices to simulate; empty for all; None for none.
-        last: for commands without feedback, the position last applied in an earlier run, by command name.
     Raises:
         ProfileError, WiringError: naming the key path and the remedy.
     """
@@ -181,7 +178,7 @@ def build(
     b.layout.devices = names
     _unused(b, devices)
     layout = b.layout
-    layout.meta = _meta(b, devices, controllers, parameters, last or {})
+    layout.meta = _meta(b, devices, controllers, parameters)
     keys.check(layout.fields, f"{b.source.label}: signal")
     board = Board(layout)
     for item in layout.meta["parameters"]:
@@ -455,7 +452,6 @@ def _meta(
     devices: list[Driver],
     controllers: list[Controller],
     parameters: list[tuple[str, Parameter]],
-    last: dict[str, Any],
 ) -> dict[str, Any]:
     profile = b.profile
     return {
@@ -484,7 +480,6 @@ def _meta(
         "frames": {n: f.model_dump() for n, f in profile.frames.items()},
         "bus": profile.bus.model_dump() if profile.bus is not None else None,
         "record": {"plots": _plots(b)},
-        "last": last,
     }
 
 

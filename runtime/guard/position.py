@@ -6,7 +6,6 @@ from math import copysign, inf, isfinite, isinf, sqrt
 
 import ruckig
 
-from runtime.guard.approach import approach
 from runtime.guard.base import RETRACT_SPEED, CommandGuard
 from runtime.guard.braking import Bounds, State, brake, stop_range, stoppable
 from runtime.signals import Array, Command, Limits, Stop
@@ -151,25 +150,19 @@ class PositionGuard(CommandGuard):
             0.0,
         )
         slowest, fastest = (-V - speed, V - earlier) if speed < earlier else (-V - earlier, V - speed)
-        if isinf(J):
-            x, xd, _ = approach(x, xd, A - abs(acceleration), slowest, fastest, dt)
-        else:
-            ask = self._inputs[i]
-            ask.current_position, ask.current_velocity, ask.current_acceleration = (
-                [x],
-                [xd],
-                [a - acceleration],
-            )
-            ask.min_velocity, ask.max_velocity = [slowest], [fastest]
-            ask.max_acceleration = [A - abs(acceleration)]
-            try:
-                if self._otg.calculate(ask, self._plan) != ruckig.Result.Working:
-                    return None
-                (x,), (xd,), (xdd,) = self._plan.at_time(dt)
-            except ruckig.RuckigError:
+        ask = self._inputs[i]
+        ask.current_position, ask.current_velocity = [x], [xd]
+        ask.current_acceleration = [0.0 if isinf(J) else a - acceleration]
+        ask.min_velocity, ask.max_velocity = [slowest], [fastest]
+        ask.max_acceleration = [A - abs(acceleration)]
+        try:
+            if self._otg.calculate(ask, self._plan) != ruckig.Result.Working:
                 return None
-            if dt >= self._plan.duration:
-                x = xd = xdd = 0.0  # without the rounding of the way there
+            (x,), (xd,), (xdd,) = self._plan.at_time(dt)
+        except ruckig.RuckigError:
+            return None
+        if dt >= self._plan.duration:
+            x = xd = xdd = 0.0  # without the rounding of the way there
         # In mid-cycle a target that brakes is faster than at its end.
         if not isfinite(xd + xdd) or not abs(wanted + x - p) <= V * dt * (1 + 1e-9):
             return None

@@ -134,12 +134,13 @@ class Scene:
     def _timing(self, rows: Words) -> dict[str, NDArray[np.float64]]:
         """Durations by entity path, (k, n): us for the phases, ms for the others."""
         word = {name: self._layout.word(rows, name) for name in ("now", "wake", *PHASES)}
-        before = np.append(self._wake or word["wake"][0], word["wake"][:-1])
+        before = np.append(self._wake, word["wake"][:-1])
+        period = np.where(before > 0, (word["wake"] - before) / 1e6, np.nan)  # the first row has none
         self._wake = int(word["wake"][-1])
         marks = np.stack([word[name] for name in ("wake", "read", "control", "guard", "write")], axis=1)
         phases = np.column_stack([np.diff(marks, axis=1), word["log"]])
         timing = {
-            "/loop/timing/period": (word["wake"] - before)[:, None] / 1e6,
+            "/loop/timing/period": period[:, None],
             "/loop/timing/cycle": (word["write"] - word["wake"])[:, None] / 1e6,
             "/loop/timing/phases": phases / 1e3,
         }

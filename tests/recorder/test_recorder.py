@@ -18,6 +18,7 @@ from helpers_recording import make_layout, make_rows, make_run, write_run
 
 from runtime.errors import RecordingError
 from runtime.layout import Layout
+from runtime.recorder import __main__ as command
 from runtime.recorder import merge as merging
 from runtime.recorder import viewer
 from runtime.recorder.framing import HEADER, strip, whole
@@ -415,9 +416,18 @@ def test_watching_keeps_nothing_and_leaves_the_recorders_mark(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(("arguments", "reason"), [([], "--out, --view or both"), (["--view"], "no run is here")])
-def test_wrong_arguments_and_an_absent_run_are_refused(tmp_path: Path, arguments: list[str], reason: str) -> None:
-    command = [sys.executable, "-m", "runtime.recorder", str(tmp_path), *arguments]
-    refused = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert refused.returncode == 2
-    assert reason in refused.stderr
-    assert "Traceback" not in refused.stderr
+def test_wrong_arguments_and_an_absent_run_are_refused(
+    tmp_path: Path,
+    arguments: list[str],
+    reason: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["runtime.recorder", str(tmp_path), *arguments])
+    monkeypatch.setattr(command, "die_with_parent", lambda _: None)
+    try:
+        code = command.main()
+    except SystemExit as end:  # argparse's
+        code = end.code
+    assert code == 2
+    assert reason in capsys.readouterr().err
