@@ -59,9 +59,7 @@ def open_transport(url: str, *, place: str, baudrate: int = 115200) -> Transport
     if url.startswith("loop://"):
         return _open_loop(url, place)
     if "://" in url:
-        raise DeviceError(
-            place, f"no link is called '{url}'", "Known: a path, tcp://HOST:PORT, spy:FILE:URL, loop://"
-        )
+        raise DeviceError(place, f"no link is called '{url}'", "Known: a path, tcp://HOST:PORT, spy:FILE:URL, loop://")
     return _open_serial(url, place, baudrate)
 
 
@@ -194,9 +192,7 @@ class Transport(ABC):
         """Discards what is unsent and closes."""
 
     def _lost(self, why: str) -> NoReturn:
-        raise DeviceLostError(
-            self.place, f"the link {self.url} is gone ({why})", "Check its cable and its power"
-        )
+        raise DeviceLostError(self.place, f"the link {self.url} is gone ({why})", "Check its cable and its power")
 
 
 class SerialPort(Transport):
@@ -239,9 +235,7 @@ class SerialPort(Transport):
 class Stream(Transport):
     """A connected stream socket; `reader` differs from `writer` only for an echo."""
 
-    def __init__(
-        self, url: str, place: str, writer: socket.socket, reader: socket.socket | None = None
-    ) -> None:
+    def __init__(self, url: str, place: str, writer: socket.socket, reader: socket.socket | None = None) -> None:
         super().__init__(url, place)
         self._writer = writer
         self._reader = reader or writer
@@ -332,9 +326,7 @@ def _open_serial(path: str, place: str, baudrate: int) -> Transport:
         number = getattr(error, "errno", None)
         if number == errno.ENOENT:
             found = sorted(glob.glob("/dev/ttyUSB*") + glob.glob("/dev/ttyACM*"))
-            remedy = (
-                f"Ports that exist: {', '.join(found)}" if found else "No /dev/ttyUSB* or /dev/ttyACM* exists"
-            )
+            remedy = f"Ports that exist: {', '.join(found)}" if found else "No /dev/ttyUSB* or /dev/ttyACM* exists"
             raise DeviceError(place, f"there is no port {path}", f"{remedy}; plug the device in") from None
         if number in (errno.EACCES, errno.EPERM):
             raise DeviceError(
@@ -369,9 +361,7 @@ def _open_tcp(url: str, place: str) -> Transport:
             "Start what should listen there, or correct the port",
         ) from None
     except socket.gaierror:
-        raise DeviceError(
-            place, f"no host is called '{host}'", "Check the name, or use its address"
-        ) from None
+        raise DeviceError(place, f"no host is called '{host}'", "Check the name, or use its address") from None
     except OSError as error:
         why = "no answer" if isinstance(error, TimeoutError) else error.strerror
         raise DeviceError(

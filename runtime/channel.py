@@ -21,7 +21,12 @@ class Channel:
         A supervisor that is gone, or hangs, is no error here.
         """
         try:
-            socket.send_fds(self.socket, [json.dumps(content).encode()], [] if descriptor is None else [descriptor], socket.MSG_DONTWAIT)
+            socket.send_fds(
+                self.socket,
+                [json.dumps(content).encode()],
+                [] if descriptor is None else [descriptor],
+                socket.MSG_DONTWAIT,
+            )
         except OSError:
             pass  # its death reaches the loop as a signal
 

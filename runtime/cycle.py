@@ -9,8 +9,6 @@ import traceback
 from collections.abc import Callable
 from math import isfinite
 
-import numpy as np
-
 from runtime.errors import DeviceError
 from runtime.guard import CommandGuard, make_guard
 from runtime.guard.limits import merge

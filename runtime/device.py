@@ -7,16 +7,15 @@ its bits.
 
 from __future__ import annotations
 
-import os
 import threading
-import time
 import traceback
 from collections import deque
 from collections.abc import Callable
 
 from runtime.driver import Driver
 from runtime.errors import DeviceLostError, SrlError
-from runtime.layout import CYCLE, DEVICE, LINK_CONNECTED, LINK_ERROR, LINK_STALE, Board
+from runtime.layout import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, LINK_ERROR, LINK_STALE, Board
+from runtime.signals import Stop
 from runtime.world import Fake
 
 RETRY = 0.5  # s between attempts to open a lost device
@@ -29,36 +28,57 @@ class Device:
     Attributes:
         driver: the driver.
         lost: it is away.
+        on_loss, on_return: called in the loop's thread.
     """
 
     def __init__(self, driver: Driver, index: int, board: Board, note: Callable[[str], None]) -> None:
         self.driver = driver
         self.lost = False
+        self.on_loss: Callable[[Device], None] = lambda device: None
+        self.on_return: Callable[[Device], None] = lambda device: None
         first = len(CYCLE) + index * len(DEVICE)
         self._words = board.ints[first : first + len(DEVICE)]
         self._words[0] = -1
         self._note = note
-        self._failing: set[str] = set()  # which of read and write failed when last called
+        self._failing: set[str] = set()  # which of read, write and stop failed when last called
         self._remarks: deque[str] = deque()  # the reopening thread's: only the loop writes notes
+        self._wanted, self._back, self._closing = threading.Event(), threading.Event(), threading.Event()
         self._reopener: threading.Thread | None = None
-        self._back = threading.Event()
-        self._give_up = threading.Event()
         self._next_try = 0
-        self.on_loss: Callable[[Device], None] = lambda device: None
-        self.on_return: Callable[[Device], None] = lambda device: None
+
+    def watch(self) -> None:
+        """Starts the thread that will open the device again; before the loop, as starting one takes milliseconds."""
+        if not isinstance(self.driver, Fake):
+            self._reopener = threading.Thread(target=self._reopen, name=f"reopen-{self.driver.name}", daemon=True)
+            self._reopener.start()
 
     def read(self, now: int) -> None:
         """Reads the driver and copies its health into the row."""
-        if self.lost:
+        was_lost = self.lost
+        if was_lost:
             self._await_return(now)
         else:
             self._call("read", self.driver.read, now)
-        self._report()
+        health, words = self.driver.health, self._words
+        link = int(words[1]) & _KEPT
+        # A return shows one cycle late, so that every loss is seen, however short.
+        if not was_lost and not self.lost and health.connected:
+            link |= LINK_CONNECTED
+        if self._failing:
+            if not link & LINK_ACTIVE:
+                self._failing.discard("write")  # it isn't called now, so it can't show that it is well again
+            link |= LINK_ERROR * bool(self._failing)
+        words[:] = health.stamp, link, health.frames, health.errors, health.resyncs, health.reconnects
 
     def write(self, now: int) -> None:
         """Sends the commands; not while the device is away."""
         if not self.lost:
             self._call("write", self.driver.write, now)
+
+    def stop(self, category: Stop, now: int) -> None:
+        """Starts the device's own stop; not while the device is away."""
+        if not self.lost:
+            self._call("stop", lambda _: self.driver.stop(category), now)
 
     def _call(self, what: str, function: Callable[[int], None], now: int) -> None:
         try:
@@ -73,42 +93,35 @@ class Device:
                 self._note(f"driver '{self.driver.name}' failed to {what}: {traceback.format_exc(limit=-3)}")
             self._failing.add(what)
 
-    def _report(self) -> None:
-        health, words = self.driver.health, self._words
-        link = int(words[1]) & _KEPT
-        if not self.lost and health.connected:
-            link |= LINK_CONNECTED
-        if self._failing:
-            link |= LINK_ERROR
-        words[:] = health.stamp, link, health.frames, health.errors, health.resyncs, health.reconnects
-
     def _lose(self, reason: str, now: int) -> None:
         self.lost = True
+        self._failing.clear()
         self._next_try = now + round(RETRY * 1e9)
         self._note(f"lost {reason}")
         self.on_loss(self)
-        if isinstance(self.driver, Fake):
-            return
         self._back.clear()
-        self._reopener = threading.Thread(target=self._reopen, name=f"reopen-{self.driver.name}", daemon=True)
-        self._reopener.start()
+        self._wanted.set()
 
     def _reopen(self) -> None:
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))  # pid 0: this thread only
+        """The thread: opens the device whenever it is wanted back."""
         said = ""
-        while not self._give_up.is_set():
+        while not self._closing.is_set():
+            if not self._wanted.wait(RETRY):
+                said = ""
+                continue
             try:
                 self.driver.close()
                 self.driver.open()
+                self._wanted.clear()
                 self._back.set()
-                return
+                continue
             except SrlError as error:
                 if str(error) != said:
                     said = str(error)
                     self._remarks.append(f"still away: {said}")
             except Exception:
                 self._remarks.append(f"driver '{self.driver.name}' failed to open: {traceback.format_exc(limit=-3)}")
-            self._give_up.wait(RETRY)
+            self._closing.wait(RETRY)
 
     def _await_return(self, now: int) -> None:
         while self._remarks:
@@ -124,14 +137,13 @@ class Device:
                 return
         elif not self._back.is_set():
             return
-        self.lost, self._reopener = False, None
+        self.lost = False
         self._note(f"'{self.driver.name}' is back")
         self.on_return(self)
 
     def close(self) -> None:
         """Lets go of the device, and of an attempt to open it that is under way."""
-        self._give_up.set()
-        if self._reopener is not None:
-            deadline = time.monotonic() + 2
-            self._reopener.join(max(0.0, deadline - time.monotonic()))
+        self._closing.set()
+        if self._reopener is not None and self._wanted.is_set():
+            self._reopener.join(2.0)
         self.driver.close()

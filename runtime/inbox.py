@@ -21,6 +21,9 @@ from runtime.rundir import RunDir
 from runtime.wiring import Graph
 
 _ASKS = {"start": Ask.START, "stop": Ask.STOP, "reset": Ask.RESET, "exit": Ask.EXIT, "fault": Ask.FAULT}
+_CAUSES = {"bus_loss": Cause.BUS_LOSS, "end": Cause.END}  # what may be told from outside
+_DATAGRAMS = 8  # read in one cycle: a flood mustn't hold up the loop
+_WAITING = 64  # requests kept; a stop always finds room
 _ANSWERS = {
     Answer.REFUSED_STATE: "not possible in this state",
     Answer.REFUSED_FAULT: "what caused the stop is still there",
@@ -61,10 +64,15 @@ class Inbox:
         for _, at in self._setpoints:
             board.ints[at] = -1
             board.ints[at + 1] |= LINK_CONNECTED
+        self._stamps = [-1] * len(self._setpoints)
+        self.end_asked = False  # set by a signal handler, at any instant
 
     def take(self, now: int) -> Item | None:
         """Lets setpoints in and returns the next request that wants an answer; None mostly."""
-        while True:
+        if self.end_asked:
+            self.end_asked = False
+            self._queue(self.own(Ask.EXIT, Cause.REQUEST))
+        for _ in range(_DATAGRAMS):
             try:
                 data, sender = self._socket.recvfrom(512)
             except BlockingIOError:
@@ -77,7 +85,7 @@ class Inbox:
             if request.kind is Ask.SETPOINT:
                 self._set(request, now, clock)
             else:
-                late = request.expires < clock
+                late = request.expires < clock and request.kind is not Ask.STOP
                 self._queue(Item(request, answer=Answer.EXPIRED if late else Answer.NONE))
         if not self.waiting:
             return None
@@ -89,8 +97,11 @@ class Inbox:
     def _queue(self, item: Item) -> None:
         """A stop overtakes what waits, and what would have led into motion is refused."""
         if item.request.kind not in (Ask.STOP, Ask.EXIT, Ask.FAULT):
-            self.waiting.append(item)
+            if len(self.waiting) < _WAITING:
+                self.waiting.append(item)
             return
+        while self.waiting and len(self.waiting) >= _WAITING:
+            self.waiting.pop()
         for other in self.waiting:
             if other.request.kind in (Ask.START, Ask.RESET):
                 other.answer = Answer.REFUSED_STATE
@@ -106,7 +117,10 @@ class Inbox:
         view, at = self._setpoints[request.target]
         if request.values.size == view.size and np.isfinite(request.values).all():
             view[...] = request.values.reshape(view.shape)
-            self.graph.board.ints[at] = now
+            self._stamps[request.target] = now
+            # An owner is as old as the oldest of its setpoints that have come.
+            same = [s for s, (_, other) in zip(self._stamps, self._setpoints, strict=True) if other == at and s >= 0]
+            self.graph.board.ints[at] = min(same)
             self.graph.board.ints[at + 2] += 1
         else:
             self.graph.board.ints[at + 3] += 1
@@ -122,6 +136,7 @@ class Inbox:
 
     def forget_setpoints(self) -> None:
         """A limb that starts again waits for its clients to speak first."""
+        self._stamps = [-1] * len(self._setpoints)
         for view, at in self._setpoints:
             view[...] = np.nan
             self.graph.board.ints[at] = -1
@@ -150,7 +165,7 @@ def _parse(data: bytes, sender: str | None) -> Item | None:
     try:
         content = json.loads(data)
         kind = _ASKS[content["ask"]]
-        target = int(Cause[content["cause"].upper()]) if "cause" in content else 0
+        target = int(_CAUSES[content["cause"]]) if "cause" in content else 0
     except (ValueError, KeyError, TypeError, AttributeError):
         return None
     return Item(Request(0, kind, target, 0, np.empty(0)), sender or None)

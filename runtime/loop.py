@@ -75,7 +75,7 @@ class Loop:
                 if ints[link] & LINK_ACTIVE:
                     device.write(tick.now)
                     self.after_write(device)
-            self._let_go()
+            self._let_go(tick.now)
             ints[_WRITE] = written = monotonic()
 
             self.ring.append(self.graph.board.words)
@@ -108,7 +108,7 @@ class Loop:
         """The name of what caused the stop, or nothing."""
         return self.graph.layout.culprit(self.cycle.machine.cause, self.cycle.machine.culprit)
 
-    def _let_go(self) -> None:
+    def _let_go(self, now: int) -> None:
         """Once a stop has begun, tells the devices that stop by themselves (limp) to do so."""
         machine = self.cycle.machine
         if machine.state not in (State.STOPPING, State.STOPPED):
@@ -120,4 +120,5 @@ class Loop:
                         self.graph.devices[actuator.device] is device.driver
                         and self.cycle.category(actuator) is Stop.LIMP
                     ):
-                        device.driver.stop(Stop.LIMP)
+                        device.stop(Stop.LIMP, now)
+                        self.after_write(device)

@@ -7,6 +7,7 @@ loop, and lets the devices go.
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 import os
 import signal
@@ -27,7 +28,6 @@ from runtime.errors import DeviceError, ProfileError, SrlError, nearest
 from runtime.inbox import Inbox
 from runtime.layout import Cause, State
 from runtime.loop import Loop
-from runtime.mailbox import Ask
 from runtime.notes import Level, NotesWriter
 from runtime.notify import Notifier
 from runtime.order import Order
@@ -60,11 +60,12 @@ class Process:
         """The whole run. Raises SrlError for what the user can mend."""
         order = self.order
         checked, source = profile.parse(order.label, order.text, order.overrides)
-        graph = self.graph = wiring.build(checked, source, order.sim, order.last)
+        graph = self.graph = wiring.build(checked, source, order.sim)
         self.devices = [Device(d, i, graph.board, self.note) for i, d in enumerate(graph.devices)]
         try:
             for device in self.devices:
                 device.driver.open()
+                device.watch()
             self._loop(graph)
         finally:
             for device in self.devices:
@@ -96,25 +97,25 @@ class Process:
         if not unpaced:
             for refused in realtime.enter():
                 self.note(refused)
-        signal.signal(signal.SIGTERM, lambda *_: inbox.waiting.appendleft(inbox.own(Ask.EXIT, Cause.REQUEST)))
+        signal.signal(signal.SIGTERM, lambda *_: setattr(inbox, "end_asked", True))
         ring.touch(time.monotonic_ns())
         self.channel.send({"say": "running", "period": clock.period, "unpaced": unpaced})
         try:
             loop.run(self.order.cycles)
+            ring.finish()
         finally:
             for device in loop.actuators:
-                device.driver.stop(self._category(loop, device))
+                device.stop(self._category(loop, device), 0)
             inbox.close()
-        self._result(loop)
-        ring.finish()
+        self.rundir.result.write_text(json.dumps(self._figures(loop)))
 
     def _clock(self, graph: Graph) -> Clock:
         name, rate = graph.profile.clock, graph.profile.rate
         if name != "monotonic":
-            for driver in graph.devices:
-                if driver.name == name and name not in graph.simulated:
-                    return DeviceClock(rate, driver.fileno)
-            if name not in graph.profile.devices:
+            robot = next((d for d in self.devices if d.driver.name == name), None)
+            if robot is not None and name not in graph.simulated:
+                return DeviceClock(rate, lambda: None if robot.lost else robot.driver.fileno())
+            if robot is None:
                 remedy = nearest(name, ["monotonic", *graph.profile.devices])
                 raise ProfileError(graph.source.place("clock"), f"there is no device '{name}'", remedy)
         if graph.world is None:
@@ -139,16 +140,18 @@ class Process:
             if fileno is not None:
                 self.channel.send({"say": "actuator", "slot": number, "name": device.driver.name}, fileno)
 
-        for device in loop.actuators:
-            hand_over(device)
-            device.on_loss = lambda d: self.channel.send({"say": "lost", "slot": loop.actuators.index(d)})
-            device.on_return = hand_over
-
-        categories = {d: self._category(loop, d) for d in loop.actuators}
         numbers = {d: i for i, d in enumerate(loop.actuators)}
 
+        def lost(device: Device) -> None:
+            slots.clear(numbers[device])
+            self.channel.send({"say": "lost", "slot": numbers[device]})
+
         def after_write(device: Device) -> None:
-            slots.write(numbers[device], device.driver.stop_frame(categories[device]))
+            slots.write(numbers[device], device.driver.stop_frame(self._category(loop, device)))
+
+        for device in loop.actuators:
+            hand_over(device)
+            device.on_loss, device.on_return = lost, hand_over
 
         loop.after_write = after_write
         said = State.STARTING
@@ -169,11 +172,11 @@ class Process:
 
     def _category(self, loop: Loop, device: Device) -> Stop:
         """How the device stops without the loop: retracting needs the loop, so it holds."""
-        own = [a for a in loop.graph.actuators if loop.graph.devices[a.device] is device.driver]
-        category = loop.cycle.category(own[0])
+        own = next(a for a in loop.graph.actuators if loop.graph.devices[a.device] is device.driver)
+        category = loop.cycle.category(own)
         return Stop.HOLD if category is Stop.RETRACT else category
 
-    def _result(self, loop: Loop) -> None:
+    def _figures(self, loop: Loop) -> dict[str, Any]:
         graph = loop.graph
         figures: dict[str, Any] = {c.name: c.figures() for c in graph.controllers}
         figures |= {d.name: f for d in graph.devices if (f := d.figures())}
@@ -181,7 +184,7 @@ class Process:
             a.name: {"rejected": g.rejections, "limited": g.limitations, "fallback": g.fallbacks}
             for a, g in zip(graph.actuators, loop.cycle.guards, strict=True)
         }
-        self.channel.send({"say": "result", "figures": _finite(figures)})
+        return {str(name): _finite(value) for name, value in figures.items()}
 
 
 def _finite(value: Any) -> Any:
@@ -190,8 +193,8 @@ def _finite(value: Any) -> Any:
         return {str(k): _finite(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
         return [_finite(v) for v in value]
-    if isinstance(value, np.generic):
-        value = value.item()
+    if isinstance(value, np.generic | np.ndarray):
+        return _finite(value.tolist())
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

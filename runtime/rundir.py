@@ -110,7 +110,9 @@ def _is_tmpfs(mount: str) -> bool:
 
 def running() -> list[RunDir]:
     """Every instance that runs now and that this user may see: one's own, and the host's services."""
-    folders = {p.parent for root in (base(), SERVICES) for pattern in ("*/lock", "*/*/lock") for p in root.glob(pattern)}
+    folders = {
+        p.parent for root in (base(), SERVICES) for pattern in ("*/lock", "*/*/lock") for p in root.glob(pattern)
+    }
     return [rundir for rundir in map(RunDir, sorted(folders)) if rundir.is_claimed()]
 
 

@@ -24,9 +24,10 @@ from typing import Any
 from runtime.channel import Channel
 from runtime.errors import DeviceError, SrlError
 from runtime.inbox import ask
-from runtime.layout import Layout
 from runtime.mailbox import MailboxWriter
+from runtime.notify import Notifier
 from runtime.order import Order
+from runtime.realtime import PARENT
 from runtime.ring import RingReader
 from runtime.rundir import RunDir
 from runtime.stopslots import StopSlots
@@ -36,6 +37,8 @@ HUNG = 100_000_000  # ns without one, besides two periods, until the loop counts
 HUNG_UNPACED = 10_000_000_000  # the same where everything is simulated
 BACKOFF = (0.0, 0.0, 0.2, 1.0, 5.0)  # s before the first, second, ... restart within a minute
 FINISH = 120.0  # s the recorder may take to finish its file
+LET_GO = 5_000_000_000  # ns the loop's process may take to let its devices go, after its last row
+OPENING = 10.0  # s that devices which are being opened have to give way to an end that is asked for
 
 
 @dataclass
@@ -83,12 +86,15 @@ class Supervisor:
         self._hung_after = HUNG
         self._ring: RingReader | None = None
         self._ask_to_end = False
-        self._asked = 0.0
+        self._asked = self._first_asked = 0.0
+        self._notifier = Notifier()
 
     def start(self) -> None:
         """Spawns the loop; the helpers follow once it runs."""
-        for path in (self.rundir.rows, self.rundir.layout, self.rundir.notes, self.rundir.stops):
+        rundir = self.rundir
+        for path in (rundir.rows, rundir.layout, rundir.notes, rundir.stops, rundir.result):
             path.unlink(missing_ok=True)
+        os.environ[PARENT] = str(os.getpid())
         MailboxWriter.create(self.rundir.mail)
         self.order.save(self.rundir.order)
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -115,7 +121,7 @@ class Supervisor:
             return False
         if self.running and self._ring is not None:
             silent = time.monotonic_ns() - self._ring.beat
-            if silent > self._hung_after:
+            if silent > (LET_GO if self._ring.closed else self._hung_after):
                 self._loop_died(f"the loop gave no sign of life for {silent / 1e6:.0f} ms", kill=True)
                 return False
         for helper in self.helpers if self.running else ():
@@ -137,8 +143,6 @@ class Supervisor:
                 self.running = True
                 self._hung_after = HUNG_UNPACED if content["unpaced"] else HUNG + 2 * content["period"]
                 self._ring = RingReader(self.rundir.rows)
-            case "result":
-                self.figures = content["figures"]
             case "failed":
                 cls = DeviceError if content["kind"] == "device" else SrlError
                 self.error = cls(content["place"], content["problem"], content["remedy"])
@@ -155,12 +159,15 @@ class Supervisor:
             code = self.loop.wait(timeout=0.05)
         except subprocess.TimeoutExpired:
             code = None
-        closed = self._ring is not None and self._ring.closed
-        if self.error is None and not closed:
+        ended = (self._ring is not None and self._ring.closed) or (self._ask_to_end and not self.running)
+        if self.error is None and not ended:
             how = f"killed by {signal.Signals(-code).name}" if code is not None and code < 0 else f"exit code {code}"
             self._loop_died(f"the loop's process ended ({how})", kill=code is None)
         else:
             self.loop.wait()
+            self._notifier.stopping()
+            if self.rundir.result.exists():
+                self.figures = json.loads(self.rundir.result.read_text())
         self.running = False
 
     def _loop_died(self, how: str, kill: bool) -> None:
@@ -172,6 +179,7 @@ class Supervisor:
             self.loop.wait()
         self._stop_actuators()
         stopped = time.monotonic_ns()
+        self._notifier.stopping()
         # From the last cycle that ran to its end, as the person wearing the limb sees it.
         since = self._ring.beat if self._ring is not None and self._ring.beat else begun
         self.running = False
@@ -216,6 +224,10 @@ class Supervisor:
             if code is None or (code == 0 and self._ring is not None and self._ring.closed):
                 return
             helper.process = None
+            if code == 0 and self._ask_to_end:
+                return
+            if helper.name == "bus":
+                ask(self.rundir, "fault", "bus_loss", timeout=0.0)
             if code == 2:  # it refused its order: the same order would be refused again
                 self.report(f"{helper.name} can't work (its reason is above); the loop goes on without it")
                 helper.not_before = float("inf")
@@ -225,8 +237,6 @@ class Supervisor:
             helper.not_before = now + BACKOFF[min(len(helper.deaths), len(BACKOFF) - 1)]
             how = f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
             self.report(f"{helper.name} ended ({how}); it is started again, the loop goes on")
-            if helper.name == "bus":
-                ask(self.rundir, "fault", "bus_loss", timeout=0.0)
         if helper.process is None and now >= helper.not_before:
             helper.process = subprocess.Popen(helper.command, stdin=subprocess.DEVNULL, start_new_session=True)
 
@@ -237,8 +247,12 @@ class Supervisor:
         if now - self._asked < 1.0:
             return
         first, self._asked = self._asked == 0.0, now
+        if first:
+            self._first_asked = now
         if first and self.running:
             ask(self.rundir, "exit", timeout=0.0)
+        elif not self.running and now - self._first_asked > OPENING:
+            self.loop.kill()  # nothing moves before it runs
         else:
             self.loop.terminate()
 
@@ -303,35 +317,8 @@ def helpers(rundir: RunDir, bus: bool, record: Path | None, view: bool) -> list[
 
 
 def state_dir(name: str) -> Path:
-    """Where an instance keeps what outlives a reboot: last positions, black boxes."""
+    """Where an instance keeps what outlives a reboot: the mark of a run under way, black boxes."""
     for variable, below in (("STATE_DIRECTORY", ""), ("XDG_STATE_HOME", "srl")):
         if value := os.environ.get(variable):
             return Path(value.split(":")[0]) / below / name
     return Path.home() / ".local" / "state" / "srl" / name
-
-
-def load_last(state: Path) -> dict[str, Any]:
-    """Positions last applied in an earlier run, by command name."""
-    try:
-        content: dict[str, Any] = json.loads((state / "last.json").read_text())
-    except (OSError, ValueError):
-        return {}
-    return content
-
-
-def save_last(state: Path, rundir: RunDir) -> None:
-    """Keeps the positions last applied, for the next start of devices without feedback."""
-    layout = Layout.load(rundir.layout)
-    with RingReader(rundir.rows) as ring:
-        row = ring.newest()
-    if row is None or layout.meta.get("simulated"):
-        return
-    last = {
-        f.name.removesuffix(".applied"): layout.value(row, f.name).tolist()
-        for f in layout.fields.values()
-        if f.role == "applied"
-    }
-    state.mkdir(parents=True, exist_ok=True)
-    scratch = state / "last.new"
-    scratch.write_text(json.dumps(last))
-    scratch.rename(state / "last.json")

@@ -30,9 +30,7 @@ class AugmentedHandConfig(WorldConfig):
 
     timestep: float = Field(default=0.001, ge=1e-5, le=0.005, description="s, of the physics")
     gravity: tuple[float, float, float] = Field(default=(0.0, 0.0, -9.81), description="m/s^2, in frame hand")
-    strength: float = Field(
-        default=1.0, gt=0, description="multiplies the greatest torque of every joint of the hand"
-    )
+    strength: float = Field(default=1.0, gt=0, description="multiplies the greatest torque of every joint of the hand")
     fingers: tuple[FingerConfig, ...] = Field(default=(FingerConfig(),), min_length=1)
     objects: tuple[ObjectConfig, ...] = ()
     wearer: WearerConfig = WearerConfig()
@@ -178,6 +176,15 @@ class AugmentedHand(World):
         step, servos = max(-(-at // self._step_ns), self._step), self._servos
         for servo, target in targets.items():
             self._bank.command(servos[servo], np.nan if target is None else target, step)
+
+    def place_servos(self, first: int, angles: Array) -> None:
+        """Where a person put a finger before the run: servos from number `first` on stand at `angles`, rad.
+
+        Only before the first step.
+        """
+        if self._step == 0:
+            self._servo_qpos[first : first + angles.size] = angles
+            self._fill()
 
     def servo_targets(self) -> Array:
         """(4 k,) rad: what each servo holds at present; NaN for one without pulses."""

@@ -21,12 +21,8 @@ class FingerConfig(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     name: str = Field(default="finger", pattern=r"^[a-z][a-z0-9_]*$")
-    origin: tuple[float, float, float] = Field(
-        default=(0.0, -0.020, -0.030), description="m, the base in frame hand"
-    )
-    x_axis: tuple[float, float, float] = Field(
-        default=(0.0, 0.0, -1.0), description="where the straight finger points"
-    )
+    origin: tuple[float, float, float] = Field(default=(0.0, -0.020, -0.030), description="m, the base in frame hand")
+    x_axis: tuple[float, float, float] = Field(default=(0.0, 0.0, -1.0), description="where the straight finger points")
     z_axis: tuple[float, float, float] = Field(default=(0.0, 1.0, 0.0), description="the abduction axis")
     links: tuple[float, float, float, float] = Field(
         default=(0.015, 0.042, 0.042, 0.042),

@@ -19,9 +19,7 @@ FINGERS: Final = ("thumb", "index", "middle", "ring", "little")
 _THUMB: Final = ("tm_abduction", "tm_flexion", "mcp_flexion", "ip_flexion")
 _FINGER: Final = ("mcp_abduction", "mcp_flexion", "pip_flexion", "dip_flexion")
 
-JOINTS: Final = tuple(
-    f"{finger}_{joint}" for finger in FINGERS for joint in (_THUMB if finger == "thumb" else _FINGER)
-)
+JOINTS: Final = tuple(f"{finger}_{joint}" for finger in FINGERS for joint in (_THUMB if finger == "thumb" else _FINGER))
 """Names of the 20 joints in the model's order. Positive flexion curls toward the palm; positive abduction
 turns toward the thumb's side (-x)."""
 

@@ -70,9 +70,7 @@ class ObjectConfig(BaseModel):
         elif self.code is not None:
             raise ValueError(f"a code belongs to shape ycb, not to {self.shape}")
         elif len(self.size) != _SIZES[self.shape] or min(self.size) <= 0 or self.mass is None:
-            raise ValueError(
-                f"a {self.shape} needs a mass and {_SIZES[self.shape]} positive number(s) as size"
-            )
+            raise ValueError(f"a {self.shape} needs a mass and {_SIZES[self.shape]} positive number(s) as size")
         return self
 
 

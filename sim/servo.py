@@ -18,9 +18,7 @@ class ServoConfig(BaseModel):
 
     stall_torque: float = Field(default=0.14, gt=0, description="N m, the greatest torque, at rest")
     no_load_speed: float = Field(default=8.0, gt=0, description="rad/s, where the torque has fallen to zero")
-    stiffness: float = Field(
-        default=3.0, gt=0, description="N m/rad of position error, up to the stall torque"
-    )
+    stiffness: float = Field(default=3.0, gt=0, description="N m/rad of position error, up to the stall torque")
     damping: float = Field(
         default=0.05, ge=0, description="N m s/rad, the position loop's own (it brakes before the goal)"
     )
@@ -33,9 +31,7 @@ class ServoConfig(BaseModel):
     )
 
 
-def add_servo(
-    body: Element, actuators: Element, name: str, limits: tuple[float, float], servo: ServoConfig
-) -> None:
+def add_servo(body: Element, actuators: Element, name: str, limits: tuple[float, float], servo: ServoConfig) -> None:
     """Adds a hinge about the body's z axis and the servo that drives it, both called `name`.
 
     The torque available at speed w is stall_torque - (stall_torque / no_load_speed) w: the line's slope is

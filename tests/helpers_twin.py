@@ -153,10 +153,7 @@ def bound(driver: Driver, commands: Mapping[str, Array] | None = None) -> Driver
     """The driver with arrays of its own."""
     driver.bind(
         {signal.name: np.full(signal.shape, np.nan) for signal in driver.states},
-        {
-            signal.name: (commands or {}).get(signal.name, np.zeros(signal.shape)).copy()
-            for signal in driver.commands
-        },
+        {signal.name: (commands or {}).get(signal.name, np.zeros(signal.shape)).copy() for signal in driver.commands},
     )
     return driver
 

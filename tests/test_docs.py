@@ -26,7 +26,8 @@ from runtime import profile, registry, wiring
 from runtime.cli import COMMANDS
 from runtime.cli.check import check_guards
 from runtime.layout import Cause, State
-from runtime.machine import Fault, Machine
+from runtime.machine import Machine
+from runtime.mailbox import Ask
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -212,7 +213,7 @@ def test_the_safety_pages_defaults_are_the_machines() -> None:
         machine.start_if_ready(None)
         machine.settle(at_rest=True)
         assert machine.state is State.ACTIVE
-        machine.stop(Fault(Cause[cause.upper()]))
+        machine.request(Ask.FAULT, int(Cause[cause.upper()]), None)
         assert (machine.state is State.ACTIVE) == (reaction == "ignore"), cause
         assert machine.override is None
 

@@ -152,9 +152,7 @@ def load(path: Path, sensors: int) -> Calibration:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it isn't UTF-8 text"
-        raise ProfileError(
-            str(path), f"the calibration can't be read: {reason}", "Name an existing file"
-        ) from None
+        raise ProfileError(str(path), f"the calibration can't be read: {reason}", "Name an existing file") from None
     return _vendor(path, text, sensors) if path.suffix == ".cal" else _own(path, text, sensors)
 
 
@@ -195,9 +193,7 @@ def _own(path: Path, text: str, sensors: int) -> Calibration:
             )
     for name in labels:
         if name not in file.sensors:
-            raise ProfileError(
-                f"{path}: sensors.{name}", "the sensor is missing", f"Give all {sensors} sensors a line"
-            )
+            raise ProfileError(f"{path}: sensors.{name}", "the sensor is missing", f"Give all {sensors} sensors a line")
     table = np.array([file.sensors[name].angles() for name in labels])
     return Calibration(table, hand=file.hand, person=file.person)
 
@@ -233,9 +229,7 @@ def _vendor(path: Path, text: str, sensors: int) -> Calibration:
         source = _GAIN_ELSEWHERE.get(line, line)
         gain = number(source, _GAIN, "gain")
         if gain == 0:
-            raise ProfileError(
-                f"{path}: line {source + 1}", f"the gain of {label} is 0", "Calibrate the glove again"
-            )
+            raise ProfileError(f"{path}: line {source + 1}", f"the gain of {label} is 0", "Calibrate the glove again")
         rows.append(Fit(gain=gain, offset=number(line, _OFFSET, "offset")).angles())
     return Calibration(np.array(rows), note="vendor calibration: check each joint's sign before use")
 

@@ -221,9 +221,7 @@ class CyberGlove(Driver):
                 for message in self._parser.feed(data):
                     if isinstance(message, Reply) and message.command == expected:
                         return message.value
-        raise DeviceError(
-            self._place, f"expected a CyberGlove's answer to {command!r}, got {_shown(heard)}", _REMEDY
-        )
+        raise DeviceError(self._place, f"expected a CyberGlove's answer to {command!r}, got {_shown(heard)}", _REMEDY)
 
 
 def _shown(heard: bytes) -> str:

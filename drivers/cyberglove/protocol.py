@@ -29,9 +29,7 @@ LABELS: Final = {
 _PLUGGED, _SWITCH, _LIGHT = 1, 2, 4
 _HEADS = frozenset(b"SG")
 _BEGINNING = re.compile(rb"\0(?=[SG]|\Z)")  # where a record may begin, behind another's end
-_QUERY_SIZES = {ord("K"): 3, ord("M"): 3, ord("T"): 4, ord("P"): 3, ord("A"): 6} | dict.fromkeys(
-    b"GSNDUFQRWLJB", 1
-)
+_QUERY_SIZES = {ord("K"): 3, ord("M"): 3, ord("T"): 4, ord("P"): 3, ord("A"): 6} | dict.fromkeys(b"GSNDUFQRWLJB", 1)
 _SET_REPLIES = frozenset(b"MNDUFQTWLJYPBA")
 _MORE, _WRONG = 0, -1  # instead of a message's end: not all there yet; not a message
 

@@ -91,8 +91,7 @@ class Firmata(Driver):
         ) + b"".join(protocol.report_digital(port, True) for port in self._buttons.ports)
         # Detached in the middle of a pulse, a pin would stay high: hence the low behind it.
         self._limp_frame = protocol.END_SYSEX + b"".join(
-            protocol.set_pin_mode(pin, Mode.OUTPUT) + protocol.digital_pin_write(pin, False)
-            for pin in self._pins
+            protocol.set_pin_mode(pin, Mode.OUTPUT) + protocol.digital_pin_write(pin, False) for pin in self._pins
         )
         self._hold_frame: bytes | None = None
         self._forget()

@@ -45,9 +45,7 @@ def identify(link: Transport, decoder: Decoder, place: str) -> Board:
     if version is None:
         raise _unknown(link.url, bytes(heard), place)
     if version.major != 2:
-        raise DeviceError(
-            place, f"{link.url} speaks Firmata {version.major}.{version.minor}, this driver 2.x", FLASH
-        )
+        raise DeviceError(place, f"{link.url} speaks Firmata {version.major}.{version.minor}, this driver 2.x", FLASH)
     # Whatever was set before, by an earlier run or another program, ends here. The answers come in order,
     # so that by the time of the capabilities no boot message is still on its way.
     link.write_all(protocol.RESET + protocol.FIRMWARE_QUERY + protocol.CAPABILITY_QUERY, 1.0)
@@ -78,9 +76,7 @@ def require(board: Board, pin: int, mode: Mode, part: str, place: str) -> None:
     raise DeviceError(place, problem, FLASH)
 
 
-def listen(
-    link: Transport, decoder: Decoder, seconds: float, heard: bytearray | None = None
-) -> Iterator[Message]:
+def listen(link: Transport, decoder: Decoder, seconds: float, heard: bytearray | None = None) -> Iterator[Message]:
     """The messages of the next `seconds`, as they come; `heard` collects the raw bytes. Blocks."""
     deadline = time.monotonic() + seconds
     while (left := deadline - time.monotonic()) > 0:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import signal
 import sys
 import time
@@ -13,14 +14,15 @@ from typing import Any
 from runtime import profile, rundir, wiring
 from runtime.cli import add_command
 from runtime.cli.check import check_guards
+from runtime.cli.console import Console
 from runtime.cli.status import Status
 from runtime.errors import HostError, RequestError
 from runtime.layout import Cause, Layout
-from runtime.notes import Level, NotesReader
+from runtime.notes import NotesReader
 from runtime.order import Order
 from runtime.ring import RingReader
 from runtime.summary import Summary
-from runtime.supervisor import Supervisor, helpers, load_last, save_last, state_dir
+from runtime.supervisor import Supervisor, helpers, state_dir
 
 REFRESH = 0.1  # s between looks at the rows
 
@@ -59,13 +61,19 @@ def run(args: argparse.Namespace) -> int:
     check_guards(graph)
     _check_arguments(args, graph)
     name = args.instance or checked.name
+    if not re.match(profile.SLUG, name):
+        raise RequestError("--instance", f"'{name}' is no name", "Use lower-case letters, digits, - and _")
     state = state_dir(name)
     automatic, advice = _automatic(args, graph)
     cycles = round(args.duration * float(checked.rate)) if args.duration is not None else _wearers_end(graph)
     where = rundir.RunDir.of(name)
-    # Only a person wearing a real limb needs the stop after a crash.
-    crashed = where.claim() and any(graph.devices[a.device].name not in graph.simulated for a in graph.actuators)
-    clean = False
+    where.claim()
+    # A run that doesn't end well leaves its mark, over a reboot, too. Only a real limb needs the stop after it.
+    mark = state / "running"
+    real = any(graph.devices[a.device].name not in graph.simulated for a in graph.actuators)
+    crashed = real and mark.exists()
+    if real:
+        _leave(mark)
     try:
         record = args.record
         if args.figure is not None and record is None:
@@ -73,25 +81,43 @@ def run(args: argparse.Namespace) -> int:
             record.unlink(missing_ok=True)
         order = Order(
             source.label, source.text, list(source.overrides), args.sim, args.fast, cycles, automatic, crashed,
-            record is not None, load_last(state),
+            record is not None,
         )  # fmt: skip
-        supervisor = Supervisor(where, order, state, helpers(where, checked.bus is not None, record, args.view), _say)
-        result = _supervise(supervisor, args, advice)
-        clean = supervisor.death is None
-        if args.figure is not None and record is not None and supervisor.error is None:
+        console = Console(sys.stderr)
+        telemetry = helpers(where, checked.bus is not None, record, args.view)
+        supervisor = Supervisor(where, order, state, telemetry, console.say)
+        result = _supervise(supervisor, args, advice, console)
+        if supervisor.error is not None:
+            if not crashed:
+                mark.unlink(missing_ok=True)  # nothing has moved
+            raise supervisor.error
+        if args.figure is not None and record is not None:
             _draw(record, args.figure)
-        if clean and supervisor.error is None:
-            save_last(state, where)
+        code = _report(supervisor, result, args, console)
+        if code == 0:
+            mark.unlink(missing_ok=True)
     finally:
-        where.release(clean)
-    return _report(supervisor, result, args)
+        where.release()
+    return code
 
 
-def _supervise(supervisor: Supervisor, args: argparse.Namespace, advice: str) -> dict[str, Any]:
+def _leave(mark: Path) -> None:
+    try:
+        mark.parent.mkdir(parents=True, exist_ok=True)
+        mark.touch()
+    except OSError as error:
+        raise HostError(
+            str(mark.parent),
+            f"the state folder can't be written: {error.strerror}",
+            "Set XDG_STATE_HOME to one of yours",
+        ) from None
+
+
+def _supervise(supervisor: Supervisor, args: argparse.Namespace, advice: str, console: Console) -> dict[str, Any]:
     """Starts it, looks after it, and returns the figures."""
-    for number in (signal.SIGTERM, signal.SIGINT):
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, lambda *_: supervisor.end())
-    status = Status(sys.stderr, quiet=args.json)
+    status = Status(console, quiet=args.json)
     summary: Summary | None = None
     notes: NotesReader | None = None
     next_look = 0.0
@@ -104,7 +130,7 @@ def _supervise(supervisor: Supervisor, args: argparse.Namespace, advice: str) ->
             summary = Summary(Layout.load(supervisor.rundir.layout), RingReader(supervisor.rundir.rows))
             notes = NotesReader(supervisor.rundir.notes)
             if advice:
-                _say(advice)
+                console.say(advice)
         summary.update()
         _pass_on(notes, status)
         status.show(summary)
@@ -118,13 +144,11 @@ def _supervise(supervisor: Supervisor, args: argparse.Namespace, advice: str) ->
     status.end()
     failed = supervisor.finish()
     if "recorder" in failed:
-        _say("the recording is NOT complete; what was saved is in its .segments folder")
+        console.say("the recording is NOT complete; what was saved is in its .segments folder")
     return (summary.figures() if summary is not None else {}) | {"recording_complete": "recorder" not in failed}
 
 
-def _report(supervisor: Supervisor, result: dict[str, Any], args: argparse.Namespace) -> int:
-    if supervisor.error is not None:
-        raise supervisor.error
+def _report(supervisor: Supervisor, result: dict[str, Any], args: argparse.Namespace, console: Console) -> int:
     cause = Cause[result.get("cause", "none").upper()]
     code = 0 if cause in (Cause.NONE, Cause.REQUEST, Cause.END) and result["recording_complete"] else 1
     result["instance"] = supervisor.rundir.path.name
@@ -139,12 +163,12 @@ def _report(supervisor: Supervisor, result: dict[str, Any], args: argparse.Names
             "actuators_stopped_ms": round(death.stopped_after_ms, 3),
             "black_box": str(death.black_box) if death.black_box else None,
         }
-        _say(
+        console.say(
             f"{death.how}; the actuators had their stop {death.stopped_after_ms:.1f} ms after its last sign of life. "
             f"The last rows are in {death.black_box}. Find the cause before the next run, which begins in the stop."
         )
     elif cause not in (Cause.NONE, Cause.REQUEST, Cause.END):
-        _say(f"ended in a fault: {cause.name.lower().replace('_', ' ')} {result['culprit']}".rstrip())
+        console.say(f"ended in a fault: {cause.name.lower().replace('_', ' ')} {result['culprit']}".rstrip())
     if args.json:
         print(json.dumps(result))
     return code
@@ -209,8 +233,7 @@ def _check_names() -> None:
 
 def _pass_on(notes: NotesReader, status: Status) -> None:
     for note in notes.take():
-        level = {Level.INFO: "", Level.WARNING: "warning: ", Level.ERROR: "error: "}[note.level]
-        status.line(f"cycle {note.cycle}: {level}{note.text}")
+        status.line(f"cycle {note.cycle}: {note.text}", note.level)
 
 
 def _draw(record: Path, figure: Path) -> None:
@@ -218,7 +241,3 @@ def _draw(record: Path, figure: Path) -> None:
     from runtime.recorder.reader import read
 
     draw(read(record), figure)
-
-
-def _say(text: str) -> None:
-    print(f"srl: {text}", file=sys.stderr, flush=True)

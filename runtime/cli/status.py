@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import shutil
 import time
-from typing import TextIO
 
+from runtime.cli.console import Console
 from runtime.layout import Cause
+from runtime.notes import Level
 from runtime.summary import Summary
 
 _EVERY = 10.0  # s between lines where there is no terminal
@@ -15,56 +16,61 @@ _EVERY = 10.0  # s between lines where there is no terminal
 class Status:
     """See the module's text."""
 
-    def __init__(self, stream: TextIO, quiet: bool = False) -> None:
+    def __init__(self, console: Console, quiet: bool = False) -> None:
         """`quiet`: remarks only, no status."""
-        self._stream, self._quiet = stream, quiet
-        self._terminal = stream.isatty()
+        self._console, self._quiet = console, quiet
         self._shown = False
         self._next = 0.0
 
     def show(self, summary: Summary) -> None:
         """The present state in one line."""
-        if self._quiet or summary.row is None:
+        if summary.row is None:
             return
-        if not self._terminal:
+        cause = Cause(summary.word("cause"))
+        self._console.fields = {
+            "SRL_INSTANCE": str(summary.layout.meta["name"]),
+            "SRL_CYCLE": str(summary.word("cycle")),
+            "SRL_STATE": summary.state.name.lower(),
+            "SRL_CAUSE": cause.name.lower(),
+        }
+        if self._quiet:
+            return
+        if not self._console.terminal:
             if time.monotonic() < self._next:
                 return
             self._next = time.monotonic() + _EVERY
-        seconds, wall = summary.seconds()
-        cause = Cause(summary.word("cause"))
-        why = (
-            f" ({cause.name.lower()} {summary.layout.culprit(cause, summary.word('culprit'))})".replace(" )", ")")
-            if cause
-            else ""
-        )
-        devices = "  ".join(
-            f"{name} {d['state']}" + (f" {d['age_ms']:.0f} ms" if d["age_ms"] is not None else "")
-            for name, d in summary.devices().items()
-        )
-        factor = f" x{seconds / wall:.1f}" if wall > 0 and seconds > 1.05 * wall else ""
-        p50, p99 = (summary.cycle.percentile(share) / 1e3 for share in (0.5, 0.99))
-        text = (
-            f"{summary.state.name:<8}{why} {seconds:7.1f} s{factor}  cycle {p50:.0f} us (p99 {p99:.0f})  "
-            f"overruns {summary.word('overruns')}  {devices}"
-        )
-        if self._terminal:
+        text = _line(summary, cause)
+        if self._console.terminal:
             width = shutil.get_terminal_size().columns - 1
-            self._stream.write(f"\r\033[2K{text[:width]}")
+            self._console.write(f"\r\033[2K{text[:width]}")
             self._shown = True
         else:
-            self._stream.write(f"{text}\n")
-        self._stream.flush()
+            self._console.say(text, Level.INFO)
 
-    def line(self, text: str) -> None:
+    def line(self, text: str, level: Level) -> None:
         """A remark of its own, above the status."""
         if self._shown:
-            self._stream.write("\r\033[2K")
-        self._stream.write(f"srl: {text}\n")
-        self._stream.flush()
+            self._console.write("\r\033[2K")
+        self._console.say(text, level)
 
     def end(self) -> None:
         """Leaves the last status standing."""
         if self._shown:
-            self._stream.write("\n")
-            self._stream.flush()
+            self._console.write("\n")
             self._shown = False
+
+
+def _line(summary: Summary, cause: Cause) -> str:
+    seconds, wall = summary.seconds()
+    culprit = summary.layout.culprit(cause, summary.word("culprit"))
+    why = f" ({cause.name.lower()} {culprit})".replace(" )", ")") if cause else ""
+    devices = "  ".join(
+        f"{name} {d['state']}" + (f" {d['age_ms']:.0f} ms" if d["age_ms"] is not None else "")
+        for name, d in summary.devices().items()
+    )
+    factor = f" x{seconds / wall:.1f}" if wall > 0 and seconds > 1.05 * wall else ""
+    p50, p99 = (summary.cycle.percentile(share) / 1e3 for share in (0.5, 0.99))
+    return (
+        f"{summary.state.name:<8}{why} {seconds:7.1f} s{factor}  cycle {p50:.0f} us (p99 {p99:.0f})  "
+        f"overruns {summary.word('overruns')}  {devices}"
+    )

@@ -56,5 +56,5 @@ def run(args: argparse.Namespace) -> int:
 
 def _wait_for_end(rundir: RunDir) -> None:
     deadline = time.monotonic() + 10
-    while rundir.running.exists() and time.monotonic() < deadline:
+    while rundir.is_claimed() and time.monotonic() < deadline:
         time.sleep(0.02)

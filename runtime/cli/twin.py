@@ -32,26 +32,14 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     parser.add_argument("profile", help="a name under profiles/, or a path to a YAML file")
     parser.add_argument("devices", nargs="*", metavar="DEVICE", help="default: all that have a twin")
-    parser.add_argument(
-        "--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of the profile"
-    )
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of the profile")
     parser.add_argument("--wearer", metavar="FILE", help="the simulated person repeats this recording")
-    parser.add_argument(
-        "--duration", type=float, metavar="S", help="end after so many seconds; default: at Ctrl-C"
-    )
-    parser.add_argument(
-        "--speed", type=float, default=1.0, help="seconds of the world in a second; default 1"
-    )
+    parser.add_argument("--duration", type=float, metavar="S", help="end after so many seconds; default: at Ctrl-C")
+    parser.add_argument("--speed", type=float, default=1.0, help="seconds of the world in a second; default 1")
     parser.add_argument("--link", type=Path, metavar="DIR", help="keep a symlink DIR/DEVICE to each port")
-    parser.add_argument(
-        "--log", type=Path, metavar="FILE.npz", help="save what happened at the end (docs/twins.md)"
-    )
-    parser.add_argument(
-        "--control", action="store_true", help="take faults from standard input (docs/twins.md)"
-    )
-    parser.add_argument(
-        "--json", action="store_true", help="one JSON line with the addresses, one with the figures"
-    )
+    parser.add_argument("--log", type=Path, metavar="FILE.npz", help="save what happened at the end (docs/twins.md)")
+    parser.add_argument("--control", action="store_true", help="take faults from standard input (docs/twins.md)")
+    parser.add_argument("--json", action="store_true", help="one JSON line with the addresses, one with the figures")
     parser.set_defaults(run=run)
 
 
@@ -112,16 +100,12 @@ def make_twins(graph: wiring.Graph, names: list[str]) -> dict[str, Twin]:
         )
     fakes = {device.name: device for device in graph.devices if isinstance(device, Fake)}
     return {
-        name: registry.load("twins", entries[name].driver, graph.source.place(f"devices.{name}.driver"))(
-            fakes[name]
-        )
+        name: registry.load("twins", entries[name].driver, graph.source.place(f"devices.{name}.driver"))(fakes[name])
         for name in dict.fromkeys(chosen)
     }
 
 
-def _serve(
-    world: World, twins: dict[str, Twin], args: argparse.Namespace, ended: list[int], log: _Log | None
-) -> None:
+def _serve(world: World, twins: dict[str, Twin], args: argparse.Namespace, ended: list[int], log: _Log | None) -> None:
     clock = MonotonicClock(RATE)
     control = _Control(twins, args.json) if args.control else None
     clock.start()
@@ -195,19 +179,13 @@ class _Control:
     def _do(self, words: list[str]) -> None:
         verb, name = words if len(words) == 2 else (" ".join(words), "")
         if verb not in _VERBS:
-            raise RequestError(
-                f"--control '{' '.join(words)}'", "expected VERB DEVICE", f"Verbs: {', '.join(_VERBS)}"
-            )
+            raise RequestError(f"--control '{' '.join(words)}'", "expected VERB DEVICE", f"Verbs: {', '.join(_VERBS)}")
         if name not in self._twins:
-            raise RequestError(
-                f"--control '{verb} {name}'", f"there is no twin '{name}'", nearest(name, self._twins)
-            )
+            raise RequestError(f"--control '{verb} {name}'", f"there is no twin '{name}'", nearest(name, self._twins))
         twin = self._twins[name]
         attribute, value = _VERBS[verb]
         if not hasattr(twin, attribute):
-            raise RequestError(
-                f"--control '{verb} {name}'", "this device's twin can't do that", "Use another verb"
-            )
+            raise RequestError(f"--control '{verb} {name}'", "this device's twin can't do that", "Use another verb")
         if value is None:
             getattr(twin, attribute)()
         else:
@@ -257,9 +235,7 @@ class _Log:
         try:
             np.savez_compressed(path, **arrays)
         except OSError as error:
-            raise RequestError(
-                f"--log {path}", f"can't be written: {error.strerror}", "Name another file"
-            ) from None
+            raise RequestError(f"--log {path}", f"can't be written: {error.strerror}", "Name another file") from None
 
 
 def _serial(twin: Twin, name: str) -> Any:
@@ -278,6 +254,4 @@ def _check_arguments(args: argparse.Namespace) -> None:
     if args.link is not None and not args.link.is_dir():
         raise RequestError("--link", f"there is no folder {args.link}", "Make it first")
     if args.log is not None and (args.log.suffix != ".npz" or not args.log.absolute().parent.is_dir()):
-        raise RequestError(
-            "--log", f"{args.log} isn't a .npz in a folder that exists", "Name one, e.g. twin.npz"
-        )
+        raise RequestError("--log", f"{args.log} isn't a .npz in a folder that exists", "Name one, e.g. twin.npz")

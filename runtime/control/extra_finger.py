@@ -50,12 +50,8 @@ class ExtraFinger(BaseModel):
         min_length=1,
         description="standard Denavit-Hartenberg rows [alpha rad, a m], one a joint",
     )
-    lower: tuple[float, ...] = Field(
-        default=(-pi / 3, -pi / 2, -pi / 2, -pi / 2), description="rad, a joint each"
-    )
-    upper: tuple[float, ...] = Field(
-        default=(pi / 3, pi / 2, pi / 2, pi / 2), description="rad, a joint each"
-    )
+    lower: tuple[float, ...] = Field(default=(-pi / 3, -pi / 2, -pi / 2, -pi / 2), description="rad, a joint each")
+    upper: tuple[float, ...] = Field(default=(pi / 3, pi / 2, pi / 2, pi / 2), description="rad, a joint each")
 
     @field_validator("base")
     @classmethod
@@ -101,9 +97,7 @@ class FingerKinematics:
         """
         self.chain = Chain(finger.transformation(), np.array(finger.rows))
         self.n = len(finger.rows)
-        self._limits = [
-            (low, 0.5 * (low + high), high) for low, high in zip(finger.lower, finger.upper, strict=True)
-        ]
+        self._limits = [(low, 0.5 * (low + high), high) for low, high in zip(finger.lower, finger.upper, strict=True)]
         self._damping2 = damping**2
         self._curvature = 0.5 * sum(abs(a) for _, a in finger.rows)
 

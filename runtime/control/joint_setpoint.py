@@ -13,9 +13,7 @@ from runtime.signals import Signal
 class JointSetpointConfig(ControllerConfig):
     """Options of `joint-setpoint`."""
 
-    joints: tuple[str, ...] = Field(
-        min_length=1, description="a label for each joint, in the command's order"
-    )
+    joints: tuple[str, ...] = Field(min_length=1, description="a label for each joint, in the command's order")
 
 
 class JointSetpoint(Controller):
@@ -33,9 +31,7 @@ class JointSetpoint(Controller):
         super().__init__(name, config)
         joints = config.joints
         if len(set(joints)) < len(joints):
-            raise ProfileError(
-                f"controllers.{name}.joints", "a label is there more than once", "Name each once"
-            )
+            raise ProfileError(f"controllers.{name}.joints", "a label is there more than once", "Name each once")
         n = len(joints)
         self.inputs = (Signal(name="target", shape=(n,), unit="rad", labels=joints),)
         self.outputs = (

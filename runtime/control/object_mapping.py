@@ -24,9 +24,7 @@ from runtime.signals import Signal
 
 FingerName = Literal["thumb", "index", "middle", "ring", "little"]
 
-_SMOOTHING: Final = (
-    0.03  # s, time constant of the tips' velocity: a glove slower than the loop moves in steps
-)
+_SMOOTHING: Final = 0.03  # s, time constant of the tips' velocity: a glove slower than the loop moves in steps
 
 
 class ObjectMappingConfig(ControllerConfig):

@@ -102,9 +102,7 @@ class VirtualObject:
                 return moved
         return self._move_generally(mid, dp, c, v, p_a, sphere)
 
-    def _move_similarly(
-        self, d: Array, dp: Array, c: list[float], v: list[float], p_a: Array
-    ) -> Array | None:
+    def _move_similarly(self, d: Array, dp: Array, c: list[float], v: list[float], p_a: Array) -> Array | None:
         """`move` for G = S(w) + s I in closed form; None where a direction may have to be damped.
 
         With H = sum d d^T and T = sum d dp^T the normal equations are (tr(H) I - H) w = vee(T) and
@@ -159,9 +157,7 @@ class VirtualObject:
         A, lam, W, inverse = self._decompose(mid - c, p_a - c)
         xi = W @ (inverse * (W.T @ (A @ dp.ravel())))  # (3), A^+ dp_h
         if self._psi is not Psi.NONE:
-            xi = xi + self._null_motion(
-                W[:, lam <= _null_below(lam[-1])], xi, v, sphere[:3] - c, float(sphere[3])
-            )
+            xi = xi + self._null_motion(W[:, lam <= _null_below(lam[-1])], xi, v, sphere[:3] - c, float(sphere[3]))
         norm = sqrt(xi @ xi)
         if norm > _STEP:
             xi *= _STEP / norm
@@ -196,9 +192,7 @@ class VirtualObject:
         reach2 = (E * E).sum(axis=2).max(axis=1)
         # gain^2 = reach2 / lam, and the factor min(1, limit^2 / gain^2) on 1 / lam
         null, bound = _null_below(lam[-1]), (reach2 / self._limit2).tolist()
-        inverse = np.array(
-            [1.0 / max(x, low) if x > null else 0.0 for x, low in zip(lam.tolist(), bound, strict=True)]
-        )
+        inverse = np.array([1.0 / max(x, low) if x > null else 0.0 for x, low in zip(lam.tolist(), bound, strict=True)])
         return A, lam, W, inverse
 
     def _effect(self, x: Array) -> Array:

@@ -37,17 +37,11 @@ class Hand(Protocol):
 class FakeCyberGloveConfig(FakeConfig):
     """Options of the fake."""
 
-    rate: float = Field(
-        default=100.0, gt=0, le=1000, description="Hz, samples the glove takes by its own clock"
-    )
-    noise: float = Field(
-        default=0.004, ge=0, description="rad, standard deviation of each sensor, before quantisation"
-    )
+    rate: float = Field(default=100.0, gt=0, le=1000, description="Hz, samples the glove takes by its own clock")
+    noise: float = Field(default=0.004, ge=0, description="rad, standard deviation of each sensor, before quantisation")
     delay: float = Field(default=0.008, ge=0, le=0.5, description="s, from sampling to arrival")
     quantise: bool = Field(default=True, description="angles as raw bytes give them, as the real glove's")
-    dropout: float = Field(
-        default=0.0, ge=0, le=1, description="probability that a sample is lost on its way"
-    )
+    dropout: float = Field(default=0.0, ge=0, le=1, description="probability that a sample is lost on its way")
     loss: Annotated[Windows, AfterValidator(rising)] = Field(
         default=(), description="s, [from, to] pairs in world time during which the glove is gone"
     )

@@ -30,16 +30,14 @@ class Servos(Protocol):
 
     def servo_targets(self) -> Array: ...
 
+    def place_servos(self, first: int, angles: Array) -> None: ...
+
 
 class FakeFirmataConfig(FakeConfig):
     """Options of the fake."""
 
-    first: int = Field(
-        default=0, ge=0, description="the world's servo that the board's first one is; 4 a finger"
-    )
-    delay: float = Field(
-        default=0.003, ge=0, le=1, description="s, from the command to the board's new pulse width"
-    )
+    first: int = Field(default=0, ge=0, description="the world's servo that the board's first one is; 4 a finger")
+    delay: float = Field(default=0.003, ge=0, le=1, description="s, from the command to the board's new pulse width")
     frame_rate: float = Field(
         default=50.0, gt=0, le=1000, description="Hz of servo pulses: a new width waits for the next"
     )
@@ -88,13 +86,14 @@ class FakeFirmata(Fake):
                 f"the board has {n} servos, the world {max(there, 0)} from number {options.first} on",
                 "Give the world more fingers or the board fewer servos",
             )
+        if COMMAND in self.home:
+            self.servos.place_servos(options.first, self.home[COMMAND])
         if unknown := set(options.presses) - set(self._buttons):
             raise WiringError(
                 f"sim.devices.{name}.presses", f"the board has no button '{unknown.pop()}'", "Name one it has"
             )
         self._levels = [
-            _settled(options.presses.get(button, ()), config.buttons[button].debounce)
-            for button in self._buttons
+            _settled(options.presses.get(button, ()), config.buttons[button].debounce) for button in self._buttons
         ]
         self._bounds = [(544, 2400)] * n
         self._pulses: list[int | None] = [None] * n
@@ -207,7 +206,5 @@ def _settled(presses: Windows, wait: float) -> list[tuple[float, float]]:
     edges = [edge for press in presses for edge in press]
     ends = [*edges[1:], math.inf]
     return [
-        (edge + wait, 1.0 - i % 2)
-        for i, (edge, end) in enumerate(zip(edges, ends, strict=False))
-        if end - edge >= wait
+        (edge + wait, 1.0 - i % 2) for i, (edge, end) in enumerate(zip(edges, ends, strict=False)) if end - edge >= wait
     ]

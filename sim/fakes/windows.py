@@ -27,9 +27,7 @@ def inside(windows: Windows, at: int) -> bool:
 def refuse_while_gone(name: str, loss: Windows, at: int) -> None:
     """Raises `DeviceError` while the device is gone."""
     if inside(loss, at):
-        raise DeviceError(
-            name, "the simulated device doesn't answer", "It comes back at the end of its 'loss' window"
-        )
+        raise DeviceError(name, "the simulated device doesn't answer", "It comes back at the end of its 'loss' window")
 
 
 def require(world: World, method: str, name: str) -> Any:

@@ -58,9 +58,7 @@ class PtyDoor:
         try:
             master, client = pty.openpty()
         except OSError as error:
-            raise HostError(
-                "pty", f"the system gives none: {error.strerror}", "Close other terminals"
-            ) from None
+            raise HostError("pty", f"the system gives none: {error.strerror}", "Close other terminals") from None
         try:
             tty.setraw(client)  # stays so while the device's end is open
             os.set_blocking(master, False)

@@ -246,9 +246,7 @@ class StandardFirmata:
     def _write_port(self, port: int, mask: int) -> None:
         for pin in range(8 * port, min(8 * port + 8, PINS)):
             if self._mode[pin] in (INPUT, OUTPUT) and pin not in _SERIAL_PINS:
-                self._state[pin] = (
-                    mask >> pin % 8 & 1
-                )  # a 1 written to an input is the old way to its pull-up
+                self._state[pin] = mask >> pin % 8 & 1  # a 1 written to an input is the old way to its pull-up
 
     # -- inputs
 

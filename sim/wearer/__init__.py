@@ -16,9 +16,7 @@ class WearerConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    recording: str | None = Field(
-        default=None, description="file or folder (docs/simulation.md); null: the script"
-    )
+    recording: str | None = Field(default=None, description="file or folder (docs/simulation.md); null: the script")
     episode: int | None = Field(default=None, ge=0, description="one episode of a recording that has several")
     speed: float = Field(default=1.0, gt=0, le=10, description="1 is the person's own pace")
     loop: bool = Field(default=False, description="start again at the end instead of standing still")

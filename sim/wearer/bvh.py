@@ -84,9 +84,7 @@ def read(path: Path) -> Bvh:
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise RecordingError(
-            str(path), f"it can't be read as text ({error})", "Give a BVH text file"
-        ) from error
+        raise RecordingError(str(path), f"it can't be read as text ({error})", "Give a BVH text file") from error
     return _Parser(path, lines).parse()
 
 

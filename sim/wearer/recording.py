@@ -8,9 +8,7 @@ from runtime.errors import RecordingError
 from sim.wearer.motion import SampledWearer, Wearer, join
 
 
-def load_wearer(
-    recording: str | Path, *, episode: int | None = None, speed: float = 1.0, loop: bool = False
-) -> Wearer:
+def load_wearer(recording: str | Path, *, episode: int | None = None, speed: float = 1.0, loop: bool = False) -> Wearer:
     """A wearer that moves as recorded.
 
     Args:
@@ -30,14 +28,10 @@ def load_wearer(
         )
     episode = named if named is not None else episode
     if not path.exists():
-        raise RecordingError(
-            str(path), "there is no such file or folder", "Check the path of the wearer's recording"
-        )
+        raise RecordingError(str(path), "there is no such file or folder", "Check the path of the wearer's recording")
     if path.is_dir():
         parts = [topics.read(path)]
-    elif reader := {".csv": tables.read_csv, ".npz": tables.read_npz, ".bvh": bvh_hand.read}.get(
-        path.suffix.lower()
-    ):
+    elif reader := {".csv": tables.read_csv, ".npz": tables.read_npz, ".bvh": bvh_hand.read}.get(path.suffix.lower()):
         parts = reader(path)
     else:
         raise RecordingError(
@@ -47,9 +41,7 @@ def load_wearer(
         )
     if episode is not None:
         if not 0 <= episode < len(parts):
-            raise RecordingError(
-                str(path), f"there is no episode {episode}", f"It has {len(parts)}, numbered from 0"
-            )
+            raise RecordingError(str(path), f"there is no episode {episode}", f"It has {len(parts)}, numbered from 0")
         parts = [parts[episode]]
     return SampledWearer(*join(parts), speed=speed, loop=loop)
 

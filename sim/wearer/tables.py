@@ -91,9 +91,7 @@ def read_npz(path: Path) -> Parts:
             f"{layout[0]} has shape {values.shape}, {layout[2]} {last.shape}; there are {len(names)} names",
             "Give shapes (n, m), m and (n,)",
         )
-    stretches = (
-        [np.flatnonzero(last == number) for number in np.unique(last)] if door else [np.arange(len(values))]
-    )
+    stretches = [np.flatnonzero(last == number) for number in np.unique(last)] if door else [np.arange(len(values))]
     parts: Parts = []
     for index in stretches:
         time = np.arange(len(index)) / _DOOR_RATE if door else last
@@ -123,9 +121,7 @@ def read_rows(path: Path) -> tuple[list[str], list[list[str]], int]:
                     )
                 rows.append(row)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise RecordingError(
-            str(path), f"it can't be read as CSV text ({error})", "Give a UTF-8 CSV file"
-        ) from error
+        raise RecordingError(str(path), f"it can't be read as CSV text ({error})", "Give a UTF-8 CSV file") from error
     return header, rows, 2
 
 

@@ -16,9 +16,7 @@ from sim.wearer.motion import Curve
 from sim.wearer.tables import read_rows
 
 _RATE: Final = 100.0  # Hz of the common time base
-_TOPIC: Final = re.compile(
-    r"(thumb|index|middle|ring|pinkie|little)(?:_finger)?_(?:joint_([123])|(base))\.csv$"
-)
+_TOPIC: Final = re.compile(r"(thumb|index|middle|ring|pinkie|little)(?:_finger)?_(?:joint_([123])|(base))\.csv$")
 _PLACES: Final = {"1": "mcp_flexion", "2": "pip_flexion", "3": "dip_flexion"}
 _THUMB: Final = {"base": "tm_flexion", "1": "mcp_flexion", "2": "ip_flexion"}
 
@@ -39,9 +37,7 @@ def read(folder: Path) -> tuple[Array, Array]:
             continue
         stamps, values = _topic(file)
         origin = int(stamps[0]) if origin is None else origin
-        time = (
-            stamps - origin
-        ) * 1e-9  # whole ns are subtracted first: a double holds today's only to 256 ns
+        time = (stamps - origin) * 1e-9  # whole ns are subtracted first: a double holds today's only to 256 ns
         check_samples(file, time, values, ["data"], 2)
         curves[joint] = Curve(time, values)
         start, end = max(start, time[0]), min(end, time[-1])

@@ -34,9 +34,7 @@ def values(kind: str) -> st.SearchStrategy[Any]:
     if kind.endswith("]"):
         base, size = kind[:-1].split("[")
         inner = values(base)
-        return (
-            st.lists(inner, min_size=int(size), max_size=int(size)) if size else st.lists(inner, max_size=5)
-        )
+        return st.lists(inner, min_size=int(size), max_size=int(size)) if size else st.lists(inner, max_size=5)
     if kind in NUMBERS:
         return NUMBERS[kind]
     return st.fixed_dictionaries({name: values(inner) for name, inner in cdr.TYPES[kind]})
@@ -56,9 +54,7 @@ def foreign(kind: str, value: Any) -> Any:
 
 def same(ours: Any, theirs: Any) -> bool:
     if isinstance(ours, dict):
-        return all(
-            same(v, theirs[k] if isinstance(theirs, dict) else getattr(theirs, k)) for k, v in ours.items()
-        )
+        return all(same(v, theirs[k] if isinstance(theirs, dict) else getattr(theirs, k)) for k, v in ours.items())
     if isinstance(ours, list) and ours and isinstance(ours[0], dict):
         return len(ours) == len(theirs) and all(same(a, b) for a, b in zip(ours, theirs, strict=True))
     return bool(np.array_equal(ours, theirs)) if isinstance(ours, np.ndarray) else ours == theirs

@@ -12,10 +12,7 @@ from runtime.errors import ProfileError
 
 def test_keys_of_an_instance() -> None:
     keys = Keys("sixth-finger")
-    assert (
-        keys.state("finger.position_command.applied")
-        == "srl/sixth_finger/state/finger/position_command/applied"
-    )
+    assert keys.state("finger.position_command.applied") == "srl/sixth_finger/state/finger/position_command/applied"
     assert keys.command("stop") == "srl/sixth_finger/cmd/stop"
     assert keys.parameter("object-mapping.pull") == "srl/sixth_finger/param/object_mapping/pull"
     assert keys.setpoint("client.force") == "srl/sixth_finger/setpoint/client/force"

@@ -55,9 +55,7 @@ def test_ros_reads_what_is_meant() -> None:
     assert (theirs.header.stamp.sec, theirs.header.stamp.nanosec) == (1_700_000_000, 250_000_000)
     assert (theirs.pose.position.z, theirs.header.frame_id) == (3.0, "world")
     effort = Field("arm.effort", "state", 0, (2,), "N m")
-    joints = STORE.deserialize_cdr(
-        messages.Encoder(effort).encode(np.array([4.0, 5]), 0), "sensor_msgs/msg/JointState"
-    )
+    joints = STORE.deserialize_cdr(messages.Encoder(effort).encode(np.array([4.0, 5]), 0), "sensor_msgs/msg/JointState")
     assert (joints.name, joints.position.size, joints.effort.tolist()) == (["arm_0", "arm_1"], 0, [4.0, 5.0])
     wrench = Field("grip.wrench", "state", 0, (6,), "N", frame="tool")
     theirs = STORE.deserialize_cdr(
@@ -77,9 +75,7 @@ def joints(names: list[str], position: list[float]) -> bytes:
     return cdr.encode(messages.JOINT_STATE, content)
 
 
-@pytest.mark.parametrize(
-    "declared", ["application/cdr;sensor_msgs/msg/JointState", "zenoh/bytes", "application/cdr"]
-)
+@pytest.mark.parametrize("declared", ["application/cdr;sensor_msgs/msg/JointState", "zenoh/bytes", "application/cdr"])
 def test_setpoint_as_joint_state(declared: str) -> None:
     assert messages.read_values(joints([], [1, 2, 3]), declared, FORCE, "k").tolist() == [1, 2, 3]
 

@@ -107,9 +107,7 @@ with connect({str(one.rundir.path)!r}) as client:
             break
     print(json.dumps([found, client.meta()]))
 """
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=30, check=True
-    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=30, check=True)
     found, meta = json.loads(done.stdout)
     kind, labels, values, stamp = found["glove/position"]
     assert (kind, labels, values[:2]) == ("sensor_msgs/msg/JointState", list(JOINTS), [0.1, 0.2])
@@ -236,9 +234,7 @@ def test_setpoints_reach_the_loop(one: Instance) -> None:
     joints = {"header": header, "name": [], "position": [7, 8, 9], "velocity": [], "effort": []}
     with session.join(f"unixsock-stream/{one.rundir.bus_socket}") as stranger:
         key = "srl/sixth_finger/setpoint/client/force"
-        stranger.put(
-            key, cdr.encode(messages.JOINT_STATE, joints), encoding=messages.encoding(messages.JOINT_STATE)
-        )
+        stranger.put(key, cdr.encode(messages.JOINT_STATE, joints), encoding=messages.encoding(messages.JOINT_STATE))
         eventually(lambda: last() == [7, 8, 9])
         stranger.put(key, "[0, 1, 2]")
         eventually(lambda: last() == [0, 1, 2])
@@ -349,9 +345,7 @@ def test_it_does_not_outlive_its_supervisor(tmp_path: Path) -> None:
         "p = subprocess.Popen([sys.executable, '-m', 'runtime.bus', sys.argv[1]])\n"
         "print(p.pid, flush=True)\ntime.sleep(60)\n"
     )
-    supervisor = subprocess.Popen(
-        [sys.executable, "-c", script, str(run.rundir.path)], stdout=subprocess.PIPE
-    )
+    supervisor = subprocess.Popen([sys.executable, "-c", script, str(run.rundir.path)], stdout=subprocess.PIPE)
     assert supervisor.stdout is not None
     pid = int(supervisor.stdout.readline())
     reach(run.rundir).close()

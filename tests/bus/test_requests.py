@@ -56,9 +56,7 @@ class Desk:
         self.handlers[key](query)  # type: ignore[arg-type]
         return query
 
-    def turn(
-        self, number: int = 0, kind: Ask = Ask.NONE, answer: Answer = Answer.DONE, silent: bool = False
-    ) -> None:
+    def turn(self, number: int = 0, kind: Ask = Ask.NONE, answer: Answer = Answer.DONE, silent: bool = False) -> None:
         """A row of the loop that took request `number`."""
         words, index = self.board.ints, self.board.index
         words[index["cycle"]] += 1

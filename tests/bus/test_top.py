@@ -30,7 +30,7 @@ def instance(base: Path) -> Iterator[Run]:
     yield run
     run.end()
     assert process.wait(10) == 0
-    rundir.release(clean=True)
+    rundir.release()
 
 
 def call(*words: str) -> int:
@@ -78,4 +78,4 @@ def test_which_instance_is_asked_for(base: Path) -> None:
     with pytest.raises(RequestError, match="no bus listens"):
         call("left")
     for rundir in claimed:
-        rundir.release(clean=True)
+        rundir.release()

@@ -103,9 +103,7 @@ def test_velocity_is_the_derivative_of_the_command() -> None:
         u = np.repeat(np.arange(60) * 0.005, held)
         q = np.array([step(controller, closing(x), dt) for x in u])
         expected = (q[-1] - q[-20 * held]) / ((20 * held - 1) * dt)
-        np.testing.assert_allclose(
-            controller.output["q_velocity"], expected, atol=0.35 * np.abs(expected).max()
-        )
+        np.testing.assert_allclose(controller.output["q_velocity"], expected, atol=0.35 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("speed", [0.2, 1.0])
@@ -139,9 +137,7 @@ def loop(radius: float = 1.0, samples: int = 200) -> Array:
     spread = np.zeros(20)
     spread[[0, 4, 12, 16]] = [-0.5, 0.2, -0.2, -0.4]
     flex = 0.5 * (FIST - RELAXED) * radius
-    return np.array(
-        [hand_tips(RELAXED + flex * (1 - np.cos(t)) / 2 + radius * spread * np.sin(t)) for t in phase]
-    )
+    return np.array([hand_tips(RELAXED + flex * (1 - np.cos(t)) / 2 + radius * spread * np.sin(t)) for t in phase])
 
 
 def drift_per_loop(pull: float, points: tuple[str, ...], loops: int = 6) -> tuple[Array, float]:
@@ -178,9 +174,7 @@ def test_a_similarity_leaves_the_pull_nothing_to_do() -> None:
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    "points", [("middle", "ring"), ("index",), PARTIAL, ("little", "thumb", "index", "ring")]
-)
+@pytest.mark.parametrize("points", [("middle", "ring"), ("index",), PARTIAL, ("little", "thumb", "index", "ring")])
 def test_any_choice_of_points(points: tuple[str, ...]) -> None:
     controller, other = mapping(TIPS, points=points), mapping(TIPS, points=points)
     idle = [i for i, f in enumerate(FINGERS) if f not in points]
@@ -211,9 +205,7 @@ def test_same_inputs_give_the_same_bits() -> None:
     runs = []
     for _ in range(2):
         controller = mapping(TIPS)
-        runs.append(
-            [np.concatenate([step(controller, t), controller.output["q_velocity"]]) for t in loop(1.0, 80)]
-        )
+        runs.append([np.concatenate([step(controller, t), controller.output["q_velocity"]]) for t in loop(1.0, 80)])
     assert np.array(runs[0]).tobytes() == np.array(runs[1]).tobytes()
 
 
@@ -268,9 +260,7 @@ def test_recorded_hands_drive_the_finger() -> None:
     assert figures["nearest_to_thumb_m"] < np.linalg.norm(finger_tip(HOME) - hand_tips(np.zeros(20))[0])
 
 
-@pytest.mark.parametrize(
-    "options", [{"points": ("thumb", "thumb")}, {"fingers": (ExtraFinger(), ExtraFinger())}]
-)
+@pytest.mark.parametrize("options", [{"points": ("thumb", "thumb")}, {"fingers": (ExtraFinger(), ExtraFinger())}])
 def test_doubled_names_are_refused(options: dict[str, object]) -> None:
     with pytest.raises(ProfileError, match="more than once"):
         ObjectMapping("mapping", ObjectMappingConfig(**options))

@@ -83,9 +83,7 @@ def test_points_that_move_on_have_the_same_sphere_as_afresh() -> None:
     rng, moving = np.random.default_rng(4), MinimumSphere()
     points, kept, supports = rng.normal(size=(6, 3)), 0, []
     for k in range(1500):
-        points = points + rng.choice([0.0, 1e-6, 0.02, 0.5], p=[0.1, 0.3, 0.58, 0.02]) * rng.normal(
-            size=(6, 3)
-        )
+        points = points + rng.choice([0.0, 1e-6, 0.02, 0.5], p=[0.1, 0.3, 0.58, 0.02]) * rng.normal(size=(6, 3))
         if k % 100 == 0:
             points[1] = points[0]
         found = moving.around(points.tolist())

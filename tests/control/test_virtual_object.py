@@ -55,9 +55,7 @@ def test_translation_rotation_and_scaling_carry_the_robotic_tip_exactly(
     ):
         expected = transform(ROBOT)
         result = moved(ISOTROPIC, TIPS, transform(TIPS))
-        np.testing.assert_allclose(
-            result, expected, rtol=0, atol=1e-9 * np.abs(expected - ROBOT).max() + 1e-15
-        )
+        np.testing.assert_allclose(result, expected, rtol=0, atol=1e-9 * np.abs(expected - ROBOT).max() + 1e-15)
 
 
 def test_small_steps_solve_the_papers_equations() -> None:
@@ -189,11 +187,7 @@ def test_the_closed_rotation_is_the_quaternions() -> None:
     """Planar, mirrored and general K; the closed form declines only where the turn is hardly held."""
     rng, declined = np.random.default_rng(10), 0
     for _ in range(500):
-        s = (
-            np.sort(rng.uniform(0, 1, 3))[::-1]
-            * [1, 1, rng.choice([-1, 0, 1e-6, 1])]
-            * 10.0 ** rng.uniform(-5, 0)
-        )
+        s = np.sort(rng.uniform(0, 1, 3))[::-1] * [1, 1, rng.choice([-1, 0, 1e-6, 1])] * 10.0 ** rng.uniform(-5, 0)
         U, V = Rotation.random(2, random_state=rng).as_matrix()
         K = U @ np.diag(s) @ V.T
         found = _firm_rotation(K)
@@ -220,9 +214,7 @@ def test_similarity_of_unlike_hands_is_the_least_squares_one() -> None:
         b = fist + 0.005 * rng.normal(size=(5, 3))
         R, _ = Rotation.align_vectors(b - b.mean(axis=0), TIPS - TIPS.mean(axis=0))
         rotated = R.apply(ROBOT - TIPS.mean(axis=0))
-        np.testing.assert_allclose(
-            Similarity(TIPS, rigid=True).carry(b, ROBOT), b.mean(axis=0) + rotated, atol=1e-7
-        )
+        np.testing.assert_allclose(Similarity(TIPS, rigid=True).carry(b, ROBOT), b.mean(axis=0) + rotated, atol=1e-7)
 
 
 def test_similarity_of_straight_sets_does_not_flip() -> None:
@@ -231,7 +223,5 @@ def test_similarity_of_straight_sets_does_not_flip() -> None:
     def bent(height: float) -> Array:
         return np.array([[-0.02, 0.1, -0.02], [0.0, 0.1 + height, -0.02], [0.02, 0.1, -0.02]])
 
-    ways = [
-        Similarity(bent(0.004), rigid=False).carry(bent(h), ROBOT)[0] for h in np.linspace(0.008, -0.008, 400)
-    ]
+    ways = [Similarity(bent(0.004), rigid=False).carry(bent(h), ROBOT)[0] for h in np.linspace(0.008, -0.008, 400)]
     assert np.linalg.norm(np.diff(ways, axis=0), axis=1).max() < 0.005

@@ -70,9 +70,7 @@ def test_opening_resets_the_board_attaches_nothing_and_takes_the_buttons_as_they
     driver.close()
 
 
-def test_the_first_command_attaches_with_limits_and_pulse_together_and_later_ones_send_only_changes(
-    board, opened
-):
+def test_the_first_command_attaches_with_limits_and_pulse_together_and_later_ones_send_only_changes(board, opened):
     loop = Loop(opened)
     loop.cycle()
     loop.until(lambda: opened.health.stamp > 0)

@@ -101,9 +101,9 @@ def test_capabilities_of_an_uno():
     assert answer.pins[14] == PIN_D | {2: 10}
 
 
-wire = st.lists(
-    st.one_of(st.sampled_from([answer for answer, _ in ANSWERS]), st.binary(max_size=12)), max_size=12
-).map(b"".join)
+wire = st.lists(st.one_of(st.sampled_from([answer for answer, _ in ANSWERS]), st.binary(max_size=12)), max_size=12).map(
+    b"".join
+)
 
 
 @given(wire, st.data())

@@ -70,9 +70,7 @@ def test_limits_hold_for_any_demand_and_any_stop_ends_at_rest(pieces, jerk, star
     for wanted, how, dt in demands(pieces):
         guard.step(wanted, how, dt)
         watch.check(dt)
-        assert guard.rejected == (
-            not np.isfinite(wanted).all() or (how is not None and not np.isfinite(how).all())
-        )
+        assert guard.rejected == (not np.isfinite(wanted).all() or (how is not None and not np.isfinite(how).all()))
     longest = V / A + (2 * A / jerk if jerk else 0)
     for _ in range(int(np.ceil(longest / DT)) + 1):
         guard.stop(Stop.HOLD, DT)

@@ -160,9 +160,7 @@ def test_the_hands_past_can_be_asked_for():
         at = w.time - back * MS
         np.testing.assert_allclose(w.hand_position(at), record[at], atol=np.deg2rad(0.15))
     np.testing.assert_array_equal(w.hand_position(1300 * MS), record[1300 * MS])
-    np.testing.assert_array_equal(
-        w.hand_position(0), w.hand_position(w.time - 630 * MS)
-    )  # the oldest there is
+    np.testing.assert_array_equal(w.hand_position(0), w.hand_position(w.time - 630 * MS))  # the oldest there is
 
 
 @pytest.mark.parametrize(

@@ -34,9 +34,7 @@ def test_the_models_fingers_close_when_the_recorded_hand_closes():
     file = bvh.read(path)
     positions = file.world_positions()
     angles = hand_angles(file, "Left")
-    for number, (finger, bone) in enumerate(
-        zip(FINGERS, ("Thumb", "Index", "Middle", "Ring", "Pinky"), strict=True)
-    ):
+    for number, (finger, bone) in enumerate(zip(FINGERS, ("Thumb", "Index", "Middle", "Ring", "Pinky"), strict=True)):
         if finger == "thumb":
             continue
         tip = positions[:, file.index(f"LeftHand{bone}3_End")]

@@ -47,9 +47,7 @@ def test_the_sixth_fingers_tip_is_where_the_sheet_has_it(facts, model, pose):
 
 
 def test_ranges_and_masses_are_the_sheets(facts, model):
-    ranges = np.deg2rad(
-        [row for finger in FINGERS for row in facts["joint_ranges_deg"]["recommended_20dof"][finger]]
-    )
+    ranges = np.deg2rad([row for finger in FINGERS for row in facts["joint_ranges_deg"]["recommended_20dof"][finger]])
     np.testing.assert_allclose(RANGES, ranges)
     np.testing.assert_allclose([model.joint(f"hand/{joint}").range for joint in JOINTS], ranges)
     finger = [model.body(i) for i in range(model.nbody) if model.body(i).name.startswith("finger/")]

@@ -21,9 +21,7 @@ def step_response(target, servo, cycles=600):
     rows = []
     for _ in range(cycles):
         w.advance(w.time + MS)
-        rows.append(
-            [w.truth_arrays[name][3] for name in ("finger_position", "finger_velocity", "finger_effort")]
-        )
+        rows.append([w.truth_arrays[name][3] for name in ("finger_position", "finger_velocity", "finger_effort")])
     return np.array(rows).T
 
 

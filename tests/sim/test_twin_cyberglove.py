@@ -39,9 +39,7 @@ GOLDEN_TIME = 0x00123456 * 1_000_000  # ns; the time stamp of the vectors, which
 
 def make(world: Any = None, sensors: int = 22, hand: str = "right", **options: Any) -> CyberGloveTwin:
     config = CyberGloveConfig(port="/dev/null", sensors=sensors, hand=hand)
-    return CyberGloveTwin(
-        FakeCyberGlove("glove", config, world or StillWorld(), FakeCyberGloveConfig(**options))
-    )
+    return CyberGloveTwin(FakeCyberGlove("glove", config, world or StillWorld(), FakeCyberGloveConfig(**options)))
 
 
 def golden(monkeypatch: pytest.MonkeyPatch) -> CyberGloveTwin:

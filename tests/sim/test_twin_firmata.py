@@ -252,9 +252,7 @@ def test_our_driver_moves_the_finger_as_the_fake_does():
         assert np.ptp(path, axis=0).min() > 0.15
         targets = twin.board.servos.servo_targets()
         np.testing.assert_allclose(targets, angles, atol=0.0068 + 0.0009)  # the dead band and a microsecond
-        np.testing.assert_allclose(
-            path[-1], angles, atol=0.05
-        )  # gravity and friction against the position loop
+        np.testing.assert_allclose(path[-1], angles, atol=0.05)  # gravity and friction against the position loop
         driver.stop(Stop.LIMP)
         until(lambda: set(pulses(twin).values()) == {None}, lambda: bench.twin.service(bench.now))
         bench.run(0.050)

@@ -142,9 +142,7 @@ def test_topics_keep_their_own_time_stamps():
     inside = (time > 0) & (time < wearer.duration)
     j = JOINTS.index("index_pip_flexion")
     found = [wearer.target(t)[j] for t in time[inside]]
-    assert np.abs(np.array(found) - np.maximum(angles[inside], 0)).max() < np.deg2rad(
-        2
-    )  # 100 Hz between samples
+    assert np.abs(np.array(found) - np.maximum(angles[inside], 0)).max() < np.deg2rad(2)  # 100 Hz between samples
 
 
 def write_csv(path, header, rows):
@@ -167,9 +165,7 @@ def test_csv_by_model_names_sensors_and_degrees_agree(tmp_path):
     from sim.wearer.joints import to_glove
 
     sensors = np.array([to_glove(row) for row in q])
-    glove = write_csv(
-        tmp_path / "c.csv", ["t", *(f"s{i}_rad" for i in range(22))], np.column_stack([time, sensors])
-    )
+    glove = write_csv(tmp_path / "c.csv", ["t", *(f"s{i}_rad" for i in range(22))], np.column_stack([time, sensors]))
     expected = sampled(load_wearer(radians), dt=0.02)
     for path in (degrees, glove):
         np.testing.assert_allclose(sampled(load_wearer(path), dt=0.02), expected, atol=1e-9)
@@ -183,9 +179,7 @@ def test_a_glove_of_18_sensors_flexes_the_dip_joints_by_two_thirds(tmp_path):
     values = np.zeros((3, 18))
     values[:, LABELS[18].index("ring_pij")] = 0.9
     time = [0.0, 0.5, 1.0]
-    by_number = write_csv(
-        tmp_path / "n.csv", ["time", *(f"s{i}" for i in range(18))], np.column_stack([time, values])
-    )
+    by_number = write_csv(tmp_path / "n.csv", ["time", *(f"s{i}" for i in range(18))], np.column_stack([time, values]))
     by_label = write_csv(tmp_path / "l.csv", ["time", *LABELS[18]], np.column_stack([time, values]))
     for path in (by_number, by_label):
         q = load_wearer(path).target(0.5)
@@ -248,9 +242,7 @@ def test_wrong_npz_folder_and_selector_are_refused(tmp_path):
         load_wearer(tmp_path / "topics")
     for k, finger in enumerate(("index", "middle", "ring", "pinkie", "thumb")):
         file = tmp_path / "topics" / f"x_{finger}_finger_joint_1.csv"
-        file.write_text(
-            "rosbagTimestamp,data\n" + "".join(f"{k * 10**9 + i * 10**7},0.1\n" for i in range(20))
-        )
+        file.write_text("rosbagTimestamp,data\n" + "".join(f"{k * 10**9 + i * 10**7},0.1\n" for i in range(20)))
     with pytest.raises(RecordingError, match="no time in common"):
         load_wearer(tmp_path / "topics")
 
@@ -258,9 +250,7 @@ def test_wrong_npz_folder_and_selector_are_refused(tmp_path):
 def test_the_thumb_opposes_the_fingers_when_doors_are_opened():
     q = sampled(load_wearer(shared("data/cyberglove_adroit_door/door_demos.npz")))
     grip = q[:, JOINTS.index("index_pip_flexion")]
-    across, lifted, bent = (
-        q[:, JOINTS.index(f"thumb_{j}")] for j in ("tm_abduction", "tm_flexion", "ip_flexion")
-    )
+    across, lifted, bent = (q[:, JOINTS.index(f"thumb_{j}")] for j in ("tm_abduction", "tm_flexion", "ip_flexion"))
     assert np.corrcoef(across, grip)[0, 1] < -0.3  # negative abduction turns it across the palm
     assert np.corrcoef(lifted, grip)[0, 1] > 0.3
     assert np.corrcoef(bent, grip)[0, 1] > 0.3

@@ -22,9 +22,7 @@ import pytest
 HERE = Path(__file__).resolve().parent
 CACHE = HERE.parents[1] / ".cache" / "simavr"
 PACKAGE = "avrgirl-arduino@5.0.1"
-IMAGE = (
-    "package/junk/hex/duemilanove328/StandardFirmata.cpp.hex"  # StandardFirmata 2.5 for ATmega328P, 16 MHz
-)
+IMAGE = "package/junk/hex/duemilanove328/StandardFirmata.cpp.hex"  # StandardFirmata 2.5 for ATmega328P, 16 MHz
 SHA256 = "e1e8a7e4a4384ad9f95b5ce7e638a13e43ec8eccdea766b6a3b8d7d6892d14d2"
 
 
@@ -75,9 +73,7 @@ def firmware() -> Path:
             fresh.write_bytes(member.read())
         fresh.replace(image)
         archive.unlink()
-    assert hashlib.sha256(image.read_bytes()).hexdigest() == SHA256, (
-        f"{image} isn't the known image; delete it"
-    )
+    assert hashlib.sha256(image.read_bytes()).hexdigest() == SHA256, f"{image} isn't the known image; delete it"
     return image
 
 

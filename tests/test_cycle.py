@@ -1,7 +1,4 @@
-"""Faults, requests and stale samples in any order against Cycle, Device and Loop, with a toy arm and no hardware.
-
-The tests marked xfail name what is not yet so; `strict` turns them red once it is mended.
-"""
+"""Faults, requests and stale samples in any order against Cycle, Device and Loop, with a toy arm and no hardware."""
 
 from __future__ import annotations
 
@@ -36,7 +33,6 @@ from runtime.replay import replay
 from runtime.ring import RingReader, RingWriter
 from runtime.rundir import RunDir
 from runtime.signals import Array, Command, Kind, Signal, Stop
-from runtime.supervisor import load_last, save_last
 from runtime.wiring import Graph
 
 PERIOD = 10_000_000  # ns
@@ -138,11 +134,11 @@ def _load(group: str, name: str, place: str) -> Any:
 ESTOPS = ", ".join(f"{{signal: panel.buttons, index: {i}}}" for i in range(4))
 
 
-def wired(arm: str = "arm", emergency: str = ESTOPS, more: str = "", last: dict[str, Any] | None = None) -> Graph:
+def wired(arm: str = "arm", emergency: str = ESTOPS, more: str = "") -> Graph:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(registry, "load", _load)
         text = PROFILE.format(arm=arm, speed=SPEED, emergency=emergency, more=more)
-        return wiring.build(*profile.parse("toy.yaml", text), None, last)
+        return wiring.build(*profile.parse("toy.yaml", text))
 
 
 class Bench:
@@ -155,6 +151,7 @@ class Bench:
         self.hand, self.arm, self.panel = (d.driver for d in devices)
         for d in devices:
             d.driver.open()
+            d.watch()
         self.rundir = RunDir(folder)
         MailboxWriter.create(self.rundir.mail)
         ring = RingWriter.create(self.rundir.rows, graph.layout.width, 4096)
@@ -338,7 +335,6 @@ def _stop_then_both(b: Bench) -> Callable[[int], None]:
 # What is not yet so
 
 
-@pytest.mark.xfail(strict=True, reason="Device._report keeps LINK_ACTIVE over a loss and the reopening")
 def test_a_device_that_came_back_gets_no_command_before_a_reset(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -360,7 +356,6 @@ def test_a_device_that_came_back_gets_no_command_before_a_reset(
     assert len(b.arm.sent) == sent[0]
 
 
-@pytest.mark.xfail(strict=True, reason="a limp device isn't written to, so its write's error is never cleared")
 def test_a_limp_device_whose_write_failed_once_can_be_reset(tmp_path: Path) -> None:
     b = Bench(tmp_path, more="stop: {arm: limp}")
 
@@ -374,7 +369,6 @@ def test_a_limp_device_whose_write_failed_once_can_be_reset(tmp_path: Path) -> N
     assert b.states[-1][0] is State.ACTIVE
 
 
-@pytest.mark.xfail(strict=True, reason="a device that is back before the next read never shows as lost")
 def test_a_loss_in_write_is_seen_however_soon_it_is_back(tmp_path: Path) -> None:
     b = Bench(tmp_path)
 
@@ -388,7 +382,6 @@ def test_a_loss_in_write_is_seen_however_soon_it_is_back(tmp_path: Path) -> None
     assert b.states[-1][1] is Cause.DEVICE_LOSS
 
 
-@pytest.mark.xfail(strict=True, reason="_client_is_silent takes an emergency input's number for a client's")
 def test_a_pressed_stop_button_refuses_the_reset(tmp_path: Path) -> None:
     b = Bench(tmp_path)
 
@@ -402,7 +395,6 @@ def test_a_pressed_stop_button_refuses_the_reset(tmp_path: Path) -> None:
     assert {s for s, _ in b.states[60:]} == {State.STOPPED}
 
 
-@pytest.mark.xfail(strict=True, reason="a device that feeds no controller may go away unnoticed")
 def test_a_stop_button_that_is_unplugged_stops_the_limb(tmp_path: Path) -> None:
     b = Bench(tmp_path)
 
@@ -414,40 +406,39 @@ def test_a_stop_button_that_is_unplugged_stops_the_limb(tmp_path: Path) -> None:
     assert b.states[-1][0] is State.STOPPED
 
 
-@pytest.mark.xfail(strict=True, raises=IndexError, reason="Machine._enter indexes an emergency that isn't there")
 @pytest.mark.parametrize("what", ["fault", "stop", "exit"])
 def test_no_datagram_ends_the_loop(tmp_path: Path, what: str) -> None:
     b = Bench(tmp_path, emergency="")
     b.run(60, lambda k: b.ask(what, cause="emergency") if k == 50 else None)
 
 
-@pytest.mark.xfail(strict=True, reason="after a broken-off homing the command begins at the old position again")
 def test_a_homing_that_was_broken_off_goes_on_without_a_step(tmp_path: Path) -> None:
-    b = Bench(tmp_path, arm="servo", emergency="", last={"arm.command": [1.5, 1.5]})
+    """A servo that was lost goes home slowly after the reset; a loss of intent on the way breaks that off."""
+    b = Bench(tmp_path, arm="servo", emergency="")
+    begun: list[int] = []
 
     def script(k: int) -> None:
-        if k == 200:
-            b.hand.silent = True
-        if k == 260:
-            b.hand.silent = False
-        if k == 262:
+        if k == 100:
+            b.arm.gone_in_write = True
+        if k == 102:
+            b.until_back(b.arm)
+            begun.append(len(b.arm.sent))
+        if k in (110, 162):
             b.ask("reset")
+        if k == 115:
+            b.hand.silent = True
+        if k == 160:
+            b.hand.silent = False
 
     b.run(300, script)
-    assert b.states[250][0] is State.STOPPED
-    assert np.abs(np.diff(np.array(b.arm.sent), axis=0)).max() <= SPEED * 0.01 * (1 + 1e-6)
+    assert b.states[105] == (State.STOPPED, Cause.DEVICE_LOSS)
+    assert b.states[112][0] is State.HOMING
+    assert b.states[150] == (State.STOPPED, Cause.INTENT_LOSS)
+    sent = np.array(b.arm.sent)
+    assert np.abs(np.diff(sent, axis=0)).max() <= SPEED * 0.01 * (1 + 1e-6)
+    assert np.abs(np.diff(sent[begun[0] :][:5], axis=0)).max() <= SPEED * 0.01 / 4 * (1 + 1e-6)
 
 
-@pytest.mark.xfail(strict=True, reason="the board's zeros are kept as the position last applied")
-def test_a_run_that_never_moved_keeps_no_position(tmp_path: Path) -> None:
-    b = Bench(tmp_path, automatic=False, arm="servo", emergency="")
-    b.run(20, lambda k: None)
-    b.graph.layout.save(b.rundir.layout)
-    save_last(tmp_path / "state", b.rundir)
-    assert load_last(tmp_path / "state").get("arm.command") != [0.0, 0.0]
-
-
-@pytest.mark.xfail(strict=True, reason="replay grants a reset that the inbox had refused")
 def test_a_reset_that_was_overtaken_replays_as_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     b = Bench(tmp_path)
     b.run(80, _stop_then_both(b))
@@ -455,7 +446,6 @@ def test_a_reset_that_was_overtaken_replays_as_refused(tmp_path: Path, monkeypat
     assert replay(b.graph.layout, b.rows()[:-1], "toy").identical
 
 
-@pytest.mark.xfail(strict=True, reason="an ignored cause leaves exiting set and the limb moving")
 def test_an_exit_always_ends(tmp_path: Path) -> None:
     b = Bench(tmp_path)
     b.run(150, lambda k: b.ask("exit", cause="bus_loss") if k == 50 else None)

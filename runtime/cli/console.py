@@ -1,0 +1,73 @@
+"""Remarks for people, to a terminal, a pipe or the journal, that can't hold up whoever says them.
+
+A terminal stopped with Ctrl-S or a pipe that nobody reads would block a write; the supervisor has better to do,
+so what can't be written at once is dropped. Under systemd (JOURNAL_STREAM) a remark goes to the journal with
+structured fields.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import socket
+from typing import TextIO
+
+from runtime.notes import Level
+
+JOURNAL = "/run/systemd/journal/socket"
+_WORDS = {Level.INFO: "", Level.WARNING: "warning: ", Level.ERROR: "error: "}
+
+
+class Console:
+    """Where a command says what it has to say beside its result.
+
+    Attributes:
+        terminal: somebody looks at it: a status line may be rewritten in place.
+        dropped: remarks that could not be written.
+        fields: of every journal entry: the instance and what it does.
+    """
+
+    def __init__(self, stream: TextIO, journal: str = JOURNAL) -> None:
+        """`journal` is the socket that takes entries if JOURNAL_STREAM says that systemd is there."""
+        self._descriptor = stream.fileno()
+        self.terminal = stream.isatty()
+        self.dropped = 0
+        self.fields: dict[str, str] = {}
+        self._journal: socket.socket | None = None
+        self._address = journal
+        if os.environ.get("JOURNAL_STREAM"):
+            self._journal = socket.socket(
+                socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK | socket.SOCK_CLOEXEC
+            )
+
+    def say(self, text: str, level: Level = Level.WARNING) -> None:
+        """A remark, a line of its own."""
+        if self._journal is not None and self._enter(text, level):
+            return
+        self.write(f"srl: {_WORDS[level]}{text}\n")
+
+    def write(self, text: str) -> None:
+        """As it is, at once or not at all."""
+        data = text.encode(errors="replace")[: select.PIPE_BUF]  # as much as a ready pipe takes without waiting
+        try:
+            if select.select([], [self._descriptor], [], 0)[1]:
+                os.write(self._descriptor, data)
+                return
+        except OSError:
+            pass  # whoever listened has gone
+        self.dropped += 1
+
+    def _enter(self, text: str, level: Level) -> bool:
+        """An entry by journald's native protocol; False if it can't be had."""
+        assert self._journal is not None
+        fields = {
+            "MESSAGE": text.replace("\n", " | "),
+            "PRIORITY": str(int(level)),
+            "SYSLOG_IDENTIFIER": "srl",
+        } | self.fields
+        entry = "".join(f"{name}={value}\n" for name, value in fields.items())
+        try:
+            self._journal.sendto(entry.encode(errors="replace"), self._address)
+        except OSError:
+            return False
+        return True
