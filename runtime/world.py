@@ -30,6 +30,7 @@ class World(ABC):
 
     Attributes:
         time: ns since the world's start.
+        duration: s until the person's recording is over; None where there is no end.
         truth: what really is (joint angles, tips, contact forces); recorded, never wired to a controller.
     """
 
@@ -40,6 +41,7 @@ class World(ABC):
         self.config = config
         self.seed = seed
         self.time = 0
+        self.duration: float | None = None
         self.truth: tuple[Signal, ...] = ()
         self.truth_arrays: Mapping[str, Array] = {}
 

@@ -56,6 +56,7 @@ class AugmentedHand(World):
     def __init__(self, config: AugmentedHandConfig, seed: int) -> None:
         super().__init__(config, seed)
         self.wearer: Wearer = make_wearer(config.wearer, seed)
+        self.duration = self.wearer.duration if np.isfinite(self.wearer.duration) else None
         self._config = config
         self._model = model = mujoco.MjModel.from_xml_string(mjcf(config))
         self._data = data = mujoco.MjData(model)

@@ -192,8 +192,9 @@ def _automatic(args: argparse.Namespace, graph: wiring.Graph) -> tuple[bool, str
 
 def _wearers_end(graph: wiring.Graph) -> int | None:
     """Cycles until the wearer's recording is over; None where there is no end."""
-    duration = getattr(graph.world, "duration", None)
-    return None if duration is None else round(duration * float(graph.profile.rate))
+    if graph.world is None or graph.world.duration is None:
+        return None
+    return round(graph.world.duration * float(graph.profile.rate))
 
 
 def _check_arguments(args: argparse.Namespace, graph: wiring.Graph) -> None:
