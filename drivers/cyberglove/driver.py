@@ -42,6 +42,7 @@ class CyberGlove(Driver):
 
     Config = CyberGloveConfig
     summary = "CyberGlove II/III data glove, 18 or 22 joint angles"
+    gives = ("position", "buttons")
     max_age = 0.1
 
     def __init__(self, name: str, config: CyberGloveConfig) -> None:

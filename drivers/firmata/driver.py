@@ -45,6 +45,8 @@ class Firmata(Driver):
 
     Config = FirmataConfig
     summary = "Arduino with StandardFirmata: hobby servos and push buttons (USB serial)"
+    gives = ("buttons",)
+    takes = (COMMAND,)
     max_age = 1.2
 
     def __init__(self, name: str, config: FirmataConfig) -> None:
