@@ -10,6 +10,7 @@ from collections.abc import Callable
 from math import isfinite
 
 from runtime.errors import DeviceError
+from runtime.graph import Actuator, Graph
 from runtime.guard import CommandGuard, make_guard
 from runtime.guard.limits import merge
 from runtime.layout import (
@@ -30,7 +31,6 @@ from runtime.layout import (
 from runtime.machine import Fault, Ladder, Machine
 from runtime.mailbox import Answer, Ask
 from runtime.signals import Kind, Limits, Stop
-from runtime.wiring import Actuator, Graph
 
 PATIENCE = 5_000_000_000  # ns that a stop may take on the way out: a limb that can't come to rest mustn't keep the run
 _CATEGORIES = list(Stop)

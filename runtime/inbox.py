@@ -15,10 +15,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from runtime.graph import Graph
 from runtime.layout import CYCLE, DEVICE, LINK_CONNECTED, Cause, State
 from runtime.mailbox import Answer, Ask, MailboxReader, Request
 from runtime.rundir import RunDir
-from runtime.wiring import Graph
 
 _ASKS = {"start": Ask.START, "stop": Ask.STOP, "reset": Ask.RESET, "exit": Ask.EXIT, "fault": Ask.FAULT}
 _CAUSES = {"bus_loss": Cause.BUS_LOSS, "end": Cause.END}  # what may be told from outside

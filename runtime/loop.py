@@ -12,12 +12,12 @@ from collections.abc import Callable
 from runtime.clock import Clock
 from runtime.cycle import Cycle
 from runtime.device import Device
+from runtime.graph import Graph
 from runtime.inbox import Inbox, Item
 from runtime.layout import CYCLE, LINK_ACTIVE, Cause, State
 from runtime.mailbox import Answer, Ask
 from runtime.ring import RingWriter
 from runtime.signals import Stop
-from runtime.wiring import Graph
 
 _WORD = {name: i for i, name in enumerate(CYCLE)}
 _NOW, _DT, _DEADLINE, _WAKE = (_WORD[n] for n in ("now", "dt", "deadline", "wake"))

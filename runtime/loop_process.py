@@ -25,6 +25,7 @@ from runtime.clock import Clock, DeviceClock, MonotonicClock, SimClock
 from runtime.cycle import Cycle, limits_of
 from runtime.device import Device
 from runtime.errors import DeviceError, ProfileError, SrlError, nearest
+from runtime.graph import Graph
 from runtime.inbox import Inbox
 from runtime.layout import Cause, State
 from runtime.loop import Loop
@@ -35,7 +36,6 @@ from runtime.ring import RingWriter
 from runtime.rundir import RunDir
 from runtime.signals import Limits, Stop
 from runtime.stopslots import StopSlots
-from runtime.wiring import Graph
 
 KEPT = 30  # s of rows the ring holds: what a recorder may be away
 LEAST = 4096  # rows

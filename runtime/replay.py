@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime import profile, wiring
+from runtime import profile, provenance, wiring
 from runtime.cycle import Cycle
 from runtime.errors import RecordingError
+from runtime.graph import Graph
 from runtime.layout import CYCLE, DEVICE, LINK_ACTIVE, LINK_STALE, Cause, Layout
 from runtime.mailbox import Answer, Ask
 from runtime.signals import Limits
@@ -132,7 +133,7 @@ def _copy_devices(ints: NDArray[np.int64], row: NDArray[np.int64], layout: Layou
         ints[at + 1] = link
 
 
-def _rebuild(layout: Layout, place: str) -> tuple[wiring.Graph, Cycle]:
+def _rebuild(layout: Layout, place: str) -> tuple[Graph, Cycle]:
     meta = layout.meta
     checked, source = profile.parse(meta["label"], meta["profile"], meta["overrides"])
     graph = wiring.build(checked, source, None if not meta["simulated"] else meta["simulated"])
@@ -149,7 +150,7 @@ def _rebuild(layout: Layout, place: str) -> tuple[wiring.Graph, Cycle]:
 
 
 def _other_versions(layout: Layout) -> list[str]:
-    now = wiring.versions() | {"blas": wiring.blas()}
+    now = provenance.versions() | {"blas": provenance.blas()}
     then = layout.meta["versions"] | {"blas": layout.meta["blas"]}
     return [f"{name}: recorded with {then[name]}, now {now.get(name)}" for name in then if then[name] != now.get(name)]
 

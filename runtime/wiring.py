@@ -6,79 +6,24 @@ unknown or unused. What comes out holds the parts with views into one row, ready
 
 from __future__ import annotations
 
-import platform
-import sys
-import time
 from collections.abc import Iterable
-from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from runtime import __version__, registry
+from runtime import registry
 from runtime.bus import keys
 from runtime.controller import Controller, Parameter
 from runtime.driver import Driver
 from runtime.errors import ProfileError, WiringError, nearest
 from runtime.frames import Frames
+from runtime.graph import Actuator, Graph, form
 from runtime.layout import Board, Layout
+from runtime.meta import describe
 from runtime.profile import ControllerEntry, Profile, Source, first_error
-from runtime.recorder.plots import split
-from runtime.signals import Array, Command, Kind, Signal, Stop
-from runtime.world import Fake, World
-
-PACKAGES = ("numpy", "mujoco", "ruckig", "pin", "eclipse-zenoh", "rerun-sdk", "pyserial", "python-can")
-
-
-@dataclass
-class Actuator:
-    """One command signal: who asks, who obeys, and where the guard's result goes."""
-
-    name: str  # "finger.position_command"
-    device: int  # index into the graph's devices
-    command: Command
-    asked: Array
-    asked_velocity: Array | None
-    applied: Array
-    measured: Array | None
-    measured_velocity: Array | None
-    category: Stop
-    home: Array | None
-
-
-@dataclass
-class Graph:
-    """The wired system."""
-
-    profile: Profile
-    source: Source
-    layout: Layout
-    board: Board
-    devices: list[Driver]
-    controllers: list[Controller]
-    actuators: list[Actuator]
-    world: World | None
-    frames: Frames
-    simulated: list[str]
-    intent: list[bool]  # by device index (setpoint owners included): a loss of it is a loss of intent
-
-    def wiring(self) -> list[tuple[str, str, str]]:
-        """(from, signal, to) of every connection, for `srl check`."""
-        rows = []
-        for controller, entry in zip(self.controllers, self.profile.controllers, strict=True):
-            for signal in controller.inputs:
-                rows.append((entry.inputs[signal.name], _form(signal), f"{controller.name}.{signal.name}"))
-            for signal in controller.outputs:
-                target = entry.outputs.get(signal.name, f"{controller.name}.{signal.name}")
-                rows.append((f"{controller.name}.{signal.name}", _form(signal), target))
-        return rows
-
-
-def _form(signal: Signal) -> str:
-    shape = "x".join(map(str, signal.shape))
-    return f"{shape} {signal.unit}" + (f" in {signal.frame}" if signal.frame else "")
+from runtime.signals import Command, Kind, Signal
+from runtime.world import World
 
 
 class _Builder:
@@ -178,7 +123,7 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
     b.layout.devices = names
     _unused(b, devices)
     layout = b.layout
-    layout.meta = _meta(b, devices, controllers, parameters)
+    layout.meta = describe(b.profile, b.source, b.signals, b.simulated, devices, controllers, parameters)
     keys.check(layout.fields, f"{b.source.label}: signal")
     board = Board(layout)
     for item in layout.meta["parameters"]:
@@ -285,7 +230,7 @@ def _inputs(b: _Builder, controller: Controller, entry: ControllerEntry, path: s
         place = f"{path}.in.{name}"
         if name not in entry.inputs:
             raise WiringError(
-                b.source.place(f"{path}.in"), f"input '{name}' ({_form(signal)}) of {controller.name} isn't bound",
+                b.source.place(f"{path}.in"), f"input '{name}' ({form(signal)}) of {controller.name} isn't bound",
                 f"Add `{name}: <device>.<signal>`; there are: {', '.join(sorted(b.signals)) or 'none'}",
             )  # fmt: skip
         target = entry.inputs[name]
@@ -445,86 +390,3 @@ def _bind(graph: Graph) -> None:
     if graph.world is not None:
         graph.world.bind({s.name: views[f"world.{s.name}"] for s in graph.world.truth})
     graph.frames.bind(views)
-
-
-def _meta(
-    b: _Builder,
-    devices: list[Driver],
-    controllers: list[Controller],
-    parameters: list[tuple[str, Parameter]],
-) -> dict[str, Any]:
-    profile = b.profile
-    return {
-        "name": profile.name,
-        "label": b.source.label,
-        "profile": b.source.text,
-        "overrides": list(b.source.overrides),
-        "sha256": b.source.sha256,
-        "rate": [profile.rate.numerator, profile.rate.denominator],
-        "seed": profile.seed,
-        "simulated": b.simulated,
-        "versions": versions(),
-        "blas": blas(),
-        "wall": time.time_ns() - time.monotonic_ns(),
-        "devices": {
-            d.name: {"driver": profile.devices[d.name].driver, "max_age": d.max_age, "simulated": isinstance(d, Fake)}
-            for d in devices
-        },
-        "controllers": [{"name": c.name, "use": e.use} for c, e in zip(controllers, profile.controllers, strict=True)],
-        "parameters": [
-            {"name": n, "lower": p.lower, "upper": p.upper, "unit": p.unit, "text": p.text, "default": p.default}
-            for n, p in parameters
-        ],
-        "emergency": [f"{e.signal}[{e.index}]" for e in profile.emergency],
-        "setpoints": [{"name": n, "max_age": e.max_age} for n, e in profile.setpoints.items()],
-        "frames": {n: f.model_dump() for n, f in profile.frames.items()},
-        "bus": profile.bus.model_dump() if profile.bus is not None else None,
-        "record": {"plots": _plots(b)},
-    }
-
-
-def _plots(b: _Builder) -> list[dict[str, Any]]:
-    """The profile's plots, without what only a simulated world could show when there is none."""
-    kept = []
-    for i, plot in enumerate(b.profile.record.plots):
-        missing = set()
-        for references in [*((r,) for r in plot.lines.values()), *plot.distance.values()]:
-            for name in (split(reference)[0] for reference in references):
-                if name in b.signals or f"{name}".removesuffix(".applied") in b.signals:
-                    continue
-                if not name.startswith("world.") or b.simulated:
-                    place = b.source.place(f"record.plots.{i}")
-                    raise WiringError(place, f"no signal is called '{name}'", nearest(name, b.signals))
-                missing.add(name)
-        lines = {label: r for label, r in plot.lines.items() if split(r)[0] not in missing}
-        distance = {label: pair for label, pair in plot.distance.items() if not missing & {split(r)[0] for r in pair}}
-        if lines or distance:
-            kept.append(plot.model_copy(update={"lines": lines, "distance": distance}).model_dump())
-    return kept
-
-
-def versions() -> dict[str, str]:
-    """Versions of what decides the bits: this package, Python, the numerical libraries."""
-    found = {"srl-runtime": __version__, "python": platform.python_version(), "platform": sys.platform}
-    for package in PACKAGES:
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            found[package] = "missing"
-    return found
-
-
-def blas() -> str:
-    """The BLAS kernel in use: different kernels give different bits."""
-    import ctypes
-    from pathlib import Path
-
-    # numpy's wheels carry OpenBLAS; its own function names the kernel it chose for this processor.
-    for library in Path(np.__file__).parent.parent.glob("numpy.libs/*openblas*"):
-        handle = ctypes.CDLL(str(library))
-        for name in ("scipy_openblas_get_corename64_", "openblas_get_corename64_", "openblas_get_corename"):
-            if hasattr(handle, name):
-                function = getattr(handle, name)
-                function.restype = ctypes.c_char_p
-                return f"openblas {function().decode()}"
-    return "unknown"

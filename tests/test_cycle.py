@@ -24,6 +24,7 @@ from runtime.cycle import Cycle, limits_of
 from runtime.device import Device
 from runtime.driver import DeviceConfig, Driver
 from runtime.errors import DeviceError, DeviceLostError
+from runtime.graph import Graph
 from runtime.inbox import Inbox
 from runtime.layout import LINK_ACTIVE, LINK_CONNECTED, Cause, State
 from runtime.loop import Loop
@@ -33,7 +34,6 @@ from runtime.replay import replay
 from runtime.ring import RingReader, RingWriter
 from runtime.rundir import RunDir
 from runtime.signals import Array, Command, Kind, Signal, Stop
-from runtime.wiring import Graph
 
 PERIOD = 10_000_000  # ns
 SPEED = 1.0  # rad/s, the guard's limit

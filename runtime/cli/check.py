@@ -9,6 +9,7 @@ from typing import Any
 from runtime import profile, registry, wiring
 from runtime.cli import add_command
 from runtime.errors import WiringError
+from runtime.graph import Graph
 from runtime.guard import make_guard
 
 
@@ -57,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def check_guards(graph: wiring.Graph) -> dict[str, str]:
+def check_guards(graph: Graph) -> dict[str, str]:
     """Builds the guards as far as the profile alone decides them; returns each command's stop category.
 
     What a device reads from its own hardware isn't known before it is open; a limit that only the device

@@ -17,6 +17,7 @@ from runtime.cli.check import check_guards
 from runtime.cli.console import Console
 from runtime.cli.status import Status
 from runtime.errors import HostError, RequestError
+from runtime.graph import Graph
 from runtime.layout import Cause, Layout
 from runtime.notes import NotesReader
 from runtime.order import Order
@@ -174,7 +175,7 @@ def _report(supervisor: Supervisor, result: dict[str, Any], args: argparse.Names
     return code
 
 
-def _automatic(args: argparse.Namespace, graph: wiring.Graph) -> tuple[bool, str]:
+def _automatic(args: argparse.Namespace, graph: Graph) -> tuple[bool, str]:
     """Whether motion begins without being asked for, and what to tell the user if it doesn't."""
     if graph.profile.start == "manual":
         return False, "ready; `srl start` lets the limb move"
@@ -190,14 +191,14 @@ def _automatic(args: argparse.Namespace, graph: wiring.Graph) -> tuple[bool, str
     )
 
 
-def _wearers_end(graph: wiring.Graph) -> int | None:
+def _wearers_end(graph: Graph) -> int | None:
     """Cycles until the wearer's recording is over; None where there is no end."""
     if graph.world is None or graph.world.duration is None:
         return None
     return round(graph.world.duration * float(graph.profile.rate))
 
 
-def _check_arguments(args: argparse.Namespace, graph: wiring.Graph) -> None:
+def _check_arguments(args: argparse.Namespace, graph: Graph) -> None:
     if args.duration is not None and not args.duration > 0:
         raise RequestError("--duration", f"{args.duration} s is no duration", "Give a number above 0")
     real = [d.name for d in graph.devices if d.name not in graph.simulated]

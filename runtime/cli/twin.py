@@ -19,6 +19,7 @@ from runtime import profile, registry, wiring
 from runtime.cli import add_command
 from runtime.clock import MonotonicClock
 from runtime.errors import ProfileError, RequestError, SrlError, nearest
+from runtime.graph import Graph
 from runtime.world import Fake, Twin, World
 
 RATE = Fraction(1000)  # Hz, how often the world is stepped and the twins look at their lines
@@ -78,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def make_twins(graph: wiring.Graph, names: list[str]) -> dict[str, Twin]:
+def make_twins(graph: Graph, names: list[str]) -> dict[str, Twin]:
     """A twin for each named device, by default for all that have one; none is open yet.
 
     Raises:

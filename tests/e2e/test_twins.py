@@ -122,7 +122,8 @@ def test_the_path_is_that_of_the_fakes(tmp_path: Path, hand: Path, twin_run: tup
     assert moved > 0.05
     for what, (a, b) in (("commanded", commanded), ("measured", measured)):
         gaps = np.concatenate([cKDTree(_dense(b)).query(a)[0], cKDTree(_dense(a)).query(b)[0]]) * 1e3
-        print(f"{what}: tip paths at most {gaps.max():.2f} mm apart (median {np.median(gaps):.3f}) of {moved * 1e3:.0f} mm")
+        median, length = np.median(gaps), moved * 1e3
+        print(f"{what}: tip paths at most {gaps.max():.2f} mm apart (median {median:.3f}) of {length:.0f} mm")
         assert gaps.max() < 2.0
 
 

@@ -1,0 +1,39 @@
+"""What decides the bits of a run besides its inputs: versions and the BLAS kernel in use."""
+
+from __future__ import annotations
+
+import ctypes
+import platform
+import sys
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import numpy as np
+
+from runtime import __version__
+
+PACKAGES = ("numpy", "mujoco", "ruckig", "pin", "eclipse-zenoh", "rerun-sdk", "pyserial", "python-can")
+
+
+def versions() -> dict[str, str]:
+    """Versions of what decides the bits: this package, Python, the numerical libraries."""
+    found = {"srl-runtime": __version__, "python": platform.python_version(), "platform": sys.platform}
+    for package in PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "missing"
+    return found
+
+
+def blas() -> str:
+    """The BLAS kernel in use: different kernels give different bits."""
+    # numpy's wheels carry OpenBLAS; its own function names the kernel it chose for this processor.
+    for library in Path(np.__file__).parent.parent.glob("numpy.libs/*openblas*"):
+        handle = ctypes.CDLL(str(library))
+        for name in ("scipy_openblas_get_corename64_", "openblas_get_corename64_", "openblas_get_corename"):
+            if hasattr(handle, name):
+                function = getattr(handle, name)
+                function.restype = ctypes.c_char_p
+                return f"openblas {function().decode()}"
+    return "unknown"
