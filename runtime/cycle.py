@@ -72,7 +72,6 @@ class Cycle:
             (graph.board.views[e.signal].reshape(-1)[e.index : e.index + 1], e.when, self._device_of(e.signal))
             for e in graph.profile.emergency
         ]
-        self._setpoints = {n.partition(".")[0] for n in graph.profile.setpoints}
         # Without feedback, the limb is where a person put it (home) before the first start and after it hung
         # limp; after a loss it is about where it was, and goes home slowly.
         self._homed = [True for a in graph.actuators]
@@ -80,7 +79,6 @@ class Cycle:
         self._leaving = 0  # ns since the exit was asked for
         self._fault: Fault | None = None
         self._was = State.STARTING
-        self._at_rest = True
 
     def _device_of(self, signal: str) -> int:
         """Index of the device that gives a signal; -1 for one that a controller makes."""
@@ -143,10 +141,11 @@ class Cycle:
                 elif not client and self.graph.devices[i].commands:
                     fault = Fault(Cause.DEVICE_LOSS, i)
         for i, (element, when, device) in enumerate(self._emergency):
-            link = int(self._ints[self._first + device * len(DEVICE) + 1]) if device >= 0 else LINK_CONNECTED
-            # A switch that can't be read counts as pressed.
-            if element[0] == when or not isfinite(element[0]) or not link & LINK_CONNECTED or link & LINK_STALE:
+            if element[0] == when or not isfinite(element[0]):
                 return Fault(Cause.EMERGENCY, i)
+            link = int(self._ints[self._first + device * len(DEVICE) + 1]) if device >= 0 else LINK_CONNECTED
+            if fault is None and (not link & LINK_CONNECTED or link & LINK_STALE):
+                fault = Fault(Cause.DEVICE_LOSS, device)  # a switch that can't be read can't stop anything
         return fault
 
     def _lost(self, device: int) -> None:

@@ -20,7 +20,7 @@ from runtime.ring import RingWriter
 from runtime.signals import Stop
 
 _WORD = {name: i for i, name in enumerate(CYCLE)}
-_NOW, _DT, _DEADLINE, _WAKE = (_WORD[n] for n in ("now", "dt", "deadline", "wake"))
+_TICK = slice(_WORD["cycle"], _WORD["wake"] + 1)  # cycle, now, dt, deadline, wake
 _READ, _CONTROL, _GUARD, _WRITE, _LOG = (_WORD[n] for n in ("read", "control", "guard", "write", "log"))
 _OVERRUNS, _REQUEST = _WORD["overruns"], slice(_WORD["request"], _WORD["request_result"] + 1)
 
@@ -31,14 +31,8 @@ class Loop:
     def __init__(
         self, graph: Graph, devices: list[Device], clock: Clock, cycle: Cycle, inbox: Inbox, ring: RingWriter
     ) -> None:
-        self.graph, self.devices, self.clock, self.cycle, self.inbox, self.ring = (
-            graph,
-            devices,
-            clock,
-            cycle,
-            inbox,
-            ring,
-        )
+        self.graph, self.devices, self.clock = graph, devices, clock
+        self.cycle, self.inbox, self.ring = cycle, inbox, ring
         self.actuators = [d for d in devices if d.driver.commands]
         self.links = [graph.board.index[f"{d.driver.name}.link"] for d in self.actuators]
         self.after_write: Callable[[Device], None] = lambda device: None  # keeps the supervisor's stop frames true
@@ -50,13 +44,7 @@ class Loop:
         self.clock.start()
         while self.cycle.machine.state is not State.ENDED:
             tick = self.clock.wait()
-            ints[0], ints[_NOW], ints[_DT], ints[_DEADLINE], ints[_WAKE] = (
-                count,
-                tick.now,
-                tick.dt,
-                tick.deadline,
-                monotonic(),
-            )
+            ints[_TICK] = count, tick.now, tick.dt, tick.deadline, monotonic()
             ints[_OVERRUNS] += tick.missed
             for device in self.devices:
                 device.read(tick.now)

@@ -15,7 +15,7 @@ from runtime.rundir import RunDir
 _TEXTS = {
     "stop": "puts the limb into its safe stop",
     "reset": "lets a stopped limb move again, from where it is",
-    "start": "lets a limb that is ready move (devices without feedback go to their home slowly)",
+    "start": "lets a limb that is ready move (one without feedback begins at its home)",
 }
 
 
