@@ -74,14 +74,14 @@ def _recorded(path: Path, t: np.ndarray, grasp: np.ndarray) -> Path:
 
 @pytest.fixture(scope="module")
 def hand(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Still, closes in 3 s, holds, opens; no joint of the finger comes to its limit, where paths would part."""
-    t = np.arange(0.0, REST + 9.0, 0.01)
+    """Still, closes in 5 s, holds, opens; no joint of the finger comes to its limit, where paths would part."""
+    t = np.arange(0.0, REST + 13.0, 0.01)
 
     def ramp(begin: float, length: float) -> np.ndarray:
         x = np.clip((t - begin) / length, 0.0, 1.0)
         return x**3 * (10 - 15 * x + 6 * x * x)
 
-    grasp = ramp(REST, 3.0) - ramp(REST + 4.5, 3.0)
+    grasp = ramp(REST, 5.0) - ramp(REST + 6.5, 5.0)
     return _recorded(tmp_path_factory.mktemp("hand") / "hand.csv", t, 0.35 * grasp)
 
 
@@ -97,7 +97,7 @@ def twin_run(tmp_path_factory: pytest.TempPathFactory, hand: Path) -> tuple[Reco
     """The profile against the twins, in real time; and what the twins saw."""
     folder = tmp_path_factory.mktemp("twins")
     with Twins(folder, "--wearer", str(hand), "--log", "log.npz", "--set", QUIET) as twins:
-        with Running(folder, *twins.run_arguments(), "--duration", str(REST + 7.0), "--record", "x.rrd") as run:
+        with Running(folder, *twins.run_arguments(), "--duration", str(REST + 11.5), "--record", "x.rrd") as run:
             found = run.finish()
         twins.end()
     assert found["cause"] == "end"
@@ -108,10 +108,10 @@ def twin_run(tmp_path_factory: pytest.TempPathFactory, hand: Path) -> tuple[Reco
 def test_the_path_is_that_of_the_fakes(tmp_path: Path, hand: Path, twin_run: tuple[Recording, Any]) -> None:
     """Paths of the fingertip, not instants: every point of one lies near the other, within what the servos resolve.
 
-    A microsecond of pulse is 1.7 mrad and a servo's dead band 7 mrad, at 141 mm of finger: a millimetre.
+    A servo's dead band is 4 us of pulse, 7 mrad; at the four joints' distances from the tip that is 2.7 mm.
     """
     recording, log = twin_run
-    arguments = ["--wearer", str(hand), "--duration", str(REST + 9.0), "--record", "f.rrd", "--set", QUIET]
+    arguments = ["--wearer", str(hand), "--duration", str(REST + 13.0), "--record", "f.rrd", "--set", QUIET]
     call(tmp_path, "run", "sixth-finger", "--sim", "--fast", *arguments)
     fakes = read(tmp_path / "f.rrd")
     commanded = [_active(r, "mapping.skeleton")[:, -1] for r in (recording, fakes)]
@@ -124,7 +124,7 @@ def test_the_path_is_that_of_the_fakes(tmp_path: Path, hand: Path, twin_run: tup
         gaps = np.concatenate([cKDTree(_dense(b)).query(a)[0], cKDTree(_dense(a)).query(b)[0]]) * 1e3
         median, length = np.median(gaps), moved * 1e3
         print(f"{what}: tip paths at most {gaps.max():.2f} mm apart (median {median:.3f}) of {length:.0f} mm")
-        assert gaps.max() < 2.0
+        assert gaps.max() < 2.7
 
 
 def _active(recording: Recording, name: str) -> np.ndarray:
@@ -176,9 +176,9 @@ def test_a_glove_that_falls_out_in_motion(fault: str, tmp_path: Path) -> None:
     recording = read(tmp_path / "x.rrd")
     word = lambda name: recording.layout.word(recording.rows, name)  # noqa: E731
     first = int(np.flatnonzero(word("cause") == Cause.INTENT_LOSS)[0])
-    age = (word("now")[first] - word("glove.stamp")[first]) / 1e9
-    print(f"{fault}: stopping {age * 1e3:.1f} ms after the last sample")
-    assert age <= 0.1 + 0.010 * 1.5
+    age = (word("now") - word("glove.stamp")) / 1e9
+    print(f"{fault}: stopping {age[first] * 1e3:.1f} ms after the last sample")
+    assert age[first - 1] <= 0.1, "it stops in the first cycle that finds the sample stale"
     _assert_no_step(recording)
 
 
