@@ -65,7 +65,7 @@ def test_setpoints_move_the_finger_and_bad_ones_are_refused(tmp_path: Path) -> N
             run.until(lambda: run.word("state") == State.ACTIVE, "motion")
             goal = [0.2, 0.3, 0.6, 0.4]
             for bad in ([float("nan"), 0.0, 0.0, 0.0], [float("inf")] * 4, [0.1, 0.2]):
-                with pytest.raises(RequestError, match="client[./]position"):
+                with pytest.raises(RequestError, match=r"client[./]position"):
                     client.setpoint("client.position", bad, answer=True)
             _stream(client, goal, 2.0)
             row = run.reader.newest()
