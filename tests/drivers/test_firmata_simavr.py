@@ -18,7 +18,7 @@ from board import Board
 
 PINS = {"base": 9, "first": 10, "second": 11, "tip": 6}
 BUTTONS = {"go": 2, "halt": 3, "up": 4, "down": 5}
-TOLERANCE = 1.5  # µs; the Servo library's timer counts halves, and interrupts delay an edge by a few cycles
+TOLERANCE = 1.0  # µs; the Servo library's timer counts halves, and interrupts delay an edge by a few cycles
 
 
 @pytest.fixture(scope="module")
