@@ -10,8 +10,6 @@ from typing import Any
 
 from runtime.errors import HostError, ProfileError, nearest
 
-GROUPS = ("drivers", "controllers", "worlds", "fakes", "twins")
-
 
 def names(group: str) -> list[str]:
     """The registered names of a group ("drivers", "controllers", "worlds", "fakes", "twins"), sorted."""
@@ -22,7 +20,7 @@ def load(group: str, name: str, place: str) -> Any:
     """The class registered as `name`.
 
     Args:
-        group: one of GROUPS.
+        group: as in `names`.
         name: as a profile writes it.
         place: the profile's key path, for the error.
     Raises:
