@@ -24,6 +24,7 @@ from runtime.layout import (
     LINK_ACTIVE,
     LINK_CONNECTED,
     LINK_ERROR,
+    LINK_FAULT,
     LINK_STALE,
     Cause,
     State,
@@ -129,7 +130,7 @@ class Cycle:
             if stale != bool(link & LINK_STALE):
                 link ^= LINK_STALE
                 self._ints[self._first + at + 1] = link
-            if link & LINK_ACTIVE and not link & LINK_CONNECTED:
+            if link & LINK_ACTIVE and (not link & LINK_CONNECTED or link & LINK_FAULT):
                 self._lost(i)
             if fault is not None:
                 continue
@@ -140,6 +141,8 @@ class Cycle:
                     fault = Fault(Cause.INTENT_LOSS, i)
                 elif not client and self.graph.devices[i].commands:
                     fault = Fault(Cause.DEVICE_LOSS, i)
+            elif link & LINK_FAULT:
+                fault = Fault(Cause.DEVICE_FAULT, i)
         for i, (element, when, device) in enumerate(self._emergency):
             if element[0] == when or not isfinite(element[0]):
                 return Fault(Cause.EMERGENCY, i)
@@ -149,7 +152,7 @@ class Cycle:
         return fault
 
     def _lost(self, device: int) -> None:
-        """No command may reach a device that comes back before the next start."""
+        """No command may reach a device that comes back, or recovers, before the next start."""
         self._ints[self._first + device * len(DEVICE) + 1] &= ~LINK_ACTIVE
         for i, actuator in enumerate(self.graph.actuators):
             if actuator.device == device and actuator.command.feedback is None:

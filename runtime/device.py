@@ -14,12 +14,12 @@ from collections.abc import Callable
 
 from runtime.driver import Driver
 from runtime.errors import DeviceLostError, SrlError
-from runtime.layout import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, LINK_ERROR, LINK_STALE, Board
+from runtime.layout import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, LINK_ERROR, LINK_FAULT, LINK_STALE, Board
 from runtime.signals import Stop
 from runtime.world import Fake
 
 RETRY = 0.5  # s between attempts to open a lost device
-_KEPT = ~(LINK_CONNECTED | LINK_ERROR | LINK_STALE)
+_KEPT = ~(LINK_CONNECTED | LINK_ERROR | LINK_STALE | LINK_FAULT)
 
 
 class Device:
@@ -45,6 +45,7 @@ class Device:
         self._wanted, self._back, self._closing = threading.Event(), threading.Event(), threading.Event()
         self._reopener: threading.Thread | None = None
         self._next_try = 0
+        self._fault = ""  # the newest that was noted
 
     def watch(self) -> None:
         """Starts the thread that will open the device again; before the loop, as starting one takes milliseconds."""
@@ -64,6 +65,13 @@ class Device:
         # A return shows one cycle late, so that every loss is seen, however short.
         if not was_lost and not self.lost and health.connected:
             link |= LINK_CONNECTED
+            if health.fault:
+                link |= LINK_FAULT
+        if health.fault != self._fault:
+            self._fault = health.fault
+            self._note(
+                f"'{self.driver.name}': {health.fault}" if health.fault else f"'{self.driver.name}' is well again"
+            )
         if self._failing:
             if not link & LINK_ACTIVE:
                 self._failing.discard("write")  # it isn't called now, so it can't show that it is well again
@@ -79,6 +87,12 @@ class Device:
         """Starts the device's own stop; not while the device is away."""
         if not self.lost:
             self._call("stop", lambda _: self.driver.stop(category), now)
+
+    def recover(self, now: int) -> None:
+        """Starts the recovery of a device that refuses to move; not while the device is away."""
+        if not self.lost and self.driver.health.fault:
+            self._note(f"'{self.driver.name}' is told to recover from: {self.driver.health.fault}")
+            self._call("recover", self.driver.recover, now)
 
     def _call(self, what: str, function: Callable[[int], None], now: int) -> None:
         try:

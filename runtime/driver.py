@@ -34,6 +34,8 @@ class Health:
         reconnects: times the device was opened again after a loss.
         unsent: bytes of the newest command the device has not taken yet.
         message: the newest remark in words, for people.
+        fault: what keeps a connected device from moving (protective stop, reflex, hardware error), in words;
+            "" while it is well. It stops the limb, and `recover` may mend it.
     """
 
     stamp: int = -1
@@ -44,6 +46,7 @@ class Health:
     reconnects: int = 0
     unsent: int = 0
     message: str = ""
+    fault: str = ""
 
 
 class Driver(ABC):
@@ -119,6 +122,14 @@ class Driver(ABC):
     @abstractmethod
     def close(self) -> None:
         """Lets go of the device. Always succeeds; may be called at any time, more than once."""
+
+    def recover(self, now: int) -> None:
+        """A person has asked for a reset while `health.fault` is set: starts the device's own recovery.
+
+        Runs in the loop: never blocks, and is never called otherwise. What takes longer goes on in later
+        calls of `read`, which clears `health.fault` once the device is well; the next reset then starts it.
+        Raises DeviceLostError.
+        """
 
     def fileno(self) -> int | None:
         """The descriptor of an actuator, which the supervisor duplicates; None for sensors and fakes."""

@@ -26,7 +26,7 @@ _DATAGRAMS = 8  # read in one cycle: a flood mustn't hold up the loop
 _WAITING = 64  # requests kept; a stop always finds room
 _ANSWERS = {
     Answer.REFUSED_STATE: "not possible in this state",
-    Answer.REFUSED_FAULT: "what caused the stop is still there",
+    Answer.REFUSED_FAULT: "what caused the stop is still there; a device that refuses to move was told to recover",
     Answer.REFUSED_VALUE: "the value isn't finite, in bounds and of the right size",
     Answer.EXPIRED: "the request came too late",
 }

@@ -39,6 +39,7 @@ LINK_CONNECTED = 1
 LINK_STALE = 2
 LINK_ACTIVE = 4  # commands reach it
 LINK_ERROR = 8  # its driver failed in a way it should not
+LINK_FAULT = 16  # it is connected and refuses to move, until it has recovered
 
 
 class State(IntEnum):
@@ -68,6 +69,7 @@ class Cause(IntEnum):
     SUPERVISOR_LOSS = 9
     RESTART = 10  # started again after a crash
     END = 11  # the run's duration is over
+    DEVICE_FAULT = 12  # a device refuses to move: protective stop, reflex, hardware error
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from runtime.signals import Stop
 
 _WORD = {name: i for i, name in enumerate(CYCLE)}
 _TICK = slice(_WORD["cycle"], _WORD["wake"] + 1)  # cycle, now, dt, deadline, wake
+_NOW = _WORD["now"]
 _READ, _CONTROL, _GUARD, _WRITE, _LOG = (_WORD[n] for n in ("read", "control", "guard", "write", "log"))
 _OVERRUNS, _REQUEST = _WORD["overruns"], slice(_WORD["request"], _WORD["request_result"] + 1)
 
@@ -86,6 +87,10 @@ class Loop:
             item.answer = answer
         if answer is Answer.DONE and kind in (Ask.START, Ask.RESET):
             self.inbox.forget_setpoints()
+        if answer is Answer.REFUSED_FAULT:
+            # A person's explicit act; they ask again once the device is well.
+            for device in self.devices:
+                device.recover(int(ints[_NOW]))
         ints[_REQUEST] = item.request.id, item.request.kind, item.request.target, item.answer
 
     def _answer(self, item: Item) -> None:

@@ -50,6 +50,7 @@ class Machine:
         self._reactions = {
             Cause.INTENT_LOSS: faults.intent_loss,
             Cause.DEVICE_LOSS: faults.device_loss,
+            Cause.DEVICE_FAULT: faults.device_fault,
             Cause.DRIVER_ERROR: faults.driver_error,
             Cause.CONTROLLER_ERROR: faults.controller_error,
             Cause.BUS_LOSS: faults.bus_loss,

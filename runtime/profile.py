@@ -106,6 +106,7 @@ class Faults(Part):
 
     intent_loss: Reaction = Field("stop", alias="intent-loss")
     device_loss: Reaction = Field("stop", alias="device-loss")
+    device_fault: Reaction = Field("stop", alias="device-fault")
     driver_error: Reaction = Field("stop", alias="driver-error")
     controller_error: Reaction = Field("stop", alias="controller-error")
     bus_loss: Reaction | Literal["ignore"] = Field("ignore", alias="bus-loss")

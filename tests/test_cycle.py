@@ -67,6 +67,7 @@ class Toy(Driver):
     def __init__(self, name: str, config: ToyConfig) -> None:
         super().__init__(name, config)
         self.sent: list[Array] = []
+        self.recoveries = 0
         self.gone = self.silent = self.gone_in_write = False
         self.defect: Exception | None = None
         part = config.part
@@ -108,6 +109,9 @@ class Toy(Driver):
             self.values["position"][:] = self.sent[-1]
 
     def stop(self, category: Stop) -> None: ...
+
+    def recover(self, now: int) -> None:
+        self.recoveries += 1
 
     def close(self) -> None:
         self.health.connected = False
@@ -313,6 +317,36 @@ def test_a_driver_whose_write_fails_stops_the_limb(tmp_path: Path) -> None:
 
     b.run(100, script)
     assert b.states[-1][1] is Cause.DRIVER_ERROR
+
+
+def test_a_device_that_refuses_to_move_stops_the_limb_and_recovers_only_when_told(tmp_path: Path) -> None:
+    b = Bench(tmp_path)
+    sent_in_fault = 0
+
+    def script(k: int) -> None:
+        nonlocal sent_in_fault
+        if k == 30:
+            b.arm.health.fault = "protective stop"
+        if k == 31:
+            sent_in_fault = len(b.arm.sent)
+        if k == 60:
+            assert (b.arm.recoveries, len(b.arm.sent)) == (0, sent_in_fault)
+            b.ask("reset")
+        if k == 70:
+            assert b.arm.recoveries == 1
+            b.arm.health.fault = ""
+        if k == 80:
+            assert b.cycle.machine.state is State.STOPPED
+            assert len(b.arm.sent) == sent_in_fault
+            b.ask("reset")
+
+    b.run(100, script)
+    assert b.word("state")[30] in (State.STOPPING, State.STOPPED)
+    assert b.states[50] == (State.STOPPED, Cause.DEVICE_FAULT)
+    assert b.states[-1] == (State.ACTIVE, Cause.NONE)
+    assert b.arm.recoveries == 1
+    assert any("protective stop" in note for note in b.notes)
+    assert any("well again" in note for note in b.notes)
 
 
 def test_a_stop_that_overtakes_a_reset_leaves_it_refused(tmp_path: Path) -> None:

@@ -244,7 +244,7 @@ class Requests:
             ),
             Answer.REFUSED_FAULT: (
                 f"what caused the stop is still there: {why}",
-                "Mend that, then ask again",
+                "Mend that (a device that refuses to move was told to recover), then ask again",
             ),
             Answer.REFUSED_VALUE: (
                 "the loop found the value not finite or out of bounds",

@@ -37,6 +37,7 @@ CAUSES = {
     Cause.REQUEST: "stopped on request",
     Cause.INTENT_LOSS: "loss of intent: a sensor the motion follows is stale or gone",
     Cause.DEVICE_LOSS: "an actuator is stale or gone",
+    Cause.DEVICE_FAULT: "a device refuses to move",
     Cause.OVERRUN: "too many cycles came late",
     Cause.DRIVER_ERROR: "a driver failed",
     Cause.CONTROLLER_ERROR: "a controller failed",

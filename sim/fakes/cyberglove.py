@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from fractions import Fraction
 from typing import Annotated, Final, Protocol
 
@@ -17,11 +16,11 @@ from runtime.driver import DeviceConfig
 from runtime.errors import DeviceLostError
 from runtime.signals import Array, Stop
 from runtime.world import Fake, FakeConfig, World
+from sim.fakes.chance import Chance
 from sim.fakes.windows import Windows, inside, refuse_while_gone, require, rising
 from sim.wearer.joints import GLOVE_OF_HAND
 
 _CATCH_UP: Final = 100  # samples counted at most in one read
-_BLOCK: Final = 128  # samples whose random numbers are drawn at once
 _LOOK_BACK: Final = 10  # samples; more than drop out one after another
 
 
@@ -72,10 +71,7 @@ class FakeCyberGlove(Fake):
         self._of_hand = GLOVE_OF_HAND[[LABELS_22.index(label) for label in LABELS[config.sensors]]]
         self._delay = round(options.delay * 1e9)
         self.set_period(Fraction(10**9) / Fraction(options.rate).limit_denominator(10**6))
-        self._key = [world.seed, zlib.crc32(name.encode())]
-        self._block = -1
-        self._luck: list[float] = []
-        self._noise = np.empty((0, 0))
+        self._chance = Chance(world.seed, name, config.sensors, options.noise)
         self._calibration: calibration.Calibration | None = None
         self._opened = False
 
@@ -170,24 +166,11 @@ class FakeCyberGlove(Fake):
 
     def _is_lost(self, number: int) -> bool:
         dropout = self._options.dropout
-        return dropout > 0.0 and self._drawn(number)[0] < dropout
+        return dropout > 0.0 and self._chance.luck(number) < dropout
 
     def _measured(self, number: int) -> Array:
         """(n,) rad, with noise."""
         angles = self._of_hand.dot(self.hand.hand_position(self.taken_at(number)))
         if self._options.noise:
-            angles += self._drawn(number)[1]
+            angles += self._chance.noise(number)
         return angles
-
-    def _drawn(self, number: int) -> tuple[float, Array]:
-        """What chance does to a sample: a number from 0 to 1 that decides on its loss, and noise (n,), rad.
-
-        A generator of its own for each sample would cost more than all else the glove does.
-        """
-        block, row = divmod(number, _BLOCK)
-        if block != self._block:
-            rng = np.random.default_rng([*self._key, block])
-            self._luck = rng.random(_BLOCK).tolist()
-            self._noise = rng.normal(0.0, self._options.noise, (_BLOCK, len(self._of_hand)))
-            self._block = block
-        return self._luck[row], self._noise[row]

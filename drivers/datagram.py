@@ -1,0 +1,148 @@
+"""Datagram links to devices, named by URL; non-blocking.
+
+udp://HOST:PORT     a socket connected to a device: only its datagrams are taken
+udp://ADDRESS:PORT  with listen=True: bound to an address of this host; udp://:PORT is all of them
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import select
+import socket
+from urllib.parse import urlsplit
+
+from runtime.errors import DeviceError, DeviceLostError
+
+LARGEST = 65536  # bytes
+MOST = 256  # datagrams in one read, so that a flood can't hold the loop
+BUFFER = 1 << 20  # bytes the kernel keeps: a pause of the loop must not lose the newest datagram
+
+
+def open_datagrams(url: str, *, place: str, listen: bool = False) -> Datagrams:
+    """Opens a datagram link.
+
+    Args:
+        url: see the module's text.
+        place: names the device in every error.
+        listen: bind to the address instead of connecting to it.
+    Raises:
+        DeviceError: not such a URL, no such host, the port is taken.
+    """
+    host, port = _split(url, place, listen)
+    link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK | socket.SOCK_CLOEXEC)
+    try:
+        link.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)
+        if listen:
+            link.bind((host, port))
+        else:
+            link.connect((host, port))
+    except OSError as error:
+        link.close()
+        if error.errno == errno.EADDRINUSE:
+            raise DeviceError(
+                place, f"port {port} is taken by another program", f"'ss -ulpn sport = {port}' shows which; end it"
+            ) from None
+        if isinstance(error, socket.gaierror):
+            raise DeviceError(place, f"no host is called '{host}'", "Check the name, or use its address") from None
+        raise DeviceError(
+            place, f"{url} can't be opened: {error.strerror}", "Check the network, the address and the port"
+        ) from None
+    return Datagrams(url, place, link)
+
+
+def _split(url: str, place: str, listen: bool) -> tuple[str, int]:
+    try:
+        parts = urlsplit(url)
+        host, port = parts.hostname or "", parts.port
+    except ValueError:
+        host, port = "", None
+    wrong = parts.scheme != "udp" or port is None or parts.path or parts.query if port is not None else True
+    if wrong or (not host and not listen):
+        form = "udp://:PORT or udp://ADDRESS:PORT" if listen else "udp://HOST:PORT"
+        raise DeviceError(
+            place, f"'{url}' isn't {form}", "E.g. udp://:51001" if listen else "E.g. udp://192.168.1.1:49152"
+        )
+    assert port is not None
+    return host, port
+
+
+class Datagrams:
+    """One open link.
+
+    Attributes:
+        url: as it was opened.
+        place: the device's name for errors.
+        peer: (host, port) that the newest datagram came from; None before the first.
+    """
+
+    def __init__(self, url: str, place: str, link: socket.socket) -> None:
+        self.url, self.place = url, place
+        self.peer: tuple[str, int] | None = None
+        self._socket = link
+
+    @property
+    def local(self) -> tuple[str, int]:
+        """This end's address."""
+        host, port = self._socket.getsockname()[:2]
+        return host, port
+
+    def read(self) -> list[bytes]:
+        """All datagrams that are there, oldest first; never blocks.
+
+        Raises:
+            DeviceLostError: the kernel has learnt that nobody listens there, or the link is closed.
+        """
+        found: list[bytes] = []
+        for _ in range(MOST):
+            try:
+                data, self.peer = self._socket.recvfrom(LARGEST)
+            except BlockingIOError:
+                break
+            except OSError as error:
+                if found:
+                    break
+                self._lost(error)
+            found.append(data)
+        return found
+
+    def read_wait(self, timeout_s: float) -> list[bytes]:
+        """Like `read`, but waits up to `timeout_s` for the first. Blocks: for `open` only."""
+        poll = select.poll()
+        poll.register(self.fileno(), select.POLLIN)
+        poll.poll(max(0.0, timeout_s) * 1000)
+        return self.read()
+
+    def write(self, data: bytes, peer: tuple[str, int] | None = None) -> bool:
+        """Sends one datagram (to `peer`, where the link isn't connected); never blocks.
+
+        Returns:
+            False if the kernel had no room; nothing is kept.
+        Raises:
+            DeviceLostError: nobody listens there.
+        """
+        try:
+            if peer is None:
+                self._socket.send(data)
+            else:
+                self._socket.sendto(data, peer)
+        except BlockingIOError:
+            return False
+        except OSError as error:
+            if error.errno == errno.ENOBUFS:
+                return False
+            self._lost(error)
+        return True
+
+    def fileno(self) -> int:
+        """The descriptor; -1 once closed."""
+        return self._socket.fileno()
+
+    def close(self) -> None:
+        """Closes. Always succeeds."""
+        with contextlib.suppress(OSError):
+            self._socket.close()
+
+    def _lost(self, error: OSError) -> None:
+        why = "nobody listens there" if isinstance(error, ConnectionRefusedError) else error.strerror
+        raise DeviceLostError(self.place, f"the link {self.url} is gone ({why})", "Check its cable and its power")
