@@ -84,18 +84,21 @@ class MonotonicClock(Clock):
 
 
 class SimClock(Clock):
-    """Steps the simulated world by one period a tick: as fast as it goes, or paced by the monotonic clock.
+    """Steps the simulated world by one period a tick: as fast as it goes, or paced by another clock.
 
     Unpaced, `now` is the world's time and every run with the same seed gives the same bits. Paced, `now` is
     CLOCK_MONOTONIC, so that real devices may take part.
     """
 
-    def __init__(self, rate: Fraction, world: World, paced: bool, throttle: Callable[[], None] | None = None) -> None:
-        """`throttle` is called before each unpaced tick; it may wait for slower readers of the rows."""
+    def __init__(
+        self, rate: Fraction, world: World, pace: Clock | None = None, throttle: Callable[[], None] | None = None
+    ) -> None:
+        """`pace`: the monotonic clock, or a real robot's; `throttle` is called before each unpaced tick and may
+        wait for slower readers of the rows."""
         super().__init__(rate)
         self.world = world
         self._throttle = throttle
-        self._pace = MonotonicClock(rate) if paced else None
+        self._pace = pace
 
     def start(self) -> None:
         self._count = 0

@@ -111,16 +111,19 @@ class Process:
 
     def _clock(self, graph: Graph) -> Clock:
         name, rate = graph.profile.clock, graph.profile.rate
+        pace: Clock = MonotonicClock(rate)
         if name != "monotonic":
             robot = next((d for d in self.devices if d.driver.name == name), None)
-            if robot is not None and name not in graph.simulated:
-                return DeviceClock(rate, lambda: None if robot.lost else robot.driver.fileno())
             if robot is None:
                 remedy = nearest(name, ["monotonic", *graph.profile.devices])
                 raise ProfileError(graph.source.place("clock"), f"there is no device '{name}'", remedy)
+            if name not in graph.simulated:
+                pace = DeviceClock(rate, lambda: None if robot.lost else robot.driver.fileno())
         if graph.world is None:
-            return MonotonicClock(rate)
-        return SimClock(rate, graph.world, not self.order.fast, self._throttle if self.order.recorded else None)
+            return pace
+        if not self.order.fast:
+            return SimClock(rate, graph.world, pace)
+        return SimClock(rate, graph.world, None, self._throttle if self.order.recorded else None)
 
     def _throttle(self) -> None:
         """Simulation ahead of its recorder waits: nothing recorded is ever lost."""
