@@ -1,0 +1,16 @@
+"""Linux input devices (sheet gamepad_f310_and_ring, part A)."""
+
+from drivers.evdev.records import RECORD, AxisInfo, Description, Event, Parser, encode
+from drivers.evdev.source import EventSource, discover, open_source
+
+__all__ = [
+    "RECORD",
+    "AxisInfo",
+    "Description",
+    "Event",
+    "EventSource",
+    "Parser",
+    "discover",
+    "encode",
+    "open_source",
+]

@@ -1,0 +1,5 @@
+"""A ring with one push button."""
+
+from drivers.ring.driver import Ring, RingConfig
+
+__all__ = ["Ring", "RingConfig"]
