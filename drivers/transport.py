@@ -2,6 +2,7 @@
 
     /dev/ttyUSB0, a pty's path    a serial port: 8N1, no flow control, exclusively locked
     tcp://HOST:PORT               a TCP connection, without Nagle's delay, lost after 2 s without an answer
+    tcp-listen://HOST:PORT        the same with a device that dials in; HOST is this host's address, or 0.0.0.0
     spy:FILE:URL                  the link URL, with a readable log of both directions in FILE
     loop://                       an echo: what is written is read back
     loop://NAME                   the first and the second opener of NAME get the two ends of one link
@@ -30,6 +31,7 @@ from urllib.parse import urlsplit
 
 import serial
 
+from drivers.listening import await_caller
 from runtime.errors import DeviceError, DeviceLostError
 
 CHUNK = 65536
@@ -53,13 +55,21 @@ def open_transport(url: str, *, place: str, baudrate: int = 115200) -> Transport
         file, _, inner = url.removeprefix("spy:").partition(":")
         if not file or not inner:
             raise DeviceError(place, f"'{url}' isn't spy:FILE:URL", "E.g. spy:glove.log:/dev/ttyUSB0")
+        from drivers.spy import Spy
+
         return Spy(open_transport(inner, place=place, baudrate=baudrate), url, file, place)
     if url.startswith("tcp://"):
         return _open_tcp(url, place)
+    if url.startswith("tcp-listen://"):
+        return _connected(url, place, await_caller(url, place))
     if url.startswith("loop://"):
         return _open_loop(url, place)
     if "://" in url:
-        raise DeviceError(place, f"no link is called '{url}'", "Known: a path, tcp://HOST:PORT, spy:FILE:URL, loop://")
+        raise DeviceError(
+            place,
+            f"no link is called '{url}'",
+            "Known: a path, tcp://HOST:PORT, tcp-listen://HOST:PORT, spy:FILE:URL, loop://",
+        )
     return _open_serial(url, place, baudrate)
 
 
@@ -270,55 +280,6 @@ class Stream(Transport):
             self._reader.close()
 
 
-class Spy(Transport):
-    """Another link, and a log of its bytes: seconds since opening, direction, hex, text.
-
-    For finding faults, not for service: the log is written from the loop and can wait for a disk.
-    """
-
-    def __init__(self, inner: Transport, url: str, file: str, place: str) -> None:
-        super().__init__(url, place)
-        self._inner = inner
-        self._start = time.monotonic()
-        try:
-            self._log = open(file, "w", buffering=1, encoding="ascii")  # noqa: SIM115
-        except OSError as error:
-            inner.close()
-            raise DeviceError(
-                place, f"the log {file} can't be written: {error.strerror}", "Name another file"
-            ) from error
-
-    def fileno(self) -> int:
-        return self._inner.fileno()
-
-    def _read_fileno(self) -> int:
-        return self._inner._read_fileno()
-
-    def _take(self) -> bytes:
-        data = self._inner._take()
-        self._note("<", data)
-        return data
-
-    def _give(self, data: bytes) -> int:
-        taken = self._inner._give(data)
-        self._note(">", data[:taken])
-        return taken
-
-    def _queued(self) -> int:
-        return self._inner._queued()
-
-    def _shut(self) -> None:
-        self._log.close()
-        self._inner._shut()
-
-    def _note(self, direction: str, data: bytes) -> None:
-        seconds = time.monotonic() - self._start
-        for at in range(0, len(data), 16):
-            row = data[at : at + 16]
-            text = "".join(chr(byte) if 32 <= byte < 127 else "." for byte in row)
-            self._log.write(f"{seconds:12.6f} {direction} {row.hex(' '):<47}  {text}\n")
-
-
 def _open_serial(path: str, place: str, baudrate: int) -> Transport:
     try:
         port = serial.Serial(path, baudrate, exclusive=True)
@@ -367,6 +328,10 @@ def _open_tcp(url: str, place: str) -> Transport:
         raise DeviceError(
             place, f"{host}:{number} can't be reached: {why}", "Check the network, the address and the power"
         ) from None
+    return _connected(url, place, link)
+
+
+def _connected(url: str, place: str, link: socket.socket) -> Transport:
     link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     link.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     link.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, 1)

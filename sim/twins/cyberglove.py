@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from runtime.world import Fake
 from sim.fakes.cyberglove import FakeCyberGlove
+from sim.twins.dialing import DialingDoor
 from sim.twins.glove_commands import Commands
 from sim.twins.serial import SerialTwin
 
@@ -30,6 +31,8 @@ class CyberGloveTwin(SerialTwin):
         assert isinstance(fake, FakeCyberGlove)
         super().__init__(fake)
         self.glove = fake
+        if fake.config.port.startswith("tcp-listen://"):  # type: ignore[attr-defined]
+            self.door = DialingDoor(fake.config.port)  # type: ignore[attr-defined]
         self.unplugged = False
         self._flipped = False  # `W` has set the switch to the opposite of what it is
         self._bytes = b""
@@ -41,6 +44,11 @@ class CyberGloveTwin(SerialTwin):
         super().open()
         self.commands.restart()
         self._sent = self.glove.newest()
+
+    def connected(self, now: int) -> None:
+        """Over Wi-Fi it says so first (sheet, 1)."""
+        if isinstance(self.door, DialingDoor):
+            self.door.write(b"o")
 
     def receive(self, data: bytes, now: int) -> bytes:
         was = self.commands.streaming

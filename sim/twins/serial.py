@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from runtime.world import Fake, Twin
 from sim.fakes.windows import Windows, inside
+from sim.twins.dialing import DialingDoor
 from sim.twins.pty import PtyDoor
 
 
@@ -28,7 +29,7 @@ class SerialTwin(Twin):
 
     def __init__(self, fake: Fake) -> None:
         super().__init__(fake)
-        self.door = PtyDoor()
+        self.door: PtyDoor | DialingDoor = PtyDoor()
         self.muted = False
         self.keep_log = False
         self._chunks: list[tuple[int, bytes]] = []

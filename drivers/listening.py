@@ -1,0 +1,59 @@
+"""A link to a device that dials in: it is the TCP client, this host listens."""
+
+from __future__ import annotations
+
+import errno
+import select
+import socket
+import time
+from urllib.parse import urlsplit
+
+from runtime.errors import DeviceError
+
+AWAIT = 10.0  # s that `open` waits for the device; such devices try again every few seconds
+
+
+def await_caller(url: str, place: str) -> socket.socket:
+    """Listens at `tcp-listen://HOST:PORT` until one device has dialled in; blocks up to 10 s.
+
+    The first to call is taken, and nobody listens after it: a second device is refused by the kernel.
+
+    Args:
+        url: HOST is an address of this host; 0.0.0.0 is all of them.
+        place: the device's name for errors.
+    Raises:
+        DeviceError: not such a URL, the address isn't ours, the port is taken, or nobody called.
+    """
+    try:
+        parts = urlsplit(url)
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        host = port = None
+    if not host or not port or parts.path or parts.query:
+        raise DeviceError(place, f"'{url}' isn't tcp-listen://HOST:PORT", "E.g. tcp-listen://0.0.0.0:49500")
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM | socket.SOCK_NONBLOCK | socket.SOCK_CLOEXEC) as listener:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listener.bind((host, port))
+            listener.listen(1)
+        except OSError as error:
+            if error.errno == errno.EADDRINUSE:
+                raise DeviceError(
+                    place, f"port {port} is taken by another program", f"'ss -tlpn sport = {port}' shows which; end it"
+                ) from None
+            raise DeviceError(
+                place, f"this host can't listen at {host}:{port}: {error.strerror}", "Use 0.0.0.0, or an address it has"
+            ) from None
+        deadline = time.monotonic() + AWAIT
+        while (left := deadline - time.monotonic()) > 0:
+            if select.select([listener], [], [], left)[0]:
+                try:
+                    caller, _ = listener.accept()
+                except OSError:  # it has hung up already
+                    continue
+                return caller
+    raise DeviceError(
+        place,
+        f"no device dialled in at {host}:{port} within {AWAIT:g} s",
+        "Check its Wi-Fi, the address and port it was given for this host, and this host's firewall",
+    )
