@@ -155,6 +155,7 @@ class Cell(World):
         mujoco.mj_setState(self.model, self.data, physics, _STATE)  # forward has changed the solver's warm start
         for signal, values in zip(self.truth, rest, strict=False):
             self.truth_arrays[signal.name][...] = values.reshape(signal.shape)
+        # Last: forces of the step before the state can't be found again, so parts bring back theirs.
         for keeper, values in zip(keepers, rest[len(self.truth) :], strict=True):
             keeper.restore(values)
 
@@ -179,7 +180,8 @@ def _document(config: CellConfig, parts: dict[str, Part]) -> str:
     mjcf = Mjcf()
     root = Element("mujoco", model="cell")
     add(root, "compiler", angle="radian", autolimits=True)
-    add(root, "option", timestep=config.timestep, gravity=config.gravity, integrator="implicitfast", cone="elliptic")
+    physics = {"integrator": "implicitfast", "cone": "elliptic", "impratio": 10.0}  # a low ratio lets held things creep
+    add(root, "option", timestep=config.timestep, gravity=config.gravity, **physics)
     size = SubElement(root, "visual")
     add(size, "map", znear=0.01)
     add(mjcf.worldbody, "light", pos="0 -1 3", dir="0 0.3 -1", directional=True)

@@ -9,7 +9,7 @@ from urllib.parse import parse_qs, urlsplit
 import numpy as np
 from pydantic import Field, field_validator
 
-from drivers.devicetime import DeviceTime
+from drivers.streamtime import StreamTime
 from drivers.transport import Transport, open_transport
 from drivers.trigno.envelope import Envelope
 from drivers.trigno.protocol import COMMAND_PORT, EMG_OFFSET, RATE, SLOTS, Answers, Samples, command, refused
@@ -20,9 +20,7 @@ from runtime.signals import Array, Signal, Stop
 ANSWER: Final = 3.0  # s for an answer
 FIRST: Final = 3.0  # s for the first sample after START (§2: data begin within about 2 s)
 SILENT: Final = round(0.1 * RATE)  # samples of exactly 0 after which a sensor counts as gone (§5)
-LATE: Final = 200_000_000  # ns behind what the count says: samples were lost, or wait somewhere
 WRONG: Final = round(0.25 * RATE)  # samples in blocks with voltages of no electrode, more than a fifth of all
-STEADY: Final = 1_000_000_000  # ns of that without a change: they were lost, the count begins anew
 _REMEDY: Final = "Start the Trigno Control Utility on its PC and check address and firewall"
 
 
@@ -86,10 +84,8 @@ class Trigno(Driver):
         self._parser = Samples()
         self._envelope = Envelope(n, max(round(config.window * RATE), 1))
         self._zeros = np.zeros(n, int)
-        self._clock = DeviceTime(1e9 / RATE)
+        self._clock = StreamTime(RATE)
         self._count = self._wrong = 0
-        self._behind = 0  # ns: since when the count lags
-        self._lag = 0
         self._opened = False
 
     # -- life
@@ -108,8 +104,8 @@ class Trigno(Driver):
         except DeviceError:
             self.close()
             raise
-        self._clock.restart()
-        self._count = self._behind = self._wrong = 0
+        self._clock = StreamTime(RATE)
+        self._count = self._wrong = 0
         self._zeros[:] = 0
         self.health.connected = True
         self.health.message = ""
@@ -178,8 +174,9 @@ class Trigno(Driver):
             state["count"][0] = self._count
         present = self._is_present(samples)
         state["present"][:] = present
+        restarts = self._clock.restarts
         stamp = self._clock.stamp(self._count, now) - round(self._config.latency * 1e9)
-        self._anchor(now)
+        self.health.resyncs += self._clock.restarts - restarts
         if present.all():
             self.health.stamp = stamp
             self.health.message = ""
@@ -194,18 +191,6 @@ class Trigno(Driver):
         trailing = np.where(ends, len(samples), np.argmin(zero[::-1], axis=0))
         self._zeros = np.where(ends, self._zeros + trailing, trailing)
         return self._zeros < SILENT
-
-    def _anchor(self, now: int) -> None:
-        """A lag that stays the same for a second isn't a queue that empties: samples were lost."""
-        lag = self._clock.delay
-        if lag < LATE:
-            self._behind = 0
-        elif not self._behind or lag < self._lag - LATE // 2:
-            self._behind, self._lag = now, lag
-        elif now - self._behind > STEADY:
-            self._clock.restart()
-            self.health.resyncs += 1
-            self._behind = 0
 
     # -- opening
 

@@ -1,0 +1,209 @@
+"""A Perception Neuron suit as a device: the newest pose of one avatar."""
+
+from __future__ import annotations
+
+import time
+from typing import Final
+
+import numpy as np
+from pydantic import Field
+
+from drivers.datagram import Datagrams, open_datagrams
+from drivers.noitom.protocol import BinaryParser, Frame, Parser, TextParser
+from drivers.noitom.rotations import Order, Quaternions
+from drivers.noitom.skeleton import JOINTS, Kind, Skeleton
+from drivers.streamtime import StreamTime
+from drivers.transport import Transport, open_transport
+from runtime.driver import DeviceConfig, Driver
+from runtime.errors import DeviceError, DeviceLostError
+from runtime.signals import Signal, Stop
+
+FIRST: Final = 3.0  # s for the first frame
+MEASURE: Final = 0.5  # s of frames from which the rate is taken at first
+USELESS: Final = 65536  # bytes without a frame after which the stream's form is looked at anew
+NEW_HEADER: Final = "Tick 'BVH', 'use old header format', and binary or string, in the software's broadcast settings"
+
+
+class NoitomConfig(DeviceConfig):
+    """Options of a suit."""
+
+    port: str = Field(description="tcp://HOST:7001 (Axis Neuron), udp://:7012 (Axis Studio sends there)")
+    skeleton: Kind = Field("axis-neuron", description="the tree; it can't be told from the stream")
+    order: Order = Field("YXZ", description="rotation order set in the software; it can't be told from the stream")
+    avatar: int = Field(0, ge=0, description="index of the person")
+    scale: float = Field(1.0, gt=0.3, lt=3, description="of the default body, where displacements aren't sent")
+
+
+class Noitom(Driver):
+    """States: `rotation` (59, 4), unit quaternions w x y z, of each joint relative to its parent;
+    `translation` (59, 3) m, of each joint in its parent's frame; both of the hips in the software's world,
+    y up, z forward in the T-pose, x to the left.
+
+    Text or binary, with displacement or without, is found out from the stream. Without displacement all
+    joints but the hips keep the default body's offsets, scaled. Frames are numbered in binary, counted in
+    text; their time is that number over the rate, which is measured. A suit that isn't calibrated sends the
+    T-pose; nothing in the stream says so.
+    """
+
+    Config = NoitomConfig
+    summary = "Noitom Perception Neuron suit, 59 joints (Axis Neuron, Axis Studio)"
+    gives = ("rotation", "translation")
+    max_age = 0.1
+
+    def __init__(self, name: str, config: NoitomConfig) -> None:
+        super().__init__(name, config)
+        self._config = config
+        self._place = f"{name} ({config.port})"
+        self.skeleton = Skeleton(config.skeleton)
+        names = self.skeleton.names
+        self.states = (
+            Signal(name="rotation", shape=(JOINTS, 4), unit="1", labels=names),
+            Signal(name="translation", shape=(JOINTS, 3), unit="m", labels=names),
+        )
+        self._offsets = self.skeleton.offsets * config.scale
+        self._quaternions = Quaternions(config.order, JOINTS)
+        self._angles = np.empty((JOINTS, 3))
+        self._link: Transport | Datagrams | None = None
+        self._parser: Parser = BinaryParser()
+        self._clock = StreamTime(100.0)
+        self._useless = 0  # bytes since the newest frame
+        self._number = -1
+        self._gaps = 0
+        self._seen = (0, 0, 0)
+        self._opened = False
+
+    # -- life
+
+    def open(self) -> None:
+        self.close()
+        datagrams = self._config.port.startswith("udp://")
+        link = self._link = (
+            open_datagrams(self._config.port, place=self._place, listen=True)
+            if datagrams
+            else open_transport(self._config.port, place=self._place)
+        )
+        try:
+            self._find(link)
+        except DeviceError:
+            self.close()
+            raise
+        self.health.connected = True
+        self.health.reconnects += self._opened
+        self._opened = True
+
+    def read(self, now: int) -> None:
+        if self._link is None:
+            raise DeviceLostError(self._place, "it isn't open", "Open it first")
+        try:
+            data = self._take(self._link)
+        except DeviceLostError as error:
+            self.health.connected = False
+            self.health.message = error.problem
+            raise
+        if not data:
+            return
+        frame = self._parser.feed(data)
+        self._count()
+        if frame is not None:
+            self._useless = 0
+            self._fill(frame, now)
+            return
+        self._useless += len(data)
+        if self._useless > USELESS:
+            self.health.connected = False
+            self.health.message = "what comes is no frame any more"
+            raise DeviceLostError(self._place, "what comes is no frame any more", "It is looked at anew")
+
+    def write(self, now: int) -> None:
+        """A suit takes no commands."""
+
+    def stop(self, category: Stop) -> None:
+        """A suit moves nothing."""
+
+    def close(self) -> None:
+        link, self._link = self._link, None
+        self.health.connected = False
+        if link is not None:
+            link.close()
+
+    def figures(self) -> dict[str, object]:
+        """Frame rate as measured, frames that were never received, frames of other avatars."""
+        return {"rate_hz": round(self._clock.rate, 2), "gaps": self._gaps, "others": self._parser.others}
+
+    # -- a cycle
+
+    def _take(self, link: Transport | Datagrams) -> bytes:
+        data = link.read()
+        return data if isinstance(data, bytes) else b"".join(data)
+
+    def _count(self) -> None:
+        health, parser = self.health, self._parser
+        counts = (parser.frames, parser.errors, parser.resyncs)
+        health.frames += counts[0] - self._seen[0]
+        health.errors += counts[1] - self._seen[1]
+        health.resyncs += counts[2] - self._seen[2]
+        self._seen = counts
+
+    def _fill(self, frame: Frame, now: int) -> None:
+        translations, degrees = frame.split()
+        np.multiply(degrees, np.pi / 180, out=self._angles)
+        self._quaternions.fill(self._angles, self.state_arrays["rotation"])
+        if not frame.displacement:
+            self.state_arrays["translation"][1:] = self._offsets[1:]
+        np.multiply(translations, 0.01, out=self.state_arrays["translation"][: len(translations)])
+        number = frame.number if frame.number >= 0 else self._parser.frames
+        if frame.number >= 0 and self._number >= 0 and (step := frame.number - self._number) > 0:
+            self._gaps += max(step - 1, 0)
+        self._number = frame.number
+        self.health.stamp = self._clock.stamp(number, now)
+
+    # -- opening
+
+    def _find(self, link: Transport | Datagrams) -> None:
+        """Which of the two forms it is, and how fast it comes."""
+        avatar = self._config.avatar
+        parsers: tuple[Parser, ...] = (BinaryParser(avatar), TextParser(avatar))
+        began = time.monotonic()
+        heard, first, last = b"", None, None
+        while (left := began + FIRST - time.monotonic()) > 0:
+            data = link.read_wait(left)
+            data = data if isinstance(data, bytes) else b"".join(data)
+            heard = (heard + data)[:256]
+            for parser in parsers:
+                frame = parser.feed(data)
+                if frame is None:
+                    continue
+                parsers = (parser,)
+                last = (time.monotonic(), frame.number if frame.number >= 0 else parser.frames)
+                first = first or last
+                break
+            if first is not None and time.monotonic() - first[0] > MEASURE:
+                break
+        if first is None or last is None:
+            raise DeviceError(self._place, *self._refusal(heard, parsers))
+        rate = (last[1] - first[1]) / (last[0] - first[0]) if last[0] > first[0] else 0.0
+        if not 5 < rate < 1000:
+            raise DeviceError(
+                self._place,
+                f"its frames come {rate:.1f} times a second",
+                "Set the broadcast's frequency to 60 Hz or more",
+            )
+        self._parser = parsers[0]
+        self._clock = StreamTime(rate, learn=True)
+        self._useless, self._number = 0, -1
+        self._seen = (self._parser.frames, self._parser.errors, self._parser.resyncs)
+        kind = "binary" if isinstance(self._parser, BinaryParser) else "text"
+        self.health.message = f"{kind} frames, about {rate:.0f} Hz"
+
+    def _refusal(self, heard: bytes, parsers: tuple[Parser, ...]) -> tuple[str, str]:
+        others = sum(parser.others for parser in parsers)
+        if others:
+            return f"no frame of avatar {self._config.avatar} came, {others} of others", "Correct 'avatar'"
+        if not heard:
+            what = "nothing came" if self._config.port.startswith("udp") else "it is connected, and nothing came"
+            return (
+                f"{what} within {FIRST:g} s",
+                "Tick 'BVH' in the software's broadcast settings, and check its address",
+            )
+        shown = heard[:40].decode("ascii", "replace") if heard[:20].isascii() else heard[:16].hex(" ")
+        return f"expected BVH frames of 59 joints, got '{shown}'", NEW_HEADER

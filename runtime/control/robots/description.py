@@ -1,0 +1,164 @@
+"""What a serial arm is: placements of its joints, inertias of its links, limits of its drives.
+
+Frames: the arm's base frame; one frame a link, fixed to it at the joint before it, whose z axis is the joint's
+axis; the flange frame, fixed to the last link, z outward.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import cos, sin
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from runtime.signals import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Inertial:
+    """A rigid body's mass (kg), centre of mass (3,) m and inertia (3, 3) kg m^2 about it, in its link's frame."""
+
+    mass: float
+    com: Array
+    inertia: Array
+
+    def moved(self, placement: Array) -> Inertial:
+        """The same body seen from another frame, in which this one's is placed at (4, 4)."""
+        turn = placement[:3, :3]
+        return Inertial(self.mass, placement[:3, 3] + turn @ self.com, turn @ self.inertia @ turn.T)
+
+
+@dataclass(frozen=True)
+class Payload:
+    """A load as a robot is told about it: mass (kg) and centre of mass in the flange frame (m)."""
+
+    mass: float = 0.0
+    com: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """A shape that stands for a link where it touches things: a segment in the link's frame, m, and its radius."""
+
+    start: tuple[float, float, float]
+    end: tuple[float, float, float]
+    radius: float
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """A revolute joint and the link behind it.
+
+    Attributes:
+        placement: (4, 4), the joint's frame at angle 0 in the frame of the link before it (the base for the first).
+        link: the link's inertial parameters in its own frame.
+        shape: what of the link can be touched.
+    """
+
+    name: str
+    placement: Array
+    link: Inertial
+    shape: tuple[Capsule, ...] = ()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RobotDescription:
+    """A serial arm with n revolute joints; arrays (n,) are read-only. Limits are inf where none is published.
+
+    Attributes:
+        base: the part that doesn't move, in the base frame.
+        flange: (4, 4) in the last link's frame.
+        q_lower, q_upper: rad.
+        dq_max, ddq_max, dddq_max: rad/s, rad/s^2, rad/s^3.
+        tau_max, dtau_max: N m, N m/s.
+        rotor_inertia: kg m^2 at the joint; zero where the drive's torque control hides it.
+        friction: N m, dry, which the robot's own controller compensates wholly or in part.
+        stiffness: N m/rad of the position controller.
+        inertia: kg m^2, of the kind each joint usually moves; what the position controller's damping is made for.
+        home: rad, a configuration far from limits and singularities.
+        payload: kg, the greatest load.
+    """
+
+    name: str
+    base: Inertial
+    base_shape: tuple[Capsule, ...]
+    joints: tuple[Joint, ...]
+    flange: Array
+    q_lower: Array
+    q_upper: Array
+    dq_max: Array
+    ddq_max: Array
+    dddq_max: Array
+    tau_max: Array
+    dtau_max: Array
+    rotor_inertia: Array
+    friction: Array
+    stiffness: Array
+    inertia: Array
+    home: Array
+    payload: float
+
+    def __post_init__(self) -> None:
+        for value in vars(self).values():
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joints)
+
+    @cached_property
+    def labels(self) -> tuple[str, ...]:
+        """The joints' names."""
+        return tuple(joint.name for joint in self.joints)
+
+    def forward(self, q: Array) -> Array:
+        """The flange (4, 4) in the base frame, m, at joint angles q (n,), rad. Plain and slow: for checks."""
+        place = np.eye(4)
+        for joint, angle in zip(self.joints, q.tolist(), strict=True):
+            place = place @ joint.placement @ rot_z(angle)
+        return place @ self.flange
+
+
+def array(*values: float) -> Array:
+    """Float64 values (n,)."""
+    return np.array(values, dtype=float)
+
+
+def everywhere(value: float, n: int) -> Array:
+    """The same value for n joints."""
+    return np.full(n, value)
+
+
+def inertial(mass: float, com: ArrayLike, moments: tuple[float, float, float, float, float, float]) -> Inertial:
+    """From mass (kg), centre of mass (m) and moments xx, yy, zz, xy, xz, yz (kg m^2) about it."""
+    xx, yy, zz, xy, xz, yz = moments
+    return Inertial(mass, np.array(com, dtype=float), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+
+
+def rot_x(angle: float) -> Array:
+    """(4, 4), a turn about x, rad."""
+    c, s = _cos_sin(angle)
+    return np.array([[1.0, 0, 0, 0], [0, c, -s, 0], [0, s, c, 0], [0, 0, 0, 1]])
+
+
+def rot_z(angle: float) -> Array:
+    """(4, 4), a turn about z, rad."""
+    c, s = _cos_sin(angle)
+    return np.array([[c, -s, 0.0, 0], [s, c, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+
+
+def trans(x: float, y: float, z: float) -> Array:
+    """(4, 4), a shift, m."""
+    place = np.eye(4)
+    place[:3, 3] = x, y, z
+    return place
+
+
+def _cos_sin(angle: float) -> tuple[float, float]:
+    c, s = cos(angle), sin(angle)
+    # Right angles of a kinematic table are exact.
+    return (0.0 if abs(c) < 1e-16 else c), (0.0 if abs(s) < 1e-16 else s)

@@ -1,0 +1,91 @@
+"""A base on four mecanum wheels, and Robotnik's SUMMIT-XL STEEL (sheet summit_xl_steel).
+
+Body frame: x forward, y left, origin at the height of the wheels' axles. Wheels: front left, front right, back
+left, back right; seen from above the rollers' axes point to the middle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from runtime.signals import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class MecanumBase:
+    """An omnidirectional base.
+
+    Attributes:
+        mass: kg.
+        inertia: kg m^2 about the vertical axis through its middle.
+        wheel_radius: m.
+        half_length, half_width: m, from the middle to the wheels' centres.
+        size: m, length, width and height of the box that can be touched.
+        clearance: m, from the ground to the box.
+        wheel_speed: rad/s, the greatest.
+        v_max, w_max: m/s, rad/s along one axis alone, as the wheels allow.
+        v_guard, w_guard, a_guard, dw_guard: forward and sideways m/s, rad/s, m/s^2, rad/s^2: what the maker's own
+            planner asks for; sensible near people.
+        payload: kg.
+    """
+
+    name: str
+    mass: float
+    inertia: float
+    wheel_radius: float
+    half_length: float
+    half_width: float
+    size: tuple[float, float, float]
+    clearance: float
+    v_max: float
+    v_guard: tuple[float, float]
+    w_guard: float
+    a_guard: float
+    dw_guard: float
+    payload: float
+
+    @property
+    def wheel_speed(self) -> float:
+        return self.v_max / self.wheel_radius
+
+    @property
+    def lever(self) -> float:
+        """m, half length plus half width: how fast a wheel rolls for each rad/s of turning."""
+        return self.half_length + self.half_width
+
+    @property
+    def w_max(self) -> float:
+        return self.v_max / self.lever
+
+    def wheels(self, twist: Array) -> Array:
+        """Wheel speeds (4,), rad/s, for a twist vx, vy, wz (m/s, m/s, rad/s) of the body."""
+        vx, vy, wz = twist.tolist()
+        turn = self.lever * wz
+        return np.array([vx - vy - turn, vx + vy + turn, vx + vy - turn, vx - vy + turn]) / self.wheel_radius
+
+    def twist(self, wheels: Array) -> Array:
+        """The twist vx, vy, wz (m/s, m/s, rad/s) that best fits wheel speeds (4,), rad/s."""
+        fl, fr, bl, br = wheels.tolist()
+        part = self.wheel_radius / 4
+        return part * np.array([fl + fr + bl + br, -fl + fr + bl - br, (-fl + fr - bl + br) / self.lever])
+
+
+SUMMIT_XL: Final = MecanumBase(
+    name="summit-xl",
+    mass=105.0,
+    inertia=7.4527,  # a box of that mass; the paper's 21 kg m^2 is a virtual inertia
+    wheel_radius=0.127,
+    half_length=0.2225,
+    half_width=0.2045,
+    size=(0.75, 0.68, 0.443),
+    clearance=0.066,
+    v_max=3.0,
+    v_guard=(0.75, 0.5),
+    w_guard=0.785,
+    a_guard=0.2,
+    dw_guard=0.2,
+    payload=250.0,
+)

@@ -1,0 +1,43 @@
+"""Samples that carry no time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from drivers.streamtime import STEADY, StreamTime
+
+MS = 1_000_000
+
+
+def test_what_waited_is_old_and_what_was_lost_is_got_over() -> None:
+    for lost in (0, 300):
+        stream, now = StreamTime(100), 10**10
+        count = 0
+        for _ in range(500):
+            count, now = count + 1, now + 10 * MS
+            assert stream.stamp(count, now) == now
+        now += 3_000 * MS
+        waited = 300 - lost  # the samples of the pause: all waited, or all were lost
+        for _ in range(waited):
+            count += 1
+            assert now - stream.stamp(count, now) >= (500 + waited - count) * 10 * MS - 2 * MS
+        ages = []
+        for _ in range(300):
+            count, now = count + 1, now + 10 * MS
+            ages.append(now - stream.stamp(count, now))
+        assert (max(ages) < 2 * MS) == (lost == 0)
+        assert max(ages[STEADY // (10 * MS) + 5 :]) < 2 * MS
+        assert stream.restarts == (lost > 0)
+
+
+def test_a_rate_known_roughly_is_learnt_and_never_makes_fresh_samples_stale() -> None:
+    rng = np.random.default_rng(1)
+    for truth, told in ((120.3, 118.0), (59.7, 60.5)):
+        stream = StreamTime(told, learn=True)
+        oldest = 0
+        for k in range(round(120 * truth)):
+            now = round(10**10 + k / truth * 1e9 + rng.exponential(2 * MS))
+            oldest = max(oldest, now - stream.stamp(k, now))
+        assert abs(stream.rate / truth - 1) < 5e-4
+        assert oldest < 80 * MS
+        assert stream.restarts == 0
