@@ -73,21 +73,13 @@ class FakeFirmata(Fake):
             real.limits,
             real.home,
         )
-        self.servos: Servos = require(world, "set_servos", name)
         self._options = options
         self._calibrations = real.calibrations
         self._joints, self._buttons = tuple(config.servos), tuple(config.buttons)
         n = len(self._joints)
         self._first = options.first
-        there = self.servos.servo_targets().size - options.first
-        if n > there:
-            raise WiringError(
-                f"sim.devices.{name}",
-                f"the board has {n} servos, the world {max(there, 0)} from number {options.first} on",
-                "Give the world more fingers or the board fewer servos",
-            )
-        if COMMAND in self.home:
-            self.servos.place_servos(options.first, self.home[COMMAND])
+        if n:
+            self._mount(world)
         if unknown := set(options.presses) - set(self._buttons):
             raise WiringError(
                 f"sim.devices.{name}.presses", f"the board has no button '{unknown.pop()}'", "Name one it has"
@@ -102,6 +94,18 @@ class FakeFirmata(Fake):
         frame = Fraction(10**9) / Fraction(options.frame_rate).limit_denominator(10**6)
         self._frame = frame.as_integer_ratio()  # ns, as a rational
         self._opened = False
+
+    def _mount(self, world: World) -> None:
+        """Finds the world's servos; a panel of buttons needs none."""
+        self.servos: Servos = require(world, "set_servos", self.name)
+        n, there = len(self._joints), self.servos.servo_targets().size - self._first
+        if n > there:
+            raise WiringError(
+                f"sim.devices.{self.name}",
+                f"the board has {n} servos, the world {max(there, 0)} from number {self._first} on",
+                "Give the world more fingers or the board fewer servos",
+            )
+        self.servos.place_servos(self._first, self.home[COMMAND])
 
     def open(self) -> None:
         self.close()
