@@ -1,0 +1,215 @@
+"""Admittance: the force of a person's hand becomes a desired motion (Giammarino et al. 2022, eq. 1).
+
+    M_adm x_dd + D_adm x_d = lambda_h
+
+The orientation moves on SO(3): its velocity is integrated by the exponential map, there are no Euler angles.
+Two things go beyond the paper, both as forces on the same virtual mass, so that nothing in the desired motion
+jumps: the leash, which keeps the desired pose near the measured one when the robot is blocked, and the tank,
+which damps what the loop's delay would otherwise make of a stiff arm that holds the handle.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import Annotated, Final
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from runtime.control import rotation
+from runtime.controller import Controller, ControllerConfig, Parameter
+from runtime.signals import Signal
+
+GRAVITY: Final = 9.81  # m/s^2
+_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+_Six = tuple[float, float, float, float, float, float]
+_SixPositive = tuple[_Positive, _Positive, _Positive, _Positive, _Positive, _Positive]
+_Three = tuple[float, float, float]
+
+
+class LeashConfig(BaseModel):
+    """How far the desired pose may run ahead of the measured one; None at `distance` or `angle`: not at all held."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    distance: float = Field(0.03, gt=0, description="m, free")
+    stiffness: float = Field(1000.0, gt=0, description="N/m beyond it, on the virtual mass")
+    angle: float = Field(0.2, gt=0, lt=3, description="rad, free")
+    rotational_stiffness: float = Field(30.0, gt=0, description="N m/rad beyond it")
+
+
+class AdmittanceConfig(ControllerConfig):
+    """Options of `admittance`. The control point's frame is that of the input `pose`."""
+
+    mass: _SixPositive = Field((6.0, 6.0, 6.0, 1.0, 1.0, 1.0), description="M_adm, kg and kg m^2")
+    damping: _SixPositive = Field((40.0, 40.0, 40.0, 1.8, 1.8, 1.8), description="D_adm, N s/m and N m s/rad")
+    sensor_position: _Three = Field((0.0, 0.0, 0.0), description="m, the sensor's origin in the control point's frame")
+    sensor_quaternion: tuple[float, float, float, float] = Field(
+        (1.0, 0.0, 0.0, 0.0), description="w x y z, the sensor's axes in the control point's frame"
+    )
+    tool_mass: float = Field(0.0, ge=0, description="kg, of what hangs on the sensor's measuring side (the handle)")
+    tool_com: _Three = Field((0.0, 0.0, 0.0), description="m, its centre of mass in the sensor's frame")
+    bias: _Six = Field((0.0,) * 6, description="N, N m: what the unloaded sensor shows; subtracted first")
+    dead_band: tuple[float, float] = Field((1.0, 0.05), description="N, N m: what is less doesn't count")
+    leash: LeashConfig | None = LeashConfig()
+    tank: float | None = Field(
+        0.5, gt=0, description="J, what may be given back to the hand before damping is added; null: the bare law"
+    )
+
+
+class Admittance(Controller):
+    """Inputs: `wrench` (6,) of the hand on the sensor, in the sensor's frame; `pose` (7,) m and w x y z and
+    `twist` (6,) of the control point, measured, world; `modes` (4,): admittance on, rotation too, -, -.
+
+    Outputs: `pose` (7,) and `twist` (6,), desired, world axes; `force` (6,), the hand's wrench at the control
+    point in world axes, with gravity, bias and dead band taken out; `tank` (1,) J.
+
+    Switched off, or without rotation, the hand's part is zero and the motion fades out by the law's own
+    damping (M/D: 0.15 s), so no switch makes a step.
+    """
+
+    Config = AdmittanceConfig
+    summary = "hand force to desired motion, on SO(3), leashed and passive (SUPER-MAN eq. 1)"
+
+    def __init__(self, name: str, config: AdmittanceConfig) -> None:
+        super().__init__(name, config)
+        self.inputs = (
+            Signal(name="wrench", shape=(6,), unit="N"),
+            Signal(name="pose", shape=(7,), unit="m"),
+            Signal(name="twist", shape=(6,), unit="m/s"),
+            Signal(name="modes", shape=(4,), unit="1"),
+        )
+        self.outputs = (
+            Signal(name="pose", shape=(7,), unit="m"),
+            Signal(name="twist", shape=(6,), unit="m/s"),
+            Signal(name="force", shape=(6,), unit="N"),
+            Signal(name="tank", shape=(1,), unit="J"),
+        )
+        self.parameters = (
+            Parameter(name="scale", default=1.0, lower=0.2, upper=5.0, unit="1", text="multiplies the virtual mass"),
+            Parameter(name="damping", default=1.0, lower=0.3, upper=5.0, unit="1", text="multiplies the damping"),
+        )
+        self._config = config
+        self._M, self._D = list(config.mass), list(config.damping)
+        self._mount = rotation.normalised(config.sensor_quaternion)
+        self._velocity = [0.0] * 6
+        self._position: list[float] = [0.0, 0.0, 0.0]
+        self._orientation: rotation.Quaternion = (1.0, 0.0, 0.0, 0.0)
+        self._tank = 0.0
+        self._emptied = self._leashed = 0
+
+    def reset(self) -> None:
+        x, y, z, *q = self.input["pose"].tolist()
+        self._position, self._orientation = [x, y, z], rotation.normalised((q[0], q[1], q[2], q[3]))
+        self._velocity = [0.0] * 6
+        self._tank = self._config.tank or 0.0
+        self._write([0.0] * 6)
+
+    def update(self, dt: float) -> None:
+        on, rotates, *_ = self.input["modes"].tolist()
+        force = self._hand() if on > 0.5 else [0.0] * 6
+        if rotates <= 0.5:
+            force[3:] = [0.0, 0.0, 0.0]
+        M, D = float(self.param["scale"][()]), float(self.param["damping"][()])
+        pull, brake = self._held()
+        extra = self._passive(force, dt, D)
+        v = self._velocity
+        for i in range(6):
+            # Semi-implicit: the force at the velocity before, then the pose with the velocity after.
+            damping = D * self._D[i] + brake[i]
+            v[i] += dt * (force[i] + pull[i] - damping * v[i]) / (M * self._M[i])
+            v[i] /= 1.0 + dt * extra / (M * self._M[i] / self._M[0])  # implicit: it may be large
+        for i in range(3):
+            self._position[i] += dt * v[i]
+        turn = rotation.exp(dt * v[3], dt * v[4], dt * v[5])
+        self._orientation = rotation.normalised(rotation.product(turn, self._orientation))
+        self._write(force)
+
+    def figures(self) -> dict[str, object]:
+        """Cycles in which the leash pulled, and in which the tank was empty."""
+        return {"leashed_cycles": self._leashed, "damped_cycles": self._emptied}
+
+    # -- forces on the virtual mass
+
+    def _hand(self) -> list[float]:
+        """lambda_h: the hand's wrench at the control point, world axes."""
+        c = self._config
+        raw = self.input["wrench"].tolist()
+        _, _, _, *q = self.input["pose"].tolist()
+        actual: rotation.Quaternion = (q[0], q[1], q[2], q[3])
+        turn = rotation.product(actual, self._mount)  # sensor to world
+        f: list[float] = [raw[i] - c.bias[i] for i in range(6)]
+        if c.tool_mass:
+            gx, gy, gz = rotation.turned(rotation.conjugate(turn), (0.0, 0.0, -GRAVITY * c.tool_mass))
+            cx, cy, cz = c.tool_com
+            weight = (gx, gy, gz, cy * gz - cz * gy, cz * gx - cx * gz, cx * gy - cy * gx)
+            f = [a - b for a, b in zip(f, weight, strict=True)]
+        fx, fy, fz = _beyond((f[0], f[1], f[2]), c.dead_band[0])
+        tx, ty, tz = _beyond((f[3], f[4], f[5]), c.dead_band[1])
+        force = rotation.turned(turn, (fx, fy, fz))
+        torque = rotation.turned(turn, (tx, ty, tz))
+        rx, ry, rz = rotation.turned(actual, c.sensor_position)
+        lever = (ry * force[2] - rz * force[1], rz * force[0] - rx * force[2], rx * force[1] - ry * force[0])
+        return [*force, torque[0] + lever[0], torque[1] + lever[1], torque[2] + lever[2]]
+
+    def _held(self) -> tuple[list[float], list[float]]:
+        """The leash's pull, and its damping about the stretched direction; zeros while it is slack."""
+        pull, brake = [0.0] * 6, [0.0] * 6
+        leash = self._config.leash
+        if leash is None:
+            return pull, brake
+        x, y, z, *q = self.input["pose"].tolist()
+        p = self._position
+        ahead = (p[0] - x, p[1] - y, p[2] - z)
+        turned = rotation.error(self._orientation, (q[0], q[1], q[2], q[3]))
+        for at, away, free, k in (
+            (0, ahead, leash.distance, leash.stiffness),
+            (3, turned, leash.angle, leash.rotational_stiffness),
+        ):
+            size = sqrt(away[0] ** 2 + away[1] ** 2 + away[2] ** 2)
+            if size <= free:
+                continue
+            self._leashed += at == 0
+            stretch = (size - free) / size
+            d = 2 * sqrt(k * self._M[at])  # critical
+            for i in range(3):
+                pull[at + i] = -k * stretch * away[i]
+                brake[at + i] = d * min(1.0, 10 * stretch)  # comes in gradually
+        return pull, brake
+
+    def _passive(self, force: list[float], dt: float, scale: float) -> float:
+        """Damping, N s/m, that keeps the tank from running dry.
+
+        What the port gives the hand is lambda (x_d - xdot_measured), fed by what D dissipates. With a perfect
+        robot the first is zero; delay and compliance make it cost energy.
+        """
+        size = self._config.tank
+        if size is None:
+            return 0.0
+        v, measured = self._velocity, self.input["twist"].tolist()
+        paid = sum(scale * d * x * x for d, x in zip(self._D, v, strict=True))
+        given = sum(f * (x - m) for f, x, m in zip(force, v, measured, strict=True))
+        level = self._tank + dt * (paid - given)
+        self._tank = min(max(level, 0.0), size)
+        if level > 0.1 * size:
+            return 0.0
+        self._emptied += 1
+        speed = sum(x * x for x in v)
+        # All that is given and not paid for is damped away, the more the emptier the tank.
+        need = max(given - paid, 0.0) / max(speed, 1e-6)
+        return min(need + scale * self._D[0] * (1.0 - max(level, 0.0) / (0.1 * size)), 2000.0)
+
+    def _write(self, force: list[float]) -> None:
+        out = self.output
+        out["pose"][:] = [*self._position, *self._orientation]
+        out["twist"][:] = self._velocity
+        out["force"][:] = force
+        out["tank"][0] = self._tank
+
+
+def _beyond(v: tuple[float, float, float], band: float) -> tuple[float, float, float]:
+    """What is left of a vector when `band` is taken off its length: continuous, and zero below it."""
+    size = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    if size <= band:
+        return (0.0, 0.0, 0.0)
+    k = 1.0 - band / size
+    return (k * v[0], k * v[1], k * v[2])
