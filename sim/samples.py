@@ -48,13 +48,17 @@ class Samples:
             return self.taken
         return min(self.taken, max((at - self.start) * self._per // self._ns, -1))
 
+    def keeps(self, number: int) -> bool:
+        """Whether a sample was taken and is still kept."""
+        return max(self.taken - len(self._ring) + 1, 0) <= number <= self.taken
+
     def __getitem__(self, number: int) -> Array:
         """The values (size,) of a sample that is still kept; a view.
 
         Raises:
             IndexError: it wasn't taken yet, or is no longer kept.
         """
-        if not max(self.taken - len(self._ring) + 1, 0) <= number <= self.taken:
+        if not self.keeps(number):
             raise IndexError(f"sample {number} isn't kept; the newest is {self.taken}")
         row: Array = self._ring[number % len(self._ring)]
         return row

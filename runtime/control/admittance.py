@@ -73,15 +73,15 @@ class Admittance(Controller):
     def __init__(self, name: str, config: AdmittanceConfig) -> None:
         super().__init__(name, config)
         self.inputs = (
-            Signal(name="wrench", shape=(6,), unit="N"),
+            Signal(name="wrench", shape=(6,), unit="N, N m"),
             Signal(name="pose", shape=(7,), unit="m"),
-            Signal(name="twist", shape=(6,), unit="m/s"),
+            Signal(name="twist", shape=(6,), unit="m/s, rad/s"),
             Signal(name="modes", shape=(4,), unit="1"),
         )
         self.outputs = (
             Signal(name="pose", shape=(7,), unit="m"),
-            Signal(name="twist", shape=(6,), unit="m/s"),
-            Signal(name="force", shape=(6,), unit="N"),
+            Signal(name="twist", shape=(6,), unit="m/s, rad/s"),
+            Signal(name="force", shape=(6,), unit="N, N m"),
             Signal(name="tank", shape=(1,), unit="J"),
         )
         self.parameters = (

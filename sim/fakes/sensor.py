@@ -103,22 +103,20 @@ class SensorFake(Fake):
         newest = self.newest()
         if newest < self._last:  # the world went back to a saved state
             self._last = newest - 1
-        arrived: Array | None = None
-        at = -1
+        arrived = -1
         for number in range(max(self._last + 1, newest - _CATCH_UP, 0), newest + 1):
-            values = self.sample(number) if number == newest else self._unless_lost(number)
-            if values is None:
+            if self._is_lost(number):
                 self.health.errors += 1
             else:
                 self.health.frames += 1
-                arrived, at = values, number
+                arrived = number
         self._last = newest
-        if arrived is None:
+        # Of what came, the newest counts; after a pause it may be older than what is kept.
+        values = self.sample(arrived) if arrived >= 0 and self.samples.keeps(arrived) else None
+        if values is None:
             return
-        if at != newest and (measured := self.sample(at)) is not None:
-            arrived = measured
-        self.fill(arrived, at)
-        self.health.stamp = now - (self.world.time - self.taken_at(at))
+        self.fill(values, arrived)
+        self.health.stamp = now - (self.world.time - self.taken_at(arrived))
 
     def write(self, now: int) -> None:
         """A sensor takes no commands."""
@@ -141,10 +139,9 @@ class SensorFake(Fake):
 
     def sample(self, number: int) -> Array | None:
         """The measured values (size,) of a sample that is at most a second old; None if it got lost."""
-        values = self._unless_lost(number)
-        if values is None:
+        if self._is_lost(number):
             return None
-        measured = values.copy()
+        measured = self.samples[number].copy()
         if self._sensor_options.noise:
             measured += self._chance.noise(number) * self.noise_scale
         return self.quantise(measured)
@@ -155,8 +152,6 @@ class SensorFake(Fake):
         assert self._samples is not None, "the fake didn't call `sampled`"
         return self._samples
 
-    def _unless_lost(self, number: int) -> Array | None:
+    def _is_lost(self, number: int) -> bool:
         dropout = self._sensor_options.dropout
-        if number < 0 or (dropout > 0.0 and self._chance.luck(number) < dropout):
-            return None
-        return self.samples[number]
+        return number < 0 or (dropout > 0.0 and self._chance.luck(number) < dropout)

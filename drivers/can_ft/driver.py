@@ -1,0 +1,338 @@
+"""The RFT as a device: identified and set up at open, then each cycle takes the newest record of its stream."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from typing import Final, Literal
+
+import can
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+from drivers.can_ft.protocol import (
+    CUTOFFS,
+    DIVISORS,
+    ERRORS,
+    RATES,
+    RECEIVER,
+    RESPONSES,
+    Command,
+    Parser,
+    Record,
+    Response,
+    command,
+)
+from drivers.canbus import CanLink, open_can
+from drivers.devicetime import DeviceTime
+from runtime.driver import DeviceConfig, Driver
+from runtime.errors import DeviceError, DeviceLostError
+from runtime.signals import Array, Signal, Stop
+
+LABELS: Final = ("fx", "fy", "fz", "tx", "ty", "tz")
+TRIES: Final = 3
+ANSWER: Final = 0.3  # s
+QUIET: Final = 0.03  # s without a frame: the stream has stopped
+ASK_AGAIN: Final = 100_000_000  # ns: at least so long without a record before the stream is asked for again
+PERIODS: Final = 5  # and at least so many periods (4)
+GONE: Final = 2_000_000_000  # ns without a record after which the sensor counts as lost
+LOOK: Final = 0.25  # s of records that a zero is taken from
+FEWEST: Final = 5
+STEADY: Final = np.array([2.0] * 3 + [0.2] * 3)  # N, N m, peak to peak while a zero is taken
+_REMEDY: Final = (
+    "Check the bus (1 Mbit/s, 120 ohm at both ends; the sensor has no terminator of its own), its supply and 'ids'"
+)
+
+
+class CountsConfig(BaseModel):
+    """Counts per unit."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    force: float = Field(gt=0, description="counts per N")
+    torque: float = Field(gt=0, description="counts per N m")
+
+
+class CanFtConfig(DeviceConfig):
+    """Options in the profile."""
+
+    port: str = Field(description="can://INTERFACE/CHANNEL, e.g. can://socketcan/can0")
+    model: str | None = Field(None, description="refuse another model; None: take any known one")
+    serial: str | None = Field(None, description="refuse a sensor with another serial number")
+    counts: CountsConfig | None = Field(None, description="None: by the model's name")
+    rate: Literal[10, 20, 50, 100, 200, 333, 500, 1000] = Field(200, description="Hz of records")
+    filter: int = Field(0, description="Hz, cutoff of the sensor's low-pass; 0: none")
+    bias: bool = Field(False, description="zero at the present load when it is first opened")
+    ids: tuple[int, int, int] = Field((RECEIVER, *RESPONSES), description="CAN ids: commands, first half, second half")
+    frame: str = Field("sensor", description="frame of the wrench")
+
+    @field_validator("filter")
+    @classmethod
+    def _known(cls, value: int) -> int:
+        if value not in CUTOFFS:
+            raise ValueError(f"must be one of {', '.join(str(cutoff) for cutoff in sorted(CUTOFFS))}")
+        return value
+
+    @field_validator("ids")
+    @classmethod
+    def _different(cls, value: tuple[int, int, int]) -> tuple[int, int, int]:
+        if len(set(value)) != 3 or not all(0 < number < 256 for number in value):
+            raise ValueError("must be three different numbers of 1 to 255")
+        return value
+
+
+class CanFt(Driver):
+    """State `wrench` (6,): force (N), then torque (N m), in the frame of the options.
+
+    The sensor has neither a counter nor a clock on the wire. A sample's stamp comes from the interface's own
+    time stamp of its first frame, so frames that waited in a queue show their age. A record with an overload
+    isn't taken: the last good one grows old. Source: sheet robotous_rft_can.
+    """
+
+    Config = CanFtConfig
+    summary = "Robotous RFT 6-axis force/torque sensor (CAN, any python-can interface)"
+    gives = ("wrench",)
+    max_age = 0.1
+
+    def __init__(self, name: str, config: CanFtConfig) -> None:
+        super().__init__(name, config)
+        self.config: CanFtConfig = config
+        self.states = (Signal(name="wrench", shape=(6,), unit="N, N m", frame=config.frame, labels=LABELS),)
+        self._place = f"{name} ({config.port})"
+        self._parser = Parser(config.ids[1], config.ids[2])
+        self._link: CanLink | None = None
+        self._time = DeviceTime(1)
+        self._first_at = 0.0  # the interface's time of the waiting first half
+        self._scale: Array = np.ones(6)
+        self._zero: Array | None = None  # N, N m; kept over a loss, when the load may be another
+        self._names: dict[str, str] = {}
+        self._heard = self._asked = -1
+        self._overloads = 0
+        self._asks = 0
+        self._opened = False
+        period = 1_000_000_000 // config.rate
+        self._patience = max(ASK_AGAIN, PERIODS * period)
+        # What a loss of power makes it forget is sent along whenever the stream is asked for again.
+        cutoff = CUTOFFS.index(config.filter)
+        self._settings = (
+            command(Command.SET_FILTER, 1 if cutoff else 0, cutoff),
+            command(Command.SET_RATE, RATES.index(config.rate, 1)),
+        )
+        self._unbias = (command(Command.BIAS, 0),) if config.bias else ()
+
+    # -- life
+
+    def open(self) -> None:
+        """See `Driver.open`; blocks up to 5 s."""
+        self.close()
+        filters = [{"can_id": number, "can_mask": 0x7FF} for number in self.config.ids[1:]]
+        link = self._link = open_can(self.config.port, place=self._place, filters=filters)
+        try:
+            self._silence(link)
+            self._identify(link)
+            for setting in self._settings:
+                self._set(link, setting)
+            for frame in self._unbias:
+                self._send(link, frame)
+            self._stream(link)
+            if self.config.bias and self._zero is None:
+                self._zero = self._unloaded(link)
+        except DeviceError:
+            self.close()
+            raise
+        self._time.restart()
+        self._heard = self._asked = -1
+        self.health.connected = True
+        self.health.message = self._names["model"]
+        self.health.reconnects += self._opened
+        self._opened = True
+
+    def read(self, now: int) -> None:
+        link = self._link
+        if link is None:
+            raise DeviceLostError(self._place, "the sensor isn't open", "Open it first")
+        if self._heard < 0:
+            self._heard = self._asked = now
+        try:
+            newest, at = self._take(link.read())
+            if newest is not None:
+                self._heard = now
+                self._fill(newest, at, now)
+            elif now - self._heard > GONE:
+                raise DeviceLostError(self._place, f"no records for {GONE / 1e9:g} s", _REMEDY)
+            elif now - max(self._heard, self._asked) > self._patience:
+                self._asked = now
+                self._asks += self._ask_again(link)
+                self.health.message = f"no records; the stream was asked for again {self._asks} times"
+        except DeviceLostError as error:
+            self.health.connected = False
+            self.health.message = error.problem
+            raise
+
+    def write(self, now: int) -> None:
+        """A sensor takes no commands."""
+
+    def stop(self, category: Stop) -> None:
+        """A sensor moves nothing."""
+
+    def close(self) -> None:
+        link, self._link = self._link, None
+        self.health.connected = False
+        if link is not None:
+            with contextlib.suppress(DeviceError):
+                link.write(self._message(command(Command.STOP)))
+            link.close()
+
+    def figures(self) -> dict[str, object]:
+        """Model, serial number and firmware; records with an overload; times the stream was asked for again."""
+        return self._names | {"overloads": self._overloads, "asked_again": self._asks}
+
+    # -- a cycle
+
+    def _take(self, messages: list[can.Message]) -> tuple[Record | None, float]:
+        """The newest record and the interface's time of its first frame."""
+        newest, at = None, 0.0
+        for message in messages:
+            if message.is_extended_id or message.is_remote_frame:
+                continue
+            for found in self._parser.feed(message.arbitration_id, message.data):
+                if isinstance(found, Record):
+                    newest, at = found, self._first_at
+            if message.arbitration_id == self._parser.first:
+                self._first_at = message.timestamp
+        self._count()
+        return newest, at
+
+    def _fill(self, record: Record, at: float, now: int) -> None:
+        stamp = self._time.stamp(int(at * 1e9), now) if at > 0 else now
+        if record.overload:
+            self._overloads += 1
+            self._count()
+            self.health.message = f"overload of {', '.join(record.overloaded)}"
+            return
+        wrench = self.state_arrays["wrench"]
+        np.multiply(record.counts, self._scale, out=wrench)
+        if self._zero is not None:
+            wrench -= self._zero
+        self.health.stamp = stamp
+        self.health.message = self._names["model"]
+
+    def _count(self) -> None:
+        health, parser = self.health, self._parser
+        health.frames, health.errors, health.resyncs = parser.frames, parser.errors + self._overloads, parser.resyncs
+
+    def _ask_again(self, link: CanLink) -> bool:
+        frames = (*self._settings, *self._unbias, command(Command.START))
+        return all([link.write(self._message(frame)) for frame in frames])
+
+    def _message(self, data: bytes) -> can.Message:
+        return can.Message(arbitration_id=self.config.ids[0], data=data, is_extended_id=False)
+
+    # -- opening
+
+    def _silence(self, link: CanLink) -> None:
+        """Ends a stream that an earlier program left on, and throws away what is under way."""
+        for _ in range(TRIES):
+            self._send(link, command(Command.STOP))
+            deadline = time.monotonic() + ANSWER
+            while time.monotonic() < deadline:
+                if not link.read_wait(QUIET):
+                    self._parser.reset()
+                    return
+        raise DeviceError(self._place, "the sensor keeps sending though it was told to stop", _REMEDY)
+
+    def _identify(self, link: CanLink) -> None:
+        config = self.config
+        model = self._ask(link, command(Command.MODEL)).text
+        serial = self._ask(link, command(Command.SERIAL)).text
+        firmware = self._ask(link, command(Command.FIRMWARE)).text
+        self._names = {"model": model, "serial": serial, "firmware": firmware}
+        if config.model is not None and model != config.model:
+            raise DeviceError(
+                self._place, f"this sensor is a '{model}', the profile says '{config.model}'", f"Set 'model: {model}'"
+            )
+        if config.serial is not None and serial != config.serial:
+            raise DeviceError(
+                self._place,
+                f"this sensor's serial number is '{serial}', the profile says '{config.serial}'",
+                "Plug in that one, or correct 'serial'",
+            )
+        if config.counts is not None:
+            per_force, per_torque = config.counts.force, config.counts.torque
+        elif model in DIVISORS:
+            per_force, per_torque = DIVISORS[model]
+        else:
+            raise DeviceError(
+                self._place,
+                f"the counts of the model '{model}' aren't known; known: {', '.join(DIVISORS)}",
+                "Give 'counts' in the profile, from the sensor's manual",
+            )
+        self._scale = np.array([1 / per_force] * 3 + [1 / per_torque] * 3)
+
+    def _set(self, link: CanLink, setting: bytes) -> None:
+        values = self._ask(link, setting).values
+        if values[0] != 1:
+            what = "filter" if setting[0] == Command.SET_FILTER else "rate"
+            why = ERRORS.get(values[1], f"error {values[1]}")
+            raise DeviceError(self._place, f"the sensor refused the {what}: {why}", f"Choose another '{what}'")
+
+    def _stream(self, link: CanLink) -> None:
+        for _ in range(TRIES):
+            self._send(link, command(Command.START))
+            deadline = time.monotonic() + ANSWER + 2 / self.config.rate
+            while (left := deadline - time.monotonic()) > 0:
+                if self._take(link.read_wait(left))[0] is not None:
+                    return
+        raise DeviceError(self._place, "the sensor doesn't stream", _REMEDY)
+
+    def _unloaded(self, link: CanLink) -> Array:
+        """(6,) N, N m: the mean of what it reads now.
+
+        Subtracted here: the sensor's own bias isn't acknowledged, and lost with its power.
+        """
+        found: list[tuple[int, ...]] = []
+        deadline = time.monotonic() + max(LOOK, 2 * FEWEST / self.config.rate)
+        while (left := deadline - time.monotonic()) > 0:
+            record, _ = self._take(link.read_wait(left))
+            if record is not None and record.overload:
+                raise DeviceError(
+                    self._place, f"overload of {', '.join(record.overloaded)}: no zero can be taken", "Unload it"
+                )
+            if record is not None:
+                found.append(record.counts)
+        if len(found) < FEWEST:
+            raise DeviceError(self._place, "its records stopped while a zero was taken", _REMEDY)
+        load = np.array(found) * self._scale
+        if np.any(np.ptp(load, axis=0) > STEADY):
+            raise DeviceError(
+                self._place,
+                "the load moves, so it can't be taken for zero",
+                "Let go of the sensor and of what is mounted on it; then open it again",
+            )
+        mean: Array = load.mean(axis=0)
+        return mean
+
+    def _ask(self, link: CanLink, frame: bytes) -> Response:
+        heard = 0
+        for _ in range(TRIES):
+            self._send(link, frame)
+            deadline = time.monotonic() + ANSWER
+            while (left := deadline - time.monotonic()) > 0:
+                for message in link.read_wait(left):
+                    heard += 1
+                    for found in self._parser.feed(message.arbitration_id, message.data):
+                        if isinstance(found, Response) and found.command == frame[0]:
+                            return found
+        name = Command(frame[0]).name
+        what = f"{heard} frames of other content" if heard else "no frame"
+        first, second = self.config.ids[1:]
+        raise DeviceError(
+            self._place, f"expected an RFT's answer to {name} on ids {first:#x} and {second:#x}, got {what}", _REMEDY
+        )
+
+    def _send(self, link: CanLink, frame: bytes) -> None:
+        deadline = time.monotonic() + ANSWER
+        while not link.write(self._message(frame)):
+            if time.monotonic() > deadline:
+                raise DeviceError(self._place, "the bus takes no frame: nobody acknowledges it", _REMEDY)
+            time.sleep(0.001)

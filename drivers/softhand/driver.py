@@ -1,0 +1,397 @@
+"""The SoftHand as a device: one closure command, answered by position and current.
+
+Neither activation nor references are acknowledged. So one query follows each command in the same write, and the
+next waits for its answer: a stalled link never holds more than one command, and on the half-duplex line nothing is
+sent while the hand may be answering. A reference is repeated even where it doesn't change: one that was lost on the
+line is soon made good, and the hand's watchdog is fed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import time
+from enum import Enum, auto
+from typing import Final
+
+import numpy as np
+
+from drivers.softhand import protocol
+from drivers.softhand.config import USUAL, SoftHandConfig
+from drivers.softhand.protocol import Cmd, Frame, Parser
+from drivers.transport import Transport, open_transport
+from runtime.driver import Driver
+from runtime.errors import DeviceError, DeviceLostError
+from runtime.signals import Command, Kind, Limits, Signal, Stop
+
+COMMAND: Final = "position_command"
+TRIES: Final = 3
+ANSWER: Final = 0.2  # s, the public API's own patience
+QUIET: Final = 0.05  # s without a byte: a long answer is over
+REPEAT: Final = 40_000_000  # ns between references that are the same
+ASK_IDLE: Final = 20_000_000  # ns between queries while nothing is commanded
+ASK_AGAIN: Final = 50_000_000  # ns without an answer after which a query, without a command, is sent again
+CHECK: Final = 100_000_000  # ns between questions whether the motor is on
+GONE: Final = 500_000_000  # ns without an answer after which the hand counts as lost
+PATIENCE: Final = 1_000_000_000  # ns that switching the motor on may take
+_LONG_AGO: Final = -(1 << 62)
+_REMEDY: Final = "Check its 24 V supply, the port, 'id' and 'baudrate', and the RS485 cable"
+
+
+class Motor(Enum):
+    """What the driver wants of the motor, and whether the hand has confirmed it."""
+
+    OFF = auto()
+    TURNING_ON = auto()
+    ON = auto()
+    TURNING_OFF = auto()
+
+
+class SoftHand(Driver):
+    """Command `position_command` (1,) and state `position` (1,): closure, 0 open, 1 closed; `current` (1,), A.
+
+    Closure is a share of the hand's own range, so a profile fits hands with different ranges. The sample's
+    stamp is when it was asked for: it is never older. Source: sheet qbhand.
+    """
+
+    Config = SoftHandConfig
+    summary = "qb SoftHand / Pisa-IIT SoftHand: one motor, one synergy (RS485)"
+    gives = ("position", "current")
+    takes = (COMMAND,)
+    max_age = 0.2
+
+    def __init__(self, name: str, config: SoftHandConfig) -> None:
+        super().__init__(name, config)
+        self.config: SoftHandConfig = config
+        self.states = (
+            Signal(name="position", shape=(1,), unit="1", labels=("closure",)),
+            Signal(name="current", shape=(1,), unit="A", labels=("motor",)),
+        )
+        self.commands = (
+            Command(
+                name=COMMAND,
+                shape=(1,),
+                unit="1",
+                labels=("closure",),
+                kind=Kind.POSITION,
+                feedback="position",
+                stops=(Stop.HOLD, Stop.LIMP),
+            ),
+        )
+        self.limits[COMMAND] = Limits(lower=np.array([0.0]), upper=np.array([1.0]))
+        self._place = f"{name} ({config.port}, id {config.id})"
+        self._parser = Parser()
+        self._link: Transport | None = None
+        self._range = USUAL
+        self._told = ""  # where the range is from
+        self._serial = ""
+        self._queries = {query: protocol.frame(config.id, query) for query in (Cmd.GET_BOTH, Cmd.GET_ACTIVATE)}
+        self._queries[Cmd.SET_WATCHDOG] = protocol.set_watchdog(config.id, round(config.watchdog * 1000))
+        self._armed = False  # the watchdog
+        self._on = protocol.activate(config.id, True)
+        self._off = protocol.activate(config.id, False)
+        self._limp_frame = protocol.FLUSH + self._off + self._off
+        self._hold_frame: bytes | None = None
+        self._motor = Motor.OFF
+        self._sent: int | None = None  # reference, ticks
+        self._waiting: Cmd | None = None  # the query whose answer hasn't come
+        # ns: when the newest answer came; when the motor was last told to switch; -1: not yet
+        self._heard = self._switched = -1
+        # ns: the query waited for; the newest query, also repeated; the newest call of `write`; the newest
+        # reference; the newest question whether the motor is on; since when it is being switched on
+        self._asked = self._last_query = self._written = self._sent_at = self._checked = self._since = _LONG_AGO
+        self._doubts = 0  # answers one after another that the motor is off, while it should be on
+        self._switched_off = 0
+        self._opened = False
+
+    # -- life
+
+    def open(self) -> None:
+        """See `Driver.open`; blocks up to 4 s. Doesn't switch the motor on."""
+        self.close()
+        link = open_transport(self.config.port, place=self._place, baudrate=self.config.baudrate)
+        try:
+            self._identify(link)
+            self._find_range(link)
+            self._arm(link)
+        except BaseException:
+            link.close()
+            raise
+        self._link = link
+        self._forget()
+        self._parser.reset()
+        self._count()
+        self.health.fault = ""
+        self.health.connected = True
+        self.health.message = self._told
+        self.health.reconnects += self._opened
+        self._opened = True
+
+    def read(self, now: int) -> None:
+        """See `Driver.read`; also carries on with switching on or off."""
+        link = self._open_link()
+        if self._heard < 0:
+            self._heard = now
+        try:
+            data = link.read()
+            if data:
+                for found in self._parser.feed(data):
+                    if found.id == self.config.id:
+                        self._take(found, now)
+                self._count()
+            if now - self._heard > GONE:
+                raise DeviceLostError(self._place, f"no answer for {GONE / 1e9:g} s", _REMEDY)
+            self._keep_asking(link, now)
+        except DeviceLostError as error:
+            self.health.connected = False
+            self.health.message = error.problem
+            raise
+
+    def write(self, now: int) -> None:
+        """See `Driver.write`. The first call switches the motor on; references follow once the hand says it is."""
+        link = self._open_link()
+        if self._heard < 0:
+            self._heard = now
+        self._written = now
+        if self.health.fault:
+            return
+        if self._motor in (Motor.OFF, Motor.TURNING_OFF):
+            self._motor, self._since, self._switched = Motor.TURNING_ON, now, -1
+        frame, query = b"", Cmd.GET_BOTH
+        reference = self._reference()
+        if self._motor is Motor.TURNING_ON:
+            if not self._armed:
+                query = Cmd.SET_WATCHDOG
+            elif self._switched < 0 or now - self._switched >= ASK_AGAIN:
+                frame, query = self._on, Cmd.GET_ACTIVATE
+        else:
+            if now - self._checked >= CHECK:
+                query = Cmd.GET_ACTIVATE
+            if reference is not None and (reference != self._sent or now - self._sent_at >= REPEAT):
+                frame = protocol.set_inputs(self.config.id, reference)
+        if not self._ask(link, now, frame, query):
+            self.health.unsent = len(frame)
+        elif frame and self._motor is Motor.TURNING_ON:
+            self._switched = now
+        elif frame:
+            if reference != self._sent:
+                self._hold_frame = None
+            self._sent, self._sent_at = reference, now
+
+    def stop(self, category: Stop) -> None:
+        """See `Driver.stop`. LIMP switches the motor off, until the hand confirms it; HOLD keeps the reference."""
+        link = self._link
+        if link is None:
+            return
+        with contextlib.suppress(DeviceError):  # a lost link shows at the next read
+            if category is not Stop.LIMP:
+                link.write(b"")
+            elif self._motor in (Motor.ON, Motor.TURNING_ON):
+                self._motor = Motor.TURNING_OFF
+                self._switched = -1
+                self._sent = None
+                link.write(self._off)  # at once; if it collides with an answer, `read` sends it again
+
+    def recover(self, now: int) -> None:
+        """Clears the fault: the next start switches the motor on again, where the hand then is."""
+        self.health.fault = ""
+        self.health.message = self._told
+        self._motor = Motor.OFF
+        self._sent = None
+        self._hold_frame = None
+
+    def close(self) -> None:
+        """See `Driver.close`. The motor is switched off."""
+        link, self._link = self._link, None
+        connected, self.health.connected = self.health.connected, False
+        if link is None:
+            return
+        if connected:
+            with contextlib.suppress(DeviceError):
+                link.write_all(protocol.FLUSH + self._off, ANSWER)
+        link.close()
+
+    def fileno(self) -> int | None:
+        """See `Driver.fileno`."""
+        return self._link.fileno() if self._link is not None else None
+
+    def stop_frame(self, category: Stop) -> bytes:
+        """See `Driver.stop_frame`. HOLD ends the watchdog, which would else let go, and repeats the reference."""
+        if category is Stop.LIMP or self._sent is None:
+            return self._limp_frame
+        if self._hold_frame is None:
+            self._hold_frame = (
+                protocol.FLUSH
+                + protocol.set_watchdog(self.config.id, 0)
+                + protocol.set_inputs(self.config.id, self._sent)
+            )
+        return self._hold_frame
+
+    def figures(self) -> dict[str, object]:
+        """Range (ticks), the reference last sent (ticks), serial number, times the motor went off by itself."""
+        return {
+            "range": list(self._range),
+            "reference": self._sent,
+            "serial": self._serial,
+            "switched_off": self._switched_off,
+        }
+
+    # -- a cycle
+
+    def _take(self, found: Frame, now: int) -> None:
+        if found.command == Cmd.GET_BOTH and len(found.data) == 10:
+            milliamperes, _, ticks, *_ = protocol.int16s(found.data)
+            low, high = self._range
+            self.state_arrays["position"][0] = (ticks - low) / (high - low)
+            self.state_arrays["current"][0] = milliamperes * 1e-3
+            if self._waiting is Cmd.GET_BOTH:
+                self.health.stamp = self._asked
+        elif found.command == Cmd.GET_ACTIVATE and len(found.data) == 1:
+            self._confirm(found.data[0] != 0)
+        elif found.command == Cmd.SET_WATCHDOG and not self._is_echo(found, self._queries[Cmd.SET_WATCHDOG]):
+            self._armed = any(found.data)
+        else:
+            return
+        self._heard = now
+        if found.command == self._waiting:
+            self._waiting = None
+            self.health.unsent = 0
+
+    def _confirm(self, on: bool) -> None:
+        """The hand says whether its motor is on. An answer on its way at a switch may still tell the old state."""
+        motor = self._motor
+        if motor is Motor.TURNING_ON and on and self._switched >= 0:
+            self._motor = Motor.ON
+            self._doubts = 0
+            self._sent = None
+        elif motor is Motor.TURNING_OFF and not on:
+            self._motor = Motor.OFF
+        elif motor is Motor.ON:
+            self._doubts = 0 if on else self._doubts + 1
+            if self._doubts == 2:
+                self._motor = Motor.OFF
+                self._switched_off += 1
+                self.health.fault = "the hand has switched its motor off (its watchdog, its supply, or by hand)"
+
+    def _keep_asking(self, link: Transport, now: int) -> None:
+        if self._motor is Motor.TURNING_ON and now - self._since > PATIENCE:
+            self._motor = Motor.OFF
+            self.health.fault = "the hand doesn't switch its motor on"
+        if self._waiting is not None:
+            if now - self._last_query >= ASK_AGAIN and link.write(self._queries[self._waiting]):
+                self._last_query = now  # `_asked` stays: the answer may be the first query's
+        elif self._motor is Motor.TURNING_OFF and now - self._switched >= ASK_AGAIN:
+            if self._ask(link, now, self._off, Cmd.GET_ACTIVATE):
+                self._switched = now
+        elif now - self._written >= 10 * ASK_IDLE and now - self._last_query >= ASK_IDLE:
+            self._ask(link, now, b"", Cmd.GET_BOTH)
+
+    def _ask(self, link: Transport, now: int, command: bytes, query: Cmd) -> bool:
+        """Sends a command, or nothing, and a query behind it, unless an answer or the link is waited for."""
+        if self._waiting is not None:
+            return False
+        try:
+            if not link.write(command + self._queries[query]):
+                return False
+        except DeviceLostError as error:
+            self.health.connected = False
+            self.health.message = error.problem
+            raise
+        self._asked = self._last_query = now
+        self._waiting = query
+        if query is Cmd.GET_ACTIVATE:
+            self._checked = now
+        return True
+
+    def _reference(self) -> int | None:
+        """Ticks, within the range; the last one for a command that is no number."""
+        closure = float(self.command_arrays[COMMAND][0])
+        if not math.isfinite(closure):
+            return self._sent
+        low, high = self._range
+        return round(low + min(max(closure, 0.0), 1.0) * (high - low))
+
+    def _forget(self) -> None:
+        """What was known of the hand before it was opened."""
+        self._motor = Motor.OFF
+        self._sent = self._waiting = self._hold_frame = None
+        self._heard = self._switched = -1
+        self._doubts = 0
+        self._asked = self._last_query = self._written = self._sent_at = self._checked = self._since = _LONG_AGO
+
+    def _count(self) -> None:
+        health, parser = self.health, self._parser
+        health.frames, health.errors, health.resyncs = parser.frames, parser.errors, parser.resyncs
+
+    def _open_link(self) -> Transport:
+        if self._link is None:
+            raise DeviceLostError(self._place, "the hand isn't open", "Open it first")
+        return self._link
+
+    # -- opening
+
+    def _identify(self, link: Transport) -> None:
+        """By a query's answer: that to a ping may look like an adapter's echo of the ping itself."""
+        self._parser.reset()
+        link.flush_input()
+        self._request(link, Cmd.GET_BOTH, b"", 10, "position and current")
+        found = self._exchange(link, protocol.frame(self.config.id, Cmd.PING), Cmd.PING, 4)
+        self._serial = str(int.from_bytes(found.data, "big")) if found is not None else ""
+
+    def _find_range(self, link: Transport) -> None:
+        if self.config.limits is not None:
+            self._range = protocol.Limits(*self.config.limits)
+            self._told = f"range {self._range.open} to {self._range.closed} ticks, by the profile"
+            return
+        found = None
+        for _ in range(TRIES):
+            link.flush_input()
+            link.write_all(protocol.frame(self.config.id, Cmd.PARAMETERS, b"\0\0"), ANSWER)
+            raw = link.read_wait(ANSWER)
+            while len(raw) < 1 << 16 and (more := link.read_wait(QUIET)):
+                raw += more
+            found = protocol.parse_limits(raw, self.config.id)
+            if found is not None:
+                break
+        self._range = found or USUAL
+        source = "by the hand itself" if found else "assumed: the hand doesn't tell; give 'limits' to be sure"
+        self._told = f"range {self._range.open} to {self._range.closed} ticks, {source}"
+
+    def _arm(self, link: Transport) -> None:
+        """Not while the motor is on: a hand that holds something, its host having died, would let go."""
+        on = self._request(link, Cmd.GET_ACTIVATE, b"", 1, "its motor's state").data[0] != 0
+        self._armed = not self.config.watchdog
+        if on and not self._armed:
+            return  # the first command does it
+        found = self._exchange(link, self._queries[Cmd.SET_WATCHDOG], Cmd.SET_WATCHDOG, 1)
+        self._armed = self._armed or (found is not None and any(found.data))
+        if not self._armed:
+            what = "refuses" if found is not None else "doesn't acknowledge"
+            raise DeviceError(
+                self._place,
+                f"the hand {what} its watchdog, so it would go on when this program dies",
+                "Update its firmware, or accept that with 'watchdog: 0'",
+            )
+
+    def _request(self, link: Transport, command: Cmd, data: bytes, size: int, what: str) -> Frame:
+        found = self._exchange(link, protocol.frame(self.config.id, command, data), command, size)
+        if found is None:
+            raise DeviceError(
+                self._place, f"no SoftHand with id {self.config.id} answered when asked for {what}", _REMEDY
+            )
+        return found
+
+    def _exchange(self, link: Transport, request: bytes, command: int, least: int) -> Frame | None:
+        """The answer, with at least so many bytes of data: an adapter's echo of a query has none."""
+        for _ in range(TRIES):
+            link.write_all(request, ANSWER)
+            deadline = time.monotonic() + ANSWER
+            while (left := deadline - time.monotonic()) > 0:
+                for found in self._parser.feed(link.read_wait(left)):
+                    mine = found.id == self.config.id and found.command == command
+                    if mine and len(found.data) >= least and not self._is_echo(found, request):
+                        return found
+        return None
+
+    def _is_echo(self, found: Frame, request: bytes) -> bool:
+        return protocol.frame(found.id, found.command, found.data) == request

@@ -1,0 +1,79 @@
+"""A SoftHand in a process that is stopped and goes on: at most one command waits for it."""
+
+import time
+
+import pytest
+from helpers_ft import until
+from helpers_peer import Peer, bound, cycles
+
+from drivers.softhand import SoftHand
+from drivers.softhand.config import SoftHandConfig
+from drivers.softhand.driver import Motor
+from runtime.errors import DeviceLostError
+
+WORLD = {"world": "cell", "parts": {"hand": {"part": "softhand"}}}
+
+
+@pytest.fixture
+def peer():
+    with Peer("softhand", world=WORLD) as running:
+        yield running
+
+
+@pytest.fixture
+def hand(peer):
+    driver = bound(SoftHand("hand", SoftHandConfig(port=peer.address)))
+    driver.open()
+    yield driver
+    driver.close()
+
+
+class Ramp:
+    """Another command each cycle."""
+
+    def __init__(self, hand):
+        self.hand, self.closure = hand, 0.0
+
+    def __call__(self, now):
+        self.closure = (self.closure + 0.003) % 1.0
+        self.hand.command_arrays["position_command"][:] = self.closure
+        self.hand.write(now)
+
+    def cycle(self):
+        now = time.monotonic_ns()
+        self.hand.read(now)
+        self(now)
+
+
+def inputs(peer):
+    return peer.figures()["commands"].get("SET_INPUTS", 0)
+
+
+def test_a_stall_leaves_at_most_one_command(peer, hand):
+    ramp = Ramp(hand)
+    until(lambda: hand._motor is Motor.ON and hand._sent is not None, ramp.cycle)
+    cycles(hand, 0.3, 100, ramp)
+    before = inputs(peer)
+    assert before > 5
+    peer.stop()
+    try:
+        cycles(hand, 0.3, 100, ramp)
+    finally:
+        peer.cont()
+    time.sleep(0.2)
+    assert inputs(peer) - before <= 2  # one that was under way when it was counted, one that waited
+
+
+def test_a_long_stall_is_a_loss_and_the_hand_is_opened_again(peer, hand):
+    ramp = Ramp(hand)
+    until(lambda: hand._motor is Motor.ON, ramp.cycle)
+    peer.stop()
+    with pytest.raises(DeviceLostError):
+        cycles(hand, 5.0, 100, ramp)
+    hand.close()
+    peer.cont()
+    until(lambda: not peer.figures()["active"])  # its watchdog, or the last words of the driver
+    hand.open()
+    assert hand.health.reconnects == 1
+    assert hand._motor is Motor.OFF
+    until(lambda: hand._motor is Motor.ON, ramp.cycle)
