@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from drivers.streamtime import STEADY, StreamTime
+from drivers.pause import WATCH
+from drivers.streamtime import StreamTime
 
 MS = 1_000_000
 
@@ -26,7 +27,7 @@ def test_what_waited_is_old_and_what_was_lost_is_got_over() -> None:
             count, now = count + 1, now + 10 * MS
             ages.append(now - stream.stamp(count, now))
         assert (max(ages) < 2 * MS) == (lost == 0)
-        assert max(ages[STEADY // (10 * MS) + 5 :]) < 2 * MS
+        assert max(ages[WATCH // (10 * MS) + 5 :]) < 2 * MS
         assert stream.restarts == (lost > 0)
 
 
@@ -41,3 +42,20 @@ def test_a_rate_known_roughly_is_learnt_and_never_makes_fresh_samples_stale() ->
         assert abs(stream.rate / truth - 1) < 5e-4
         assert oldest < 80 * MS
         assert stream.restarts == 0
+
+
+def test_frames_that_were_held_up_dont_tilt_the_rate() -> None:
+    truth = 60.0
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        stream, free = StreamTime(60.4, learn=True), 0.18  # s: until then everything is held up
+        oldest, pause = 0.0, rng.exponential(3.0)
+        for k in range(round(100 * truth)):
+            taken = k / truth
+            if taken > pause:
+                free, pause = taken + rng.uniform(0.1, 0.19), taken + 0.3 + rng.exponential(3.0)
+            comes = max(taken + rng.exponential(0.002), free)
+            stamp = stream.stamp(k, round((10 + comes) * 1e9))
+            oldest = max(oldest, 10 + taken - stamp * 1e-9)
+        assert abs(stream.rate / truth - 1) < 1e-3
+        assert oldest < 0.05, "a sample was taken for older than it is"

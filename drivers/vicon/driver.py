@@ -1,0 +1,154 @@
+"""A Vicon system as a device: each cycle takes the newest frame, stamped by the server's own frame count."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from fractions import Fraction
+from typing import Final
+
+from drivers.devicetime import DeviceTime
+from drivers.pause import Pause
+from drivers.vicon.config import ViconConfig
+from drivers.vicon.datastream import DataStream
+from drivers.vicon.object_stream import ObjectStream
+from drivers.vicon.source import Frame, Source
+from drivers.vicon.view import GIVES, View, signals
+from runtime.driver import Driver
+from runtime.errors import DeviceLostError
+from runtime.signals import Array, Stop
+
+_BITS: Final = 32  # of the frame number
+_GAP: Final = 10_000  # frames; a longer one is a count that began anew
+_LATE: Final = 2  # frames that a datagram may be overtaken by
+
+
+class Vicon(Driver):
+    """Poses of segments and positions of markers, in the server's origin, z up.
+
+    States, those that the profile asks for, k rows in the profile's order:
+        `pose` (k, 7): x, y, z (m), qw, qx, qy, qz of segments; `<name>.pose` (7,): the same of one segment, for
+        `frames:`. `visible` (k,): 1 or 0. `markers` (k, 3), m, and `marker_visible` (k,). `unlabelled` (k, 3), m, and
+        `unlabelled_visible` (k,): the first k, in no lasting order.
+
+    What is occluded keeps its last pose with `visible` 0. A frame in which nothing wanted is visible, or something
+    of `required` isn't, is no sample: `health.stamp` stays, and the device goes stale by its `max_age`.
+
+    A sample's stamp is when its frame was exposed: the frame number counts time, the least delay seen fixes its
+    offset, and what the server says of its own latency is taken off. A frame that waited anywhere is as old as it
+    is. (Sheet vicon_datastream.)
+    """
+
+    Config = ViconConfig
+    summary = "Vicon motion capture (DataStream, Tracker's UDP objects): segment poses, markers"
+    gives = GIVES
+    max_age = 0.1
+
+    def __init__(self, name: str, config: ViconConfig) -> None:
+        super().__init__(name, config)
+        self.states = signals(config)
+        self._view = View(config)
+        self._place = f"{name} ({config.port})"
+        self._source: Source = (
+            ObjectStream(config, self._place) if config.objects_only else DataStream(config, self._place)
+        )
+        self._time = DeviceTime(self._source.period, _BITS)
+        self._pause = Pause()
+        self._period = self._source.period
+        self._number: int | None = None
+        self._opened = False
+        self._is_open = False
+        self._taken = 0  # the source's count of frames at the newest one
+        self._missed = self._repeated = self._hidden = 0
+
+    def bind(self, states: Mapping[str, Array], commands: Mapping[str, Array]) -> None:
+        super().bind(states, commands)
+        self._view.bind(states)
+
+    def open(self) -> None:
+        self.close()
+        try:
+            self._source.open()
+        finally:
+            self._count()
+        self._new_time(self._source.period)
+        self._is_open = True
+        self.health.connected = True
+        self.health.reconnects += self._opened
+        self._opened = True
+
+    def read(self, now: int) -> None:
+        if not self._is_open:
+            raise DeviceLostError(self._place, "the server isn't connected", "Open it first")
+        try:
+            frame = self._source.read(now)
+        except DeviceLostError as error:
+            self.health.connected = False
+            self.health.message = error.problem
+            raise
+        finally:
+            self._count()
+        if frame is not None:
+            self._take(frame, now)
+
+    def write(self, now: int) -> None:
+        """Cameras take no commands."""
+
+    def stop(self, category: Stop) -> None:
+        """Cameras move nothing."""
+
+    def close(self) -> None:
+        self._is_open = False
+        self.health.connected = False
+        self._source.close()
+
+    def figures(self) -> dict[str, object]:
+        """Frames that never came, frames that came again, frames without what is wanted; the frame rate, Hz."""
+        return {
+            "missed_frames": self._missed,
+            "repeated_frames": self._repeated,
+            "hidden_frames": self._hidden,
+            "frame_rate": float(Fraction(10**9) / self._period),
+        }
+
+    # -- a cycle
+
+    def _take(self, frame: Frame, now: int) -> None:
+        if self._source.period != self._period:
+            self._new_time(self._source.period)
+        if self._number is not None:
+            step = (frame.number - self._number + (1 << _BITS - 1)) % (1 << _BITS) - (1 << _BITS - 1)
+            if -_LATE <= step <= 0:  # a paused server repeats its frame; a datagram was overtaken
+                self._repeated += 1
+                return
+            if step > 0:
+                self._missed += min(max(step - (self._source.frames - self._taken), 0), _GAP)
+        self._number, self._taken = frame.number, self._source.frames
+        exposed = now - frame.latency  # had it been under way for no longer than the fastest one
+        stamp = self._time.stamp(frame.number, exposed)
+        if self._pause.over(self._time.delay, now):
+            self._time.restart()
+            stamp = self._time.stamp(frame.number, exposed)
+        view = self._view
+        view.begin()
+        for row, p, q in frame.segments:
+            view.segment(row, p, q)
+        for row, p in frame.markers:
+            view.marker(row, p)
+        for row, p in enumerate(frame.unlabelled):
+            view.reflection(row, p)
+        view.end()
+        if view.seen:
+            self.health.stamp = stamp
+        else:
+            self._hidden += 1
+
+    def _new_time(self, period: Fraction) -> None:
+        self._period = period
+        self._time = DeviceTime(period, _BITS)
+        self._pause = Pause()
+        self._number = None
+
+    def _count(self) -> None:
+        health, source = self.health, self._source
+        health.frames, health.errors, health.resyncs = source.frames, source.errors, source.resyncs
+        health.message = source.remark

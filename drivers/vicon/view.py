@@ -1,0 +1,107 @@
+"""The states of a Vicon, the same for the driver over either wire and for the fake."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+
+from drivers.vicon.blocks import Point
+from drivers.vicon.config import ViconConfig
+from drivers.vicon.geometry import Quaternion
+from runtime.signals import Array, Signal
+
+GIVES: Final = ("pose", "visible", "markers", "marker_visible", "unlabelled", "unlabelled_visible")
+
+
+def signals(config: ViconConfig) -> tuple[Signal, ...]:
+    """The device's states; only those that the profile asks for."""
+    made: list[Signal] = []
+    if config.segments:
+        labels, k = tuple(config.segments), len(config.segments)
+        made += [
+            Signal(name="pose", shape=(k, 7), unit="m", frame=config.frame, labels=labels),
+            Signal(name="visible", shape=(k,), unit="1", labels=labels),
+        ]
+        made += [Signal(name=f"{name}.pose", shape=(7,), unit="m", frame=config.frame) for name in labels]
+    if config.markers:
+        labels, k = tuple(config.markers), len(config.markers)
+        made += [
+            Signal(name="markers", shape=(k, 3), unit="m", frame=config.frame, labels=labels, visual="points"),
+            Signal(name="marker_visible", shape=(k,), unit="1", labels=labels),
+        ]
+    if k := config.unlabelled:
+        made += [
+            Signal(name="unlabelled", shape=(k, 3), unit="m", frame=config.frame, visual="points"),
+            Signal(name="unlabelled_visible", shape=(k,), unit="1"),
+        ]
+    return tuple(made)
+
+
+class View:
+    """Fills the states frame by frame. What is occluded keeps its last pose.
+
+    Attributes:
+        seen: the frame shows what the profile requires, so its sample counts.
+    """
+
+    def __init__(self, config: ViconConfig) -> None:
+        segments, markers = list(config.segments), list(config.markers)
+        self.seen = False
+        self._need_segments = [segments.index(name) for name in config.required if name in config.segments]
+        self._need_markers = [markers.index(name) for name in config.required if name in config.markers]
+        self._names = segments
+        self._poses: list[Array] = []
+        none = np.empty(0)
+        self._pose = self._visible = self._markers = self._marker_visible = none
+        self._unlabelled = self._unlabelled_visible = none
+
+    def bind(self, arrays: Mapping[str, Array]) -> None:
+        """Takes the state arrays; a pose that was never seen is the identity."""
+        none = np.empty(0)
+        self._pose, self._visible = arrays.get("pose", none), arrays.get("visible", none)
+        self._markers, self._marker_visible = arrays.get("markers", none), arrays.get("marker_visible", none)
+        self._unlabelled = arrays.get("unlabelled", none)
+        self._unlabelled_visible = arrays.get("unlabelled_visible", none)
+        self._poses = [arrays[f"{name}.pose"] for name in self._names]
+        for row, single in enumerate(self._poses):
+            self._pose[row] = single[:] = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+        for array in (self._markers, self._unlabelled):
+            array[...] = 0.0
+        self.begin()
+
+    def begin(self) -> None:
+        """A new frame: nothing is visible yet."""
+        for visible in (self._visible, self._marker_visible, self._unlabelled_visible):
+            visible[...] = 0.0
+
+    def segment(self, row: int, p: Point, q: Quaternion) -> None:
+        """A segment that is visible: m, unit quaternion. Of q and -q the one nearer to the last is taken."""
+        w, x, y, z = q
+        pose = self._poses[row]
+        if pose[3] * w + pose[4] * x + pose[5] * y + pose[6] * z < 0.0:
+            w, x, y, z = -w, -x, -y, -z
+        pose[:] = (*p, w, x, y, z)
+        self._pose[row] = pose
+        self._visible[row] = 1.0
+
+    def marker(self, row: int, p: Point) -> None:
+        """A labelled marker that is visible, m."""
+        self._markers[row] = p
+        self._marker_visible[row] = 1.0
+
+    def reflection(self, row: int, p: Point) -> None:
+        """An unlabelled marker, m."""
+        self._unlabelled[row] = p
+        self._unlabelled_visible[row] = 1.0
+
+    def end(self) -> None:
+        """The frame is complete."""
+        if self._need_segments or self._need_markers:
+            self.seen = bool(
+                all(self._visible[row] for row in self._need_segments)
+                and all(self._marker_visible[row] for row in self._need_markers)
+            )
+        else:
+            self.seen = bool(self._visible.any() or self._marker_visible.any() or self._unlabelled_visible.any())
