@@ -70,7 +70,8 @@ class Driver(ABC):
 
     Config: type[DeviceConfig] = DeviceConfig
     summary: str = ""  # one line for `srl list`
-    gives: tuple[str, ...] = ()  # names of the states it may have, whatever its options; for `srl list`
+    # Names of the states it may have, for `srl list`; "<segment>.pose" where the profile chooses the name.
+    gives: tuple[str, ...] = ()
     takes: tuple[str, ...] = ()  # likewise the commands
     max_age: float = 0.0
 

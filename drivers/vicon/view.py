@@ -12,7 +12,7 @@ from drivers.vicon.config import ViconConfig
 from drivers.vicon.geometry import Quaternion
 from runtime.signals import Array, Signal
 
-GIVES: Final = ("pose", "visible", "markers", "marker_visible", "unlabelled", "unlabelled_visible")
+GIVES: Final = ("pose", "<name>.pose", "visible", "markers", "marker_visible", "unlabelled", "unlabelled_visible")
 
 
 def signals(config: ViconConfig) -> tuple[Signal, ...]:

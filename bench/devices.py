@@ -1,0 +1,46 @@
+"""One small configuration of every device, with a world its fake and twin can live in.
+
+For measurements and for tests that put the same question to every device.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+THING = {"thing": {"part": "box", "size": [0.1, 0.1, 0.1]}}
+CELL = {"world": "cell", "parts": THING}
+HAND = {"world": "augmented-hand"}
+
+
+def _cell(**parts: dict[str, Any]) -> dict[str, Any]:
+    return {"world": "cell", "parts": parts}
+
+
+# driver: (config without port, fake's options, world, a port on which nobody answers)
+DEVICES: dict[str, tuple[dict[str, Any], dict[str, Any], dict[str, Any], str]] = {
+    "ati-netft": ({}, {}, _cell(ft_sensor={"part": "ft-sensor"}), "udp://127.0.0.1:9"),
+    "base": ({}, {}, _cell(base={"part": "summit-xl"}), "tcp://127.0.0.1:9"),
+    "can-ft": ({}, {}, _cell(ft_sensor={"part": "ft-sensor"}), "can://udp_multicast/239.74.163.99?port=43199"),
+    "cyberglove": ({}, {}, HAND, "tcp://127.0.0.1:9"),
+    "dynamixel": (
+        {"motors": {"one": {"id": 1, "model": "MX-64"}}},
+        {},
+        _cell(chain={"part": "dynamixel-chain", "axes": {"one": {"model": "MX-64"}}}),
+        "tcp://127.0.0.1:9",
+    ),
+    "firmata": ({"buttons": {"go": {"pin": 2}}}, {}, CELL, "tcp://127.0.0.1:9"),
+    "gamepad": ({}, {}, CELL, "/dev/input/event-none"),
+    "noitom": ({}, {}, _cell(body={"part": "body"}), "tcp://127.0.0.1:9"),
+    "panda": ({}, {}, _cell(arm={"part": "panda"}), "tcp://127.0.0.1:9"),
+    "ring": ({}, {}, CELL, "/dev/ttyRING"),
+    "softhand": ({}, {}, _cell(hand={"part": "softhand"}), "tcp://127.0.0.1:9"),
+    "trigno": ({"channels": {"biceps": 1}}, {}, CELL, "tcp://127.0.0.1:9"),
+    "ur": ({}, {}, _cell(arm={"part": "ur16e"}), "tcp://127.0.0.1:9"),
+    "vicon": ({"segments": {"wand": "wand/wand"}}, {}, _cell(wand={"part": "mocap-body"}), "tcp://127.0.0.1:9"),
+    "zenoh": (
+        {"signals": {"position": {"key": "srl/other/state/glove/position", "shape": [3], "unit": "rad"}}},
+        {},
+        CELL,
+        "tcp://127.0.0.1:9",
+    ),
+}

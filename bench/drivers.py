@@ -1,0 +1,113 @@
+"""What each driver costs the loop: microseconds of `read` and `write` a frame received, on its own twin."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any, Final
+
+import numpy as np
+
+from bench.devices import DEVICES
+from bench.pairs import Row
+from runtime import registry
+from runtime.driver import Driver
+from runtime.world import Fake, Twin, World
+
+FRAMES: Final = 1500
+LONGEST: Final = 30.0  # s a device may take to give them
+AIM: Final = 100.0  # us
+STEP: Final = 1_000_000  # ns of the world between two looks of the twin
+
+
+def run() -> list[Row]:
+    """A row a device and percentile; ours again is the second half of the same run."""
+    rows = []
+    for name in DEVICES:
+        costs = cost(name)
+        half = len(costs) // 2
+        for what in (50, 99):
+            found = float(np.percentile(costs, what))
+            again = [float(np.percentile(part, what)) for part in (costs[:half], costs[half:])]
+            rows.append(
+                Row(
+                    id="drivers", what=f"{name}, p{what} of one frame", ours=round(found, 1), other=AIM,
+                    other_name="aim", ratio=round(found / AIM, 3), control=round(again[0] / again[1], 3), unit="us",
+                    aim="p99 < 100 us" if what == 99 else "", holds=found < AIM if what == 99 else None,
+                )
+            )  # fmt: skip
+    return rows
+
+
+def cost(name: str, frames: int = FRAMES) -> list[float]:
+    """us of each cycle in which frames came (`read`, and `write` where it takes commands), by frame."""
+    world, twin, driver = pair(name)
+    found: list[float] = []
+    clock = time.thread_time_ns  # what others take from this processor is not the driver's
+    commands = list(driver.commands)
+    try:
+        _served(world, twin, driver.open)
+        seen = driver.health.frames
+        end = time.monotonic() + LONGEST
+        feedback = [(driver.command_arrays[c.name], c.feedback, c.kind) for c in commands]
+        while len(found) < frames and time.monotonic() < end:
+            world.advance(world.time + STEP)
+            twin.service(time.monotonic_ns())
+            time.sleep(5e-5)  # a pty takes a moment
+            for array, measured, kind in feedback:
+                array[:] = driver.state_arrays[measured] if measured and kind == "position" else 0.0
+            now = time.monotonic_ns()
+            start = clock()
+            driver.read(now)
+            if commands:
+                driver.write(now)
+            took = clock() - start
+            if (new := driver.health.frames - seen) > 0:
+                found.append(took / new / 1000)
+                seen += new
+    finally:
+        _served(world, twin, driver.close)
+        twin.close()
+        world.close()
+    return found
+
+
+def pair(name: str) -> tuple[World, Twin, Driver]:
+    """A device's world, its open twin, and its driver, not yet open."""
+    config, options, there, port = DEVICES[name]
+    there = dict(there)
+    cls = registry.load("worlds", there.pop("world"), "bench")
+    world: World = cls(cls.Config.model_validate(there), 0)
+    fake_class, driver_class = registry.load("fakes", name, "bench"), registry.load("drivers", name, "bench")
+    settings = driver_class.Config.model_validate({"port": port} | config)
+    fake: Fake = fake_class(name, settings, world, fake_class.Options.model_validate(options))
+    _bind(fake)
+    twin: Twin = registry.load("twins", name, "bench")(fake)
+    twin.open()
+    driver: Driver = driver_class(name, driver_class.Config.model_validate(config | {"port": twin.address}))
+    _bind(driver)
+    return world, twin, driver
+
+
+def _bind(driver: Driver) -> None:
+    driver.bind(
+        {s.name: np.zeros(s.shape) for s in driver.states}, {c.name: np.zeros(c.shape) for c in driver.commands}
+    )
+
+
+def _served(world: World, twin: Twin, what: Any) -> None:
+    """Lets time pass while something blocks."""
+    done = threading.Event()
+
+    def serve() -> None:
+        while not done.wait(0.0005):
+            world.advance(world.time + STEP)
+            twin.service(time.monotonic_ns())
+
+    server = threading.Thread(target=serve)
+    server.start()
+    try:
+        what()
+    finally:
+        done.set()
+        server.join()
