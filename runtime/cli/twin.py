@@ -117,9 +117,11 @@ def _serve(world: World, twins: dict[str, Twin], args: argparse.Namespace, ended
         elapsed = tick.deadline - start
         if args.duration is not None and elapsed > args.duration * 1e9:
             break
-        world.advance(round(elapsed * args.speed))
-        for twin in twins.values():
-            twin.service(tick.now)
+        # What was missed is made good step by step: a device's own watchdogs must see the time pass.
+        for due in range(tick.deadline - tick.missed * clock.period, tick.deadline + 1, clock.period):
+            world.advance(round((due - start) * args.speed))
+            for twin in twins.values():
+                twin.service(due)
         if log is not None:
             log.take(tick.now)
         if control is not None:

@@ -14,13 +14,14 @@ class JointSetpointConfig(ControllerConfig):
     """Options of `joint-setpoint`."""
 
     joints: tuple[str, ...] = Field(min_length=1, description="a label for each joint, in the command's order")
+    unit: str = Field("rad", description="the command's own unit: rad, m, 1")
 
 
 class JointSetpoint(Controller):
     """Hands a client's target on to the joints; the guard makes the motion.
 
-    Input `target` (n,) rad; all NaN (or any) means that none has come. Outputs `q` (n,) rad and `q_velocity`
-    (n,) rad/s, zero. After a reset it holds what was applied until a target comes that differs from the one
+    Input `target` (n,); all NaN (or any) means that none has come. Outputs `q` (n,) in the same unit and
+    `q_velocity` (n,), zero. After a reset it holds what was applied until a target comes that differs from the one
     then present, so that leaving a stop never resumes an old motion.
     """
 
@@ -33,10 +34,10 @@ class JointSetpoint(Controller):
         if len(set(joints)) < len(joints):
             raise ProfileError(f"controllers.{name}.joints", "a label is there more than once", "Name each once")
         n = len(joints)
-        self.inputs = (Signal(name="target", shape=(n,), unit="rad", labels=joints),)
+        self.inputs = (Signal(name="target", shape=(n,), unit=config.unit, labels=joints),)
         self.outputs = (
-            Signal(name="q", shape=(n,), unit="rad", labels=joints),
-            Signal(name="q_velocity", shape=(n,), unit="rad/s", labels=joints),
+            Signal(name="q", shape=(n,), unit=config.unit, labels=joints),
+            Signal(name="q_velocity", shape=(n,), unit=f"{config.unit}/s", labels=joints),
         )
         self._old = np.full(n, np.nan)
         self._new = False

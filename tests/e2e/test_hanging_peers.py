@@ -1,0 +1,138 @@
+"""Each actuator hangs for three seconds in mid-motion, as a stopped process, and goes on: with the whole runtime."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from helpers_peer import Peer
+from helpers_run import Running
+from ruamel.yaml import YAML
+
+from runtime.bus.client import Client, connect
+from runtime.errors import SrlError
+from runtime.layout import Cause, State
+
+PROFILES = Path(__file__).resolve().parents[2] / "profiles"
+HANG = 3.0  # s
+
+pytestmark = pytest.mark.slow
+
+
+class Case(NamedTuple):
+    """What hangs, how it is moved, and how far it may go on by itself, in the truth's unit."""
+
+    profile: str
+    setpoint: str
+    target: Any  # of the time in s
+    truth: str
+    coast: float
+    causes: tuple[Cause, ...] = (Cause.DEVICE_LOSS,)
+
+
+def _swing(amplitude: float, size: int) -> Any:
+    """Velocities that keep their sign for 4 s: three seconds of them at once would be seen."""
+    return lambda t: np.full(size, amplitude if t % 8 < 4 else -amplitude)
+
+
+def _wave(amplitude: float, size: int) -> Any:
+    return lambda t: np.full(size, amplitude * np.sin(2 * np.pi * t / 6))
+
+
+CASES = [
+    Case("ur-jog", "client.velocity", _swing(0.15, 6), "arm_position", 0.03, (Cause.DEVICE_LOSS, Cause.DEVICE_FAULT)),
+    Case("servo-jog", "client.position", _wave(0.6, 2), "finger_position", 0.12),
+    Case("hand-jog", "client.closure", lambda t: 0.3 + _wave(0.25, 1)(t), "hand_motor", 0.4),
+    Case("base-jog", "client.twist", _swing(0.15, 3), "base_pose", 0.08),
+]
+
+
+def load(profile: str) -> tuple[str, dict[str, Any], dict[str, Any]]:
+    """The profile's actuator: its name, its options, the profile."""
+    text = YAML(typ="safe", pure=True).load(PROFILES / f"{profile}.yaml")
+    ((name, entry),) = text["devices"].items()
+    return name, entry, text
+
+
+def peer_of(profile: str, **options: Any) -> Peer:
+    _, entry, text = load(profile)
+    world = {key: value for key, value in text["sim"].items() if key != "devices"}
+    config = {key: value for key, value in entry.items() if key not in ("driver", "max_age")}
+    return Peer(entry["driver"], config, options, world)
+
+
+@contextmanager
+def streaming(client: Client, case: Case) -> Iterator[None]:
+    """A client that says where to go, 25 times a second."""
+    done = threading.Event()
+    start = time.monotonic()
+
+    def send() -> None:
+        while not done.wait(0.04):
+            client.setpoint(case.setpoint, case.target(time.monotonic() - start))
+
+    thread = threading.Thread(target=send)
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join()
+
+
+def moved(peer: Peer, case: Case) -> np.ndarray:
+    return np.array(peer.figures()["truth"][case.truth])
+
+
+@pytest.mark.parametrize("case", CASES, ids=[case.profile for case in CASES])
+def test_no_burst_no_old_sample_a_safe_stop_and_a_recovery(tmp_path: Path, case: Case) -> None:
+    name, _, _ = load(case.profile)
+    with (
+        peer_of(case.profile) as peer,
+        Running(
+            tmp_path, case.profile, "--set", f"devices.{name}.port={peer.address}", "--confirm", instance=case.profile
+        ) as run,
+    ):
+        run.started()
+        run.until(run.rundir.bus_socket.exists, "the bus")
+        with connect(run.rundir) as client, streaming(client, case):
+            begin = moved(peer, case)
+            run.until(lambda: run.word("state") == State.ACTIVE, "active")
+            run.until(lambda: np.abs(moved(peer, case) - begin).max() > 0.05, "motion")
+            run.reader.take()
+            peer.stop()
+            stopped = time.monotonic_ns()
+            run.until(lambda: run.word("state") in (State.STOPPING, State.STOPPED), "the stop")
+            seen = time.monotonic_ns() - stopped
+            assert run.word("cause") in case.causes
+            time.sleep(max(0.0, HANG - (time.monotonic_ns() - stopped) * 1e-9))
+            rows = run.reader.take()
+            peer.cont()
+            first = moved(peer, case)
+            path = []
+            for _ in range(50):
+                path.append(moved(peer, case))
+                time.sleep(0.02)
+            went = np.abs(np.array(path) - first).max()
+            # No sample from before is taken for a fresh one: the stamps stand still while the peer does.
+            now, stamp = run.layout.word(rows, "now"), run.layout.word(rows, f"{name}.stamp")
+            hung = now > stopped + 200_000_000
+            assert hung.sum() > 50
+            assert stamp[hung].max() <= stopped + 100_000_000
+            assert went <= case.coast, f"it went on by {went:.3f}"
+            print(f"{case.profile}: stop after {seen / 1e6:.0f} ms, went on by {went:.4f}")
+            end = time.monotonic() + 40
+            while run.word("state") != State.ACTIVE:
+                assert time.monotonic() < end, f"not active again: {client.status()}"
+                try:
+                    client.command("reset")
+                except SrlError:
+                    time.sleep(0.3)
+            again = moved(peer, case)
+            run.until(lambda: np.abs(moved(peer, case) - again).max() > 0.05, "motion again")
