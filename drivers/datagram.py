@@ -87,6 +87,10 @@ class Datagrams:
         host, port = self._socket.getsockname()[:2]
         return host, port
 
+    def connect(self, peer: tuple[str, int]) -> None:
+        """From now on datagrams are taken from this peer alone, and sent to it."""
+        self._socket.connect(peer)
+
     def read(self) -> list[bytes]:
         """All datagrams that are there, oldest first; never blocks.
 

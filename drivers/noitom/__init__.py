@@ -1,5 +1,6 @@
 """Noitom Perception Neuron suits, through Axis Neuron or Axis Studio."""
 
-from drivers.noitom.driver import Noitom, NoitomConfig
+from drivers.noitom.config import NoitomConfig
+from drivers.noitom.driver import Noitom
 
 __all__ = ["Noitom", "NoitomConfig"]

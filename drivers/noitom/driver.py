@@ -5,18 +5,16 @@ from __future__ import annotations
 import time
 from typing import Final
 
-import numpy as np
-from pydantic import Field
-
 from drivers.datagram import Datagrams, open_datagrams
+from drivers.noitom.config import NoitomConfig, signals
+from drivers.noitom.pose import Pose
 from drivers.noitom.protocol import BinaryParser, Frame, Parser, TextParser
-from drivers.noitom.rotations import Order, Quaternions
-from drivers.noitom.skeleton import JOINTS, Kind, Skeleton
+from drivers.noitom.skeleton import Skeleton
 from drivers.streamtime import StreamTime
 from drivers.transport import Transport, open_transport
-from runtime.driver import DeviceConfig, Driver
+from runtime.driver import Driver
 from runtime.errors import DeviceError, DeviceLostError
-from runtime.signals import Signal, Stop
+from runtime.signals import Stop
 
 FIRST: Final = 3.0  # s for the first frame
 MEASURE: Final = 0.5  # s of frames from which the rate is taken at first
@@ -24,20 +22,10 @@ USELESS: Final = 65536  # bytes without a frame after which the stream's form is
 NEW_HEADER: Final = "Tick 'BVH', 'use old header format', and binary or string, in the software's broadcast settings"
 
 
-class NoitomConfig(DeviceConfig):
-    """Options of a suit."""
-
-    port: str = Field(description="tcp://HOST:7001 (Axis Neuron), udp://:7012 (Axis Studio sends there)")
-    skeleton: Kind = Field("axis-neuron", description="the tree; it can't be told from the stream")
-    order: Order = Field("YXZ", description="rotation order set in the software; it can't be told from the stream")
-    avatar: int = Field(0, ge=0, description="index of the person")
-    scale: float = Field(1.0, gt=0.3, lt=3, description="of the default body, where displacements aren't sent")
-
-
 class Noitom(Driver):
     """States: `rotation` (59, 4), unit quaternions w x y z, of each joint relative to its parent;
     `translation` (59, 3) m, of each joint in its parent's frame; both of the hips in the software's world,
-    y up, z forward in the T-pose, x to the left.
+    y up, z forward in the T-pose, x to the left. A quaternion may change its sign from frame to frame.
 
     Text or binary, with displacement or without, is found out from the stream. Without displacement all
     joints but the hips keep the default body's offsets, scaled. Frames are numbered in binary, counted in
@@ -55,14 +43,8 @@ class Noitom(Driver):
         self._config = config
         self._place = f"{name} ({config.port})"
         self.skeleton = Skeleton(config.skeleton)
-        names = self.skeleton.names
-        self.states = (
-            Signal(name="rotation", shape=(JOINTS, 4), unit="1", labels=names),
-            Signal(name="translation", shape=(JOINTS, 3), unit="m", labels=names),
-        )
-        self._offsets = self.skeleton.offsets * config.scale
-        self._quaternions = Quaternions(config.order, JOINTS)
-        self._angles = np.empty((JOINTS, 3))
+        self.states = signals(self.skeleton)
+        self._pose = Pose(config, self.skeleton)
         self._link: Transport | Datagrams | None = None
         self._parser: Parser = BinaryParser()
         self._clock = StreamTime(100.0)
@@ -102,11 +84,13 @@ class Noitom(Driver):
             raise
         if not data:
             return
+        before = self._parser.frames
         frame = self._parser.feed(data)
+        came = self._parser.frames - before
         self._count()
         if frame is not None:
             self._useless = 0
-            self._fill(frame, now)
+            self._fill(frame, came, now)
             return
         self._useless += len(data)
         if self._useless > USELESS:
@@ -144,16 +128,11 @@ class Noitom(Driver):
         health.resyncs += counts[2] - self._seen[2]
         self._seen = counts
 
-    def _fill(self, frame: Frame, now: int) -> None:
-        translations, degrees = frame.split()
-        np.multiply(degrees, np.pi / 180, out=self._angles)
-        self._quaternions.fill(self._angles, self.state_arrays["rotation"])
-        if not frame.displacement:
-            self.state_arrays["translation"][1:] = self._offsets[1:]
-        np.multiply(translations, 0.01, out=self.state_arrays["translation"][: len(translations)])
+    def _fill(self, frame: Frame, came: int, now: int) -> None:
+        self._pose.fill(frame, self.state_arrays)
         number = frame.number if frame.number >= 0 else self._parser.frames
-        if frame.number >= 0 and self._number >= 0 and (step := frame.number - self._number) > 0:
-            self._gaps += max(step - 1, 0)
+        if frame.number >= 0 and self._number >= 0:
+            self._gaps += max(frame.number - self._number - came, 0)
         self._number = frame.number
         self.health.stamp = self._clock.stamp(number, now)
 

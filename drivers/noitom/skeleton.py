@@ -69,16 +69,23 @@ _ARM: Final = (  # of the left arm; the right one is its mirror image in x
 JOINTS: Final = 59
 
 
+def is_finger(joint: str) -> bool:
+    """Whether a joint is one of the 38 that only gloves measure."""
+    return "Hand" in joint and not joint.endswith("Hand")
+
+
 class Skeleton:
     """One of the two trees.
 
     Attributes:
+        kind: which.
         names: (59) in the order of the wire.
         parents: (59) indices, -1 for the hips; a parent comes before its children.
         offsets: (59, 3) m, each joint in its parent's frame; the hips' is their height in the T-pose.
     """
 
     def __init__(self, kind: Kind) -> None:
+        self.kind = kind
         rows = [*_LEGS, *_TRUNK[kind]]
         parent, offset = _SHOULDER[kind]
         for side, sign in (("Right", -1.0), ("Left", 1.0)):

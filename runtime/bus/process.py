@@ -6,6 +6,7 @@ instant and started again.
 
 from __future__ import annotations
 
+import os
 import queue
 import signal
 import sys
@@ -20,13 +21,13 @@ import numpy as np
 import zenoh
 from numpy.typing import NDArray
 
-from runtime.bus import cdr, messages, session
+from runtime.bus import attachment, cdr, messages, session
 from runtime.bus.config import BusConfig
 from runtime.bus.keys import Keys, check
 from runtime.bus.requests import Requests, reply
 from runtime.bus.status import Reporter
 from runtime.errors import SrlError
-from runtime.layout import CYCLE, FLAG_DEGRADED, Layout
+from runtime.layout import CYCLE, DEVICE, FLAG_DEGRADED, Field, Layout
 from runtime.mailbox import MailboxWriter
 from runtime.notes import NotesReader
 from runtime.realtime import die_with_parent
@@ -75,6 +76,7 @@ class Bus:
         self._status_due = 0
         self._silent = False
         self._ending = False
+        self._sent, self._sender = 0, os.urandom(16)  # samples, for their attachments
         self._session = session.serve(rundir.bus_socket, config, self._keys)
         try:
             self._declare()
@@ -99,6 +101,7 @@ class Bus:
                 slice(f.offset, f.offset + f.size),
                 e := messages.Encoder(f),
                 publisher(self._keys.state(f.name), e.kind),
+                self._stamped_by(f),
             )
             for f in self._fields
         ]
@@ -182,11 +185,24 @@ class Bus:
     def _publish(self, rows: NDArray[np.int64]) -> None:
         every = np.where(rows[:, _FLAGS] & FLAG_DEGRADED, 2 * self._decimate, self._decimate)
         for row in rows[rows[:, 0] % every == 0][-MOST:]:
-            stamp = int(row[_NOW]) + self._wall
             floats = row[self._layout.ints :].view(np.float64)
-            for place, encoder, publisher in self._signals:
-                if _matches(publisher):
-                    publisher.put(encoder.encode(floats[place], stamp))
+            for place, encoder, publisher, column in self._signals:
+                taken = int(row[column])
+                if taken < 0 or not _matches(publisher):
+                    continue  # a device that hasn't given a sample yet has nothing to say
+                stamp = taken + self._wall
+                self._sent += 1
+                publisher.put(
+                    encoder.encode(floats[place], stamp),
+                    attachment=attachment.encode(self._sent, stamp, self._sender),
+                )
+
+    def _stamped_by(self, field: Field) -> int:
+        """The word that says when a signal's values were taken: its device's stamp, else the cycle's time."""
+        device = field.name.partition(".")[0]
+        if field.role != "state" or device not in self._layout.devices:
+            return _NOW
+        return len(CYCLE) + self._layout.devices.index(device) * len(DEVICE) + DEVICE.index("stamp")
 
     def _changes(self, rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
         """The rows that begin a state or have another cause."""
