@@ -6,11 +6,13 @@ import argparse
 import json
 import sys
 
-from bench import clock, sixth_finger
+from bench import clock, drivers, panda, sixth_finger
 
 BENCHES = {
     "clock-100hz": lambda: clock.run(100),
     "clock-1khz": lambda: clock.run(1000),
+    "drivers": drivers.run,
+    "panda-cycle": panda.run,
     "cycle-sixth-finger": sixth_finger.cycle,
     "sim-sixth-finger": sixth_finger.speed,
     "telemetry-1khz": sixth_finger.telemetry,

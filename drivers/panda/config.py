@@ -1,0 +1,140 @@
+"""A Franka arm's options in the profile, its signals, and what is sent to it once before it moves."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+from drivers.panda.protocol import Body, SetCollisionBehavior, SetJointImpedance, SetLoad
+from runtime.driver import DeviceConfig
+from runtime.signals import Command, Kind, Signal, Stop
+
+JOINTS = tuple(f"joint{i}" for i in range(1, 8))
+WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
+STATES = ("position", "velocity", "effort", "external_effort", "wrench", "pose", "success_rate")
+COMMANDS = ("torque_command", "velocity_command", "position_command")
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class Collision(BaseModel):
+    """Forces and torques beyond which the robot stops with a reflex, or reports a contact."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    torque: Positive | list[Positive] = Field(description="N m, of each joint: a reflex")
+    force: Positive | list[Positive] = Field(description="N and N m (x, y, z, about x, y, z): a reflex")
+    contact_torque: Positive | list[Positive] | None = Field(None, description="N m: a contact; as torque if left out")
+    contact_force: Positive | list[Positive] | None = Field(None, description="N, N m: a contact; as force if left out")
+
+    @field_validator("torque", "contact_torque")
+    @classmethod
+    def _seven(cls, value: float | list[float] | None) -> float | list[float] | None:
+        return _sized(value, 7)
+
+    @field_validator("force", "contact_force")
+    @classmethod
+    def _six(cls, value: float | list[float] | None) -> float | list[float] | None:
+        return _sized(value, 6)
+
+    def request(self) -> SetCollisionBehavior:
+        """The same thresholds while the arm accelerates and while it doesn't."""
+        torque, force = _each(self.torque, 7), _each(self.force, 6)
+        contact = torque if self.contact_torque is None else _each(self.contact_torque, 7)
+        touch = force if self.contact_force is None else _each(self.contact_force, 6)
+        return SetCollisionBehavior(contact, torque, contact, torque, touch, force, touch, force)
+
+
+class Load(BaseModel):
+    """What is carried at the flange, the end effector of the robot's own settings not included."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    mass: float = Field(ge=0, allow_inf_nan=False, description="kg")
+    centre: tuple[Finite, Finite, Finite] = Field((0.0, 0.0, 0.0), description="m, in the flange's frame")
+    inertia: tuple[Finite, Finite, Finite, Finite, Finite, Finite] = Field(
+        (1e-3, 1e-3, 1e-3, 0.0, 0.0, 0.0), description="kg m^2 about the centre: xx, yy, zz, xy, xz, yz"
+    )
+
+    def request(self) -> SetLoad:
+        """With the whole inertia matrix."""
+        xx, yy, zz, xy, xz, yz = self.inertia
+        return SetLoad(self.mass, self.centre, (xx, xy, xz, xy, yy, yz, xz, yz, zz))
+
+
+class PandaConfig(DeviceConfig):
+    """Options of a Franka arm."""
+
+    port: str = Field(description="tcp://HOST:1337 of the controller")
+    interface: Literal["torque", "velocity", "position"] = Field(
+        "torque", description="what the joints are commanded in; only one at a time"
+    )
+    collision: Collision | None = Field(None, description="thresholds of contact and reflex; as set before if left out")
+    joint_impedance: list[Annotated[float, Field(ge=0, le=14250)]] | None = Field(
+        None, min_length=7, max_length=7, description="N m/rad, of the robot's own controller (velocity and position)"
+    )
+    load: Load | None = Field(None, description="what the flange carries; as set before if left out")
+    frame: str | None = Field(None, description="the profile's frame that is the arm's base, of pose and wrench")
+
+    @field_validator("port")
+    @classmethod
+    def _is_tcp(cls, port: str) -> str:
+        if "tcp://" not in port:
+            raise ValueError(f"'{port}' isn't tcp://HOST:PORT; a robot listens on port 1337")
+        return port
+
+    @property
+    def kind(self) -> Kind:
+        """What the interface commands."""
+        return Kind(self.interface)
+
+    def settings(self) -> tuple[Body, ...]:
+        """The requests that make the options true; the robot takes them only while idle."""
+        found: list[Body] = []
+        if self.collision is not None:
+            found.append(self.collision.request())
+        if self.joint_impedance is not None:
+            found.append(SetJointImpedance(tuple(self.joint_impedance)))
+        if self.load is not None:
+            found.append(self.load.request())
+        return tuple(found)
+
+
+def states(config: PandaConfig) -> tuple[Signal, ...]:
+    """What the arm gives; see the driver's text."""
+    return (
+        Signal(name="position", shape=(7,), unit="rad", labels=JOINTS),
+        Signal(name="velocity", shape=(7,), unit="rad/s", labels=JOINTS),
+        Signal(name="effort", shape=(7,), unit="N m", labels=JOINTS),
+        Signal(name="external_effort", shape=(7,), unit="N m", labels=JOINTS),
+        Signal(name="wrench", shape=(6,), unit="N, N m", frame=config.frame, labels=WRENCH),
+        Signal(name="pose", shape=(7,), unit="m", frame=config.frame),
+        Signal(name="success_rate", shape=(1,), unit="1"),
+    )
+
+
+def command(config: PandaConfig) -> Command:
+    """What the arm obeys, by its interface."""
+    unit = {Kind.TORQUE: "N m", Kind.VELOCITY: "rad/s", Kind.POSITION: "rad"}[config.kind]
+    stops = (Stop.HOLD, Stop.DAMP, Stop.LIMP) if config.kind is Kind.TORQUE else (Stop.HOLD,)
+    return Command(
+        name=f"{config.interface}_command",
+        shape=(7,),
+        unit=unit,
+        labels=JOINTS,
+        kind=config.kind,
+        feedback="position",
+        stops=stops,
+    )
+
+
+def _sized(value: float | list[float] | None, size: int) -> float | list[float] | None:
+    if isinstance(value, list) and len(value) != size:
+        raise ValueError(f"{len(value)} values where {size} are expected, or one number for all")
+    return value
+
+
+def _each(value: float | list[float], size: int) -> tuple[float, ...]:
+    return tuple(value) if isinstance(value, list) else (value,) * size

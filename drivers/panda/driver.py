@@ -1,0 +1,342 @@
+"""A Franka arm as a device: FCI spoken directly, in the loop, one command for each of the robot's states."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import time
+from typing import Final
+from urllib.parse import urlsplit
+
+from drivers.datagram import Datagrams, open_datagrams
+from drivers.devicetime import DeviceTime
+from drivers.panda.channel import Channel, open_channel
+from drivers.panda.config import COMMANDS, STATES, PandaConfig, command, states
+from drivers.panda.limits import BY_VERSION
+from drivers.panda.motion import Motion, Phase
+from drivers.panda.packets import RobotMode
+from drivers.panda.protocol import AutomaticErrorRecovery, Body, Reply, Status, StopMove
+from drivers.panda.state import Modes, StateReader
+from runtime.driver import Driver
+from runtime.errors import DeviceError, DeviceLostError
+from runtime.signals import Stop
+
+FIRST_STATE: Final = 1.0  # s from Connect to the first state
+SETTINGS: Final = 5.0  # s for the robot to take the options
+GONE: Final = 1_000_000_000  # ns without a state after which the robot counts as lost, as for libfranka
+UNWRITTEN: Final = 3  # states without `write` after which a motion is ended in good order: 20 are its death
+WIND_UP: Final = 1.0  # s to end a motion in when the device is closed
+_TICK: Final = 1_000_000  # ns of a message id
+_WORDS: Final = {
+    RobotMode.USER_STOPPED: "stopped by a person: release the stop button (or the enabling device) at the arm",
+    RobotMode.GUIDING: "guided by a person: let the guiding buttons at the arm go",
+    RobotMode.AUTOMATIC_ERROR_RECOVERY: "recovering from errors",
+    RobotMode.OTHER: "not ready: open the brakes and activate FCI in the robot's web interface",
+}
+
+
+class Panda(Driver):
+    """Panda (FER) or FR3; one of `torque_command` (N m), `velocity_command` (rad/s), `position_command` (rad), (7,).
+
+    Torques come on top of the robot's own gravity compensation. States (7,): `position`, `velocity`, `effort`
+    (measured), `external_effort` (estimated); `wrench` (6,) at the stiffness frame and `pose` of the end effector,
+    both in the base frame; `success_rate` (1,), share of the last 100 commands that came in time.
+
+    A motion begins with the first `write` and ends with `stop`, `close` or when the writes cease. The robot stops
+    by itself 20 ms after the last command, so no stop frame is needed. `health.errors` counts states that were
+    malformed or never came. Source: protocol sheet franka-fci.
+    """
+
+    Config = PandaConfig
+    summary = "Franka Emika Panda or Franka Research 3: torque, velocity or position of the joints (FCI, 1 kHz)"
+    gives = STATES
+    takes = COMMANDS
+    max_age = 0.05
+
+    def __init__(self, name: str, config: PandaConfig) -> None:
+        super().__init__(name, config)
+        self.config: PandaConfig = config
+        self.states = states(config)
+        self._command = command(config)
+        self.commands = (self._command,)
+        self._place = f"{name} ({config.port})"
+        self._channel: Channel | None = None
+        self._states: Datagrams | None = None
+        self._version = 5  # to try first; then the one that the robot spoke
+        self._reader = StateReader(5)
+        self._motion = Motion(5, config.kind, self._reader)
+        self._time = DeviceTime(_TICK)
+        self._settings: list[Body] = []  # that the robot hasn't taken yet
+        self._lost = self._moves = 0
+        self._opened = self._gone = False
+        self._forget()
+
+    def _forget(self) -> None:
+        """Nothing is known of a robot that is opened (again)."""
+        self._newest = b""  # the newest state
+        self._id = self._answered = -1  # message ids: of that state, of the one answered last
+        self._tail = b""
+        self._modes = Modes(0, 0, RobotMode.OTHER, (), ())
+        self._heard: int | None = None  # when a state arrived last
+        self._unwritten = 0
+        self._trouble = ""  # what the robot refused, until a person has seen it
+        self._recovering = False
+        self._judged: tuple[bytes, str, str, bool] | None = None  # what `health.fault` was made of
+
+    # -- life
+
+    def open(self) -> None:
+        """See `Driver.open`; blocks up to 20 s. Options are sent if the robot is idle, else when it is.
+
+        A robot in reflex or stopped by a person is opened, with `health.fault` set.
+        """
+        self.close()
+        self._forget()
+        link = open_datagrams("udp://:0", place=self._place, listen=True)
+        channel = None
+        try:
+            channel = open_channel(self.config.port, place=self._place, port=link.local[1], version=self._version)
+            self._version = version = channel.version
+            self._reader = StateReader(version)
+            self._moves += self._motion.started
+            self._motion = Motion(version, self.config.kind, self._reader)
+            self._time.restart()
+            self._await_states(link)
+            self._channel, self._states = channel, link
+            self._settle(link)
+        except BaseException:
+            self._channel = self._states = None
+            link.close()
+            if channel is not None:
+                channel.close()
+            raise
+        self.limits[self._command.name] = BY_VERSION[version].of(self._command.kind)
+        self.health.connected = True
+        self.health.message = f"{BY_VERSION[version].name}, FCI protocol {version}"
+        self.health.reconnects += self._opened
+        self._opened, self._gone = True, False
+
+    def _await_states(self, link: Datagrams) -> None:
+        """Waits for the first state and ties the link to where it came from."""
+        host = urlsplit(self.config.port[self.config.port.index("tcp://") :]).hostname or ""
+        address = socket.gethostbyname(host)
+        deadline = time.monotonic() + FIRST_STATE
+        while (left := deadline - time.monotonic()) > 0:
+            found = [data for data in link.read_wait(left) if len(data) >= self._reader.size]
+            if found and link.peer is not None and link.peer[0] == address:
+                link.connect(link.peer)
+                self._take_states(found, time.monotonic_ns())
+                return
+        raise DeviceError(
+            self._place,
+            f"the robot accepted the connection, but none of its states arrived within {FIRST_STATE:g} s",
+            "Let a firewall on this host pass UDP from the robot",
+        )
+
+    def _settle(self, link: Datagrams) -> None:
+        """Has the options taken, if the robot is idle."""
+        self._settings = list(self.config.settings())
+        deadline = time.monotonic() + SETTINGS
+        channel = self._channel
+        assert channel is not None
+        while self._modes.mode is RobotMode.IDLE and not self._modes.errors:
+            self._send_settings(channel)
+            if channel.idle:
+                break
+            if time.monotonic() > deadline:
+                raise DeviceError(
+                    self._place, "the robot doesn't reply to its settings", "Check its state in its web interface"
+                )
+            self._take_states(link.read_wait(0.01), time.monotonic_ns())
+            channel.poll(time.monotonic_ns())
+        if self._trouble:
+            raise DeviceError(self._place, self._trouble, "Correct the option in the profile")
+        self._judge()
+
+    def close(self) -> None:
+        """See `Driver.close`; blocks up to 1.5 s where a motion has to be ended first."""
+        channel, link = self._channel, self._states
+        if channel is not None and link is not None and not self._gone:
+            with contextlib.suppress(DeviceError):
+                self._wind_up(channel, link)
+        self._channel = self._states = None
+        self._motion.abandon()
+        self.health.connected = False
+        self.health.fault = ""
+        if channel is not None:
+            channel.close()
+        if link is not None:
+            link.close()
+
+    def _wind_up(self, channel: Channel, link: Datagrams) -> None:
+        """Ends the motion as the robot likes it; where that fails, stops it."""
+        motion = self._motion
+        motion.end()
+        self._heard = None
+        deadline = time.monotonic() + WIND_UP
+        while motion.phase is Phase.ENDING and time.monotonic() < deadline:
+            self._take_states(link.read_wait(0.01), time.monotonic_ns())
+            self._answer()
+            channel.poll(time.monotonic_ns())
+        if motion.phase is Phase.NONE:
+            return
+        replies: list[Reply] = []
+        channel.ask(StopMove(), replies.append)
+        deadline = time.monotonic() + WIND_UP / 2
+        while not replies and time.monotonic() < deadline:
+            channel.poll(time.monotonic_ns())
+            time.sleep(0.001)
+
+    # -- cycle
+
+    def read(self, now: int) -> None:
+        """See `Driver.read`. Takes the newest of the states that have arrived; the older ones are only counted."""
+        channel, link = self._session()
+        try:
+            self._take_states(link.read(), now)
+            channel.poll(now)
+        except DeviceLostError:
+            self._lose()
+            raise
+        if self._heard is None:
+            self._heard = now
+        elif now - self._heard > GONE:
+            self._lose()
+            raise DeviceLostError(
+                self._place, "no state came from the robot for 1 s", "Check its power, its cable and that FCI is active"
+            )
+        if self._newest and self._modes.mode is RobotMode.IDLE and not self._modes.errors:
+            self._send_settings(channel)
+        self._judge()
+        if self._id != self._answered:
+            self._unwritten += 1
+            if self._unwritten > UNWRITTEN:
+                self._motion.end()
+            if self._motion.phase is Phase.ENDING:
+                self._answer()
+
+    def write(self, now: int) -> None:
+        """See `Driver.write`. One command for the newest state, or the request for a motion if there is none."""
+        channel, _ = self._session()
+        self._unwritten = 0
+        motion = self._motion
+        if motion.phase is Phase.RUNNING:
+            self._answer()
+        elif motion.phase is Phase.NONE and self._may_move(channel):
+            channel.ask(motion.ask(), motion.reply)
+
+    def stop(self, category: Stop) -> None:
+        """See `Driver.stop`: the arm is brought to rest in later `read`s and its own controller takes over."""
+        self._motion.end()
+
+    def recover(self, now: int) -> None:
+        """See `Driver.recover`: automatic error recovery where the robot has errors. What else it says is cleared."""
+        channel, _ = self._session()
+        self._trouble = self._motion.outcome = ""
+        if (self._modes.mode is RobotMode.REFLEX or self._modes.errors) and not self._recovering:
+            self._recovering = True
+            channel.ask(AutomaticErrorRecovery(), self._on_recovery)
+        self._judge()
+
+    def fileno(self) -> int | None:
+        """The socket of the robot's states: readable at each of its ticks. Its commands leave through it, too."""
+        return self._states.fileno() if self._states is not None else None
+
+    def figures(self) -> dict[str, object]:
+        """Protocol, motions begun, and states that never came (by gaps of the message id)."""
+        moves = self._moves + self._motion.started
+        return {"robot": BY_VERSION[self._version].name, "moves": moves, "lost_states": self._lost}
+
+    # -- parts of a cycle
+
+    def _take_states(self, found: list[bytes], now: int) -> None:
+        """Counts states, oldest first, and takes the newest."""
+        health, reader = self.health, self._reader
+        newest = b""
+        for data in found:
+            if len(data) < reader.size:
+                health.errors += 1
+                continue
+            number = reader.message_id(data)
+            gap = number - self._id - 1 if self._id >= 0 else 0
+            if gap < 0:
+                health.errors += 1  # overtaken on its way
+                continue
+            self._lost += gap
+            health.errors += gap
+            health.frames += 1
+            newest, self._id = data, number
+        if not newest:
+            return
+        self._heard = now
+        if self.state_arrays and not reader.fill(newest, self.state_arrays):
+            health.errors += 1
+            self._answered = self._id  # not a state to answer
+            return
+        self._newest = newest
+        health.stamp = self._time.stamp(self._id, now)
+        tail = reader.tail(newest)
+        if tail != self._tail:
+            self._tail, self._modes = tail, reader.modes(tail)
+        self._motion.watch(self._modes, newest)
+
+    def _answer(self) -> None:
+        """Sends the command for the newest state, once."""
+        link = self._states
+        if self._id == self._answered or link is None or not self._motion.shown(self._modes):
+            return
+        arrays = self.command_arrays
+        wanted = arrays[self._command.name].tolist() if arrays else [0.0] * 7
+        packet = self._motion.packet(self._newest, wanted)
+        try:
+            sent = link.write(packet)
+        except DeviceLostError:
+            self._lose()
+            raise
+        self.health.unsent = 0 if sent else len(packet)
+        self._answered = self._id
+
+    def _may_move(self, channel: Channel) -> bool:
+        idle = self._modes.mode is RobotMode.IDLE and not self._modes.errors
+        return idle and channel.idle and not self._settings and not self.health.fault
+
+    def _send_settings(self, channel: Channel) -> None:
+        if self._settings and channel.idle:
+            channel.ask(self._settings[0], self._on_setting)
+
+    def _on_setting(self, reply: Reply) -> None:
+        if self._settings:
+            self._settings.pop(0)
+        if reply.status is not Status.SUCCESS:
+            self._trouble = f"the robot refuses {reply.command.__name__}: {reply.status}"
+
+    def _on_recovery(self, reply: Reply) -> None:
+        self._recovering = False
+        if reply.status is not Status.SUCCESS:
+            self._trouble = f"automatic error recovery: {reply.status}"
+
+    def _judge(self) -> None:
+        """Says in words what keeps the robot from moving, if anything does."""
+        motion, modes = self._motion, self._modes
+        if self._judged == (self._tail, self._trouble, motion.outcome, self._recovering):
+            return
+        words = _WORDS.get(modes.mode, "")
+        if modes.mode is RobotMode.REFLEX:
+            words = f"reflex: {', '.join(modes.reasons or modes.errors) or 'no reason given'}"
+        elif modes.errors and not words:
+            words = f"error: {', '.join(modes.errors)}"
+        elif self._recovering and not words:
+            words = _WORDS[RobotMode.AUTOMATIC_ERROR_RECOVERY]  # it shows no errors any more, but hasn't replied
+        if words:
+            motion.outcome = ""  # the robot says better why it ended the motion
+        self.health.fault = ", ".join(filter(None, (words, self._trouble, motion.outcome)))
+        self._judged = self._tail, self._trouble, motion.outcome, self._recovering
+
+    def _session(self) -> tuple[Channel, Datagrams]:
+        if self._channel is None or self._states is None:
+            raise DeviceLostError(self._place, "the robot isn't open", "Open it first")
+        return self._channel, self._states
+
+    def _lose(self) -> None:
+        self.health.connected = False
+        self._gone = True

@@ -1,0 +1,161 @@
+"""One motion, from the request to its end, and the packets within it. No I/O.
+
+Move is replied to twice: that it started, and how it ended. In between each state is answered by one command;
+the last ones carry the flag that ends the motion.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from math import isfinite
+from struct import Struct
+from typing import Final
+
+from drivers.panda.limiter import MotionLimiter, TorqueLimiter
+from drivers.panda.limits import BY_VERSION
+from drivers.panda.packets import Controller, Generator, command_dtype
+from drivers.panda.protocol import Move, Reply, Status
+from drivers.panda.state import Modes, StateReader
+from runtime.signals import Kind
+
+PATIENCE: Final = 1000  # states for a reply to come in after the motion's end, or the motion after its start
+STILL: Final = 0.02  # of the velocity limit: slower than this a joint is at rest
+_SEVEN: Final = Struct("<7d")
+
+
+class Phase(Enum):
+    """Where a motion stands."""
+
+    NONE = "none"
+    ASKED = "asked"  # Move is on its way, or the robot's states don't show the motion yet
+    RUNNING = "running"
+    ENDING = "ending"  # the arm is brought to rest, then the end is flagged, then the last reply awaited
+
+
+class Motion:
+    """See the module's text.
+
+    Attributes:
+        phase: now.
+        started: motions that began.
+        outcome: why the last motion ended or couldn't begin, if not by our wish; "" otherwise.
+    """
+
+    def __init__(self, version: int, kind: Kind, reader: StateReader) -> None:
+        self.phase = Phase.NONE
+        self.started = 0
+        self.outcome = ""
+        self._kind, self._reader = kind, reader
+        self._limits = BY_VERSION[version]
+        self._torque, self._motion = TorqueLimiter(self._limits), MotionLimiter(self._limits)
+        generator, finished, setpoint = {
+            Kind.POSITION: (Generator.JOINT_POSITION, "motion_generation_finished", "q_c"),
+            Kind.VELOCITY: (Generator.JOINT_VELOCITY, "motion_generation_finished", "dq_c"),
+            # Protocol 5 has no torque without a generator: joint velocities of zero take its place.
+            Kind.TORQUE: (Generator.JOINT_VELOCITY, "motion_generation_finished", "tau_J_d")
+            if version == 5
+            else (Generator.NONE, "torque_command_finished", "tau_J_d"),
+        }[kind]
+        controller = Controller.EXTERNAL if kind is Kind.TORQUE else Controller.JOINT_IMPEDANCE
+        self._modes = (generator, controller)
+        self.request = Move(controller, generator - 1)
+        layout = command_dtype(version)
+        assert layout.fields is not None
+        self._setpoint_at, self._finished_at = int(layout.fields[setpoint][1]), int(layout.fields[finished][1])
+        self._packet = bytearray(layout.itemsize)
+        self._damping = [E / V for E, V in zip(self._limits.effort, self._limits.velocity, strict=True)]
+        self._still = [STILL * V for V in self._limits.velocity]
+        self._begun = False  # the robot has said that the motion started
+        self._flagged = False
+        self._answered = 0  # message id
+        self._hidden = 0  # states in a row that don't show the motion
+
+    def ask(self) -> Move:
+        """The request that begins a motion; its replies go to `reply`."""
+        self.phase, self.outcome = Phase.ASKED, ""
+        self._begun = self._flagged = False
+        self._hidden = 0
+        return self.request
+
+    def reply(self, reply: Reply) -> None:
+        """Takes a reply to Move."""
+        if reply.status is Status.MOTION_STARTED:
+            self._begun = True
+            return
+        wanted = reply.status is Status.SUCCESS and self._flagged
+        if not wanted and self.phase is not Phase.NONE:
+            self.outcome = f"motion {reply.status}" if self._begun else f"no motion: {reply.status}"
+        self.phase = Phase.NONE
+
+    def watch(self, modes: Modes, data: bytes) -> None:
+        """Takes a state: the motion runs from the first one that shows it."""
+        if self.phase is Phase.NONE or not self._begun:
+            return
+        if not self.shown(modes):
+            self._hidden += 1
+            if self._hidden > PATIENCE:
+                self.phase, self.outcome = Phase.NONE, "motion ended without a word of the robot"
+            return
+        self._hidden = 0
+        if self.phase is Phase.ASKED:
+            self.phase = Phase.RUNNING
+            self.started += 1
+            self._torque.start()
+            self._motion.start(self._reader.joints(data, "q_d"))
+            self._answered = self._reader.message_id(data) - 1
+
+    def shown(self, modes: Modes) -> bool:
+        """The state's modes are those of this motion."""
+        return (modes.generator, modes.controller) == self._modes
+
+    def end(self) -> None:
+        """From now on the packets bring the arm to rest and end the motion."""
+        if self.phase is Phase.RUNNING:
+            self.phase = Phase.ENDING
+
+    def abandon(self) -> None:
+        """The session is over, or the motion has been given up."""
+        self.phase = Phase.NONE
+
+    def packet(self, data: bytes, wanted: list[float]) -> bytes:
+        """The command that answers a state, within the robot's limits.
+
+        Args:
+            data: the state.
+            wanted: (7,) rad, rad/s or N m; not used while the motion is being ended.
+        """
+        values = self._torques(data, wanted) if self._kind is Kind.TORQUE else self._movement(data, wanted)
+        packet = self._packet
+        packet[0:8] = data[0:8]  # the message id
+        _SEVEN.pack_into(packet, self._setpoint_at, *values)
+        packet[self._finished_at] = self._flagged
+        return bytes(packet)
+
+    def _torques(self, data: bytes, wanted: list[float]) -> list[float]:
+        taken = self._reader.joints(data, "tau_J_d")
+        if self.phase is Phase.ENDING:
+            dq = self._reader.joints(data, "dq")
+            # The robot's own controller takes over where the arm rests, whatever it holds: no need to let go first.
+            self._flagged = self._flagged or all(abs(v) <= s for v, s in zip(dq, self._still, strict=True))
+            wanted = list(taken) if self._flagged else [-d * v for d, v in zip(self._damping, dq, strict=True)]
+        return self._torque.step(wanted, taken)
+
+    def _movement(self, data: bytes, wanted: list[float]) -> list[float]:
+        reader, motion = self._reader, self._motion
+        if not self._flagged:
+            q_d, dq_d, ddq_d = (reader.joints(data, name) for name in ("q_d", "dq_d", "ddq_d"))
+            if isfinite(sum(q_d) + sum(dq_d) + sum(ddq_d)):
+                number = reader.message_id(data)
+                motion.take(q_d, dq_d, ddq_d, number - self._answered)
+                self._answered = number
+        if self.phase is Phase.ENDING:
+            self._flagged = self._flagged or motion.at_rest
+            if not self._flagged:
+                motion.velocity([0.0] * 7)
+        elif self._kind is Kind.POSITION:
+            motion.position(wanted)
+        else:
+            motion.velocity(wanted)
+        if self._kind is Kind.POSITION:
+            return motion.q
+        return [0.0] * 7 if self._flagged else motion.dq

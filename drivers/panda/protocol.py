@@ -1,0 +1,392 @@
+"""FCI's command channel (TCP 1337): requests and replies, both directions. No I/O.
+
+A message is a header of 12 bytes (u32 command, u32 the client's counter, u32 size with header) and a body;
+a reply's body begins with a status byte. The numbers of commands and statuses differ between protocol 5 (Panda,
+FER) and 10 (FR3). Source: protocol sheet franka-fci, sections 2, 3 and 5. The datagrams are in `packets`.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
+from enum import StrEnum
+from math import pi
+from typing import Any
+
+from drivers.panda.packets import VERSIONS
+
+PORT = 1337
+HEADER = struct.Struct("<III")
+CONNECT_REPLY = struct.Struct("<H")  # the robot's version, behind the status
+
+
+class Status(StrEnum):
+    """What became of a request."""
+
+    SUCCESS = "success"
+    INCOMPATIBLE_VERSION = "incompatible version"
+    ERROR = "error"
+    NOT_POSSIBLE = "command not possible in the present mode"
+    INVALID_ARGUMENT = "invalid argument"
+    SAFETY_REJECTED = "rejected: a safety function is active"
+    MOTION_STARTED = "motion started"
+    PREEMPTED = "preempted"
+    SAFETY_PREEMPTED = "preempted: a safety function became active"
+    SINGULAR_POSE = "start at a singular pose"
+    REFLEX_ABORTED = "aborted by a reflex"
+    EMERGENCY_ABORTED = "aborted by the emergency stop"
+    INPUT_ERROR_ABORTED = "aborted: the commands were invalid"
+    ABORTED = "aborted"
+    MANUAL_RECOVERY = "a person must recover the robot in its web interface"
+
+
+def wire(form: str, since: int = 0, default: Any = None) -> Any:
+    """A field of a request: its struct format, and the protocol it came with."""
+    metadata = {"form": form, "since": since}
+    return field(metadata=metadata) if default is None else field(metadata=metadata, default=default)
+
+
+@dataclass(frozen=True, slots=True)
+class Connect:
+    """Opens the session; the robot sends its states to `port` of the same host."""
+
+    version: int = wire("H")
+    port: int = wire("H")
+
+
+@dataclass(frozen=True, slots=True)
+class Move:
+    """Starts a motion. Replied to twice: MOTION_STARTED or a refusal, then how it ended.
+
+    `controller` is a packets.Controller, `generator` a packets.Generator less one; a generator of torque alone
+    (NONE) exists from protocol 10 on. Deviations: m, rad, rad (elbow).
+    """
+
+    controller: int = wire("I")
+    generator: int = wire("I")
+    path_deviation: tuple[float, ...] = wire("3d", default=(10.0, 3.12, 2 * pi))
+    goal_deviation: tuple[float, ...] = wire("3d", default=(10.0, 3.12, 2 * pi))
+    asynchronous: bool = wire("?", since=10, default=False)
+    max_velocity: tuple[float, ...] = wire("7d", since=10, default=(0.0,) * 7)
+
+
+@dataclass(frozen=True, slots=True)
+class StopMove:
+    """Stops the motion at once."""
+
+
+@dataclass(frozen=True, slots=True)
+class GetCartesianLimit:
+    """Asks for a virtual wall by its number; protocol 5."""
+
+    number: int = wire("i")
+
+
+@dataclass(frozen=True, slots=True)
+class SetCollisionBehavior:
+    """Thresholds of contact (lower) and of the reflex (upper), accelerating and at constant speed.
+
+    Torques N m (7,), forces N and N m (6,).
+    """
+
+    lower_torque_acceleration: tuple[float, ...] = wire("7d")
+    upper_torque_acceleration: tuple[float, ...] = wire("7d")
+    lower_torque: tuple[float, ...] = wire("7d")
+    upper_torque: tuple[float, ...] = wire("7d")
+    lower_force_acceleration: tuple[float, ...] = wire("6d")
+    upper_force_acceleration: tuple[float, ...] = wire("6d")
+    lower_force: tuple[float, ...] = wire("6d")
+    upper_force: tuple[float, ...] = wire("6d")
+
+
+@dataclass(frozen=True, slots=True)
+class SetJointImpedance:
+    """Stiffness of the robot's own joint controller, N m/rad."""
+
+    stiffness: tuple[float, ...] = wire("7d")
+
+
+@dataclass(frozen=True, slots=True)
+class SetCartesianImpedance:
+    """Stiffness of the robot's own Cartesian controller, N/m and N m/rad."""
+
+    stiffness: tuple[float, ...] = wire("6d")
+
+
+@dataclass(frozen=True, slots=True)
+class SetGuidingMode:
+    """Which axes give way when a person guides the arm by its buttons."""
+
+    axes: tuple[bool, ...] = wire("6?")
+    nullspace: bool = wire("?")
+
+
+@dataclass(frozen=True, slots=True)
+class SetEEToK:
+    """The stiffness frame K in the end effector's frame, 4x4 column by column."""
+
+    transform: tuple[float, ...] = wire("16d")
+
+
+@dataclass(frozen=True, slots=True)
+class SetNEToEE:
+    """The end effector's frame in the nominal one, 4x4 column by column."""
+
+    transform: tuple[float, ...] = wire("16d")
+
+
+@dataclass(frozen=True, slots=True)
+class SetLoad:
+    """A carried load: kg, its centre in the flange's frame (m), its inertia about it (kg m^2, column by column)."""
+
+    mass: float = wire("d")
+    centre: tuple[float, ...] = wire("3d")
+    inertia: tuple[float, ...] = wire("9d")
+
+
+@dataclass(frozen=True, slots=True)
+class SetFilters:
+    """Cut-off frequencies of the robot's filters, Hz; protocol 5."""
+
+    frequencies: tuple[float, ...] = wire("5d")
+
+
+@dataclass(frozen=True, slots=True)
+class AutomaticErrorRecovery:
+    """Clears the errors, if the robot can by itself."""
+
+
+@dataclass(frozen=True, slots=True)
+class LoadModelLibrary:
+    """Asks for the model as a shared object; architecture 0 x64, 1 x86, 2 ARM, 3 ARM64; system 0 Linux, 1 Windows."""
+
+    architecture: int = wire("B")
+    system: int = wire("B")
+
+
+@dataclass(frozen=True, slots=True)
+class GetRobotModel:
+    """Asks for the URDF; protocol 10."""
+
+
+Body = (
+    Connect | Move | StopMove | GetCartesianLimit | SetCollisionBehavior | SetJointImpedance | SetCartesianImpedance
+    | SetGuidingMode | SetEEToK | SetNEToEE | SetLoad | SetFilters | AutomaticErrorRecovery | LoadModelLibrary
+    | GetRobotModel
+)  # fmt: skip
+
+# In the order of their numbers on the wire.
+_COMMANDS: dict[int, tuple[type[Body], ...]] = {
+    5: (
+        Connect, Move, StopMove, GetCartesianLimit, SetCollisionBehavior, SetJointImpedance, SetCartesianImpedance,
+        SetGuidingMode, SetEEToK, SetNEToEE, SetLoad, SetFilters, AutomaticErrorRecovery, LoadModelLibrary,
+    ),
+    10: (
+        Connect, Move, StopMove, SetCollisionBehavior, SetJointImpedance, SetCartesianImpedance, SetGuidingMode,
+        SetEEToK, SetNEToEE, SetLoad, AutomaticErrorRecovery, GetRobotModel,
+    ),
+}  # fmt: skip
+
+# Bytes behind a reply's status, if it is SUCCESS; None: any number. 0 where nothing is said.
+PADDING = 3  # bytes that a peer may have behind a reply; libfranka takes longer ones, and franka-sim sends them
+_REPLY_DATA: dict[type[Body], int | None] = {
+    GetCartesianLimit: 153, LoadModelLibrary: None, GetRobotModel: None,
+}  # fmt: skip
+
+
+def commands(version: int) -> tuple[type[Body], ...]:
+    """The commands of a protocol; a command's place is its number on the wire."""
+    return _COMMANDS[version]
+
+
+def statuses(version: int, command: type[Body]) -> tuple[Status, ...]:
+    """What a command's status byte means; a status' place is its number on the wire."""
+    return _STATUSES[version, command]
+
+
+def _statuses_of(version: int, command: type[Body]) -> tuple[Status, ...]:
+    S, safe = Status, version == 10
+    if command is Connect:
+        return S.SUCCESS, S.INCOMPATIBLE_VERSION
+    if command is LoadModelLibrary:
+        return S.SUCCESS, S.ERROR
+    if command is Move:
+        middle = (S.SAFETY_PREEMPTED, S.SAFETY_REJECTED) if safe else ()
+        head = (S.SUCCESS, S.MOTION_STARTED, S.PREEMPTED, *middle, S.NOT_POSSIBLE, S.SINGULAR_POSE)
+        return *head, S.INVALID_ARGUMENT, S.REFLEX_ABORTED, S.EMERGENCY_ABORTED, S.INPUT_ERROR_ABORTED, S.ABORTED
+    refusals = (S.NOT_POSSIBLE, S.SAFETY_REJECTED) if safe else (S.NOT_POSSIBLE,)
+    if command is StopMove:
+        return S.SUCCESS, *refusals, S.EMERGENCY_ABORTED, S.REFLEX_ABORTED, S.ABORTED
+    if command is AutomaticErrorRecovery:
+        return S.SUCCESS, *refusals, S.MANUAL_RECOVERY, S.REFLEX_ABORTED, S.EMERGENCY_ABORTED, S.ABORTED
+    return S.SUCCESS, S.NOT_POSSIBLE, S.INVALID_ARGUMENT, *((S.SAFETY_REJECTED,) if safe else ())
+
+
+def _struct_of(version: int, command: type[Body]) -> struct.Struct:
+    forms = [f.metadata["form"] for f in fields(command) if f.metadata["since"] <= version]
+    return struct.Struct("<" + "".join(forms))
+
+
+_STATUSES = {(v, command): _statuses_of(v, command) for v in VERSIONS for command in _COMMANDS[v]}
+_STRUCTS = {(v, command): _struct_of(v, command) for v in VERSIONS for command in _COMMANDS[v]}
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """A client's command; `number` is its counter, which the reply repeats."""
+
+    number: int
+    body: Body
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """The robot's answer to request `number`; `data` is what stands behind the status."""
+
+    command: type[Body]
+    number: int
+    status: Status
+    data: bytes = b""
+
+    @property
+    def version(self) -> int:
+        """The robot's protocol version, in a reply to Connect."""
+        return int(CONNECT_REPLY.unpack_from(self.data)[0])
+
+
+def body_struct(version: int, command: type[Body]) -> struct.Struct:
+    """The layout of a request's body. Raises ValueError for a command this protocol doesn't have."""
+    _number(version, command)
+    return _STRUCTS[version, command]
+
+
+def encode_request(version: int, number: int, body: Body) -> bytes:
+    """A request's bytes. Raises ValueError for a command this protocol doesn't have, struct.error for a wrong value.
+
+    Connect's layout is the same in every protocol, and so is a Connect that names another version.
+    """
+    layout = body_struct(version, type(body))
+    values: list[Any] = []
+    for f in fields(body):
+        if f.metadata["since"] <= version:
+            value = getattr(body, f.name)
+            values.extend(value) if isinstance(value, tuple) else values.append(value)
+    return HEADER.pack(_number(version, type(body)), number, HEADER.size + layout.size) + layout.pack(*values)
+
+
+def encode_reply(version: int, reply: Reply) -> bytes:
+    """A reply's bytes. Raises ValueError for a command or a status this protocol doesn't have."""
+    status = statuses(version, reply.command).index(reply.status)
+    size = HEADER.size + 1 + len(reply.data)
+    return HEADER.pack(_number(version, reply.command), reply.number, size) + bytes((status,)) + reply.data
+
+
+def connect_reply(version: int, number: int, accepted: bool) -> bytes:
+    """The robot's answer to Connect: its own version, and whether the client's is the same."""
+    status = Status.SUCCESS if accepted else Status.INCOMPATIBLE_VERSION
+    return encode_reply(version, Reply(Connect, number, status, CONNECT_REPLY.pack(version)))
+
+
+def _number(version: int, command: type[Body]) -> int:
+    if version not in VERSIONS or command not in _COMMANDS[version]:
+        raise ValueError(f"FCI protocol {version} has no {command.__name__}")
+    return _COMMANDS[version].index(command)
+
+
+class _Parser:
+    """Cuts a stream into messages; what can't be a header is skipped byte by byte.
+
+    Attributes:
+        frames: good messages.
+        errors: messages of the right size with an impossible content.
+        resyncs: runs of bytes skipped in search of a header.
+    """
+
+    def __init__(self, version: int) -> None:
+        self.version = version
+        self.frames = 0
+        self.errors = 0
+        self.resyncs = 0
+        self._commands = commands(version)
+        self._buffer = bytearray()
+        self._searching = False
+
+    def _cut(self, data: bytes, fits: Callable[[type[Body], int], bool]) -> list[tuple[type[Body], int, bytes]]:
+        """The whole messages: command, counter, body. `fits` says whether a command may have this total size."""
+        buffer = self._buffer
+        buffer += data
+        cut = []
+        at, end = 0, len(buffer)
+        while end - at >= HEADER.size:
+            command, number, size = HEADER.unpack_from(buffer, at)
+            if command >= len(self._commands) or not fits(self._commands[command], size):
+                self.resyncs += not self._searching
+                self._searching = True
+                at += 1
+                continue
+            if end - at < size:
+                break
+            self._searching = False
+            cut.append((self._commands[command], number, bytes(buffer[at + HEADER.size : at + size])))
+            at += size
+        del buffer[:at]
+        return cut
+
+
+class RequestParser(_Parser):
+    """The robot's side: what a client asks. A Connect with another version is a Request like any."""
+
+    def feed(self, data: bytes) -> list[Request]:
+        """Takes any bytes and gives the requests they complete, oldest first. Never raises."""
+        requests = []
+        for command, number, body in self._cut(data, self._fits):
+            requests.append(Request(number, self._decode(command, body)))
+        self.frames += len(requests)
+        return requests
+
+    def _fits(self, command: type[Body], size: int) -> bool:
+        return size == HEADER.size + body_struct(self.version, command).size
+
+    def _decode(self, command: type[Body], body: bytes) -> Body:
+        values = iter(body_struct(self.version, command).unpack(body))
+        arguments: list[Any] = []
+        for f in fields(command):
+            if f.metadata["since"] <= self.version:
+                count = f.metadata["form"][:-1]
+                arguments.append(tuple(next(values) for _ in range(int(count))) if count else next(values))
+        return command(*arguments)
+
+
+class ReplyParser(_Parser):
+    """The client's side: what the robot answers.
+
+    `largest`: bytes that a reply of any length (LoadModelLibrary, GetRobotModel) may have; with 0 there is
+    none of them, and no false header can make the parser wait for more than 169 bytes.
+    """
+
+    def __init__(self, version: int, largest: int = 0) -> None:
+        super().__init__(version)
+        self._largest = largest
+
+    def feed(self, data: bytes) -> list[Reply]:
+        """Takes any bytes and gives the replies they complete, oldest first. Never raises."""
+        replies = []
+        for command, number, body in self._cut(data, self._fits):
+            known = statuses(self.version, command)
+            if body[0] >= len(known):
+                self.errors += 1
+                continue
+            self.frames += 1
+            size = CONNECT_REPLY.size if command is Connect else _REPLY_DATA.get(command, 0)
+            replies.append(Reply(command, number, known[body[0]], body[1:] if size is None else body[1 : 1 + size]))
+        return replies
+
+    def _fits(self, command: type[Body], size: int) -> bool:
+        rest = size - HEADER.size - 1
+        if command is Connect:
+            return 0 <= rest - CONNECT_REPLY.size <= PADDING
+        usual = _REPLY_DATA.get(command, 0)
+        if 0 <= rest <= PADDING:
+            return True
+        return 0 <= rest <= self._largest if usual is None else 0 <= rest - usual <= PADDING

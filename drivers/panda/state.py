@@ -1,0 +1,118 @@
+"""Takes from a RobotState's bytes what the driver needs, and nothing else: this runs every millisecond."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import isfinite, sqrt
+from struct import Struct
+
+import numpy as np
+
+from drivers.panda.packets import RobotMode, error_names, state_dtype
+from runtime.signals import Array
+
+_ID = Struct("<Q")
+# The driver's signals that are copied as they are.
+_COPIED = {
+    "position": "q",
+    "velocity": "dq",
+    "effort": "tau_J",
+    "external_effort": "tau_ext_hat_filtered",
+    "wrench": "O_F_ext_hat_K",
+    "success_rate": "control_command_success_rate",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Modes:
+    """The modes and errors at the end of a state.
+
+    Attributes:
+        generator, controller: packets.Generator and packets.Controller, as numbers.
+        mode: what the robot is doing; OTHER for a number that isn't known.
+        errors: what is wrong now, by name.
+        reasons: what ended the last motion, by name.
+    """
+
+    generator: int
+    controller: int
+    mode: RobotMode
+    errors: tuple[str, ...]
+    reasons: tuple[str, ...]
+
+
+class StateReader:
+    """The places of the fields in one protocol's states."""
+
+    def __init__(self, version: int) -> None:
+        layout = state_dtype(version)
+        assert layout.fields is not None
+        self.size = layout.itemsize
+        self._real = layout["m_ee"]
+        code = "d" if self._real.itemsize == 8 else "f"
+        at = {name: int(place[1]) for name, place in layout.fields.items()}
+        self._copied = [
+            (signal, layout[name].shape[0] if layout[name].shape else 1, at[name]) for signal, name in _COPIED.items()
+        ]
+        self._pose_at, self._pose = at["O_T_EE"], Struct(f"<16{code}")
+        self._seven = Struct(f"<7{code}")
+        self._at = at
+        self._tail = slice(at["motion_generator_mode"], at["robot_mode"] + 1)
+        self._quaternion = (1.0, 0.0, 0.0, 0.0)  # the last: of the two that mean the same, the nearer is given
+
+    def message_id(self, data: bytes) -> int:
+        """ms of the robot's time."""
+        return int(_ID.unpack_from(data)[0])
+
+    def joints(self, data: bytes, name: str) -> tuple[float, ...]:
+        """One of the fields with seven numbers."""
+        return self._seven.unpack_from(data, self._at[name])
+
+    def tail(self, data: bytes) -> bytes:
+        """The bytes of `modes`: equal bytes, equal modes."""
+        return data[self._tail]
+
+    def modes(self, tail: bytes) -> Modes:
+        """What `tail` says."""
+        try:
+            mode = RobotMode(tail[-1])
+        except ValueError:
+            mode = RobotMode.OTHER
+        return Modes(tail[0], tail[1], mode, error_names(tail[2:43]), error_names(tail[43:84]))
+
+    def fill(self, data: bytes, arrays: Mapping[str, Array]) -> bool:
+        """Puts a state into the driver's arrays; False, and nothing is put, where its joints aren't finite."""
+        if not isfinite(sum(self.joints(data, "q")) + sum(self.joints(data, "dq"))):
+            return False
+        for signal, size, at in self._copied:
+            arrays[signal][:] = np.frombuffer(data, self._real, size, at)
+        T = self._pose.unpack_from(data, self._pose_at)
+        self._quaternion = quaternion(T, self._quaternion)
+        arrays["pose"][:] = T[12:15] + self._quaternion
+        return True
+
+
+def quaternion(T: tuple[float, ...], near: tuple[float, ...]) -> tuple[float, float, float, float]:
+    """The unit quaternion (w, x, y, z) of a 4x4 transform's rotation, column by column; of the two, that near `near`.
+
+    It is taken from the largest of the four squares, so that nothing small is divided by.
+    """
+    a, d, g, b, e, h, c, f, i = T[0], T[1], T[2], T[4], T[5], T[6], T[8], T[9], T[10]  # rows abc, def, ghi
+    squares = (1 + a + e + i, 1 + a - e - i, 1 - a + e - i, 1 - a - e + i)
+    largest = squares.index(max(squares))
+    s = squares[largest]
+    if largest == 0:
+        w, x, y, z = s, h - f, c - g, d - b
+    elif largest == 1:
+        w, x, y, z = h - f, s, b + d, c + g
+    elif largest == 2:
+        w, x, y, z = c - g, b + d, s, f + h
+    else:
+        w, x, y, z = d - b, c + g, f + h, s
+    norm = sqrt(w * w + x * x + y * y + z * z)
+    if not norm > 0:
+        return near[0], near[1], near[2], near[3]
+    if w * near[0] + x * near[1] + y * near[2] + z * near[3] < 0:
+        norm = -norm
+    return w / norm, x / norm, y / norm, z / norm
