@@ -1,0 +1,182 @@
+"""Two computers: the glove on one, the finger on the other, mutual TLS between them, and a cable that is pulled.
+
+The computers are network namespaces joined by a veth pair; only root may make them.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers_run import Running, environment, srl
+from helpers_zenoh import certificates
+
+from runtime.layout import LINK_STALE, Cause, State
+from runtime.rundir import RunDir
+
+GLOVE, FINGER = "10.77.5.1", "10.77.5.2"
+PORT = 7447
+DELAY = 100_000_000  # ns that a sample may take on this machine, with room (seen: 14 ms)
+
+pytestmark = pytest.mark.slow
+
+
+def ip(*words: str) -> None:
+    subprocess.run(["ip", *words], check=True, capture_output=True)
+
+
+class Hosts:
+    """Two namespaces with a cable between them."""
+
+    def __init__(self) -> None:
+        mark = f"{os.getpid() % 100000}"
+        self.names = (f"srl-a{mark}", f"srl-b{mark}")
+        self.cables = (f"va{mark}", f"vb{mark}")
+        for name in self.names:
+            ip("netns", "add", name)
+        ip("link", "add", self.cables[0], "type", "veth", "peer", "name", self.cables[1])
+        for name, cable, address in zip(self.names, self.cables, (GLOVE, FINGER), strict=True):
+            ip("link", "set", cable, "netns", name)
+            ip("-n", name, "addr", "add", f"{address}/24", "dev", cable)
+            ip("-n", name, "link", "set", cable, "up")
+            ip("-n", name, "link", "set", "lo", "up")
+
+    def cable(self, plugged: bool) -> None:
+        ip("-n", self.names[0], "link", "set", self.cables[0], "up" if plugged else "down")
+
+    def close(self) -> None:
+        for name in self.names:
+            subprocess.run(["ip", "netns", "del", name], check=False, capture_output=True)
+
+
+@pytest.fixture
+def hosts() -> Iterator[Hosts]:
+    if shutil.which("ip") is None or shutil.which("openssl") is None:
+        pytest.skip("needs the commands ip and openssl")
+    try:
+        made = Hosts()
+    except subprocess.CalledProcessError as error:
+        pytest.skip(f"no network namespaces here: {error.stderr.decode().strip()}")
+    yield made
+    made.close()
+
+
+def reset(host: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """`srl reset` by a person at that host: abstract addresses, at which the loop answers, end with it."""
+    return subprocess.run(
+        ["ip", "netns", "exec", host, *srl("reset")],
+        env=environment(folder), cwd=folder, capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+
+
+class On(Running):
+    """`srl run` on one of the hosts. `ip netns exec` becomes the command itself: its process is the supervisor's."""
+
+    def __init__(self, host: str, folder: Path, *arguments: str) -> None:
+        folder.mkdir()
+        self.folder = folder
+        self.rundir = RunDir(folder / "run" / "sixth-finger")
+        self.process = subprocess.Popen(
+            ["ip", "netns", "exec", host, *srl("run", *arguments, "--json")],
+            env=environment(folder), cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        self._reader = None
+        self._layout = None
+
+
+def overrides(**values: Any) -> list[str]:
+    return [
+        word for key, value in values.items() for word in ("--set", f"{key.replace('__', '.')}={json.dumps(value)}")
+    ]
+
+
+@pytest.mark.parametrize(
+    ("silence", "seconds"),
+    [
+        (10.0, 0.0),  # the link outlives the cut, and delivers what waited in it
+        (1.0, 3.0),  # it is opened anew
+    ],
+)
+def test_a_cut_cable_stops_the_limb_and_nothing_old_moves_it(
+    hosts: Hosts, tmp_path: Path, silence: float, seconds: float
+) -> None:
+    tls = certificates(tmp_path, ("glove", "finger"), (GLOVE, FINGER))
+    glove = On(
+        hosts.names[0], tmp_path / "a", "sixth-finger", "--sim",
+        *overrides(bus={"decimate": 1, "listen": [f"tls/{GLOVE}:{PORT}"], "tls": tls["glove"].model_dump()}),
+    )  # fmt: skip
+    remote = {
+        "driver": "zenoh",
+        "port": f"tls://{GLOVE}:{PORT}",
+        "tls": tls["finger"].model_dump(),
+        "silence": silence,
+        "signals": {"position": {"key": "srl/sixth_finger/state/glove/position", "shape": [22], "unit": "rad"}},
+    }
+    with glove:
+        glove.started()
+        glove.until(glove.rundir.bus_socket.exists, "the bus")
+        finger = On(
+            hosts.names[1], tmp_path / "b", "sixth-finger", "--sim", "finger", *overrides(devices__glove=remote)
+        )
+        with finger:
+            finger.started()
+            finger.until(lambda: finger.word("state") == State.ACTIVE, "motion")
+            time.sleep(1.0)
+
+            cut, plugged = _cut_and_mended(hosts, finger, tmp_path / "b", seconds)
+            time.sleep(1.0)
+            late = lateness(glove, finger)
+            assert late[:, 0].min() < cut < plugged < late[:, 0].max()
+            # Both hosts have the same CLOCK_MONOTONIC here: no sample is given out for newer than it is.
+            assert late[:, 1].min() >= 0
+            assert late[:, 1].max() < DELAY
+            assert (finger.word("glove.reconnects") >= 1) == (seconds > silence)
+
+
+def _cut_and_mended(hosts: Hosts, finger: Running, folder: Path, seconds: float) -> tuple[int, int]:
+    """Pulls the cable, puts it back, resets. When it was pulled and put back."""
+    hosts.cable(False)
+    cut = time.monotonic_ns()
+    finger.until(lambda: finger.word("cause") == Cause.INTENT_LOSS, "the loss of intent")
+    assert finger.word("state") in (State.STOPPING, State.STOPPED)
+    time.sleep(seconds)
+    assert finger.word("glove.stamp") < cut + DELAY  # nothing is newer than the cut
+    if seconds:
+        refused = reset(hosts.names[1], folder)
+        assert refused.returncode == 2
+        assert "refused" in refused.stderr
+
+    plugged = time.monotonic_ns()
+    hosts.cable(True)
+    finger.until(lambda: finger.word("glove.stamp") > plugged, "new samples", timeout=60)
+    finger.until(lambda: not finger.word("glove.link") & LINK_STALE, "freshness")
+    assert finger.word("state") == State.STOPPED
+    granted = reset(hosts.names[1], folder)
+    assert granted.returncode == 0, granted.stderr
+    finger.until(lambda: finger.word("state") == State.ACTIVE, "motion again")
+    time.sleep(0.5)
+    return cut, plugged
+
+
+def lateness(glove: Running, finger: Running) -> np.ndarray:
+    """(k, 2) ns of each sample that arrived: when it was taken by the sender's account, and how much newer it seems."""
+    there, here = glove.reader.take(), finger.reader.take()
+    stamps = glove.layout.word(there, "glove.stamp").tolist()
+    values = glove.layout.value(there, "glove.position")
+    taken: dict[bytes, int] = {}
+    for stamp, value in zip(stamps, values, strict=True):
+        taken.setdefault(value.tobytes(), stamp)
+    found = {}
+    arrived = finger.layout.value(here, "glove.position")
+    for stamp, value in zip(finger.layout.word(here, "glove.stamp").tolist(), arrived, strict=True):
+        if (at := taken.get(value.tobytes())) is not None:
+            found[at] = stamp - at
+    return np.array(list(found.items()))
