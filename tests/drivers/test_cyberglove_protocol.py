@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from helpers_fuzz import fuzz, size_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -205,3 +206,13 @@ def test_one_good_looking_record_in_noise_is_not_believed():
     parser = Parser(22)
     assert parser.feed(b"\xf9\x02\x05\0" + WHOLE + b"\xf0\x79\0" * 30) == []
     assert (parser.frames, parser.resyncs) == (0, 1)
+
+
+def test_a_million_damaged_bytes() -> None:
+    parser = Parser(22, status=True)
+    fuzz(parser.feed, (record_bytes(RAW) + b"?S\x16\0" + record_bytes(RAW[::-1])) * 5)
+    assert size_of(parser) < 50_000
+    found = parser.feed(record_bytes(RAW) * 20)
+    assert isinstance(found[-1], Record)
+    assert found[-1].sensors == RAW
+    assert parser.frames > 10_000

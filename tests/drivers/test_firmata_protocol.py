@@ -4,6 +4,7 @@ import pickle
 
 import pytest
 from helpers_firmata import BOOT, UNO
+from helpers_fuzz import fuzz, size_of
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -152,3 +153,12 @@ def test_an_endless_message_takes_no_memory():
     assert decoder.errors == 1
     assert len(pickle.dumps(decoder)) < 2 * p.MAX_SYSEX
     assert decoder.feed(BOOT) == ANSWERS[0][1]
+
+
+def test_a_million_damaged_bytes() -> None:
+    decoder = Decoder()
+    good = BOOT + bytes.fromhex("f0 6c") + UNO + bytes.fromhex("f7 91 05 00 e0 10 02 f0 71 68 00 69 00 f7")
+    fuzz(decoder.feed, good)
+    assert size_of(decoder) < 50_000
+    decoder.feed(b"\xf7")
+    assert decoder.feed(bytes.fromhex("91 05 00"))[-1:] == [p.DigitalPort(1, 5)]

@@ -1,0 +1,115 @@
+"""The UR driver and its twin in processes of their own, in real time: what hangs, what dies, what piles up."""
+
+import time
+
+import numpy as np
+import pytest
+from helpers_peer import Peer, bound, cycles
+
+from drivers.ur import Ur, UrConfig
+from runtime.errors import DeviceError, DeviceLostError
+from runtime.signals import Stop
+
+V = np.array([0.2, 0.0, 0.0, 0.0, 0.0, -0.2])
+CELL = {"world": "cell", "parts": {"device": {"part": "ur16e"}}}
+# What an arm at 0.2 rad/s travels until its time-out and while it ramps down, and as much again.
+OVERSHOOT = 2 * (0.2 * 0.2 + 0.2**2 / (2 * 5.0))
+PATIENCE = 30.0  # s
+
+
+@pytest.fixture
+def peer():
+    with Peer("ur", {"port": "tcp://127.0.0.1"}, {"noise": 0.0}, CELL) as peer:
+        yield peer
+
+
+def opened(peer, **config):
+    # A loop that shares two cores with other tests comes late at times: a longer time-out than the default.
+    driver = bound(Ur("arm", UrConfig(port=peer.address, **{"timeout": 0.2, **config})))
+    driver.open()
+    return driver
+
+
+def following(driver):
+    driver.command_arrays["velocity_command"][:] = V
+    return driver.write
+
+
+def truth(peer):
+    """What the arm really does: position, velocity."""
+    figures = peer.figures()["truth"]
+    return np.array(figures["device_position"]), np.array(figures["device_velocity"])
+
+
+def test_a_hung_controller_plays_nothing_back_when_it_goes_on(peer):
+    driver = opened(peer)
+    cycles(driver, 1.0, 500, following(driver))
+    assert np.abs(truth(peer)[1]).max() == pytest.approx(0.2, abs=0.02)
+    before = truth(peer)[0]
+    peer.stop()
+    cycles(driver, 1.2, 500, following(driver))
+    assert driver.health.unsent > 0
+    held_back = driver.figures()["held_back"]
+    assert isinstance(held_back, int)
+    assert held_back > 100
+    peer.cont()
+    cycles(driver, 1.5, 500)  # the loop has long since stopped the limb: only what was under way can move the arm
+    position, velocity = truth(peer)
+    assert np.abs(velocity).max() < 0.01
+    assert np.abs(position - before).max() < OVERSHOOT
+    assert "no command came" in driver.health.fault
+    driver.recover(time.monotonic_ns())
+    deadline = time.monotonic() + PATIENCE
+    while driver.health.fault:
+        assert time.monotonic() < deadline
+        cycles(driver, 0.05, 500)
+    cycles(driver, 1.0, 500, following(driver))
+    assert np.abs(truth(peer)[1]).max() == pytest.approx(0.2, abs=0.02)
+    driver.close()
+
+
+def test_a_controller_that_hangs_for_long_is_lost_and_opened_again(peer):
+    driver = opened(peer)
+    cycles(driver, 0.5, 500, following(driver))
+    peer.stop()
+    with pytest.raises(DeviceLostError):
+        cycles(driver, PATIENCE, 500, following(driver))
+    peer.cont()
+    deadline = time.monotonic() + PATIENCE
+    while True:  # the old program ends first
+        try:
+            driver.close()
+            driver.open()
+            break
+        except DeviceError:
+            assert time.monotonic() < deadline
+    assert driver.health.reconnects == 1
+    cycles(driver, 1.0, 500, following(driver))
+    assert np.abs(truth(peer)[1]).max() == pytest.approx(0.2, abs=0.02)
+    driver.close()
+
+
+def test_a_loop_that_dies_leaves_an_arm_that_stops(peer):
+    driver = opened(peer)
+    cycles(driver, 0.5, 500, following(driver))
+    before = truth(peer)[0]
+    time.sleep(1.0)  # nobody reads or writes any more; the link stays open
+    position, velocity = truth(peer)
+    assert np.abs(velocity).max() < 0.01
+    assert np.abs(position - before).max() < OVERSHOOT
+    driver.close()
+
+
+def test_a_killed_client_leaves_an_arm_that_stops_and_a_controller_that_takes_the_next(peer):
+    driver = opened(peer)
+    cycles(driver, 0.5, 500, following(driver))
+    driver._link.close()  # no farewell
+    time.sleep(1.0)
+    assert np.abs(truth(peer)[1]).max() < 0.01
+    again = opened(peer)
+    cycles(again, 1.0, 500, following(again))
+    assert np.abs(truth(peer)[1]).max() == pytest.approx(0.2, abs=0.02)
+    again.stop(Stop.HOLD)
+    again.close()
+    time.sleep(0.5)
+    assert np.abs(truth(peer)[1]).max() < 0.01
