@@ -1,0 +1,158 @@
+"""A suit's frames: our text parser against `str.split` and `float`, and what the driver takes of each frame.
+
+The driver's side is the kernel alone: the same bytes received with nothing done to them.
+"""
+
+from __future__ import annotations
+
+import select
+import socket
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from bench.pairs import PAIRS, Row, measure
+from drivers.noitom import Noitom, NoitomConfig
+from drivers.noitom.protocol import COUNTS, TextParser, encode_binary, encode_text
+from runtime.signals import Array
+
+FRAMES: Final = 300
+AIM: Final = {"binary": 100.0, "text": 200.0}  # us, of the 8300 between frames at 120 Hz
+
+
+def run() -> list[Row]:
+    """The parser, then the driver over TCP with binary and with text frames."""
+    frames = [encode_text(_numbers(k)) for k in range(FRAMES)]
+    pairs = measure(lambda: _ours(frames), {"split and float": lambda: _plain(frames)}, PAIRS)
+    rows = [
+        pairs.row(
+            "noitom-text", f"a text frame of 354 numbers, {what}", what, "split and float", "us", "faster", _faster
+        )
+        for what in ("p50", "p99")
+    ]
+    for form, encode in (
+        ("binary", lambda k: encode_binary(_numbers(k), k)),
+        ("text", lambda k: encode_text(_numbers(k))),
+    ):
+        with _Software(encode) as software:
+            pairs = measure(software.driver_frames, {"kernel alone": software.kernel_frames}, PAIRS)
+        for what in ("p50", "p99"):
+            row = pairs.row("noitom-frame", f"the driver's read of a {form} frame, {what}", what, "kernel alone", "us")
+            rows.append(replace(row, aim=f"under {AIM[form]:g} us", holds=row.ours < AIM[form]))
+    return rows
+
+
+def _faster(ratio: float) -> bool:
+    return ratio < 1.0
+
+
+def _numbers(k: int) -> Array:
+    """A frame's 354 numbers, each time others."""
+    return np.random.default_rng(k).uniform(-180.0, 180.0, 354)
+
+
+def _ours(frames: list[bytes]) -> dict[str, float]:
+    parser, took = TextParser(), []
+    for frame in frames:
+        start = time.perf_counter_ns()
+        found = parser.feed(frame)
+        took.append(time.perf_counter_ns() - start)
+        assert found is not None
+    return _figures(took)
+
+
+def _plain(frames: list[bytes]) -> dict[str, float]:
+    """The shortest way in plain Python: one record in hand, no checks but the count."""
+    took = []
+    for frame in frames:
+        start = time.perf_counter_ns()
+        words = frame.decode().partition("||")[0].split()
+        values = np.array([float(word) for word in words[2:]])
+        took.append(time.perf_counter_ns() - start)
+        assert values.size in COUNTS
+    return _figures(took)
+
+
+class _Software:
+    """A broadcast of frames to one client, and the open driver."""
+
+    def __init__(self, encode: Callable[[int], bytes]) -> None:
+        self._encode = encode
+        self._sent = 0
+        self._door = socket.create_server(("127.0.0.1", 0))
+        port = f"tcp://127.0.0.1:{self._door.getsockname()[1]}"
+        self._driver = Noitom("suit", NoitomConfig(port=port))
+        self._driver.bind({s.name: np.zeros(s.shape) for s in self._driver.states}, {})
+        self._client: socket.socket | None = None
+        self._over = threading.Event()
+
+    def __enter__(self) -> _Software:
+        thread = threading.Thread(target=self._serve)
+        thread.start()
+        try:
+            self._driver.open()
+        finally:
+            self._over.set()
+            thread.join()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._driver.close()
+        for end in (self._client, self._door):
+            if end is not None:
+                end.close()
+
+    def driver_frames(self) -> dict[str, float]:
+        """us of a `read` with one frame to take."""
+        assert self._client is not None
+        took = []
+        for _ in range(FRAMES):
+            before = self._driver.health.frames
+            self._client.sendall(self._next())
+            start = time.perf_counter_ns()
+            self._driver.read(time.monotonic_ns())
+            spent = time.perf_counter_ns() - start
+            if self._driver.health.frames > before:
+                took.append(spent)
+            while self._driver.health.frames == before:  # its rest came later: that isn't the cost of one read
+                self._driver.read(time.monotonic_ns())
+        return _figures(took)
+
+    def kernel_frames(self) -> dict[str, float]:
+        """us of receiving a frame."""
+        took = []
+        here, there = socket.socketpair()
+        with here, there:
+            for _ in range(FRAMES):
+                there.sendall(self._next())
+                start = time.perf_counter_ns()
+                here.recv(65536)
+                took.append(time.perf_counter_ns() - start)
+        return _figures(took)
+
+    def _serve(self) -> None:
+        """Sends frames at 120 Hz while the driver opens."""
+        if not select.select([self._door], [], [], 5)[0]:
+            return
+        self._client, _ = self._door.accept()
+        self._client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        while not self._over.wait(1 / 120):
+            self._client.sendall(self._next())
+
+    def _next(self) -> bytes:
+        self._sent += 1
+        return self._encode(self._sent)
+
+
+def _figures(took: list[int]) -> dict[str, float]:
+    p50, p99 = np.percentile(np.array(took) / 1e3, [50, 99])
+    return {"p50": float(p50), "p99": float(p99)}
+
+
+if __name__ == "__main__":
+    for row in run():
+        print(f"{row.what}: {row.ours:g} us, {row.other_name} {row.other:g}, ratio {row.ratio:g}, A/A {row.control:g}")

@@ -1,0 +1,6 @@
+"""Universal Robots e-Series arms: RTDE for data and commands, a control script of our own, the dashboard."""
+
+from drivers.ur.config import UrConfig
+from drivers.ur.driver import Ur
+
+__all__ = ["Ur", "UrConfig"]

@@ -1,0 +1,67 @@
+"""What an arm declares, and what keeps it from obeying: for the driver and for its fake alike."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from drivers.ur.config import UrConfig
+from drivers.ur.models import JOINTS, REACH, fastest
+from drivers.ur.registers import ScriptState
+from drivers.ur.sample import Words
+from drivers.ur.status import RobotMode, RuntimeState, name_of, safety_words
+from runtime.signals import Command, Kind, Limits, Signal, Stop
+
+WRENCH: Final = ("fx", "fy", "fz", "tx", "ty", "tz")
+
+
+def states(config: UrConfig) -> tuple[Signal, ...]:
+    """An arm's states."""
+    found = [
+        Signal(name="position", shape=(6,), unit="rad", labels=JOINTS),
+        Signal(name="velocity", shape=(6,), unit="rad/s", labels=JOINTS),
+        Signal(name="effort", shape=(6,), unit="N m", labels=JOINTS),
+        Signal(name="wrench", shape=(6,), unit="N, N m", frame=config.frame, labels=WRENCH),
+        Signal(name="pose", shape=(7,), unit="m", frame=config.frame),
+        Signal(name="speed_scaling", shape=(1,), unit="1"),
+    ]
+    if config.buttons:
+        found.append(Signal(name="buttons", shape=(len(config.buttons),), unit="1", labels=tuple(config.buttons)))
+    return tuple(found)
+
+
+def command(config: UrConfig) -> Command:
+    """An arm's command."""
+    kind, unit = {
+        "velocity": (Kind.VELOCITY, "rad/s"),
+        "position": (Kind.POSITION, "rad"),
+    }[config.interface]
+    return Command(
+        name=f"{config.interface}_command", shape=(6,), unit=unit, labels=JOINTS, kind=kind,
+        feedback="position", stops=(Stop.HOLD, Stop.BRAKE),
+    )  # fmt: skip
+
+
+def limits(config: UrConfig) -> Limits:
+    """An arm's own limits: those of its model, and the controller's acceleration where it has one."""
+    reach = np.full(6, REACH)
+    acceleration = np.full(6, config.acceleration) if config.interface == "velocity" else None
+    return Limits(lower=-reach, upper=reach, velocity=fastest(config.model), acceleration=acceleration)
+
+
+def fault(words: Words, nonce: int, timeout: float) -> str:
+    """What keeps the arm from obeying; "" while nothing does."""
+    if found := safety_words(words.safety_bits):
+        return found
+    if words.robot_mode != RobotMode.RUNNING:
+        return f"the arm isn't ready to move (robot mode {name_of(RobotMode, words.robot_mode)})"
+    if words.nonce != nonce:
+        return "the control program isn't loaded"
+    if words.state == ScriptState.TIMED_OUT:
+        return f"the arm stopped itself: no command came for {timeout:g} s"
+    if words.state not in (ScriptState.READY, ScriptState.FOLLOWING):
+        return "the control program has ended"
+    if words.runtime_state != RuntimeState.PLAYING:
+        return f"the control program doesn't run ({name_of(RuntimeState, words.runtime_state)})"
+    return ""

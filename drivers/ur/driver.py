@@ -1,0 +1,385 @@
+"""An e-Series arm as a device: states at 500 Hz by RTDE, commands by registers to a program of our own on it.
+
+Each command has a number, which the program sends back once it has taken it: so a link that stalls never
+holds more than two. Each also says for how long it holds: without a successor the arm stops itself.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import secrets
+import time
+from math import isfinite
+from typing import Final, TypeVar
+
+from drivers.devicetime import DeviceTime
+from drivers.transport import Transport, open_transport
+from drivers.ur import registers, rtde, sample
+from drivers.ur.bring_up import PROTECTIVE, Controller, Identity, resolve
+from drivers.ur.config import UrConfig, address
+from drivers.ur.declaration import command, limits, states
+from drivers.ur.declaration import fault as fault_of
+from drivers.ur.handshake import Handshake
+from drivers.ur.registers import CYCLE, Mode, ScriptState
+from drivers.ur.rtde import Kind, Parser
+from drivers.ur.sample import Sample, Words
+from drivers.ur.script import program
+from drivers.ur.status import RobotBits, RobotMode, RuntimeState, SafetyBits, safety_words
+from drivers.ur.steps import Steps, pause, until
+from runtime.driver import Driver
+from runtime.errors import DeviceError, DeviceLostError
+from runtime.signals import Stop
+
+RATE: Final = 500.0  # Hz
+UNANSWERED: Final = 2  # commands on their way: one that the program answers now, one behind it
+SILENCE: Final = 2_000_000_000  # ns without data after which the controller counts as lost
+KEEP_ALIVE: Final = 1_000_000_000  # ns between commands to stay, while none other is sent
+SETTLE: Final = 5.0  # s for a stop to be released
+OTHER: Final = 2.0  # s for an earlier program of ours to end by itself
+T = TypeVar("T")
+
+
+class Ur(Driver):
+    """States, all of one instant, 500 Hz: `position`, `velocity`, `effort` (6,); `wrench` (6,), N and N m, at the
+    tool centre point in axes of the controller's base, payload compensated; `pose` (7,) of the tool centre point
+    in that base, m and quaternion w x y z; `speed_scaling` (1,), 0 to 1; `buttons` (m,), digital inputs.
+
+    Command `velocity_command` (6,), rad/s, or `position_command` (6,), rad, by `interface`. Source: protocol
+    sheet ur-rtde.
+    """
+
+    Config = UrConfig
+    summary = "Universal Robots e-Series arm, joint velocity or position at 500 Hz (RTDE)"
+    gives = ("position", "velocity", "effort", "wrench", "pose", "speed_scaling", "buttons")
+    takes = ("velocity_command", "position_command")
+    max_age = 0.04
+
+    def __init__(self, name: str, config: UrConfig) -> None:
+        super().__init__(name, config)
+        self.config: UrConfig = config
+        self.states = states(config)
+        self.commands = (command(config),)
+        self.limits = {self.commands[0].name: limits(config)}
+        self._command = self.commands[0].name
+        self._place = f"{name} ({config.port})"
+        self._cycles = max(1, round(config.timeout / CYCLE))
+        self._inputs = tuple(config.buttons.values())
+        self._link: Transport | None = None
+        self._parser = Parser(rtde.ANSWERS)
+        self._controller: Controller | None = None
+        self._identity: Identity | None = None
+        self._sample = Sample()
+        self._time = DeviceTime(1)
+        self._now = 0
+        self._heard = -1  # ns, the newest data
+        self._opened = False
+        self._recipe = 0  # number of the inputs' recipe
+        self._nonce = 0
+        self._sequence = 1
+        self._sent = -1  # ns, the newest command of any kind
+        self._follows = False  # the newest command that was sent moves the arm
+        self._stay = False  # a command to stay waits for the link
+        self._held_back = 0
+        self._stop_frame = b""
+        self._steps: Steps[None] | None = None  # a recovery under way
+        self._failed = ""  # why the last one failed
+        self._diagnosed: tuple[object, ...] = ()
+        self._stopped_at = 0  # ns, when the present protective stop was seen first
+        self._scaling = 1.0
+
+    # -- life
+
+    def open(self) -> None:
+        """See `Driver.open`; blocks up to some 15 s, and 80 s more with `power_on`. The arm stays still.
+
+        An arm in a protective stop is opened, with `health.fault` set.
+        """
+        self.close()
+        where = address(self.config.port)
+        host = resolve(where.host, self._place)
+        self._now = time.monotonic_ns()
+        self._controller = Controller(self.config, where, host, self._place, self._clock)
+        self._identity = self._finish(self._controller.identify())
+        link = open_transport(where.url, place=self.name)
+        try:
+            self._link = link
+            self._join(link)
+        except BaseException:
+            self.close()
+            raise
+        self._time.restart()
+        self._heard = self._sent = -1  # the loop's clock may be another than that of `open`
+        self.health.connected = True
+        self.health.reconnects += self._opened
+        self._opened = True
+
+    def read(self, now: int) -> None:
+        """See `Driver.read`. Raises DeviceLostError also after 2 s without data."""
+        link = self._open_link()
+        self._now = now
+        if self._heard < 0:
+            self._heard = self._sent = now
+        try:
+            data = link.read()
+            if data and self._take(data):
+                self._heard = now
+                self._fill(now)
+            elif now - self._heard > SILENCE:
+                raise DeviceLostError(self._place, "the controller sends no data any more", "Check the controller")
+            if self._steps is not None:
+                self._recovering()
+            self._tend(link, now)
+        except DeviceLostError as error:
+            self.health.connected = False
+            self.health.message = error.problem
+            raise
+
+    def write(self, now: int) -> None:
+        """See `Driver.write`. Sends nothing while `health.fault` is set."""
+        link = self._open_link()
+        if self.health.fault:
+            return
+        values = self.command_arrays[self._command].tolist()
+        if not isfinite(sum(values)):
+            return
+        try:
+            if self._pending() >= UNANSWERED or not self._send(link, Mode.FOLLOW, values, now):
+                self._held_back += 1
+            self.health.unsent = registers.SIZE
+        except DeviceLostError:
+            self.health.connected = False
+            raise
+
+    def stop(self, category: Stop) -> None:
+        """See `Driver.stop`: the program ramps the arm down by `deceleration`, and holds it there."""
+        if self._link is None:
+            return
+        self._stay = True
+        with contextlib.suppress(DeviceError):  # a lost link shows at the next read
+            self._tend(self._link, self._now)
+
+    def close(self) -> None:
+        """See `Driver.close`: the program ends, the arm stays switched on and stands still."""
+        link, self._link = self._link, None
+        if self._steps is not None:
+            self._steps.close()
+            self._steps = None
+        if link is None:
+            return
+        with contextlib.suppress(DeviceError):
+            if self.health.connected and self._nonce:
+                self._sequence = self._sequence % registers.LAST + 1
+                link.write_all(self._frame(Mode.END, (0.0,) * 6), 0.2)
+        self.health.connected = False
+        self.health.fault = ""
+        link.close()
+
+    def recover(self, now: int) -> None:
+        """See `Driver.recover`: ends a protective stop (5 s after it began, no sooner), switches the arm on where
+        `power_on` is set, and loads the control program again."""
+        self._now = now
+        if self._steps is None and self._link is not None:
+            self._failed = ""
+            self._steps = self._recovery()
+
+    def fileno(self) -> int | None:
+        """See `Driver.fileno`: RTDE's socket."""
+        return self._link.fileno() if self._link is not None else None
+
+    def stop_frame(self, category: Stop) -> bytes:
+        """See `Driver.stop_frame`: the command to stay. Behind a frame that was cut short it is garbage, which
+        ends the connection; then the newest command's time runs out and the arm stops by that."""
+        return self._stop_frame
+
+    def figures(self) -> dict[str, object]:
+        """Who the arm is, its software, and commands that weren't sent because earlier ones weren't answered."""
+        return {"identity": str(self._identity or ""), "held_back": self._held_back}
+
+    # -- a cycle
+
+    def _take(self, data: bytes) -> bool:
+        """Whether a sample came; the newest is taken."""
+        parser, newest = self._parser, None
+        for message in parser.feed(data):
+            if message.kind == Kind.DATA:
+                newest = message.body
+            elif message.kind == Kind.TEXT and (remark := rtde.text(message.body)):
+                self.health.message = remark.text
+        health = self.health
+        health.frames, health.errors, health.resyncs = parser.frames, parser.errors, parser.resyncs
+        return newest is not None and self._sample.take(newest)
+
+    def _fill(self, now: int) -> None:
+        found, arrays = self._sample, self.state_arrays
+        arrays["position"][:] = found.position
+        arrays["velocity"][:] = found.velocity
+        arrays["effort"][:] = found.effort
+        arrays["wrench"][:] = found.wrench
+        found.pose(arrays["pose"])
+        arrays["speed_scaling"][0] = found.speed_scaling
+        if self._inputs:
+            bits, buttons = found.words.inputs, arrays["buttons"]
+            for i, number in enumerate(self._inputs):
+                buttons[i] = bits >> number & 1
+        self.health.stamp = self._time.stamp(round(found.timestamp * 1e9), now)
+        self.health.unsent = registers.SIZE if self._pending() else 0
+        if abs(found.speed_scaling - self._scaling) > 0.005:
+            self._scaling = found.speed_scaling
+            slowed = self._scaling < 0.995
+            self.health.message = f"speed scaled to {self._scaling:.0%}" if slowed else str(self._identity)
+        self._diagnose(found.words)
+
+    def _diagnose(self, words: Words) -> None:
+        """Sets `health.fault`, if anything has changed that it depends on."""
+        key = (*words[:6], self._nonce, self._failed, self._steps is None)
+        if key == self._diagnosed:
+            return
+        self._diagnosed = key
+        if not words.safety_bits & SafetyBits.PROTECTIVE_STOP:
+            self._stopped_at = 0
+        elif not self._stopped_at:
+            self._stopped_at = self._now
+        fault = fault_of(words, self._nonce, self.config.timeout)
+        if self._steps is not None:
+            fault = f"recovering: {fault}" if fault else "recovering"
+        elif fault and self._failed:
+            fault = f"{fault} ({self._failed})"
+        if fault and not self.health.fault:
+            self._stay = True  # a program that was only paused must not go on with its last command
+        self.health.fault = fault
+
+    def _tend(self, link: Transport, now: int) -> None:
+        """Sends the command to stay where one is wanted or, while nothing else is sent, due."""
+        if self._stay or (not self._follows and self._nonce and now - self._sent > KEEP_ALIVE):
+            self._stay = not self._send(link, Mode.STAY, (0.0,) * 6, now)
+
+    def _send(self, link: Transport, mode: Mode, values: list[float] | tuple[float, ...], now: int) -> bool:
+        self._sequence = self._sequence % registers.LAST + 1
+        if not link.write(self._frame(mode, values)):
+            self._sequence = (self._sequence - 2) % registers.LAST + 1
+            return False
+        self._sent = now
+        self._follows = mode is Mode.FOLLOW
+        self._stay = self._stay and not self._follows
+        return True
+
+    def _frame(self, mode: Mode, values: list[float] | tuple[float, ...]) -> bytes:
+        return registers.command(self._recipe, self._nonce, mode, self._sequence, self._cycles, values)
+
+    def _pending(self) -> int:
+        """Commands that were sent and that the program hasn't answered."""
+        return (self._sequence - self._sample.words.taken) % registers.LAST
+
+    # -- opening and recovery
+
+    def _join(self, link: Transport) -> None:
+        handshake = Handshake(link, self._place)
+        handshake.greet()
+        handshake.require(self.config.effort)
+        outputs = handshake.outputs(RATE, sample.names(self.config.effort), sample.TYPES)
+        self._recipe, _ = handshake.inputs(registers.INPUTS, registers.INPUT_TYPES)
+        first = handshake.start(*outputs)
+        self._parser = handshake.parser
+        self._sample.take(first.body)
+        self.health.message = handshake.text or str(self._identity)
+        self._failed, self._diagnosed, self._stopped_at = "", (), 0
+        self._nonce = 0
+        if safety_words(self._sample.words.safety_bits):
+            self._new_nonce()  # a person has to act first; the diagnosis says so
+            return
+        self._dismiss(link)
+        if not self._finish(until(lambda: not self._program_runs(), self._clock, OTHER)):
+            raise DeviceError(
+                self._place,
+                "another program runs on the controller",
+                "Stop it at the pendant, or end the other client that drives this arm",
+            )
+        self._finish(self._load())
+
+    def _dismiss(self, link: Transport) -> None:
+        """Ends a program of ours that still waits for a driver which is gone: the inputs are ours now."""
+        words = self._sample.words
+        if self._program_runs() and words.state in (ScriptState.READY, ScriptState.FOLLOWING):
+            self._nonce, self._sequence = words.nonce, words.taken
+            self._send(link, Mode.END, (0.0,) * 6, self._now)
+
+    def _load(self) -> Steps[None]:
+        """Sends a new control program and waits until it obeys this driver."""
+        controller, link = self._controller, self._open_link()
+        assert controller is not None
+        nonce = self._new_nonce()
+        # First of all the registers carry our number, and nothing to do.
+        yield from until(lambda: self._send(link, Mode.STAY, (0.0,) * 6, self._now), self._clock, 1.0)
+
+        def runs() -> bool:
+            words = self._sample.words
+            return (
+                words.nonce == nonce
+                and words.state == ScriptState.READY
+                and words.runtime_state == RuntimeState.PLAYING
+                and words.taken == self._sequence
+            )
+
+        yield from controller.upload(program(self.config, nonce), runs)
+
+    def _recovery(self) -> Steps[None]:
+        clock, controller = self._clock, self._controller
+        assert controller is not None
+        bits = self._sample.words.safety_bits
+        if bits & SafetyBits.PROTECTIVE_STOP:
+            yield from pause(clock, max(0.0, PROTECTIVE - (self._now - self._stopped_at) * 1e-9))
+            yield from controller.unlock()
+            yield from until(lambda: not self._sample.words.safety_bits & SafetyBits.PROTECTIVE_STOP, clock, SETTLE)
+        if words := safety_words(self._sample.words.safety_bits):
+            raise DeviceError(self._place, words, "Reset again afterwards")
+        yield from controller.power()
+        if not (yield from until(lambda: self._sample.words.robot_mode == RobotMode.RUNNING, clock, SETTLE)):
+            raise DeviceError(self._place, "the arm doesn't come to run", "See the pendant")
+        yield from self._load()
+
+    def _recovering(self) -> None:
+        assert self._steps is not None
+        try:
+            next(self._steps)
+            return
+        except StopIteration:
+            self._failed = ""
+        except DeviceLostError:
+            raise
+        except DeviceError as error:
+            self._failed = f"recovery failed: {error.problem}"
+            self.health.message = str(error)
+        self._steps = None
+        self._diagnose(self._sample.words)
+
+    def _finish(self, steps: Steps[T]) -> T:
+        """Runs steps to their end, reading meanwhile. Blocks."""
+        while True:
+            self._now = time.monotonic_ns()
+            try:
+                next(steps)
+            except StopIteration as end:
+                result: T = end.value
+                return result
+            time.sleep(CYCLE / 2)
+            if self._link is not None:
+                self._take(self._link.read())
+
+    def _new_nonce(self) -> int:
+        self._nonce = secrets.randbelow(registers.LAST) + 1
+        self._follows = self._stay = False
+        self._sequence = secrets.randbelow(registers.LAST) + 1
+        # Number 0 is no command's own, so the program takes this one whatever came before.
+        self._stop_frame = registers.command(self._recipe, self._nonce, Mode.STAY, 0, 0, (0.0,) * 6)
+        return self._nonce
+
+    def _program_runs(self) -> bool:
+        return bool(self._sample.words.robot_bits & RobotBits.PROGRAM_RUNNING)
+
+    def _clock(self) -> int:
+        return self._now
+
+    def _open_link(self) -> Transport:
+        if self._link is None:
+            raise DeviceLostError(self._place, "the arm isn't open", "Open it first")
+        return self._link

@@ -1,0 +1,116 @@
+"""RTDE's handshake: versions, the two recipes, start. Blocks: for `open` only."""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Sequence
+from typing import Final
+
+from drivers.transport import Transport
+from drivers.ur import rtde
+from drivers.ur.recipe import IN_USE, NOT_FOUND, Recipe
+from drivers.ur.rtde import Kind, Message, Parser
+from runtime.errors import DeviceError
+
+ANSWER: Final = 3.0  # s
+MEASURED: Final = (5, 23)  # version from which torques are given that were measured
+_NOT_RTDE: Final = "Check 'port'; enable RTDE at the pendant under Settings > Security > Services"
+
+
+class Handshake:
+    """One connection's state of agreement.
+
+    Attributes:
+        parser: of all that comes.
+        version: the controller's: major, minor, bug fix, build.
+        text: the newest remark that came meanwhile.
+    """
+
+    def __init__(self, link: Transport, place: str) -> None:
+        self.parser = Parser(rtde.ANSWERS)
+        self.version = (0, 0, 0, 0)
+        self.text = ""
+        self._link, self._place = link, place
+        self._early: list[Message] = []
+
+    def greet(self) -> None:
+        """Agrees on protocol 2. Raises DeviceError: no RTDE, or one that is too old."""
+        if self._ask(Kind.PROTOCOL, rtde.ask_protocol())[0] != 1:
+            raise DeviceError(self._place, "the controller doesn't know RTDE 2", "Update PolyScope to 5.x")
+        major, minor, fix, build = struct.unpack(">4I", self._ask(Kind.CONTROLLER, rtde.ask_controller()))
+        self.version = (major, minor, fix, build)
+
+    def require(self, effort: str) -> None:
+        """Checks the controller's version. Raises DeviceError: another series, or too old for `effort: measured`."""
+        shown = ".".join(map(str, self.version[:3]))
+        if self.version[0] != 5:
+            raise DeviceError(
+                self._place,
+                f"the controller's version is {shown}; this driver speaks to the e-Series (5.x), not to a CB3",
+                "Use an e-Series controller",
+            )
+        if effort == "measured" and self.version[:2] < MEASURED:
+            raise DeviceError(
+                self._place,
+                f"PolyScope {shown} doesn't give measured torques",
+                "Update it to 5.23 or set 'effort: target'",
+            )
+
+    def outputs(self, rate: float, names: Sequence[str], types: Sequence[str]) -> tuple[int, Recipe]:
+        """Asks for variables; the recipe's number and layout. Raises DeviceError: one of another type, or unknown."""
+        return self._agree(Kind.OUTPUTS, rtde.ask_outputs(rate, names), names, types)
+
+    def inputs(self, names: Sequence[str], types: Sequence[str]) -> tuple[int, Recipe]:
+        """Claims inputs; the recipe's number and layout. Raises DeviceError: unknown, or in use."""
+        return self._agree(Kind.INPUTS, rtde.ask_inputs(names), names, types)
+
+    def start(self, number: int, recipe: Recipe) -> Message:
+        """Starts the data and waits for the first of it."""
+        self.parser.data[number] = recipe.message_size
+        if self._ask(Kind.START, rtde.start())[0] != 1:
+            raise DeviceError(self._place, "the controller doesn't start RTDE's data", "See the pendant's log")
+        self.parser.only(rtde.STREAM)
+        return self._await(Kind.DATA)
+
+    def _agree(self, kind: Kind, request: bytes, names: Sequence[str], types: Sequence[str]) -> tuple[int, Recipe]:
+        answer = self._ask(kind, request)
+        said = answer[1:].decode("ascii").split(",")
+        if IN_USE in said:
+            taken = names[said.index(IN_USE)] if len(said) == len(names) else "an input"
+            raise DeviceError(
+                self._place,
+                f"another client holds the arm's inputs ({taken})",
+                "End the other program (a second service, a PLC or fieldbus that claims the upper registers)",
+            )
+        wrong = [f"{name} ({got})" for name, got, wanted in zip(names, said, types, strict=False) if got != wanted]
+        if wrong or len(said) != len(names):
+            absent = NOT_FOUND in said
+            raise DeviceError(
+                self._place,
+                f"the controller has no {', '.join(wrong)}" if absent else f"RTDE answers {','.join(said)[:120]}",
+                f"PolyScope is {'.'.join(map(str, self.version[:3]))}; update it" if absent else _NOT_RTDE,
+            )
+        return answer[0], Recipe(names, said)
+
+    def _ask(self, kind: Kind, request: bytes) -> bytes:
+        self._link.write_all(request, ANSWER)
+        return self._await(kind).body
+
+    def _await(self, kind: Kind) -> Message:
+        deadline = time.monotonic() + ANSWER
+        heard = b""
+        while (left := deadline - time.monotonic()) > 0:
+            while self._early:
+                message = self._early.pop(0)
+                if message.kind == kind:
+                    return message
+                if message.kind == Kind.TEXT and (remark := rtde.text(message.body)):
+                    self.text = remark.text
+            data = self._link.read_wait(left)
+            heard = (heard + data)[:12]
+            self._early += self.parser.feed(data)
+        said = f"the bytes {heard.hex(' ')}" if heard else "nothing"
+        raise DeviceError(
+            self._place, f"expected RTDE's answer '{chr(kind)}' at {self._link.url}, got {said}", _NOT_RTDE
+        )

@@ -1,0 +1,35 @@
+"""Limits of the arms, rad and rad/s. UR16e: facts sheet ur16e; the others: their data sheets, not checked again.
+
+Each joint turns 360 degrees either way; the UR3e's last joint turns without end and is held to the same here.
+UR doesn't publish accelerations.
+"""
+
+from __future__ import annotations
+
+from math import pi, radians
+from typing import Final
+
+import numpy as np
+
+from runtime.signals import Array
+
+JOINTS: Final = (
+    "shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3",
+)  # fmt: skip
+REACH: Final = 2 * pi  # rad, either way, of every joint
+_DEGREES: Final = {
+    "UR3e": (180, 180, 180, 360, 360, 360),
+    "UR5e": (180, 180, 180, 180, 180, 180),
+    "UR10e": (120, 120, 180, 180, 180, 180),
+    "UR16e": (120, 120, 180, 180, 180, 180),
+}
+
+
+def fastest(model: str) -> Array:
+    """Greatest joint velocities (6,), rad/s. Raises KeyError for another model."""
+    return np.array([radians(value) for value in _DEGREES[model]])
+
+
+def same(model: str, said: str) -> bool:
+    """Whether the dashboard's word for the model (UR16, UR16e) means this one."""
+    return model.lower().removesuffix("e") == said.strip().lower().removesuffix("e")

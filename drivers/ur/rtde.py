@@ -1,0 +1,216 @@
+"""RTDE's framing, both directions, without any I/O. Source: protocol sheet ur-rtde, section 2.
+
+A message is `u16 size` (all of it), `u8 kind`, payload; everything big-endian. There is no check sum, so what
+is looked for in a stream of garbage is a header that fits its kind and, for data, a recipe of ours.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from enum import IntEnum
+from typing import Final, NamedTuple
+
+HEADER: Final = struct.Struct(">HB")
+PROTOCOL: Final = 2
+NAMES: Final = 2048  # bytes of names that a controller takes at most
+_TYPES: Final = 4096  # bytes of types in an answer: the longest type's name is longer than the shortest variable's
+_TEXT: Final = 3 + 1 + 255 + 1 + 255 + 1
+
+
+class Kind(IntEnum):
+    """A message's type byte."""
+
+    PROTOCOL = ord("V")
+    CONTROLLER = ord("v")
+    OUTPUTS = ord("O")
+    INPUTS = ord("I")
+    START = ord("S")
+    PAUSE = ord("P")
+    DATA = ord("U")
+    TEXT = ord("M")
+
+
+# Least and greatest size of a whole message, header included.
+ANSWERS: Final[dict[int, tuple[int, int]]] = {
+    Kind.PROTOCOL: (4, 4),
+    Kind.CONTROLLER: (19, 19),
+    Kind.OUTPUTS: (4, _TYPES),
+    Kind.INPUTS: (4, _TYPES),
+    Kind.START: (4, 4),
+    Kind.PAUSE: (4, 4),
+    Kind.TEXT: (6, _TEXT),
+}
+REQUESTS: Final[dict[int, tuple[int, int]]] = {
+    Kind.PROTOCOL: (5, 5),
+    Kind.CONTROLLER: (3, 3),
+    Kind.OUTPUTS: (3, 3 + 8 + NAMES),
+    Kind.INPUTS: (3, 3 + NAMES),
+    Kind.START: (3, 3),
+    Kind.PAUSE: (3, 3),
+    Kind.TEXT: (3, _TEXT),
+}
+STREAM: Final[dict[int, tuple[int, int]]] = {
+    Kind.TEXT: (6, _TEXT),
+    Kind.PAUSE: (4, 4),
+}  # all that may come beside data once it was started
+
+
+class Message(NamedTuple):
+    """One message; `body` is what follows the header."""
+
+    kind: int
+    body: bytes
+
+
+class Text(NamedTuple):
+    """A remark of the controller's; level 0 exception, 1 error, 2 warning, 3 information."""
+
+    text: str
+    source: str
+    level: int
+
+
+class Parser:
+    """Bytes to messages; never raises, remembers at most one message that isn't whole.
+
+    Attributes:
+        sizes: by kind, the least and the greatest size of a message; others are garbage.
+        data: by recipe, the size of a data message; others are garbage.
+        frames: messages found.
+        errors: messages whose inside doesn't fit their header.
+        resyncs: times the next message had to be searched for.
+        skipped: bytes passed over in doing so.
+    """
+
+    def __init__(self, sizes: dict[int, tuple[int, int]]) -> None:
+        self.sizes = dict(sizes)
+        self.data: dict[int, int] = {}
+        self.frames = self.errors = self.resyncs = self.skipped = 0
+        self._rest = b""
+        self._lost = False
+
+    def only(self, sizes: dict[int, tuple[int, int]]) -> None:
+        """From now on only these kinds, and data, are messages."""
+        self.sizes = dict(sizes)
+
+    def feed(self, chunk: bytes) -> list[Message]:
+        """Takes bytes as they come; gives the messages they complete, oldest first."""
+        buffer = self._rest + chunk if self._rest else chunk
+        found: list[Message] = []
+        at, end = 0, len(buffer)
+        while end - at >= 3:
+            size, kind = HEADER.unpack_from(buffer, at)
+            if not self._fits(size, kind, buffer, at, end):
+                at = self._skip(at)
+                continue
+            if size > end - at:
+                break
+            body = buffer[at + 3 : at + size]
+            if kind in _CHECKED and not _whole(kind, body):
+                self.errors += 1
+                at = self._skip(at)
+                continue
+            found.append(Message(kind, body))
+            self.frames += 1
+            self._lost = False
+            at += size
+        self._rest = buffer[at:]
+        return found
+
+    def _fits(self, size: int, kind: int, buffer: bytes, at: int, end: int) -> bool:
+        if kind == Kind.DATA:
+            if end - at > 3:
+                return self.data.get(buffer[at + 3]) == size
+            return size in self.data.values()
+        bounds = self.sizes.get(kind)
+        return bounds is not None and bounds[0] <= size <= bounds[1]
+
+    def _skip(self, at: int) -> int:
+        if not self._lost:
+            self._lost = True
+            self.resyncs += 1
+        self.skipped += 1
+        return at + 1
+
+
+_CHECKED: Final = frozenset((Kind.OUTPUTS, Kind.INPUTS, Kind.TEXT))
+
+
+def _whole(kind: int, body: bytes) -> bool:
+    """Whether the inside of a message of text fits: names or types behind at most 8 bytes, or a remark."""
+    if kind != Kind.TEXT:
+        names = body[8:] if len(body) > 8 else b""
+        return all(32 <= byte < 127 for byte in names)
+    return text(body) is not None
+
+
+def text(body: bytes) -> Text | None:
+    """A remark's parts (version 2); None if the lengths inside don't fit."""
+    if not body or len(body) < 3 + body[0]:
+        return None
+    end = 1 + body[0]
+    source_end = end + 1 + body[end]
+    if len(body) != source_end + 1:
+        return None
+    decode = "latin-1"
+    return Text(body[1:end].decode(decode), body[end + 1 : source_end].decode(decode), body[-1])
+
+
+# -- encoders, both sides
+
+
+def message(kind: Kind, payload: bytes = b"") -> bytes:
+    """Any message."""
+    return HEADER.pack(3 + len(payload), kind) + payload
+
+
+def ask_protocol(version: int = PROTOCOL) -> bytes:
+    """`V`: asks for a version of the protocol."""
+    return message(Kind.PROTOCOL, struct.pack(">H", version))
+
+
+def ask_controller() -> bytes:
+    """`v`: asks for the controller's version."""
+    return message(Kind.CONTROLLER)
+
+
+def ask_outputs(rate: float, names: Sequence[str]) -> bytes:
+    """`O`: asks for these variables at `rate` Hz."""
+    return message(Kind.OUTPUTS, struct.pack(">d", rate) + ",".join(names).encode("ascii"))
+
+
+def ask_inputs(names: Sequence[str]) -> bytes:
+    """`I`: claims these variables as inputs."""
+    return message(Kind.INPUTS, ",".join(names).encode("ascii"))
+
+
+def start() -> bytes:
+    """`S`: starts the data."""
+    return message(Kind.START)
+
+
+def pause() -> bytes:
+    """`P`: pauses the data."""
+    return message(Kind.PAUSE)
+
+
+def remark(words: str, source: str, level: int) -> bytes:
+    """`M` of version 2."""
+    parts = [part.encode("latin-1", "replace")[:255] for part in (words, source)]
+    return message(Kind.TEXT, b"".join(bytes((len(part),)) + part for part in parts) + bytes((level,)))
+
+
+def accepted(kind: Kind, yes: bool = True) -> bytes:
+    """The controller's answer to `V`, `S`, `P`."""
+    return message(kind, bytes((yes,)))
+
+
+def version(numbers: Sequence[int]) -> bytes:
+    """The controller's answer to `v`: major, minor, bug fix, build."""
+    return message(Kind.CONTROLLER, struct.pack(">4I", *numbers))
+
+
+def recipe(kind: Kind, number: int, types: Sequence[str]) -> bytes:
+    """The controller's answer to `O` and `I`."""
+    return message(kind, bytes((number,)) + ",".join(types).encode("ascii"))

@@ -1,0 +1,109 @@
+"""One data message to the arm's states: one pass, into arrays that are there already."""
+
+from __future__ import annotations
+
+import struct
+from math import cos, isfinite, sin, sqrt
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from drivers.ur.registers import OUTPUTS
+from runtime.signals import Array
+
+_EFFORT: Final = {"target": "target_moment", "measured": "actual_current_as_torque"}
+_WORDS: Final = struct.Struct(">iIIIiiiQ")
+_DOUBLES: Final = 32
+_BIG: Final = np.dtype(">f8")
+_TINY: Final = 1e-6  # rad, below which a rotation vector's quaternion is taken to first order
+
+
+def names(effort: str) -> tuple[str, ...]:
+    """The variables asked for, in the order that `Sample` expects; `effort` as in the profile."""
+    return (
+        "timestamp", "actual_q", "actual_qd", _EFFORT[effort], "actual_TCP_force", "actual_TCP_pose", "speed_scaling",
+        "robot_mode", "safety_status_bits", "robot_status_bits", "runtime_state", *OUTPUTS,
+        "actual_digital_input_bits",
+    )  # fmt: skip
+
+
+TYPES: Final = (
+    "DOUBLE", *["VECTOR6D"] * 5, "DOUBLE", "INT32", "UINT32", "UINT32", "UINT32", "INT32", "INT32", "INT32", "UINT64",
+)  # fmt: skip
+
+
+class Words(NamedTuple):
+    """The integers of a message: status, and what the control program says."""
+
+    robot_mode: int = -1
+    safety_bits: int = 0
+    robot_bits: int = 0
+    runtime_state: int = 0
+    nonce: int = 0
+    state: int = 0
+    taken: int = 0  # number of the newest command the program took
+    inputs: int = 0  # digital, bit by bit
+
+
+class Sample:
+    """The newest message's values.
+
+    Attributes:
+        position, velocity, effort: (6,) rad, rad/s, N m.
+        wrench: (6,) N, N m, at the tool centre point, axes of the controller's base.
+        tool: (6,) m and rotation vector, rad, of the tool centre point in the controller's base.
+        words: the integers.
+    """
+
+    def __init__(self) -> None:
+        self._values = np.zeros(_DOUBLES)
+        self.position, self.velocity = self._values[1:7], self._values[7:13]
+        self.effort, self.wrench, self.tool = self._values[13:19], self._values[19:25], self._values[25:31]
+        self.words = Words()
+
+    def take(self, body: bytes) -> bool:
+        """Takes a data message's body; False, and nothing changes, if a value isn't finite."""
+        values = np.frombuffer(body, _BIG, _DOUBLES, 1)
+        if not isfinite(values.sum()):
+            return False
+        self._values[:] = values
+        self.words = Words(*_WORDS.unpack_from(body, 1 + 8 * _DOUBLES))
+        return True
+
+    @property
+    def timestamp(self) -> float:
+        """s since the controller's start."""
+        return float(self._values[0])
+
+    @property
+    def speed_scaling(self) -> float:
+        """0 to 1, by which the controller slows the program."""
+        return float(self._values[31])
+
+    def pose(self, out: Array) -> None:
+        """The tool centre point into `out` (7,); see `fill_pose`."""
+        fill_pose(self.tool.tolist(), out)
+
+
+def fill_pose(tool: list[float], out: Array) -> None:
+    """(x, y, z, qw, qx, qy, qz), m, of a position and a rotation vector, into `out` (7,).
+
+    Of the two quaternions, the one nearer to what `out` held, so that a sequence doesn't jump.
+    """
+    found = pose(tool)
+    if found[3] * out[3] + found[4] * out[4] + found[5] * out[5] + found[6] * out[6] < 0:
+        found = (*found[:3], -found[3], -found[4], -found[5], -found[6])
+    out[:] = found
+
+
+def pose(tool: list[float]) -> tuple[float, float, float, float, float, float, float]:
+    """(x, y, z, qw, qx, qy, qz) of a position and a rotation vector; qw >= 0."""
+    x, y, z, rx, ry, rz = tool
+    angle = sqrt(rx * rx + ry * ry + rz * rz)
+    if angle < _TINY:
+        w, s = 1.0 - angle * angle / 8, 0.5
+    else:
+        w, s = cos(angle / 2), sin(angle / 2) / angle
+    if w < 0:
+        w, s = -w, -s
+    return x, y, z, w, rx * s, ry * s, rz * s

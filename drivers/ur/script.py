@@ -1,0 +1,107 @@
+"""The program that runs on the controller: it follows the registers, and stops the arm when they fall silent.
+
+One pass of its loop is one control cycle: `speedj`, `servoj` and `sync` each end with the cycle. The registers
+of one data message change together between two cycles; a command whose number changed while it was read is
+taken in the next pass.
+
+What ends it: a command that held for its time without a successor (the arm ramps down first), the command to
+end, commands that carry another driver's number, a minute without any. While the arm follows, RTDE's own
+watchdog stands behind the program's: it stops the program where this loop itself hangs.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from drivers.ur.config import UrConfig
+from drivers.ur.registers import CYCLE, MODE, NONCE, PATIENCE, SEQUENCE, STATE, VALUES, Mode, ScriptState
+
+NAME: Final = "srl_control"
+WATCHDOG: Final = 4.0  # Hz, at least this often an input while the arm follows
+STRANGE: Final = 250  # cycles that commands of another may be seen: the first of our own may come late
+ALONE: Final = 30_000  # cycles at rest without a new command
+
+_TEXT: Final = """\
+def {name}():
+  nonce = {nonce}
+  taken = read_input_integer_register({sequence})
+  mode = {{stay}}
+  cycles = 0
+  goal = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+  silent = 0
+  strange = 0
+  state = {{ready}}
+{payload}  write_output_integer_register({sequence}, taken)
+  write_output_integer_register({state}, state)
+  write_output_integer_register({nonce_at}, nonce)
+  while state <= {{following}}:
+    number = read_input_integer_register({sequence})
+    asked = read_input_integer_register({mode})
+    held = read_input_integer_register({patience})
+    values = [{values}]
+    if read_input_integer_register({nonce_at}) != nonce:
+      mode = {{stay}}
+      strange = strange + 1
+    elif number != taken and number == read_input_integer_register({sequence}):
+      taken = number
+      mode = asked
+      cycles = held
+      goal = values
+      silent = 0
+      strange = 0
+      write_output_integer_register({sequence}, taken)
+    else:
+      silent = silent + 1
+    end
+    if mode == {{end}}:
+      state = {{ended}}
+    elif strange > {strange} or silent > {alone}:
+      state = {{abandoned}}
+    elif mode == {{follow}} and silent >= cycles:
+      state = {{timed_out}}
+    elif mode == {{follow}}:
+      if state == {{ready}}:
+        state = {{following}}
+        write_output_integer_register({state}, state)
+        rtde_set_watchdog("input_int_register_{sequence}", {watchdog}, "stop")
+      end
+      {motion}
+    elif state == {{following}}:
+      stopj({deceleration})
+      state = {{ready}}
+      write_output_integer_register({state}, state)
+      rtde_set_watchdog("input_int_register_{sequence}", {watchdog}, "ignore")
+    else:
+      sync()
+    end
+  end
+  write_output_integer_register({state}, state)
+  stopj({deceleration})
+end
+"""
+
+
+def program(config: UrConfig, nonce: int) -> str:
+    """The program's text for one upload.
+
+    Args:
+        config: the arm's options.
+        nonce: number of this upload, 1 to 2**31 - 1; commands that carry another are not obeyed.
+    """
+    motion = (
+        f"speedj(goal, {config.acceleration}, {CYCLE})"
+        if config.interface == "velocity"
+        else f"servoj(goal, 0, 0, {CYCLE}, {config.lookahead}, {config.gain})"
+    )
+    payload = ""
+    if config.payload is not None:
+        x, y, z = config.payload_cog
+        payload = f"  set_payload({config.payload}, [{x}, {y}, {z}])\n"
+    numbered = _TEXT.format(
+        name=NAME, nonce=nonce, sequence=SEQUENCE, state=STATE, nonce_at=NONCE, mode=MODE, patience=PATIENCE,
+        values=", ".join(f"read_input_float_register({VALUES + joint})" for joint in range(6)),
+        strange=STRANGE, alone=ALONE, watchdog=WATCHDOG, motion=motion, deceleration=config.deceleration,
+        payload=payload,
+    )  # fmt: skip
+    words = {mode.name.lower(): int(mode) for mode in Mode}
+    return numbered.format(**words, **{state.name.lower(): int(state) for state in ScriptState})
