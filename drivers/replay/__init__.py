@@ -1,0 +1,5 @@
+"""A recorded device in the place of the real one."""
+
+from drivers.replay.driver import Replay, ReplayConfig
+
+__all__ = ["Replay", "ReplayConfig"]

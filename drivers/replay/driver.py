@@ -1,0 +1,129 @@
+"""A recorded device in the place of the real one: same signals, same intervals, same ages."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from drivers.replay.track import load
+from runtime.driver import DeviceConfig, Driver
+from runtime.errors import DeviceError, DeviceLostError
+from runtime.signals import Array, Stop
+
+
+class ReplayConfig(DeviceConfig):
+    """Options of a recorded device."""
+
+    recording: str = Field(description="FILE.rrd, a folder of segments, or a black box")
+    device: str = Field(description="the recorded device whose states are given")
+    start: float = Field(0.0, ge=0, description="s of the recording that are skipped")
+    at_end: Literal["lose", "hold", "loop"] = Field(
+        "lose", description="lose: the device is gone; hold: its last sample stays new; loop: it begins again"
+    )
+
+
+class Player:
+    """A track on a clock that begins at the first look.
+
+    Attributes:
+        signals: the device's states.
+        stamp: ns of that clock, when the newest sample was taken; -1 before the first.
+        frames: samples so far.
+        over: the end was reached, with `at_end: lose`.
+    """
+
+    def __init__(self, config: ReplayConfig, place: str) -> None:
+        """Reads the recording. Raises RecordingError."""
+        self._track = load(config.recording, config.device, config.start)
+        self._at_end, self._place = config.at_end, place
+        self._begun: int | None = None
+        self._last = -1  # number of the newest sample; counts on when the track is repeated
+        self.signals = self._track.signals
+        self.stamp = -1
+        self.frames = 0
+        self.over = False
+
+    def rewind(self) -> None:
+        """Begins at the next look. Raises DeviceError if it is over."""
+        if self.over:
+            raise DeviceError(self._place, "the recording is over", "Set `at_end: loop` to repeat it")
+        self._begun, self._last = None, -1
+
+    def play(self, now: int) -> list[Array] | None:
+        """The newest values by signal; None if there are no newer ones than last time.
+
+        Raises:
+            DeviceLostError: the recording is over, with `at_end: lose`.
+        """
+        if self._begun is None:
+            self._begun = now
+        track, elapsed, rounds = self._track, now - self._begun, 0
+        if self._at_end == "loop":
+            rounds, elapsed = divmod(elapsed, track.length)
+        elif elapsed >= track.length and self._at_end == "lose":
+            self.over = True
+            raise DeviceLostError(self._place, "the recording is over", "Set `at_end` to hold or loop")
+        number = track.find(elapsed)
+        if number < 0:  # the clock went back to before the beginning
+            return None
+        count = rounds * len(track) + number
+        if elapsed >= track.length:
+            self.stamp = now  # held: as asked for, it counts as new
+        else:
+            self.stamp = self._begun + rounds * track.length + int(track.arrived[number] - track.age[number])
+        if count == self._last:
+            return None
+        self.frames += max(count - self._last, 1)
+        self._last = count
+        return track.values(number)
+
+
+class Replay(Driver):
+    """States as the recording has them; read when the profile is, since the recording decides the signals.
+
+    The first sample comes at once after `open`, the others at the recorded intervals, each as old as it was.
+    While the recorded device was silent or gone, this one is silent.
+    """
+
+    Config = ReplayConfig
+    summary = "a recorded device: its samples again, in the place of any device that gives the same"
+    max_age = 0.3
+
+    def __init__(self, name: str, config: ReplayConfig) -> None:
+        super().__init__(name, config)
+        self._player = Player(config, name)
+        self.states = self._player.signals
+        self._opened = False
+
+    def open(self) -> None:
+        """See `Driver.open`. Raises DeviceError once the recording is over."""
+        self.close()
+        self._player.rewind()
+        self.health.connected = True
+        self.health.reconnects += self._opened
+        self._opened = True
+
+    def read(self, now: int) -> None:
+        """See `Driver.read`."""
+        if not self.health.connected:
+            raise DeviceLostError(self.name, "it isn't open", "Open it first")
+        try:
+            values = self._player.play(now)
+        except DeviceLostError:
+            self.health.connected = False
+            raise
+        self.health.stamp, self.health.frames = self._player.stamp, self._player.frames
+        if values is not None:
+            for signal, array in zip(self.states, values, strict=True):
+                self.state_arrays[signal.name][...] = array
+
+    def write(self, now: int) -> None:
+        """It takes no commands."""
+
+    def stop(self, category: Stop) -> None:
+        """It moves nothing."""
+
+    def close(self) -> None:
+        """See `Driver.close`."""
+        self.health.connected = False

@@ -1,0 +1,92 @@
+"""One device's samples in a recording: when each arrived, how old it was then, and its values."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.errors import RecordingError, nearest
+from runtime.layout import LINK_CONNECTED, Field, Layout
+from runtime.signals import Array, Signal
+
+
+class Track:
+    """The samples, in the order they arrived in.
+
+    Attributes:
+        signals: the device's states.
+        arrived: (k,) int64, ns from the track's beginning, rising; the cycle that found the sample.
+        age: (k,) int64, ns that it was old then.
+        length: ns until the track begins anew when it is repeated.
+    """
+
+    def __init__(self, layout: Layout, rows: NDArray[np.int64], device: str, start: float, place: str) -> None:
+        """
+        Args:
+            layout: the recording's.
+            rows: its rows.
+            device: whose states.
+            start: s from the recording's first row, before which nothing counts.
+            place: the recording's name, for errors.
+        Raises:
+            RecordingError: no such device, it has no states, or no sample after `start`.
+        """
+        fields = _states(layout, device)
+        if device not in layout.devices or not fields:
+            have = sorted({name.partition(".")[0] for name, f in layout.fields.items() if f.role == "state"})
+            raise RecordingError(place, f"it has no states of a device '{device}'", nearest(device, have))
+        self.signals = tuple(_signal(field, device) for field in fields)
+        now, stamp = layout.word(rows, "now"), layout.word(rows, f"{device}.stamp")
+        begin = int(now[0]) + round(start * 1e9)
+        new = np.diff(stamp, prepend=-1) > 0
+        new &= (now >= begin) & (layout.word(rows, f"{device}.link") & LINK_CONNECTED > 0)
+        if not new.any():
+            seconds = (int(now[-1]) - int(now[0])) / 1e9
+            raise RecordingError(
+                place, f"'{device}' gave no sample after {start:g} s of {seconds:.1f} s", "Choose another `start`"
+            )
+        chosen = rows[new]
+        self.arrived = now[new] - int(now[new][0])
+        self.age = now[new] - stamp[new]
+        self._values = [np.ascontiguousarray(layout.value(chosen, field.name)) for field in fields]
+        gaps = np.diff(self.arrived)
+        self.length = int(self.arrived[-1]) + (int(np.median(gaps)) if gaps.size else 10**9)
+
+    def __len__(self) -> int:
+        return len(self.arrived)
+
+    def find(self, elapsed: int) -> int:
+        """Number of the newest sample that has arrived `elapsed` ns after the beginning; -1: none."""
+        return int(np.searchsorted(self.arrived, elapsed, side="right")) - 1
+
+    def values(self, number: int) -> list[Array]:
+        """A sample's values, by signal."""
+        return [values[number] for values in self._values]
+
+
+def _states(layout: Layout, device: str) -> list[Field]:
+    return [f for f in layout.fields.values() if f.role == "state" and f.name.partition(".")[0] == device]
+
+
+def _signal(field: Field, device: str) -> Signal:
+    return Signal(
+        name=field.name.removeprefix(f"{device}."),
+        shape=field.shape,
+        unit=field.unit,
+        frame=field.frame,
+        labels=field.labels,
+        visual=field.visual,  # type: ignore[arg-type]
+        links=field.links,
+    )
+
+
+@lru_cache(maxsize=8)
+def load(path: str, device: str, start: float) -> Track:
+    """A device's track of a recording. Raises RecordingError."""
+    from runtime.recorder.reader import read
+
+    recording = read(Path(path))
+    return Track(recording.layout, recording.rows, device, start, path)

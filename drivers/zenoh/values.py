@@ -1,0 +1,166 @@
+"""The values in a message: which of its fields, in which order, and where they are in its bytes.
+
+Most samples of a key differ in stamp and values only. So the first one is decoded field by field, and the
+bytes between header and values are remembered; a sample that has the same ones is read in place.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from runtime.bus import cdr, messages
+from runtime.errors import RequestError, nearest
+from runtime.signals import Array
+
+POINT = "geometry_msgs/msg/PointStamped"
+TWIST = "geometry_msgs/msg/Twist"
+JOY = "sensor_msgs/msg/Joy"
+BOOL = "std_msgs/msg/Bool"
+TYPES = (
+    messages.JOINT_STATE,
+    messages.MULTI_ARRAY,
+    messages.POSE,
+    messages.WRENCH,
+    messages.TWIST,
+    POINT,
+    TWIST,
+    JOY,
+    BOOL,
+)
+_AFTER_STAMP = 12
+_POSE_ORDER = np.array([0, 1, 2, 6, 3, 4, 5])  # x y z w of ROS -> w x y z
+_JOINT_FIELDS = ("position", "velocity", "effort")
+
+
+class Reading(NamedTuple):
+    """One message's content.
+
+    Attributes:
+        values: of the signal's size, flat, in the runtime's order.
+        stamp: ns, of the header; -1: it has none.
+    """
+
+    values: Array
+    stamp: int
+
+
+class Values:
+    """Reads one signal's messages."""
+
+    def __init__(self, name: str, size: int, labels: tuple[str, ...], field: str | None, nan: bool) -> None:
+        """
+        Args:
+            name: the signal's, which decides the field of a JointState unless `field` does.
+            size: number of values.
+            labels: joints in the order wanted; empty for the sender's order.
+            field: see `SignalEntry.field`.
+            nan: let NaN through.
+        """
+        self._size, self._labels, self._nan = size, labels, nan
+        self._field = field or next((f for f in _JOINT_FIELDS if name.startswith(f)), "position")
+        self._joy = field if field in ("axes", "buttons") else "axes"
+        self._kind = ""
+        self._length = -1  # of payloads that can be read in place; -1: none can
+        self._known = b""
+        self._at = 0
+        self._order: Array | None = None
+
+    def read(self, kind: str, payload: bytes) -> Reading:
+        """A payload's values and stamp.
+
+        Args:
+            kind: the message's type.
+            payload: CDR.
+        Raises:
+            RequestError: it isn't that message, or its values aren't the signal's.
+        """
+        if (
+            len(payload) == self._length
+            and kind == self._kind
+            and payload.startswith(cdr.HEADER)
+            and payload[_AFTER_STAMP : self._at] == self._known
+        ):
+            values = np.frombuffer(payload, "<f8", self._size, self._at)
+            if self._order is not None:
+                values = values[self._order]
+            reading = Reading(values, _stamp(payload))
+        else:
+            reading = self._decode(kind, payload)
+        if not self._nan and not math.isfinite(reading.values.sum()):
+            raise RequestError(f"payload '{kind}'", "a value is NaN or infinite", "Set `nan: true` to let it through")
+        return reading
+
+    def _decode(self, kind: str, payload: bytes) -> Reading:
+        if kind not in TYPES:
+            raise RequestError(f"payload '{kind}'", "this message isn't read here", nearest(kind, TYPES))
+        message = cdr.decode(kind, payload)
+        values, order = self._values(kind, message)
+        if values.size != self._size:
+            raise RequestError(
+                f"payload '{kind}'",
+                f"it has {values.size} values, the signal {self._size}",
+                "Correct `shape`, or the key",
+            )
+        stamp = -1
+        if "header" in message:
+            time = message["header"]["stamp"]
+            stamp = time["sec"] * 10**9 + time["nanosec"]
+            self._learn(kind, payload, message, order)
+        return Reading(values, stamp if stamp > 0 else -1)
+
+    def _values(self, kind: str, message: cdr.Message) -> tuple[Array, Array | None]:
+        """The values in the runtime's order, and that order."""
+        if kind == messages.JOINT_STATE:
+            return self._joints(message)
+        if kind == JOY:
+            return np.asarray(message[self._joy], np.float64), None
+        if kind == BOOL:
+            return np.array([float(message["data"])]), None
+        if kind == POINT:
+            return np.array([message["point"][axis] for axis in "xyz"]), None
+        if kind == TWIST:
+            return messages.values_of(messages.TWIST, {"twist": message}), None
+        values = messages.values_of(kind, message)
+        return values.ravel(), _POSE_ORDER if kind == messages.POSE else None
+
+    def _joints(self, message: cdr.Message) -> tuple[Array, Array | None]:
+        values: Array = message[self._field]
+        names = message["name"]
+        if not self._labels or not names:
+            return values, None
+        if sorted(names) != sorted(self._labels) or len(names) != values.size:
+            raise RequestError(
+                f"payload '{messages.JOINT_STATE}'",
+                f"its joints are {', '.join(names)}",
+                f"Expected {', '.join(self._labels)}: correct `labels`, or the key",
+            )
+        order = np.array([names.index(label) for label in self._labels])
+        return values[order], order
+
+    def _learn(self, kind: str, payload: bytes, message: cdr.Message, order: Array | None) -> None:
+        """Remembers where the values are, if they are doubles in a row."""
+        self._length = -1
+        if kind in (JOY, BOOL) or (kind == messages.JOINT_STATE and self._field != "position"):
+            return
+        size = 8 * self._size
+        if kind == messages.JOINT_STATE:
+            bare = message | {"velocity": (), "effort": ()}
+            at = len(cdr.encode(kind, bare)) - 8 - size  # two empty sequences follow
+        else:
+            at = len(cdr.encode(kind, message)) - size
+        self._kind, self._length, self._at, self._order = kind, len(payload), at, order
+        self._known = payload[_AFTER_STAMP:at]
+
+
+def type_of(encoding: str) -> str:
+    """The message's type in a zenoh encoding; "" where it declares none."""
+    form, _, kind = encoding.partition(";")
+    return kind if form == "application/cdr" else ""
+
+
+def _stamp(payload: bytes) -> int:
+    stamp = int.from_bytes(payload[4:8], "little", signed=True) * 10**9 + int.from_bytes(payload[8:12], "little")
+    return stamp if stamp > 0 else -1

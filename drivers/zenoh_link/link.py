@@ -1,0 +1,283 @@
+"""The driver's end: starts the zenoh process, talks to it over a socket, never waits for it in the loop."""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import socket
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from typing import NoReturn
+
+from drivers.zenoh_link import wire
+from drivers.zenoh_link.config import PeerConfig
+from runtime.errors import DeviceError, DeviceLostError
+
+MOST = 256  # messages taken in one read
+START = 10.0  # s that the process may take to start, besides the connection itself
+
+
+@dataclass(frozen=True)
+class Outlet:
+    """A key that commands are published on.
+
+    Attributes:
+        key: zenoh's key expression.
+        encoding: zenoh's encoding; "" for none.
+        stop: the payload that stops the device.
+        stamp_at: where the payload has its header's stamp (int32 s, uint32 ns), to be filled in on sending.
+        attach: send rmw_zenoh's attachment.
+    """
+
+    key: str
+    encoding: str
+    stop: bytes
+    stamp_at: int | None = None
+    attach: bool = False
+
+
+class Link:
+    """One zenoh session at a time, in a process that stays for the next one.
+
+    After `close` the process waits for another `open`; it ends by itself after a while, or as soon as this
+    object or this program is gone.
+    """
+
+    def __init__(self, place: str) -> None:
+        self.place = place
+        self._end: socket.socket | None = None
+        self._process: subprocess.Popen[bytes] | None = None
+        self._session = 0
+        self._open = False
+        self._where = ""
+        self._sent = self._taken = 0
+        self._stop_frame = b""
+
+    def open(
+        self,
+        config: PeerConfig,
+        subscribe: list[str],
+        publish: list[Outlet],
+        alive: list[str],
+        timeout: float = 2.0,
+    ) -> None:
+        """Connects; blocks.
+
+        Args:
+            config: where to.
+            subscribe: key expressions; `Sample.source` counts through them.
+            publish: `publish`'s outlet counts through them.
+            alive: liveliness tokens to be told of; `Token.source` counts through them.
+            timeout: s for the connection.
+        Raises:
+            DeviceError: nobody answers there.
+        """
+        self.close()
+        self._where = config.port
+        self._session = self._session % 60000 + 1
+        order = {
+            "endpoint": config.endpoint,
+            "tls": None if config.tls is None else config.tls.model_dump(),
+            "timeout": timeout,
+            "subscribe": subscribe,
+            "publish": [
+                {"key": o.key, "encoding": o.encoding, "stop": o.stop.hex(), "stamp_at": o.stamp_at, "attach": o.attach}
+                for o in publish
+            ],
+            "alive": alive,
+        }
+        self._ensure_process()
+        self._sent = self._taken = 0
+        self._stop_frame = wire.simple(b"S", self._session)
+        self._open = True
+        try:
+            self._tell(wire.simple(b"O", self._session, order))
+            self._await_ready(timeout)
+        except BaseException:
+            self.close()
+            raise
+
+    def _await_ready(self, timeout: float) -> None:
+        deadline = time.monotonic() + timeout + START
+        while (rest := deadline - time.monotonic()) > 0:
+            for event in self.wait(rest):
+                if isinstance(event, wire.Words) and event.kind == b"R":
+                    return
+                if isinstance(event, wire.Words) and event.kind == b"F":
+                    raise DeviceError(
+                        self.place,
+                        f"no connection to {self._where}: {event.text}",
+                        "Check that the other side runs and listens there, the network, and the certificates",
+                    )
+        raise DeviceError(self.place, f"no connection to {self._where} in {timeout:g} s", "Check the network")
+
+    def _ensure_process(self) -> None:
+        if self._end is not None and self._process is not None and self._process.poll() is None:
+            return
+        self._let_go()
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        ours.setblocking(False)
+        with theirs:
+            try:
+                self._process = subprocess.Popen(
+                    [sys.executable, "-m", "drivers.zenoh_link", str(theirs.fileno())],
+                    pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, start_new_session=True,
+                )  # fmt: skip
+            except OSError as error:
+                ours.close()
+                raise DeviceError(
+                    self.place, f"its zenoh process can't be started: {error.strerror}", "Look at the host's limits"
+                ) from None
+        self._end = ours
+
+    @property
+    def is_open(self) -> bool:
+        """Whether there is a session."""
+        return self._open
+
+    def fileno(self) -> int | None:
+        """The socket; what is written to it must be a whole message, `stop_frame`."""
+        return self._end.fileno() if self._end is not None and self._open else None
+
+    @property
+    def stop_frame(self) -> bytes:
+        """The message that stops every outlet; may be written by another process."""
+        return self._stop_frame
+
+    @property
+    def untaken(self) -> bool:
+        """Whether the process hasn't taken the newest command yet."""
+        return self._sent != self._taken
+
+    def read(self) -> list[wire.Event]:
+        """What has arrived, oldest first, bounded; never blocks.
+
+        Raises:
+            DeviceLostError: the process has ended, or the connection is gone.
+        """
+        events: list[wire.Event] = []
+        end = self._end
+        if end is None or not self._open:
+            raise DeviceLostError(self.place, "it isn't open", "Open it first")
+        for _ in range(MOST):
+            try:
+                message = end.recv(1 << 17)
+            except BlockingIOError:
+                break
+            except OSError:
+                message = b""
+            if not message:
+                self._let_go()
+                self._lost("its zenoh process has ended")
+            if wire.head(message)[1] != self._session:
+                continue
+            event = wire.read_event(message)
+            if isinstance(event, wire.Taken):
+                self._taken = event.number
+            elif isinstance(event, wire.Words) and event.kind == b"X":
+                self._lost(event.text)
+            else:
+                events.append(event)
+        return events
+
+    def wait(self, timeout: float) -> list[wire.Event]:
+        """Like `read`, but waits up to `timeout` s for the first. Blocks: for `open` only."""
+        if self._end is not None:
+            select.select([self._end], [], [], max(timeout, 0))
+        return self.read()
+
+    def ask(self, key: str, timeout: float = 1.0) -> dict[str, bytes]:
+        """Answers to a query, by key. Blocks: for `open` only. Samples that come meanwhile are dropped."""
+        return self._answers(b"Q", key, timeout)
+
+    def tokens(self, key: str, timeout: float = 1.0) -> list[str]:
+        """Liveliness tokens that are there now. Blocks: for `open` only."""
+        return sorted(self._answers(b"T", key, timeout))
+
+    def _answers(self, kind: bytes, key: str, timeout: float) -> dict[str, bytes]:
+        self._tell(wire.simple(kind, self._session, {"key": key, "timeout": timeout}))
+        deadline = time.monotonic() + timeout + 1.0
+        found: dict[str, bytes] = {}
+        while (rest := deadline - time.monotonic()) > 0:
+            for event in self.wait(rest):
+                if isinstance(event, wire.Answer):
+                    found[event.key] = event.payload
+                elif isinstance(event, wire.Words) and event.kind == b"E":
+                    return found
+        return found
+
+    def publish(self, outlet: int, payload: bytes, expires: int, stamp: int = -1) -> bool:
+        """Hands a command over; never blocks. False: the last one wasn't taken yet, or there is no room.
+
+        Args:
+            outlet: index.
+            payload: its bytes.
+            expires: ns, CLOCK_MONOTONIC, after which it is void and the stop takes its place.
+            stamp: ns of the peer's clock now; -1: not known.
+        Raises:
+            DeviceLostError: the process has ended.
+        """
+        if self._sent != self._taken:
+            return False
+        number = self._sent % 0xFFFFFFFF + 1
+        item = wire.Command(outlet, number, time.monotonic_ns(), expires, stamp, payload)
+        if not self._give(wire.command(self._session, item)):
+            return False
+        self._sent = number
+        return True
+
+    def stop(self) -> None:
+        """Stops every outlet; never blocks, never raises."""
+        if self._open:
+            with contextlib.suppress(DeviceLostError):
+                self._give(self._stop_frame)
+
+    def close(self) -> None:
+        """Ends the session, with the stop if a command was in force. Always succeeds."""
+        if self._open and self._end is not None:
+            with contextlib.suppress(OSError):
+                self._end.send(wire.simple(b"C", self._session))
+        self._open = False
+
+    def pid(self) -> int | None:
+        """The process, for tests."""
+        return None if self._process is None else self._process.pid
+
+    def _tell(self, message: bytes) -> None:
+        deadline = time.monotonic() + 1.0
+        while not self._give(message):
+            if time.monotonic() > deadline:
+                self._let_go()
+                raise DeviceError(self.place, "its zenoh process doesn't take orders", "It is started again")
+            time.sleep(0.001)
+
+    def _give(self, message: bytes) -> bool:
+        if self._end is None:
+            self._lost("its zenoh process has ended")
+        try:
+            self._end.send(message)
+        except BlockingIOError:
+            return False
+        except OSError:
+            self._let_go()
+            self._lost("its zenoh process has ended")
+        return True
+
+    def _lost(self, why: str) -> NoReturn:
+        raise DeviceLostError(self.place, f"{self._where}: {why}", "Check that the other side runs, and the network")
+
+    def _let_go(self) -> None:
+        """Closes the socket, by which the process ends; reaps one that has ended."""
+        end, self._end = self._end, None
+        self._open = False
+        if end is not None:
+            end.close()
+        if self._process is not None:
+            self._process.poll()
+            self._process = None
+
+    def __del__(self) -> None:
+        with contextlib.suppress(Exception):
+            self._let_go()
