@@ -88,6 +88,7 @@ class Replay(Driver):
 
     Config = ReplayConfig
     summary = "a recorded device: its samples again, in the place of any device that gives the same"
+    gives = ("<signal>",)
     max_age = 0.3
 
     def __init__(self, name: str, config: ReplayConfig) -> None:

@@ -73,6 +73,7 @@ class Zenoh(Driver):
     """
 
     Config = ZenohConfig
+    gives = ("<signal>",)
     summary = "signals of another machine: another runtime's, or ROS 2 topics, over zenoh"
     max_age = 0.3
 

@@ -46,7 +46,7 @@ def test_it_declares_itself_before_it_is_opened(name: str) -> None:
     assert made.summary
     for names, signals in ((made.gives, made.states), (made.takes, made.commands)):
         # <name> stands for names that the profile chooses
-        patterns = [re.compile(re.sub("<[a-z]+>", "[a-z0-9_]+", name.replace(".", "[.]"))) for name in names]
+        patterns = [re.compile(re.sub("<[a-z]+>", "[a-z0-9_-]+", name.replace(".", "[.]"))) for name in names]
         for signal in signals:
             assert any(pattern.fullmatch(signal.name) for pattern in patterns), signal.name
     assert made.states or made.commands

@@ -1,0 +1,108 @@
+"""A Dynamixel bus' options in the profile."""
+
+from __future__ import annotations
+
+from math import pi
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from drivers.dynamixel.models import MODELS, Model
+from drivers.dynamixel.packets import HIGHEST_ID
+from drivers.dynamixel.table import baud_code
+from runtime.driver import DeviceConfig
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Mode = Literal["position", "extended", "velocity", "effort"]
+
+
+class MotorConfig(BaseModel):
+    """One axis: its servo, and how the servo's shaft moves it.
+
+    With the shaft's angle s (rad, 0 at 2048 counts): axis = ±(s - zero), times `m_per_rad` where it is prismatic.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    id: int = Field(ge=0, le=HIGHEST_ID, description="on the bus")
+    model: Literal["MX-28", "MX-64", "MX-106"]
+    reversed: bool = Field(False, description="the axis grows as the shaft's angle falls")
+    zero: Finite = Field(0.0, description="rad, the shaft's angle where the axis is at 0; 0 is 2048 counts")
+    m_per_rad: float | None = Field(
+        None, gt=0, allow_inf_nan=False, description="m/rad of a prismatic axis; its position is then in m"
+    )
+    lower: Finite | None = Field(None, description="lowest position of the axis, rad or m; none: the servo's own")
+    upper: Finite | None = Field(None, description="highest position of the axis, rad or m; none: the servo's own")
+    home: Finite | None = Field(None, description="where 'retract' goes, rad or m; give it to all motors or to none")
+    torque_constant: float | None = Field(
+        None, gt=0, allow_inf_nan=False, description="N m/A at the shaft; none: nominal stall torque over stall current"
+    )
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        if self.lower is not None and self.upper is not None and self.lower >= self.upper:
+            raise ValueError(f"lower ({self.lower:g}) must be less than upper ({self.upper:g})")
+        return self
+
+    @property
+    def facts(self) -> Model:
+        """The model's figures."""
+        return MODELS[self.model]
+
+    @property
+    def scale(self) -> float:
+        """Of the axis' motion by the shaft's, with its sign: 1 or -1, m/rad where it is prismatic."""
+        size = 1.0 if self.m_per_rad is None else self.m_per_rad
+        return -size if self.reversed else size
+
+    @property
+    def newton_metres(self) -> float:
+        """N m/A at the shaft."""
+        return self.torque_constant if self.torque_constant is not None else self.facts.torque_constant
+
+
+class DynamixelConfig(DeviceConfig):
+    """Servos on one bus. The order of `motors` is that of all arrays."""
+
+    port: str = Field(description="the USB adapter's port, tcp://HOST:PORT, spy:FILE:URL")
+    baudrate: int = Field(57600, gt=0, le=4_500_000, description="bit/s; all servos have the same")
+    protocol: Literal[1, 2] = Field(2, description="of the servos' firmware: MX is delivered with 1, MX(2.0) with 2")
+    mode: Mode = Field("position", description="what is commanded; 'extended' is position over several turns")
+    motors: dict[str, MotorConfig] = Field(min_length=1, description="axes by name")
+    watchdog: float = Field(
+        0.1, ge=0.02, le=2.54, description="s without a word after which the servos stop by themselves (protocol 2)"
+    )
+    return_delay: float | None = Field(
+        0.0, ge=0, le=508e-6, description="s a servo waits before it answers; none: left as it is"
+    )
+    configure: bool = Field(True, description="set operating mode and return delay where they differ; else refuse")
+    start_tolerance: float = Field(
+        0.1, gt=0, le=pi, description="rad of the shaft; a servo whose command is farther off gets no torque"
+    )
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        taken: dict[int, str] = {}
+        for name, motor in self.motors.items():
+            if motor.id in taken:
+                raise ValueError(f"id {motor.id} is used twice, by {taken[motor.id]} and {name}")
+            taken[motor.id] = name
+            if self.mode == "effort" and not motor.facts.senses_current:
+                raise ValueError(f"{name} is an {motor.model}, which has no current control; 'effort' needs it")
+        homes = [name for name, motor in self.motors.items() if motor.home is not None]
+        if homes and len(homes) < len(self.motors):
+            missing = next(name for name in self.motors if name not in homes)
+            raise ValueError(f"{missing} has no home, others have; give it to all motors or to none")
+        if baud_code(self.baudrate, self.protocol) is None:
+            raise ValueError(f"no servo of protocol {self.protocol} has a baud rate of {self.baudrate}")
+        return self
+
+    @property
+    def ids(self) -> tuple[int, ...]:
+        """In the motors' order."""
+        return tuple(motor.id for motor in self.motors.values())
+
+    @property
+    def command(self) -> str:
+        """The name of the command signal."""
+        return "position_command" if self.mode in ("position", "extended") else f"{self.mode}_command"

@@ -1,0 +1,49 @@
+"""The signals of a bus: what its states and its command are called, in which units, and how it can stop."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from drivers.dynamixel.config import DynamixelConfig
+from runtime.signals import Command, Kind, Signal, Stop
+
+STATES: Final = ("position", "velocity", "effort", "temperature", "voltage")
+KINDS: Final = {
+    "position_command": Kind.POSITION,
+    "velocity_command": Kind.VELOCITY,
+    "effort_command": Kind.TORQUE,
+}
+_STOPS: Final = {
+    Kind.POSITION: (Stop.HOLD, Stop.RETRACT, Stop.LIMP),
+    Kind.VELOCITY: (Stop.HOLD, Stop.BRAKE, Stop.RETRACT),
+    Kind.TORQUE: (Stop.HOLD, Stop.DAMP, Stop.LIMP),
+}
+_ROTARY: Final = {"position": "rad", "velocity": "rad/s", "effort": "N m", "temperature": "degC", "voltage": "V"}
+_LINEAR: Final = _ROTARY | {"position": "m", "velocity": "m/s", "effort": "N"}
+
+
+def _units(config: DynamixelConfig) -> dict[str, str]:
+    """One unit a signal: that of linear motion only where all axes are prismatic."""
+    linear = all(motor.m_per_rad is not None for motor in config.motors.values())
+    return _LINEAR if linear else _ROTARY
+
+
+def states(config: DynamixelConfig) -> tuple[Signal, ...]:
+    """The states, each (n,)."""
+    units, labels = _units(config), tuple(config.motors)
+    return tuple(Signal(name=key, shape=(len(labels),), unit=units[key], labels=labels) for key in STATES)
+
+
+def command(config: DynamixelConfig) -> Command:
+    """The command of the profile's `mode`, (n,)."""
+    labels, kind = tuple(config.motors), KINDS[config.command]
+    homed = all(motor.home is not None for motor in config.motors.values())
+    return Command(
+        name=config.command,
+        shape=(len(labels),),
+        unit=_units(config)[config.command.removesuffix("_command")],
+        labels=labels,
+        kind=kind,
+        feedback="position",
+        stops=tuple(stop for stop in _STOPS[kind] if stop is not Stop.RETRACT or homed),
+    )

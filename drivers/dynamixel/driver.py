@@ -1,0 +1,400 @@
+"""A bus of Dynamixel servos: sampled and commanded together, one exchange after another without waiting.
+
+In a cycle's `write` the goals leave in one packet, with the next request for samples behind them; the answers are
+taken in a later cycle's `read`. While nothing is commanded `read` asks by itself. The answers show that the goals
+in front of the request were taken, so never more than one command is under way (see `Line`).
+"""
+
+from __future__ import annotations
+
+import contextlib
+from operator import add
+from typing import Final
+
+import numpy as np
+
+from drivers.dynamixel import declare
+from drivers.dynamixel.config import DynamixelConfig
+from drivers.dynamixel.family import family
+from drivers.dynamixel.faults import Faults, who_is_silent
+from drivers.dynamixel.line import Line, Request
+from drivers.dynamixel.plan import Plan
+from drivers.dynamixel.recovery import Recovery
+from drivers.dynamixel.session import Session
+from drivers.dynamixel.setup import Bus, set_up, watchdog_code
+from drivers.transport import Transport, open_transport
+from runtime.driver import Driver
+from runtime.errors import DeviceError, DeviceLostError
+from runtime.signals import Array, Kind, Stop
+
+LOST: Final = 1_000_000_000  # ns without a word from a servo
+_SUSPECT: Final = 0.8  # of the watchdog's time without a packet: it may have tripped
+
+
+class Dynamixel(Driver):
+    """Axes driven by MX servos.
+
+    States, all (n,) in the profile's order of motors: `position` (rad; m of a prismatic axis), `velocity` (rad/s,
+    m/s), `effort` (N m, N: from the current; from the load on an MX-28), `temperature` (degC), `voltage` (V).
+    Command: `position_command`, `velocity_command` or `effort_command`, by the profile's `mode`. A sample's
+    stamp is when it was asked for: it is never older. Source: protocol sheet dynamixel.
+    """
+
+    Config = DynamixelConfig
+    summary = "Dynamixel MX-28/64/106 servos on one bus, protocol 1.0 or 2.0"
+    gives = declare.STATES
+    takes: tuple[str, ...] = tuple(declare.KINDS)
+    max_age = 0.1
+
+    def __init__(self, name: str, config: DynamixelConfig) -> None:
+        super().__init__(name, config)
+        self.config: DynamixelConfig = config
+        self.states, self.commands = declare.states(config), (declare.command(config),)
+        self._kind = self.commands[0].kind
+        motors = config.motors
+        homes = [motor.home for motor in motors.values() if motor.home is not None]
+        if homes and self._kind is not Kind.TORQUE:
+            self.home[config.command] = np.array(homes)
+        self._family = family(config)
+        self._faults = Faults(tuple(motors))
+        self._link: Transport | None = None
+        self._line: Line | None = None
+        self._bus: Bus | None = None
+        self._opened = False
+        self._number = {id: i for i, id in enumerate(config.ids)}
+        self._tolerance = config.start_tolerance * np.abs([motor.scale for motor in motors.values()])
+        self._suspect_after = round(_SUSPECT * config.watchdog * 1e9)
+        self._counted = [0, 0, 0]  # frames, errors, resyncs of earlier connections
+        f = self._family
+        self._arm = b""
+        if f.protocol == 2:
+            self._arm = f.frame("bus_watchdog", 0) + f.frame("bus_watchdog", watchdog_code(config.watchdog))
+        self._limp = f.frame("torque_enable", 0)
+        self._zero = b"" if self._kind is Kind.POSITION else f.again()  # goals are 0 as yet
+        self._forget()
+
+    def _forget(self) -> None:
+        self._powered = [False] * len(self.config.motors)
+        self._recovery: Recovery | None = None
+        self._words = b""  # a stop not sent yet
+        self._let_go = False  # LIMP was asked for
+        self._prefix = b""  # goes out in front of the next request
+        self._writing = False  # `write` was called since the last `read`
+        self._sampled = self._commanded = self._driven = False  # since opening; of late
+        self._suspect = self._checked = False  # whether to look at the watchdogs; whether just done
+        self._sampling = False
+        self._plan = Plan(self._family)
+        self._exchanges = self._unanswered = 0
+        self._goal_frame = b""  # the newest that was sent
+        self._hold = b"", b""  # goals, and the stop frame made of them
+        filler = self._family.filler
+        self._limp_frame, self._zero_frame = filler + self._limp * 2, filler + self._zero * 2
+
+    def open(self) -> None:
+        """See `Driver.open`; blocks about 0.1 s, some seconds where servos are missing.
+
+        Servos without torque stay so. Those with torque, from an earlier run, go on holding.
+        """
+        self.close()
+        link = open_transport(self.config.port, place=self.name, baudrate=self.config.baudrate)
+        try:
+            session = Session(link, self._family, self.name)
+            bus = set_up(session, scan=not self._opened)
+        except BaseException:
+            link.close()
+            raise
+        self._link, self._bus = link, bus
+        self._line = Line(link, self._family)
+        self._forget()
+        self._powered = list(bus.powered)
+        self._faults.clear()
+        for i, bits in enumerate(bus.errors):
+            self._faults.hardware(i, bits, self._family.protocol)
+        self._name_faults()
+        self.limits = {self.config.command: bus.limits}
+        self._keep(session.parser.frames, session.parser.errors, session.parser.resyncs)
+        self.health.connected = True
+        self.health.message = f"firmware {', '.join(map(str, bus.firmware))}"
+        self.health.reconnects += self._opened
+        self._opened = True
+
+    def read(self, now: int) -> None:
+        """See `Driver.read`."""
+        line = self._open_line()
+        try:
+            over = line.poll(now)
+            if over is not None:
+                self._take(over, now)
+            self._count(line)
+            self._watch(line, now)
+            if not self._writing:
+                self._rest()
+                if line.free:
+                    self._ask(line, now, False)
+        except DeviceLostError as error:
+            self.health.connected = False
+            self.health.message = error.problem
+            raise
+        self._writing = False
+        self.health.unsent = line.unsent
+
+    def write(self, now: int) -> None:
+        """See `Driver.write`. A servo gets torque with its first goal, which must be where it is."""
+        line = self._open_line()
+        self._writing = True
+        if not line.free:
+            return
+        try:
+            self._ask(line, now, True)
+        except DeviceLostError:
+            self.health.connected = False
+            raise
+
+    def stop(self, category: Stop) -> None:
+        """See `Driver.stop`. LIMP switches the torque off; goals of velocity and effort become 0."""
+        if self._line is None:
+            return
+        if category is Stop.LIMP:
+            if not self._let_go or any(self._powered):
+                self._words = self._limp
+            self._let_go = True
+            self._powered = [False] * len(self._powered)
+        elif self._zero and not self._words:
+            self._words = self._zero
+        if self._words and self._line.free:
+            with contextlib.suppress(DeviceError):  # a lost link shows at the next read
+                if self._line.link.write(self._words):
+                    self._words = b""
+
+    def close(self) -> None:
+        """See `Driver.close`. Servos hold their last position, velocity and effort become 0; the watchdog rests."""
+        link, line = self._link, self._line
+        self._link = self._line = None
+        if link is None or line is None:
+            return
+        if self.health.connected:
+            with contextlib.suppress(DeviceError):
+                if line.pending is not None or line.in_doubt:
+                    link.read_wait(0.03)  # what the servos are saying comes to its end
+                rest = self._family.frame("bus_watchdog", 0) if self._family.protocol == 2 else b""
+                link.write_all(self._words + self._zero + rest, 0.2)
+        self.health.connected = False
+        self._words = b""
+        self._keep(line.parser.frames, line.parser.errors + line.timeouts, line.parser.resyncs)
+        link.close()
+
+    def fileno(self) -> int | None:
+        """See `Driver.fileno`."""
+        return self._link.fileno() if self._link is not None else None
+
+    def stop_frame(self, category: Stop) -> bytes:
+        """See `Driver.stop_frame`: LIMP switches the torque off, any other repeats the last positions, or makes
+        velocity and effort 0. Twice, as the first may meet a servo's answer on the bus.
+
+        In front are bytes in which a packet cut short comes to its end, refused for its checksum.
+        """
+        if category is Stop.LIMP:
+            return self._limp_frame
+        if self._zero:
+            return self._zero_frame
+        goals, frame = self._hold
+        if goals is not self._goal_frame:
+            goals = self._goal_frame
+            frame = self._family.filler + goals + goals if goals else b""
+            self._hold = goals, frame
+        return frame
+
+    def recover(self, now: int) -> None:
+        """See `Driver.recover`: restarts servos with hardware errors, arms tripped watchdogs again.
+
+        The torque stays off until the next `write` whose goal is where the servo is.
+        """
+        faults, family, bus = self._faults, self._family, self._bus
+        if self._line is None or bus is None or self._recovery is not None:
+            return
+        if faults.tripped:
+            self._prefix += self._arm
+            faults.tripped.clear()
+        faults.far.clear()
+        if family.protocol == 1:
+            overloaded = {self._family.ids[i]: bus.torque[i] for i in faults.errors}
+            if overloaded:
+                self._prefix += family.frame("torque_enable", 0, overloaded)
+                self._prefix += family.frame("torque_limit", overloaded)
+            faults.clear()
+        else:
+            reboot = set(faults.errors) | faults.stubborn
+            faults.stubborn.clear()
+            if reboot or faults.limp:
+                self._recovery = Recovery(family, faults, reboot, now)
+        self._name_faults()
+
+    def figures(self) -> dict[str, object]:
+        """Firmware versions by motor, exchanges, requests that weren't answered in full."""
+        firmware = dict(zip(self.config.motors, self._bus.firmware, strict=True)) if self._bus else {}
+        return {"firmware": firmware, "exchanges": self._exchanges, "unanswered": self._unanswered}
+
+    # -- an exchange
+
+    def _goals(self) -> tuple[bytes, list[int]]:
+        """The command as packets: goals, and torque for whom it is their first; numbers of those motors."""
+        command = self.command_arrays[self.config.command]
+        if self._faults.tripped or not self._sampled:
+            return b"", []  # goals are refused, or it isn't known yet where the motors are
+        goals = self._family.encode(command)
+        if all(self._powered):
+            return goals, []
+        waking = self._waking(command)
+        powered = np.array(self._powered)
+        powered[waking] = True
+        goals = self._family.again(powered) if powered.any() else b""
+        if waking:
+            goals += self._family.frame("torque_enable", 1, [self._family.ids[i] for i in waking])
+        return goals, waking
+
+    def _waking(self, command: Array) -> list[int]:
+        """The motors that may get torque now."""
+        # Written so that what isn't finite is too far.
+        near = np.abs(command - self.state_arrays["position"]) <= self._tolerance
+        away, faults = self._away(), self._faults
+        waking = []
+        for i, id in enumerate(self._family.ids):
+            if self._powered[i] or faults.concerns(i) or id in away:
+                continue
+            if near[i] or self._kind is not Kind.POSITION:
+                waking.append(i)
+            else:
+                faults.far.add(i)
+                self._name_faults()
+        return waking
+
+    def _ask(self, line: Line, now: int, commanding: bool) -> None:
+        """Sends what is to be sent, and the next request behind it."""
+        request, alone = self._next(line, now)
+        if request is None:
+            return
+        goals, waking = self._goals() if commanding and not alone else (b"", [])
+        if commanding:
+            self._words = b""
+        if line.send(request, now, self._prefix + self._words + goals):
+            self._prefix = self._words = b""
+            self._exchanges += 1
+            if goals:
+                self._commanded = self._driven = True
+                self._goal_frame = goals
+                self._let_go = False
+            for i in waking:
+                self._powered[i] = True
+
+    def _rest(self) -> None:
+        """Commands have ended, after a fault say: a velocity or an effort mustn't outlive them."""
+        if self._driven and self._zero:
+            self._words = self._words or self._zero
+        self._driven = False
+
+    def _next(self, line: Line, now: int) -> tuple[Request | None, bool]:
+        """The next request; whether no goals may go with it."""
+        late = line.sent < 0 or now - line.sent > self._suspect_after
+        if self._arm and (self._suspect or late) and not self._checked:
+            self._suspect, self._checked = False, True
+            return self._plan.request("watchdog", self._away()), True
+        self._checked = False
+        if self._recovery is not None and not self._sampling:
+            self._sampling = True
+            goes_on, request = self._recovery.step(now)
+            if not goes_on:
+                self._recovery = None
+                self._name_faults()
+            elif request is not None:
+                return request, True
+        self._sampling = False
+        return self._plan.next(now, self._away()), False
+
+    def _away(self) -> set[int]:
+        return self._recovery.away if self._recovery is not None else set()
+
+    def _take(self, request: Request, now: int) -> None:
+        answers = request.answers
+        self._unanswered += not request.complete
+        if self._prefix:
+            pass  # asked before the recovery under way: says nothing about faults that are still there
+        elif self._family.protocol == 1:
+            for id, status in answers.items():
+                self._error_bits(self._number[id], status.error)
+        elif any(status.alert and self._number[id] not in self._faults.errors for id, status in answers.items()):
+            self._plan.check_soon()  # what it is, the register knows
+        if request.purpose in ("sample", "extra"):
+            self._fill(request)
+        elif request.purpose == "check" and not self._prefix:
+            self._check(request)
+        elif request.purpose == "watchdog":
+            self._take_watchdogs(request)
+
+    def _fill(self, request: Request) -> None:
+        answers, ids = request.answers, self._family.ids
+        if len(answers) < len(ids):
+            return  # a sample is of all motors at one time, or none
+        data = b"".join([answers[id].data for id in ids])
+        if len(data) != request.size * len(ids):
+            return  # one reported an error in place of its data
+        self._family.decode(data, request.size, self.state_arrays)
+        self.health.stamp = request.sent
+        self._sampled = True
+
+    def _check(self, request: Request) -> None:
+        """Torque enable and the hardware error status, or the torque limit, of each motor."""
+        address, size = self._family.check
+        for id, status in request.answers.items():
+            i = self._number[id]
+            if len(status.data) != size:
+                continue
+            registers = self._family.tables[i]
+            if self._family.protocol == 2:
+                self._error_bits(i, registers["hardware_error_status"].decode(status.data, address))
+            elif not registers["torque_limit"].decode(status.data, address) and i not in self._faults.errors:
+                self._faults.errors[i] = "its torque limit is 0, as after an overload"
+            if not registers["torque_enable"].decode(status.data, address):
+                if self._powered[i] and i not in self._faults.errors:
+                    self._faults.limp.add(i)
+                self._powered[i] = False
+        self._name_faults()
+
+    def _error_bits(self, i: int, bits: int) -> None:
+        if bits and i not in self._faults.errors:
+            self._faults.hardware(i, bits, self._family.protocol)
+            if i in self._faults.errors:
+                self._powered[i] = False
+                self._name_faults()
+
+    def _take_watchdogs(self, request: Request) -> None:
+        tripped = {self._number[id] for id, status in request.answers.items() if status.data == b"\xff"}
+        unarmed = any(status.data == b"\0" for status in request.answers.values())
+        if not request.complete:
+            self._suspect = True
+        elif tripped and self._commanded and any(self._powered):
+            self._faults.tripped |= tripped  # a motion was cut off: going on takes a person
+            self._name_faults()
+        elif tripped or unarmed:
+            self._prefix = self._arm
+
+    def _watch(self, line: Line, now: int) -> None:
+        """Raises DeviceLostError where a servo hasn't said a word for a second."""
+        if silent := line.silent(now - LOST) - self._away():
+            remedy = "Check the bus' cables and the servos' power"
+            raise DeviceLostError(self.name, who_is_silent(self.config, silent), remedy)
+
+    def _name_faults(self) -> None:
+        self.health.fault = self._faults.text()
+
+    def _count(self, line: Line) -> None:
+        parser, health = line.parser, self.health
+        new = parser.frames, parser.errors + line.timeouts, parser.resyncs
+        health.frames, health.errors, health.resyncs = map(add, self._counted, new)
+
+    def _keep(self, *counts: int) -> None:
+        self._counted = list(map(add, self._counted, counts))
+
+    def _open_line(self) -> Line:
+        if self._line is None:
+            raise DeviceLostError(self.name, "the bus isn't open", "Open it first")
+        return self._line

@@ -1,0 +1,79 @@
+"""What keeps servos from moving, in words, and who is concerned."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from drivers.dynamixel import protocol1
+from drivers.dynamixel.config import DynamixelConfig
+
+ERRORS2: Final = {
+    0: "input voltage",
+    2: "overheating",
+    3: "encoder",
+    4: "electrical shock",
+    5: "overload",
+}  # bits of the hardware error status (sheet, §4)
+ERRORS1: Final = {0: "input voltage", 2: "overheating", 5: "overload"}
+_SERIOUS1: Final = protocol1.HEAT | protocol1.OVERLOAD  # after these the torque limit falls to 0
+
+LOST_TORQUE: Final = "lost its torque (its power dipped, or another program switched it off)"
+FAR: Final = "is too far from its first command"
+
+
+class Faults:
+    """The faults that are present.
+
+    Attributes:
+        errors: hardware errors in words, by motor.
+        limp: motors that have lost their torque.
+        far: motors whose first command was too far from where they were.
+        tripped: motors whose watchdog has stopped them.
+        stubborn: motors that didn't come back from a reboot.
+    """
+
+    def __init__(self, names: tuple[str, ...]) -> None:
+        self._names = names
+        self.clear()
+
+    def clear(self) -> None:
+        """None is left."""
+        self.errors: dict[int, str] = {}
+        self.limp: set[int] = set()
+        self.far: set[int] = set()
+        self.tripped: set[int] = set()
+        self.stubborn: set[int] = set()
+
+    def concerns(self, i: int) -> bool:
+        """Whether motor `i` must stay without torque."""
+        return i in self.errors or i in self.limp or i in self.far or i in self.stubborn
+
+    def hardware(self, i: int, bits: int, protocol: int) -> None:
+        """Takes a motor's error bits."""
+        words = ERRORS2 if protocol == 2 else ERRORS1
+        if protocol == 1 and not bits & _SERIOUS1:
+            bits = 0
+        named = [text for bit, text in words.items() if bits >> bit & 1]
+        if bits and not named:
+            named = [f"error {bits:#04x}"]
+        if named:
+            self.errors[i] = ", ".join(named)
+
+    def text(self) -> str:
+        """All of them for people; "" where there is none."""
+        parts = [f"{self._names[i]}: {what}" for i, what in sorted(self.errors.items())]
+        parts += [f"{self._names[i]} {LOST_TORQUE}" for i in sorted(self.limp - self.errors.keys())]
+        parts += [f"{self._names[i]} {FAR}" for i in sorted(self.far)]
+        parts += [f"{self._names[i]} doesn't come back from its reboot" for i in sorted(self.stubborn)]
+        if self.tripped:
+            names = ", ".join(self._names[i] for i in sorted(self.tripped))
+            parts.append(f"the bus watchdog has stopped {names}: nothing was sent for too long")
+        return "; ".join(parts)
+
+
+def who_is_silent(config: DynamixelConfig, ids: set[int]) -> str:
+    """What is wrong where servos haven't answered for a second."""
+    if len(ids) == len(config.motors):
+        return "no servo has answered for a second"
+    name, id = next((name, motor.id) for name, motor in config.motors.items() if motor.id in ids)
+    return f"'{name}' (id {id}) hasn't answered for a second, others have"

@@ -1,0 +1,48 @@
+"""What is asked of all servos at once, and which of it next: samples, and now and then how they are."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from drivers.dynamixel.family import Family
+from drivers.dynamixel.line import Request
+
+SLOW: Final = 100_000_000  # ns between requests for something else than samples
+
+
+class Plan:
+    """Chooses requests: "sample", "extra" (a sample with temperature and voltage), "check", "watchdog"."""
+
+    def __init__(self, family: Family) -> None:
+        self._family = family
+        asked = {"sample": family.sample, "extra": family.extra, "check": family.check}
+        self._rotation = ["check"]
+        watchdog = family.tables[0].get("bus_watchdog")
+        if watchdog is not None:
+            asked["watchdog"] = (watchdog.address, watchdog.size)
+            self._rotation = ["check", "watchdog", "check", "extra"]
+        self._asked = {
+            what: (family.wire.group_read(address, size, family.ids), address, size)
+            for what, (address, size) in asked.items()
+        }
+        self._next_slow, self._turn = 0, -2  # the first is an extra one
+
+    def check_soon(self) -> None:
+        """The next request is a check."""
+        self._next_slow, self._turn = 0, -1
+
+    def next(self, now: int, away: set[int]) -> Request | None:
+        """The next request, to all but `away` (ids); None where nobody is left."""
+        if now < self._next_slow:
+            return self.request("sample", away)
+        self._next_slow = now + SLOW
+        self._turn = (self._turn + 1) % len(self._rotation)
+        return self.request(self._rotation[self._turn], away)
+
+    def request(self, what: str, away: set[int]) -> Request | None:
+        """As `next`, of one's own choice."""
+        frame, address, size = self._asked[what]
+        if not away:
+            return Request(frame, self._family.ids, size, what)
+        ids = tuple(id for id in self._family.ids if id not in away)
+        return Request(self._family.wire.group_read(address, size, ids), ids, size, what) if ids else None

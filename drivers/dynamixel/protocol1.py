@@ -1,0 +1,132 @@
+"""Protocol 1.0 on the wire: instruction packets, and the parser of what comes back. No I/O.
+
+Source: protocol sheet dynamixel, §3. A packet is FF FF, id, length (of what follows it), instruction or error
+bits, parameters, checksum; all numbers low byte first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from drivers.dynamixel.packets import BROADCAST, Counts, Instruction, Status
+
+PING, READ, WRITE, REG_WRITE, ACTION, FACTORY_RESET = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06
+SYNC_WRITE, BULK_READ = 0x83, 0x92
+PING_SIZE: Final = 0  # bytes a ping is answered with
+OVERHEAD: Final = 6  # bytes of a status around its data
+
+# Bits of a status' error byte.
+VOLTAGE, ANGLE, HEAT, RANGE, CHECKSUM, OVERLOAD, INSTRUCTION = (1 << bit for bit in range(7))
+
+_HEADER: Final = b"\xff\xff"
+
+
+def packet(id: int, code: int, data: bytes = b"") -> bytes:
+    """One whole packet; `code` is the instruction, or a status' error bits."""
+    body = bytes((id, len(data) + 2, code)) + data
+    return _HEADER + body + bytes((~sum(body) & 0xFF,))
+
+
+def ping(id: int) -> bytes:
+    """Asks a servo whether it is there."""
+    return packet(id, PING)
+
+
+def read(id: int, address: int, size: int) -> bytes:
+    """Asks for `size` bytes from `address` on."""
+    return packet(id, READ, bytes((address, size)))
+
+
+def write(id: int, address: int, data: bytes) -> bytes:
+    """Writes from `address` on; acknowledged."""
+    return packet(id, WRITE, bytes((address,)) + data)
+
+
+def group_read(address: int, size: int, ids: Sequence[int]) -> bytes:
+    """Bulk read: each of the servos answers with `size` bytes from `address` on, in the order of `ids`."""
+    return packet(BROADCAST, BULK_READ, b"\0" + b"".join(bytes((size, id, address)) for id in ids))
+
+
+def sync_write(address: int, size: int, values: Mapping[int, bytes]) -> bytes:
+    """Writes `size` bytes from `address` on to each servo, its own; not acknowledged."""
+    body = b"".join(bytes((id,)) + data for id, data in values.items())
+    return packet(BROADCAST, SYNC_WRITE, bytes((address, size)) + body)
+
+
+def status(id: int, error: int = 0, data: bytes = b"") -> bytes:
+    """A servo's answer."""
+    return packet(id, error, data)
+
+
+class Parser(Counts):
+    """Finds packets in a stream of bytes, however it is cut; the same packets for the same bytes.
+
+    Nothing in a packet tells its direction, so an adapter that echoes the host's bytes can't be used.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._buffer = bytearray()
+        self._searching = False
+
+    def statuses(self, data: bytes) -> list[Status]:
+        """Takes any bytes and gives the statuses they complete, oldest first. Never raises."""
+        return [Status(id, body[0], False, body[1:]) for id, body in self._packets(data)]
+
+    def instructions(self, data: bytes) -> list[Instruction]:
+        """Takes any bytes and gives the instructions they complete, oldest first. Never raises."""
+        return [Instruction(id, body[0], body[1:]) for id, body in self._packets(data)]
+
+    def forget(self) -> None:
+        """Drops a packet begun: the rest of it won't come."""
+        if self._buffer:
+            self._buffer.clear()
+            self.errors += 1
+        self._searching = False
+
+    def _packets(self, data: bytes) -> list[tuple[int, bytes]]:
+        buffer = self._buffer
+        buffer += data
+        found: list[tuple[int, bytes]] = []
+        at = 0
+        while True:
+            start = buffer.find(_HEADER, at)
+            if start < 0:
+                start = max(at, len(buffer) - buffer.endswith(b"\xff"))
+                self._skip(start - at)
+                at = start
+                break
+            self._skip(start - at)
+            at = start
+            if len(buffer) > start + 2 and buffer[start + 2] == 0xFF:  # one FF too many in front
+                self._skip(1)
+                at = start + 1
+                continue
+            if len(buffer) < start + 4:
+                break
+            length = buffer[start + 3]
+            if length < 2:
+                self._skip(1)
+                at = start + 1
+                continue
+            end = start + 4 + length
+            if len(buffer) < end:
+                break
+            if sum(memoryview(buffer)[start + 2 : end]) & 0xFF != 0xFF:
+                self.errors += 1
+                self._skip(1)
+                at = start + 1
+                continue
+            found.append((buffer[start + 2], bytes(buffer[start + 4 : end - 1])))
+            self.frames += 1
+            self._searching = False
+            at = end
+        del buffer[:at]
+        return found
+
+    def _skip(self, count: int) -> None:
+        if count:
+            self.skipped += count
+            self.resyncs += not self._searching
+            self._searching = True

@@ -1,0 +1,232 @@
+"""Protocol 2.0 on the wire: instruction packets, and the parser of what comes back. No I/O.
+
+Source: protocol sheet dynamixel, §2. A packet is FF FF FD 00, id, length (u16, of what follows it), instruction,
+parameters, CRC-16; all numbers low byte first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Final
+
+from drivers.dynamixel.packets import BROADCAST, Counts, Instruction, Status
+
+PING, READ, WRITE, REG_WRITE, ACTION, FACTORY_RESET, REBOOT, CLEAR = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06, 0x08, 0x10
+STATUS, SYNC_READ, SYNC_WRITE, FAST_SYNC_READ = 0x55, 0x82, 0x83, 0x8A
+BULK_READ, BULK_WRITE, FAST_BULK_READ = 0x92, 0x93, 0x9A
+PING_SIZE: Final = 3  # bytes a ping is answered with: model (u16), firmware
+OVERHEAD: Final = 11  # bytes of a status around its data
+
+# Low bits of a status' error byte.
+OK, RESULT, INSTRUCTION, CRC, RANGE, LENGTH, LIMIT, ACCESS = range(8)
+ALERT: Final = 0x80
+ERRORS: Final = {
+    RESULT: "it failed to process the instruction",
+    INSTRUCTION: "it doesn't know the instruction",
+    CRC: "the packet came to it damaged",
+    RANGE: "the value is out of range",
+    LENGTH: "the data is too short",
+    LIMIT: "the value is beyond a limit of its own",
+    ACCESS: "it can't be accessed now (read-only, or locked while its torque is on)",
+}
+
+LONGEST: Final = 1024  # LEN of the longest packet taken for one; a servo's buffer is smaller
+_HEADER: Final = b"\xff\xff\xfd"
+
+
+def _crc_table() -> tuple[int, ...]:
+    rows = []
+    for value in range(256):
+        crc = value << 8
+        for _ in range(8):
+            crc = crc << 1 ^ 0x8005 if crc & 0x8000 else crc << 1
+        rows.append(crc & 0xFFFF)
+    return tuple(rows)
+
+
+_CRC: Final = _crc_table()
+
+
+def crc16(data: Iterable[int], crc: int = 0) -> int:
+    """CRC-16, polynomial 0x8005, initial 0, not reflected; goes on from `crc`."""
+    table = _CRC
+    for byte in data:
+        crc = (crc << 8 & 0xFF00) ^ table[crc >> 8 ^ byte]
+    return crc
+
+
+def packet(id: int, code: int, data: bytes = b"") -> bytes:
+    """One whole packet, stuffed."""
+    body = bytes((code,)) + data
+    if _HEADER in body:
+        body = body.replace(_HEADER, b"\xff\xff\xfd\xfd")
+    length = len(body) + 2
+    head = b"\xff\xff\xfd\x00" + bytes((id, length & 0xFF, length >> 8)) + body
+    return head + crc16(head).to_bytes(2, "little")
+
+
+def ping(id: int) -> bytes:
+    """Asks a servo, or all, who they are."""
+    return packet(id, PING)
+
+
+def read(id: int, address: int, size: int) -> bytes:
+    """Asks for `size` bytes from `address` on."""
+    return packet(id, READ, _u16(address) + _u16(size))
+
+
+def write(id: int, address: int, data: bytes) -> bytes:
+    """Writes from `address` on; acknowledged."""
+    return packet(id, WRITE, _u16(address) + data)
+
+
+def reboot(id: int) -> bytes:
+    """Restarts a servo: torque off, volatile registers at their defaults, hardware errors cleared."""
+    return packet(id, REBOOT)
+
+
+def group_read(address: int, size: int, ids: Sequence[int]) -> bytes:
+    """Sync read: each of the servos answers with `size` bytes from `address` on, in the order of `ids`."""
+    return packet(BROADCAST, SYNC_READ, _u16(address) + _u16(size) + bytes(ids))
+
+
+def fast_sync_read(address: int, size: int, ids: Sequence[int]) -> bytes:
+    """As `group_read`, answered by one common status. MX servos don't know it (sheet, §2)."""
+    return packet(BROADCAST, FAST_SYNC_READ, _u16(address) + _u16(size) + bytes(ids))
+
+
+def sync_write(address: int, size: int, values: Mapping[int, bytes]) -> bytes:
+    """Writes `size` bytes from `address` on to each servo, its own; not acknowledged."""
+    body = b"".join(bytes((id,)) + data for id, data in values.items())
+    return packet(BROADCAST, SYNC_WRITE, _u16(address) + _u16(size) + body)
+
+
+def status(id: int, error: int = 0, data: bytes = b"") -> bytes:
+    """A servo's answer."""
+    return packet(id, STATUS, bytes((error,)) + data)
+
+
+def fast_status(parts: Sequence[tuple[int, int, bytes]]) -> bytes:
+    """The common answer to a fast sync read, from (id, error, data) of each servo; never stuffed."""
+    length = 1 + sum(4 + len(data) for _, _, data in parts)
+    out = bytearray(b"\xff\xff\xfd\x00\xfe" + _u16(length) + bytes((STATUS,)))
+    crc, done = 0, 0
+    for id, error, data in parts:
+        out += bytes((error, id)) + data
+        crc = crc16(out[done:], crc)
+        done = len(out)
+        out += crc.to_bytes(2, "little")
+    return bytes(out)
+
+
+def split_fast(common: Status, size: int) -> list[Status]:
+    """The servos' parts of a fast sync read's common answer; [] where the sizes don't fit.
+
+    Args:
+        common: from `Parser`, id 254; its checksum is that of the last part, which covers all before it.
+        size: bytes asked of each servo.
+    """
+    body = bytes((common.error | ALERT * common.alert,)) + common.data + b"\0\0"  # the last CRC is gone already
+    if len(body) % (size + 4):
+        return []
+    parts = []
+    for at in range(0, len(body), size + 4):
+        error, id = body[at], body[at + 1]
+        parts.append(Status(id, error & 0x7F, bool(error & ALERT), body[at + 2 : at + 2 + size]))
+    return parts
+
+
+class Parser(Counts):
+    """Finds packets in a stream of bytes, however it is cut; the same packets for the same bytes.
+
+    What doesn't belong to the direction it listens to is skipped without a count: an adapter's echo of the
+    host's own bytes for the host, other servos' answers for a servo.
+    """
+
+    def __init__(self, longest: int = LONGEST) -> None:
+        """`longest`: LEN above which a packet is no packet."""
+        super().__init__()
+        self._longest = longest
+        self._buffer = bytearray()
+        self._searching = False
+
+    def statuses(self, data: bytes) -> list[Status]:
+        """Takes any bytes and gives the statuses they complete, oldest first. Never raises."""
+        found = []
+        for id, body in self._packets(data):
+            if body[0] == STATUS and len(body) > 1:
+                found.append(Status(id, body[1] & 0x7F, body[1] > 0x7F, body[2:]))
+        return found
+
+    def instructions(self, data: bytes) -> list[Instruction]:
+        """Takes any bytes and gives the instructions they complete, oldest first. Never raises."""
+        return [Instruction(id, body[0], body[1:]) for id, body in self._packets(data) if body[0] != STATUS]
+
+    def forget(self) -> None:
+        """Drops a packet begun: the rest of it won't come."""
+        if self._buffer:
+            self._buffer.clear()
+            self.errors += 1
+        self._searching = False
+
+    def _packets(self, data: bytes) -> list[tuple[int, bytes]]:
+        buffer = self._buffer
+        buffer += data
+        found: list[tuple[int, bytes]] = []
+        at = 0
+        while True:
+            start = buffer.find(_HEADER, at)
+            if start < 0:
+                # The last bytes may be a header's first.
+                keep = 2 if buffer.endswith(b"\xff\xff") else 1 if buffer.endswith(b"\xff") else 0
+                start = max(at, len(buffer) - keep)
+                self._skip(start - at)
+                at = start
+                break
+            self._skip(start - at)
+            at = start
+            if len(buffer) < start + 7:
+                if not self._may_begin(buffer, start):
+                    self._skip(1)
+                    at = start + 1
+                    continue
+                break
+            length = buffer[start + 5] | buffer[start + 6] << 8
+            if not self._may_begin(buffer, start) or not 3 <= length <= self._longest:
+                self._skip(1)
+                at = start + 1
+                continue
+            end = start + 7 + length
+            if len(buffer) < end:
+                break
+            if crc16(memoryview(buffer)[start : end - 2]) != buffer[end - 2] | buffer[end - 1] << 8:
+                self.errors += 1
+                self._skip(1)
+                at = start + 1
+                continue
+            body = bytes(buffer[start + 7 : end - 2])
+            id = buffer[start + 4]
+            if b"\xff\xff\xfd\xfd" in body and not (id == BROADCAST and body[0] == STATUS):
+                body = body.replace(b"\xff\xff\xfd\xfd", _HEADER)
+            found.append((id, body))
+            self.frames += 1
+            self._searching = False
+            at = end
+        del buffer[:at]
+        return found
+
+    @staticmethod
+    def _may_begin(buffer: bytearray, start: int) -> bool:
+        """Whether reserved byte and id, as far as they are there, are those of a packet."""
+        head = buffer[start + 3 : start + 5]
+        return (not head or head[0] == 0) and (len(head) < 2 or (head[1] <= BROADCAST and head[1] != 0xFD))
+
+    def _skip(self, count: int) -> None:
+        if count:
+            self.skipped += count
+            self.resyncs += not self._searching
+            self._searching = True
+
+
+def _u16(value: int) -> bytes:
+    return value.to_bytes(2, "little")

@@ -1,0 +1,221 @@
+"""Asking servos one at a time, with waiting: for opening a bus, not for the loop."""
+
+from __future__ import annotations
+
+import time
+from typing import Any, Final
+
+from drivers.dynamixel import protocol1, protocol2
+from drivers.dynamixel.family import Family
+from drivers.dynamixel.models import called
+from drivers.dynamixel.packets import BROADCAST, Status
+from drivers.dynamixel.table import BAUDS2, Register
+from drivers.transport import Transport, open_transport
+from runtime.errors import DeviceError
+
+TRIES: Final = 3
+ANSWER: Final = 0.06  # s; a USB adapter alone may take 16 ms each way
+SCAN: Final = 0.08  # s of listening for a broadcast's answers at another rate
+_RATES: Final = (57600, 1_000_000, 115200, 2_000_000, 3_000_000, 4_000_000, 9600)
+
+
+class Session:
+    """Requests over one link.
+
+    Attributes:
+        frames, errors, resyncs: of the parser.
+    """
+
+    def __init__(self, link: Transport, family: Family, place: str) -> None:
+        self.link, self.family, self.place = link, family, place
+        self.parser = family.parser()
+
+    def ask(self, frame: bytes, id: int, size: int | None = None, tries: int = TRIES) -> Status | None:
+        """The answer of servo `id` to a packet; None where there is none.
+
+        Args:
+            frame: one instruction packet.
+            id: whose answer.
+            size: bytes of data it must have, unless it reports an error.
+            tries: how often the packet is sent.
+        """
+        for _ in range(tries):
+            self.link.flush_input()
+            self.parser.forget()
+            self.link.write_all(frame, 1.0)
+            deadline = time.monotonic() + ANSWER + 10 * len(frame) / self.family.config.baudrate
+            while (left := deadline - time.monotonic()) > 0:
+                for status in self.parser.statuses(self.link.read_wait(left)):
+                    fits = size is None or len(status.data) == size or (status.error and not status.data)
+                    if status.id == id and fits:
+                        return status
+        return None
+
+    def tell(self, frame: bytes) -> None:
+        """Sends a packet whose acknowledgement may not come, and gives it time to pass."""
+        self.link.write_all(frame, 1.0)
+        time.sleep(0.005 + 20 * len(frame) / self.family.config.baudrate)
+
+    def echoes(self, id: int) -> bool:
+        """Whether the adapter returns the host's own bytes in front of servo `id`'s answer."""
+        ping = self.family.wire.ping(id)
+        self.link.flush_input()
+        self.link.write_all(ping, 1.0)
+        heard = b""
+        deadline = time.monotonic() + ANSWER
+        while (left := deadline - time.monotonic()) > 0 and len(heard) <= len(ping):
+            heard += self.link.read_wait(left)
+        return len(heard) > len(ping) and heard.startswith(ping)
+
+    def write(self, motor: str, id: int, register: Register, value: int, what: str) -> None:
+        """Writes one register and waits for the acknowledgement.
+
+        Raises:
+            DeviceError: refused, with the servo's reason, or not answered.
+        """
+        status = self.ask(self.family.wire.write(id, register.address, register.encode(value)), id, 0)
+        if status is None:
+            raise DeviceError(
+                self.place, f"'{motor}' (id {id}) doesn't acknowledge its {what}", "Check the bus' cables and power"
+            )
+        if refusal := self._refusal(status.error):
+            raise DeviceError(
+                self.place,
+                f"'{motor}' (id {id}) refuses {what} = {value}: {refusal}",
+                "Switch the servo's power off and on, or set it with the vendor's DYNAMIXEL Wizard",
+            )
+
+    def _refusal(self, error: int) -> str:
+        if self.family.protocol == 2:
+            return protocol2.ERRORS.get(error, f"error {error}") if error else ""
+        return "range or instruction error" if error & (protocol1.RANGE | protocol1.INSTRUCTION) else ""
+
+
+def find(session: Session, scan: bool) -> list[tuple[int, int]]:
+    """Model number and firmware version of each motor.
+
+    Args:
+        session: on the open link.
+        scan: where no motor answers, look for them at other baud rates and in the other protocol.
+    Raises:
+        DeviceError: a motor is missing, is another model, or two answer as one.
+    """
+    family, place = session.family, session.place
+    config = family.config
+    found, missing = [], []
+    if config.protocol == 1 and session.echoes(config.ids[0]):
+        raise DeviceError(
+            place,
+            "the adapter returns the host's own bytes, which protocol 1 can't tell from answers",
+            "Use an adapter that suppresses its echo, such as a U2D2, or firmware of protocol 2",
+        )
+    for name, motor in config.motors.items():
+        before = session.parser.errors + session.parser.skipped
+        who = _who(session, motor.id)
+        if who is None:
+            if session.parser.errors + session.parser.skipped > before:
+                raise DeviceError(
+                    place,
+                    f"'{name}' (id {motor.id}) answers with garbled bytes",
+                    "Most often two servos have the same id: connect them one by one and give each its own. Else "
+                    "check the bus' cables, its termination and the return delay",
+                )
+            missing.append((name, motor.id))
+            continue
+        found.append(who)
+        wanted = motor.facts.number(config.protocol)
+        if who[0] != wanted:
+            raise DeviceError(
+                place,
+                f"'{name}' (id {motor.id}) is {called(who[0])}, the profile says {motor.model}",
+                "Correct 'model' or 'id' in the profile, or swap the servos' ids",
+            )
+    if not missing:
+        return found
+    if len(missing) == len(config.motors):
+        raise _silence(session, scan)
+    name, id = missing[0]
+    others = ", ".join(str(motor.id) for key, motor in config.motors.items() if (key, motor.id) not in missing)
+    strangers = [other for other in _listen(session.link, family, SCAN * 4) if other not in config.ids]
+    heard = f"; servos the profile doesn't name answer as {', '.join(map(str, strangers))}" if strangers else ""
+    raise DeviceError(
+        place,
+        f"'{name}' (id {id}) doesn't answer; {others} do{heard}",
+        "Check its cable, its power, its id and its baud rate",
+    )
+
+
+def _who(session: Session, id: int) -> tuple[int, int] | None:
+    wire = session.family.wire
+    status = session.ask(wire.ping(id), id, wire.PING_SIZE)
+    if status is None:
+        return None
+    data = status.data
+    if session.family.protocol == 1:
+        answer = session.ask(wire.read(id, 0, 3), id, 3)
+        if answer is None or len(answer.data) != 3:
+            return None
+        data = answer.data
+    if len(data) != 3:
+        return None
+    return data[0] | data[1] << 8, data[2]
+
+
+def _listen(link: Transport, family: Family, seconds: float) -> dict[int, int]:
+    """Model numbers by id of all who answer a broadcast ping of protocol 2."""
+    parser = protocol2.Parser()
+    found: dict[int, int] = {}
+    if family.protocol == 1:
+        return found
+    link.flush_input()
+    link.write_all(protocol2.ping(BROADCAST), 1.0)
+    deadline = time.monotonic() + seconds
+    while (left := deadline - time.monotonic()) > 0:
+        for status in parser.statuses(link.read_wait(left)):
+            if len(status.data) == 3:
+                found[status.id] = status.data[0] | status.data[1] << 8
+    return found
+
+
+def _silence(session: Session, scan: bool) -> DeviceError:
+    """No motor answers: what does, at which rate and in which protocol."""
+    config, place = session.family.config, session.place
+    problem = f"no servo answers at {config.port} with {config.baudrate} baud and protocol {config.protocol}"
+    power = "Check the servos' power and the adapter's switch (TTL or RS-485)"
+    if not scan or "://" in config.port or config.port.startswith("spy:"):
+        return DeviceError(place, problem, power)
+    session.link.close()
+    rates = [config.baudrate, *(rate for rate in _RATES if rate != config.baudrate)]
+    for rate in rates:
+        link = open_transport(config.port, place=place, baudrate=rate)
+        try:
+            protocol, ids = _heard(link, config.ids[:2])
+        finally:
+            link.close()
+        if ids:
+            named = ", ".join(f"{id} ({called(number)})" if number else str(id) for id, number in ids.items())
+            fix = [f"'baudrate: {rate}'"] if rate != config.baudrate else []
+            fix += [f"'protocol: {protocol}'"] if protocol != config.protocol else []
+            remedy = f"Set {' and '.join(fix)}" if fix else "Correct the ids in the profile"
+            return DeviceError(place, f"{problem}; with {rate} baud and protocol {protocol} there are: {named}", remedy)
+    tried = ", ".join(str(rate) for rate in rates if rate in BAUDS2)
+    return DeviceError(place, f"{problem}, nor at {tried} baud in either protocol", power)
+
+
+def _heard(link: Transport, ids: tuple[int, ...]) -> tuple[int, dict[int, int]]:
+    """Who answers a broadcast of protocol 2; else whether one of `ids` answers in protocol 1."""
+    found: dict[int, int] = {}
+    parsers: tuple[Any, ...] = (protocol2.Parser(), protocol1.Parser())
+    for protocol, parser in zip((2, 1), parsers, strict=True):
+        pings = [protocol2.ping(BROADCAST)] if protocol == 2 else [protocol1.ping(id) for id in ids]
+        for ping in pings:
+            link.flush_input()
+            link.write_all(ping, 1.0)
+            deadline = time.monotonic() + SCAN
+            while (left := deadline - time.monotonic()) > 0:
+                for status in parser.statuses(link.read_wait(left)):
+                    data = status.data
+                    found[status.id] = data[0] | data[1] << 8 if len(data) == 3 else 0
+            if found:
+                return protocol, found
+    return 0, found

@@ -1,0 +1,187 @@
+"""Bringing found servos into the state the driver needs, without moving them or letting them go."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil
+from typing import Final
+
+from drivers.dynamixel.family import RETURN_DELAY, WATCHDOG, Family2
+from drivers.dynamixel.session import Session, find
+from drivers.dynamixel.table import Register
+from runtime.errors import DeviceError
+from runtime.signals import Limits
+
+_WIZARD: Final = "Set it with the vendor's DYNAMIXEL Wizard"
+_SIZES: Final = {1: 74, 2: 147}  # bytes from address 0 that are looked at
+
+
+@dataclass(frozen=True)
+class Bus:
+    """What was found.
+
+    Attributes:
+        firmware: version by motor.
+        limits: of the command.
+        powered: by motor: its torque is on, from an earlier run.
+        errors: by motor: hardware error bits (protocol 2), error bits (protocol 1).
+        torque: by motor: the register max_torque (protocol 1), which recovers a torque limit that fell to 0.
+    """
+
+    firmware: tuple[int, ...]
+    limits: Limits
+    powered: tuple[bool, ...]
+    errors: tuple[int, ...]
+    torque: tuple[int, ...]
+
+
+def set_up(session: Session, scan: bool) -> Bus:
+    """Identifies, checks and configures all motors, and arms their watchdogs (protocol 2).
+
+    Raises:
+        DeviceError: with what is wrong, at which motor, and the remedy.
+    """
+    family, config = session.family, session.family.config
+    found = find(session, scan)
+    memories, errors = [], []
+    for i, (name, motor) in enumerate(config.motors.items()):
+        memory, error = _look(session, i, name, motor.id)
+        table = family.tables[i]
+        if isinstance(family, Family2):
+            _check2(session, name, motor.id, table, memory)
+            error = table["hardware_error_status"].decode(memory)
+            wanted = {"operating_mode": family.MODES[config.mode]}
+        else:
+            _check1(session, name, motor.id, table, memory)
+            wanted = _limits1(session, name, motor.id, table, memory)
+        powered = bool(table["torque_enable"].decode(memory))
+        if config.return_delay is not None and not powered:
+            wanted["return_delay_time"] = round(config.return_delay / RETURN_DELAY)
+        memory = _settle(session, name, motor.id, table, memory, wanted)
+        _volatile(session, name, motor.id, table, memory)
+        family.take_up_turns(i, table["present_position"].decode(memory))
+        memories.append(memory)
+        errors.append(error)
+    registers = family.tables
+    return Bus(
+        tuple(firmware for _, firmware in found),
+        family.set_limits(memories),
+        tuple(bool(t["torque_enable"].decode(m)) for t, m in zip(registers, memories, strict=True)),
+        tuple(errors),
+        tuple(t["max_torque"].decode(m) if "max_torque" in t else 0 for t, m in zip(registers, memories, strict=True)),
+    )
+
+
+def watchdog_code(seconds: float) -> int:
+    """The register's value, at least as long."""
+    return min(max(ceil(seconds / WATCHDOG - 1e-9), 1), 127)
+
+
+def _look(session: Session, i: int, name: str, id: int) -> tuple[bytes, int]:
+    """A motor's registers from address 0 on, and the error bits it answered with."""
+    family = session.family
+    size = _SIZES[family.protocol]
+    frame = family.wire.read(id, 0, size)
+    status = session.ask(frame, id, size)
+    if status is None:
+        # It answers pings alone: its status return level is 0.
+        level = family.tables[i]["status_return_level"]
+        session.tell(family.wire.write(id, level.address, b"\2"))
+        status = session.ask(frame, id, size)
+    if status is None or len(status.data) != size:
+        raise DeviceError(
+            session.place,
+            f"'{name}' (id {id}) answers pings, but not when its registers are read",
+            f"Its status return level must be 2. {_WIZARD}; else check the bus' cables",
+        )
+    return status.data, status.error
+
+
+def _check2(session: Session, name: str, id: int, table: dict[str, Register], memory: bytes) -> None:
+    if table["drive_mode"].decode(memory) & 2:
+        raise DeviceError(
+            session.place, f"'{name}' (id {id}) is set up as the slave of another servo (drive mode)", _WIZARD
+        )
+
+
+def _check1(session: Session, name: str, id: int, table: dict[str, Register], memory: bytes) -> None:
+    for register, wanted in (("resolution_divider", 1), ("multi_turn_offset", 0)):
+        value = table[register].decode(memory)
+        if value != wanted:
+            what = register.replace("_", " ")
+            raise DeviceError(session.place, f"the {what} of '{name}' (id {id}) is {value}, expected {wanted}", _WIZARD)
+
+
+def _limits1(session: Session, name: str, id: int, table: dict[str, Register], memory: bytes) -> dict[str, int]:
+    """Protocol 1 has no operating mode: both angle limits 0 make a wheel, both 4095 several turns."""
+    low, high = table["cw_angle_limit"].decode(memory), table["ccw_angle_limit"].decode(memory)
+    mode = session.family.config.mode
+    joint = not low == high == 0 and not low == high == 4095
+    if mode in ("position", "effort"):
+        return {} if joint else {"cw_angle_limit": 0, "ccw_angle_limit": 4095}
+    wanted = 0 if mode == "velocity" else 4095
+    if joint and (low, high) != (0, 4095):
+        raise DeviceError(
+            session.place,
+            f"'{name}' (id {id}) has angle limits {low} to {high}, which mode '{mode}' would overwrite with {wanted}",
+            f"Set both limits to {wanted} with the vendor's DYNAMIXEL Wizard, if that is wanted",
+        )
+    return {"cw_angle_limit": wanted, "ccw_angle_limit": wanted}
+
+
+def _settle(
+    session: Session, name: str, id: int, table: dict[str, Register], memory: bytes, wanted: dict[str, int]
+) -> bytes:
+    """Sets registers kept without power where they differ; returns the registers as they are then."""
+    for key, value in wanted.items():
+        register = table[key]
+        present = register.decode(memory)
+        if present == value:
+            continue
+        what = key.replace("_", " ")
+        if not session.family.config.configure:
+            raise DeviceError(
+                session.place,
+                f"the {what} of '{name}' (id {id}) is {present}, the profile needs {value}",
+                "Set 'configure: true', or set it with the vendor's DYNAMIXEL Wizard",
+            )
+        if table["torque_enable"].decode(memory):
+            raise DeviceError(
+                session.place,
+                f"the {what} of '{name}' (id {id}) is {present}, the profile needs {value}, and its torque is on",
+                "Support the limb, switch the servos' power off and on, then try again",
+            )
+        session.write(name, id, register, value, what)
+        memory = memory[: register.address] + register.encode(value) + memory[register.end :]
+    return memory
+
+
+def _volatile(session: Session, name: str, id: int, table: dict[str, Register], memory: bytes) -> None:
+    """Registers that a power-up resets: answers to everything, no profile of its own, the watchdog armed.
+
+    A servo with torque on keeps its goal position, so it goes on holding; other goals become 0.
+    """
+    config = session.family.config
+    if session.family.protocol == 1:
+        wanted = {"goal_acceleration": 0}
+        if "torque_control_mode" in table:
+            if config.mode == "effort":
+                wanted["goal_torque"] = 0
+            wanted["torque_control_mode"] = int(config.mode == "effort")
+        wanted["moving_speed"] = 0
+    else:
+        wanted = {"bus_watchdog": 0, "profile_acceleration": 0, "profile_velocity": 0}
+        if config.mode == "velocity":
+            wanted["goal_velocity"] = 0
+        if config.mode == "effort":
+            wanted["goal_current"] = 0
+    level = table["status_return_level"]
+    if level.decode(memory) != 2:
+        session.tell(session.family.wire.write(id, level.address, level.encode(2)))
+    for key, value in wanted.items():
+        # The watchdog may trip meanwhile, so it is cleared whatever was read; goals likewise.
+        if key in ("bus_watchdog", "goal_velocity", "goal_current") or table[key].decode(memory) != value:
+            session.write(name, id, table[key], value, key.replace("_", " "))
+    if session.family.protocol == 2:
+        register = table["bus_watchdog"]
+        session.write(name, id, register, watchdog_code(config.watchdog), "bus watchdog")
