@@ -6,13 +6,14 @@ import argparse
 import json
 import sys
 
-from bench import clock, drivers, dynamixel, panda, sixth_finger, ur
+from bench import clock, drivers, dynamixel, noitom, panda, sixth_finger, ur
 
 BENCHES = {
     "clock-100hz": lambda: clock.run(100),
     "clock-1khz": lambda: clock.run(1000),
     "drivers": drivers.run,
     "dynamixel": dynamixel.run,
+    "noitom-text": noitom.run,
     "panda-cycle": panda.run,
     "ur-rtde-receive": ur.run,
     "cycle-sixth-finger": sixth_finger.cycle,

@@ -20,6 +20,7 @@ TOKENS: Final = (0xDDFF, 0xEEFF)
 COUNTS: Final = {354: (True, False), 180: (False, False), 360: (True, True), 186: (False, True)}
 END: Final = b"||"
 LONGEST: Final = 32768  # bytes of a text record: 360 numbers of up to 20 characters and some more
+_EXPONENT: Final = np.uint32(0x7F800000)
 _START: Final = b"\xff\xdd"
 
 
@@ -140,12 +141,12 @@ def _frame_size(data: bytes, at: int) -> int:
 
 def _decode(data: bytes, at: int) -> Frame | None:
     _, _, count, _, _, avatar, name, number, _ = HEADER.unpack_from(data, at)
-    with np.errstate(invalid="ignore"):  # a signalling NaN is garbage like any other
-        values = np.frombuffer(data, "<f4", count, at + HEADER.size).astype(np.float64)
+    bits = np.frombuffer(data, "<u4", count, at + HEADER.size)
+    if (bits & _EXPONENT == _EXPONENT).any():  # infinite or NaN; as numbers, some of them would warn
+        return None
+    values = bits.view("<f4").astype(np.float64)
     # The flags are wrong in some senders (§8); the count can't be.
     displacement, reference = COUNTS[count]
-    if not np.isfinite(values).all():
-        return None
     return Frame(values, displacement, reference, avatar, name.split(b"\0")[0].decode("ascii", "replace"), number)
 
 

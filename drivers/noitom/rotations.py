@@ -17,11 +17,17 @@ class Quaternions:
 
     def __init__(self, order: Order, count: int) -> None:
         i, j, k = (_AXES[axis] for axis in order)
-        self._columns = (i, j, k)
         # sin sin sin and the like enter with the sign of the permutation.
-        self._sign = 1.0 if (j - i) % 3 == 1 else -1.0
-        self._half = np.empty((count, 3))
-        self._cos, self._sin = np.empty((count, 3)), np.empty((count, 3))
+        e = 1.0 if (j - i) % 3 == 1 else -1.0
+        # Of the eight products of three, by bits (1: the sine): those of w, x, y, z, and what is added to each.
+        first, second, sign = np.empty(4, np.intp), np.empty(4, np.intp), np.empty((4, 1))
+        first[[0, i, j, k]] = 0b000, 0b100, 0b010, 0b001
+        second[:] = 0b111 - first
+        sign[[0, i, j, k], 0] = -e, e, -e, e
+        self._first, self._second, self._sign = first, second, sign
+        self._half, self._each = np.empty((3, count)), np.empty((3, 2, count))
+        self._two, self._three = np.empty((2, 2, 1, count)), np.empty((2, 2, 2, count))
+        self._sum, self._added = np.empty((4, count)), np.empty((4, count))
 
     def fill(self, angles: Array, out: Array) -> None:
         """
@@ -29,16 +35,17 @@ class Quaternions:
             angles: (k, 3) rad, in the order's sequence.
             out: (k, 4).
         """
-        np.multiply(angles, 0.5, out=self._half)
-        np.cos(self._half, out=self._cos)
-        np.sin(self._half, out=self._sin)
-        (c1, c2, c3), (s1, s2, s3) = self._cos.T, self._sin.T
-        i, j, k = self._columns
-        e = self._sign
-        out[:, 0] = c1 * c2 * c3 - e * s1 * s2 * s3
-        out[:, i] = s1 * c2 * c3 + e * c1 * s2 * s3
-        out[:, j] = c1 * s2 * c3 - e * s1 * c2 * s3
-        out[:, k] = c1 * c2 * s3 + e * s1 * s2 * c3
+        each = self._each
+        np.multiply(angles.T, 0.5, out=self._half)
+        np.cos(self._half, out=each[:, 0])
+        np.sin(self._half, out=each[:, 1])
+        np.multiply(each[0, :, None, None], each[1, None, :, None], out=self._two)
+        np.multiply(self._two, each[2], out=self._three)
+        products = self._three.reshape(8, -1)
+        products.take(self._first, axis=0, out=self._sum, mode="clip")
+        products.take(self._second, axis=0, out=self._added, mode="clip")
+        self._added *= self._sign
+        np.add(self._sum, self._added, out=out.T)
 
 
 def angles_of(quaternions: Array, order: Order) -> Array:

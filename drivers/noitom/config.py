@@ -1,0 +1,28 @@
+"""A suit's options in the profile, and the states it gives."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from drivers.noitom.rotations import Order
+from drivers.noitom.skeleton import JOINTS, Kind, Skeleton
+from runtime.driver import DeviceConfig
+from runtime.signals import Signal
+
+
+class NoitomConfig(DeviceConfig):
+    """Options of a suit."""
+
+    port: str = Field(description="tcp://HOST:7001 (Axis Neuron), udp://:7012 (Axis Studio sends there)")
+    skeleton: Kind = Field("axis-neuron", description="the tree; it can't be told from the stream")
+    order: Order = Field("YXZ", description="rotation order set in the software; it can't be told from the stream")
+    avatar: int = Field(0, ge=0, description="index of the person")
+    scale: float = Field(1.0, gt=0.3, lt=3, description="of the default body, where displacements aren't sent")
+
+
+def signals(skeleton: Skeleton) -> tuple[Signal, Signal]:
+    """`rotation` (59, 4) and `translation` (59, 3)."""
+    return (
+        Signal(name="rotation", shape=(JOINTS, 4), unit="1", labels=skeleton.names),
+        Signal(name="translation", shape=(JOINTS, 3), unit="m", labels=skeleton.names),
+    )

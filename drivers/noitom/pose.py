@@ -1,0 +1,36 @@
+"""From a frame's centimetres and degrees to the states."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from drivers.noitom.config import NoitomConfig
+from drivers.noitom.protocol import Frame
+from drivers.noitom.rotations import Quaternions
+from drivers.noitom.skeleton import JOINTS, Skeleton
+from runtime.signals import Array
+
+
+class Pose:
+    """Fills `rotation` and `translation`. Where a frame has no displacements, bones are the default body's, scaled."""
+
+    def __init__(self, config: NoitomConfig, skeleton: Skeleton) -> None:
+        self._offsets = skeleton.offsets * config.scale
+        self._quaternions = Quaternions(config.order, JOINTS)
+        self._angles = np.empty((JOINTS, 3))
+
+    def fill(self, frame: Frame, states: Mapping[str, Array]) -> None:
+        """
+        Args:
+            frame: as it came.
+            states: `rotation` (59, 4), w x y z, and `translation` (59, 3), m.
+        """
+        translations, degrees = frame.split()
+        np.multiply(degrees, np.pi / 180, out=self._angles)
+        self._quaternions.fill(self._angles, states["rotation"])
+        place = states["translation"]
+        if not frame.displacement:
+            place[1:] = self._offsets[1:]
+        np.multiply(translations, 0.01, out=place[: len(translations)])

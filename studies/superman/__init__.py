@@ -1,0 +1,1 @@
+"""SUPER-MAN: MOCA-MAN and Kairos-MAN (Giammarino et al., 2022)."""

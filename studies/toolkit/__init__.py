@@ -1,0 +1,1 @@
+"""Evaluates user studies: questionnaires, surface EMG, trials, statistics, tables and boxplots."""

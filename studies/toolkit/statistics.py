@@ -1,0 +1,183 @@
+"""Summaries and tests of paired samples: the same subjects under two conditions."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from runtime.errors import HostError
+from runtime.signals import Array
+from studies.toolkit.errors import StudyError, numbers, pairs
+
+LEVELS: Final = (0.001, 0.01, 0.05)  # the paper's levels of significance
+WHISKER: Final = 1.5  # interquartile ranges, Tukey's
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Mean and sample standard deviation (n - 1); the deviation of a single value is nan."""
+
+    n: int
+    mean: float
+    deviation: float
+
+
+@dataclass(frozen=True)
+class Box:
+    """What a boxplot shows.
+
+    Attributes:
+        lower, median, upper: quartiles, straight lines between the order statistics (numpy's default).
+        low, high: the whiskers' ends: the outermost values within 1.5 interquartile ranges of the quartiles.
+        outliers: the values beyond.
+    """
+
+    lower: float
+    median: float
+    upper: float
+    low: float
+    high: float
+    outliers: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class SignTest:
+    """The exact two-sided sign test of paired samples; ties are left out.
+
+    Attributes:
+        more, less, ties: pairs in which the first is larger, smaller, equal.
+        p: of so uneven a split, or one more so, were both signs as likely; 1 if all are ties.
+    """
+
+    more: int
+    less: int
+    ties: int
+    p: float
+
+
+@dataclass(frozen=True)
+class PairedT:
+    """The two-sided paired t-test: of the differences first - second.
+
+    Attributes:
+        difference: their mean, in the values' unit.
+        t, freedom: the statistic and its degrees of freedom.
+        p: of so large a mean, or a larger one, were the true mean 0.
+    """
+
+    difference: float
+    t: float
+    freedom: int
+    p: float
+
+
+@dataclass(frozen=True)
+class ShapiroWilk:
+    """The Shapiro-Wilk test: a small p speaks against a normal distribution, a large one proves none."""
+
+    w: float
+    p: float
+
+
+def summary(values: ArrayLike, place: str = "summary") -> Summary:
+    """Mean and standard deviation of (n,) values; raises StudyError if there are none or one isn't finite."""
+    found = numbers(place, values)
+    deviation = float(np.std(found, ddof=1)) if len(found) > 1 else math.nan
+    return Summary(len(found), float(np.mean(found)), deviation)
+
+
+def box(values: ArrayLike, place: str = "boxplot") -> Box:
+    """Quartiles, whiskers and outliers of (n,) values; raises StudyError as `summary`."""
+    found = np.sort(numbers(place, values))
+    lower, median, upper = (float(q) for q in np.quantile(found, (0.25, 0.5, 0.75)))
+    reach = WHISKER * (upper - lower)
+    inside = (found >= lower - reach) & (found <= upper + reach)
+    # A quartile lies between two values: without a value between it and its fence the whisker has no length.
+    low = min(float(found[inside][0]), lower)
+    high = max(float(found[inside][-1]), upper)
+    return Box(lower, median, upper, low, high, tuple(float(v) for v in found[~inside]))
+
+
+def sign_test(first: ArrayLike, second: ArrayLike, place: str = "sign test") -> SignTest:
+    """The exact sign test of (n,) and (n,) values, pair by pair.
+
+    Raises:
+        StudyError: they are empty, not finite, or don't pair.
+    """
+    one, other = pairs(place, first, second)
+    more, less = int(np.sum(one > other)), int(np.sum(one < other))
+    return SignTest(more, less, len(one) - more - less, _binomial(more, more + less))
+
+
+def paired_t(first: ArrayLike, second: ArrayLike, place: str = "paired t-test") -> PairedT:
+    """The paired t-test of (n,) and (n,) values, n >= 2.
+
+    Raises:
+        StudyError: as `sign_test`, or all differences are the same.
+        HostError: scipy isn't installed.
+    """
+    one, other = pairs(place, first, second, 2)
+    difference = one - other
+    _varied(place, difference, float(np.max(np.abs([one, other]))), "Take the sign test")
+    try:
+        from scipy import stats
+    except ImportError:
+        raise without_scipy(place) from None
+    found = stats.ttest_1samp(difference, 0.0)
+    return PairedT(float(np.mean(difference)), float(found.statistic), len(difference) - 1, float(found.pvalue))
+
+
+def shapiro_wilk(values: ArrayLike, place: str = "Shapiro-Wilk test") -> ShapiroWilk:
+    """The Shapiro-Wilk test of (n,) values, 3 <= n <= 5000. Before a paired t-test: of the differences.
+
+    Raises:
+        StudyError: too few, too many, not finite, or all the same.
+        HostError: scipy isn't installed.
+    """
+    found = numbers(place, values, 3)
+    if len(found) > 5000:
+        raise StudyError(place, f"{len(found)} values, expected at most 5000", "Test one value a subject, not a signal")
+    _varied(place, found, float(np.max(np.abs(found))), "It says nothing about a constant")
+    try:
+        from scipy import stats
+    except ImportError:
+        raise without_scipy(place) from None
+    w, p = stats.shapiro(found)
+    return ShapiroWilk(float(w), float(p))
+
+
+def level(p: float) -> float | None:
+    """The strictest of the levels 0.001, 0.01 and 0.05 that `p` is below; None if it is below none."""
+    return next((alpha for alpha in LEVELS if p < alpha), None)
+
+
+def stars(p: float) -> str:
+    """`***`, `**`, `*` for p below 0.001, 0.01, 0.05; else nothing."""
+    alpha = level(p)
+    return "" if alpha is None else "*" * (len(LEVELS) - LEVELS.index(alpha))
+
+
+def words(p: float) -> str:
+    """A p-value as tables print it: two figures, or "p < 0.001"."""
+    return "p < 0.001" if p < LEVELS[0] else f"p = {p:.2g}"
+
+
+def without_scipy(place: str) -> HostError:
+    """The error of a machine that lacks the optional extra."""
+    return HostError(place, "scipy isn't installed", "Install it: pip install 'srl-runtime[studies]'")
+
+
+def _binomial(k: int, n: int) -> float:
+    """Twice the smaller tail of a fair binomial, in whole numbers up to the last division."""
+    tail = sum(math.comb(n, i) for i in range(min(k, n - k) + 1))
+    return min(2 * tail / 2**n, 1.0)
+
+
+def _varied(place: str, values: Array, largest: float, remedy: str) -> None:
+    # Differences of numbers read from text carry rounding: 0.3 - 0.2 isn't 0.2 - 0.1.
+    if np.ptp(values) <= 1e-14 * largest:
+        raise StudyError(place, f"all {len(values)} values are the same, {values[0]:g}", remedy)

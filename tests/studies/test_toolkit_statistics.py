@@ -1,0 +1,138 @@
+"""Tests of paired samples against scipy and by hand; the boxes against matplotlib's."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+from pathlib import Path
+from statistics import fmean, stdev
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from matplotlib.cbook import boxplot_stats
+from scipy import stats
+
+from runtime.errors import HostError
+from studies.toolkit.errors import StudyError
+from studies.toolkit.statistics import box, level, paired_t, shapiro_wilk, sign_test, stars, summary, words
+
+VALUES = st.lists(st.integers(-20, 20).map(float), min_size=1, max_size=40)
+PAIRS = st.lists(st.tuples(st.integers(0, 5), st.integers(0, 5)), min_size=1, max_size=200)
+
+
+@given(PAIRS)
+def test_the_sign_test_is_scipys_binomial_test_without_ties(pairs: list[tuple[int, int]]) -> None:
+    first, second = zip(*pairs, strict=True)
+    found = sign_test(first, second)
+    assert found.more + found.less + found.ties == len(pairs)
+    n = found.more + found.less
+    assert found.p == pytest.approx(stats.binomtest(found.more, n).pvalue if n else 1.0, rel=1e-12)
+    back = sign_test(second, first)
+    assert (back.more, back.less, back.p) == (found.less, found.more, found.p)
+
+
+def test_sign_tests_by_hand() -> None:
+    assert sign_test(range(12), [-1] * 12).p == 2 / 4096
+    assert sign_test([1] * 10 + [0] * 2, [0] * 10 + [1] * 2).p == 2 * (1 + 12 + 66) / 4096
+    assert sign_test([5] * 4, [5] * 4).p == 1.0
+
+
+@given(st.lists(st.tuples(st.floats(-50, 50), st.floats(-50, 50)), min_size=2, max_size=30))
+def test_the_paired_t_test_is_scipys(pairs: list[tuple[float, float]]) -> None:
+    first, second = (np.array(side) for side in zip(*pairs, strict=True))
+    difference = first - second
+    if np.ptp(difference) <= 1e-6:
+        return
+    found, theirs = paired_t(first, second), stats.ttest_rel(first, second)
+    by_hand = difference.mean() / (difference.std(ddof=1) / math.sqrt(len(difference)))
+    assert found.t == pytest.approx(by_hand, rel=1e-9, abs=1e-12)
+    assert (found.t, found.p) == pytest.approx((theirs.statistic, theirs.pvalue), rel=1e-6, abs=1e-12)
+    assert found.freedom == len(pairs) - 1
+
+
+def test_shapiro_wilk_tells_a_normal_sample_from_a_skewed_one() -> None:
+    rng = np.random.default_rng(3)
+    assert shapiro_wilk(rng.normal(size=50)).p > 0.05
+    assert shapiro_wilk(rng.exponential(size=50)).p < 0.001
+    # Shapiro and Wilk's own example of 1965: weights of eleven men, W = 0.79.
+    assert shapiro_wilk([148, 154, 158, 160, 161, 162, 166, 170, 182, 195, 236]).w == pytest.approx(0.79, abs=0.005)
+
+
+@given(VALUES)
+def test_boxes_are_matplotlibs(values: list[float]) -> None:
+    found, theirs = box(values), boxplot_stats(values)[0]
+    ours = (found.lower, found.median, found.upper, found.low, found.high)
+    assert ours == pytest.approx([theirs[key] for key in ("q1", "med", "q3", "whislo", "whishi")], abs=1e-12)
+    assert sorted(found.outliers) == sorted(theirs["fliers"])
+
+
+@given(VALUES)
+def test_summaries_are_the_exact_ones(values: list[float]) -> None:
+    found = summary(values)
+    assert found.mean == pytest.approx(fmean(values), abs=1e-12)
+    if len(values) == 1:
+        assert math.isnan(found.deviation)
+    else:
+        assert found.deviation == pytest.approx(stdev(values), abs=1e-9)
+
+
+def test_levels_are_strict() -> None:
+    assert [level(p) for p in (0.0009, 0.001, 0.0099, 0.01, 0.049, 0.05)] == [0.001, 0.01, 0.01, 0.05, 0.05, None]
+    assert [stars(p) for p in (0.0001, 0.005, 0.02, 0.5)] == ["***", "**", "*", ""]
+    assert [words(p) for p in (0.0004, 0.0039, 0.2890625)] == ["p < 0.001", "p = 0.0039", "p = 0.29"]
+
+
+@pytest.mark.parametrize("test", [sign_test, paired_t])
+def test_wrong_pairs(test: object) -> None:
+    assert callable(test)
+    for first, second, says in (
+        ([1, 2, 3], [1, 2], "3 values don't pair with 2"),
+        ([], [], "got 0"),
+        ([1, math.nan], [1, 2], "value 2 of 2 is nan"),
+        ([[1, 2]], [1, 2], "one row of numbers"),
+        (["a", "b"], [1, 2], "expected numbers"),
+    ):
+        with pytest.raises(StudyError, match=says):
+            test(first, second)
+
+
+def test_tests_that_have_no_answer_say_so() -> None:
+    with pytest.raises(StudyError, match=r"all 3 values are the same.*sign test"):
+        paired_t([0.1, 0.2, 0.3], [0.2, 0.3, 0.4])
+    with pytest.raises(StudyError, match="all 4 values are the same"):
+        shapiro_wilk([2, 2, 2, 2])
+    with pytest.raises(StudyError, match="at least 3"):
+        shapiro_wilk([1, 2])
+    with pytest.raises(StudyError, match="at most 5000"):
+        shapiro_wilk(np.arange(5001))
+
+
+def test_without_scipy_the_sign_test_works_and_the_others_say_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "scipy", None)
+    assert sign_test([1, 2], [0, 0]).p == 0.5
+    for call in (lambda: paired_t([1, 2], [0, 0]), lambda: shapiro_wilk([1, 2, 4])):
+        with pytest.raises(HostError, match=r"scipy isn't installed.*pip install"):
+            call()
+
+
+def test_without_scipy_tables_and_questionnaires_work_and_emg_says_what_to_install() -> None:
+    text = """if True:
+        import sys
+        sys.modules["scipy"] = None
+        from runtime.errors import HostError
+        from studies.superman.published import PRINTED_I, TABLE_I
+        from studies.toolkit import boxplots, nasa_tlx, trials
+        TABLE_I.console(PRINTED_I)
+        try:
+            from studies.toolkit import semg_record
+        except HostError as error:
+            print(error)
+    """
+    root = Path(__file__).parents[2]
+    done = subprocess.run(
+        [sys.executable, "-c", text], cwd=root, capture_output=True, text=True, timeout=60, check=True
+    )
+    assert "scipy isn't installed" in done.stdout
