@@ -110,7 +110,8 @@ class Admittance(Controller):
         if rotates <= 0.5:
             force[3:] = [0.0, 0.0, 0.0]
         M, D = float(self.param["scale"][()]), float(self.param["damping"][()])
-        pull, brake = self._held()
+        # Switched off, the desired pose stays: whoever pushes the robot away stretches its spring, not the leash.
+        pull, brake = self._held() if on > 0.5 else ([0.0] * 6, [0.0] * 6)
         extra = self._passive(force, dt, D)
         v = self._velocity
         for i in range(6):

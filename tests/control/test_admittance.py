@@ -179,6 +179,15 @@ def test_the_leash_bounds_how_far_a_blocked_robot_is_pulled_and_jumps_nowhere() 
     assert controller.output["pose"][0] <= 0.031
 
 
+def test_switched_off_nothing_drags_the_desired_pose() -> None:
+    controller = law()
+    controller.input["modes"][:] = 0
+    controller.input["pose"][:3] = [0.2, 0, -0.1]  # pushed away, for long
+    for _ in range(3000):
+        controller.update(DT)
+    np.testing.assert_array_equal(controller.output["pose"], [0, 0, 0, 1, 0, 0, 0])
+
+
 def held(stiffness: float, delay: float, tank: float | None, seconds: float = 8.0) -> list[float]:
     """Velocities with an arm of this stiffness that holds the handle, the robot `delay` behind its desired pose."""
     controller = law(

@@ -1,0 +1,178 @@
+"""Compliance for a robot that is stiff by itself: the desired motion gives way to the measured contact force.
+
+Not in the paper, whose Kairos fails at the peg-in-hole. A deviation e (6,) of the desired pose follows
+
+    M_c e_dd + D_c e_d + K_c e = f
+
+with the contact's wrench f on the tool. Against a rigid thing the tool presses with K_c times how far the desired
+pose is inside it, besides D_c times the speed at which it came. M_c and D_c are larger than feels light: behind a
+velocity-controlled arm's delay T a contact of stiffness k stays stable while D_c is well above k T.
+
+So that a person who pushes on doesn't push with D_c times the speed the admittance makes of it, the part of the
+desired motion that goes against the contact is taken over by e as far as the contact is firm: at once as it
+becomes firm, and given back slowly after it is lost, since a contact behind a delay comes and goes.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from runtime.control import rotation
+from runtime.control.admittance import GRAVITY
+
+_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+_Six = tuple[_Positive, _Positive, _Positive, _Positive, _Positive, _Positive]
+_Three = tuple[float, float, float]
+_Turn = tuple[float, float, float, float]
+
+
+class WeightConfig(BaseModel):
+    """Something whose weight the sensor feels."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    mass: float = Field(ge=0, le=50, description="kg")
+    com: _Three = Field((0.0, 0.0, 0.0), description="m, its centre of mass in the control point's frame")
+
+
+class ComplianceConfig(BaseModel):
+    """Options under `force_feedback` of `kairos-clik`."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    mass: _Six = Field((10.0, 10.0, 10.0, 0.5, 0.5, 0.5), description="M_c, kg and kg m^2, world axes")
+    damping: _Six = Field((600.0, 600.0, 600.0, 20.0, 20.0, 20.0), description="D_c, N s/m and N m s/rad")
+    stiffness: _Six = Field((500.0, 500.0, 500.0, 30.0, 30.0, 30.0), description="K_c, N/m and N m/rad")
+    axes: Literal["arm", "tool", "world"] = Field(
+        "arm", description="whose axes the wrench is in: the arm's base (UR), the control point's, the world's"
+    )
+    quaternion: _Turn = Field((1.0, 0.0, 0.0, 0.0), description="w x y z, the sensor's axes in those of `axes`")
+    mount_quaternion: _Turn = Field(
+        (1.0, 0.0, 0.0, 0.0), description="w x y z, the arm's base in the mobile base's frame; for `axes: arm`"
+    )
+    position: _Three = Field((0.0, 0.0, 0.0), description="m, where it is measured, in the control point's frame")
+    tool: WeightConfig | None = Field(None, description="what hangs on the sensor, if it doesn't take it off itself")
+    load: WeightConfig | None = Field(None, description="what the closed gripper carries, likewise")
+    load_time: float = Field(0.5, gt=0, description="s over which the load comes in and goes")
+    firm: tuple[_Positive, _Positive] = Field(
+        (10.0, 1.0), description="N, N m: against this and more the desired motion isn't followed any further"
+    )
+    release: float = Field(0.3, gt=0, description="s, time constant with which it is followed again")
+    dead_band: tuple[float, float] = Field((6.0, 0.6), description="N, N m: what is less doesn't count")
+    hand: bool = Field(True, description="the hand's force goes through the sensor too: take it off (input `hand`)")
+
+
+class ContactCompliance:
+    """See the module's text.
+
+    Attributes:
+        deviation: e (6,) m and rad (a rotation vector), world axes.
+        velocity: its rate (6,), what it takes over of the desired motion included.
+        contact: f (6,) N and N m of the surroundings on the tool, at the control point, world axes.
+    """
+
+    def __init__(self, config: ComplianceConfig) -> None:
+        self._config = config
+        self._turn = rotation.normalised(config.quaternion)
+        self._mount = rotation.normalised(config.mount_quaternion)
+        self._share = 0.0
+        self._against = (_Against(config.firm[0], config.release), _Against(config.firm[1], config.release))
+        self._yielding = [0.0] * 6
+        self.deviation, self.velocity, self.contact = [0.0] * 6, [0.0] * 6, [0.0] * 6
+
+    def reset(self, closed: bool) -> None:
+        """Begins without a deviation."""
+        self._share = float(closed)
+        for against in self._against:
+            against.firmness = 0.0
+        self._yielding = [0.0] * 6
+        self.deviation, self.velocity, self.contact = [0.0] * 6, [0.0] * 6, [0.0] * 6
+
+    def update(
+        self,
+        wrench: list[float],
+        hand: list[float],
+        desired: list[float],
+        orientation: rotation.Quaternion,
+        yaw: float,
+        closed: bool,
+        dt: float,
+    ) -> None:
+        """One step of dt seconds.
+
+        Args:
+            desired: (6,) m/s and rad/s, the desired twist, world axes.
+            wrench: (6,) N, N m, on the tool, as it is measured.
+            hand: (6,) N, N m, the hand's at the control point, world axes.
+            orientation: of the control point, world.
+            yaw: rad, of the mobile base.
+            closed: whether the gripper is.
+        """
+        c = self._config
+        step = dt / c.load_time
+        self._share = min(self._share + step, 1.0) if closed else max(self._share - step, 0.0)
+        self.contact = f = self._contact(wrench, hand, orientation, yaw)
+        e, v = self.deviation, self._yielding
+        taken = [*self._against[0].take(f[:3], desired[:3], dt), *self._against[1].take(f[3:], desired[3:], dt)]
+        for i in range(6):
+            M, D, K = c.mass[i], c.damping[i], c.stiffness[i]
+            v[i] = (v[i] + dt / M * (f[i] - K * e[i])) / (1.0 + dt / M * (D + dt * K))  # implicit
+            self.velocity[i] = v[i] + taken[i]
+            e[i] += dt * self.velocity[i]
+
+    def _contact(
+        self, wrench: list[float], hand: list[float], orientation: rotation.Quaternion, yaw: float
+    ) -> list[float]:
+        c = self._config
+        turn = self._turn
+        if c.axes == "tool":
+            turn = rotation.product(orientation, turn)
+        elif c.axes == "arm":
+            turn = rotation.product(rotation.product(rotation.exp(0.0, 0.0, yaw), self._mount), turn)
+        force = rotation.turned(turn, (wrench[0], wrench[1], wrench[2]))
+        torque = rotation.turned(turn, (wrench[3], wrench[4], wrench[5]))
+        at = rotation.turned(orientation, c.position)
+        f = [*force, *(t + r for t, r in zip(torque, _cross(at, force), strict=True))]
+        for body, share in ((c.tool, 1.0), (c.load, self._share)):
+            if body is not None and share > 0.0:
+                weight = (0.0, 0.0, -share * body.mass * GRAVITY)
+                lever = _cross(rotation.turned(orientation, body.com), weight)
+                f = [a - b for a, b in zip(f, (*weight, *lever), strict=True)]
+        if c.hand:
+            f = [a - b for a, b in zip(f, hand, strict=True)]
+        return [*_beyond(f[:3], c.dead_band[0]), *_beyond(f[3:], c.dead_band[1])]
+
+
+class _Against:
+    """What of a desired motion goes against a contact."""
+
+    def __init__(self, firm: float, release: float) -> None:
+        self._firm, self._release = firm, release
+        self.firmness = 0.0  # 0 to 1
+        self._out = (0.0, 0.0, 0.0)  # direction in which the contact pushes
+
+    def take(self, f: list[float], motion: list[float], dt: float) -> list[float]:
+        """The velocity (3,) that keeps `motion` (3,) from going on against the contact's force f (3,)."""
+        size = sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])
+        self.firmness *= self._release / (self._release + dt)
+        share = min(size / self._firm, 1.0)
+        if share >= self.firmness and size > 0.0:
+            self.firmness = share
+            self._out = (f[0] / size, f[1] / size, f[2] / size)
+        x, y, z = self._out
+        inward = self.firmness * min(x * motion[0] + y * motion[1] + z * motion[2], 0.0)
+        return [-inward * x, -inward * y, -inward * z]
+
+
+def _cross(a: _Three, b: _Three) -> _Three:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def _beyond(v: list[float], band: float) -> list[float]:
+    """What is left of a vector when `band` is taken off its length: continuous, and zero below it."""
+    size = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    k = 1.0 - band / size if size > band else 0.0
+    return [k * v[0], k * v[1], k * v[2]]
