@@ -29,16 +29,20 @@ def load(group: str, name: str, place: str) -> Any:
     """
     points = _points(group)
     if name not in points:
-        raise ProfileError(place, f"no {group.removesuffix('s')} is called '{name}'", nearest(name, points))
+        raise ProfileError(place, f"no {_one(group)} is called '{name}'", nearest(name, points))
     point = points[name]
     try:
         return point.load()
     except ImportError as error:
         raise HostError(
             place,
-            f"{group.removesuffix('s')} '{name}' ({point.value}) can't be imported: {error}",
+            f"{_one(group)} '{name}' ({point.value}) can't be imported: {error}",
             "Install what is missing into the runtime's environment",
         ) from error
+
+
+def _one(group: str) -> str:
+    return "study" if group == "studies" else group.removesuffix("s")
 
 
 def _points(group: str) -> dict[str, EntryPoint]:

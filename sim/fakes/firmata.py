@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from fractions import Fraction
-from typing import Annotated, Final, Protocol
+from typing import Annotated, Final, Protocol, cast
 
 from pydantic import AfterValidator, Field
 
@@ -44,9 +44,18 @@ class FakeFirmataConfig(FakeConfig):
     presses: dict[str, Annotated[Windows, AfterValidator(rising)]] = Field(
         default={}, description="s, by button: [from, to] pairs in world time during which it is pressed"
     )
+    person: str | None = Field(default=None, description="the cell's part that presses the buttons, besides `presses`")
     loss: Annotated[Windows, AfterValidator(rising)] = Field(
         default=(), description="s, [from, to] pairs in world time during which the board is gone"
     )
+
+
+class Presser(Protocol):
+    """A part of the cell that presses buttons."""
+
+    buttons: tuple[str, ...]
+
+    def pressed(self, button: str) -> bool: ...
 
 
 class FakeFirmata(Fake):
@@ -87,6 +96,10 @@ class FakeFirmata(Fake):
         self._levels = [
             _settled(options.presses.get(button, ()), config.buttons[button].debounce) for button in self._buttons
         ]
+        self._person = self._find(options.person)
+        self._waits = [round(config.buttons[button].debounce * 1e9) for button in self._buttons]
+        self._seen = [(False, 0)] * len(self._buttons)  # level of the person's finger, and since when, ns
+        self._steady = [False] * len(self._buttons)
         self._bounds = [(544, 2400)] * n
         self._pulses: list[int | None] = [None] * n
         self._widths = [_NEUTRAL] * n  # the last pulse width, which a servo attached again begins with
@@ -106,6 +119,20 @@ class FakeFirmata(Fake):
                 "Give the world more fingers or the board fewer servos",
             )
         self.servos.place_servos(self._first, self.home[COMMAND])
+
+    def _find(self, named: str | None) -> Presser | None:
+        """The simulated person, whose buttons must be the board's."""
+        if named is None:
+            return None
+        place, parts = f"sim.devices.{self.name}.person", getattr(self.world, "parts", {})
+        person = parts.get(named)
+        if person is None or not hasattr(person, "pressed"):
+            raise WiringError(place, f"the world has no person '{named}'", "Name a part of kind person")
+        if unknown := set(person.buttons) - set(self._buttons):
+            raise WiringError(
+                place, f"the person's plan presses '{min(unknown)}', which the board hasn't", "Name a button it has"
+            )
+        return cast(Presser, person)
 
     def open(self) -> None:
         self.close()
@@ -127,7 +154,7 @@ class FakeFirmata(Fake):
                 for since, new in levels:
                     if since <= t:
                         level = new
-                out[i] = level
+                out[i] = max(level, float(self._pressed(i)))
 
     def write(self, now: int) -> None:
         self._check()
@@ -182,7 +209,20 @@ class FakeFirmata(Fake):
 
     def button(self, number: int) -> bool:
         """Whether a button is pressed now; not debounced, which is the driver's work."""
+        if self._person is not None and self._person.pressed(self._buttons[number]):
+            return True
         return inside(self._options.presses.get(self._buttons[number], ()), self.world.time)
+
+    def _pressed(self, number: int) -> bool:
+        """The person's finger on a button, debounced as the real driver does, by what the reads see."""
+        if self._person is None:
+            return False
+        now, down = self.world.time, self._person.pressed(self._buttons[number])
+        if down != self._seen[number][0] or now < self._seen[number][1]:
+            self._seen[number] = (down, now)
+        if now - self._seen[number][1] >= self._waits[number]:
+            self._steady[number] = down
+        return self._steady[number]
 
     def _angle(self, joint: int, us: int) -> float:
         """The angle (rad) that a servo's new pulse width means, clipped to the servo's bounds."""

@@ -1,0 +1,61 @@
+"""`srl study`: a paper's experiment, with its table beside the paper's figures."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from runtime import registry
+from runtime.cli import add_command
+from runtime.errors import RequestError
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Registers the command."""
+    parser = add_command(subparsers, "study", "runs a paper's experiment", "srl study peg-in-hole --json")
+    parser.add_argument("name", help="see the list in the error of a wrong name")
+    parser.add_argument("--out", type=Path, default=Path("out"), metavar="DIR", help="for pictures and recordings")
+    parser.add_argument("--quick", action="store_true", help="fewer persons and shorter tasks, to see that it runs")
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Returns 0 also where a claim doesn't hold: it is printed as such."""
+    study = registry.load("studies", args.name, f"srl study {args.name}")
+    folder = args.out / args.name
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RequestError(f"--out {args.out}", f"can't be written: {error.strerror}", "Name another folder") from None
+    result = study(folder, args.quick)
+    if args.json:
+        print(json.dumps(result.figures()))
+        return 0
+    print(f"{result.study} ({'simulated' if result.simulated else 'on hardware'}, seeds {result.seeds})")
+    _print_table(result.table)
+    for claim in result.claims:
+        measured = "not measured" if claim.measured is None else f"{claim.measured:.4g} {claim.unit}".rstrip()
+        paper = f"; paper: {claim.paper}" if claim.paper else ""
+        print(f"  {'holds' if claim.holds else 'DOES NOT HOLD'}: {claim.id}: {claim.text} ({measured}{paper})")
+    for file in result.files:
+        print(f"  {file}")
+    return 0
+
+
+def _print_table(rows: list[dict[str, Any]]) -> None:
+    if not rows:
+        return
+    columns = list(rows[0])
+    cells = [columns, *([_shown(row.get(column)) for column in columns] for row in rows)]
+    widths = [max(len(row[i]) for row in cells) for i in range(len(columns))]
+    for row in cells:
+        print("  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+
+
+def _shown(value: Any) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.2f}" if isinstance(value, float) else str(value)

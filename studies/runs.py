@@ -1,0 +1,142 @@
+"""Runs of a profile for a study: in simulation, as a process of its own, with every cycle kept."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from ruamel.yaml import YAML
+
+from runtime.errors import RequestError
+from runtime.layout import Layout
+from runtime.recorder.reader import read
+from runtime.signals import Array
+
+PROFILES = Path(__file__).resolve().parents[1] / "profiles"
+
+
+@dataclass(frozen=True)
+class Run:
+    """One finished run.
+
+    Attributes:
+        name: as it was called.
+        file: the recording.
+        summary: what `srl run --json` printed.
+        layout, rows: every cycle.
+    """
+
+    name: str
+    file: Path
+    summary: dict[str, Any]
+    layout: Layout
+    rows: Any
+
+    @property
+    def t(self) -> Array:
+        """(k,) s since the first cycle."""
+        now = self.layout.word(self.rows, "now")
+        seconds: Array = (now - now[0]) * 1e-9
+        return seconds
+
+    def value(self, signal: str) -> Array:
+        """(k, ...) a signal's values."""
+        return self.layout.value(self.rows, signal)
+
+    def word(self, name: str) -> Any:
+        """(k,) an integer word, such as "state"."""
+        return self.layout.word(self.rows, name)
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is to be run.
+
+    Attributes:
+        name: of the recording.
+        profile: a name under profiles/.
+        changes: merged into the profile, key by key; lists and scalars replace, None removes.
+        duration: s of world time at most.
+        seed: of the world.
+    """
+
+    name: str
+    profile: str
+    changes: dict[str, Any]
+    duration: float
+    seed: int
+
+
+def run_all(tasks: Iterable[Task], folder: Path, workers: int | None = None) -> list[Run]:
+    """Runs the tasks, several at a time; the recordings stay in `folder`.
+
+    Raises:
+        RequestError: a run ended otherwise than by its own end or by a stop of its devices.
+    """
+    # One core is left to the loops' recorders.
+    with ThreadPoolExecutor(workers or max((os.cpu_count() or 2) - 1, 1)) as pool:
+        return list(pool.map(lambda task: _run(task, folder), tasks))
+
+
+def _run(task: Task, folder: Path) -> Run:
+    file = folder / f"{task.name}.rrd"
+    file.unlink(missing_ok=True)
+    with tempfile.TemporaryDirectory(prefix="srl-study-") as scratch:
+        profile = Path(scratch) / f"{task.profile}.yaml"
+        yaml = YAML(typ="safe", pure=True)
+        content = merged(yaml.load(PROFILES / f"{task.profile}.yaml"), task.changes | {"seed": task.seed})
+        yaml.dump(content, profile)
+        command = [
+            sys.executable, "-m", "runtime", "run", str(profile), "--sim", "--fast", "--json",
+            "--duration", str(task.duration), "--record", str(file), "--instance", _slug(task.name),
+        ]  # fmt: skip
+        place = {"SRL_RUNTIME_DIR": f"{scratch}/run", "STATE_DIRECTORY": f"{scratch}/state", "OMP_NUM_THREADS": "1"}
+        done = subprocess.run(command, env=os.environ | place, capture_output=True, text=True, check=False)
+    if done.returncode not in (0, 1) or not done.stdout.strip():
+        said = done.stderr.strip().splitlines()
+        raise RequestError(f"study run '{task.name}'", said[-1] if said else "it said nothing", "Correct the profile")
+    recording = read(file)
+    summary = json.loads(done.stdout.strip().splitlines()[-1])
+    return Run(task.name, file, summary, recording.layout, recording.rows)
+
+
+def merged(base: Any, changes: Any) -> Any:
+    """`base` with `changes` put in, mapping by mapping; None removes a key."""
+    if not isinstance(base, dict) or not isinstance(changes, dict):
+        return changes
+    found = dict(base)
+    for key, value in changes.items():
+        if value is None:
+            found.pop(key, None)
+        else:
+            found[key] = merged(found.get(key), value)
+    return found
+
+
+def controller(profile: str, use: str, **options: Any) -> list[dict[str, Any]]:
+    """The profile's controllers with options of one of them changed: a list replaces a list."""
+    content = YAML(typ="safe", pure=True).load(PROFILES / f"{profile}.yaml")
+    entries = [dict(entry) for entry in content["controllers"]]
+    chosen = [entry for entry in entries if entry["use"] == use or entry.get("name") == use]
+    if len(chosen) != 1:
+        raise ValueError(f"{profile} has {len(chosen)} controllers '{use}'")
+    chosen[0] |= options
+    return entries
+
+
+def largest(values: Array) -> float:
+    """The greatest length of vectors (k, 3); 0 for none."""
+    return float(np.linalg.norm(values, axis=-1).max(initial=0.0))
+
+
+def _slug(name: str) -> str:
+    return "study-" + "".join(c if c.isalnum() else "-" for c in name.lower())
