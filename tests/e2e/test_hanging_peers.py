@@ -45,9 +45,10 @@ def _wave(amplitude: float, size: int) -> Any:
     return lambda t: np.full(size, amplitude * np.sin(2 * np.pi * t / 6))
 
 
+BOTH = (Cause.DEVICE_LOSS, Cause.DEVICE_FAULT)  # whichever is seen first
 CASES = [
-    Case("ur-jog", "client.velocity", _swing(0.15, 6), "arm_position", 0.03, (Cause.DEVICE_LOSS, Cause.DEVICE_FAULT)),
-    Case("panda-jog", "client.velocity", _swing(0.15, 7), "arm_position", 0.03, (Cause.DEVICE_LOSS, Cause.DEVICE_FAULT)),
+    Case("ur-jog", "client.velocity", _swing(0.15, 6), "arm_position", 0.03, BOTH),
+    Case("panda-jog", "client.velocity", _swing(0.15, 7), "arm_position", 0.03, BOTH),
     Case("servo-jog", "client.position", _wave(0.6, 2), "finger_position", 0.12),
     Case("hand-jog", "client.closure", lambda t: 0.3 + _wave(0.25, 1)(t), "hand_motor", 0.4),
     Case("base-jog", "client.twist", _swing(0.15, 3), "base_pose", 0.08),

@@ -1,0 +1,175 @@
+"""SUPER-MAN with the whole runtime: buttons pressed at any instant while a hand pushes at random, and a blocked tip.
+
+Judged are the commands as the control laws asked for them, before the guard. A run is cut into chunks that start
+afresh. SRL_SUPERMAN_CHUNKS says how many a profile gets; 30 are ten simulated minutes.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers_run import call, summary
+from ruamel.yaml import YAML
+
+from runtime.control.robots import PANDA, UR16E
+from runtime.layout import State
+from runtime.recorder.reader import Recording, read
+from runtime.signals import Array
+
+PROFILES = Path(__file__).parents[2] / "profiles"
+CHUNKS = int(os.environ.get("SRL_SUPERMAN_CHUNKS", "2"))
+SPAN = 20.0  # s of a chunk
+BUTTONS = "AMGP"
+PUSH = (3.0, 30.0)  # N, least and greatest
+TWIST = (0.1, 2.0)  # N m
+EDGE = 0.03  # s in which a push rises and falls
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(3600)]
+
+
+@dataclass(frozen=True)
+class Body:
+    """What one of the two is held to.
+
+    Attributes:
+        command: the arm's command signal.
+        step: of that command from one cycle to the next, in its unit; a number or (n,).
+        base: of the base's twist, likewise, (3,).
+        robot: whose joint limits hold.
+    """
+
+    profile: str
+    command: str
+    step: float
+    base: float
+    robot: Any
+
+
+MOCA = Body("moca-man", "arm.torque_command", 1000.0 / 1000, 1.0 / 1000, PANDA)  # 1000 N m/s; 1 m/s2; at 1 kHz
+KAIROS = Body("kairos-man", "arm.velocity_command", 15.0 / 500, 1.0 / 500, UR16E)  # 15 rad/s2; 1 m/s2; at 500 Hz
+
+
+def changed(folder: Path, profile: str, change: Callable[[Any], None]) -> Path:
+    """A copy of a profile with something changed."""
+    yaml = YAML()
+    content = yaml.load(PROFILES / f"{profile}.yaml")
+    change(content)
+    path = folder / f"{profile}.yaml"
+    with path.open("w") as file:
+        yaml.dump(content, file)
+    return path
+
+
+def run(folder: Path, profile: Path, seconds: float, *more: str) -> tuple[dict[str, Any], Recording]:
+    """As fast as it goes, recorded."""
+    arguments = ("run", str(profile), "--sim", "--fast", "--duration", str(seconds), "--record", "x.rrd", *more)
+    found = summary(call(folder, *arguments, "--json", timeout=900))
+    recording = read(folder / "x.rrd")
+    (folder / "x.rrd").unlink()
+    assert recording.missing == []
+    return found, recording
+
+
+def pushes(seed: int, path: Path) -> None:
+    """A hand's forces, world axes: each push is soon followed by its opposite, so that the robot stays about."""
+    rng = np.random.default_rng([seed, 1])
+    time, wrench = [0.0], [np.zeros(6)]
+    t = 0.5
+    while t < SPAN:
+        direction = rng.normal(size=6)
+        force = np.exp(rng.uniform(*np.log(PUSH))) * direction[:3] / np.linalg.norm(direction[:3])
+        torque = np.exp(rng.uniform(*np.log(TWIST))) * direction[3:] / np.linalg.norm(direction[3:])
+        length = rng.uniform(0.05, 1.2)
+        for sign in (1.0, -1.0):
+            held = sign * np.concatenate([force, torque])
+            for at, value in ((t, np.zeros(6)), (t + EDGE, held), (t + EDGE + length, held)):
+                time.append(at)
+                wrench.append(value)
+            t += 2 * EDGE + length
+            time.append(t)
+            wrench.append(np.zeros(6))
+            t += rng.exponential(0.2) + 0.01
+    np.savez(path, t=np.array(time), F=np.array(wrench))
+
+
+def presses(seed: int) -> dict[str, list[list[float]]]:
+    """Windows of each button, s: any of them at any instant, at times two together."""
+    rng = np.random.default_rng([seed, 2])
+    found: dict[str, list[list[float]]] = {}
+    for button in BUTTONS:
+        t, windows = 0.3 if button == "A" else float(rng.uniform(0.4, 1.5)), []
+        while t < SPAN:
+            held = float(rng.uniform(0.03, 0.4))
+            windows.append([t, t + held])
+            t += held + float(rng.exponential(1.2)) + 0.02
+        found[button] = windows
+    return found
+
+
+def at_random(folder: Path, body: Body, seed: int) -> Path:
+    """The profile with those pushes and presses."""
+    pushes(seed, folder / "pushes.npz")
+
+    def change(content: Any) -> None:
+        person = content["sim"]["parts"]["person"]
+        for key in ("plan", "tool"):
+            del person[key]
+        person["recording"] = {"file": str(folder / "pushes.npz")}
+        panel = content["sim"]["devices"]["panel"]
+        del panel["person"]
+        panel["presses"] = presses(seed)
+        content["seed"] = seed
+
+    return changed(folder, body.profile, change)
+
+
+def largest_step(recording: Recording, name: str) -> Array:
+    """Of a signal from one active cycle to the next, by element."""
+    active = recording.int("state") == State.ACTIVE
+    both = active[1:] & active[:-1]
+    return np.asarray(np.abs(np.diff(recording.value(name), axis=0))[both].max(axis=0))
+
+
+def all_finite(recording: Recording) -> None:
+    for name, field in recording.layout.fields.items():
+        if field.role in ("command", "applied", "internal", "truth"):
+            assert np.isfinite(recording.value(name)).all(), name
+
+
+def within_limits(recording: Recording, robot: Any) -> None:
+    """The simulated truth: joints stay within position, velocity and torque limits."""
+    q, qd, tau = (recording.value(f"world.arm_{name}") for name in ("position", "velocity", "effort"))
+    assert (q >= robot.q_lower).all()
+    assert (q <= robot.q_upper).all()
+    assert (np.abs(qd) <= robot.dq_max).all(), np.abs(qd).max(axis=0)
+    assert (np.abs(tau) <= robot.tau_max * (1 + 1e-9)).all(), np.abs(tau).max(axis=0)
+
+
+@pytest.mark.parametrize("chunk", range(CHUNKS))
+@pytest.mark.parametrize("body", [MOCA, KAIROS], ids=lambda b: b.profile)
+def test_no_button_at_any_instant_makes_a_step(tmp_path: Path, body: Body, chunk: int) -> None:
+    found, recording = run(tmp_path, at_random(tmp_path, body, 100 + chunk), SPAN)
+    notes = [note.text for note in recording.notes]
+    pressed = found["result"]["keys"]["presses"]
+    arm, base = largest_step(recording, body.command), largest_step(recording, "base.twist_command")
+    q = recording.value("world.arm_position")
+    room = np.minimum(q - body.robot.q_lower, body.robot.q_upper - q).min()
+    print(
+        f"{body.profile} {chunk}: presses {sum(pressed.values())}, step of the arm's command {arm.max():.4f} of"
+        f" {body.step:g}, of the base's {base.max():.5f} of {body.base:g}, least room of a joint {room:.3f} rad,"
+        f" speed {np.max(np.abs(recording.value('world.arm_velocity')) / body.robot.dq_max):.2f} of the limit,"
+        f" guard {found['result']['guard']}, {found['result']['guide']}, {found['result']['body']}, {notes}"
+    )
+    assert found["cause"] == "end", notes
+    assert min(pressed.values()) >= 3
+    all_finite(recording)
+    within_limits(recording, body.robot)
+    assert (arm <= body.step).all(), arm
+    assert (base <= body.base).all(), base
+    assert np.abs(np.diff(recording.value("hand.position_command"), axis=0)).max() <= 1.5 * 2e-3
