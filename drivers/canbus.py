@@ -30,7 +30,10 @@ def open_can(url: str, *, place: str, filters: list[dict[str, int]] | None = Non
     Raises:
         DeviceError: not such a URL, no such interface or channel, no permission.
     """
-    parts = urlsplit(url)
+    try:
+        parts = urlsplit(url)
+    except ValueError:
+        parts = urlsplit("")
     channel = parts.path.removeprefix("/")
     if parts.scheme != "can" or not parts.netloc or not channel:
         raise DeviceError(place, f"'{url}' isn't can://INTERFACE/CHANNEL", "E.g. can://socketcan/can0")
@@ -45,12 +48,16 @@ def open_can(url: str, *, place: str, filters: list[dict[str, int]] | None = Non
         raise DeviceError(
             place, f"python-can's interface '{parts.netloc}' lacks a package: {error}", "Install it with pip"
         ) from None
-    except (can.CanError, OSError, ValueError, TypeError) as error:
+    except Exception as error:  # interfaces raise what they like: without their library even a NameError
+        up = " and up ('ip link set {channel} up type can bitrate 1000000')" if parts.netloc == "socketcan" else ""
         raise DeviceError(
             place,
             f"the CAN bus {url} can't be opened: {error}",
-            f"Check that it is there and up ('ip link set {channel} up type can bitrate 1000000'), and its options",
+            f"Check that it is there{up.format(channel=channel)}, its options, and what the interface needs",
         ) from None
+    port = getattr(bus, "serialPortOrig", None)
+    if port is not None:
+        port.flush = lambda: None  # slcan's `send` would wait here until the last byte has left
     return CanLink(url, place, bus)
 
 

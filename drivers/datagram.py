@@ -37,6 +37,9 @@ def open_datagrams(url: str, *, place: str, listen: bool = False) -> Datagrams:
             link.bind((host, port))
         else:
             link.connect((host, port))
+    except (UnicodeError, TypeError):  # it can't be a host's name at all
+        link.close()
+        raise DeviceError(place, f"no host is called '{host}'", "Check the name, or use its address") from None
     except OSError as error:
         link.close()
         if error.errno == errno.EADDRINUSE:

@@ -46,8 +46,10 @@ class Spy(Transport):
         return self._inner._queued()
 
     def _shut(self) -> None:
-        self._log.close()
-        self._inner._shut()
+        try:
+            self._log.close()  # fails where the disk is full
+        finally:
+            self._inner._shut()
 
     def _note(self, direction: str, data: bytes) -> None:
         seconds = time.monotonic() - self._start

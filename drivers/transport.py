@@ -321,7 +321,7 @@ def _open_tcp(url: str, place: str) -> Transport:
             f"{host} refuses a connection on port {number}",
             "Start what should listen there, or correct the port",
         ) from None
-    except socket.gaierror:
+    except (socket.gaierror, UnicodeError):  # the second for what can't be a host's name at all
         raise DeviceError(place, f"no host is called '{host}'", "Check the name, or use its address") from None
     except OSError as error:
         why = "no answer" if isinstance(error, TimeoutError) else error.strerror

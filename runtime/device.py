@@ -73,8 +73,11 @@ class Device:
                 f"'{self.driver.name}': {health.fault}" if health.fault else f"'{self.driver.name}' is well again"
             )
         if self._failing:
+            # What isn't called now can't show that it is well again.
             if not link & LINK_ACTIVE:
-                self._failing.discard("write")  # it isn't called now, so it can't show that it is well again
+                self._failing.discard("write")
+            if not health.fault:
+                self._failing.discard("recover")
             link |= LINK_ERROR * bool(self._failing)
         words[:] = health.stamp, link, health.frames, health.errors, health.resyncs, health.reconnects
 

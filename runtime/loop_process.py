@@ -36,9 +36,11 @@ from runtime.ring import RingWriter
 from runtime.rundir import RunDir
 from runtime.signals import Limits, Stop
 from runtime.stopslots import StopSlots
+from runtime.world import Fake
 
 KEPT = 30  # s of rows the ring holds: what a recorder may be away
 LEAST = 4096  # rows
+READS = 16  # before the first cycle: more than any buffer holds
 
 
 class Process:
@@ -99,6 +101,8 @@ class Process:
                 self.note(refused)
         signal.signal(signal.SIGTERM, lambda *_: setattr(inbox, "end_asked", True))
         ring.touch(time.monotonic_ns())
+        if not unpaced:
+            self._catch_up()
         self.channel.send({"say": "running", "period": clock.period, "unpaced": unpaced})
         try:
             loop.run(self.order.cycles)
@@ -108,6 +112,16 @@ class Process:
                 device.stop(self._category(loop, device), 0)
             inbox.close()
         self.rundir.result.write_text(json.dumps(self._figures(loop)))
+
+    def _catch_up(self) -> None:
+        """Reads what came from the first device while the last was opened.
+
+        A full buffer has lost the newest, and nothing tells how old a device's first sample is.
+        """
+        for _ in range(READS):
+            for device in self.devices:
+                if not isinstance(device.driver, Fake):
+                    device.read(time.monotonic_ns())
 
     def _clock(self, graph: Graph) -> Clock:
         name, rate = graph.profile.clock, graph.profile.rate

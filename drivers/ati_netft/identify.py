@@ -27,7 +27,7 @@ def identify(where: Address, place: str) -> Settings:
     except OSError as no_page:
         try:
             answer = _ask(where)
-        except OSError as no_answer:
+        except (OSError, UnicodeError) as no_answer:
             raise DeviceError(
                 place,
                 f"{where.host} gives no settings: port {where.http} {_why(no_page)}, "
@@ -90,9 +90,9 @@ def _ask(where: Address) -> bytes:
         return heard
 
 
-def _why(error: OSError) -> str:
+def _why(error: Exception) -> str:
     if isinstance(error, TimeoutError):
         return "is silent"
     if isinstance(error, ConnectionRefusedError):
         return "refuses"
-    return error.strerror or str(error) or type(error).__name__
+    return getattr(error, "strerror", None) or str(error) or type(error).__name__

@@ -64,7 +64,7 @@ def scale(counts: float, unit: str, known: dict[str, float], what: str) -> float
     key = _key(unit)
     if key not in known:
         raise ValueError(f"its {what} unit '{unit}' isn't known")
-    if not (math.isfinite(counts) and counts > 0):
+    if not (math.isfinite(counts) and counts > 0 and math.isfinite(known[key] / counts)):
         raise ValueError(f"its counts per {what} are {counts:g}")
     return known[key] / counts
 

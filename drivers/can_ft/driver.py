@@ -49,8 +49,8 @@ class CountsConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    force: float = Field(gt=0, description="counts per N")
-    torque: float = Field(gt=0, description="counts per N m")
+    force: float = Field(gt=0, allow_inf_nan=False, description="counts per N")
+    torque: float = Field(gt=0, allow_inf_nan=False, description="counts per N m")
 
 
 class CanFtConfig(DeviceConfig):

@@ -48,7 +48,7 @@ def open_source(path: str, place: str, grab: bool = False) -> EventSource:
         fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except FileNotFoundError:
         raise DeviceError(
-            place, f"there is no {path}", "Plug it in, or wake it; 'srl doctor' lists what is there"
+            place, f"there is no {path}", "Plug it in, or wake it; 'ls -l /dev/input/by-id' lists what is there"
         ) from None
     except PermissionError:
         raise DeviceError(

@@ -197,6 +197,8 @@ class Gamepad(Driver):
                 f"'{described.name}' isn't a pad in X mode: it lacks {', '.join(missing)}",
                 f"{_X_REMEDY}; unset options of the kernel's xpad module such as dpad_to_buttons",
             )
-        flat = [code for code, axis in described.axes.items() if axis.maximum <= axis.minimum]
+        # A centred axis needs a step to each side; what else the device has doesn't matter.
+        steps = {code: 1 if code in TRIGGERS else 2 for code in (*STICKS, *TRIGGERS, *HAT)}
+        flat = [c for c, least in steps.items() if described.axes[c].maximum - described.axes[c].minimum < least]
         if flat:
             raise DeviceError(place, f"axis {flat[0]:#04x} has no range", "Plug it in again")

@@ -24,6 +24,7 @@ from runtime.signals import Stop
 FIRST_STATE: Final = 1.0  # s from Connect to the first state
 SETTINGS: Final = 5.0  # s for the robot to take the options
 GONE: Final = 1_000_000_000  # ns without a state after which the robot counts as lost, as for libfranka
+_MOST_LOST: Final = 10_000  # states; a longer gap is a count that jumped
 UNWRITTEN: Final = 3  # states without `write` after which a motion is ended in good order: 20 are its death
 WIND_UP: Final = 1.0  # s to end a motion in when the device is closed
 _TICK: Final = 1_000_000  # ns of a message id
@@ -262,6 +263,7 @@ class Panda(Driver):
             if gap < 0:
                 health.errors += 1  # overtaken on its way
                 continue
+            gap = min(gap, _MOST_LOST)
             self._lost += gap
             health.errors += gap
             health.frames += 1
@@ -301,13 +303,13 @@ class Panda(Driver):
         return idle and channel.idle and not self._settings and not self.health.fault
 
     def _send_settings(self, channel: Channel) -> None:
-        if self._settings and channel.idle:
+        if self._settings and channel.idle and not self._trouble:
             channel.ask(self._settings[0], self._on_setting)
 
     def _on_setting(self, reply: Reply) -> None:
-        if self._settings:
+        if reply.status is Status.SUCCESS:
             self._settings.pop(0)
-        if reply.status is not Status.SUCCESS:
+        else:  # it stays, so that nothing moves before the robot has taken it
             self._trouble = f"the robot refuses {reply.command.__name__}: {reply.status}"
 
     def _on_recovery(self, reply: Reply) -> None:

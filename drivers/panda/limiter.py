@@ -18,6 +18,7 @@ from drivers.panda.limits import ACCELERATION, DT, JERK, TORQUE, TORQUE_RATE, Ro
 STEP: Final = TORQUE * TORQUE_RATE * DT  # N m from one packet to the next
 FOLLOW: Final = 0.02  # s: time constant with which a position that ran ahead is caught up with
 CATCH: Final = 0.5  # of the acceleration, at most, to slow down with when it has been caught up with
+HASTE: Final = 0.05  # of the velocity, at most, beyond the command's own: the guard may have meant a slow arm
 _SAME: Final = 7e-8  # relative: a state in float32 that shows the value sent
 _FORGET: Final = 0.98  # a packet: how long losses are expected to go on
 
@@ -98,8 +99,11 @@ class MotionLimiter:
         last = self._last or list(wanted)
         self._last = [w if isfinite(w) else before for w, before in zip(wanted, last, strict=True)]
         velocity, follow = [], max(FOLLOW, 4 * self._lasts)
-        for w, before, q, A in zip(self._last, last, self.q, self._limits.acceleration, strict=True):
-            velocity.append((w - before) / DT + catch_up(before - q, CATCH * A, follow))
+        for w, before, q, A, V in zip(
+            self._last, last, self.q, self._limits.acceleration, self._limits.velocity, strict=True
+        ):
+            haste = min(max(catch_up(before - q, CATCH * A, follow), -HASTE * V), HASTE * V)
+            velocity.append((w - before) / DT + haste)
         self.velocity(velocity)
         return self.q
 

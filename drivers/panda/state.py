@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from math import isfinite, sqrt
 from struct import Struct
 
-import numpy as np
-
 from drivers.panda.packets import RobotMode, error_names, state_dtype
 from runtime.signals import Array
 
@@ -49,11 +47,11 @@ class StateReader:
         layout = state_dtype(version)
         assert layout.fields is not None
         self.size = layout.itemsize
-        self._real = layout["m_ee"]
-        code = "d" if self._real.itemsize == 8 else "f"
+        code = "d" if layout["m_ee"].itemsize == 8 else "f"
         at = {name: int(place[1]) for name, place in layout.fields.items()}
         self._copied = [
-            (signal, layout[name].shape[0] if layout[name].shape else 1, at[name]) for signal, name in _COPIED.items()
+            (signal, Struct(f"<{layout[name].shape[0] if layout[name].shape else 1}{code}"), at[name])
+            for signal, name in _COPIED.items()
         ]
         self._pose_at, self._pose = at["O_T_EE"], Struct(f"<16{code}")
         self._seven = Struct(f"<7{code}")
@@ -82,12 +80,15 @@ class StateReader:
         return Modes(tail[0], tail[1], mode, error_names(tail[2:43]), error_names(tail[43:84]))
 
     def fill(self, data: bytes, arrays: Mapping[str, Array]) -> bool:
-        """Puts a state into the driver's arrays; False, and nothing is put, where its joints aren't finite."""
-        if not isfinite(sum(self.joints(data, "q")) + sum(self.joints(data, "dq"))):
-            return False
-        for signal, size, at in self._copied:
-            arrays[signal][:] = np.frombuffer(data, self._real, size, at)
+        """Puts a state into the driver's arrays; False, and nothing is put, where one of its numbers isn't finite."""
         T = self._pose.unpack_from(data, self._pose_at)
+        total = sum(T)
+        for _, form, at in self._copied:
+            total += sum(form.unpack_from(data, at))
+        if not isfinite(total):
+            return False
+        for signal, form, at in self._copied:
+            arrays[signal][:] = form.unpack_from(data, at)
         self._quaternion = quaternion(T, self._quaternion)
         arrays["pose"][:] = T[12:15] + self._quaternion
         return True

@@ -74,7 +74,8 @@ class Ring(Driver):
         self._presses = 0  # of a remote that can't be held
         self._sources: list[EventSource] = []
         self._down: set[tuple[int, int]] = set()  # (source, key)
-        self._nodes: frozenset[str] = frozenset()
+        self._nodes: frozenset[str] = frozenset()  # looked into
+        self._listed: frozenset[str] = frozenset()  # there at the last look
         self._look_at = 0
         self._link: Transport | None = None
         self._parser = Parser()
@@ -87,8 +88,12 @@ class Ring(Driver):
             self._sources = self._wake()
             if not self._sources:
                 raise DeviceError(self.name, *self._nothing())
-            for source in self._sources:
-                source.await_description(_ANSWER)
+            try:
+                for source in self._sources:
+                    source.await_description(_ANSWER)
+            except DeviceError:
+                self.close()
+                raise
             self.health.message = "awake"
         else:
             self._open_serial()
@@ -166,18 +171,21 @@ class Ring(Driver):
         self._sources = []
         self._down.clear()
         self._switch.start(0.0)
-        self._nodes = self._there()
+        self._nodes = self._listed = self._there()
         self._look_at = now + LOOK
         self.health.message = "asleep: its first press wakes it"
 
     def _look(self, now: int) -> None:
-        """Only where something new is there: opening a node costs the loop more than a look into a folder."""
+        """Only where something new is there: opening a node costs the loop more than a look into a folder.
+
+        Twice into each: udev gives the rights to a node some time after it has come.
+        """
         self._look_at = now + LOOK
         there = self._there()
         if there - self._nodes:
             with contextlib.suppress(DeviceError):
                 self._sources = self._wake()
-        self._nodes = there
+        self._nodes, self._listed = self._listed & there, there
         if self._sources:
             self.health.reconnects += 1
             self.health.message = "awake"
@@ -194,7 +202,7 @@ class Ring(Driver):
         if self._config.port != "input":
             return [open_source(self._config.port, f"{self.name} ({self._config.port})", grab=True)]
         pattern = re.compile(self._config.match)
-        found = []
+        found: list[EventSource] = []
         for path in discover():
             try:
                 source = open_source(path, self.name)
@@ -205,7 +213,12 @@ class Ring(Driver):
             if described is not None and (
                 pattern.search(described.name) or described.uniq.lower() == self._config.match.lower()
             ):
-                found.append(open_source(path, f"{self.name} ({path})", grab=True))
+                try:
+                    found.append(open_source(path, f"{self.name} ({path})", grab=True))
+                except DeviceError:
+                    for other in found:  # else they would stay grabbed, by nobody
+                        other.close()
+                    raise
         return found
 
     def _nothing(self) -> tuple[str, str]:

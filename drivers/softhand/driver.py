@@ -11,13 +11,14 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from enum import Enum, auto
+from collections import deque
 from typing import Final
 
 import numpy as np
 
 from drivers.softhand import protocol
 from drivers.softhand.config import USUAL, SoftHandConfig
+from drivers.softhand.motor import Motor
 from drivers.softhand.protocol import Cmd, Frame, Parser
 from drivers.transport import Transport, open_transport
 from runtime.driver import Driver
@@ -36,15 +37,6 @@ GONE: Final = 500_000_000  # ns without an answer after which the hand counts as
 PATIENCE: Final = 1_000_000_000  # ns that switching the motor on may take
 _LONG_AGO: Final = -(1 << 62)
 _REMEDY: Final = "Check its 24 V supply, the port, 'id' and 'baudrate', and the RS485 cable"
-
-
-class Motor(Enum):
-    """What the driver wants of the motor, and whether the hand has confirmed it."""
-
-    OFF = auto()
-    TURNING_ON = auto()
-    ON = auto()
-    TURNING_OFF = auto()
 
 
 class SoftHand(Driver):
@@ -97,12 +89,13 @@ class SoftHand(Driver):
         self._waiting: Cmd | None = None  # the query whose answer hasn't come
         # ns: when the newest answer came; when the motor was last told to switch; -1: not yet
         self._heard = self._switched = -1
-        # ns: the query waited for; the newest query, also repeated; the newest call of `write`; the newest
-        # reference; the newest question whether the motor is on; since when it is being switched on
-        self._asked = self._last_query = self._written = self._sent_at = self._checked = self._since = _LONG_AGO
+        # ns: the newest query; the newest one that was repeated; the newest call of `write`; the newest reference;
+        # the newest question whether the motor is on; since when it is being switched on
+        self._last_query = self._repeated = self._written = self._sent_at = self._checked = self._since = _LONG_AGO
         self._doubts = 0  # answers one after another that the motor is off, while it should be on
-        self._switched_off = 0
-        self._opened = False
+        self._surely_off = False  # the hand has said that its motor is off, and hasn't been told anything else since
+        self._asks: deque[int] = deque()  # ns: questions for the position that may still be answered
+        self._switched_off, self._opened = 0, False
 
     # -- life
 
@@ -156,7 +149,8 @@ class SoftHand(Driver):
         if self.health.fault:
             return
         if self._motor in (Motor.OFF, Motor.TURNING_OFF):
-            self._motor, self._since, self._switched = Motor.TURNING_ON, now, -1
+            self._motor, self._surely_off = Motor.TURNING_ON, False
+            self._since, self._switched = now, -1
         frame, query = b"", Cmd.GET_BOTH
         reference = self._reference()
         if self._motor is Motor.TURNING_ON:
@@ -186,7 +180,7 @@ class SoftHand(Driver):
         with contextlib.suppress(DeviceError):  # a lost link shows at the next read
             if category is not Stop.LIMP:
                 link.write(b"")
-            elif self._motor in (Motor.ON, Motor.TURNING_ON):
+            elif self._motor is not Motor.TURNING_OFF and not self._surely_off:
                 self._motor = Motor.TURNING_OFF
                 self._switched = -1
                 self._sent = None
@@ -197,8 +191,7 @@ class SoftHand(Driver):
         self.health.fault = ""
         self.health.message = self._told
         self._motor = Motor.OFF
-        self._sent = None
-        self._hold_frame = None
+        self._sent = self._hold_frame = None
 
     def close(self) -> None:
         """See `Driver.close`. The motor is switched off."""
@@ -244,8 +237,8 @@ class SoftHand(Driver):
             low, high = self._range
             self.state_arrays["position"][0] = (ticks - low) / (high - low)
             self.state_arrays["current"][0] = milliamperes * 1e-3
-            if self._waiting is Cmd.GET_BOTH:
-                self.health.stamp = self._asked
+            if self._asks:
+                self.health.stamp = self._asks.popleft()
         elif found.command == Cmd.GET_ACTIVATE and len(found.data) == 1:
             self._confirm(found.data[0] != 0)
         elif found.command == Cmd.SET_WATCHDOG and not self._is_echo(found, self._queries[Cmd.SET_WATCHDOG]):
@@ -264,12 +257,12 @@ class SoftHand(Driver):
             self._motor = Motor.ON
             self._doubts = 0
             self._sent = None
-        elif motor is Motor.TURNING_OFF and not on:
-            self._motor = Motor.OFF
+        elif motor is Motor.TURNING_OFF and not on and self._switched >= 0:
+            self._motor, self._surely_off = Motor.OFF, True
         elif motor is Motor.ON:
             self._doubts = 0 if on else self._doubts + 1
             if self._doubts == 2:
-                self._motor = Motor.OFF
+                self._motor, self._surely_off = Motor.OFF, True
                 self._switched_off += 1
                 self.health.fault = "the hand has switched its motor off (its watchdog, its supply, or by hand)"
 
@@ -279,7 +272,11 @@ class SoftHand(Driver):
             self.health.fault = "the hand doesn't switch its motor on"
         if self._waiting is not None:
             if now - self._last_query >= ASK_AGAIN and link.write(self._queries[self._waiting]):
-                self._last_query = now  # `_asked` stays: the answer may be the first query's
+                if self._waiting is Cmd.GET_BOTH:
+                    if self._repeated != self._last_query:  # after so much silence no earlier answer is under way
+                        self._asks = deque(list(self._asks)[-1:])
+                    self._asks.append(now)
+                self._last_query = self._repeated = now
         elif self._motor is Motor.TURNING_OFF and now - self._switched >= ASK_AGAIN:
             if self._ask(link, now, self._off, Cmd.GET_ACTIVATE):
                 self._switched = now
@@ -297,8 +294,12 @@ class SoftHand(Driver):
             self.health.connected = False
             self.health.message = error.problem
             raise
-        self._asked = self._last_query = now
+        self._last_query = now
         self._waiting = query
+        if now - self._repeated > 2 * ASK_AGAIN:
+            self._asks.clear()  # what was asked twice isn't answered twice any more
+        if query is Cmd.GET_BOTH:
+            self._asks.append(now)
         if query is Cmd.GET_ACTIVATE:
             self._checked = now
         return True
@@ -315,9 +316,9 @@ class SoftHand(Driver):
         """What was known of the hand before it was opened."""
         self._motor = Motor.OFF
         self._sent = self._waiting = self._hold_frame = None
-        self._heard = self._switched = -1
-        self._doubts = 0
-        self._asked = self._last_query = self._written = self._sent_at = self._checked = self._since = _LONG_AGO
+        self._heard, self._switched, self._doubts = -1, -1, 0
+        self._last_query = self._repeated = self._written = self._sent_at = self._checked = self._since = _LONG_AGO
+        self._asks.clear()
 
     def _count(self) -> None:
         health, parser = self.health, self._parser
@@ -360,6 +361,7 @@ class SoftHand(Driver):
     def _arm(self, link: Transport) -> None:
         """Not while the motor is on: a hand that holds something, its host having died, would let go."""
         on = self._request(link, Cmd.GET_ACTIVATE, b"", 1, "its motor's state").data[0] != 0
+        self._surely_off = not on
         self._armed = not self.config.watchdog
         if on and not self._armed:
             return  # the first command does it

@@ -20,6 +20,7 @@ from runtime.signals import Array, Signal, Stop
 ANSWER: Final = 3.0  # s for an answer
 FIRST: Final = 3.0  # s for the first sample after START (§2: data begin within about 2 s)
 SILENT: Final = round(0.1 * RATE)  # samples of exactly 0 after which a sensor counts as gone (§5)
+GONE: Final = 5_000_000_000  # ns without a sample after which the server is asked to start anew
 WRONG: Final = round(0.25 * RATE)  # samples in blocks with voltages of no electrode, more than a fifth of all
 _REMEDY: Final = "Start the Trigno Control Utility on its PC and check address and firewall"
 
@@ -86,6 +87,7 @@ class Trigno(Driver):
         self._zeros = np.zeros(n, int)
         self._clock = StreamTime(RATE)
         self._count = self._wrong = 0
+        self._heard_at = -1  # ns: the newest data
         self._opened = False
 
     # -- life
@@ -106,6 +108,7 @@ class Trigno(Driver):
             raise
         self._clock = StreamTime(RATE)
         self._count = self._wrong = 0
+        self._heard_at = -1
         self._zeros[:] = 0
         self.health.connected = True
         self.health.message = ""
@@ -123,7 +126,13 @@ class Trigno(Driver):
             self.health.connected = False
             self.health.message = error.problem
             raise
+        if data or self._heard_at < 0:
+            self._heard_at = now
         if not data:
+            if now - self._heard_at > GONE:
+                self.health.connected = False
+                self.health.message = f"no samples for {GONE / 1e9:g} s"
+                raise DeviceLostError(self._place, self.health.message, "It is connected anew, and told to start")
             return
         errors = self._parser.errors
         samples = self._parser.feed(data)[:, self._columns]

@@ -19,6 +19,8 @@ from runtime.errors import DeviceError
 LISTEN: Final = 2.0  # s for everything wanted to turn up
 SPAN: Final = 0.5  # s over which the frame rate is measured
 HELD: Final = 0.1  # s that a pose may stay the same to the last bit; a camera's never does
+RESYNC: Final = 10  # frames one after another behind the newest, after which the count began anew
+_LATE: Final = 2  # frames that the driver itself recognises as overtaken
 _OFF: Final = 0.2  # how far the measured rate may be from the profile's
 _WRAP: Final = 1 << 32
 _REMEDY: Final = (
@@ -40,11 +42,14 @@ class ObjectStream:
         self._held = max(int(HELD * config.rate), 2)  # frames
         self._last: dict[str, tuple[int, tuple[float, ...]]] = {}  # the frame in which a pose last changed
         self._link: Datagrams | None = None
+        self._number: int | None = None  # of the newest frame
+        self._behind = 0  # frames one after another that are older
 
     def open(self) -> None:
         """See `Source.open`."""
         self.close()
         self._last = {}
+        self._number, self._behind = None, 0
         link = self._link = open_datagrams(self._config.port, place=self._place, listen=True)
         try:
             self._identify(link)
@@ -60,13 +65,25 @@ class ObjectStream:
             frame = self._decoded(datagram)
             if frame is not None and (newest is None or _after(frame.number, newest.number)):
                 newest = frame
-        return None if newest is None else self._frame(newest)
+        return None if newest is None or self._overtaken(newest.number) else self._frame(newest)
 
     def close(self) -> None:
         """See `Source.close`."""
         link, self._link = self._link, None
         if link is not None:
             link.close()
+
+    def _overtaken(self, number: int) -> bool:
+        """Datagrams may be held up on their way: an old frame must not pass for a count that began anew."""
+        late = 0 if self._number is None else (self._number - number) % _WRAP
+        if _LATE < late <= _WRAP // 2 and self._behind < RESYNC:
+            self._behind += 1
+            self.errors += 1
+            return True
+        if self._number is None or late > _LATE:  # newer, or begun anew
+            self._number = number
+        self._behind = 0
+        return False
 
     def _decoded(self, datagram: bytes) -> ObjectFrame | None:
         try:

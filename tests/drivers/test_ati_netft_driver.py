@@ -366,3 +366,13 @@ def test_something_that_sends_no_records_is_refused(monkeypatch):
     with pytest.raises(DeviceError, match="datagrams that are no records though it was asked 10 times"):
         sensor.driver().open()
     assert sensor.asked >= 1
+
+
+def test_a_host_s_name_that_can_t_be_is_said():
+    with pytest.raises(DeviceError, match=r"a\.\.b gives no settings"):
+        AtiNetFt("ft", AtiNetFtConfig(port="udp://a..b")).open()
+
+
+def test_counts_without_end_are_refused():
+    with pytest.raises(ValueError, match="finite"):
+        AtiNetFtConfig(port="udp://h", counts={"force": float("inf"), "torque": 1.0})

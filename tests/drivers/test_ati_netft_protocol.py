@@ -112,6 +112,7 @@ def test_ratings_and_rates_where_the_page_has_them():
         (b"", "isn't XML"),
         (PAGE.replace(b"cfgcpf", b"other"), "no <cfgcpf>"),
         (PAGE.replace(b">1000000<", b">0<"), "counts per force are 0"),
+        (PAGE.replace(b">1000000<", b">1e-310<"), "counts per force are 1e-310"),
         (PAGE.replace(b">1000000<", b">many<"), "counts per force are nan"),
         (PAGE.replace(b">N<", b">stone<"), "unit 'stone' isn't known"),
         (b"<!DOCTYPE x [<!ENTITY a 'b'>]>" + PAGE, "isn't a Net F/T"),

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import pty
+
 import can
 import pytest
+import serial
 
 from drivers.canbus import open_can
 from runtime.errors import DeviceError, DeviceLostError
@@ -36,6 +40,9 @@ def test_frames_go_both_ways(url: str) -> None:
     [
         ("can0", "isn't can://INTERFACE/CHANNEL"),
         ("can://socketcan", "isn't can://INTERFACE/CHANNEL"),
+        ("can://[::1", "isn't can://INTERFACE/CHANNEL"),
+        ("can://kvaser/0", "can't be opened"),  # without its library python-can raises a NameError
+        ("can://udp_multicast/239.74.163.78?hop_limit=x", "can't be opened"),
         ("can://soketcan/can0", "no interface 'soketcan'"),
         ("can://socketcan/can77", "can't be opened"),
         ("can://slcan//dev/no-such-port?bitrate=1000000", "can't be opened"),
@@ -44,3 +51,18 @@ def test_frames_go_both_ways(url: str) -> None:
 def test_a_wrong_url_is_explained(url: str, words: str) -> None:
     with pytest.raises(DeviceError, match=words):
         open_can(url, place="ft")
+
+
+def test_a_serial_adapter_is_never_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    adapter, line = pty.openpty()
+    link = open_can(f"can://slcan/{os.ttyname(line)}?bitrate=1000000&sleep_after_open=0", place="ft")
+
+    def wait(_: object) -> None:
+        raise AssertionError("waits until the last byte has left")
+
+    monkeypatch.setattr(serial.Serial, "flush", wait)
+    assert link.write(can.Message(arbitration_id=0x64, data=[1, 2], is_extended_id=False))
+    assert os.read(adapter, 1000).endswith(b"t06420102\r")
+    link.close()
+    os.close(adapter)
+    os.close(line)

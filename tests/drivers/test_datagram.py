@@ -51,6 +51,8 @@ def test_only_the_device_is_heard() -> None:
         ("udp://a:99999", False, "isn't udp://HOST:PORT"),
         ("udp://a:5/x", False, "isn't udp://HOST:PORT"),
         ("udp://no.such.host.invalid:5", False, "no host is called"),
+        ("udp://a\0b:5", False, "no host is called"),
+        ("udp://a\0b:5", True, "no host is called"),
     ],
 )
 def test_a_wrong_url_is_explained(url: str, listen: bool, words: str) -> None:

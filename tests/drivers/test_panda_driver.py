@@ -196,6 +196,23 @@ def test_a_robot_that_is_stopped_is_opened_and_gets_its_settings_later(pair):
     assert [type(body) for body in robot.requests[-2:]] == [SetLoad, Move]
 
 
+def test_no_reset_gets_past_a_setting_that_the_robot_refuses(pair):
+    robot = Robot(10)
+    robot.state["robot_mode"] = RobotMode.USER_STOPPED
+    robot.answers[SetCollisionBehavior] = Status.INVALID_ARGUMENT
+    p = pair(robot=robot, collision={"torque": 20.0, "force": 30.0})
+    robot.idle()
+    for _ in range(2):
+        p.until(lambda: "refuses SetCollisionBehavior" in p.driver.health.fault, write=False)
+        p.driver.recover(p.now)
+        assert p.driver.health.fault == ""
+        p.cycle(20)
+    assert not any(isinstance(body, Move) for body in robot.requests)
+    del robot.answers[SetCollisionBehavior]
+    p.driver.recover(p.now)
+    p.until(lambda: robot.moving)
+
+
 # -- states
 
 
@@ -296,6 +313,30 @@ def test_damaged_states_are_counted_and_change_nothing(pair):
     p.cycle()
     assert p.driver.health.errors >= 2
     assert p.driver.health.connected
+
+
+@VERSIONS
+@pytest.mark.parametrize(
+    "field", ["tau_J", "tau_ext_hat_filtered", "O_F_ext_hat_K", "O_T_EE", "control_command_success_rate"]
+)
+@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+def test_no_state_is_fresh_with_a_number_that_isn_t_finite(pair, version, field, wrong):
+    p = pair(version)
+    p.cycle(3)
+    stamp, errors = p.driver.health.stamp, p.driver.health.errors
+    p.robot.state[field].flat[-1] = wrong
+    p.cycle(3)
+    assert all(np.isfinite(values).all() for values in p.state.values())
+    assert p.driver.health.stamp == stamp
+    assert p.driver.health.errors == errors + 3
+
+
+def test_a_message_id_from_nowhere_doesn_t_overflow_the_counts(pair):
+    p = pair(10)
+    p.cycle(2)
+    p.robot.state["message_id"] = 2**64 - 2
+    p.cycle()
+    assert p.driver.health.errors < 20_000
 
 
 @VERSIONS

@@ -228,3 +228,19 @@ def test_the_guard_gets_limits_a_little_narrower_than_the_robots():
     assert velocity.effort_rate is None
     assert (velocity.acceleration < 10).all()
     assert (velocity.jerk < 5000).all()
+
+
+@ROBOTS
+@pytest.mark.parametrize("lag", [0.005, 0.06, 0.3])
+def test_a_command_that_ran_ahead_is_caught_up_with_slowly(limits, lag):
+    """The robot takes its time to start a motion; a guard that allows 0.3 rad/s doesn't expect 1 rad/s then."""
+    motion = MotionLimiter(limits)
+    motion.start(HOME)
+    fastest = 0.0
+    for k in range(4000):
+        wanted = (lag + 0.3 * DT * min(k, 1000), *HOME[1:])
+        motion.take(motion.q, motion.dq, motion.ddq)
+        motion.position(wanted)
+        fastest = max(fastest, motion.dq[0])
+    assert fastest < 0.3 + 0.051 * limits.velocity[0]
+    assert motion.q[0] == pytest.approx(wanted[0], abs=1e-4)

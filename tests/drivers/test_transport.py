@@ -372,3 +372,19 @@ def test_a_spy_without_a_writable_log_closes_the_link(serial_pair):
     with pytest.raises(DeviceError, match="can't be written"):
         open_transport(f"spy:/nonexistent/x.log:{link.url}", place="glove")
     open_transport(link.url, place="glove").close()
+
+
+@pytest.mark.parametrize("host", ["a..b", "a" * 70])
+def test_what_can_t_be_a_host_s_name_is_said(host):
+    with pytest.raises(DeviceError, match=f"no host is called '{host}'"):
+        open_transport(f"tcp://{host}:1", place="glove")
+
+
+def test_a_full_disk_under_a_spy_s_log_doesn_t_keep_the_link(serial_pair):
+    link, _ = serial_pair
+    link.close()
+    spy = open_transport(f"spy:/dev/full:{link.url}", place="glove")
+    spy._log.write("the rest of a line")  # what is left for the log's end
+    spy.close()
+    assert spy.fileno() == -1
+    open_transport(link.url, place="glove").close()

@@ -204,3 +204,26 @@ def test_another_frame_rate_is_refused(tracker):
 def test_a_taken_port_is_refused(tracker, device):
     with pytest.raises(DeviceError, match="taken by another program"):
         driver_of(tracker).open()
+
+
+def test_a_datagram_held_up_for_long_isn_t_taken_for_a_new_count(tracker, device):
+    tracker.send(objects.encode(1000, [moved(HAND, 1.0)]))
+    fed(device, 1000 * MS)
+    for k in range(9):  # as a switch delivers what it held back, after what came since
+        tracker.send(objects.encode(900 + k, [moved(HAND, 50.0)]))
+        fed(device, (1001 + k) * MS)
+        assert device.health.stamp == 1000 * MS
+    assert device.state_arrays["hand.pose"][0] == pytest.approx(0.001)
+    tracker.send(objects.encode(1001, [moved(HAND, 2.0)]))
+    fed(device, 1011 * MS)
+    assert device.state_arrays["hand.pose"][0] == pytest.approx(0.002)
+    assert device.health.stamp == pytest.approx(1010 * MS, abs=MS)
+
+
+def test_a_count_that_began_anew_is_taken_up(tracker, device):
+    tracker.send(objects.encode(90_000, [moved(HAND, 1.0)]))
+    fed(device, 1000 * MS)
+    for k in range(object_stream.RESYNC + 1):
+        tracker.send(objects.encode(k, [moved(HAND, 2.0 + k)]))
+        fed(device, (2000 + 10 * k) * MS)
+    assert device.health.stamp == (2000 + 10 * object_stream.RESYNC) * MS

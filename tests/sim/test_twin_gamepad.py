@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from helpers_twin import StillWorld, bound
 
-from drivers.evdev.records import EV_ABS, Description, encode
+from drivers.evdev.records import EV_ABS, AxisInfo, Description, encode
 from drivers.gamepad import Gamepad, GamepadConfig
+from drivers.gamepad.driver import BUTTONS, HAT, STICKS, TRIGGERS
 from runtime.errors import DeviceError, DeviceLostError
 from sim.fakes.gamepad import FakeGamepad, FakeGamepadConfig
 from sim.twins.gamepad import GamepadTwin
@@ -158,3 +159,17 @@ def test_nothing_plugged_in_is_said() -> None:
 def test_a_script_with_an_unknown_button_is_refused() -> None:
     with pytest.raises(ValueError, match="'start ' isn't one of a, b"):
         FakeGamepadConfig(buttons={"start ": [[0, 1]]})
+
+
+def layout(**ranges: AxisInfo) -> Description:
+    axes = {code: AxisInfo(0, -32768, 32767) for code in (*STICKS, *TRIGGERS, *HAT)}
+    axes |= {int(name.removeprefix("axis"), 16): info for name, info in ranges.items()}
+    return Description("Pad", "", 1, 2, 3, frozenset(BUTTONS.values()), frozenset(), axes)
+
+
+def test_an_axis_without_room_to_both_sides_is_refused_and_others_don_t_matter() -> None:
+    pad = Gamepad("pad", GamepadConfig(port="x"))
+    for narrow in (AxisInfo(0, 0, 0), AxisInfo(0, 0, 1), AxisInfo(0, -1, 0), AxisInfo(0, 5, -5)):
+        with pytest.raises(DeviceError, match="axis 0x10 has no range"):
+            pad._check("x", layout(axis10=narrow))
+    pad._check("x", layout(axis28=AxisInfo(0, 0, 0), axis2=AxisInfo(0, 0, 1)))

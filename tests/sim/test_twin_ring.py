@@ -10,6 +10,7 @@ import pytest
 from helpers_fuzz import fuzz, size_of
 from helpers_twin import StillWorld, bound
 
+from drivers.evdev import Description
 from drivers.ring import Ring, RingConfig
 from drivers.ring.serial_ring import Line, Parser
 from runtime.errors import DeviceError, DeviceLostError
@@ -146,3 +147,77 @@ def test_a_million_damaged_bytes() -> None:
     assert parser.feed(b"H1 4294967295\n") == [Line(b"H", 1.0, 4294967295)]
     for wrong in (b"H2 1\n", b"H1 4294967296\n", b"H1 -1\n", b"B2\n", b"H1 \n", b"b1\n"):
         assert parser.feed(wrong) == []
+
+
+class Node:
+    """An input node: its name, whether it may be opened, and whether it may be grabbed."""
+
+    def __init__(self, name: str, allowed: bool = True, free: bool = True) -> None:
+        self.description = Description(name)
+        self.allowed, self.free = allowed, free
+        self.opened = self.closed = 0
+
+    def open(self, path: str, place: str, grab: bool = False) -> Node:
+        if not self.allowed or (grab and not self.free):
+            raise DeviceError(place, f"no permission to open {path}", "Wait for udev")
+        self.opened += 1
+        return self
+
+    def await_description(self, timeout_s: float) -> Description:
+        return self.description
+
+    def read(self) -> list[Any]:
+        if not self.free:
+            raise DeviceLostError("ring", "it sleeps", "Press it")
+        return []
+
+    def close(self) -> None:
+        self.closed += 1
+
+
+@pytest.fixture
+def nodes(monkeypatch: pytest.MonkeyPatch) -> dict[str, Node]:
+    """What is in the input folder; a test changes it."""
+    there: dict[str, Node] = {}
+    monkeypatch.setattr("drivers.ring.driver.discover", lambda: sorted(there))
+    monkeypatch.setattr("drivers.ring.driver.os.listdir", lambda _: sorted(there))
+    monkeypatch.setattr(
+        "drivers.ring.driver.open_source", lambda path, *rest, **more: there[path].open(path, *rest, **more)
+    )
+    return there
+
+
+def test_a_remote_whose_second_node_can_t_be_had_leaves_nothing_open(nodes: dict[str, Node]) -> None:
+    nodes |= {"event1": Node("AB Shutter3"), "event2": Node("AB Shutter3", free=False)}
+    ring = bound(Ring("ring", RingConfig()))
+    with pytest.raises(DeviceError, match="event2"):
+        ring.open()
+    assert all(node.opened == node.closed for node in nodes.values())
+
+
+def test_a_node_that_gets_its_rights_late_is_looked_into_again(nodes: dict[str, Node]) -> None:
+    nodes["event1"] = Node("AB Shutter3")
+    ring = bound(Ring("ring", RingConfig()))
+    ring.open()
+    nodes.pop("event1").free = False
+    ring.read(0)
+    assert "asleep" in ring.health.message
+    nodes["event7"] = woken = Node("AB Shutter3", allowed=False)  # there, but udev hasn't been at it yet
+    ring.read(1_000 * MS)
+    woken.allowed = True
+    ring.read(2_000 * MS)
+    assert ring.health.message == "awake"
+    ring.close()
+    assert woken.opened == woken.closed
+
+
+def test_what_isn_t_the_remote_is_looked_into_twice_and_no_more(nodes: dict[str, Node]) -> None:
+    nodes["event1"] = Node("AB Shutter3")
+    ring = bound(Ring("ring", RingConfig()))
+    ring.open()
+    nodes.pop("event1").free = False
+    ring.read(0)
+    nodes["event8"] = other = Node("keyboard")
+    for k in range(1, 20):
+        ring.read(k * 1_000 * MS)
+    assert other.opened == other.closed == 2

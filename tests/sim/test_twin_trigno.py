@@ -175,6 +175,20 @@ def test_the_servers_end_is_a_loss_and_it_comes_back(pair: Pair) -> None:
     assert pair.driver.health.reconnects == 1
 
 
+def test_a_server_that_was_told_to_stop_is_started_anew(pair: Pair) -> None:
+    pair.cycles(5)
+    pair.twin.muted = True
+    now = pair.world.time
+    pair.driver.read(now + 4_900 * MS)
+    with pytest.raises(DeviceLostError, match="no samples for 5 s"):
+        pair.driver.read(now + 5_100 * MS)
+    assert not pair.driver.health.connected
+    pair.twin.muted = False
+    pair.opened()
+    pair.cycles(5)
+    assert pair.driver.health.reconnects == 1
+
+
 def test_a_stream_out_of_step_is_given_up(pair: Pair) -> None:
     pair.cycles(5)
     for client in pair.twin.emg.clients:
