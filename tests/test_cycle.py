@@ -484,3 +484,17 @@ def test_an_exit_always_ends(tmp_path: Path) -> None:
     b = Bench(tmp_path)
     b.run(150, lambda k: b.ask("exit", cause="bus_loss") if k == 50 else None)
     assert len(b.states) < 150
+
+
+def test_a_guard_knows_that_its_measurements_are_old(tmp_path: Path) -> None:
+    b = Bench(tmp_path, emergency="")
+    blind: dict[int, bool] = {}
+
+    def script(k: int) -> None:
+        blind[k] = b.cycle.guards[0].blind
+        if k == 50:
+            b.arm.silent = True
+
+    b.run(80, script)
+    assert b.states[75][1] is Cause.DEVICE_LOSS
+    assert (blind[50], blind[75]) == (False, True)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers_dynamixel import MS, THREE, Rig, config, make_twin
+from helpers_twin import bound
 
 from drivers.dynamixel import Dynamixel
 from runtime.errors import DeviceLostError
@@ -416,3 +417,32 @@ def test_calls_on_a_bus_that_is_not_open():
     assert bus.stop_frame(Stop.HOLD) == b""
     with pytest.raises(DeviceLostError):
         bus.read(0)
+
+
+@pytest.mark.parametrize("protocol", [2, 1])
+def test_a_servo_beyond_its_own_limits_does_not_leap_to_them(protocol):
+    twin = make_twin(protocol=protocol)
+    low, high = ("min_position_limit", "max_position_limit") if protocol == 2 else ("cw_angle_limit", "ccw_angle_limit")
+    twin.servos[0].put(low, 1024)
+    twin.servos[0].put(high, 1500)  # it hangs at 2048
+    with Rig(twin) as rig:
+        rig.start()
+        rig.run(30, rig.state["position"].copy())
+        assert torque(rig) == [False, True, True]
+        assert rig.driver.health.fault == "shoulder is beyond its servo's own position limits; bring it back by hand"
+        np.testing.assert_allclose(truth(rig)[0], 0.0, atol=1e-3)
+
+
+def test_a_first_command_that_is_not_finite_moves_no_servo_that_has_torque():
+    with Rig(make_twin()) as rig:
+        rig.hold(20)
+        before = truth(rig)
+        again = Rig.__new__(Rig)
+        again.twin, again.bench, again.log = rig.twin, rig.bench, []
+        rig.driver.close()
+        again.driver = bound(Dynamixel("bus", rig.driver.config))
+        again.open()
+        again.start()
+        again.run(30, np.full(3, np.nan))
+        np.testing.assert_allclose(truth(again), before, atol=2e-3)
+        again.driver.close()

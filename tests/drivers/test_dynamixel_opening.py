@@ -211,3 +211,14 @@ def test_the_servos_own_position_limits_bound_the_command():
     with Rig(twin, motors=reversed_first) as rig:
         limits = rig.driver.limits["position_command"]
         np.testing.assert_allclose([limits.lower[0], limits.upper[0]], [-np.pi / 2, np.pi / 2])
+
+
+@BOTH
+def test_position_limits_without_room_are_refused(protocol):
+    twin = make_twin(protocol=protocol)
+    low, high = ("min_position_limit", "max_position_limit") if protocol == 2 else ("cw_angle_limit", "ccw_angle_limit")
+    twin.servos[1].put(low, 3000)
+    twin.servos[1].put(high, 1000)
+    with pytest.raises(DeviceError, match=r"'elbow' \(id 2\), 3000 to 1000, leave no room"):
+        Rig(twin)
+    twin.close()

@@ -7,8 +7,9 @@ import pytest
 from helpers_ur import Rig, speed
 
 from drivers.ur import registers
+from drivers.ur.handshake import Handshake
 from drivers.ur.registers import ScriptState
-from runtime.errors import DeviceLostError
+from runtime.errors import DeviceError, DeviceLostError
 
 V = np.array([0.3, -0.2, 0.2, 0.1, -0.1, 0.5])
 
@@ -145,3 +146,16 @@ def test_a_remark_of_the_controllers_is_passed_on_and_garbage_is_counted(rig):
     assert driver.health.errors == 1
     rig.follow(V, 100)
     assert speed(rig.fake) > 0.3
+
+
+def test_a_first_sample_that_is_not_finite_leaves_nothing_of_the_connection_before(rig, monkeypatch):
+    driver = rig.open()
+    rig.follow(V, 20)
+    start = Handshake.start
+    monkeypatch.setattr(
+        Handshake, "start", lambda *call: (m := start(*call))._replace(body=m.body[:1] + b"\xff" * (len(m.body) - 1))
+    )
+    with pytest.raises(DeviceError, match="isn't finite"):
+        rig.open()
+    assert not driver.health.connected
+    assert driver.fileno() is None

@@ -8,8 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.ur import registers, rtde
+from drivers.ur.handshake import Handshake
 from drivers.ur.recipe import NOT_FOUND, Recipe, input_type, output_type, register
 from drivers.ur.rtde import Kind, Message, Parser
+from runtime.errors import DeviceError
 
 DATA = bytes.fromhex("001455 01 40d0070d2f1a9fbe 3ff0000000000000")
 CONTROLLER = bytes.fromhex("0013 76 00000005 00000008 00000000 00000000")
@@ -163,3 +165,17 @@ def test_a_million_mutated_bytes_neither_raise_nor_pile_up(sizes):
     assert size_of(parser) < 20_000
     last = parser.feed(DATA * 220)[-1]
     assert last == Message(Kind.DATA, DATA[3:])
+
+
+def test_an_answer_that_is_not_text_is_refused_with_words():
+    class Link:
+        url = "tcp://nowhere"
+
+        def write_all(self, data, timeout):
+            pass
+
+        def read_wait(self, timeout):
+            return rtde.message(Kind.OUTPUTS, b"\x01\xff\xfe,\xff")
+
+    with pytest.raises(DeviceError, match="RTDE answers"):
+        Handshake(Link(), "arm").outputs(500.0, ["timestamp", "actual_q"], ["DOUBLE", "VECTOR6D"])

@@ -132,3 +132,11 @@ def test_a_runtime_that_hangs_is_lost_and_comes_back() -> None:
 def test_bad_options_are_refused(options: dict[str, Any], said: str) -> None:
     with pytest.raises(ValidationError, match=said):
         ZenohConfig(**({"port": "tcp://127.0.0.1:7447", "signals": {"p": GLOVE}} | options))
+
+
+@pytest.mark.parametrize("told", [{"shape": 3, "unit": "rad"}, {"shape": [3], "unit": "rad", "labels": [1, "a"]}, {}])
+def test_metadata_that_are_nonsense_are_refused(told: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    remote = device("tcp://127.0.0.1:1", {"position": GLOVE | {"labels": ["a", "b", "c"]}})
+    monkeypatch.setattr(remote, "_ask", lambda key: {key: told})
+    with pytest.raises(DeviceError, match="the profile expects"):
+        remote._check(remote._sources[0])

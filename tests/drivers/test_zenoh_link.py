@@ -6,12 +6,14 @@ import os
 import signal
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.zenoh_link import Link, Outlet, PeerConfig, wire
+from runtime.bus.config import TlsConfig
 from runtime.errors import DeviceError, DeviceLostError
 from sim.twins.zenoh import Arrival, ZenohDoor
 
@@ -158,3 +160,67 @@ def test_nobody_there_is_said(door: ZenohDoor) -> None:
     with pytest.raises(DeviceLostError):
         link.read()
     link.close()
+
+
+def test_a_command_taken_while_the_socket_was_full_holds_up_none_after_it(door: ZenohDoor) -> None:
+    link = opened(door)
+    end = time.monotonic() + 20
+    while not link.wait(0.02):
+        door.write("robot/state", bytes(1000))
+        assert time.monotonic() < end
+    for _ in range(3000):  # the loop hangs between read and write
+        door.write("robot/state", bytes(1000))
+    time.sleep(0.5)
+    assert link.publish(0, b"one", time.monotonic_ns() + 10**10)
+    assert [arrival.payload for arrival in taken(door, 1)] == [b"one"]
+    published(link, b"two", 5.0)
+    assert taken(door, 1)[0].payload == b"two"
+    link.close()
+
+
+def test_a_process_that_hangs_is_replaced(door: ZenohDoor, monkeypatch: pytest.MonkeyPatch) -> None:
+    link = opened(door)
+    hung = link.pid()
+    assert hung is not None
+    os.kill(hung, signal.SIGSTOP)
+    link.close()
+    with monkeypatch.context() as patch:
+        patch.setattr("drivers.zenoh_link.link.START", 0.2)
+        with pytest.raises(DeviceError, match="hangs"):
+            link.open(PeerConfig(port=door.address), [], [], [], timeout=0.2)
+    with pytest.raises(ProcessLookupError):
+        os.kill(hung, 0)
+    link.open(PeerConfig(port=door.address), [], [], [])
+    assert link.pid() not in (None, hung)
+    link.close()
+
+
+def test_what_comes_while_an_answer_is_awaited_is_read_next(door: ZenohDoor) -> None:
+    """An emergency stop, say, which the robot reports once."""
+    link = opened(door)
+    end = time.monotonic() + 20
+    while not link.wait(0.02):
+        door.write("robot/state", b"before")
+        assert time.monotonic() < end
+    door.write("robot/state", b"pressed")
+    assert link.tokens("robot/*", timeout=0.5) == []
+    last = [event for event in link.read() if isinstance(event, wire.Sample)]
+    assert last[-1].payload == b"pressed"
+    assert link.read() == []
+    link.close()
+
+
+@pytest.mark.parametrize("name", ["ca", "certificate", "key"])
+def test_a_certificate_that_is_not_there_is_named(tmp_path: Path, name: str) -> None:
+    paths = {each: str(tmp_path / each) for each in ("ca", "certificate", "key")}
+    for path in paths.values():
+        Path(path).touch()
+    Path(paths[name]).unlink()
+    link = Link("test")
+    with pytest.raises(DeviceError, match=f"tls.{name}: '{paths[name]}' can't be read"):
+        link.open(PeerConfig(port="tls://127.0.0.1:7447", tls=TlsConfig(**paths)), [], [], [])
+
+
+def test_a_host_that_nobody_has_is_named() -> None:
+    with pytest.raises(DeviceError, match="no host is called 'nobody'"):
+        Link("test").open(PeerConfig(port="tcp://nobody:7447", unencrypted_network=True), [], [], [])

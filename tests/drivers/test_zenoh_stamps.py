@@ -169,3 +169,15 @@ def test_without_stamps_arrival_counts_and_is_said() -> None:
         assert remote.state_arrays["value"].tolist() == [1.0, 1.0]
     finally:
         sender.close()
+
+
+def test_a_node_that_sends_old_values_anew_is_not_fresh(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another maker's attachment says when it sent; the header says when the values were taken."""
+    monkeypatch.setattr(driver, "FIRST", 1.5)
+    frozen = time.time_ns()
+    sender = Sender(lambda number: (payload(1.0, frozen), time.time_ns()))
+    try:
+        with pytest.raises(DeviceError, match="same stamp"):
+            device(sender.door.address, HAND).open()
+    finally:
+        sender.close()

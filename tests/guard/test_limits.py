@@ -6,8 +6,8 @@ from helpers_guard import PLACE, guard_of
 from pydantic import ValidationError
 
 from runtime.errors import WiringError
-from runtime.guard import GuardLimits, PositionGuard, TorqueGuard, VelocityGuard, merge
-from runtime.signals import Kind, Limits
+from runtime.guard import GuardLimits, PositionGuard, TorqueGuard, VelocityGuard, make_guard, merge
+from runtime.signals import Command, Kind, Limits
 
 
 def test_a_number_is_for_every_joint_a_list_has_one_each():
@@ -79,3 +79,46 @@ def test_measurements_a_kind_needs_must_be_bound():
         torque.bind(np.zeros(1), np.zeros(1))
     with pytest.raises(WiringError, match="shape"):
         torque.bind(np.zeros(2), np.zeros(1), np.zeros(1))
+
+
+@pytest.mark.parametrize("wrong", [float("nan"), -1.0, float("inf")])
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [
+        (Kind.VELOCITY, "velocity"),
+        (Kind.VELOCITY, "acceleration"),
+        (Kind.POSITION, "velocity"),
+        (Kind.POSITION, "acceleration"),
+        (Kind.TORQUE, "velocity"),
+        (Kind.TORQUE, "effort"),
+        (Kind.TORQUE, "effort_rate"),
+    ],
+)
+def test_a_device_whose_own_limit_is_nonsense_is_refused(kind, name, wrong):
+    """As a comparison with NaN is never true, it would be no limit at all."""
+    given = {"velocity": 1.0, "acceleration": 2.0, "effort": 5.0, "effort_rate": 100.0}
+    given = {each: np.array([value, value]) for each, value in given.items()}
+    given[name][1] = wrong
+    with pytest.raises(WiringError, match=f"the {name} limit"):
+        make_guard(PLACE, Command(name="c", shape=(2,), unit="1", kind=kind, feedback="p"), Limits(**given), 0.01)
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"), [(Kind.VELOCITY, "acceleration"), (Kind.POSITION, "acceleration"), (Kind.TORQUE, "velocity")]
+)
+def test_a_limit_that_would_divide_by_zero_in_the_loop_is_refused_before_it(kind, name):
+    given = {each: np.full(2, 5.0) for each in ("velocity", "acceleration", "effort", "effort_rate")}
+    given[name][0] = 0.0
+    with pytest.raises(WiringError, match=f"the {name} limit 0"):
+        make_guard(PLACE, Command(name="c", shape=(2,), unit="1", kind=kind, feedback="p"), Limits(**given), 0.01)
+
+
+def test_an_axis_that_may_not_move_is_none():
+    """A base without mecanum wheels."""
+    limits = Limits(velocity=np.array([1.0, 0.0]), acceleration=np.array([2.0, 2.0]))
+    command = Command(name="c", shape=(2,), unit="1", kind=Kind.VELOCITY, feedback="p")
+    guard = make_guard(PLACE, command, limits, 0.01)
+    guard.reset(np.zeros(2))
+    guard.step(np.array([1.0, 1.0]), None, 0.01)
+    assert guard.applied[0] > 0
+    assert guard.applied[1] == 0

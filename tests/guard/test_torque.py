@@ -141,3 +141,28 @@ def test_full_effort_settles_at_the_velocity_limit(inertia):
         joint.step(E)
         fastest = max(fastest, joint.qd[0])
     assert 0.6 * V < fastest <= V * (1 + 1e-3)
+
+
+@pytest.mark.parametrize("category", [Stop.DAMP, Stop.HOLD, Stop.BRAKE])
+def test_old_measurements_damp_nothing(category):
+    """A velocity that stands still in the row would be opposed for ever, and so drive the joint."""
+    joint = Joint(load=3.0)
+    joint.qd[:] = 1.0
+    joint.guard.blind = True
+    for _ in range(100):
+        joint.guard.stop(category, DT)
+    assert joint.tau[0] == pytest.approx(3.0)
+    assert joint.guard.at_rest
+
+
+def test_seen_again_it_holds_where_it_is_then():
+    joint = Joint()
+    for _ in range(50):
+        joint.stop(Stop.HOLD)
+    joint.guard.blind = True
+    joint.stop(Stop.HOLD)
+    joint.guard.blind = False
+    joint.q[:] = 0.5  # it sagged meanwhile
+    for _ in range(500):
+        joint.stop(Stop.HOLD)
+    assert joint.q[0] == pytest.approx(0.5, abs=1e-3)

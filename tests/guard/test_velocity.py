@@ -99,3 +99,20 @@ def test_retract_goes_slowly_to_rest(delay):
     assert axis.guard.at_rest
     assert axis.q[0] == pytest.approx(-0.5, abs=1e-3)
     assert fastest <= V / 4
+
+
+def test_an_old_position_is_not_retracted_from():
+    guard = guard_of(
+        Kind.VELOCITY, dt=0.01, rest=np.array([0.5]), lower=-1.0, upper=1.0, velocity=1.0, acceleration=2.0
+    )
+    applied, position = np.zeros(1), np.zeros(1)
+    guard.bind(applied, position)
+    guard.reset(position)
+    for _ in range(50):
+        guard.stop(Stop.RETRACT, 0.01)
+    assert applied[0] > 0.1
+    guard.blind = True
+    for _ in range(50):
+        guard.stop(Stop.RETRACT, 0.01)
+    assert applied[0] == 0.0
+    assert guard.at_rest

@@ -59,6 +59,7 @@ def test_it_declares_what_the_driver_declares():
 @given(st.lists(st.floats(-2, 2), min_size=4, max_size=4))
 def test_servos_get_whole_microseconds_within_their_bounds(angles):
     w = WORLD
+    w.restore(FRESH)  # what a servo holds decides, by its dead band, whether it takes the next pulse
     fake = board(w, delay=0.0)
     command(fake, *angles)
     w.advance(w.time + 25 * MS)
@@ -72,6 +73,7 @@ def test_servos_get_whole_microseconds_within_their_bounds(angles):
 
 
 WORLD = world(**STILL)
+FRESH = WORLD.save()
 
 
 def test_a_command_waits_for_its_delay_and_the_next_pulse():

@@ -46,11 +46,20 @@ def twin(tmp_path_factory):
         yield twin
 
 
+PRELUDE = f"""
+import json, time
+HOST = {HOST!r}
+out = {{}}
+def until(condition):
+    end = time.monotonic() + 20
+    while not condition() and time.monotonic() < end:
+        time.sleep(0.02)
+"""
+
+
 def client(text):
     """Runs a client; what it leaves in `out`."""
-    text = (
-        f"import json, time\nHOST = {HOST!r}\nout = {{}}\n" + textwrap.dedent(text) + "\nprint('OUT' + json.dumps(out))"
-    )
+    text = PRELUDE + textwrap.dedent(text) + "\nprint('OUT' + json.dumps(out))"
     done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     return json.loads(done.stdout.rpartition("OUT")[2])
@@ -162,11 +171,11 @@ def test_io_sets_outputs_registers_and_the_slider(twin):
         io = RTDEIOInterface(HOST)
         r = RTDEReceiveInterface(HOST)
         out["set"] = [io.setStandardDigitalOut(3, True), io.setSpeedSlider(0.5), io.setInputIntRegister(19, 42)]
-        time.sleep(1.0)
+        until(lambda: r.getSpeedScaling() == 0.5 and r.getDigitalOutState(3))
         out["got"] = [r.getDigitalOutState(3), r.getDigitalOutState(2), r.getSpeedScaling()]
         io.setSpeedSlider(1.0)
         io.setStandardDigitalOut(3, False)
-        time.sleep(1.0)
+        until(lambda: r.getSpeedScaling() == 1.0 and not r.getDigitalOutState(3))
         out["again"] = [r.getDigitalOutState(3), r.getSpeedScaling()]
         io.disconnect()
         r.disconnect()
