@@ -191,6 +191,8 @@ class Cycle:
             if not ints[at] & LINK_ACTIVE:
                 continue
             category = self.category(actuator)
+            # Damping by a velocity from a while ago would drive the joint, and retracting never arrive.
+            guard.blind = bool(ints[at] & LINK_STALE)
             if state is State.ACTIVE:
                 guard.step(actuator.asked, actuator.asked_velocity, dt)
             elif state is State.HOMING:

@@ -16,7 +16,7 @@ import numpy as np
 from drivers.dynamixel import declare
 from drivers.dynamixel.config import DynamixelConfig
 from drivers.dynamixel.family import family
-from drivers.dynamixel.faults import Faults, who_is_silent
+from drivers.dynamixel.faults import BEYOND, FAR, Faults, who_is_silent
 from drivers.dynamixel.line import Line, Request
 from drivers.dynamixel.plan import Plan
 from drivers.dynamixel.recovery import Recovery
@@ -239,8 +239,8 @@ class Dynamixel(Driver):
     def _goals(self) -> tuple[bytes, list[int]]:
         """The command as packets: goals, and torque for whom it is their first; numbers of those motors."""
         command = self.command_arrays[self.config.command]
-        if self._faults.tripped or not self._sampled:
-            return b"", []  # goals are refused, or it isn't known yet where the motors are
+        if self._faults.tripped or not self._sampled or not (self._commanded or np.isfinite(command).all()):
+            return b"", []  # goals are refused, it isn't known yet where the motors are, or there is none to begin with
         goals = self._family.encode(command)
         if all(self._powered):
             return goals, []
@@ -254,9 +254,9 @@ class Dynamixel(Driver):
 
     def _waking(self, command: Array) -> list[int]:
         """The motors that may get torque now."""
-        # Written so that what isn't finite is too far.
-        near = np.abs(command - self.state_arrays["position"]) <= self._tolerance
-        away, faults = self._away(), self._faults
+        # Written so that what isn't finite is too far. The goal counts: beyond its limits a servo would leap to them.
+        away, faults, where = self._away(), self._faults, self.state_arrays["position"]
+        near = np.abs(self._family.bounded(command) - where) <= self._tolerance
         waking = []
         for i, id in enumerate(self._family.ids):
             if self._powered[i] or faults.concerns(i) or id in away:
@@ -264,7 +264,7 @@ class Dynamixel(Driver):
             if near[i] or self._kind is not Kind.POSITION:
                 waking.append(i)
             else:
-                faults.far.add(i)
+                faults.far[i] = BEYOND if abs(command[i] - where[i]) <= self._tolerance[i] else FAR
                 self._name_faults()
         return waking
 

@@ -146,6 +146,16 @@ class Family(ABC):
         np.copyto(self.last, wanted, casting="unsafe", where=finite)
         return self.again()
 
+    def bounded(self, command: Array) -> Array:
+        """Positions (n,), axis units, that `encode` makes of these: within the servos' own limits."""
+        goals = np.clip((command - self.offset) / self.per_count, self.low, self.high)
+        found: Array = goals * self.per_count + self.offset
+        return found
+
+    def own_range(self, i: int, memory: bytes) -> tuple[float, float]:
+        """Lowest and highest goal position of motor `i`, counts, from its registers (address 0 on)."""
+        return self._own_limits(i, memory)[:2]
+
     def again(self, motors: NDArray[np.bool_] | None = None) -> bytes:
         """The packet that repeats the last goals, of all motors or of some (n,)."""
         self._body["goal"] = self._sign(self.last)

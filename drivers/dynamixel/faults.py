@@ -19,6 +19,7 @@ _SERIOUS1: Final = protocol1.HEAT | protocol1.OVERLOAD  # after these the torque
 
 LOST_TORQUE: Final = "lost its torque (its power dipped, or another program switched it off)"
 FAR: Final = "is too far from its first command"
+BEYOND: Final = "is beyond its servo's own position limits; bring it back by hand"
 
 
 class Faults:
@@ -27,7 +28,7 @@ class Faults:
     Attributes:
         errors: hardware errors in words, by motor.
         limp: motors that have lost their torque.
-        far: motors whose first command was too far from where they were.
+        far: what kept motors from following their first command, in words, by motor.
         tripped: motors whose watchdog has stopped them.
         stubborn: motors that didn't come back from a reboot.
     """
@@ -40,7 +41,7 @@ class Faults:
         """None is left."""
         self.errors: dict[int, str] = {}
         self.limp: set[int] = set()
-        self.far: set[int] = set()
+        self.far: dict[int, str] = {}
         self.tripped: set[int] = set()
         self.stubborn: set[int] = set()
 
@@ -63,7 +64,7 @@ class Faults:
         """All of them for people; "" where there is none."""
         parts = [f"{self._names[i]}: {what}" for i, what in sorted(self.errors.items())]
         parts += [f"{self._names[i]} {LOST_TORQUE}" for i in sorted(self.limp - self.errors.keys())]
-        parts += [f"{self._names[i]} {FAR}" for i in sorted(self.far)]
+        parts += [f"{self._names[i]} {what}" for i, what in sorted(self.far.items())]
         parts += [f"{self._names[i]} doesn't come back from its reboot" for i in sorted(self.stubborn)]
         if self.tripped:
             names = ", ".join(self._names[i] for i in sorted(self.tripped))

@@ -58,6 +58,13 @@ def set_up(session: Session, scan: bool) -> Bus:
         if config.return_delay is not None and not powered:
             wanted["return_delay_time"] = round(config.return_delay / RETURN_DELAY)
         memory = _settle(session, name, motor.id, table, memory, wanted)
+        low, high = family.own_range(i, memory)
+        if not low < high:
+            raise DeviceError(
+                session.place,
+                f"the position limits of '{name}' (id {motor.id}), {low:g} to {high:g}, leave no room",
+                _WIZARD,
+            )
         _volatile(session, name, motor.id, table, memory)
         family.take_up_turns(i, table["present_position"].decode(memory))
         memories.append(memory)

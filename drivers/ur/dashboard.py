@@ -65,7 +65,9 @@ class Dashboard:
     def _line(self, what: str) -> Steps[str]:
         if not (yield from until(self._arrived, self._clock, _ANSWER)):
             raise DeviceError(
-                self._dial.place, f"the {self._dial.door} didn't give {what} in {_ANSWER:g} s", "Restart the controller"
+                self._dial.place,
+                f"the {self._dial.door} didn't give {what} in {_ANSWER:g} s",
+                "Check 'port'; restart the controller",
             )
         return self._heard.pop(0)
 

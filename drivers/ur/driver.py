@@ -280,7 +280,9 @@ class Ur(Driver):
         self._recipe, _ = handshake.inputs(registers.INPUTS, registers.INPUT_TYPES)
         first = handshake.start(*outputs)
         self._parser = handshake.parser
-        self._sample.take(first.body)
+        self._sample = Sample()  # what an earlier connection said of the arm is no longer true
+        if not self._sample.take(first.body):
+            raise DeviceError(self._place, "the controller's first sample isn't finite", "Restart the controller")
         self.health.message = handshake.text or str(self._identity)
         self._failed, self._diagnosed, self._stopped_at = "", (), 0
         self._nonce = 0

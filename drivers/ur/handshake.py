@@ -75,7 +75,7 @@ class Handshake:
 
     def _agree(self, kind: Kind, request: bytes, names: Sequence[str], types: Sequence[str]) -> tuple[int, Recipe]:
         answer = self._ask(kind, request)
-        said = answer[1:].decode("ascii").split(",")
+        said = answer[1:].decode("ascii", "replace").split(",")
         if IN_USE in said:
             taken = names[said.index(IN_USE)] if len(said) == len(names) else "an input"
             raise DeviceError(

@@ -6,6 +6,7 @@ is looked for in a stream of garbage is a header that fits its kind and, for dat
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Sequence
 from enum import IntEnum
@@ -102,14 +103,14 @@ class Parser:
         while end - at >= 3:
             size, kind = HEADER.unpack_from(buffer, at)
             if not self._fits(size, kind, buffer, at, end):
-                at = self._skip(at)
+                at = self._skip(at, buffer)
                 continue
             if size > end - at:
                 break
             body = buffer[at + 3 : at + size]
             if kind in _CHECKED and not _whole(kind, body):
                 self.errors += 1
-                at = self._skip(at)
+                at = self._skip(at, buffer)
                 continue
             found.append(Message(kind, body))
             self.frames += 1
@@ -126,14 +127,18 @@ class Parser:
         bounds = self.sizes.get(kind)
         return bounds is not None and bounds[0] <= size <= bounds[1]
 
-    def _skip(self, at: int) -> int:
+    def _skip(self, at: int, buffer: bytes) -> int:
+        """Where the next header may begin: a byte by byte search would hold the loop up in a flood of garbage."""
         if not self._lost:
             self._lost = True
             self.resyncs += 1
-        self.skipped += 1
-        return at + 1
+        found = _HEADER.search(buffer, at + 1)
+        to = found.start() if found is not None else max(at + 1, len(buffer) - 2)
+        self.skipped += to - at
+        return to
 
 
+_HEADER: Final = re.compile(rb"[\x00-\x1f].[" + bytes(Kind) + rb"]", re.DOTALL)  # no message has 8 KB
 _CHECKED: Final = frozenset((Kind.OUTPUTS, Kind.INPUTS, Kind.TEXT))
 
 

@@ -1,8 +1,8 @@
 """Signals of another machine, each a zenoh key; read as a device's states, with a device's staleness.
 
-A sample's age comes from its sender's own stamp: the attachment's (which another runtime's bus sends), else
-the message's header. So what waited in a network's buffers is old on arrival, and so is what a runtime repeats
-whose own device is lost.
+A sample's age comes from its sender's own stamp: the message's header, else the attachment (which another
+runtime's bus sends with messages that have no header). So what waited in a network's buffers is old on arrival,
+and so is what a runtime repeats whose own device is lost.
 """
 
 from __future__ import annotations
@@ -57,7 +57,8 @@ class _Source:
         except RequestError as error:
             self.problem = f"{error.problem}. {error.remedy}"
             return False
-        source = sample.stamp if sample.stamp > 0 else reading.stamp
+        # The header says when the values were taken; the attachment of others' nodes only when they were sent.
+        source = reading.stamp if reading.stamp > 0 else sample.stamp
         self.stamped = source > 0
         stamp = self.time.stamp(source, sample.arrived) if self.stamped else sample.arrived
         if stamp is not None:
@@ -209,11 +210,12 @@ class Zenoh(Driver):
             names = [name.removesuffix("/meta") for name in known]
             raise DeviceError(self.name, f"there is no signal '{key}'", nearest(key, names))
         signal, entry = source.signal, source.entry
+        shape, labels = (value if isinstance(value := told.get(name), list) else [] for name in ("shape", "labels"))
         for what, there, here in (
-            ("shape", tuple(told.get("shape", ())), signal.shape),
+            ("shape", tuple(shape), signal.shape),
             ("unit", told.get("unit"), signal.unit),
             ("frame", told.get("frame") if entry.frame else None, entry.frame),
-            ("labels", sorted(told.get("labels") or ()) if entry.labels else [], sorted(entry.labels)),
+            ("labels", sorted(map(str, labels)) if entry.labels else [], sorted(entry.labels)),
         ):
             if there != here:
                 raise DeviceError(

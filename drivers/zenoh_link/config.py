@@ -21,6 +21,7 @@ class PeerConfig(DeviceConfig):
 
     Attributes:
         endpoint: `port` as zenoh writes it.
+        host: in it; None for a Unix socket.
     """
 
     port: str = Field(description="tls://HOST:PORT, tcp://HOST:PORT or unixsock-stream/PATH")
@@ -49,6 +50,12 @@ class PeerConfig(DeviceConfig):
     def endpoint(self) -> str:
         """See the class."""
         return self.port.replace("://", "/", 1)
+
+    @property
+    def host(self) -> str | None:
+        """See the class."""
+        match = _NETWORK.match(self.port)
+        return match["host"].strip("[]") if match is not None else None
 
 
 def _is_loopback(host: str) -> bool:

@@ -54,6 +54,8 @@ class Link:
         self._where = ""
         self._sent = self._taken = 0
         self._stop_frame = b""
+        # The newest of each subscription that came while an answer was waited for.
+        self._kept: dict[tuple[bool, int], wire.Sample | wire.Token] = {}
 
     def open(
         self,
@@ -75,6 +77,7 @@ class Link:
             DeviceError: nobody answers there.
         """
         self.close()
+        _check(config, self.place)
         self._where = config.port
         self._session = self._session % 60000 + 1
         order = {
@@ -89,6 +92,7 @@ class Link:
             "alive": alive,
         }
         self._ensure_process()
+        self._kept.clear()
         self._sent = self._taken = 0
         self._stop_frame = wire.simple(b"S", self._session)
         self._open = True
@@ -101,17 +105,22 @@ class Link:
 
     def _await_ready(self, timeout: float) -> None:
         deadline = time.monotonic() + timeout + START
+        ready = False
         while (rest := deadline - time.monotonic()) > 0:
-            for event in self.wait(rest):
-                if isinstance(event, wire.Words) and event.kind == b"R":
-                    return
+            for event in self._wait(rest):
+                self._keep(event)
+                ready |= isinstance(event, wire.Words) and event.kind == b"R"
                 if isinstance(event, wire.Words) and event.kind == b"F":
                     raise DeviceError(
                         self.place,
                         f"no connection to {self._where}: {event.text}",
                         "Check that the other side runs and listens there, the network, and the certificates",
                     )
-        raise DeviceError(self.place, f"no connection to {self._where} in {timeout:g} s", "Check the network")
+            if ready:
+                return
+        # It hangs: an orderly end is not to be had from it, and the next attempt needs one that works.
+        self._end_process()
+        raise DeviceError(self.place, "its zenoh process hangs", "It was ended, and is started again")
 
     def _ensure_process(self) -> None:
         if self._end is not None and self._process is not None and self._process.poll() is None:
@@ -157,6 +166,11 @@ class Link:
         Raises:
             DeviceLostError: the process has ended, or the connection is gone.
         """
+        kept: list[wire.Event] = list(self._kept.values())
+        self._kept.clear()
+        return kept + self._receive()
+
+    def _receive(self) -> list[wire.Event]:
         events: list[wire.Event] = []
         end = self._end
         if end is None or not self._open:
@@ -184,12 +198,15 @@ class Link:
 
     def wait(self, timeout: float) -> list[wire.Event]:
         """Like `read`, but waits up to `timeout` s for the first. Blocks: for `open` only."""
+        return self.read() if self._kept else self._wait(timeout)
+
+    def _wait(self, timeout: float) -> list[wire.Event]:
         if self._end is not None:
             select.select([self._end], [], [], max(timeout, 0))
-        return self.read()
+        return self._receive()
 
     def ask(self, key: str, timeout: float = 1.0) -> dict[str, bytes]:
-        """Answers to a query, by key. Blocks: for `open` only. Samples that come meanwhile are dropped."""
+        """Answers to a query, by key. Blocks: for `open` only. What else comes meanwhile, the next `read` gives."""
         return self._answers(b"Q", key, timeout)
 
     def tokens(self, key: str, timeout: float = 1.0) -> list[str]:
@@ -200,13 +217,21 @@ class Link:
         self._tell(wire.simple(kind, self._session, {"key": key, "timeout": timeout}))
         deadline = time.monotonic() + timeout + 1.0
         found: dict[str, bytes] = {}
+        over = False
         while (rest := deadline - time.monotonic()) > 0:
-            for event in self.wait(rest):
+            for event in self._wait(rest):
                 if isinstance(event, wire.Answer):
                     found[event.key] = event.payload
-                elif isinstance(event, wire.Words) and event.kind == b"E":
-                    return found
+                elif isinstance(event, wire.Words):
+                    over |= event.kind == b"E"
+                self._keep(event)
+            if over:
+                break
         return found
+
+    def _keep(self, event: wire.Event) -> None:
+        if isinstance(event, wire.Sample | wire.Token):
+            self._kept[isinstance(event, wire.Sample), event.source] = event
 
     def publish(self, outlet: int, payload: bytes, expires: int, stamp: int = -1) -> bool:
         """Hands a command over; never blocks. False: the last one wasn't taken yet, or there is no room.
@@ -249,8 +274,8 @@ class Link:
         deadline = time.monotonic() + 1.0
         while not self._give(message):
             if time.monotonic() > deadline:
-                self._let_go()
-                raise DeviceError(self.place, "its zenoh process doesn't take orders", "It is started again")
+                self._end_process()
+                raise DeviceError(self.place, "its zenoh process hangs", "It was ended, and is started again")
             time.sleep(0.001)
 
     def _give(self, message: bytes) -> bool:
@@ -278,6 +303,32 @@ class Link:
             self._process.poll()
             self._process = None
 
+    def _end_process(self) -> None:
+        """Kills a process that hangs."""
+        process = self._process
+        self._let_go()
+        if process is not None:
+            process.kill()
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(1.0)
+
     def __del__(self) -> None:
         with contextlib.suppress(Exception):
             self._let_go()
+
+
+def _check(config: PeerConfig, place: str) -> None:
+    """What zenoh would only call a time-out. Raises DeviceError: no such host, a certificate that can't be read."""
+    if (host := config.host) is not None:
+        try:
+            socket.getaddrinfo(host, None)
+        except OSError:
+            raise DeviceError(place, f"no host is called '{host}'", "Correct `port`, or use its address") from None
+    for name, path in (config.tls.model_dump() if config.tls is not None else {}).items():
+        try:
+            with open(path, "rb"):
+                pass
+        except OSError as error:
+            raise DeviceError(
+                place, f"tls.{name}: '{path}' can't be read ({error.strerror})", "Correct the path, or its permissions"
+            ) from None

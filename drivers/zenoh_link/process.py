@@ -33,6 +33,7 @@ from runtime.bus import attachment
 STOPS = 20  # times the stop is published
 STOP_PERIOD = 50_000_000  # ns between them
 WATCH = 100_000_000  # ns between looks at the connection
+AGAIN = 5_000_000  # ns until the driver is told again what its socket had no room for
 IDLE = 30.0  # s without a session until the process ends
 CLOSING = 0.3  # s for an orderly close
 
@@ -107,6 +108,7 @@ class Process:
         self._outlets: list[Outlet] = []
         self._declared: list[Any] = []
         self._watched = 0
+        self._untold = -1  # number of a command that was taken, while the driver doesn't know it
         self._ending = False
 
     def run(self) -> None:
@@ -119,12 +121,13 @@ class Process:
         while not self._ending:
             now = time.monotonic_ns()
             due = min([o.next() for o in self._outlets], default=1 << 62)
-            wait = min(max(due - now, 0), WATCH)
+            wait = min(max(due - now, 0), WATCH if self._untold < 0 else AGAIN)
             if poll.poll(wait / 1e6) and not self._hear():
                 break
             now = time.monotonic_ns()
             for outlet in self._outlets:
                 outlet.turn(now)
+            self._acknowledge()
             if self._session is None:
                 if time.monotonic() - idle_since > IDLE:
                     return
@@ -172,8 +175,14 @@ class Process:
         for outlet_number, command in newest.items():
             self._outlets[outlet_number].take(command, now)
         if number >= 0:
-            self._say(wire.taken(self._number, number))
+            self._untold = number
+            self._acknowledge()
         return True
+
+    def _acknowledge(self) -> None:
+        """Says which command was taken, until it is heard: the driver gives no other before."""
+        if self._untold >= 0 and self._say(wire.taken(self._number, self._untold)):
+            self._untold = -1
 
     def _open(self, number: int, order: dict[str, Any]) -> None:
         if self._session is not None:
@@ -189,7 +198,7 @@ class Process:
                 liveliness = self._session.liveliness()
                 self._declared.append(liveliness.declare_subscriber(key, self._teller(i), history=True))
         except zenoh.ZError as error:
-            self._say(wire.simple(b"F", number, str(error).partition(" at /")[0].rstrip(". ")))
+            self._say(wire.simple(b"F", number, str(error).partition(" at /")[0].rstrip(".! ")))
             self._leave()
         self._say(wire.simple(b"R", number))
 
@@ -209,7 +218,11 @@ class Process:
 
     def _teller(self, source: int) -> Callable[[zenoh.Sample], None]:
         number = self._number
-        return lambda sample: self._say(wire.token(number, source, sample.kind == zenoh.SampleKind.PUT))
+
+        def arrive(sample: zenoh.Sample) -> None:
+            self._say(wire.token(number, source, sample.kind == zenoh.SampleKind.PUT))
+
+        return arrive
 
     def _ask(self, order: dict[str, Any], get: Callable[..., Any]) -> None:
         """Asks from a thread: the commands go on meanwhile."""
@@ -233,11 +246,12 @@ class Process:
         if not info.routers_zid() and not info.peers_zid():
             self._say(wire.simple(b"X", self._number, "the connection is closed"))
 
-    def _say(self, message: bytes) -> None:
+    def _say(self, message: bytes) -> bool:
         try:
             self._end.send(message, socket.MSG_DONTWAIT)
         except OSError:
-            pass  # the driver doesn't read, or is gone; the next sample is newer
+            return False  # the driver doesn't read, or is gone; the next sample is newer
+        return True
 
     def _cease(self) -> None:
         """Nobody commands any more: the stop, then the end."""

@@ -15,6 +15,8 @@ from runtime.signals import Array, Command, Limits, Stop
 LONGEST = 5  # periods: a longer pause is not made up for, the motion goes on where it was
 SHORTEST = 1e-3  # periods: a clock that stands still must not divide by zero
 RETRACT_SPEED = 0.25  # of the velocity limit
+RATES = ("velocity", "acceleration", "jerk", "effort", "effort_rate")
+MINUTE, MOST = 1e-9, 1e9  # limits that a device gives are numbers in between, in any unit
 
 
 class CommandGuard(ABC):
@@ -30,9 +32,11 @@ class CommandGuard(ABC):
         fallback: this cycle braked because the trajectory generator failed.
         rejections, limitations, fallbacks: how many cycles had the flag since the guard was made.
         at_rest: the stop under way is complete.
+        blind: the measurements are old. Set by the runtime; what they would decide is then left out.
     """
 
     needs: tuple[str, ...] = ()  # limits without which it can't work
+    may_be_zero: tuple[str, ...] = ("velocity", "effort", "effort_rate")
 
     def __init__(
         self,
@@ -72,6 +76,18 @@ class CommandGuard(ABC):
         self.max_jerk = self._flat("jerk", limits.jerk, inf)
         self.max_effort = self._flat("effort", limits.effort, inf)
         self.max_effort_rate = self._flat("effort_rate", limits.effort_rate, inf)
+        for name in RATES:
+            values = getattr(self, f"max_{name}")
+            # Zero would divide; a joint that can't accelerate can't brake. NaN compares as no limit at all.
+            least = 0.0 if name in self.may_be_zero else MINUTE
+            most = MOST if name in self.needs else inf
+            wrong = [value for value in values if not least <= value <= most]
+            if wrong:
+                raise WiringError(
+                    place,
+                    f"the {name} limit {wrong[0]:g} is none a {command.kind} command can be held to",
+                    "Correct it in the profile, or check what the device gives as its own",
+                )
         for low, high in zip(self.lower, self.upper, strict=True):
             if not low < high:
                 raise WiringError(
@@ -92,6 +108,7 @@ class CommandGuard(ABC):
         self._position: Array | None = None
         self._velocity: Array | None = None
         self._ready = False
+        self.blind = False
 
     def bind(self, applied: Array, position: Array | None = None, velocity: Array | None = None) -> None:
         """Takes the arrays, made once by the runtime.

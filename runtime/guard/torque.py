@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import inf
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,6 +15,33 @@ ZONE = 0.05  # of a joint's range: where the barrier's spring reaches the effort
 FADE = 0.25  # of the velocity limit: range below it in which effort that would exceed it fades out
 HOLD_TIME = 0.2  # s: damping over stiffness of the hold
 STILL = 0.02  # of the velocity limit: slower than this a joint is at rest
+
+
+class Barrier(NamedTuple):
+    """One joint's bounds of a torque counted from gravity compensation; see `TorqueGuard`."""
+
+    E: float
+    V: float
+    lower: float
+    upper: float
+    slope: float  # N m s/rad, of the velocity limit's
+    k: float  # N m/rad; 0 without position limits
+    d: float  # N m s/rad
+    A: float
+
+    def range(self, q: float, qd: float) -> tuple[float, float]:
+        """What velocity limit and barrier leave, N m. In plain comparisons: min and max cost four times as much."""
+        E, V, lower, upper, slope, k, d, A = self
+        least, most = -slope * (V + qd), slope * (V - qd)
+        if k > 0.0:
+            way, drag = qd * abs(qd) / (2 * A), 2 * d * qd  # the way to brake on
+            outward = k * (upper - q - way) - drag if qd > 0 else k * (upper - q)
+            inward = k * (lower - q - way) - drag if qd < 0 else k * (lower - q)
+            most = outward if outward < most else most
+            least = inward if inward > least else least
+        least = -E if least < -E else E if least > E else least
+        most = -E if most < -E else E if most > E else most
+        return least, most
 
 
 class TorqueGuard(CommandGuard):
@@ -33,6 +61,7 @@ class TorqueGuard(CommandGuard):
     """
 
     needs = ("velocity", "effort", "effort_rate")
+    may_be_zero = ("effort", "effort_rate")
 
     def __init__(
         self,
@@ -55,6 +84,8 @@ class TorqueGuard(CommandGuard):
         self._gravity: Array | None = None
         self._g = [0.0] * self.size  # the newest that was finite
         self._held: list[float | None] = [None] * self.size
+        self._q, self._qd = [0.0] * self.size, [0.0] * self.size  # measured, as `_sensed` took them
+        self._barriers = [self._barrier(i) for i in range(self.size)]
 
     def bind(
         self,
@@ -89,8 +120,10 @@ class TorqueGuard(CommandGuard):
 
     def _halt(self, category: Stop, dt: float) -> None:
         self._read_gravity()
-        q, qd = self._measured()
         blind = not self._sensed()
+        q, qd = self._q, self._qd
+        if blind:
+            self._held = [None] * self.size  # where it came to rest may be far away by the time it can be seen again
         out = []
         for i, (g, E, V) in enumerate(zip(self._g, self.max_effort, self.max_velocity, strict=True)):
             if blind or category is Stop.LIMP:
@@ -112,37 +145,32 @@ class TorqueGuard(CommandGuard):
             self.at_rest = all(abs(w) <= STILL * V for w, V in zip(qd, self.max_velocity, strict=True))
 
     def _apply(self, wanted: list[float], dt: float, sighted: bool = True) -> None:
-        q, qd = self._measured()
         out = []
-        for i, (tau, last) in enumerate(zip(wanted, self.applied.ravel().tolist(), strict=True)):
-            E, g, bounded = self.max_effort[i], self._g[i], tau
+        joints = zip(self._barriers, self._q, self._qd, self._g, self.max_effort_rate, strict=True)
+        for asked, last, (barrier, q, qd, g, rate) in zip(wanted, self.applied.ravel().tolist(), joints, strict=True):
+            E, tau = barrier.E, asked
             if sighted:
-                least, most = self._range(i, q[i], qd[i])
-                bounded = min(max(tau - g, least), most) + g
-            bounded = min(max(bounded, -E), E)
-            step = self.max_effort_rate[i] * dt
-            out.append(min(max(bounded, last - step), last + step))
+                least, most = barrier.range(q, qd)
+                left = asked - g
+                left = least if left < least else left
+                tau = (most if left > most else left) + g
+            tau = -E if tau < -E else E if tau > E else tau
+            step = rate * dt
+            tau = last - step if tau < last - step else tau
+            out.append(last + step if tau > last + step else tau)
         self.applied.reshape(-1)[:] = out
 
-    def _range(self, i: int, q: float, qd: float) -> tuple[float, float]:
-        """What velocity limit and barrier leave of joint i's torque, counted from gravity compensation."""
-        E, V, low, high = self.max_effort[i], self.max_velocity[i], self.lower[i], self.upper[i]
-        least, most = -E * (V + qd) / (FADE * V), E * (V - qd) / (FADE * V)
-        if -inf < low and high < inf:
-            k, d = E / (ZONE * (high - low)), E / V
-            way = qd * abs(qd) / (2 * self.max_acceleration[i])  # to brake on
-            most = min(most, k * (high - q - max(way, 0.0)) - 2 * d * max(qd, 0.0))
-            least = max(least, k * (low - q - min(way, 0.0)) - 2 * d * min(qd, 0.0))
-        return min(max(least, -E), E), min(max(most, -E), E)
+    def _barrier(self, i: int) -> Barrier:
+        E, V, lower, upper = self.max_effort[i], self.max_velocity[i], self.lower[i], self.upper[i]
+        ends = -inf < lower and upper < inf
+        k = E / (ZONE * (upper - lower)) if ends else 0.0
+        return Barrier(E, V, lower, upper, E / (FADE * V), k, E / V, self.max_acceleration[i])
 
     def _sensed(self) -> bool:
-        q, qd = self._measured()
-        return finite(q) and finite(qd)
-
-    def _measured(self) -> tuple[list[float], list[float]]:
         assert self._position is not None
         assert self._velocity is not None
-        return self._position.ravel().tolist(), self._velocity.ravel().tolist()
+        self._q, self._qd = self._position.ravel().tolist(), self._velocity.ravel().tolist()
+        return not self.blind and finite(self._q) and finite(self._qd)
 
     def _read_gravity(self) -> None:
         if self._gravity is not None and np.isfinite(self._gravity).all():

@@ -58,7 +58,7 @@ class VelocityGuard(CommandGuard):
         self._apply(applied)
 
     def _sensed(self) -> bool:
-        return self._position is None or finite(self._position.ravel().tolist())
+        return self._position is None or (not self.blind and finite(self._position.ravel().tolist()))
 
     def _bounded(self, desired: list[float], limits: list[float], dt: float) -> list[float]:
         """Nearest to `desired` within speed, way left and change, the change coming last: it always holds."""
