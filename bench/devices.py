@@ -16,6 +16,8 @@ def _cell(**parts: dict[str, Any]) -> dict[str, Any]:
     return {"world": "cell", "parts": parts}
 
 
+_OFTEN = [[0.02 * k, 0.02 * k + 0.01] for k in range(1, 3000)]  # s, a button pressed 50 times a second
+
 # driver: (config without port, fake's options, world, a port on which nobody answers)
 DEVICES: dict[str, tuple[dict[str, Any], dict[str, Any], dict[str, Any], str]] = {
     "ati-netft": ({}, {}, _cell(ft_sensor={"part": "ft-sensor"}), "udp://127.0.0.1:9"),
@@ -28,8 +30,13 @@ DEVICES: dict[str, tuple[dict[str, Any], dict[str, Any], dict[str, Any], str]] =
         _cell(chain={"part": "dynamixel-chain", "axes": {"one": {"model": "MX-64"}}}),
         "tcp://127.0.0.1:9",
     ),
-    "firmata": ({"buttons": {"go": {"pin": 2}}}, {}, CELL, "tcp://127.0.0.1:9"),
-    "gamepad": ({}, {}, CELL, "/dev/input/event-none"),
+    "firmata": (
+        {"buttons": {"go": {"pin": 2, "debounce": 0.001}}},
+        {"presses": {"go": _OFTEN}},
+        CELL,
+        "tcp://127.0.0.1:9",
+    ),
+    "gamepad": ({}, {"axes": {"left_x": [[0.0, 0.0], [100.0, 1.0]]}}, CELL, "/dev/input/event-none"),
     "noitom": ({}, {}, _cell(body={"part": "body"}), "tcp://127.0.0.1:9"),
     "panda": ({}, {}, _cell(arm={"part": "panda"}), "tcp://127.0.0.1:9"),
     "ring": ({}, {}, CELL, "/dev/ttyRING"),

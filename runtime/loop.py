@@ -40,8 +40,10 @@ class Loop:
         self.each_cycle: Callable[[State], None] = lambda state: None  # signs of life, the supervisor's own
 
     def run(self, cycles: int | None = None) -> None:
-        """Runs until the state machine ends; after `cycles` it asks itself to end."""
+        """Runs until the state machine ends; after `cycles`, or when the simulated world's task is done, it asks
+        itself to end."""
         ints, monotonic, count = self.graph.board.ints, time.monotonic_ns, 0
+        world = self.graph.world
         self.clock.start()
         while self.cycle.machine.state is not State.ENDED:
             tick = self.clock.wait()
@@ -50,7 +52,8 @@ class Loop:
             for device in self.devices:
                 device.read(tick.now)
             item = self.inbox.take(tick.now)
-            if item is None and cycles is not None and count >= cycles and not self.cycle.machine.exiting:
+            over = (cycles is not None and count >= cycles) or (world is not None and world.finished)
+            if item is None and over and not self.cycle.machine.exiting:
                 item = self.inbox.own(Ask.EXIT, Cause.END)
             ints[_READ] = monotonic()
 

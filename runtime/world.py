@@ -31,6 +31,7 @@ class World(ABC):
     Attributes:
         time: ns since the world's start.
         duration: s until the person's recording is over; None where there is no end.
+        finished: whether what was to be done in it is done: the run ends by itself.
         truth: what really is (joint angles, tips, contact forces); recorded, never wired to a controller.
     """
 
@@ -42,6 +43,7 @@ class World(ABC):
         self.seed = seed
         self.time = 0
         self.duration: float | None = None
+        self.finished = False
         self.truth: tuple[Signal, ...] = ()
         self.truth_arrays: Mapping[str, Array] = {}
 

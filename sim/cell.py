@@ -40,6 +40,7 @@ class CellConfig(WorldConfig):
     gravity: tuple[float, float, float] = Field(default=(0.0, 0.0, -9.81), description="m/s^2")
     floor: bool = Field(default=False, description="a floor at z = 0 that parts touch")
     duration: float | None = Field(default=None, gt=0, description="s until the run ends by itself")
+    ends_with: str | None = Field(default=None, description="a person: the run ends when the plan does")
     parts: dict[str, Annotated[Any, PlainValidator(_part_entry)]] = Field(min_length=1)
 
 
@@ -69,6 +70,7 @@ class Cell(World):
         for part in self.parts.values():
             part.bind(self.model, self.data)
         mujoco.mj_forward(self.model, self.data)
+        self._planner = self._ending(config.ends_with)
         self._driven = [part for part in self.parts.values() if part.every]
         self._samples: list[Samples] = []
         self.truth = tuple(signal for part in self.parts.values() for signal in part.truth)
@@ -135,6 +137,17 @@ class Cell(World):
         self._settle()
         for part in self.parts.values():
             part.fill(self.truth_arrays)
+        if self._planner is not None:
+            self.finished = self._planner.done
+
+    def _ending(self, name: str | None) -> Any:
+        """The part whose plan's end is the run's."""
+        if name is None:
+            return None
+        planners = {key: part for key, part in self.parts.items() if hasattr(part, "done")}
+        if name not in planners:
+            raise WiringError("sim.ends_with", f"there is no person '{name}'", nearest(name, planners))
+        return planners[name]
 
     def save(self) -> NDArray[np.float64]:
         physics = np.empty(mujoco.mj_stateSize(self.model, _STATE))

@@ -93,6 +93,7 @@ def _run(task: Task, folder: Path) -> Run:
     with tempfile.TemporaryDirectory(prefix="srl-study-") as scratch:
         profile = Path(scratch) / f"{task.profile}.yaml"
         yaml = YAML(typ="safe", pure=True)
+        yaml.sort_base_mapping_type_on_output = False  # the order of buttons means something
         content = merged(yaml.load(PROFILES / f"{task.profile}.yaml"), task.changes | {"seed": task.seed})
         yaml.dump(content, profile)
         command = [

@@ -10,7 +10,10 @@ which damps what the loop's delay would otherwise make of a stiff arm that holds
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Iterable
 from math import sqrt
+from operator import mul, sub
 from typing import Annotated, Final
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -20,6 +23,7 @@ from runtime.controller import Controller, ControllerConfig, Parameter
 from runtime.signals import Signal
 
 GRAVITY: Final = 9.81  # m/s^2
+_ZEROS: Final = [0.0] * 6  # read only
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 _Six = tuple[float, float, float, float, float, float]
 _SixPositive = tuple[_Positive, _Positive, _Positive, _Positive, _Positive, _Positive]
@@ -53,6 +57,9 @@ class AdmittanceConfig(ControllerConfig):
     leash: LeashConfig | None = LeashConfig()
     tank: float | None = Field(
         0.5, gt=0, description="J, what may be given back to the hand before damping is added; null: the bare law"
+    )
+    force_age: float = Field(
+        0.0, ge=0, le=0.2, description="s, by which `wrench` is older than `twist`; without it the tank can't see that"
     )
 
 
@@ -95,6 +102,7 @@ class Admittance(Controller):
         self._position: list[float] = [0.0, 0.0, 0.0]
         self._orientation: rotation.Quaternion = (1.0, 0.0, 0.0, 0.0)
         self._tank = 0.0
+        self._past: deque[list[float]] = deque()  # measured twists, the oldest as old as the wrench
         self._emptied = self._leashed = 0
 
     def reset(self) -> None:
@@ -102,25 +110,28 @@ class Admittance(Controller):
         self._position, self._orientation = [x, y, z], rotation.normalised((q[0], q[1], q[2], q[3]))
         self._velocity = [0.0] * 6
         self._tank = self._config.tank or 0.0
+        self._past.clear()
         self._write([0.0] * 6)
 
     def update(self, dt: float) -> None:
         on, rotates, *_ = self.input["modes"].tolist()
-        force = self._hand() if on > 0.5 else [0.0] * 6
-        if rotates <= 0.5:
-            force[3:] = [0.0, 0.0, 0.0]
-        M, D = float(self.param["scale"][()]), float(self.param["damping"][()])
-        # Switched off, the desired pose stays: whoever pushes the robot away stretches its spring, not the leash.
-        pull, brake = self._held() if on > 0.5 else ([0.0] * 6, [0.0] * 6)
-        extra = self._passive(force, dt, D)
-        v = self._velocity
-        for i in range(6):
-            # Semi-implicit: the force at the velocity before, then the pose with the velocity after.
-            damping = D * self._D[i] + brake[i]
-            v[i] += dt * (force[i] + pull[i] - damping * v[i]) / (M * self._M[i])
-            v[i] /= 1.0 + dt * extra / (M * self._M[i] / self._M[0])  # implicit: it may be large
-        for i in range(3):
-            self._position[i] += dt * v[i]
+        M, D = self.param["scale"].item(), self.param["damping"].item()
+        force, pull, brake = [0.0] * 6, _ZEROS, _ZEROS
+        if on > 0.5:
+            x, y, z, qw, qx, qy, qz = self.input["pose"].tolist()
+            force = self._hand((qw, qx, qy, qz), rotates > 0.5)
+            # Switched off, the desired pose stays: whoever pushes the robot away stretches its spring, not the leash.
+            pull, brake = self._held((x, y, z), (qw, qx, qy, qz))
+        extra = self._passive(force, dt, D) / M
+        # Semi-implicit: the force at the velocity before, then the pose with the velocity after.
+        self._velocity = v = [
+            v + dt / (M * m) * (f + p - (D * d + b) * v)
+            for v, m, d, f, p, b in zip(self._velocity, self._M, self._D, force, pull, brake, strict=True)
+        ]
+        if extra > 0.0:
+            v[:] = [x / (1.0 + dt * extra * self._M[0] / m) for x, m in zip(v, self._M, strict=True)]  # may be large
+        x, y, z = self._position
+        self._position = [x + dt * v[0], y + dt * v[1], z + dt * v[2]]
         turn = rotation.exp(dt * v[3], dt * v[4], dt * v[5])
         self._orientation = rotation.normalised(rotation.product(turn, self._orientation))
         self._write(force)
@@ -131,72 +142,64 @@ class Admittance(Controller):
 
     # -- forces on the virtual mass
 
-    def _hand(self) -> list[float]:
-        """lambda_h: the hand's wrench at the control point, world axes."""
+    def _hand(self, actual: rotation.Quaternion, rotates: bool) -> list[float]:
+        """lambda_h: the hand's wrench at the control point, world axes; without torque where it doesn't rotate."""
         c = self._config
-        raw = self.input["wrench"].tolist()
-        _, _, _, *q = self.input["pose"].tolist()
-        actual: rotation.Quaternion = (q[0], q[1], q[2], q[3])
         turn = rotation.product(actual, self._mount)  # sensor to world
-        f: list[float] = [raw[i] - c.bias[i] for i in range(6)]
+        fx, fy, fz, tx, ty, tz = map(sub, self.input["wrench"].tolist(), c.bias)
         if c.tool_mass:
             gx, gy, gz = rotation.turned(rotation.conjugate(turn), (0.0, 0.0, -GRAVITY * c.tool_mass))
             cx, cy, cz = c.tool_com
-            weight = (gx, gy, gz, cy * gz - cz * gy, cz * gx - cx * gz, cx * gy - cy * gx)
-            f = [a - b for a, b in zip(f, weight, strict=True)]
-        fx, fy, fz = _beyond((f[0], f[1], f[2]), c.dead_band[0])
-        tx, ty, tz = _beyond((f[3], f[4], f[5]), c.dead_band[1])
-        force = rotation.turned(turn, (fx, fy, fz))
-        torque = rotation.turned(turn, (tx, ty, tz))
+            fx, fy, fz = fx - gx, fy - gy, fz - gz
+            tx, ty, tz = tx - (cy * gz - cz * gy), ty - (cz * gx - cx * gz), tz - (cx * gy - cy * gx)
+        fx, fy, fz = rotation.turned(turn, _beyond((fx, fy, fz), c.dead_band[0]))
+        if not rotates:
+            return [fx, fy, fz, 0.0, 0.0, 0.0]
+        tx, ty, tz = rotation.turned(turn, _beyond((tx, ty, tz), c.dead_band[1]))
         rx, ry, rz = rotation.turned(actual, c.sensor_position)
-        lever = (ry * force[2] - rz * force[1], rz * force[0] - rx * force[2], rx * force[1] - ry * force[0])
-        return [*force, torque[0] + lever[0], torque[1] + lever[1], torque[2] + lever[2]]
+        return [fx, fy, fz, tx + ry * fz - rz * fy, ty + rz * fx - rx * fz, tz + rx * fy - ry * fx]
 
-    def _held(self) -> tuple[list[float], list[float]]:
+    def _held(self, place: rotation.Vector, actual: rotation.Quaternion) -> tuple[list[float], list[float]]:
         """The leash's pull, and its damping about the stretched direction; zeros while it is slack."""
-        pull, brake = [0.0] * 6, [0.0] * 6
         leash = self._config.leash
         if leash is None:
-            return pull, brake
-        x, y, z, *q = self.input["pose"].tolist()
-        p = self._position
-        ahead = (p[0] - x, p[1] - y, p[2] - z)
-        turned = rotation.error(self._orientation, (q[0], q[1], q[2], q[3]))
-        for at, away, free, k in (
-            (0, ahead, leash.distance, leash.stiffness),
-            (3, turned, leash.angle, leash.rotational_stiffness),
-        ):
-            size = sqrt(away[0] ** 2 + away[1] ** 2 + away[2] ** 2)
-            if size <= free:
-                continue
-            self._leashed += at == 0
-            stretch = (size - free) / size
-            d = 2 * sqrt(k * self._M[at])  # critical
-            for i in range(3):
-                pull[at + i] = -k * stretch * away[i]
-                brake[at + i] = d * min(1.0, 10 * stretch)  # comes in gradually
-        return pull, brake
+            return _ZEROS, _ZEROS
+        X, Y, Z = self._position
+        ahead = (X - place[0], Y - place[1], Z - place[2])
+        turned = rotation.error(self._orientation, actual)
+        pulls, brakes = _stretched(ahead, leash.distance, leash.stiffness, self._M[0])
+        self._leashed += brakes > 0.0
+        twists, slows = _stretched(turned, leash.angle, leash.rotational_stiffness, self._M[3])
+        if brakes == slows == 0.0:
+            return _ZEROS, _ZEROS
+        return [*pulls, *twists], [brakes, brakes, brakes, slows, slows, slows]
 
     def _passive(self, force: list[float], dt: float, scale: float) -> float:
         """Damping, N s/m, that keeps the tank from running dry.
 
         What the port gives the hand is lambda (x_d - xdot_measured), fed by what D dissipates. With a perfect
-        robot the first is zero; delay and compliance make it cost energy.
+        robot the first is zero; delay and compliance make it cost energy. Power is the force times the motion of the
+        same instant: a late sensor's force goes with the motion of then.
         """
         size = self._config.tank
         if size is None:
             return 0.0
-        v, measured = self._velocity, self.input["twist"].tolist()
-        paid = sum(scale * d * x * x for d, x in zip(self._D, v, strict=True))
-        given = sum(f * (x - m) for f, x, m in zip(force, v, measured, strict=True))
+        v = self._velocity
+        paid = scale * _dot(self._D, map(mul, v, v))
+        moved = self.input["twist"].tolist()
+        if self._config.force_age:
+            self._past.append(moved)
+            while len(self._past) > round(self._config.force_age / dt) + 1:
+                self._past.popleft()
+            moved = self._past[0]
+        given = _dot(force, map(sub, v, moved))
         level = self._tank + dt * (paid - given)
         self._tank = min(max(level, 0.0), size)
         if level > 0.1 * size:
             return 0.0
         self._emptied += 1
-        speed = sum(x * x for x in v)
         # All that is given and not paid for is damped away, the more the emptier the tank.
-        need = max(given - paid, 0.0) / max(speed, 1e-6)
+        need = max(given - paid, 0.0) / max(_dot(v, v), 1e-6)
         return min(need + scale * self._D[0] * (1.0 - max(level, 0.0) / (0.1 * size)), 2000.0)
 
     def _write(self, force: list[float]) -> None:
@@ -214,3 +217,20 @@ def _beyond(v: tuple[float, float, float], band: float) -> tuple[float, float, f
         return (0.0, 0.0, 0.0)
     k = 1.0 - band / size
     return (k * v[0], k * v[1], k * v[2])
+
+
+def _stretched(
+    away: tuple[float, float, float], free: float, stiffness: float, mass: float
+) -> tuple[tuple[float, float, float], float]:
+    """A leash's pull on what is `away` by more than `free`, and its damping, which comes in gradually."""
+    x, y, z = away
+    size = sqrt(x * x + y * y + z * z)
+    if size <= free:
+        return (0.0, 0.0, 0.0), 0.0
+    stretch = (size - free) / size
+    k = -stiffness * stretch
+    return (k * x, k * y, k * z), 2 * sqrt(stiffness * mass) * min(1.0, 10 * stretch)  # critical
+
+
+def _dot(a: Iterable[float], b: Iterable[float]) -> float:
+    return sum(map(mul, a, b))

@@ -52,6 +52,9 @@ class KairosClikConfig(RobotName, ControllerConfig):
         1.0, gt=0, le=1, description="share of the arm's greatest joint speeds that it asks for; null: unbounded"
     )
     base_speed: _Three | None = Field(None, description="m/s, m/s, rad/s that it asks of the base; null: unbounded")
+    base_acceleration: _Three | None = Field(
+        None, description="m/s2, m/s2, rad/s2 that it asks of the base, the arm doing the rest; null: unbounded"
+    )
     force_feedback: ComplianceConfig | None = Field(None, description="give way to contact; null: the paper's law")
 
 
@@ -146,7 +149,21 @@ class KairosClik(Controller):
             y = solve(A, task.tolist()).x
             arm = (w_a * Ja.T.dot(y)).tolist()
         u, v = J.item(0, 2), J.item(1, 2)
-        self._send(arm, w_b * y[0], w_b * y[1], w_b * (u * y[0] + v * y[1] + y[5]))
+        base = self._own_axes(w_b * y[0], w_b * y[1], w_b * (u * y[0] + v * y[1] + y[5]))
+        arm, base = self._slow_down(arm, base)
+        late = self._held_back(base, dt)
+        if any(late):
+            # The arm does what the base can't do yet: (14) of the arm alone, for what is missing.
+            vx, vy, wz = self._world_axes(late)
+            A = (w_a * self._G).tolist()
+            for i, w in enumerate(c.tracking):
+                A[i][i] += 1.0 / w
+            y = solve(A, (vx + u * wz, vy + v * wz, 0.0, 0.0, 0.0, wz)).x
+            arm = [a + d for a, d in zip(arm, (w_a * Ja.T.dot(y)).tolist(), strict=True)]
+            arm, _ = self._slow_down(arm, [0.0] * BASE)
+            base = [a - b for a, b in zip(base, late, strict=True)]
+        self.output["velocity"][:] = arm
+        self.output["base_twist"][:] = base
 
     def _damping(self, Ja: Array) -> float:
         """k of eq. 13, from the arm's manipulability of eq. 12."""
@@ -187,18 +204,33 @@ class KairosClik(Controller):
         away = (X - x, Y - y, Z - z, *rotation.error(desired, actual))
         return np.array([v + K * e for v, K, e in zip(twist, self._config.gain, away, strict=True)])
 
-    def _send(self, arm: list[float], vx: float, vy: float, wz: float) -> None:
-        """Fills the outputs; all are slowed down alike where one would be too fast, which keeps the direction."""
+    def _own_axes(self, vx: float, vy: float, wz: float) -> list[float]:
+        """A twist of the base (3,), world axes, in its own."""
         yaw = self.input["base_pose"].item(2)
         c, s = cos(yaw), sin(yaw)
-        base = [c * vx + s * vy, c * vy - s * vx, wz]
+        return [c * vx + s * vy, c * vy - s * vx, wz]
+
+    def _world_axes(self, twist: list[float]) -> tuple[float, float, float]:
+        yaw = self.input["base_pose"].item(2)
+        c, s = cos(yaw), sin(yaw)
+        return c * twist[0] - s * twist[1], s * twist[0] + c * twist[1], twist[2]
+
+    def _slow_down(self, arm: list[float], base: list[float]) -> tuple[list[float], list[float]]:
+        """All alike where one would be too fast, which keeps the direction."""
         share = 1.0
         if self._fastest is not None:
             share = max(share, *[abs(v) / V for v, V in zip(arm, self._fastest, strict=True)])
         if self._config.base_speed is not None:
             share = max(share, *[abs(v) / V for v, V in zip(base, self._config.base_speed, strict=True)])
-        if share > 1.0:
-            self._slowed += 1
-            arm, base = [v / share for v in arm], [v / share for v in base]
-        self.output["velocity"][:] = arm
-        self.output["base_twist"][:] = base
+        if share == 1.0:
+            return arm, base
+        self._slowed += 1
+        return [v / share for v in arm], [v / share for v in base]
+
+    def _held_back(self, base: list[float], dt: float) -> list[float]:
+        """What of a twist of the base, its own axes, is beyond its acceleration from what the guard let through."""
+        most = self._config.base_acceleration
+        if most is None:
+            return []
+        last = self.applied.get("base_twist", self.output["base_twist"]).tolist()
+        return [v - min(max(v, old - dt * a), old + dt * a) for v, old, a in zip(base, last, most, strict=True)]

@@ -48,6 +48,9 @@ class MocaImpedanceConfig(RobotName, ControllerConfig):
     blend: float = Field(0.5, gt=0, description="s that a switch of priority takes")
     virtual_mass: tuple[_Positive, _Positive] = Field((105.0, 21.0), description="M_v: kg along x and y, kg m^2")
     base_damping: float = Field(10.0, gt=0, description="D_v over M_v, 1/s")
+    base_acceleration: tuple[_Positive, _Positive, _Positive] | None = Field(
+        None, description="m/s2, m/s2, rad/s2 that it asks of the base; null: unbounded"
+    )
     gravity: Literal["robot", "here"] = Field(
         "robot", description="who holds the arm's own weight; `robot`: the torques come on top of the robot's part"
     )
@@ -223,7 +226,11 @@ class MocaImpedance(Controller):
         vx, vy, wz = self.applied.get("base_twist", self.output["base_twist"]).tolist()
         x = decay * (c * vx - s * vy + dt / m * tau_v[0])
         y = decay * (s * vx + c * vy + dt / m * tau_v[1])
-        self.output["base_twist"][:] = c * x + s * y, c * y - s * x, decay * (wz + dt / j * tau_v[2])
+        twist = [c * x + s * y, c * y - s * x, decay * (wz + dt / j * tau_v[2])]
+        if (most := self._config.base_acceleration) is not None:
+            last = (vx, vy, wz)
+            twist = [min(max(v, u - dt * a), u + dt * a) for v, u, a in zip(twist, last, most, strict=True)]
+        self.output["base_twist"][:] = twist
 
     def _carry(self, closed: bool, dt: float) -> None:
         dynamics, step = self._dynamics, dt / self._config.payload_time

@@ -122,6 +122,8 @@ class ArmDynamics:
         flange = self._bare.frames[self._bare.getFrameId(FLANGE)]
         self._last, self._place, self._payload = flange.parentJoint, flange.placement, load
         self._empty = pin.Inertia(self._bare.inertias[self._last])
+        self._weightless = pinocchio_model(robot, gravity=(0.0, 0.0, 0.0))
+        self._weightless_data = self._weightless.createData()
         self.load = 0.0
 
     def carry(self, share: float) -> None:
@@ -147,7 +149,12 @@ class ArmDynamics:
             gravity: the arm's weight too; without it that of the load alone.
             coriolis: C_a qd too.
         """
-        found: Array = pin.nonLinearEffects(self._model, self._data, q, qd if coriolis else self._still)
+        qd = qd if coriolis else self._still
+        found: Array
+        if not gravity and self.load == 0.0:
+            found = pin.nonLinearEffects(self._weightless, self._weightless_data, q, qd)
+            return found
+        found = pin.nonLinearEffects(self._model, self._data, q, qd)
         if not gravity:
             found = found - pin.computeGeneralizedGravity(self._bare, self._bare_data, q)
         return found

@@ -22,7 +22,7 @@ class PersonConfig(PartConfig):
     recording: ForceRecording | None = Field(default=None, description="forces to replay, instead of a plan")
     tool: str | None = Field(default=None, description="site or body that is led, PART/NAME; null: the hand itself")
     facing: float = Field(default=0.0, description="rad about the world's z, the person's forward direction")
-    stiffness: float = Field(default=200.0, gt=0, le=1000, description="N/m of the hand that exerts little force")
+    stiffness: float = Field(default=200.0, gt=0, le=5000, description="N/m of the hand that exerts little force")
     damping: float = Field(default=20.0, ge=0, le=100, description="N s/m, the same; grows as the stiffness' root")
     stiffening: float = Field(
         default=5.0, ge=0, le=50, description="N/m more for each N of force, up to twice as stiff"

@@ -58,13 +58,13 @@ class Faked:
         at = [np.array(wire_path.turned(turn, PATH.at(m * PATH.length)[:3])) + A["wire"] for m in marks]
         aim = [np.array([0.0, 0.0, 0.01 * k]) for k in range(200)]
         for place in at:
-            aim += [place] * 101 + [place + [0, 0, 0.001 * k] for k in range(1, 100)]
+            aim += [place] * 101 + [place + np.array([0, 0, 0.001 * k]) for k in range(1, 100)]
         n = len(aim)
         self.t = 0.1 * np.arange(n)
         count = np.sum([self.t >= s for s in touched], axis=0) if touched else np.zeros(n)
         self.truth = {
             "world.person_aim": np.array(aim),
-            "world.person_tool": np.array(aim) + [0.003, 0.0, 0.004],
+            "world.person_tool": np.array(aim) + np.array([0.003, 0.0, 0.004]),
             "world.person_progress": np.column_stack([np.full(n, first), np.zeros(n), np.zeros(n)]),
             "world.person_activation": np.full((n, 4), 0.25),
             "world.wire_touches": np.column_stack([count, np.zeros(n), 0.01 * count]),

@@ -1,0 +1,199 @@
+"""SUPER-MAN: what MOCA's cycle takes at 1 kHz by phase, and its laws beside mink and pink on the same task.
+
+In a simulated run the read phase contains MuJoCo. So the cycle's decisions (control, guard, log) are measured by
+themselves too, over the rows of a simulated run: back to back, and once a millisecond, when other programs have had the
+caches in between.
+"""
+
+from __future__ import annotations
+
+import gc
+import json
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+
+from bench.pairs import PAIRS, Pairs, Row, measure
+from runtime import profile, realtime, wiring
+from runtime.clock import MonotonicClock
+from runtime.cycle import Cycle, limits_of
+from runtime.device import Device
+from runtime.layout import CYCLE, LINK_ACTIVE, State
+from runtime.mailbox import Ask
+from runtime.ring import RingWriter
+
+RATE = 1000
+SPAN = 1.5  # s of a run
+BLOCK = 200  # cycles measured one after another
+PHASES = ("control", "guard", "log", "whole")
+AIMS = {"control": 60.0, "whole": 150.0}  # us
+_CYCLE, _NOW, _DT = (CYCLE.index(name) for name in ("cycle", "now", "dt"))
+
+
+def run() -> list[Row]:
+    """The simulated run's phases, the decisions alone, and overruns beside a bare timer's."""
+    return [*_simulated(), *_alone()]
+
+
+def _simulated() -> list[Row]:
+    def ours() -> dict[str, float]:
+        arguments = ["run", "moca-man", "--sim", "--instance", "bench", "--duration", str(SPAN), "--json"]
+        command = [sys.executable, "-m", "runtime", *arguments]
+        found = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+        return found["phases_us"] | {"whole": found["cycle_us"]["p50"]}
+
+    period = dict.fromkeys(("read", "control", "guard", "write", "log", "whole"), 1e6 / RATE)
+    pairs = measure(ours, {"the period": lambda: period}, PAIRS // 2)
+    what = "moca-man --sim, {} (p50; read has MuJoCo in it)"
+    return [pairs.row("superman-simulated", what.format(name), name, "the period", "us") for name in period]
+
+
+def _alone() -> list[Row]:
+    command = [sys.executable, "-m", "bench.superman"]
+    blocks = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+    hot = Pairs(blocks["hot"], blocks["hot again"], {"pinocchio's calls": blocks["pinocchio"]})
+    paced = Pairs(
+        blocks["paced"], blocks["paced again"], {"back to back": blocks["hot"], "bare timer": blocks["timer"]}
+    )
+    rows = []
+    for name in PHASES:
+        row = hot.row("superman-decisions", f"{name}, back to back, p50", name, "pinocchio's calls", "us")
+        rows.append(_judged(row, name))
+    for name in PHASES:
+        row = paced.row("superman-paced", f"{name}, once a millisecond, p50", name, "back to back", "us")
+        rows.append(_judged(row, name))
+    what = "1 + periods missed of 1000 at real-time priority"
+    rows.append(paced.row("superman-paced", what, "missed", "bare timer", "1"))
+    return rows
+
+
+def _judged(row: Row, name: str) -> Row:
+    aim = AIMS.get(name)
+    return row if aim is None else replace(row, aim=f"under {aim:g} us", holds=row.ours < aim)
+
+
+class Decisions:
+    """Check, control, guard and log of a profile over the rows of its own simulated run."""
+
+    def __init__(self, name: str) -> None:
+        checked, source = profile.load(name)
+        graph = wiring.build(checked, source, [])
+        assert graph.world is not None
+        self._graph, self._board = graph, graph.board
+        devices = [Device(d, i, graph.board, print) for i, d in enumerate(graph.devices)]
+        for device in devices:
+            device.driver.open()
+        self._step = Cycle(graph, limits_of(graph), automatic=True)
+        links = {d: graph.board.index[f"{d.driver.name}.link"] for d in devices if d.driver.commands}
+        period = round(1e9 / checked.rate)
+        rows, ints = [], graph.board.ints
+        for k in range(1, round(SPAN * 1e9 / period) + 1):
+            ints[_CYCLE], ints[_NOW], ints[_DT] = k, k * period, period
+            graph.world.advance(k * period)
+            for device in devices:
+                device.read(k * period)
+            before = graph.board.words.copy()
+            self._step.check(0, Ask.NONE, 0)
+            self._step.control()
+            self._step.guard()
+            for device, link in links.items():
+                if ints[link] & LINK_ACTIVE:
+                    device.write(k * period)
+            if self._step.machine.state is State.ACTIVE and k > 100:
+                rows.append(before)
+        self._rows, self._at = rows, 0
+        self._folder = tempfile.TemporaryDirectory()
+        self._ring = RingWriter.create(Path(self._folder.name) / "rows", graph.layout.width, 4096)
+
+    def __enter__(self) -> Decisions:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._folder.cleanup()
+
+    def cycles(self, count: int, each: Callable[[], None] = lambda: None) -> dict[str, float]:
+        """us of each phase, p50 of so many cycles; `each` is called before every cycle."""
+        took = np.zeros((count, 4))
+        step, words, clock = self._step, self._board.words, time.perf_counter_ns
+        for i in range(count):
+            each()
+            self._at = (self._at + 1) % len(self._rows)
+            words[:] = self._rows[self._at]
+            begun = clock()
+            step.check(0, Ask.NONE, 0)
+            step.control()
+            controlled = clock()
+            step.guard()
+            guarded = clock()
+            self._ring.append(words)
+            logged = clock()
+            took[i] = controlled - begun, guarded - controlled, logged - guarded, logged - begun
+        assert step.machine.state is State.ACTIVE
+        return dict(zip(PHASES, (np.median(took, axis=0) / 1e3).tolist(), strict=True))
+
+    def pinocchio(self) -> dict[str, float]:
+        """us of the rigid-body calls alone that MOCA's laws make; all of them are control's."""
+        import pinocchio as pin
+
+        from runtime.control.robots import PANDA
+        from runtime.control.whole_body import BASE, ArmDynamics, WholeBody
+
+        body, arm = WholeBody(PANDA, np.eye(4), np.eye(4)), ArmDynamics(PANDA)
+        q, qd = np.zeros(BASE + PANDA.n), np.full(PANDA.n, 0.1)
+        q[BASE:] = PANDA.home
+        took = []
+        for _ in range(BLOCK):
+            begun = time.perf_counter_ns()
+            pin.computeFrameJacobian(body._model, body._data, q, body._frame, pin.LOCAL_WORLD_ALIGNED)
+            pin.updateFramePlacement(body._model, body._data, body._frame)
+            arm.inverse_mass(q[BASE:])
+            arm.bias(q[BASE:], qd, gravity=False, coriolis=True)
+            took.append(time.perf_counter_ns() - begun)
+        return dict.fromkeys(PHASES, statistics.median(took) / 1e3)
+
+
+def _blocks() -> dict[str, list[dict[str, float]]]:
+    """Figures of interleaved blocks, in a process of their own at real-time priority."""
+    found: dict[str, list[dict[str, float]]] = {
+        name: [] for name in ("hot", "pinocchio", "hot again", "timer", "paced", "paced again")
+    }
+    with Decisions("moca-man") as decisions:
+        gc.collect()
+        realtime.enter()
+
+        def paced(cycles: Callable[[Callable[[], None]], dict[str, float]]) -> dict[str, float]:
+            clock, missed = MonotonicClock(Fraction(RATE)), 0
+
+            def wait() -> None:
+                nonlocal missed
+                missed += clock.wait().missed
+
+            clock.start()
+            figures = cycles(wait)
+            return figures | {"missed": 1 + 1000 * missed / BLOCK}
+
+        def timer(wait: Callable[[], None]) -> dict[str, float]:
+            for _ in range(BLOCK):
+                wait()
+            return {}
+
+        for _ in range(PAIRS):
+            found["hot"].append(decisions.cycles(BLOCK))
+            found["pinocchio"].append(decisions.pinocchio())
+            found["hot again"].append(decisions.cycles(BLOCK))
+            found["timer"].append(paced(timer))
+            found["paced"].append(paced(lambda wait: decisions.cycles(BLOCK, wait)))
+            found["paced again"].append(paced(lambda wait: decisions.cycles(BLOCK, wait)))
+    return found
+
+
+if __name__ == "__main__":
+    print(json.dumps(_blocks()))
