@@ -150,13 +150,19 @@ class KairosClik(Controller):
             arm = (w_a * Ja.T.dot(y)).tolist()
         u, v = J.item(0, 2), J.item(1, 2)
         base = self._own_axes(w_b * y[0], w_b * y[1], w_b * (u * y[0] + v * y[1] + y[5]))
+        self._send(arm, base, w_a, dt)
+
+    def _send(self, arm: list[float], base: list[float], w_a: float, dt: float) -> None:
+        """Fills the outputs; `base` is in its own axes, `w_a` is the arm's part of W_2^-1."""
         arm, base = self._slow_down(arm, base)
         late = self._held_back(base, dt)
         if any(late):
             # The arm does what the base can't do yet: (14) of the arm alone, for what is missing.
+            J = self.input["jacobian"]
+            Ja, u, v = J[:, BASE:], J.item(0, 2), J.item(1, 2)
             vx, vy, wz = self._world_axes(late)
             A = (w_a * self._G).tolist()
-            for i, w in enumerate(c.tracking):
+            for i, w in enumerate(self._config.tracking):
                 A[i][i] += 1.0 / w
             y = solve(A, (vx + u * wz, vy + v * wz, 0.0, 0.0, 0.0, wz)).x
             arm = [a + d for a, d in zip(arm, (w_a * Ja.T.dot(y)).tolist(), strict=True)]

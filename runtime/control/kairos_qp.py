@@ -75,11 +75,11 @@ class KairosQp(KairosClik):
         self._k = super()._damping(Ja)
         return self._k
 
-    def _send(self, arm: list[float], vx: float, vy: float, wz: float) -> None:
+    def _send(self, arm: list[float], base: list[float], w_a: float, dt: float) -> None:
         """Fills the outputs with what is nearest to the law's velocities within the limits."""
         yaw = self.input["base_pose"].item(2)
         c, s = cos(yaw), sin(yaw)
-        x0 = np.array([c * vx + s * vy, c * vy - s * vx, wz, *arm])
+        x0 = np.array([*base, *arm])
         lower, upper = self._limits()
         x = x0
         if (x0 < lower).any() or (x0 > upper).any():

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field
 from drivers.dynamixel import Dynamixel, declare
 from drivers.dynamixel.config import DynamixelConfig
 from drivers.dynamixel.family import Family, Family2, family
-from drivers.dynamixel.faults import Faults
+from drivers.dynamixel.faults import BEYOND, FAR, Faults
 from drivers.dynamixel.table import CURRENT, EXTENDED, POSITION, VELOCITY, table
 from runtime.driver import DeviceConfig
 from runtime.errors import DeviceLostError, WiringError, nearest
@@ -139,13 +139,14 @@ class FakeDynamixel(Fake):
             return
         command = self.command_arrays[self._config.command]
         self.family.encode(command)
-        near = np.abs(command - self.state_arrays["position"]) <= self._tolerance
+        where = self.state_arrays["position"]
+        near = np.abs(self.family.bounded(command) - where) <= self._tolerance
         for k, i in enumerate(self.numbers):
             if not motors.torque[i]:
                 if faults.concerns(k) or k in self._back_at:
                     continue
                 if self._kind is Kind.POSITION and not near[k]:
-                    faults.far.add(k)
+                    faults.far[k] = BEYOND if abs(command[k] - where[k]) <= self._tolerance[k] else FAR
                     continue
                 motors.switch(i, True)
             self._give(motors, i, int(self.family.last[k]))

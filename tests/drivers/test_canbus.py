@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pty
+import select
 
 import can
 import pytest
@@ -62,7 +63,10 @@ def test_a_serial_adapter_is_never_waited_for(monkeypatch: pytest.MonkeyPatch) -
 
     monkeypatch.setattr(serial.Serial, "flush", wait)
     assert link.write(can.Message(arbitration_id=0x64, data=[1, 2], is_extended_id=False))
-    assert os.read(adapter, 1000).endswith(b"t06420102\r")
+    seen = b""
+    while not seen.endswith(b"t06420102\r"):
+        assert select.select([adapter], [], [], 10)[0], seen
+        seen += os.read(adapter, 1000)
     link.close()
     os.close(adapter)
     os.close(line)
