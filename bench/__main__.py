@@ -6,7 +6,7 @@ import argparse
 import json
 import sys
 
-from bench import clock, drivers, dynamixel, noitom, panda, sixth_finger, ur
+from bench import clock, drivers, dynamixel, noitom, panda, sixth_finger, superman, ur
 
 BENCHES = {
     "clock-100hz": lambda: clock.run(100),
@@ -18,6 +18,7 @@ BENCHES = {
     "ur-rtde-receive": ur.run,
     "cycle-sixth-finger": sixth_finger.cycle,
     "sim-sixth-finger": sixth_finger.speed,
+    "superman": superman.run,
     "telemetry-1khz": sixth_finger.telemetry,
 }
 

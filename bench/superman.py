@@ -21,6 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bench import differential_ik
 from bench.pairs import PAIRS, Pairs, Row, measure
 from runtime import profile, realtime, wiring
 from runtime.clock import MonotonicClock
@@ -40,7 +41,7 @@ _CYCLE, _NOW, _DT = (CYCLE.index(name) for name in ("cycle", "now", "dt"))
 
 def run() -> list[Row]:
     """The simulated run's phases, the decisions alone, and overruns beside a bare timer's."""
-    return [*_simulated(), *_alone()]
+    return [*_simulated(), *_alone(), *differential_ik.run()]
 
 
 def _simulated() -> list[Row]:

@@ -22,8 +22,10 @@ class Signal:
         unit: SI: "rad", "m", "N", "N m", "rad/s"; "1" for a pure number or a button (0 or 1).
         frame: the frame of the profile's tree its coordinates are in; None for joint space.
         labels: a name for each row (joints, fingertips); empty where there is none.
-        visual: how a viewer shows it: "points" for shape (k, 3), "sphere" for (x, y, z, radius).
-        links: polylines through the points' rows, for visual "points".
+        visual: how a viewer shows it: "points" for shape (k, 3); "robot" the same as thick as an arm; "sphere" for
+            (x, y, z, radius); "path" for a position (3,) or pose (7,) that leaves a trail; "arrow" for (2, 3), where
+            it begins (m) and a force (N) from there.
+        links: polylines through the points' rows, for visuals "points" and "robot".
     """
 
     name: str
@@ -31,7 +33,7 @@ class Signal:
     unit: str
     frame: str | None = None
     labels: tuple[str, ...] = ()
-    visual: Literal["", "points", "sphere"] = ""
+    visual: Literal["", "points", "robot", "sphere", "path", "arrow"] = ""
     links: tuple[tuple[int, ...], ...] = ()
 
     @property

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -19,6 +20,7 @@ from ruamel.yaml import YAML
 from runtime.errors import RequestError
 from runtime.layout import Layout
 from runtime.recorder.reader import read
+from runtime.recorder.segments import folder_of
 from runtime.signals import Array
 
 PROFILES = Path(__file__).resolve().parents[1] / "profiles"
@@ -89,11 +91,14 @@ def run_all(tasks: Iterable[Task], folder: Path, workers: int | None = None) -> 
 
 def _run(task: Task, folder: Path) -> Run:
     file = folder / f"{task.name}.rrd"
-    file.unlink(missing_ok=True)
+    for old in (file, file.with_name(f"{file.name}.part")):
+        old.unlink(missing_ok=True)
+    shutil.rmtree(folder_of(file), ignore_errors=True)
     with tempfile.TemporaryDirectory(prefix="srl-study-") as scratch:
         profile = Path(scratch) / f"{task.profile}.yaml"
         yaml = YAML(typ="safe", pure=True)
-        yaml.sort_base_mapping_type_on_output = False  # the order of buttons means something
+        # The order of a profile's keys means something: `guide-buttons` knows buttons by their places.
+        yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
         content = merged(yaml.load(PROFILES / f"{task.profile}.yaml"), task.changes | {"seed": task.seed})
         yaml.dump(content, profile)
         command = [
@@ -105,9 +110,10 @@ def _run(task: Task, folder: Path) -> Run:
     if done.returncode not in (0, 1) or not done.stdout.strip():
         said = done.stderr.strip().splitlines()
         raise RequestError(f"study run '{task.name}'", said[-1] if said else "it said nothing", "Correct the profile")
-    recording = read(file)
+    # A machine that is too busy to finish the file in time leaves its segments.
+    recording = read(file if file.exists() else folder_of(file))
     summary = json.loads(done.stdout.strip().splitlines()[-1])
-    return Run(task.name, file, summary, recording.layout, recording.rows)
+    return Run(task.name, recording.path, summary, recording.layout, recording.rows)
 
 
 def merged(base: Any, changes: Any) -> Any:

@@ -86,7 +86,7 @@ class Admittance(Controller):
             Signal(name="modes", shape=(4,), unit="1"),
         )
         self.outputs = (
-            Signal(name="pose", shape=(7,), unit="m"),
+            Signal(name="pose", shape=(7,), unit="m", visual="path"),
             Signal(name="twist", shape=(6,), unit="m/s, rad/s"),
             Signal(name="force", shape=(6,), unit="N, N m"),
             Signal(name="tank", shape=(1,), unit="J"),

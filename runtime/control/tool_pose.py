@@ -45,7 +45,7 @@ class ToolPose(Controller):
             Signal(name="base_twist", shape=(3,), unit="m/s, rad/s"),
         )
         self.outputs = (
-            Signal(name="pose", shape=(7,), unit="m"),
+            Signal(name="pose", shape=(7,), unit="m", visual="path"),
             Signal(name="twist", shape=(6,), unit="m/s, rad/s"),
             Signal(name="jacobian", shape=(6, BASE + n), unit="1"),
         )

@@ -22,7 +22,12 @@ def look(layout: Layout, row: Words, shapes: list[Field]) -> rrb.EyeControls3D |
     for field in shapes:
         T = _to_root(layout, row, field.frame)
         values = layout.value(row, field.name)
-        points, margin = (values[None, :3], values[3]) if field.visual == "sphere" else (values, 0.0)
+        if field.visual == "path" and not values.any():
+            continue  # nothing yet
+        if field.visual in ("sphere", "path"):
+            points, margin = values[None, :3], values[3] if field.visual == "sphere" else 0.0
+        else:
+            points, margin = values[:1] if field.visual == "arrow" else values, 0.0
         points = points @ T[:3, :3].T + T[:3, 3] + 0.0 * margin
         points = points[np.isfinite(points).all(axis=1)]
         if not len(points):

@@ -38,6 +38,9 @@ OTHER_STATE = (0, 114, 178)
 CAUSE_COLORS = {Cause.NONE: (50, 50, 50), Cause.REQUEST: (90, 90, 90), Cause.END: (90, 90, 90)}
 FAULT = (213, 94, 0)
 JOINT, POINT, LINK, WIRE = 0.003, 0.004, 0.0012, 0.0004  # m, radii in 3D
+ELBOW, LIMB, ARROW, TRAIL = 0.03, 0.02, 0.008, 0.004  # m, radii of what is as large as an arm
+TRAILING = 150  # points of a path that are kept: 5 s
+NEWTON = 0.01  # m, of an arrow a newton
 AXES = 0.03  # m, of a frame
 ROOT = "tf#/"  # rerun's own name of the frame of "/"
 
@@ -53,6 +56,7 @@ class Scene:
         self._shapes = {f.name: PALETTE[i % len(PALETTE)] for i, f in enumerate(visuals(layout))}
         self._state: dict[str, int] = {}
         self._wake = 0
+        self._trails: dict[str, NDArray[np.float64]] = {}  # the newest positions of each path
 
     def statics(self, recording: rr.RecordingStream) -> None:
         """Sends what doesn't change: names, colours, fixed frames."""
@@ -88,22 +92,8 @@ class Scene:
             path, color = entity(field.name), self._shapes[field.name]
             if field.frame in self._frames:
                 log(path, rr.CoordinateFrame(field.frame))
-            if field.visual == "points":
-                linked = bool(field.links)
-                labels = list(field.labels) if linked else [f"{field.name} {label}" for label in field.labels]
-                log(
-                    path,
-                    rr.Points3D.from_fields(
-                        colors=[color], radii=[JOINT if linked else POINT], labels=labels or None, show_labels=False
-                    ),
-                )
-                log(path, rr.LineStrips3D.from_fields(colors=[color], radii=[LINK]))
-            else:
-                fill = rr.components.FillMode.TransparentFillMajorWireframe
-                log(
-                    path,
-                    rr.Ellipsoids3D.from_fields(colors=[(*color, 60)], fill_mode=fill, line_radii=[WIRE]),
-                )
+            for look in _looks(field, color):
+                log(path, look)
 
     def send(self, recording: rr.RecordingStream, rows: Words) -> None:
         """Sends the views of rows (k, width), which follow those of the last call."""
@@ -127,7 +117,9 @@ class Scene:
             curves = plot.curves(self._layout, thin)
             columns(plot_path(plot), thin, scalars(np.stack(list(curves.values()), axis=1)))
         for field in visuals(self._layout):
-            columns(entity(field.name), thin, *_shape(field, self._layout.value(thin, field.name)))
+            values = self._layout.value(thin, field.name)
+            shape = self._trail(field.name, values[:, :3]) if field.visual == "path" else _shape(field, values)
+            columns(entity(field.name), thin, *shape)
         self._measured_frames(thin, columns)
         self._states(rows, columns)
 
@@ -149,6 +141,15 @@ class Scene:
             ages = (word["now"][:, None] - stamps) / 1e6
             timing["/loop/timing/ages"] = np.where(stamps < 0, np.nan, ages)
         return timing
+
+    def _trail(self, name: str, positions: NDArray[np.float64]) -> list[Any]:
+        """Where it was in the last seconds, for each of the positions (k, 3)."""
+        before = self._trails.get(name, positions[:0])
+        whole = np.concatenate([before, positions])
+        self._trails[name] = whole[-TRAILING:]
+        strips = [whole[max(end - TRAILING, 0) : end] for end in range(len(before) + 1, len(whole) + 1)]
+        strips = [strip[strip.any(axis=1)] for strip in strips]  # before the first sample it is all zeros
+        return [rr.LineStrips3D.columns(strips=strips).partition(np.ones(len(strips), int))]
 
     def _measured_frames(self, thin: Words, columns: Any) -> None:
         for name, frame in self._frames.items():
@@ -188,10 +189,39 @@ def plot_path(plot: Plot) -> str:
 
 def visuals(layout: Layout) -> list[Field]:
     """The signals that have a shape in 3D."""
+    return [f for f in layout.fields.values() if _shows(f)]
+
+
+def _shows(f: Field) -> bool:
+    """Whether a signal's shape fits its visual."""
+    match f.visual:
+        case "points" | "robot":
+            return f.shape[1:] == (3,)
+        case "sphere":
+            return f.shape == (4,)
+        case "path":
+            return f.shape in ((3,), (7,))
+        case "arrow":
+            return f.shape == (2, 3)
+    return False
+
+
+def _looks(field: Field, color: tuple[int, int, int]) -> list[Any]:
+    """Colours, radii and names, which don't change."""
+    match field.visual:
+        case "sphere":
+            fill = rr.components.FillMode.TransparentFillMajorWireframe
+            return [rr.Ellipsoids3D.from_fields(colors=[(*color, 60)], fill_mode=fill, line_radii=[WIRE])]
+        case "path":
+            return [rr.LineStrips3D.from_fields(colors=[color], radii=[TRAIL])]
+        case "arrow":
+            return [rr.Arrows3D.from_fields(colors=[color], radii=[ARROW])]
+    robot, linked = field.visual == "robot", bool(field.links)
+    labels = list(field.labels) if linked else [f"{field.name} {label}" for label in field.labels]
+    radius = ELBOW if robot else JOINT if linked else POINT
     return [
-        f
-        for f in layout.fields.values()
-        if (f.visual == "points" and f.shape[1:] == (3,)) or (f.visual == "sphere" and f.shape == (4,))
+        rr.Points3D.from_fields(colors=[color], radii=[radius], labels=labels or None, show_labels=False),
+        rr.LineStrips3D.from_fields(colors=[color], radii=[LIMB if robot else LINK]),
     ]
 
 
@@ -221,6 +251,8 @@ def _shape(field: Field, values: NDArray[np.float64]) -> list[Any]:
     if field.visual == "sphere":
         center, radius = values[:, :3], values[:, 3:]
         return [rr.Ellipsoids3D.columns(centers=center, half_sizes=np.repeat(radius, 3, axis=1))]
+    if field.visual == "arrow":
+        return [rr.Arrows3D.columns(origins=values[:, 0], vectors=NEWTON * values[:, 1])]
     shown = [rr.Points3D.columns(positions=values.reshape(-1, 3)).partition(np.full(k, field.shape[0]))]
     if field.links:
         strips = [v[list(link)] for v in values for link in field.links]

@@ -90,6 +90,14 @@ class ArmPart(Part):
             Signal(name=f"{name}_effort", shape=(n,), unit="N m", labels=labels),
             Signal(name=f"{name}_external_effort", shape=(n,), unit="N m", labels=labels),
             Signal(name=f"{name}_flange", shape=(3,), unit="m"),
+            Signal(
+                name=f"{name}_links",
+                shape=(n + 2, 3),
+                unit="m",
+                labels=("base", *labels, "flange"),
+                visual="robot",
+                links=(tuple(range(n + 2)),),
+            ),
         )
         self.every = 1
         self.mode: Mode = "brake"
@@ -125,6 +133,8 @@ class ArmPart(Part):
         self._bias, self._drive_effort = model.actuator_biasprm[drives], data.qfrc_actuator[dofs]
         self._held, self._range = data.qfrc_gravcomp[dofs], model.actuator_forcerange[drives]
         self._base = int(model.body(f"{self.name}/base").id)
+        chain = ("base", *self.labels, "flange")
+        self._chain = np.array([int(model.body(f"{self.name}/{name}").id) for name in chain])
         self._flange = int(model.body(f"{self.name}/flange").id)
         self._speck = int(model.body(f"{self.name}/told_payload").id)
         sensor = int(model.sensor(f"{self.name}/force").adr[0])
@@ -267,6 +277,7 @@ class ArmPart(Part):
         truth[f"{name}_effort"][:] = measured[:n]
         truth[f"{name}_external_effort"][:] = measured[n : 2 * n]
         truth[f"{name}_flange"][:] = self._data.xpos[self._flange]
+        truth[f"{name}_links"][:] = self._data.xpos[self._chain]
 
     def save(self) -> Array:
         told = (self.told.mass, *self.told.com)

@@ -77,7 +77,8 @@ class PersonPart(Part):
     at most the strength. x_e is where the plan wants the tool, after the muscles' lag, moved on by what is seen to
     be wrong: late, within a bandwidth, and with a wandering idea of where things are.
 
-    Truth (world axes): `<name>_wrench` (6,) N, N m, of the hand, about it; `<name>_balance` (3,) m, x_e of the hand;
+    Truth (world axes): `<name>_wrench` (6,) N, N m, of the hand, about it; `<name>_push` (2, 3), where it acts (m) and
+    its force (N); `<name>_balance` (3,) m, x_e of the hand;
     `<name>_aim` and `<name>_tool` (3,) m, where the tool is meant to be and where it is; `<name>_activation` (4,)
     0..1; `<name>_capacity` (1,) share of the strength that is left; `<name>_progress` (3,): number of the step, steps
     missed, whether the plan was given up.
@@ -97,6 +98,7 @@ class PersonPart(Part):
         axes = ("x", "y", "z")
         self.truth = (
             Signal(name=f"{name}_wrench", shape=(6,), unit="N, N m", labels=("fx", "fy", "fz", "tx", "ty", "tz")),
+            Signal(name=f"{name}_push", shape=(2, 3), unit="m, N", labels=("hand", "force"), visual="arrow"),
             Signal(name=f"{name}_balance", shape=(3,), unit="m", labels=axes),
             Signal(name=f"{name}_aim", shape=(3,), unit="m", labels=axes),
             Signal(name=f"{name}_tool", shape=(3,), unit="m", labels=axes),
@@ -350,6 +352,7 @@ class PersonPart(Part):
     def fill(self, truth: Mapping[str, Array]) -> None:
         name, body, aim = self.name, self._body, self.will.aim
         truth[f"{name}_wrench"][:] = body.wrench
+        truth[f"{name}_push"][0], truth[f"{name}_push"][1] = self._place, body.wrench[:3]
         truth[f"{name}_balance"][:] = body.balance
         place, turn = self._place.tolist(), _four(self._turn.tolist())
         reach = turned(turn, self._reach[0])

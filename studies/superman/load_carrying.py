@@ -11,7 +11,7 @@ from copy import deepcopy
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -232,7 +232,7 @@ def outcome(done: Run, setup: dict[str, Any]) -> Outcome:
     )
 
 
-def _at(t: Array, where: Array, which: int) -> float | None:
+def _at(t: Array, where: Any, which: int) -> float | None:
     return float(t[where[which]]) if len(where) else None
 
 
@@ -313,7 +313,7 @@ def table(found: Outcome, setup: dict[str, Any]) -> list[dict[str, Any]]:
 def draw(done: Run, found: Outcome, setup: dict[str, Any], file: Path) -> None:
     """Left the flange's way, right forces and positions, coloured by mode as in the paper's Fig. 14."""
     figure = Figure(figsize=(12, 6.5), layout="constrained")
-    left, right = figure.subfigures(1, 2, width_ratios=(1, 1.15))
+    left, right = cast(Any, figure.subfigures(1, 2, width_ratios=(1, 1.15)))
     every = max(1, len(done.t) // 4000)
     t, at = done.t[::every], done.value("world.arm_flange")[::every]
     mode = done.value("keys.modes")[::every, _LOCOMOTION] > 0.5
@@ -324,7 +324,7 @@ def draw(done: Run, found: Outcome, setup: dict[str, Any], file: Path) -> None:
     figure.savefig(file, dpi=110)
 
 
-def _path(figure: Any, t: Array, at: Array, mode: Array, found: Outcome, setup: dict[str, Any]) -> None:
+def _path(figure: Any, t: Array, at: Array, mode: Any, found: Outcome, setup: dict[str, Any]) -> None:
     axes = figure.add_subplot(projection="3d")
     for a, b in _spans(mode):
         axes.plot(*at[a : b + 1].T, color=_YELLOW if mode[a] else _VIOLET)
@@ -348,23 +348,23 @@ def _path(figure: Any, t: Array, at: Array, mode: Array, found: Outcome, setup: 
     axes.legend(loc="upper left", fontsize=8)
 
 
-def _series(figure: Any, t: Array, force: Array, at: Array, mode: Array, found: Outcome) -> None:
+def _series(figure: Any, t: Array, force: Array, at: Array, mode: Any, found: Outcome) -> None:
     rows = figure.subplots(2, 1, sharex=True)
     for axes, values, unit in ((rows[0], force, "force at the flange (N)"), (rows[1], at, "flange (m)")):
         for k, (axis, color) in enumerate(zip("xyz", ("#0072B2", "#009E73", "#D55E00"), strict=True)):
             axes.plot(t, values[:, k], color=color, lw=1, label=axis)
         for a, b in _spans(mode):
             axes.axvspan(t[a], t[b], color=_YELLOW if mode[a] else _VIOLET, alpha=0.15, lw=0)
-        for a, b, color in ((found.taken, found.lifted, _BLUE), (found.lowered, found.placed, _PURPLE)):
-            if a is not None and b is not None:
-                axes.axvspan(a, b, color=color, alpha=0.5, lw=0)
+        for begun, ended, color in ((found.taken, found.lifted, _BLUE), (found.lowered, found.placed, _PURPLE)):
+            if begun is not None and ended is not None:
+                axes.axvspan(begun, ended, color=color, alpha=0.5, lw=0)
         axes.set_ylabel(unit)
         axes.legend(loc="upper right", fontsize=8, ncols=3)
     rows[0].axhline(0.0, color="0.6", lw=0.5)
     rows[1].set_xlabel("s; violet manipulation, yellow locomotion, blue grasp and lift, purple placing")
 
 
-def _spans(flags: Array) -> list[tuple[int, int]]:
+def _spans(flags: Any) -> list[tuple[int, int]]:
     """Index pairs of runs of equal flags; each ends where the next begins."""
     cuts = [0, *(np.flatnonzero(flags[1:] != flags[:-1]) + 1).tolist(), len(flags) - 1]
     return [(a, b) for a, b in pairwise(cuts) if b > a]

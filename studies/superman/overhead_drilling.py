@@ -168,19 +168,28 @@ def sweep(folder: Path) -> list[dict[str, Any]]:
 def result(found: list[Trial], folder: Path, holes: int = HOLES) -> Result:
     """Tables, pictures and claims from trials of both conditions."""
     none = sorted({t.subject for t in found if not np.isfinite(t.values["T"])})
-    # Without a single hole there is no time for each: such a subject is in no mean, and is named.
-    kept = [t for t in found if t.subject not in none]
-    got = table("Overhead drilling, simulated", kept, ("HR", "H"), MEASURES)
-    files = user_study.pictures(got, kept, folder, "Overhead drilling")
+    # Without a single hole there is no time for each: such a subject is named, and isn't in the times.
+    timed = [t for t in found if t.subject not in none]
+    counted = {name: MEASURES[name] for name in ("N_Hl", "N_err")}
+    counts = table("Overhead drilling, simulated", found, ("HR", "H"), counted)
+    times = table("Overhead drilling, simulated", timed, ("HR", "H"), {"T": MEASURES["T"]})
+    files = [
+        *user_study.pictures(counts, folder, "Overhead drilling"),
+        *user_study.pictures(times, folder, "Overhead drilling"),
+        user_study.muscles(found, folder, "Overhead drilling"),
+    ]
     names = {t.subject for t in found}
-    mean = {m.name: {c: m.summary(c).mean for c in CONDITIONS} for m in got.measures}
-    p = {name: got.sign_test(name).p for name in MEASURES}
-    aside = f"; without {', '.join(none)}, who completed none alone" if none else ""
+    mean = {m.name: {c: m.summary(c).mean for c in CONDITIONS} for m in (*counts.measures, *times.measures)}
+    p = {"N_Hl": counts.sign_test("N_Hl").p, "N_err": counts.sign_test("N_err").p, "T": times.sign_test("T").p}
 
     def against(name: str, unit: str) -> str:
         by = mean[name]
-        return f"{by['HR']:.2f} against {by['H']:.2f} {unit}, sign test p = {p[name]:.2g}{aside}"
+        return f"{by['HR']:.2f} against {by['H']:.2f} {unit}, sign test p = {p[name]:.2g}"
 
+    aside = f"; without {', '.join(none)}, who completed none" if none else ""
+    extra = ("off_mm", "missed", "gave_up", *MUSCLES)
+    beside = {row["subject"]: row for row in user_study.rows(times, PRINTED_II, (), timed)}
+    lines = user_study.rows(counts, PRINTED_II, extra, found)
     return Result(
         STUDY,
         simulated=True,
@@ -199,11 +208,13 @@ def result(found: list[Trial], folder: Path, holes: int = HOLES) -> Result:
                 holds=mean["N_err"]["HR"] < mean["N_err"]["H"],
             ),
             Claim(
-                id="robot-slower", text=f"more time for each hole with the robot: {against('T', 's')}",
+                id="robot-slower", text=f"more time for each hole with the robot: {against('T', 's')}{aside}",
                 paper="10.04 (1.15) s against 7.68 (0.53) s, p < 0.001",
                 measured=mean["T"]["HR"] - mean["T"]["H"], unit="s", holds=mean["T"]["HR"] > mean["T"]["H"],
             ),
         ],
-        table=user_study.rows(got, PRINTED_II, ("off_mm", "missed", "gave_up", *MUSCLES), kept),
-        files=[*files, *(f"{t.place}.rrd" for t in found)],
+        table=[
+            row | {f"T {c}": beside.get(row["subject"], {}).get(f"T {c}") for c in CONDITIONS} for row in lines
+        ],
+        files=[*files, *(t.place for t in found)],
     )  # fmt: skip

@@ -189,7 +189,7 @@ def law(forces: Forces, begin: float, length: float, dead: float) -> tuple[Array
         force *= max(size - dead, 0.0) / size if size > 0 else 0.0
         velocity = velocity + dt * (force - damping * velocity) / mass
         path[k] = path[k - 1] + dt * velocity
-    return np.arange(n) * dt, path
+    return cast(Array, np.arange(n) * dt), path
 
 
 def alike(first: Array, second: Array) -> tuple[float, float]:
@@ -286,7 +286,7 @@ def _on(t: Array, times: Array, values: Array) -> Array:
 
 
 def _pace(path: Array) -> Array:
-    speed = np.gradient(path, _GRID, axis=0)
+    speed: Any = np.gradient(path, _GRID, axis=0)
     window = np.ones(_SMOOTH) / _SMOOTH
     return np.stack([np.convolve(speed[:, k], window, "same") for k in range(speed.shape[1])], axis=1)
 

@@ -53,22 +53,24 @@ def trials(planned: Iterable[Planned], folder: Path) -> list[Trial]:
     A recording of three minutes takes half a gigabyte: each is read and let go of before the next.
     """
     file, lock = folder / KEPT, Lock()
-    kept: dict[str, dict[str, float]] = {}
+    kept: dict[str, dict[str, Any]] = {}
     if file.exists():
         for line in file.read_text(encoding="utf-8").splitlines():
             entry = json.loads(line)
-            kept[entry["key"]] = entry["figures"]
+            kept[entry["key"]] = entry
 
     def one(trial: Planned) -> Trial:
-        figures = kept.get(trial.key)
-        if figures is None or not (folder / f"{trial.task.name}.rrd").exists():
-            figures = trial.read(run_all([trial.task], folder, 1)[0])
+        entry = kept.get(trial.key)
+        if entry is None or not (folder / entry["file"]).exists():
+            run = run_all([trial.task], folder, 1)[0]
             entry = {
-                "key": trial.key, "subject": trial.person.name, "condition": trial.condition, "figures": figures
+                "key": trial.key, "subject": trial.person.name, "condition": trial.condition, "file": run.file.name,
+                "figures": trial.read(run),
             }  # fmt: skip
+            del run
             with lock, file.open("a", encoding="utf-8") as out:
                 out.write(json.dumps(entry) + "\n")
-        return Trial(trial.person.name, trial.condition, figures, trial.task.name)
+        return Trial(trial.person.name, trial.condition, entry["figures"], entry["file"])
 
     with ThreadPoolExecutor(max((os.cpu_count() or 2) - 1, 1)) as pool:
         return list(pool.map(one, planned))
@@ -159,17 +161,23 @@ def rows(
     return [{key: row.get(key) for key in out[0]} for row in (*out, *summary.values())]
 
 
-def pictures(table: Table, found: Sequence[Trial], folder: Path, title: str) -> list[str]:
-    """Boxplots of the measures, one picture each, and of the muscles' mean activity; their names."""
+def pictures(table: Table, folder: Path, title: str) -> list[str]:
+    """Boxplots of the measures, one picture each; their names."""
     files = []
     for m in table.measures:
         file = f"{m.name.lower()}.png"
         boxplots.draw({m.name: m.values}, CONDITIONS, folder / file, title=f"{title}: {m.meaning}", unit=m.unit)
         files.append(file)
+    return files
+
+
+def muscles(found: Sequence[Trial], folder: Path, title: str) -> str:
+    """Boxplots of the muscles' mean activity; the picture's name."""
+    subjects = list(dict.fromkeys(t.subject for t in found))
     by = {(t.subject, t.condition): t.values for t in found}
-    groups = {name: {c: [by[s, c][name] for s in table.subjects] for c in CONDITIONS} for name in MUSCLES}
+    groups = {name: {c: [by[s, c][name] for s in subjects] for c in CONDITIONS} for name in MUSCLES}
     boxplots.draw(groups, CONDITIONS, folder / "activity.png", title=f"{title}: muscles", unit="% of the greatest")
-    return [*files, "activity.png"]
+    return "activity.png"
 
 
 def varied(people: Sequence[Person], factors: Mapping[str, Sequence[float]]) -> list[tuple[str, list[Person]]]:

@@ -154,7 +154,7 @@ def sweep(folder: Path) -> list[dict[str, Any]]:
 def result(found: list[Trial], folder: Path) -> Result:
     """Tables, pictures and claims from trials of both conditions."""
     got = table("Prolonged manipulation, simulated", found, ("HR", "H"), MEASURES)
-    files = user_study.pictures(got, found, folder, "Wire path")
+    files = [*user_study.pictures(got, folder, "Wire path"), user_study.muscles(found, folder, "Wire path")]
     names = {t.subject for t in found}
     errors, time = got.measure("N_err"), got.measure("T")
     mean = {c: (errors.summary(c).mean, time.summary(c).mean) for c in CONDITIONS}
@@ -180,5 +180,5 @@ def result(found: list[Trial], folder: Path) -> Result:
             ),
         ],
         table=user_study.rows(got, PRINTED_I, ("off_mm", "missed", *MUSCLES), found),
-        files=[*files, *(f"{t.place}.rrd" for t in found)],
+        files=[*files, *(t.place for t in found)],
     )  # fmt: skip

@@ -217,6 +217,37 @@ def test_a_stiff_hand_behind_a_delay_makes_no_growing_oscillation(stiffness: flo
     assert seen.max() < 0.5
 
 
+def knocked_late_sensor(age: float) -> tuple[float, float]:
+    """RMS speeds early and late of a handle held with 2000 N/m, the sensor 30 ms and the robot 10 ms late.
+
+    Args:
+        age: what the law is told of the sensor's.
+    """
+    dt, stiffness = 0.002, 2000.0
+    controller = law(mass=(3,) * 3 + (0.8,) * 3, damping=(20,) * 3 + (1.5,) * 3, force_age=age)
+    controller.input["modes"][:] = [1, 0, 0, 0]
+    forces, twists = deque([0.0] * 15), deque([0.0] * 5)
+    x = v = 0.0
+    speeds = []
+    for k in range(1750):
+        forces.append(min(max(-stiffness * x - 5.0 * v, -150.0), 150.0) + 30.0 * (100 <= k < 125))
+        controller.input["wrench"][0] = forces.popleft()
+        controller.input["pose"][0], controller.input["twist"][0] = x, v
+        controller.update(dt)
+        twists.append(controller.output["twist"][0])
+        v = twists.popleft()
+        x += dt * v
+        speeds.append(v)
+    return float(np.std(speeds[150:650])), float(np.std(speeds[-500:]))
+
+
+def test_the_tank_holds_a_stiff_hand_behind_a_late_sensor_if_it_knows_how_late() -> None:
+    early, late = knocked_late_sensor(age=0.03)
+    assert late < 0.05 * early
+    early, late = knocked_late_sensor(age=0.0)
+    assert late > 0.5 * early
+
+
 def test_the_bare_law_does_ring_there() -> None:
     seen = np.abs(held(2000, 0.03, None, 2.0))
     peaks = [seen[a:b].max() for a, b in pairwise(range(0, 2001, 400))]

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from runtime.control.admittance import Admittance, AdmittanceConfig
 from runtime.errors import RecordingError, WiringError
+from sim.cell import Cell, CellConfig
 from sim.parts.box import BoxPart
 from sim.parts.ft_sensor import FtSensorPart, HandlePart
 from sim.parts.person import PersonConfig, PersonPart
@@ -343,3 +344,16 @@ def test_an_admittance_is_guided_through_a_sensor_with_its_dead_band():
     assert np.abs(off).max() < 0.015
     assert np.abs(np.diff(places[-300:], axis=0)).max() < 1e-5  # off again: it stands
     assert np.linalg.norm(forces, axis=1).max() < 30
+
+
+def test_a_run_can_end_with_a_persons_plan():
+    world = alone([hold(0.5)], tool=0.0)
+    run(world, 2.0)
+    assert not world.finished  # nobody asked for it
+    person = (PersonPart, PersonPart.Config.model_validate({"position": [0, 0, 1], "plan": [hold(0.5)]}))
+    world = Cell(CellConfig.model_construct(parts={"person": person}, ends_with="person"), 1)
+    seen = run(world, 5.0, until=lambda w: w.finished)
+    assert finished(world)
+    assert 0.5 < seen["time"][-1] < 1.0
+    with pytest.raises(WiringError, match="no person 'persona'"):
+        Cell(CellConfig.model_construct(parts={"person": person}, ends_with="persona"), 1)

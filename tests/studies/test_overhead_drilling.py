@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -91,7 +92,7 @@ def trial(subject: str, condition: str, holes: float, time: float, errors: float
     return Trial(subject, condition, figures | {"AD": 1.0, "PD": 2.0, "BC": 3.0, "TR": 4.0}, f"{subject}-{condition}")
 
 
-def test_who_completed_no_hole_is_named_and_in_no_mean(tmp_path):
+def test_who_completed_no_hole_is_named_and_isnt_in_the_times(tmp_path):
     found = [
         *(trial(f"S{k}", "HR", 20, 9 + 0.1 * k, 0) for k in range(1, 5)),
         *(trial(f"S{k}", "H", 10 + k, 8, 1) for k in range(1, 4)),
@@ -99,11 +100,15 @@ def test_who_completed_no_hole_is_named_and_in_no_mean(tmp_path):
     ]
     result = overhead_drilling.result(found, tmp_path)
     claims = {claim.id: claim for claim in result.claims}
-    assert claims["robot-more-holes"].measured == pytest.approx(8.0)
-    assert claims["robot-fewer-errors"].measured == pytest.approx(-1.0)
+    assert claims["robot-more-holes"].measured == pytest.approx(20 - (11 + 12 + 13 + 0) / 4)
+    assert claims["robot-fewer-errors"].measured == pytest.approx(-2.0)
+    assert claims["robot-slower"].measured == pytest.approx(1.2)
     assert all(claim.holds for claim in result.claims)
     assert "without S4" in claims["robot-slower"].text
-    assert [row["subject"] for row in result.table][:3] == ["S1", "S2", "S3"]
+    assert [row["subject"] for row in result.table][:5] == ["S1", "S2", "S3", "S4", "mean (sd)"]
+    assert result.table[3]["T H"] is None
+    assert result.table[2]["T H"] == 8.0
+    assert result.table[4]["T H"] == "8.00 (0.00)"
 
 
 def test_trials_that_are_there_arent_run_again(tmp_path, monkeypatch):
@@ -112,8 +117,9 @@ def test_trials_that_are_there_arent_run_again(tmp_path, monkeypatch):
 
     def run_all(tasks, folder, workers):
         ran.append(tasks[0].name)
-        (folder / f"{tasks[0].name}.rrd").touch()
-        return [tasks[0]]
+        file = folder / f"{tasks[0].name}.rrd"
+        file.touch()
+        return [SimpleNamespace(file=file)]
 
     monkeypatch.setattr("studies.superman.user_study.run_all", run_all)
     planned = [Planned(persons()[0], "H", task, lambda run: {"T": 1.0})]
