@@ -65,7 +65,8 @@ class Limits:
     """Bounds of a command, each of the command's own shape; None where the source knows none.
 
     Units follow the command: lower/upper bound the position (rad or m) for kinds position, velocity and
-    torque alike; velocity, acceleration, jerk its derivatives; effort the torque (N m), effort_rate N m/s.
+    torque alike; velocity, acceleration, jerk its derivatives; effort the torque (N m), effort_rate N m/s;
+    inertia (kg m^2 or kg) the least that the joint moves, which bounds the damping of a torque command.
     """
 
     lower: Array | None = None
@@ -75,6 +76,7 @@ class Limits:
     jerk: Array | None = None
     effort: Array | None = None
     effort_rate: Array | None = None
+    inertia: Array | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

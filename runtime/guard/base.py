@@ -76,6 +76,7 @@ class CommandGuard(ABC):
         self.max_jerk = self._flat("jerk", limits.jerk, inf)
         self.max_effort = self._flat("effort", limits.effort, inf)
         self.max_effort_rate = self._flat("effort_rate", limits.effort_rate, inf)
+        self.inertia = self._flat("inertia", limits.inertia, inf)
         for name in RATES:
             values = getattr(self, f"max_{name}")
             # Zero would divide; a joint that can't accelerate can't brake. NaN compares as no limit at all.

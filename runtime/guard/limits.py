@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from runtime.errors import WiringError
 from runtime.signals import Array, Limits
 
-NAMES = ("lower", "upper", "velocity", "acceleration", "jerk", "effort", "effort_rate")
+NAMES = ("lower", "upper", "velocity", "acceleration", "jerk", "effort", "effort_rate", "inertia")
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -28,6 +28,9 @@ class GuardLimits(BaseModel):
     jerk: Positive | list[Positive] | None = Field(None, description="rad/s^3 or m/s^3; none: unbounded")
     effort: Positive | list[Positive] | None = Field(None, description="N m or N")
     effort_rate: Positive | list[Positive] | None = Field(None, description="N m/s or N/s")
+    inertia: Positive | list[Positive] | None = Field(
+        None, description="kg m^2 or kg, the least that the joint moves alone; bounds the damping of torque stops"
+    )
     tolerance: Positive = Field(1e-3, description="a command changed by more than this counts as limited")
 
     def to_limits(self, shape: tuple[int, ...], place: str) -> Limits:

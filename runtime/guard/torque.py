@@ -14,6 +14,7 @@ from runtime.signals import Array, Command, Limits, Stop
 ZONE = 0.05  # of a joint's range: where the barrier's spring reaches the effort limit
 FADE = 0.25  # of the velocity limit: range below it in which effort that would exceed it fades out
 HOLD_TIME = 0.2  # s: damping over stiffness of the hold
+LAG = 4  # periods from a velocity to the torque it causes that a damped joint surely bears, at half its margin
 STILL = 0.02  # of the velocity limit: slower than this a joint is at rest
 
 
@@ -48,7 +49,9 @@ class TorqueGuard(CommandGuard):
     """Bounds a torque by effort, its change by the effort rate, and keeps joints off their limits.
 
     All torques are counted from gravity compensation g, if that is bound, so that the guard neither fights
-    nor drops it. With effort limit E and velocity limit V, the damping is d = E/V: full effort at full speed.
+    nor drops it. With effort limit E and velocity limit V, the damping is d = E/V: full effort at full speed, but
+    at most I/(8 dt) for the least inertia I that the joint moves, if it is given: more would make a joint ring whose
+    torque acts some periods after its velocity was measured.
     The barrier is a one-sided spring and damper, stiffness k = E/(ZONE range), damping 2d; for qd > 0
     tau - g <= k (upper - q - qd^2/2A) - 2d qd, likewise at the lower limit, each side within [-E, E]: beyond
     a limit what is left points inwards. It takes nothing from a torque that isn't pushing outwards. A is the
@@ -125,17 +128,18 @@ class TorqueGuard(CommandGuard):
         if blind:
             self._held = [None] * self.size  # where it came to rest may be far away by the time it can be seen again
         out = []
-        for i, (g, E, V) in enumerate(zip(self._g, self.max_effort, self.max_velocity, strict=True)):
+        for i, (g, barrier) in enumerate(zip(self._g, self._barriers, strict=True)):
             if blind or category is Stop.LIMP:
                 out.append(g)
                 continue
-            tau = -E / V * qd[i]
+            d, V = barrier.d, barrier.V
+            tau = -d * qd[i]
             if category is not Stop.DAMP:
                 held = self._held[i]
                 if held is None and abs(qd[i]) <= STILL * V:
                     held = self._held[i] = q[i]
                 if held is not None:
-                    tau += E / V / HOLD_TIME * (held - q[i])
+                    tau += d / HOLD_TIME * (held - q[i])
             out.append(g + tau)
         self._apply(out, dt, sighted=not blind)
         if blind or category is Stop.LIMP:
@@ -164,7 +168,8 @@ class TorqueGuard(CommandGuard):
         E, V, lower, upper = self.max_effort[i], self.max_velocity[i], self.lower[i], self.upper[i]
         ends = -inf < lower and upper < inf
         k = E / (ZONE * (upper - lower)) if ends else 0.0
-        return Barrier(E, V, lower, upper, E / (FADE * V), k, E / V, self.max_acceleration[i])
+        d = min(E / V, self.inertia[i] / (2 * LAG * self.dt))
+        return Barrier(E, V, lower, upper, E / (FADE * V), k, d, self.max_acceleration[i])
 
     def _sensed(self) -> bool:
         assert self._position is not None

@@ -29,7 +29,7 @@ BUTTONS = "AMGP"
 PUSH = (3.0, 20.0)  # N, least and greatest; from about 25 N on the hand itself asks the arms for more than they may
 TWIST = (0.1, 2.0)  # N m
 EDGE = 0.03  # s in which a push rises and falls
-TABLES = {"moca-man": [0.507, 0.0, 0.759], "kairos-man": [-0.26, -0.174, 0.711]}  # m, centre: 1 cm under the rod
+TABLES = {"moca-man": [0.507, 0.0, 0.768], "kairos-man": [-0.26, -0.174, 0.7205]}  # m, centre: 1 mm under the rod
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(3600)]
 
@@ -197,6 +197,7 @@ def test_a_blocked_tip_presses_no_harder_than_hand_and_leash(tmp_path: Path, bod
         low = {"size": [0.02, 0.02, 0.3], "mass": 0.05, "on": "arm/flange", "position": [0.0, 0.0, 0.15]}
         sim["parts"]["rod"] = {"part": "box", **low}
         sim["parts"]["table"] = {"part": "box", "size": [0.2, 0.2, 0.1], "position": TABLES[body.profile]}
+        sim["parts"]["table"]["stiffness"] = sim["parts"]["rod"]["stiffness"] = 0.02  # s: a padded table
         if body is KAIROS:
             law = next(c for c in content["controllers"] if c["use"] == "kairos-clik")
             law["force_feedback"] = {}

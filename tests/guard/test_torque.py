@@ -166,3 +166,32 @@ def test_seen_again_it_holds_where_it_is_then():
     for _ in range(500):
         joint.stop(Stop.HOLD)
     assert joint.q[0] == pytest.approx(0.5, abs=1e-3)
+
+
+def swing(inertia, told, category, late=2, seconds=3.0):
+    """Greatest speed in the last half second of a stop from 1 rad/s, the torque `late` periods behind."""
+    limits = {"velocity": 2.0, "effort": 80.0, "effort_rate": 1000.0, "inertia": told}
+    guard = guard_of(Kind.TORQUE, dt=DT, **{k: v for k, v in limits.items() if v is not None})
+    tau, q, qd = np.zeros(1), np.zeros(1), np.ones(1)
+    guard.bind(tau, q, qd)
+    guard.reset(q)
+    waiting, speeds = [0.0] * late, []
+    for _ in range(round(seconds / DT)):
+        guard.stop(category, DT)
+        waiting.append(tau[0])
+        qd += waiting.pop(0) / inertia * DT
+        q += qd * DT
+        speeds.append(abs(qd[0]))
+    return max(speeds[-500:])
+
+
+@pytest.mark.parametrize("inertia", [0.004, 0.012, 0.05, 0.4])
+@pytest.mark.parametrize("category", [Stop.DAMP, Stop.HOLD])
+def test_a_light_joint_comes_to_rest_behind_a_delay_if_its_inertia_is_told(inertia, category):
+    assert swing(inertia, inertia, category) < 0.01
+    assert swing(2 * inertia, inertia, category) < 0.01  # more moves with it in other postures
+    assert swing(10 * inertia, inertia, category, seconds=8.0) < 0.05
+
+
+def test_untold_it_would_ring():
+    assert swing(0.05, None, Stop.DAMP) > 5.0
