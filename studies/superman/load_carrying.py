@@ -123,7 +123,7 @@ def shortened(setup: dict[str, Any]) -> dict[str, Any]:
     case["way"] = [[tx - 0.4, ty], [tx - 0.4, ty - 0.6], [tx, ty - 0.6]]
     case["place"] = [x, y - 0.6]
     case["obstacles"] = [{"position": [tx - 0.7, ty - 1.4, 0.6], "size": [0.4, 0.4, 1.2]}]
-    case["duration"] = 37.0
+    case["duration"] = 46.0
     return case
 
 

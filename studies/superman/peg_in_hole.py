@@ -6,6 +6,7 @@ law without what the runtime adds to it (leash, tank, slowing down).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -225,27 +226,27 @@ def claims(found: list[Outcome], a: dict[str, Any]) -> list[Claim]:
         Claim(
             id="moca-inserts", text="MOCA inserts the peg and withdraws it", paper="yes (Fig. 11a)",
             measured=float(sum(o.withdrew for o in moca)), unit=f"of {len(moca)} runs",
-            holds=all(o.withdrew for o in moca),
+            holds=bool(moca) and all(o.withdrew for o in moca),
         ),
         Claim(
             id="moca-force-below-payload", text=f"MOCA's largest external force is below {light:.1f} N",
-            paper="below the line (Fig. 11a)", measured=max(o.force for o in moca), unit="N",
-            holds=all(o.force < light for o in moca),
+            paper="below the line (Fig. 11a)", measured=_extreme(max, moca), unit="N",
+            holds=bool(moca) and all(o.force < light for o in moca),
         ),
         Claim(
             id="moca-as-published", text=f"MOCA without leash and tank does both, below {light:.1f} N",
-            paper="yes (Fig. 11a)", measured=max(o.force for o in bare), unit="N",
-            holds=all(o.withdrew and o.force < light for o in bare),
+            paper="yes (Fig. 11a)", measured=_extreme(max, bare), unit="N",
+            holds=bool(bare) and all(o.withdrew and o.force < light for o in bare),
         ),
         Claim(
             id="kairos-exceeds-payload", text=f"Kairos as published exceeds {heavy:.0f} N and is stopped",
-            paper="yes (Fig. 11b)", measured=min(o.force for o in kairos), unit="N",
-            holds=all(o.force > heavy and o.cause == "device fault" for o in kairos),
+            paper="yes (Fig. 11b)", measured=_extreme(min, kairos), unit="N",
+            holds=bool(kairos) and all(o.force > heavy and o.cause == "device fault" for o in kairos),
         ),
         Claim(
             id="kairos-compliant-inserts", text=f"Kairos with force feedback inserts and withdraws below {heavy:.0f} N",
-            paper="", measured=max(o.force for o in soft), unit="N",
-            holds=all(o.withdrew and o.force < heavy for o in soft),
+            paper="", measured=_extreme(max, soft), unit="N",
+            holds=bool(soft) and all(o.withdrew and o.force < heavy for o in soft),
         ),
     ]  # fmt: skip
 
@@ -323,3 +324,8 @@ def _draw(path: Path, pairs: list[tuple[Outcome, Run]], a: dict[str, Any]) -> No
     figure.tight_layout()
     figure.savefig(path, dpi=110)
     plt.close(figure)
+
+
+def _extreme(which: Callable[..., float], outcomes: list[Outcome]) -> float | None:
+    """The greatest or least force, N; None where there was no run of the kind."""
+    return which(o.force for o in outcomes) if outcomes else None

@@ -110,12 +110,12 @@ def _pauses(aim: Array, t: Array, condition: str, a: dict[str, Any]) -> list[tup
         return []
     path, turn = _path(a), normalised(a["wire_quaternion"])
     kept = [path.at(m * path.length)[:3] for m in a["robot_marks"]]
-    places = np.array([turned(turn, p) for p in kept]) + np.array(a["wire"])
+    places = np.array([turned(turn, p) for p in kept]).reshape(-1, 3) + np.array(a["wire"])
     still = np.concatenate(([False], np.linalg.norm(np.diff(aim, axis=0), axis=1) < 1e-9, [False]))
     edges = np.flatnonzero(still[1:] != still[:-1])
     spans = [(int(i), int(j) - 1) for i, j in zip(edges[::2], edges[1::2], strict=True)]
     long = [(i, j) for i, j in spans if t[j] - t[i] > 5.0]
-    return [(i, j) for i, j in long if np.linalg.norm(places - aim[i], axis=1).min() > 0.01]
+    return [(i, j) for i, j in long if np.linalg.norm(places - aim[i], axis=1).min(initial=np.inf) > 0.01]
 
 
 def planned(people: Sequence[Person], a: dict[str, Any], variant: str = "") -> list[Planned]:

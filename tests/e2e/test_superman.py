@@ -23,7 +23,7 @@ from runtime.recorder.reader import Recording, read
 from runtime.signals import Array
 
 PROFILES = Path(__file__).parents[2] / "profiles"
-CHUNKS = int(os.environ.get("SRL_SUPERMAN_CHUNKS", "2"))
+CHUNKS = int(os.environ.get("SRL_SUPERMAN_CHUNKS", "1"))
 SPAN = 20.0  # s of a chunk
 BUTTONS = "AMGP"
 PUSH = (3.0, 20.0)  # N, least and greatest; from about 25 N on the hand itself asks the arms for more than they may
@@ -172,8 +172,8 @@ def test_no_button_at_any_instant_makes_a_step(tmp_path: Path, body: Body, chunk
     assert min(pressed.values()) >= 3
     all_finite(recording)
     within_limits(recording, body.robot)
-    assert (arm <= body.step).all(), arm
-    assert (base <= body.base).all(), base
+    assert (arm <= body.step * (1 + 1e-9)).all(), arm
+    assert (base <= body.base * (1 + 1e-9)).all(), base
     assert np.abs(np.diff(recording.value("hand.position_command"), axis=0)).max() <= 1.5 * 2e-3
 
 
