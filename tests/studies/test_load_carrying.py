@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -93,11 +92,3 @@ def test_a_study_keeps_the_order_of_a_profiles_keys(tmp_path: Path, monkeypatch:
     with pytest.raises(RequestError):
         run_all([Task("any", "kairos-man", {}, 1.0, 1)], tmp_path)
     assert seen == [["A", "M", "G", "P"]]  # guide-buttons knows them by their places
-
-
-@pytest.mark.slow
-def test_a_short_way_is_gone_with_the_load(tmp_path: Path) -> None:
-    result = study.run(tmp_path, quick=True)
-    assert {claim.id: claim.holds for claim in result.claims} == dict.fromkeys(holding(GOOD), True)
-    assert all((tmp_path / file).stat().st_size > 1000 for file in result.files)
-    json.dumps(result.figures())
