@@ -15,6 +15,7 @@ from runtime.errors import DeviceError
 
 TRIES: Final = 3
 ANSWER: Final = 0.06  # s; a USB adapter alone may take 16 ms each way
+ECHO_TRIES: Final = 3
 SCAN: Final = 0.08  # s of listening for a broadcast's answers at another rate
 _RATES: Final = (57600, 1_000_000, 115200, 2_000_000, 3_000_000, 4_000_000, 9600)
 
@@ -59,13 +60,17 @@ class Session:
     def echoes(self, id: int) -> bool:
         """Whether the adapter returns the host's own bytes in front of servo `id`'s answer."""
         ping = self.family.wire.ping(id)
-        self.link.flush_input()
-        self.link.write_all(ping, 1.0)
-        heard = b""
-        deadline = time.monotonic() + ANSWER
-        while (left := deadline - time.monotonic()) > 0 and len(heard) <= len(ping):
-            heard += self.link.read_wait(left)
-        return len(heard) > len(ping) and heard.startswith(ping)
+        for _ in range(ECHO_TRIES):
+            self.link.flush_input()
+            self.link.write_all(ping, 1.0)
+            heard = b""
+            deadline = time.monotonic() + ANSWER
+            while (left := deadline - time.monotonic()) > 0 and len(heard) <= len(ping):
+                heard += self.link.read_wait(left)
+            # A servo with a voltage error answers just the ping's bytes; an echo's answer may be late.
+            if heard and heard != ping:
+                return len(heard) > len(ping) and heard.startswith(ping)
+        return False
 
     def write(self, motor: str, id: int, register: Register, value: int, what: str) -> None:
         """Writes one register and waits for the acknowledgement.
