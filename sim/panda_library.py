@@ -27,10 +27,10 @@ class Build:
     """
 
     def __init__(self) -> None:
-        self.library = _done.get(source())
+        self.shared_object = _done.get(source())
         self._process: subprocess.Popen[bytes] | None = None
         compiler = shutil.which("gcc")
-        if self.library is not None or compiler is None:
+        if self.shared_object is not None or compiler is None:
             return
         self._folder = Path(tempfile.mkdtemp(prefix="srl-panda-"))
         code, self._made = self._folder / "model.c", self._folder / "model.so"
@@ -50,7 +50,7 @@ class Build:
             return False
         self._process = None
         if process.returncode == 0:
-            self.library = _done[source()] = self._made.read_bytes()
+            self.shared_object = _done[source()] = self._made.read_bytes()
         shutil.rmtree(self._folder, ignore_errors=True)
         return True
 

@@ -69,7 +69,9 @@ class Session:
             self._recovery = None
         if self._build is not None and self._build[1].poll():
             request, build = self._build
-            answers += self._reply(request, Status.SUCCESS if build.library else Status.ERROR, build.library or b"")
+            answers += self._reply(
+                request, Status.SUCCESS if build.shared_object else Status.ERROR, build.shared_object or b""
+            )
             self._build = None
         return answers
 

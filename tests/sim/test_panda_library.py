@@ -33,9 +33,9 @@ def call(tmp_path_factory: pytest.TempPathFactory) -> Call:
     while not build.poll():
         assert time.monotonic() < deadline
         time.sleep(0.01)
-    assert build.library is not None
+    assert build.shared_object is not None
     file = Path(tmp_path_factory.mktemp("model")) / "model.so"
-    file.write_bytes(build.library)
+    file.write_bytes(build.shared_object)
     library = ctypes.CDLL(str(file))
 
     def call(name: str, size: int, *arguments: Any) -> Any:
@@ -99,7 +99,7 @@ def test_without_a_compiler_there_is_no_library(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr("shutil.which", lambda _: None)
     build = Build()
     assert build.poll()
-    assert build.library is None
+    assert build.shared_object is None
 
 
 @pytest.mark.parametrize("robot", ["panda", "fr3"])
