@@ -35,6 +35,14 @@ def following(driver):
     return driver.write
 
 
+def moving(driver, peer):
+    """Commands `V` until the arm does it; a busy host starves the program on the controller at times."""
+    deadline = time.monotonic() + PATIENCE
+    while np.abs(truth(peer)[1] - V).max() > 0.02:
+        assert time.monotonic() < deadline
+        cycles(driver, 0.5, 500, following(driver))
+
+
 def truth(peer):
     """What the arm really does: position, velocity."""
     figures = peer.figures()["truth"]
@@ -43,8 +51,7 @@ def truth(peer):
 
 def test_a_hung_controller_plays_nothing_back_when_it_goes_on(peer):
     driver = opened(peer)
-    cycles(driver, 1.0, 500, following(driver))
-    assert np.abs(truth(peer)[1]).max() == pytest.approx(0.2, abs=0.02)
+    moving(driver, peer)
     before = truth(peer)[0]
     peer.stop()
     cycles(driver, 1.2, 500, following(driver))
@@ -63,8 +70,7 @@ def test_a_hung_controller_plays_nothing_back_when_it_goes_on(peer):
     while driver.health.fault:
         assert time.monotonic() < deadline
         cycles(driver, 0.05, 500)
-    cycles(driver, 1.0, 500, following(driver))
-    assert np.abs(truth(peer)[1]).max() == pytest.approx(0.2, abs=0.02)
+    moving(driver, peer)
     driver.close()
 
 
@@ -84,8 +90,7 @@ def test_a_controller_that_hangs_for_long_is_lost_and_opened_again(peer):
         except DeviceError:
             assert time.monotonic() < deadline
     assert driver.health.reconnects == 1
-    cycles(driver, 1.0, 500, following(driver))
-    assert np.abs(truth(peer)[1]).max() == pytest.approx(0.2, abs=0.02)
+    moving(driver, peer)
     driver.close()
 
 
@@ -107,8 +112,7 @@ def test_a_killed_client_leaves_an_arm_that_stops_and_a_controller_that_takes_th
     time.sleep(1.0)
     assert np.abs(truth(peer)[1]).max() < 0.01
     again = opened(peer)
-    cycles(again, 1.0, 500, following(again))
-    assert np.abs(truth(peer)[1]).max() == pytest.approx(0.2, abs=0.02)
+    moving(again, peer)
     again.stop(Stop.HOLD)
     again.close()
     time.sleep(0.5)
