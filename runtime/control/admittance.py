@@ -53,7 +53,7 @@ class AdmittanceConfig(ControllerConfig):
     tool_mass: float = Field(0.0, ge=0, description="kg, of what hangs on the sensor's measuring side (the handle)")
     tool_com: _Three = Field((0.0, 0.0, 0.0), description="m, its centre of mass in the sensor's frame")
     bias: _Six = Field((0.0,) * 6, description="N, N m: what the unloaded sensor shows; subtracted first")
-    dead_band: tuple[float, float] = Field((1.0, 0.05), description="N, N m: what is less doesn't count")
+    dead_band: tuple[float, float] = Field((0.3, 0.03), description="N, N m: what is less doesn't count")
     leash: LeashConfig | None = LeashConfig()
     tank: float | None = Field(
         0.5, gt=0, description="J, what may be given back to the hand before damping is added; null: the bare law"

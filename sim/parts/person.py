@@ -58,6 +58,7 @@ class _Body:
     drive: Vector = _ZERO  # N, the force that moves what is known of the tool, after the lag
     pace: Vector = _ZERO  # m/s and rad/s of the aim, after the lag
     spin: Vector = _ZERO
+    twist: Vector = _ZERO  # N m about the tool that turn what is known of it
     slow: tuple[float, ...] = (0.0,) * 12  # the seen error, after sight's bandwidth: two stages of 6
     shift: tuple[float, ...] = (0.0,) * 6  # m, rad: correction that has built up
     luck: tuple[float, ...] = (0.0,) * 6
@@ -152,8 +153,10 @@ class PersonPart(Part):
             self._carry(hand)
             known = float(model.body_subtreemass[hand])
         self._mass = known if config.learned_mass is None else config.learned_mass
-        drag = 0.0 if config.on is None else 40.0
+        drag, inertia, turn_drag = (0.0, 0.0, 0.0) if config.on is None else (40.0, 1.0, 1.8)
         self._drag = drag if config.learned_damping is None else config.learned_damping
+        self._inertia = inertia if config.learned_inertia is None else config.learned_inertia
+        self._turn_drag = turn_drag if config.learned_turn_damping is None else config.learned_turn_damping
         self._wander = Wander(self.seed, self.name, self._dt, (_NOISE_TIME,) * 3 + (_DRIFT_TIME,) * 3)
         self._sight = max(1, round(config.sight / self._dt))
         self._seen = [(0.0,) * (_ROW + 6)] * self._sight  # a ring: the tool's pose and its error
@@ -215,13 +218,25 @@ class PersonPart(Part):
         body.balance = (bx, by, bz)
         K, D = self._stiffness()
         Kr, Dr = config.turn_stiffness, config.turn_damping
-        pace, spin, push, weight = body.pace, body.spin, body.drive, self._weight
+        (sx, sy, sz), push, weight = body.spin, body.drive, self._weight
+        # The hand's own velocity, beside the tool it turns.
+        pace = (
+            body.pace[0] - sy * way[2] + sz * way[1],
+            body.pace[1] - sz * way[0] + sx * way[2],
+            body.pace[2] - sx * way[1] + sy * way[0],
+        )
         fx = K * (bx - place[0]) + D * (pace[0] - vx) + push[0] + weight[0]
         fy = K * (by - place[1]) + D * (pace[1] - vy) + push[1] + weight[1]
         fz = K * (bz - place[2]) + D * (pace[2] - vz) + push[2] + weight[2]
-        tx = Kr * (rx + shift[3]) + Dr * (spin[0] - wx)
-        ty = Kr * (ry + shift[4]) + Dr * (spin[1] - wy)
-        tz = Kr * (rz + shift[5]) + Dr * (spin[2] - wz)
+        tx = Kr * (rx + shift[3]) + Dr * (sx - wx)
+        ty = Kr * (ry + shift[4]) + Dr * (sy - wy)
+        tz = Kr * (rz + shift[5]) + Dr * (sz - wz)
+        if config.on is not None:
+            # What moves the known tool acts on it, not on the hand beside it.
+            px, py, pz = body.twist
+            tx += px + reach[1] * push[2] - reach[2] * push[1]
+            ty += py + reach[2] * push[0] - reach[0] * push[2]
+            tz += pz + reach[0] * push[1] - reach[1] * push[0]
         if weight != _ZERO:
             lx, ly, lz = turned(turn, self._lever)
             tx += ly * weight[2] - lz * weight[1]
@@ -259,7 +274,12 @@ class PersonPart(Part):
         body.meant = meant = (x + k * (gx - x), y + k * (gy - y), z + k * (gz - z), *held)
         v, a, m, d = aim.velocity, aim.acceleration, self._mass, self._drag
         body.drive = _mixed(body.drive, (m * a[0] + d * v[0], m * a[1] + d * v[1], m * a[2] + d * v[2]), k)
-        body.pace, body.spin = _mixed(body.pace, v, k), _mixed(body.spin, aim.spin, k)
+        spin = _mixed(body.spin, aim.spin, k)
+        known = (
+            self._inertia * (w - was) / self._dt + self._turn_drag * w for w, was in zip(spin, body.spin, strict=True)
+        )
+        body.twist = _mixed(body.twist, _three(list(known)), k)
+        body.pace, body.spin = _mixed(body.pace, v, k), spin
         return meant
 
     def _corrected(self, off: tuple[float, ...]) -> tuple[float, ...]:

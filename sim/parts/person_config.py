@@ -54,6 +54,12 @@ class PersonConfig(PartConfig):
     learned_damping: float | None = Field(
         default=None, ge=0, description="N s/m of the same; null: 40 on a handle, else 0"
     )
+    learned_inertia: float | None = Field(
+        default=None, ge=0, description="kg m2 about the tool, likewise; null: 1 on a handle, else 0"
+    )
+    learned_turn_damping: float | None = Field(
+        default=None, ge=0, description="N m s/rad of the same; null: 1.8 on a handle, else 0"
+    )
 
     @model_validator(mode="after")
     def _one(self) -> Self:

@@ -9,7 +9,6 @@ from typing import Any, Final
 import numpy as np
 
 from runtime.control.rotation import Quaternion, conjugate, normalised, product, turned
-from runtime.signals import Array
 from sim.parts.person_path import ArcPath
 from sim.parts.wire_ring import WireConfig
 from sim.plans import wire_path
@@ -29,8 +28,7 @@ MEASURES: Final = {m.name: (m.unit, m.meaning) for m in TABLE_I.measures}
 
 def task(person: Person, condition: str, a: dict[str, Any], name: str = "") -> Task:
     """A trial of one person, with the assumptions `a`."""
-    marks = tuple(a["robot_marks"] if condition == "HR" else a["marks"])
-    steps = wire_path(speed=person.follow, pauses=marks)
+    steps = wire_path(speed=person.follow, pauses=tuple(a["marks"]))
     buttons = 2 if condition == "HR" else 0
     steps = steps[2 - buttons : len(steps) - 2 + buttons]  # nobody presses buttons alone
     parts: dict[str, Any] = {
@@ -77,24 +75,18 @@ def _hand(a: dict[str, Any]) -> list[float]:
     return [round(f + r - h, 6) for f, r, h in zip(a["flange"], flange, a["ring_in_hand"], strict=True)]
 
 
-def read(run: Run, condition: str, a: dict[str, Any]) -> dict[str, float]:
+def read(run: Run, condition: str) -> dict[str, float]:
     """Table I's measures of a trial; the rest in words: given up, steps missed, seconds of contact."""
     follow = 3 if condition == "HR" else 1  # after two presses and the way to the wire's beginning
     inside = user_study.between(run, follow, follow)
     t = run.t[inside]
     touches = run.value("world.wire_touches")[inside]
     progress = run.value("world.person_progress")
-    # Pauses that the other condition didn't have don't count, for neither.
-    away = _pauses(run.value("world.person_aim")[inside], t, condition, a)
-    count = touches[:, 0]
-    errors = count[-1] - count[0] - sum(float(count[j] - count[i]) for i, j in away)
-    missing = 0 if condition == "H" else len(a["marks"]) - len(a["robot_marks"])
     tool, aim = run.value("world.person_tool")[inside], run.value("world.person_aim")[inside]
     off = np.linalg.norm(tool - aim, axis=1)
     return {
-        "N_err": float(errors),
-        "T": round(float(t[-1] - t[0]) + 2 * missing * 10.0, 3),
-        "all_errors": float(count[-1] - count[0]),
+        "N_err": float(touches[-1, 0] - touches[0, 0]),
+        "T": round(float(t[-1] - t[0]), 3),
         "contact_s": round(float(touches[-1, 2] - touches[0, 2]), 3),
         "off_mm": round(1000 * float(np.sqrt(np.mean(off**2))), 3),
         "missed": float(progress[-1, 1]),
@@ -104,34 +96,20 @@ def read(run: Run, condition: str, a: dict[str, Any]) -> dict[str, float]:
     }
 
 
-def _pauses(aim: Array, t: Array, condition: str, a: dict[str, Any]) -> list[tuple[int, int]]:
-    """First and last row of the pauses at marks at which HR doesn't pause."""
-    if condition == "HR":
-        return []
-    path, turn = _path(a), normalised(a["wire_quaternion"])
-    kept = [path.at(m * path.length)[:3] for m in a["robot_marks"]]
-    places = np.array([turned(turn, p) for p in kept]).reshape(-1, 3) + np.array(a["wire"])
-    still = np.concatenate(([False], np.linalg.norm(np.diff(aim, axis=0), axis=1) < 1e-9, [False]))
-    edges = np.flatnonzero(still[1:] != still[:-1])
-    spans = [(int(i), int(j) - 1) for i, j in zip(edges[::2], edges[1::2], strict=True)]
-    long = [(i, j) for i, j in spans if t[j] - t[i] > 5.0]
-    return [(i, j) for i, j in long if np.linalg.norm(places - aim[i], axis=1).min(initial=np.inf) > 0.01]
-
-
 def planned(people: Sequence[Person], a: dict[str, Any], variant: str = "") -> list[Planned]:
     """All trials; the persons alone first. `variant` goes into the recordings' names."""
     return [
         Planned(
             person, condition, task(person, condition, a, f"{person.name}-{condition}{variant}".lower()),
-            _reader(condition, a),
+            _reader(condition),
         )
         for condition in reversed(CONDITIONS)
         for person in people
     ]  # fmt: skip
 
 
-def _reader(condition: str, a: dict[str, Any]) -> Any:
-    return lambda run: read(run, condition, a)
+def _reader(condition: str) -> Any:
+    return lambda run: read(run, condition)
 
 
 def run(folder: Path, quick: bool = False) -> Result:

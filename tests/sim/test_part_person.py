@@ -174,6 +174,19 @@ def test_arms_of_the_literature_come_to_rest(stiffness, damping):
         assert seen[:, 0].max() < 0.2 + 0.02
 
 
+def test_a_known_tool_beside_the_hand_is_moved_and_turned_as_meant():
+    """Of the known inertia and drag nothing is left to sight, whether the hand holds the tool's middle or not."""
+    steps = [go_to(0.3, 0.1, 0.0, quaternion=[0.966, 0.0, 0.0, 0.259], speed=0.1), hold(2.0)]
+    options = {**quiet(), "correction": (0.0, 0.0), "activation": 0.0, "tool": "robot/body"}
+    unknown = {"learned_inertia": 0.0, "learned_turn_damping": 0.0}
+    off = []
+    for at, known in (([0.0, 0.0, 0.0], {}), ([0.2, 0.0, 0.1], {}), ([0.2, 0.0, 0.1], unknown)):
+        seen = run(guided(steps, position=at, **options, **known), 6.0)
+        off.append(np.linalg.norm(seen["person_tool"] - seen["person_aim"], axis=1).max())
+    assert max(off[:2]) < 0.001
+    assert off[2] > 0.005
+
+
 def test_turning_is_guided_too():
     half = np.sqrt(0.5)
     world = guided([go_to(0.0, 0.0, 0.0, quaternion=[half, 0, 0, half]), hold(3.0)])
