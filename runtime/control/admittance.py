@@ -67,8 +67,9 @@ class Admittance(Controller):
     """Inputs: `wrench` (6,) of the hand on the sensor, in the sensor's frame; `pose` (7,) m and w x y z and
     `twist` (6,) of the control point, measured, world; `modes` (4,): admittance on, rotation too, -, -.
 
-    Outputs: `pose` (7,) and `twist` (6,), desired, world axes; `force` (6,), the hand's wrench at the control
-    point in world axes, with gravity, bias and dead band taken out; `tank` (1,) J.
+    Outputs: `pose` (7,) and `twist` (6,), desired, world axes; `hand` (6,), the hand's wrench at the control point in
+    world axes, gravity and bias taken out; `force` (6,), what of it acts on the virtual mass: nothing while switched
+    off, no torque without rotation, the dead band taken out; `tank` (1,) J.
 
     Switched off, or without rotation, the hand's part is zero and the motion fades out by the law's own
     damping (M/D: 0.15 s), so no switch makes a step.
@@ -88,6 +89,7 @@ class Admittance(Controller):
         self.outputs = (
             Signal(name="pose", shape=(7,), unit="m", visual="path"),
             Signal(name="twist", shape=(6,), unit="m/s, rad/s"),
+            Signal(name="hand", shape=(6,), unit="N, N m"),
             Signal(name="force", shape=(6,), unit="N, N m"),
             Signal(name="tank", shape=(1,), unit="J"),
         )
@@ -111,15 +113,17 @@ class Admittance(Controller):
         self._velocity = [0.0] * 6
         self._tank = self._config.tank or 0.0
         self._past.clear()
+        self._hand(self._orientation)
         self._write([0.0] * 6)
 
     def update(self, dt: float) -> None:
         on, rotates, *_ = self.input["modes"].tolist()
         M, D = self.param["scale"].item(), self.param["damping"].item()
         force, pull, brake = [0.0] * 6, _ZEROS, _ZEROS
+        x, y, z, qw, qx, qy, qz = self.input["pose"].tolist()
+        F, T, r = self._hand((qw, qx, qy, qz))
         if on > 0.5:
-            x, y, z, qw, qx, qy, qz = self.input["pose"].tolist()
-            force = self._hand((qw, qx, qy, qz), rotates > 0.5)
+            force = self._felt(F, T, r, rotates > 0.5)
             # Switched off, the desired pose stays: whoever pushes the robot away stretches its spring, not the leash.
             pull, brake = self._held((x, y, z), (qw, qx, qy, qz))
         extra = self._passive(force, dt, D) / M
@@ -142,8 +146,8 @@ class Admittance(Controller):
 
     # -- forces on the virtual mass
 
-    def _hand(self, actual: rotation.Quaternion, rotates: bool) -> list[float]:
-        """lambda_h: the hand's wrench at the control point, world axes; without torque where it doesn't rotate."""
+    def _hand(self, actual: rotation.Quaternion) -> tuple[rotation.Vector, rotation.Vector, rotation.Vector]:
+        """The hand's force and torque at the sensor, and the sensor's place from the control point; world axes."""
         c = self._config
         turn = rotation.product(actual, self._mount)  # sensor to world
         fx, fy, fz, tx, ty, tz = map(sub, self.input["wrench"].tolist(), c.bias)
@@ -152,12 +156,15 @@ class Admittance(Controller):
             cx, cy, cz = c.tool_com
             fx, fy, fz = fx - gx, fy - gy, fz - gz
             tx, ty, tz = tx - (cy * gz - cz * gy), ty - (cz * gx - cx * gz), tz - (cx * gy - cy * gx)
-        fx, fy, fz = rotation.turned(turn, _beyond((fx, fy, fz), c.dead_band[0]))
-        if not rotates:
-            return [fx, fy, fz, 0.0, 0.0, 0.0]
-        tx, ty, tz = rotation.turned(turn, _beyond((tx, ty, tz), c.dead_band[1]))
-        rx, ry, rz = rotation.turned(actual, c.sensor_position)
-        return [fx, fy, fz, tx + ry * fz - rz * fy, ty + rz * fx - rx * fz, tz + rx * fy - ry * fx]
+        F, T, r = rotation.turned(turn, (fx, fy, fz)), rotation.turned(turn, (tx, ty, tz)), c.sensor_position
+        r = rotation.turned(actual, r)
+        self.output["hand"][:] = _about(F, T, r)
+        return F, T, r
+
+    def _felt(self, F: rotation.Vector, T: rotation.Vector, r: rotation.Vector, rotates: bool) -> list[float]:
+        """lambda_h: what of the hand's wrench acts on the virtual mass."""
+        F = _beyond(F, self._config.dead_band[0])
+        return _about(F, _beyond(T, self._config.dead_band[1]), r) if rotates else [*F, 0.0, 0.0, 0.0]
 
     def _held(self, place: rotation.Vector, actual: rotation.Quaternion) -> tuple[list[float], list[float]]:
         """The leash's pull, and its damping about the stretched direction; zeros while it is slack."""
@@ -208,6 +215,11 @@ class Admittance(Controller):
         out["twist"][:] = self._velocity
         out["force"][:] = force
         out["tank"][0] = self._tank
+
+
+def _about(F: rotation.Vector, T: rotation.Vector, r: rotation.Vector) -> list[float]:
+    """The wrench F, T that acts at r, about the origin of r."""
+    return [*F, T[0] + r[1] * F[2] - r[2] * F[1], T[1] + r[2] * F[0] - r[0] * F[2], T[2] + r[0] * F[1] - r[1] * F[0]]
 
 
 def _beyond(v: tuple[float, float, float], band: float) -> tuple[float, float, float]:

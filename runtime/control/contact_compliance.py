@@ -55,12 +55,14 @@ class ComplianceConfig(BaseModel):
     )
     position: _Three = Field((0.0, 0.0, 0.0), description="m, where it is measured, in the control point's frame")
     tool: WeightConfig | None = Field(None, description="what hangs on the sensor, if it doesn't take it off itself")
-    load: WeightConfig | None = Field(None, description="what the closed gripper carries, likewise")
-    load_time: float = Field(0.5, gt=0, description="s over which the load comes in and goes")
+    load: WeightConfig | None = Field(
+        None, description="the heaviest that the closed gripper may carry: what pulls down up to its weight is the load"
+    )
+    load_time: float = Field(0.5, gt=0, description="s over which that comes in and goes")
     firm: tuple[_Positive, _Positive] = Field(
         (10.0, 1.0), description="N, N m: against this and more the desired motion isn't followed any further"
     )
-    release: float = Field(0.3, gt=0, description="s, time constant with which it is followed again")
+    release: float = Field(1.0, gt=0, description="s, time constant with which it is followed again")
     dead_band: tuple[float, float] = Field((6.0, 0.6), description="N, N m: what is less doesn't count")
     hand: bool = Field(True, description="the hand's force goes through the sensor too: take it off (input `hand`)")
 
@@ -87,7 +89,7 @@ class ContactCompliance:
         """Begins without a deviation."""
         self._share = float(closed)
         for against in self._against:
-            against.firmness = 0.0
+            against.reset()
         self._yielding = [0.0] * 6
         self.deviation, self.velocity, self.contact = [0.0] * 6, [0.0] * 6, [0.0] * 6
 
@@ -136,13 +138,14 @@ class ContactCompliance:
         torque = rotation.turned(turn, (wrench[3], wrench[4], wrench[5]))
         at = rotation.turned(orientation, c.position)
         f = [*force, *(t + r for t, r in zip(torque, _cross(at, force), strict=True))]
-        for body, share in ((c.tool, 1.0), (c.load, self._share)):
-            if body is not None and share > 0.0:
-                weight = (0.0, 0.0, -share * body.mass * GRAVITY)
-                lever = _cross(rotation.turned(orientation, body.com), weight)
-                f = [a - b for a, b in zip(f, (*weight, *lever), strict=True)]
+        if c.tool is not None:
+            f = _lifted(f, c.tool.mass * GRAVITY, rotation.turned(orientation, c.tool.com))
         if c.hand:
             f = [a - b for a, b in zip(f, hand, strict=True)]
+        if c.load is not None and self._share > 0.0:
+            # It comes off the table bit by bit, and nobody says how heavy it is.
+            borne = min(max(-f[2], 0.0), self._share * c.load.mass * GRAVITY)
+            f = _lifted(f, borne, rotation.turned(orientation, c.load.com))
         return [*_beyond(f[:3], c.dead_band[0]), *_beyond(f[3:], c.dead_band[1])]
 
 
@@ -151,20 +154,28 @@ class _Against:
 
     def __init__(self, firm: float, release: float) -> None:
         self._firm, self._release = firm, release
-        self.firmness = 0.0  # 0 to 1
-        self._out = (0.0, 0.0, 0.0)  # direction in which the contact pushes
+        self.reset()
+
+    def reset(self) -> None:
+        self._firmness = 0.0  # 0 to 1
+        self._pushed = [0.0, 0.0, 0.0]  # what the contact gave, forgotten slowly: single forces of an impact go astray
 
     def take(self, f: list[float], motion: list[float], dt: float) -> list[float]:
         """The velocity (3,) that keeps `motion` (3,) from going on against the contact's force f (3,)."""
         size = sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])
-        self.firmness *= self._release / (self._release + dt)
-        share = min(size / self._firm, 1.0)
-        if share >= self.firmness and size > 0.0:
-            self.firmness = share
-            self._out = (f[0] / size, f[1] / size, f[2] / size)
-        x, y, z = self._out
-        inward = self.firmness * min(x * motion[0] + y * motion[1] + z * motion[2], 0.0)
-        return [-inward * x, -inward * y, -inward * z]
+        keep = self._release / (self._release + dt)
+        self._firmness = max(keep * self._firmness, min(size / self._firm, 1.0))
+        self._pushed = p = [keep * p + dt * v for p, v in zip(self._pushed, f, strict=True)]
+        square = p[0] * p[0] + p[1] * p[1] + p[2] * p[2]
+        if square == 0.0:
+            return [0.0, 0.0, 0.0]
+        inward = self._firmness * min(p[0] * motion[0] + p[1] * motion[1] + p[2] * motion[2], 0.0) / square
+        return [-inward * p[0], -inward * p[1], -inward * p[2]]
+
+
+def _lifted(f: list[float], weight: float, at: _Three) -> list[float]:
+    """The wrench f without a weight (N) that pulls down at `at` (m, world axes)."""
+    return [f[0], f[1], f[2] + weight, f[3] + at[1] * weight, f[4] - at[0] * weight, f[5]]
 
 
 def _cross(a: _Three, b: _Three) -> _Three:

@@ -133,9 +133,9 @@ def _controllers(condition: Condition, a: dict[str, Any]) -> list[dict[str, Any]
     if condition.robot == "kairos" and condition.bare:
         body["speed"] = None
         body.pop("base_speed", None)
-    if condition.compliant:
-        body["force_feedback"] = {"position": [0.0, 0.0, -0.1]}  # the flange from the control point
-        body["in"] = body["in"] | {"flange_wrench": "arm.wrench", "hand": "guide.force"}
+    if condition.robot == "kairos" and not condition.compliant:
+        del body["force_feedback"]
+        body["in"] = {k: v for k, v in body["in"].items() if k not in ("flange_wrench", "hand")}
     return entries
 
 

@@ -335,7 +335,7 @@ def test_compliance_is_the_spring_it_says_and_takes_off_weight_and_hand() -> Non
     compliance = ContactCompliance(config)
     tool = Rotation.from_euler("xyz", [0.4, -0.7, 1.1])
     sensor = tool * Rotation.from_quat([0, 0.8, 0, 0.6])
-    hand, contact = np.array([3, -2, 5, 0.3, 0.1, -0.2]), np.array([10.0, -20, 5, 1, -0.5, 0.7])
+    hand, contact = np.array([3, -2, 5, 0.3, 0.1, -0.2]), np.array([10.0, -20, -8, 1, -0.5, 0.7])
     total = hand + contact
     for mass, com in ((1.2, [0, 0, 0.1]), (5.0, [0.02, 0, 0.2])):
         weight = np.array([0, 0, -9.81 * mass])
@@ -348,6 +348,27 @@ def test_compliance_is_the_spring_it_says_and_takes_off_weight_and_hand() -> Non
         compliance.update(raw.tolist(), hand.tolist(), [0.0] * 6, (w, x, y, z), 0.3, True, 2e-3)
     np.testing.assert_allclose(compliance.contact, contact, atol=1e-9)
     np.testing.assert_allclose(compliance.deviation, contact / np.array([500] * 3 + [30] * 3), rtol=1e-6)
+
+
+def test_a_load_is_no_contact_while_it_is_lifted_and_pressing_on_it_is() -> None:
+    """The gripper is closed: what pulls down is the load as long as it isn't too heavy; nobody says how heavy it is."""
+    compliance = ContactCompliance(
+        ComplianceConfig(axes="world", hand=False, dead_band=(0, 0), load={"mass": 14.0, "com": (0.1, 0, 0)})
+    )
+    compliance.reset(True)
+    for force, torque, left in (
+        (0.0, 0.0, 0.0),  # closed, still on the table
+        (-40.0, 4.0, 0.0),
+        (-98.1, 9.81, 0.0),
+        (-150.0, 15.0, 14 * 9.81 - 150.0),
+        (30.0, 0.0, 30.0),  # pressed down
+    ):
+        compliance.update([0, 0, force, 0, torque, 0], [0.0] * 6, [0.0] * 6, (1, 0, 0, 0), 0.0, True, 2e-3)
+        assert compliance.contact[2] == pytest.approx(left, abs=1e-9)
+        assert compliance.contact[4] == pytest.approx(-0.1 * left if force < 0 else 0.0, abs=1e-9)
+    compliance.reset(False)
+    compliance.update([0, 0, -40.0, 0, 0, 0], [0.0] * 6, [0.0] * 6, (1, 0, 0, 0), 0.0, False, 2e-3)
+    assert compliance.contact[2] == -40.0
 
 
 def test_the_arms_axes_turn_with_base_and_mount() -> None:
