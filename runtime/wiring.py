@@ -88,6 +88,12 @@ class _Builder:
                     f"{what}s differ: {have_name} has {_text(a)}, {want_name} has {_text(b)}",
                     "Wire another signal, or change the options that decide this one's form",
                 )
+        if have.labels != want.labels and sorted(have.labels) == sorted(want.labels):
+            raise WiringError(
+                self.source.place(place),
+                f"orders differ: {have_name} is {', '.join(have.labels)}, {want_name} expects {', '.join(want.labels)}",
+                "Name them in that order where the device or the option lists them",
+            )
         if have.frame and want.frame and have.frame != want.frame:
             raise WiringError(
                 self.source.place(place),

@@ -72,6 +72,17 @@ def test_wrong_profiles(case: str, tmp_path: Path, capsys: pytest.CaptureFixture
         assert name in said, f"'{name}' isn't in: {said}"
 
 
+def test_buttons_in_another_order_than_the_law_reads_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = profile.find("moca-man")[1]
+    assert "{A: {pin: 2}, M: {pin: 3}," in text
+    path = tmp_path / "wrong.yaml"
+    path.write_text(text.replace("{A: {pin: 2}, M: {pin: 3},", "{M: {pin: 3}, A: {pin: 2},"))
+    assert main(["check", str(path)]) == 2
+    said = capsys.readouterr().err
+    assert "orders differ" in said
+    assert "M, A, G, P" in said
+
+
 WRONG_CALLS = {
     "no such profile": (["check", "sixth-fingr"], ["sixth-finger"]),
     "no such file": (["check", "nowhere/my.yaml"], ["nowhere/my.yaml", "No such file"]),

@@ -15,7 +15,7 @@ from runtime.signals import Array, Command, Limits, Stop
 LONGEST = 5  # periods: a longer pause is not made up for, the motion goes on where it was
 SHORTEST = 1e-3  # periods: a clock that stands still must not divide by zero
 RETRACT_SPEED = 0.25  # of the velocity limit
-RATES = ("velocity", "acceleration", "jerk", "effort", "effort_rate")
+RATES = ("velocity", "acceleration", "jerk", "effort", "effort_rate", "inertia")
 MINUTE, MOST = 1e-9, 1e9  # limits that a device gives are numbers in between, in any unit
 
 
@@ -78,7 +78,7 @@ class CommandGuard(ABC):
         self.max_effort_rate = self._flat("effort_rate", limits.effort_rate, inf)
         self.inertia = self._flat("inertia", limits.inertia, inf)
         for name in RATES:
-            values = getattr(self, f"max_{name}")
+            values = self._flat(name, getattr(limits, name), inf)
             # Zero would divide; a joint that can't accelerate can't brake. NaN compares as no limit at all.
             least = 0.0 if name in self.may_be_zero else MINUTE
             most = MOST if name in self.needs else inf

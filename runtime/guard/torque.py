@@ -50,7 +50,7 @@ class TorqueGuard(CommandGuard):
 
     All torques are counted from gravity compensation g, if that is bound, so that the guard neither fights
     nor drops it. With effort limit E and velocity limit V, the damping is d = E/V: full effort at full speed, but
-    at most I/(8 dt) for the least inertia I that the joint moves, if it is given: more would make a joint ring whose
+    at most I/(8 dt) for the least inertia I that the joint moves: more would make a joint ring whose
     torque acts some periods after its velocity was measured.
     The barrier is a one-sided spring and damper, stiffness k = E/(ZONE range), damping 2d; for qd > 0
     tau - g <= k (upper - q - qd^2/2A) - 2d qd, likewise at the lower limit, each side within [-E, E]: beyond
@@ -63,7 +63,7 @@ class TorqueGuard(CommandGuard):
     stiffness d/HOLD_TIME; `brake` and `retract` are `hold`. All within effort and rate.
     """
 
-    needs = ("velocity", "effort", "effort_rate")
+    needs = ("velocity", "effort", "effort_rate", "inertia")
     may_be_zero = ("effort", "effort_rate")
 
     def __init__(

@@ -47,7 +47,8 @@ def test_merging_takes_the_narrower_of_each():
         (Kind.POSITION, {"velocity": 1}, "acceleration"),
         (Kind.VELOCITY, {"acceleration": 1}, "velocity"),
         (Kind.TORQUE, {"effort": 1, "velocity": 1}, "effort_rate"),
-        (Kind.TORQUE, {"effort": 1, "velocity": 1, "effort_rate": 1, "lower": 0}, "upper"),
+        (Kind.TORQUE, {"effort": 1, "velocity": 1, "effort_rate": 1}, "inertia"),
+        (Kind.TORQUE, {"effort": 1, "velocity": 1, "effort_rate": 1, "inertia": 1, "lower": 0}, "upper"),
     ],
 )
 def test_a_missing_limit_is_named(kind, given, missing):
@@ -67,14 +68,14 @@ def test_limits_without_room_and_a_rest_outside_are_refused():
 def test_the_kind_decides_the_guard():
     assert isinstance(guard_of(Kind.POSITION, velocity=1, acceleration=1), PositionGuard)
     assert isinstance(guard_of(Kind.VELOCITY, velocity=1, acceleration=1), VelocityGuard)
-    assert isinstance(guard_of(Kind.TORQUE, velocity=1, effort=1, effort_rate=1), TorqueGuard)
+    assert isinstance(guard_of(Kind.TORQUE, velocity=1, effort=1, effort_rate=1, inertia=1), TorqueGuard)
 
 
 def test_measurements_a_kind_needs_must_be_bound():
     velocity = guard_of(Kind.VELOCITY, velocity=1, acceleration=1, lower=-1, upper=1)
     with pytest.raises(WiringError, match="measured position"):
         velocity.bind(np.zeros(1))
-    torque = guard_of(Kind.TORQUE, velocity=1, effort=1, effort_rate=1)
+    torque = guard_of(Kind.TORQUE, velocity=1, effort=1, effort_rate=1, inertia=1)
     with pytest.raises(WiringError, match="measured position and velocity"):
         torque.bind(np.zeros(1), np.zeros(1))
     with pytest.raises(WiringError, match="shape"):
@@ -92,11 +93,12 @@ def test_measurements_a_kind_needs_must_be_bound():
         (Kind.TORQUE, "velocity"),
         (Kind.TORQUE, "effort"),
         (Kind.TORQUE, "effort_rate"),
+        (Kind.TORQUE, "inertia"),
     ],
 )
 def test_a_device_whose_own_limit_is_nonsense_is_refused(kind, name, wrong):
     """As a comparison with NaN is never true, it would be no limit at all."""
-    given = {"velocity": 1.0, "acceleration": 2.0, "effort": 5.0, "effort_rate": 100.0}
+    given = {"velocity": 1.0, "acceleration": 2.0, "effort": 5.0, "effort_rate": 100.0, "inertia": 0.1}
     given = {each: np.array([value, value]) for each, value in given.items()}
     given[name][1] = wrong
     with pytest.raises(WiringError, match=f"the {name} limit"):
@@ -107,7 +109,7 @@ def test_a_device_whose_own_limit_is_nonsense_is_refused(kind, name, wrong):
     ("kind", "name"), [(Kind.VELOCITY, "acceleration"), (Kind.POSITION, "acceleration"), (Kind.TORQUE, "velocity")]
 )
 def test_a_limit_that_would_divide_by_zero_in_the_loop_is_refused_before_it(kind, name):
-    given = {each: np.full(2, 5.0) for each in ("velocity", "acceleration", "effort", "effort_rate")}
+    given = {each: np.full(2, 5.0) for each in ("velocity", "acceleration", "effort", "effort_rate", "inertia")}
     given[name][0] = 0.0
     with pytest.raises(WiringError, match=f"the {name} limit 0"):
         make_guard(PLACE, Command(name="c", shape=(2,), unit="1", kind=kind, feedback="p"), Limits(**given), 0.01)
