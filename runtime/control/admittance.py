@@ -56,7 +56,7 @@ class AdmittanceConfig(ControllerConfig):
     dead_band: tuple[float, float] = Field((0.3, 0.03), description="N, N m: what is less doesn't count")
     leash: LeashConfig | None = LeashConfig()
     tank: float | None = Field(
-        0.5, gt=0, description="J, what may be given back to the hand before damping is added; null: the bare law"
+        0.1, gt=0, description="J, what may be given back to the hand before damping is added; null: the bare law"
     )
     force_age: float = Field(
         0.0, ge=0, le=0.2, description="s, by which `wrench` is older than `twist`; without it the tank can't see that"

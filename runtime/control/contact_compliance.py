@@ -15,7 +15,9 @@ becomes firm, and given back slowly after it is lost, since a contact behind a d
 
 from __future__ import annotations
 
+from collections import deque
 from math import sqrt
+from operator import sub
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -65,6 +67,12 @@ class ComplianceConfig(BaseModel):
     release: float = Field(1.0, gt=0, description="s, time constant with which it is followed again")
     dead_band: tuple[float, float] = Field((6.0, 0.6), description="N, N m: what is less doesn't count")
     hand: bool = Field(True, description="the hand's force goes through the sensor too: take it off (input `hand`)")
+    hand_lead: float = Field(
+        0.02,
+        ge=0,
+        le=0.2,
+        description="s by which `hand` may be newer than `flange_wrench`: a push mustn't look like contact",
+    )
 
 
 class ContactCompliance:
@@ -82,6 +90,7 @@ class ContactCompliance:
         self._mount = rotation.normalised(config.mount_quaternion)
         self._share = 0.0
         self._against = (_Against(config.firm[0], config.release), _Against(config.firm[1], config.release))
+        self._hands: deque[list[float]] = deque()  # the hand's wrenches of the last `hand_lead`
         self._yielding = [0.0] * 6
         self.deviation, self.velocity, self.contact = [0.0] * 6, [0.0] * 6, [0.0] * 6
 
@@ -90,6 +99,7 @@ class ContactCompliance:
         self._share = float(closed)
         for against in self._against:
             against.reset()
+        self._hands.clear()
         self._yielding = [0.0] * 6
         self.deviation, self.velocity, self.contact = [0.0] * 6, [0.0] * 6, [0.0] * 6
 
@@ -116,7 +126,11 @@ class ContactCompliance:
         c = self._config
         step = dt / c.load_time
         self._share = min(self._share + step, 1.0) if closed else max(self._share - step, 0.0)
-        self.contact = f = self._contact(wrench, hand, orientation, yaw)
+        if c.hand:
+            self._hands.append(hand)
+            while dt > 0.0 and len(self._hands) > round(c.hand_lead / dt) + 1:
+                self._hands.popleft()
+        self.contact = f = self._contact(wrench, orientation, yaw)
         e, v = self.deviation, self._yielding
         taken = [*self._against[0].take(f[:3], desired[:3], dt), *self._against[1].take(f[3:], desired[3:], dt)]
         for i in range(6):
@@ -125,9 +139,7 @@ class ContactCompliance:
             self.velocity[i] = v[i] + taken[i]
             e[i] += dt * self.velocity[i]
 
-    def _contact(
-        self, wrench: list[float], hand: list[float], orientation: rotation.Quaternion, yaw: float
-    ) -> list[float]:
+    def _contact(self, wrench: list[float], orientation: rotation.Quaternion, yaw: float) -> list[float]:
         c = self._config
         turn = self._turn
         if c.axes == "tool":
@@ -141,7 +153,10 @@ class ContactCompliance:
         if c.tool is not None:
             f = _lifted(f, c.tool.mass * GRAVITY, rotation.turned(orientation, c.tool.com))
         if c.hand:
-            f = [a - b for a, b in zip(f, hand, strict=True)]
+            # Which of the hand's forces the flange feels now isn't known: the one that leaves least is no contact.
+            hands = self._hands
+            left = [list(map(sub, f, hands[k])) for k in {0, len(hands) // 2, len(hands) - 1}]
+            f = [*min((v[:3] for v in left), key=_square), *min((v[3:] for v in left), key=_square)]
         if c.load is not None and self._share > 0.0:
             # It comes off the table bit by bit, and nobody says how heavy it is.
             borne = min(max(-f[2], 0.0), self._share * c.load.mass * GRAVITY)
@@ -166,11 +181,15 @@ class _Against:
         keep = self._release / (self._release + dt)
         self._firmness = max(keep * self._firmness, min(size / self._firm, 1.0))
         self._pushed = p = [keep * p + dt * v for p, v in zip(self._pushed, f, strict=True)]
-        square = p[0] * p[0] + p[1] * p[1] + p[2] * p[2]
+        square = _square(p)
         if square == 0.0:
             return [0.0, 0.0, 0.0]
         inward = self._firmness * min(p[0] * motion[0] + p[1] * motion[1] + p[2] * motion[2], 0.0) / square
         return [-inward * p[0], -inward * p[1], -inward * p[2]]
+
+
+def _square(v: list[float]) -> float:
+    return v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
 
 
 def _lifted(f: list[float], weight: float, at: _Three) -> list[float]:
