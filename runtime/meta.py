@@ -24,6 +24,7 @@ def describe(
     devices: list[Driver],
     controllers: list[Controller],
     parameters: list[tuple[str, Parameter]],
+    scenery: list[dict[str, Any]],
 ) -> dict[str, Any]:
     """The layout's `meta`; JSON only."""
     return {
@@ -50,6 +51,7 @@ def describe(
         "emergency": [f"{e.signal}[{e.index}]" for e in profile.emergency],
         "setpoints": [{"name": n, "max_age": e.max_age} for n, e in profile.setpoints.items()],
         "frames": {n: f.model_dump() for n, f in profile.frames.items()},
+        "scenery": scenery,
         "bus": profile.bus.model_dump() if profile.bus is not None else None,
         "record": {"plots": _plots(profile, source, signals, simulated)},
     }

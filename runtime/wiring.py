@@ -129,7 +129,8 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
     b.layout.devices = names
     _unused(b, devices)
     layout = b.layout
-    layout.meta = describe(b.profile, b.source, b.signals, b.simulated, devices, controllers, parameters)
+    scenery = world.scenery if world is not None else []
+    layout.meta = describe(b.profile, b.source, b.signals, b.simulated, devices, controllers, parameters, scenery)
     keys.check(layout.fields, f"{b.source.label}: signal")
     board = Board(layout)
     for item in layout.meta["parameters"]:

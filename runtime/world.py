@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +34,8 @@ class World(ABC):
         duration: s until the person's recording is over; None where there is no end.
         finished: whether what was to be done in it is done: the run ends by itself.
         truth: what really is (joint angles, tips, contact forces); recorded, never wired to a controller.
+        scenery: what stands there and never moves, for viewers: kind ("box", "cylinder", "capsule", "sphere"), size (m:
+            half sizes; radius and half length), position (m), quaternion (w x y z), colour (red, green, blue, alpha).
     """
 
     Config: type[WorldConfig] = WorldConfig
@@ -45,6 +48,7 @@ class World(ABC):
         self.duration: float | None = None
         self.finished = False
         self.truth: tuple[Signal, ...] = ()
+        self.scenery: list[dict[str, Any]] = []
         self.truth_arrays: Mapping[str, Array] = {}
 
     def bind(self, truth: Mapping[str, Array]) -> None:

@@ -70,6 +70,7 @@ class Cell(World):
         for part in self.parts.values():
             part.bind(self.model, self.data)
         mujoco.mj_forward(self.model, self.data)
+        self.scenery = _scenery(self.model, self.data)
         self._planner = self._ending(config.ends_with)
         self._driven = [part for part in self.parts.values() if part.every]
         self._samples: list[Samples] = []
@@ -187,6 +188,24 @@ class Cell(World):
     def _settle(self) -> None:
         """A step leaves positions of bodies and sites one step behind the joints."""
         mujoco.mj_kinematics(self.model, self.data)
+
+
+def _scenery(model: Any, data: Any) -> list[dict[str, Any]]:
+    """The geoms of bodies that nothing moves, without planes."""
+    kinds = {mujoco.mjtGeom.mjGEOM_BOX: "box", mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder",
+             mujoco.mjtGeom.mjGEOM_CAPSULE: "capsule", mujoco.mjtGeom.mjGEOM_SPHERE: "sphere"}  # fmt: skip
+    found = []
+    for geom in range(model.ngeom):
+        kind = kinds.get(int(model.geom_type[geom]))
+        if kind is None or model.body_weldid[model.geom_bodyid[geom]] != 0:
+            continue
+        turn = np.zeros(4)
+        mujoco.mju_mat2Quat(turn, data.geom_xmat[geom])
+        values = {"size": model.geom_size[geom], "position": data.geom_xpos[geom], "quaternion": turn}
+        found.append(
+            {"kind": kind, "colour": model.geom_rgba[geom].tolist()} | {k: v.tolist() for k, v in values.items()}
+        )
+    return found
 
 
 def _document(config: CellConfig, parts: dict[str, Part]) -> str:

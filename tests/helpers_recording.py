@@ -39,7 +39,10 @@ def make_layout(rate: int = 1000, extra: int = 40) -> Layout:
     layout.add("hand.pose", "state", (7,), "m")
     layout.add("odd.values", "internal", (extra,), "1")
     joints = ("abduction", "mcp", "pip", "dip")
+    place = {"size": [0.1, 0.2, 0.3], "position": [0.0, 0.0, 1.0], "quaternion": [1.0, 0.0, 0.0, 0.0]}
+    kinds = ("box", "cylinder", "capsule", "sphere")
     layout.meta = {
+        "scenery": [{"kind": kind, "colour": [0.5, 0.5, 0.5, 1.0]} | place for kind in kinds],
         "name": "made-up",
         "profile": "name: made-up\nrate: 1000\n",
         "sha256": "0" * 64,

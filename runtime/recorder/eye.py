@@ -12,7 +12,7 @@ from runtime.signals import Array
 
 # From the thumb's side of a right hand (-x), from behind the wrist (-y) and from its back (+z); as good for a robot.
 DIRECTION = np.array([-0.75, -0.35, 0.55]) / np.linalg.norm([-0.75, -0.35, 0.55])
-DISTANCE = 2.0  # in radii of what is shown
+DISTANCE = 2.4  # in radii of what is shown
 UP = (0.0, 0.0, 1.0)
 
 

@@ -38,9 +38,9 @@ OTHER_STATE = (0, 114, 178)
 CAUSE_COLORS = {Cause.NONE: (50, 50, 50), Cause.REQUEST: (90, 90, 90), Cause.END: (90, 90, 90)}
 FAULT = (213, 94, 0)
 JOINT, POINT, LINK, WIRE = 0.003, 0.004, 0.0012, 0.0004  # m, radii in 3D
-ELBOW, LIMB, ARROW, TRAIL = 0.03, 0.02, 0.008, 0.004  # m, radii of what is as large as an arm
+ELBOW, LIMB, ARROW, TRAIL = 0.03, 0.02, 0.012, 0.006  # m, radii of what is as large as an arm
 TRAILING = 150  # points of a path that are kept: 5 s
-NEWTON = 0.01  # m, of an arrow a newton
+NEWTON = 0.02  # m, of an arrow a newton
 AXES = 0.03  # m, of a frame
 ROOT = "tf#/"  # rerun's own name of the frame of "/"
 
@@ -88,6 +88,8 @@ class Scene:
             log(rr.new_entity_path(["frames", child]), fixed)
             path = rr.new_entity_path(["axes", name])
             log(path, rr.CoordinateFrame(name), rr.TransformAxes3D(AXES))
+        for kind, shape in _scenery(self._layout.meta.get("scenery", [])):
+            log(f"/scenery/{kind}", shape)
         for field in visuals(self._layout):
             path, color = entity(field.name), self._shapes[field.name]
             if field.frame in self._frames:
@@ -204,6 +206,29 @@ def _shows(f: Field) -> bool:
         case "arrow":
             return f.shape == (2, 3)
     return False
+
+
+def _scenery(shapes: Sequence[Mapping[str, Any]]) -> list[tuple[str, Any]]:
+    """What stands in the simulated world, by kind."""
+    found: list[tuple[str, Any]] = []
+    for kind in dict.fromkeys(s["kind"] for s in shapes):
+        chosen = [s for s in shapes if s["kind"] == kind]
+        size, at = np.array([s["size"] for s in chosen]), np.array([s["position"] for s in chosen])
+        w, x, y, z = np.array([s["quaternion"] for s in chosen]).T
+        place = {"quaternions": np.stack([x, y, z, w], axis=1), "colors": [s["colour"] for s in chosen]}
+        solid = rr.components.FillMode.Solid
+        if kind == "box":
+            found.append((kind, rr.Boxes3D(half_sizes=size, centers=at, fill_mode=solid, **place)))
+        elif kind == "cylinder":
+            found.append((kind, rr.Cylinders3D(lengths=2 * size[:, 1], radii=size[:, 0], centers=at, **place)))
+        elif kind == "capsule":
+            # The viewer's begin at their centre and go along z.
+            along = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=1)
+            start = at - along * size[:, 1:2]
+            found.append((kind, rr.Capsules3D(lengths=2 * size[:, 1], radii=size[:, 0], translations=start, **place)))
+        else:
+            found.append((kind, rr.Ellipsoids3D(centers=at, radii=size[:, 0], colors=place["colors"])))
+    return found
 
 
 def _looks(field: Field, color: tuple[int, int, int]) -> list[Any]:

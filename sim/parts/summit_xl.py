@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
+from itertools import combinations, product
 from math import cos, sin
 from typing import Any, ClassVar, Final, cast
 from xml.etree.ElementTree import Element
@@ -21,6 +22,12 @@ _CONTROL: Final = 0.002  # s, period of the wheels' own control
 _GRAVITY: Final = 9.81
 _WAITING: Final = 64  # commands on their way that are remembered
 _JOINTS: Final = ("x", "y", "yaw")
+_CORNERS: Final = tuple(product((-1.0, 1.0), repeat=3))  # of a box
+_EDGES: Final = tuple(
+    (i, j)
+    for i, j in combinations(range(8), 2)
+    if sum(a != b for a, b in zip(_CORNERS[i], _CORNERS[j], strict=True)) == 1
+)
 _ROLLS: Final = 20000.0  # N s/m, what a wheel's rollers resist for each m/s of slip along their axes
 
 
@@ -65,6 +72,7 @@ class SummitXlPart(Part):
                 unit="rad/s",
                 labels=("front_left", "front_right", "back_left", "back_right"),
             ),
+            Signal(name=f"{name}_outline", shape=(8, 3), unit="m", visual="robot", links=_EDGES),
         )
         self._waiting: deque[tuple[float, float, float, float]] = deque(maxlen=_WAITING)  # step, vx, vy, wz
         self._wanted, self._wheels = np.zeros(4), np.zeros(4)  # rad/s
@@ -99,9 +107,12 @@ class SummitXlPart(Part):
             **ROBOT_CONTACT,
         )
         mjcf.body(base, f"{name}/deck", pos=(0.0, 0.0, middle + height / 2))
+        self._corners = np.array(_CORNERS) * half + (0.0, 0.0, middle)
 
     def bind(self, model: Any, data: Any) -> None:
         self._data = data
+        body = int(model.body(f"{self.name}/base").id)
+        self._axes, self._place = data.xmat[body].reshape(3, 3), data.xpos[body]
         first, drive = model.joint(f"{self.name}/x"), int(model.actuator(f"{self.name}/x").id)
         start, dof = int(first.qposadr[0]), int(first.dofadr[0])
         self._q, self._dq = data.qpos[start : start + 3], data.qvel[dof : dof + 3]
@@ -170,6 +181,8 @@ class SummitXlPart(Part):
         truth[f"{name}_twist"][:] = self.twist()
         truth[f"{name}_odometry"][:] = self._odometry
         truth[f"{name}_wheels"][:] = self._wheels
+        np.dot(self._corners, self._axes.T, truth[f"{name}_outline"])
+        truth[f"{name}_outline"] += self._place
 
     def save(self) -> Array:
         waiting = np.full((_WAITING, 4), -1.0)

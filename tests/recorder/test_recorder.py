@@ -113,6 +113,8 @@ def test_rows_survive_kill_9_and_merge_bit_for_bit(tmp_path: Path, count: int, k
         "/glove/position",
         "/finger/position_command/applied",
         "/loop/cycle",
+        "/scenery/box",
+        "/scenery/capsule",
         "/hand/tips",
         "/notes",
     ):

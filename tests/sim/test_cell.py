@@ -249,3 +249,15 @@ def test_it_is_gone_in_its_windows() -> None:
     fake.open()
     fake.read(0)
     assert fake.health.reconnects == 1
+
+
+def test_scenery_is_what_nothing_moves() -> None:
+    half = np.sqrt(0.5)
+    table = {"part": "box", "size": [0.2, 0.4, 0.6], "position": [1, 2, 3], "quaternion": [half, 0, 0, half]}
+    block = {"part": "obstacles", "boxes": [{"position": [1.0, 0.0, 0.5], "size": [0.4, 0.2, 1.0]}]}
+    world = cell(one={"part": "pendulum"}, table=table, block=block)
+    shown = {tuple(np.round(s["position"], 9)): s for s in world.scenery}
+    assert set(shown) == {(1.0, 2.0, 3.0), (1.0, 0.0, 0.5)}
+    assert all(s["kind"] == "box" for s in world.scenery)
+    np.testing.assert_allclose(shown[1.0, 2.0, 3.0]["size"], [0.1, 0.2, 0.3])
+    np.testing.assert_allclose(shown[1.0, 2.0, 3.0]["quaternion"], [half, 0, 0, half], atol=1e-12)
