@@ -34,7 +34,7 @@ from runtime.mailbox import Answer, Ask
 from runtime.signals import Kind, Limits, Stop
 
 PATIENCE = 5_000_000_000  # ns that a stop may take on the way out: a limb that can't come to rest mustn't keep the run
-_CATEGORIES = list(Stop)
+_CATEGORIES = {category: i for i, category in enumerate(Stop)}
 _NOW, _DT, _STATE, _CAUSE = (CYCLE.index(n) for n in ("now", "dt", "state", "cause"))
 _CULPRIT, _CATEGORY, _OVERRUNS, _FLAGS = (CYCLE.index(n) for n in ("culprit", "category", "overruns", "flags"))
 
@@ -167,7 +167,7 @@ class Cycle:
         state = self.machine.state
         if state is not State.ACTIVE:
             return
-        dt = int(self._ints[_DT]) * 1e-9
+        dt = self._ints.item(_DT) * 1e-9
         fresh = self._was is not State.ACTIVE
         for i, controller in enumerate(self.graph.controllers):
             try:
@@ -181,18 +181,19 @@ class Cycle:
 
     def guard(self) -> None:
         """Bounds every command, or carries out the stop; then settles the state."""
-        machine, ints, dt = self.machine, self._ints, int(self._ints[_DT]) * 1e-9
+        machine, ints, dt = self.machine, self._ints, self._ints.item(_DT) * 1e-9
         if machine.state is State.HOMING and self._was is not State.HOMING:
             self._begin()
         state = machine.state
-        at_rest = True
+        at_rest, flags = True, 0
         for i, (actuator, guard) in enumerate(zip(self.graph.actuators, self.guards, strict=True)):
             at = self._first + actuator.device * len(DEVICE) + 1
-            if not ints[at] & LINK_ACTIVE:
+            link = ints.item(at)
+            if not link & LINK_ACTIVE:
                 continue
             category = self.category(actuator)
             # Damping by a velocity from a while ago would drive the joint, and retracting never arrive.
-            guard.blind = bool(ints[at] & LINK_STALE)
+            guard.blind = bool(link & LINK_STALE)
             if state is State.ACTIVE:
                 guard.step(actuator.asked, actuator.asked_velocity, dt)
             elif state is State.HOMING:
@@ -205,13 +206,13 @@ class Cycle:
             else:
                 guard.stop(category, dt)
                 at_rest &= guard.at_rest
-            ints[_CATEGORY] = _CATEGORIES.index(category)
-            ints[_FLAGS] |= (
-                FLAG_REJECTED * guard.rejected | FLAG_FALLBACK * guard.fallback | FLAG_LIMITED * guard.limited
-            )
+            ints[_CATEGORY] = _CATEGORIES[category]
+            flags |= FLAG_REJECTED * guard.rejected | FLAG_FALLBACK * guard.fallback | FLAG_LIMITED * guard.limited
+        if flags:
+            ints[_FLAGS] |= flags
         self._was = state
         if machine.exiting:
-            self._leaving += int(ints[_DT])
+            self._leaving += ints.item(_DT)
         machine.settle(at_rest or self._leaving > PATIENCE)
         ints[_STATE], ints[_CAUSE], ints[_CULPRIT] = machine.state, machine.cause, machine.culprit
 
