@@ -23,6 +23,8 @@ from runtime.controller import Controller, ControllerConfig, Parameter
 from runtime.signals import Signal
 
 GRAVITY: Final = 9.81  # m/s^2
+_FULL: Final = 0.25  # of the tank: above it there is no brake
+_RELEASE: Final = 1.0  # s, in which the brake goes: a swing that it let fill the tank would begin again
 _ZEROS: Final = [0.0] * 6  # read only
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 _Six = tuple[float, float, float, float, float, float]
@@ -58,6 +60,7 @@ class AdmittanceConfig(ControllerConfig):
     tank: float | None = Field(
         0.1, gt=0, description="J, what may be given back to the hand before damping is added; null: the bare law"
     )
+    brake: float = Field(150.0, gt=0, description="N s/m, damping of an empty tank")
     force_age: float = Field(
         0.0, ge=0, le=0.2, description="s, by which `wrench` is older than `twist`; without it the tank can't see that"
     )
@@ -103,7 +106,8 @@ class Admittance(Controller):
         self._velocity = [0.0] * 6
         self._position: list[float] = [0.0, 0.0, 0.0]
         self._orientation: rotation.Quaternion = (1.0, 0.0, 0.0, 0.0)
-        self._tank = 0.0
+        self._tank = self._brake = 0.0
+        self._shares = [m / config.mass[0] for m in config.mass]  # of the brake, by axis
         self._past: deque[list[float]] = deque()  # measured twists, the oldest as old as the wrench
         self._emptied = self._leashed = 0
 
@@ -111,7 +115,7 @@ class Admittance(Controller):
         x, y, z, *q = self.input["pose"].tolist()
         self._position, self._orientation = [x, y, z], rotation.normalised((q[0], q[1], q[2], q[3]))
         self._velocity = [0.0] * 6
-        self._tank = self._config.tank or 0.0
+        self._tank, self._brake = self._config.tank or 0.0, 0.0
         self._past.clear()
         self._hand(self._orientation)
         self._write([0.0] * 6)
@@ -119,21 +123,22 @@ class Admittance(Controller):
     def update(self, dt: float) -> None:
         on, rotates, *_ = self.input["modes"].tolist()
         M, D = self.param["scale"].item(), self.param["damping"].item()
-        force, pull, brake = [0.0] * 6, _ZEROS, _ZEROS
+        force, pull, drag = [0.0] * 6, _ZEROS, _ZEROS
         x, y, z, qw, qx, qy, qz = self.input["pose"].tolist()
         F, T, r = self._hand((qw, qx, qy, qz))
         if on > 0.5:
             force = self._felt(F, T, r, rotates > 0.5)
             # Switched off, the desired pose stays: whoever pushes the robot away stretches its spring, not the leash.
-            pull, brake = self._held((x, y, z), (qw, qx, qy, qz))
-        extra = self._passive(force, dt, D) / M
+            pull, drag = self._held((x, y, z), (qw, qx, qy, qz))
+        brake = self._passive(force, dt, D)
         # Semi-implicit: the force at the velocity before, then the pose with the velocity after.
         self._velocity = v = [
             v + dt / (M * m) * (f + p - (D * d + b) * v)
-            for v, m, d, f, p, b in zip(self._velocity, self._M, self._D, force, pull, brake, strict=True)
+            for v, m, d, f, p, b in zip(self._velocity, self._M, self._D, force, pull, drag, strict=True)
         ]
-        if extra > 0.0:
-            v[:] = [x / (1.0 + dt * extra * self._M[0] / m) for x, m in zip(v, self._M, strict=True)]  # may be large
+        if brake > 0.0:
+            slow = 1.0 + dt * brake / (M * self._M[0])  # of all axes alike, by their shares of the mass
+            v[:] = [x / slow for x in v]
         x, y, z = self._position
         self._position = [x + dt * v[0], y + dt * v[1], z + dt * v[2]]
         turn = rotation.exp(dt * v[3], dt * v[4], dt * v[5])
@@ -182,17 +187,20 @@ class Admittance(Controller):
         return [*pulls, *twists], [brakes, brakes, brakes, slows, slows, slows]
 
     def _passive(self, force: list[float], dt: float, scale: float) -> float:
-        """Damping, N s/m, that keeps the tank from running dry.
+        """Damping, N s/m, that comes in as the tank runs dry.
 
-        What the port gives the hand is lambda (x_d - xdot_measured), fed by what D dissipates. With a perfect
-        robot the first is zero; delay and compliance make it cost energy. Power is the force times the motion of the
-        same instant: a late sensor's force goes with the motion of then.
+        What the port gives the hand is lambda (x_d - xdot_measured), fed by what all damping dissipates. With a
+        perfect robot the first is zero; delay and compliance make it cost energy. Power is the force times the
+        motion of the same instant: a late sensor's force goes with the motion of then.
+
+        The damping is bounded: an unbounded one would lock the robot against a hand that pushes on, since
+        measured motion is noisy. What couldn't be held back is owed, and paid before the damping goes again.
         """
         size = self._config.tank
         if size is None:
             return 0.0
         v = self._velocity
-        paid = scale * _dot(self._D, map(mul, v, v))
+        paid = (scale * _dot(self._D, map(mul, v, v))) + self._brake * _dot(self._shares, map(mul, v, v))
         moved = self.input["twist"].tolist()
         if self._config.force_age:
             self._past.append(moved)
@@ -200,14 +208,11 @@ class Admittance(Controller):
                 self._past.popleft()
             moved = self._past[0]
         given = _dot(force, map(sub, v, moved))
-        level = self._tank + dt * (paid - given)
-        self._tank = min(max(level, 0.0), size)
-        if level > 0.1 * size:
-            return 0.0
-        self._emptied += 1
-        # All that is given and not paid for is damped away, the more the emptier the tank.
-        need = max(given - paid, 0.0) / max(_dot(v, v), 1e-6)
-        return min(need + scale * self._D[0] * (1.0 - max(level, 0.0) / (0.1 * size)), 2000.0)
+        self._tank = level = min(max(self._tank + dt * (paid - given), -5 * size), size)
+        wanted = self._config.brake * min(max(1.0 - level / (_FULL * size), 0.0), 1.0)
+        self._brake = max(wanted, self._brake * _RELEASE / (_RELEASE + dt))
+        self._emptied += level <= 0.0
+        return self._brake
 
     def _write(self, force: list[float]) -> None:
         out = self.output

@@ -210,7 +210,7 @@ def held(stiffness: float, delay: float, tank: float | None, seconds: float = 8.
 @pytest.mark.parametrize("stiffness", [200, 500, 1000, 2000])
 @pytest.mark.parametrize("delay", [0.002, 0.01, 0.02, 0.03])
 def test_a_stiff_hand_behind_a_delay_makes_no_growing_oscillation(stiffness: float, delay: float) -> None:
-    seen = np.abs(held(stiffness, delay, 0.5))
+    seen = np.abs(held(stiffness, delay, 0.1))
     early, late = seen[:1500].max(), seen[-1500:].max()
     assert np.isfinite(seen).all()
     assert late <= early
@@ -244,8 +244,22 @@ def knocked_late_sensor(age: float) -> tuple[float, float]:
 def test_the_tank_holds_a_stiff_hand_behind_a_late_sensor_if_it_knows_how_late() -> None:
     early, late = knocked_late_sensor(age=0.03)
     assert late < 0.05 * early
-    early, late = knocked_late_sensor(age=0.0)
-    assert late > 0.5 * early
+
+
+def test_an_empty_tank_doesnt_lock_the_robot_against_a_hand_that_pushes_on() -> None:
+    """A robot that stands while 100 N push empties the tank; with measured motion as noisy as it is, it moves then."""
+    controller = law(leash=None, dead_band=(0, 0))
+    rng = np.random.default_rng(3)
+    controller.input["modes"][:] = [1, 0, 0, 0]
+    controller.input["wrench"][0] = 100.0
+    for _ in range(300):
+        controller.update(0.002)
+    assert controller.output["tank"][0] < 0.0
+    for _ in range(1000):
+        controller.input["twist"][0] = controller.output["twist"][0] + rng.normal(0.0, 0.005)
+        controller.update(0.002)
+    config = controller._config
+    assert controller.output["twist"][0] >= 0.99 * 100.0 / (config.damping[0] + config.brake)
 
 
 def test_the_bare_law_does_ring_there() -> None:
