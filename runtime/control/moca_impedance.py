@@ -25,6 +25,8 @@ from runtime.signals import Array, Signal
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 _Six = tuple[_Positive, _Positive, _Positive, _Positive, _Positive, _Positive]
 _CLOSED, _LOCOMOTION = 2, 3  # of the modes
+_SELDOM: Final = 10  # cycles after which the masses are worked out anew: they change with the posture only
+_HEAVIEST: Final = 20.0  # kg, kg m^2: near singular postures they grow without bounds
 _HELD_BACK: Final = 0.1  # N m: more than this between asked and applied torque counts
 
 
@@ -42,7 +44,10 @@ class MocaImpedanceConfig(RobotName, ControllerConfig):
     """Options of `moca-impedance`."""
 
     stiffness: _Six = Field((500.0, 500.0, 500.0, 30.0, 30.0, 30.0), description="K_d, N/m and N m/rad, world axes")
-    damping_ratio: float = Field(0.7, gt=0, le=2, description="xi; D_d = 2 xi sqrt(K_d), D_0 = 2 xi sqrt(K_0)")
+    damping_ratio: float = Field(0.7, gt=0, le=2, description="xi; D_d = 2 xi sqrt(K_d m), D_0 = 2 xi sqrt(K_0)")
+    unit_mass: bool = Field(
+        False, description="m of D_d is 1, as published; else the mass along each axis in this posture, at least 1"
+    )
     manipulation: MocaPriority = MocaPriority(base=5.0, arm=1.0, posture=5.0)
     locomotion: MocaPriority = MocaPriority(base=1.0, arm=6.0, posture=50.0)
     blend: float = Field(0.5, gt=0, description="s that a switch of priority takes")
@@ -61,7 +66,7 @@ class MocaImpedanceConfig(RobotName, ControllerConfig):
     payload: LoadConfig | None = Field(None, description="what the closed gripper carries")
     payload_time: float = Field(0.3, gt=0, description="s over which the payload comes in and goes")
     lag: float = Field(
-        0.005, ge=0, le=0.05, description="s; damping that would overshoot within it is reduced; 0: the paper's"
+        0.003, ge=0, le=0.05, description="s; damping that would overshoot within it is reduced; 0: the paper's"
     )
 
 
@@ -78,6 +83,16 @@ class WeightedTorque:
         self._B: Array = np.zeros((n, 6))  # M_a^-1 J_a^T
         self._S: Array = np.zeros((6, 6))  # J_a M_a^-1 J_a^T
         self.independence = 1.0
+        self._roots, self._age = [1.0] * 6, 0
+
+    def roots_of_mass(self) -> list[float]:
+        """Square roots of the diagonal of (J_a M_a^-1 J_a^T)^-1, kg and kg m^2: of what moves along each axis while
+        the others are held. At least 1."""
+        if self._age == 0:
+            masses = np.linalg.pinv(self._S, hermitian=True).diagonal().tolist()
+            self._roots = [sqrt(min(max(m, 1.0), _HEAVIEST)) for m in masses]
+        self._age = (self._age + 1) % _SELDOM
+        return self._roots
 
     def take(self, J: Array, inverse_mass: Array) -> list[float]:
         """Takes J (6, 3 + n) and M_a^-1 (n, n); gives the diagonal of J_a M_a^-1 J_a^T, 1/kg and 1/(kg m^2)."""
@@ -142,7 +157,7 @@ class MocaImpedance(Controller):
         )
         self._config = config
         self._K = config.stiffness
-        self._D = [2 * config.damping_ratio * sqrt(k) for k in config.stiffness]
+        self._D = [2 * config.damping_ratio * sqrt(k) for k in config.stiffness]  # for 1 kg, 1 kg m^2
         self._priority = Priority(n, config.blend)
         self._weighted = WeightedTorque(n, config.virtual_mass)
         payload = None if config.payload is None else config.payload.payload()
@@ -194,16 +209,19 @@ class MocaImpedance(Controller):
     def _force(self, mobility: list[float]) -> list[float]:
         """Eq. 8: F = D_d (xd_d - x_d) + K_d (x_d - x), on SO(3) below.
 
-        mobility: 1/kg and 1/(kg m^2), what a force at the tip accelerates: a light tool can't bear much damping.
+        mobility: 1/kg and 1/(kg m^2), what a force at the tip accelerates.
         """
         x, y, z, *o = self.input["pose"].tolist()
         X, Y, Z, *r = self.input["desired_pose"].tolist()
         turn = rotation.error((r[0], r[1], r[2], r[3]), (o[0], o[1], o[2], o[3]))
         away = (X - x, Y - y, Z - z, *turn)
         lag, v, V = self._config.lag, self.input["twist"].tolist(), self.input["desired_twist"].tolist()
+        damping = self._D
+        if not self._config.unit_mass:
+            damping = [D * m for D, m in zip(damping, self._weighted.roots_of_mass(), strict=True)]
         return [
             K * e + D / (1.0 + lag * D * s) * (W - w)
-            for K, e, D, s, W, w in zip(self._K, away, self._D, mobility, V, v, strict=True)
+            for K, e, D, s, W, w in zip(self._K, away, damping, mobility, V, v, strict=True)
         ]
 
     def _posture(self, inverse_mass: Array) -> list[float]:

@@ -133,8 +133,10 @@ def test_it_begins_with_nothing_on_top_of_gravity_compensation() -> None:
     )
 
 
-def test_the_force_is_equation_8_on_so3() -> None:
-    controller, xi = law(lag=0.0), 0.7
+@pytest.mark.parametrize("unit_mass", [True, False])
+def test_the_force_is_equation_8_on_so3(unit_mass: bool) -> None:
+    """As published, and with the damping for the masses that move."""
+    controller, xi = law(lag=0.0, unit_mass=unit_mass), 0.7
     turn = np.array([0.2, -0.1, 0.15])
     pose = controller.input["pose"]
     actual = Rotation.from_quat(pose[[4, 5, 6, 3]])
@@ -145,7 +147,11 @@ def test_the_force_is_equation_8_on_so3() -> None:
     controller.input["twist"][:] = v
     controller.update(1e-3)
     K = np.array([500, 500, 500, 30, 30, 30])
-    want = K * np.concatenate([away, turn]) + 2 * xi * np.sqrt(K) * v
+    Ja = controller.input["jacobian"][:, 3:]
+    task_inertia = np.linalg.inv(Ja @ inverse_mass(PANDA.home) @ Ja.T)
+    m = np.ones(6) if unit_mass else np.maximum(task_inertia.diagonal(), 1.0)
+    assert m[:3].max() == (1.0 if unit_mass else pytest.approx(10.2, abs=1.0))
+    want = K * np.concatenate([away, turn]) + 2 * xi * np.sqrt(K * m) * v
     np.testing.assert_allclose(controller.output["force"], want, atol=1e-9)
 
 
