@@ -60,7 +60,7 @@ class Chain:
         wanted = self.admittance.output
         given = {**measured, **found, "modes": self.modes}
         if not self.locked:
-            given |= {"desired_pose": wanted["pose"], "desired_twist": wanted["twist"], "hand": wanted["force"]}
+            given |= {"desired_pose": wanted["pose"], "desired_twist": wanted["twist"], "hand": wanted["hand"]}
         _run(self.law, given, dt)
 
     def press(self, *names: str) -> None:

@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections import deque
 from math import sqrt
 from operator import sub
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -26,9 +26,11 @@ from runtime.control import rotation
 from runtime.control.admittance import GRAVITY
 
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+_NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 _Six = tuple[_Positive, _Positive, _Positive, _Positive, _Positive, _Positive]
 _Three = tuple[float, float, float]
 _Turn = tuple[float, float, float, float]
+_LATELY: Final = 0.1  # s of contact
 
 
 class WeightConfig(BaseModel):
@@ -57,15 +59,22 @@ class ComplianceConfig(BaseModel):
     )
     position: _Three = Field((0.0, 0.0, 0.0), description="m, where it is measured, in the control point's frame")
     tool: WeightConfig | None = Field(None, description="what hangs on the sensor, if it doesn't take it off itself")
-    load: WeightConfig | None = Field(
-        None, description="the heaviest that the closed gripper may carry: what pulls down up to its weight is the load"
+    closed: Literal["stiff", "compliant"] = Field(
+        "stiff",
+        description="while the gripper is closed: `stiff`, as published, since weight and inertia of what it holds "
+        "can't be told from a contact; `compliant`: it never carries more than the dead band",
     )
-    load_time: float = Field(0.5, gt=0, description="s over which that comes in and goes")
+    load_time: float = Field(
+        0.5,
+        gt=0,
+        description="s in which compliance goes as the gripper closes; opened, it comes back after nothing "
+        "has been felt for so long",
+    )
     firm: tuple[_Positive, _Positive] = Field(
         (10.0, 1.0), description="N, N m: against this and more the desired motion isn't followed any further"
     )
-    release: float = Field(1.0, gt=0, description="s, time constant with which it is followed again")
-    dead_band: tuple[float, float] = Field((6.0, 0.6), description="N, N m: what is less doesn't count")
+    release: float = Field(1.0, gt=0, le=60, description="s, time constant with which it is followed again")
+    dead_band: tuple[_NotNegative, _NotNegative] = Field((10.0, 1.0), description="N, N m: what is less doesn't count")
     hand: bool = Field(True, description="the hand's force goes through the sensor too: take it off (input `hand`)")
     hand_lead: float = Field(
         0.02,
@@ -88,7 +97,8 @@ class ContactCompliance:
         self._config = config
         self._turn = rotation.normalised(config.quaternion)
         self._mount = rotation.normalised(config.mount_quaternion)
-        self._share = 0.0
+        self._share = 0.0  # of stiffness: 1 while something may be held
+        self._quiet = 0.0  # s for which nothing has been felt
         self._against = (_Against(config.firm[0], config.release), _Against(config.firm[1], config.release))
         self._hands: deque[list[float]] = deque()  # the hand's wrenches of the last `hand_lead`
         self._yielding = [0.0] * 6
@@ -96,7 +106,7 @@ class ContactCompliance:
 
     def reset(self, closed: bool) -> None:
         """Begins without a deviation."""
-        self._share = float(closed)
+        self._share, self._quiet = float(closed and self._config.closed == "stiff"), 0.0
         for against in self._against:
             against.reset()
         self._hands.clear()
@@ -124,13 +134,13 @@ class ContactCompliance:
             closed: whether the gripper is.
         """
         c = self._config
-        step = dt / c.load_time
-        self._share = min(self._share + step, 1.0) if closed else max(self._share - step, 0.0)
         if c.hand:
             self._hands.append(hand)
             while dt > 0.0 and len(self._hands) > round(c.hand_lead / dt) + 1:
                 self._hands.popleft()
-        self.contact = f = self._contact(wrench, orientation, yaw)
+        self.contact = self._contact(wrench, orientation, yaw)
+        self._settle(closed and c.closed == "stiff", dt)
+        f = self.contact if self._share == 0.0 else [(1.0 - self._share) * v for v in self.contact]
         e, v = self.deviation, self._yielding
         taken = [*self._against[0].take(f[:3], desired[:3], dt), *self._against[1].take(f[3:], desired[3:], dt)]
         for i in range(6):
@@ -138,6 +148,17 @@ class ContactCompliance:
             v[i] = (v[i] + dt / M * (f[i] - K * e[i])) / (1.0 + dt / M * (D + dt * K))  # implicit
             self.velocity[i] = v[i] + taken[i]
             e[i] += dt * self.velocity[i]
+
+    def _settle(self, holding: bool, dt: float) -> None:
+        """Stiff while something is held; compliant again once it was let go, and the sensor feels nothing of it."""
+        self._quiet = 0.0 if any(self.contact) else self._quiet + dt
+        step = dt / self._config.load_time
+        if holding:
+            self._share = min(self._share + step, 1.0)
+        elif self._share == 1.0 and self._quiet < self._config.load_time:
+            pass  # the fingers still open
+        else:
+            self._share = max(self._share - step, 0.0)
 
     def _contact(self, wrench: list[float], orientation: rotation.Quaternion, yaw: float) -> list[float]:
         c = self._config
@@ -151,16 +172,14 @@ class ContactCompliance:
         at = rotation.turned(orientation, c.position)
         f = [*force, *(t + r for t, r in zip(torque, _cross(at, force), strict=True))]
         if c.tool is not None:
-            f = _lifted(f, c.tool.mass * GRAVITY, rotation.turned(orientation, c.tool.com))
+            weight = (0.0, 0.0, -c.tool.mass * GRAVITY)
+            lever = _cross(rotation.turned(orientation, c.tool.com), weight)
+            f = list(map(sub, f, (*weight, *lever)))
         if c.hand:
             # Which of the hand's forces the flange feels now isn't known: the one that leaves least is no contact.
             hands = self._hands
             left = [list(map(sub, f, hands[k])) for k in {0, len(hands) // 2, len(hands) - 1}]
             f = [*min((v[:3] for v in left), key=_square), *min((v[3:] for v in left), key=_square)]
-        if c.load is not None and self._share > 0.0:
-            # It comes off the table bit by bit, and nobody says how heavy it is.
-            borne = min(max(-f[2], 0.0), self._share * c.load.mass * GRAVITY)
-            f = _lifted(f, borne, rotation.turned(orientation, c.load.com))
         return [*_beyond(f[:3], c.dead_band[0]), *_beyond(f[3:], c.dead_band[1])]
 
 
@@ -173,14 +192,17 @@ class _Against:
 
     def reset(self) -> None:
         self._firmness = 0.0  # 0 to 1
-        self._pushed = [0.0, 0.0, 0.0]  # what the contact gave, forgotten slowly: single forces of an impact go astray
+        self._pushed = [0.0, 0.0, 0.0]  # what the contact gave lately: single forces of an impact go astray
 
     def take(self, f: list[float], motion: list[float], dt: float) -> list[float]:
         """The velocity (3,) that keeps `motion` (3,) from going on against the contact's force f (3,)."""
         size = sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])
         keep = self._release / (self._release + dt)
         self._firmness = max(keep * self._firmness, min(size / self._firm, 1.0))
-        self._pushed = p = [keep * p + dt * v for p, v in zip(self._pushed, f, strict=True)]
+        if size > 0.0:
+            fade = _LATELY / (_LATELY + dt)
+            self._pushed = [fade * p + dt * v for p, v in zip(self._pushed, f, strict=True)]
+        p = self._pushed
         square = _square(p)
         if square == 0.0:
             return [0.0, 0.0, 0.0]
@@ -190,11 +212,6 @@ class _Against:
 
 def _square(v: list[float]) -> float:
     return v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
-
-
-def _lifted(f: list[float], weight: float, at: _Three) -> list[float]:
-    """The wrench f without a weight (N) that pulls down at `at` (m, world axes)."""
-    return [f[0], f[1], f[2] + weight, f[3] + at[1] * weight, f[4] - at[0] * weight, f[5]]
 
 
 def _cross(a: _Three, b: _Three) -> _Three:

@@ -62,7 +62,7 @@ class KairosClik(Controller):
     """Inputs: `q` (n,) rad; `base_pose` (3,) m and rad; measured `pose` (7,) and `jacobian` (6, 3 + n) as
     `tool-pose` gives them; `desired_pose` (7,) m and w x y z, `desired_twist` (6,) m/s and rad/s, world; `modes`
     (4,): -, -, gripper closed, locomotion. With `force_feedback` also `flange_wrench` (6,) N and N m, and with its
-    `hand` the `hand` (6,) N and N m, the admittance's `force`.
+    `hand` the `hand` (6,) N and N m, the admittance's.
 
     Outputs: `velocity` (n,) rad/s; `base_twist` (3,) vx, vy (m/s), wz (rad/s) in the base's frame; `manipulability`
     (1,) of the arm, eq. 12. With `force_feedback` also `contact` (6,) N and N m, world axes.

@@ -241,9 +241,28 @@ def knocked_late_sensor(age: float) -> tuple[float, float]:
     return float(np.std(speeds[150:650])), float(np.std(speeds[-500:]))
 
 
-def test_the_tank_holds_a_stiff_hand_behind_a_late_sensor_if_it_knows_how_late() -> None:
+def test_the_tank_holds_a_stiff_hand_behind_a_late_sensor_sooner_if_it_knows_how_late() -> None:
     early, late = knocked_late_sensor(age=0.03)
     assert late < 0.05 * early
+    assert early < 0.5 * knocked_late_sensor(age=0.0)[0]
+
+
+def test_the_hands_whole_wrench_is_told_whatever_the_modes() -> None:
+    """At the control point, world axes, without the handle's weight; the dead band doesn't touch it."""
+    options = {"sensor_position": (0.1, -0.05, 0.2), "sensor_quaternion": (0.6, 0.0, 0.8, 0.0), "tool_mass": 0.4}
+    controller = law(tool_com=(0.0, 0.01, 0.04), **options)
+    tool = Rotation.from_euler("xyz", [0.4, -0.7, 1.1])
+    sensor = tool * Rotation.from_quat([0.0, 0.8, 0.0, 0.6])
+    hand, weight = np.array([0.1, -0.05, 0.1, 0.02, 0.3, -0.1]), np.array([0, 0, -9.81 * 0.4])
+    at = tool.apply(options["sensor_position"])
+    force = hand[:3] + weight
+    torque = hand[3:] - np.cross(at, hand[:3]) + np.cross(sensor.apply([0.0, 0.01, 0.04]), weight)
+    controller.input["wrench"][:] = [*sensor.inv().apply(force), *sensor.inv().apply(torque)]
+    controller.input["pose"][3:] = tool.as_quat()[[3, 0, 1, 2]]
+    for modes in ([0, 0, 0, 0], [1, 0, 0, 0], [1, 1, 0, 0]):
+        controller.input["modes"][:] = modes
+        controller.update(1e-3)
+        np.testing.assert_allclose(controller.output["hand"], hand, atol=1e-9)
 
 
 def test_an_empty_tank_doesnt_lock_the_robot_against_a_hand_that_pushes_on() -> None:
