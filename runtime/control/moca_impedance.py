@@ -25,6 +25,7 @@ from runtime.signals import Array, Signal
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 _Six = tuple[_Positive, _Positive, _Positive, _Positive, _Positive, _Positive]
 _CLOSED, _LOCOMOTION = 2, 3  # of the modes
+_FIRM: Final = 1e-6 * np.eye(6)  # 1/kg, 1/(kg m^2): makes the mobility invertible in singular postures, too
 _SELDOM: Final = 10  # cycles after which the masses are worked out anew: they change with the posture only
 _HEAVIEST: Final = 20.0  # kg, kg m^2: near singular postures they grow without bounds
 _HELD_BACK: Final = 0.1  # N m: more than this between asked and applied torque counts
@@ -89,7 +90,7 @@ class WeightedTorque:
         """Square roots of the diagonal of (J_a M_a^-1 J_a^T)^-1, kg and kg m^2: of what moves along each axis while
         the others are held. At least 1."""
         if self._age == 0:
-            masses = np.linalg.pinv(self._S, hermitian=True).diagonal().tolist()
+            masses = np.linalg.inv(self._S + _FIRM).diagonal().tolist()
             self._roots = [sqrt(min(max(m, 1.0), _HEAVIEST)) for m in masses]
         self._age = (self._age + 1) % _SELDOM
         return self._roots
