@@ -59,16 +59,21 @@ class ComplianceConfig(BaseModel):
     )
     position: _Three = Field((0.0, 0.0, 0.0), description="m, where it is measured, in the control point's frame")
     tool: WeightConfig | None = Field(None, description="what hangs on the sensor, if it doesn't take it off itself")
-    closed: Literal["stiff", "compliant"] = Field(
-        "stiff",
-        description="while the gripper is closed: `stiff`, as published, since weight and inertia of what it holds "
-        "can't be told from a contact; `compliant`: it never carries more than the dead band",
+    load: float = Field(
+        14.0,
+        ge=0,
+        le=100,
+        description="kg, the heaviest that the closed gripper may carry: what pulls down up to its "
+        "weight isn't contact then",
+    )
+    carrying: tuple[_NotNegative, _NotNegative] = Field(
+        (60.0, 40.0), description="N, N m: dead band while the gripper is closed, for the load's inertia and lever"
     )
     load_time: float = Field(
         0.5,
         gt=0,
-        description="s in which compliance goes as the gripper closes; opened, it comes back after nothing "
-        "has been felt for so long",
+        description="s in which these come in as the gripper closes; opened, they go after nothing has been "
+        "felt for so long",
     )
     firm: tuple[_Positive, _Positive] = Field(
         (10.0, 1.0), description="N, N m: against this and more the desired motion isn't followed any further"
@@ -97,7 +102,7 @@ class ContactCompliance:
         self._config = config
         self._turn = rotation.normalised(config.quaternion)
         self._mount = rotation.normalised(config.mount_quaternion)
-        self._share = 0.0  # of stiffness: 1 while something may be held
+        self._share = 0.0  # 1 while something may be held
         self._quiet = 0.0  # s for which nothing has been felt
         self._against = (_Against(config.firm[0], config.release), _Against(config.firm[1], config.release))
         self._hands: deque[list[float]] = deque()  # the hand's wrenches of the last `hand_lead`
@@ -106,7 +111,7 @@ class ContactCompliance:
 
     def reset(self, closed: bool) -> None:
         """Begins without a deviation."""
-        self._share, self._quiet = float(closed and self._config.closed == "stiff"), 0.0
+        self._share, self._quiet = float(closed), 0.0
         for against in self._against:
             against.reset()
         self._hands.clear()
@@ -138,9 +143,9 @@ class ContactCompliance:
             self._hands.append(hand)
             while dt > 0.0 and len(self._hands) > round(c.hand_lead / dt) + 1:
                 self._hands.popleft()
-        self.contact = self._contact(wrench, orientation, yaw)
-        self._settle(closed and c.closed == "stiff", dt)
-        f = self.contact if self._share == 0.0 else [(1.0 - self._share) * v for v in self.contact]
+        whole = self._felt(wrench, orientation, yaw)
+        self._settle(whole, closed, dt)
+        self.contact = f = self._contact(whole)
         e, v = self.deviation, self._yielding
         taken = [*self._against[0].take(f[:3], desired[:3], dt), *self._against[1].take(f[3:], desired[3:], dt)]
         for i in range(6):
@@ -149,18 +154,28 @@ class ContactCompliance:
             self.velocity[i] = v[i] + taken[i]
             e[i] += dt * self.velocity[i]
 
-    def _settle(self, holding: bool, dt: float) -> None:
-        """Stiff while something is held; compliant again once it was let go, and the sensor feels nothing of it."""
-        self._quiet = 0.0 if any(self.contact) else self._quiet + dt
+    def _settle(self, whole: list[float], closed: bool, dt: float) -> None:
+        """Something is held from the closing on, until the gripper was opened and the sensor feels nothing of it."""
+        least, most = self._config.dead_band
+        felt = _square(whole[:3]) > least * least or _square(whole[3:]) > most * most
+        self._quiet = 0.0 if felt else self._quiet + dt
         step = dt / self._config.load_time
-        if holding:
+        if closed:
             self._share = min(self._share + step, 1.0)
-        elif self._share == 1.0 and self._quiet < self._config.load_time:
-            pass  # the fingers still open
-        else:
+        elif self._share < 1.0 or self._quiet >= self._config.load_time:  # else the fingers still open
             self._share = max(self._share - step, 0.0)
 
-    def _contact(self, wrench: list[float], orientation: rotation.Quaternion, yaw: float) -> list[float]:
+    def _contact(self, whole: list[float]) -> list[float]:
+        """Without what a load in the gripper may be, and the dead band."""
+        c, share = self._config, self._share
+        fx, fy, fz = whole[:3]
+        bands = [open_ + share * (closed - open_) for open_, closed in zip(c.dead_band, c.carrying, strict=True)]
+        # It comes off the table bit by bit, and nobody says how heavy it is.
+        fz += min(max(-fz, 0.0), share * c.load * GRAVITY)
+        return [*_beyond([fx, fy, fz], bands[0]), *_beyond(whole[3:], bands[1])]
+
+    def _felt(self, wrench: list[float], orientation: rotation.Quaternion, yaw: float) -> list[float]:
+        """(6,) N, N m at the control point, world axes, without tool and hand."""
         c = self._config
         turn = self._turn
         if c.axes == "tool":
@@ -180,7 +195,7 @@ class ContactCompliance:
             hands = self._hands
             left = [list(map(sub, f, hands[k])) for k in {0, len(hands) // 2, len(hands) - 1}]
             f = [*min((v[:3] for v in left), key=_square), *min((v[3:] for v in left), key=_square)]
-        return [*_beyond(f[:3], c.dead_band[0]), *_beyond(f[3:], c.dead_band[1])]
+        return f
 
 
 class _Against:

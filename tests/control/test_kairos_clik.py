@@ -330,7 +330,7 @@ def test_contact_does_not_ring(stiffness: float) -> None:
 def test_compliance_is_the_spring_it_says_and_takes_off_weight_and_hand() -> None:
     config = ComplianceConfig(
         axes="tool", quaternion=(0.6, 0, 0.8, 0), position=(0.01, 0.02, 0.03), dead_band=(0, 0),
-        tool={"mass": 1.2, "com": (0, 0, 0.1)}, closed="compliant",
+        tool={"mass": 1.2, "com": (0, 0, 0.1)}, load=0.0, carrying=(0, 0),
     )  # fmt: skip
     compliance = ContactCompliance(config)
     tool = Rotation.from_euler("xyz", [0.4, -0.7, 1.1])
@@ -349,7 +349,7 @@ def test_compliance_is_the_spring_it_says_and_takes_off_weight_and_hand() -> Non
     np.testing.assert_allclose(compliance.deviation, contact / np.array([500] * 3 + [30] * 3), rtol=1e-6)
 
 
-def test_nothing_gives_way_to_a_load_nor_to_one_that_slips_out_of_opening_fingers() -> None:
+def test_nothing_gives_way_to_a_load_nor_while_it_slips_out_of_opening_fingers() -> None:
     compliance = ContactCompliance(ComplianceConfig(axes="world", hand=False))
     compliance.reset(False)
 
@@ -360,8 +360,12 @@ def test_nothing_gives_way_to_a_load_nor_to_one_that_slips_out_of_opening_finger
 
     feel(0.0, True, 0.6)
     assert feel(-98.1, True, 5.0) == 0.0
-    assert feel(-98.1, False, 3.0) == 0.0  # the fingers are jammed
-    assert feel(0.0, False, 1.2) == 0.0
+    assert feel(50.0, True, 5.0) == 0.0
+    assert feel(160.0, True, 8.0) == pytest.approx((160.0 - 60.0) / 500.0, rel=0.01)  # pressed onto a table
+    assert feel(-98.1, True, 10.0) == pytest.approx(0.0, abs=1e-3)
+    start = compliance.deviation[2]
+    assert abs(feel(-98.1, False, 3.0)) <= start  # the fingers are jammed
+    assert abs(feel(0.0, False, 1.2)) <= start
     assert feel(-98.1, False, 8.0) == pytest.approx(-(98.1 - 10.0) / 500.0, rel=0.01)
     assert feel(-98.1, True, 10.0) == pytest.approx(0.0, abs=1e-3)
 
