@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,11 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument("name", help="see the list in the error of a wrong name")
     parser.add_argument("--out", type=Path, default=Path("out"), metavar="DIR", help="for pictures and recordings")
     parser.add_argument("--quick", action="store_true", help="fewer persons and shorter tasks, to see that it runs")
+    parser.add_argument(
+        "--sweep",
+        action="store_true",
+        help="change what was assumed one at a time: how much does each claim depend on it",
+    )
     parser.add_argument("--json", action="store_true", help="one JSON object")
     parser.set_defaults(run=run)
 
@@ -30,6 +36,8 @@ def run(args: argparse.Namespace) -> int:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RequestError(f"--out {args.out}", f"can't be written: {error.strerror}", "Name another folder") from None
+    if args.sweep:
+        return _sweep(args.name, study, folder, args.json)
     result = study(folder, args.quick)
     if args.json:
         print(json.dumps(result.figures()))
@@ -42,6 +50,19 @@ def run(args: argparse.Namespace) -> int:
         print(f"  {'holds' if claim.holds else 'DOES NOT HOLD'}: {claim.id}: {claim.text} ({measured}{paper})")
     for file in result.files:
         print(f"  {file}")
+    return 0
+
+
+def _sweep(name: str, study: Any, folder: Path, as_json: bool) -> int:
+    sweep = getattr(sys.modules[study.__module__], "sweep", None)
+    if sweep is None:
+        raise RequestError(f"srl study {name} --sweep", "this study has nothing to sweep", "Leave out --sweep")
+    rows = sweep(folder)
+    if as_json:
+        print(json.dumps({"study": name, "simulated": True, "sweep": rows}))
+    else:
+        print(f"{name}, simulated, one assumption changed at a time")
+        _print_table(rows)
     return 0
 
 

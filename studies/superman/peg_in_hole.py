@@ -253,7 +253,7 @@ def claims(found: list[Outcome], a: dict[str, Any]) -> list[Claim]:
 
 # What is changed one at a time by `sweep`, and to what.
 SWEEP: Final[tuple[tuple[str, tuple[Any, ...]], ...]] = (
-    ("contact", (1e4, 2e5)),
+    ("contact", (1e4, 2e5, 1e6)),
     ("diameter", (0.0304, 0.032)),
     ("friction", (0.1, 0.4)),
     ("push", (8.0, 30.0)),

@@ -1,0 +1,32 @@
+"""`srl study`: sweeps, and what isn't there."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from runtime.cli import main
+from studies.superman import peg_in_hole
+
+
+def test_a_sweep_prints_a_row_for_each_change(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = [{"changed": "push 30", "largest force N": 40.0}, {"changed": "push 8", "largest force N": None}]
+    monkeypatch.setattr(peg_in_hole, "sweep", lambda folder: rows if folder.is_dir() else [])
+    assert main(["study", "peg-in-hole", "--sweep", "--json", "--out", str(tmp_path)]) == 0
+    assert json.loads(capsys.readouterr().out)["sweep"] == rows
+    assert main(["study", "peg-in-hole", "--sweep", "--out", str(tmp_path)]) == 0
+    assert "push 8" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"), [(["recorded-forces", "--sweep"], "nothing to sweep"), (["peg-in-hol"], "peg-in-hole")]
+)
+def test_what_isnt_there_is_named(
+    arguments: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["study", *arguments, "--out", str(tmp_path)]) == 2
+    assert words in capsys.readouterr().err
