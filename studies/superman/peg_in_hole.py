@@ -130,6 +130,8 @@ def _controllers(condition: Condition, a: dict[str, Any]) -> list[dict[str, Any]
         options |= {"leash": None, "tank": None}
     entries = controller(condition.profile, "guide", **options)
     body = next(entry for entry in entries if entry.get("name") == "body")
+    if condition.robot == "moca" and condition.bare:
+        body["unit_mass"] = True
     if condition.robot == "kairos" and condition.bare:
         body["speed"] = None
         body.pop("base_speed", None)
