@@ -24,7 +24,7 @@ from runtime.signals import Signal
 
 GRAVITY: Final = 9.81  # m/s^2
 _FULL: Final = 0.25  # of the tank: above it there is no brake
-_RELEASE: Final = 1.0  # s, in which the brake goes: a swing that it let fill the tank would begin again
+_RELEASE: Final = 2.0  # s, in which the brake goes: a swing that it let fill the tank would begin again
 _ZEROS: Final = [0.0] * 6  # read only
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 _Six = tuple[float, float, float, float, float, float]
