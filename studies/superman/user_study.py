@@ -166,7 +166,14 @@ def pictures(table: Table, folder: Path, title: str) -> list[str]:
     files = []
     for m in table.measures:
         file = f"{m.name.lower()}.png"
-        boxplots.draw({m.name: m.values}, CONDITIONS, folder / file, title=f"{title}: {m.meaning}", unit=m.unit)
+        boxplots.draw(
+            {m.name: m.values},
+            CONDITIONS,
+            folder / file,
+            title=f"{title}: {m.meaning}",
+            unit=m.unit,
+            names={m.name: ""},
+        )
         files.append(file)
     return files
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from textwrap import fill
 from typing import Any, Final
 
 import numpy as np
@@ -49,7 +50,8 @@ def draw(
     """
     if not groups:
         raise StudyError(title, "there is nothing to draw", "Give at least one group")
-    figure = Figure(figsize=(1.6 + 1.5 * len(groups), 4.2), layout="constrained")
+    width = 1.6 + 1.5 * len(groups)  # inches
+    figure = Figure(figsize=(width, 4.2), layout="constrained")
     axis = figure.add_subplot()
     drawn: dict[tuple[str, str], Box] = {}
     marks: dict[int, str] = {}
@@ -81,7 +83,7 @@ def draw(
     for condition, color in zip(conditions, COLORS, strict=True):
         axis.fill_between([], [], color=color, alpha=0.55, label=condition)
     figure.legend(loc="outside lower center", ncols=2, frameon=False, fontsize=9)
-    figure.suptitle(title, fontsize=11)
+    figure.suptitle(fill(title, round(11 * width)), fontsize=11)
     try:
         figure.savefig(file, dpi=130)
     except (OSError, ValueError) as error:
