@@ -33,6 +33,10 @@ def look(layout: Layout, row: Words, shapes: list[Field]) -> rrb.EyeControls3D |
         if not len(points):
             continue
         low, high = np.minimum(low, points.min(axis=0) - margin), np.maximum(high, points.max(axis=0) + margin)
+    if np.isfinite(low).all():  # what stands about is looked at too, but alone it is nothing to see
+        for thing in layout.meta.get("scenery", []):
+            middle, reach = np.array(thing["position"]), float(np.linalg.norm(thing["size"]))
+            low, high = np.minimum(low, middle - reach), np.maximum(high, middle + reach)
     radius = float(np.linalg.norm(high - low) / 2)
     if not np.isfinite(radius) or radius == 0.0:
         return None

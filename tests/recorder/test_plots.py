@@ -144,7 +144,9 @@ def test_the_eye_sees_all_that_is_shown_in_the_root_frame() -> None:
     centre = rotation.apply(centre) + origin
     forward = (target - position) / np.linalg.norm(target - position)
     half = np.deg2rad(27.5)  # rerun's field of view is 55 degrees high
-    for p, margin in [*((p, 0.0) for p in points), (centre, radius[0])]:
+    thing = layout.meta["scenery"][0]
+    corner = np.array(thing["position"]) + thing["size"]
+    for p, margin in [*((p, 0.0) for p in points), (centre, radius[0]), (corner, 0.0)]:
         way = p - position
         off = np.arccos(way @ forward / np.linalg.norm(way)) + np.arcsin(margin / np.linalg.norm(way))
         assert off < half
