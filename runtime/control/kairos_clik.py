@@ -51,6 +51,9 @@ class KairosClikConfig(RobotName, ControllerConfig):
     speed: float | None = Field(
         1.0, gt=0, le=1, description="share of the arm's greatest joint speeds that it asks for; null: unbounded"
     )
+    acceleration: float | None = Field(
+        None, gt=0, description="rad/s2 asked of each joint at most, all changes held back alike; null: unbounded"
+    )
     base_speed: _Three | None = Field(None, description="m/s, m/s, rad/s that it asks of the base; null: unbounded")
     base_acceleration: _Three | None = Field(
         None, description="m/s2, m/s2, rad/s2 that it asks of the base, the arm doing the rest; null: unbounded"
@@ -168,8 +171,17 @@ class KairosClik(Controller):
             arm = [a + d for a, d in zip(arm, (w_a * Ja.T.dot(y)).tolist(), strict=True)]
             arm, _ = self._slow_down(arm, [0.0] * BASE)
             base = [a - b for a, b in zip(base, late, strict=True)]
-        self.output["velocity"][:] = arm
+        self.output["velocity"][:] = self._eased(arm, dt)
         self.output["base_twist"][:] = base
+
+    def _eased(self, arm: list[float], dt: float) -> list[float]:
+        """Near a singular posture small changes of the task are large ones of the joints."""
+        most = self._config.acceleration
+        if most is None or dt == 0.0:
+            return arm
+        last = self.applied.get("velocity", self.output["velocity"]).tolist()
+        share = max(abs(v - old) for v, old in zip(arm, last, strict=True)) / (most * dt)
+        return arm if share <= 1.0 else [old + (v - old) / share for v, old in zip(arm, last, strict=True)]
 
     def _damping(self, Ja: Array) -> float:
         """k of eq. 13, from the arm's manipulability of eq. 12."""

@@ -379,6 +379,24 @@ def test_the_arms_axes_turn_with_base_and_mount() -> None:
     np.testing.assert_allclose(compliance.contact[:3], [10 * np.cos(1.2), 10 * np.sin(1.2), 0], atol=1e-12)
 
 
+def test_joints_change_no_faster_than_told_even_where_the_arm_is_stretched() -> None:
+    """Also against what the guard let through, and with the direction of the change kept."""
+    for most in (None, 15.0):
+        controller = bound(KairosClik("k", KairosClikConfig(acceleration=most, speed=None)))
+        rng = np.random.default_rng(5)
+        controller.input["jacobian"][:] = rng.normal(0, 0.3, (6, 9))
+        controller.input["pose"][3] = controller.input["desired_pose"][3] = 1.0
+        controller.reset()
+        controller.input["desired_twist"][:] = [0.3, -0.2, 0.1, 0.0, 0.1, 0.0]
+        controller.update(2e-3)
+        velocity = controller.output["velocity"].copy()
+        if most is None:
+            free = velocity
+    assert np.abs(free).max() > 0.03
+    assert np.abs(velocity).max() == pytest.approx(0.03)
+    np.testing.assert_allclose(velocity / np.linalg.norm(velocity), free / np.linalg.norm(free), atol=1e-9)
+
+
 def test_inputs_depend_on_the_option() -> None:
     names = {s.name for s in KairosClik("k", KairosClikConfig()).inputs}
     more = {s.name for s in KairosClik("k", KairosClikConfig(force_feedback={})).inputs}
