@@ -66,7 +66,11 @@ def vendor(request):
     options = EXACT | {"reflections": [[1.0, 2.0, 0.5]], "y_up": y_up}
     with Peer("vicon", {"segments": {"tip": "Tool"}}, options, {"world": "cell", "parts": PARTS}) as peer:
         found = Vendor(peer.address, pv.StreamMode[mode])
-        found.until(lambda: found.client.get_segment_global_translation("Tool", "Tip") is not None)
+        client = found.client
+        found.until(lambda: client.get_segment_global_translation("Tool", "Tip") is not None)
+        # Markers are asked for later than segments: the first frames may lack them.
+        found.until(lambda: client.get_marker_global_translation("Tool", "B") is not None)
+        found.until(lambda: client.get_unlabeled_marker_count() == 1)
         yield found
         found.client.disconnect()
 
