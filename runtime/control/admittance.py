@@ -24,6 +24,7 @@ from runtime.signals import Signal
 
 GRAVITY: Final = 9.81  # m/s^2
 _FULL: Final = 0.25  # of the tank: above it there is no brake
+_DEBT: Final = 5.0  # tanks that may be owed at most; what is beyond is forgiven, and the brake stays on
 _RELEASE: Final = 2.0  # s, in which the brake goes: a swing that it let fill the tank would begin again
 _ZEROS: Final = [0.0] * 6  # read only
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -208,7 +209,7 @@ class Admittance(Controller):
                 self._past.popleft()
             moved = self._past[0]
         given = _dot(force, map(sub, v, moved))
-        self._tank = level = min(max(self._tank + dt * (paid - given), -5 * size), size)
+        self._tank = level = min(max(self._tank + dt * (paid - given), -_DEBT * size), size)
         wanted = self._config.brake * min(max(1.0 - level / (_FULL * size), 0.0), 1.0)
         self._brake = max(wanted, self._brake * _RELEASE / (_RELEASE + dt))
         self._emptied += level <= 0.0
