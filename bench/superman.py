@@ -46,7 +46,7 @@ def run() -> list[Row]:
 
 def _simulated() -> list[Row]:
     def ours() -> dict[str, float]:
-        arguments = ["run", "moca-man", "--sim", "--instance", "bench", "--duration", str(SPAN), "--json"]
+        arguments = ["run", "moca-man", "--sim", "--fast", "--instance", "bench", "--duration", str(SPAN), "--json"]
         command = [sys.executable, "-m", "runtime", *arguments]
         found = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
         return found["phases_us"] | {"whole": found["cycle_us"]["p50"]}

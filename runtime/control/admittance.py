@@ -201,7 +201,9 @@ class Admittance(Controller):
         if size is None:
             return 0.0
         v = self._velocity
-        paid = (scale * _dot(self._D, map(mul, v, v))) + self._brake * _dot(self._shares, map(mul, v, v))
+        paid = scale * _dot(self._D, map(mul, v, v))
+        if self._brake:
+            paid += self._brake * _dot(self._shares, map(mul, v, v))
         moved = self.input["twist"].tolist()
         if self._config.force_age:
             self._past.append(moved)

@@ -16,7 +16,7 @@ from runtime.control import rotation
 from runtime.control.contact_compliance import ComplianceConfig, ContactCompliance
 from runtime.control.priority import Priority
 from runtime.control.robots import ARMS
-from runtime.control.spd6 import determinant, solve
+from runtime.control.spd6 import Equations
 from runtime.control.whole_body import BASE, RobotName, add_base
 from runtime.controller import Controller, ControllerConfig
 from runtime.signals import Array, Signal
@@ -105,6 +105,8 @@ class KairosClik(Controller):
         self._priority = Priority(n, config.blend)
         self._fastest = None if config.speed is None else (config.speed * robot.dq_max).tolist()
         self._G: Array = np.zeros((6, 6))  # J_a J_a^T
+        self._firm: Array = np.diag(1.0 / np.array(config.tracking))  # W_1^-1
+        self._equations = Equations()
         self._cycles = self._damped = self._slowed = 0
         self._least = float("inf")
 
@@ -137,22 +139,22 @@ class KairosClik(Controller):
         # (14) by W_2 instead of J' W_1 J + W_2: (J' W_1 J + W_2)^-1 J' W_1 = W_2^-1 J' (J W_2^-1 J' + W_1^-1)^-1
         w_b = 1.0 / priority.between_ratios(c.manipulation.base, c.locomotion.base)
         w_a = 1.0 / (priority.between_ratios(c.manipulation.arm, c.locomotion.arm) * k * k)
-        A = (w_a * self._G).tolist()
+        A = w_a * self._G
+        A += self._firm
         add_base(A, J, w_b, w_b)
-        for i, w in enumerate(c.tracking):
-            A[i][i] += 1.0 / w
         task = self._task(dt)
         k_i = priority.between(c.manipulation.posture, c.locomotion.posture)
         if k_i > 0.0:
             second = k_i * (priority.preferred - self.input["q"])  # (17)
-            task = (task - Ja.dot(second)).tolist()
-            y = solve(A, task).x
-            arm = (second + w_a * Ja.T.dot(y)).tolist()  # (10), N of the same damped inverse
+            task -= Ja.dot(second)
+            y = self._equations.solve(A, task)
+            arm = (second + w_a * y.dot(Ja)).tolist()  # (10), N of the same damped inverse
         else:
-            y = solve(A, task.tolist()).x
-            arm = (w_a * Ja.T.dot(y)).tolist()
+            y = self._equations.solve(A, task)
+            arm = (w_a * y.dot(Ja)).tolist()
         u, v = J.item(0, 2), J.item(1, 2)
-        base = self._own_axes(w_b * y[0], w_b * y[1], w_b * (u * y[0] + v * y[1] + y[5]))
+        y0, y1, _, _, _, y5 = y.tolist()
+        base = self._own_axes(w_b * y0, w_b * y1, w_b * (u * y0 + v * y1 + y5))
         self._send(arm, base, w_a, dt)
 
     def _send(self, arm: list[float], base: list[float], w_a: float, dt: float) -> None:
@@ -164,11 +166,10 @@ class KairosClik(Controller):
             J = self.input["jacobian"]
             Ja, u, v = J[:, BASE:], J.item(0, 2), J.item(1, 2)
             vx, vy, wz = self._world_axes(late)
-            A = (w_a * self._G).tolist()
-            for i, w in enumerate(self._config.tracking):
-                A[i][i] += 1.0 / w
-            y = solve(A, (vx + u * wz, vy + v * wz, 0.0, 0.0, 0.0, wz)).x
-            arm = [a + d for a, d in zip(arm, (w_a * Ja.T.dot(y)).tolist(), strict=True)]
+            A = w_a * self._G
+            A += self._firm
+            y = self._equations.solve(A, np.array((vx + u * wz, vy + v * wz, 0.0, 0.0, 0.0, wz)))
+            arm = [a + d for a, d in zip(arm, (w_a * y.dot(Ja)).tolist(), strict=True)]
             arm, _ = self._slow_down(arm, [0.0] * BASE)
             base = [a - b for a, b in zip(base, late, strict=True)]
         self.output["velocity"][:] = self._eased(arm, dt)
@@ -187,7 +188,7 @@ class KairosClik(Controller):
         """k of eq. 13, from the arm's manipulability of eq. 12."""
         c = self._config
         np.dot(Ja, Ja.T, self._G)
-        w = sqrt(max(determinant(self._G.tolist()), 0.0))
+        w = sqrt(max(self._equations.determinant(self._G), 0.0))
         self.output["manipulability"][0] = w
         self._least = min(self._least, w)
         if w >= c.manipulability:

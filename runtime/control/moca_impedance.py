@@ -7,7 +7,7 @@ Errata of the paper and what is added: docs/super-man.md.
 
 from __future__ import annotations
 
-from math import cos, sin, sqrt
+from math import copysign, cos, sin, sqrt
 from operator import sub
 from typing import Annotated, Final, Literal
 
@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from runtime.control import rotation
 from runtime.control.priority import Priority
 from runtime.control.robots import ARMS
-from runtime.control.spd6 import NEAR, damped
+from runtime.control.spd6 import NEAR, Equations
 from runtime.control.whole_body import BASE, ArmDynamics, LoadConfig, RobotName, add_base
 from runtime.controller import Controller, ControllerConfig
 from runtime.signals import Array, Signal
@@ -83,26 +83,25 @@ class WeightedTorque:
         self._J: Array = np.zeros((6, BASE + n))
         self._B: Array = np.zeros((n, 6))  # M_a^-1 J_a^T
         self._S: Array = np.zeros((6, 6))  # J_a M_a^-1 J_a^T
+        self._equations = Equations()
         self.independence = 1.0
-        self._roots, self._age = [1.0] * 6, 0
 
-    def roots_of_mass(self) -> list[float]:
-        """Square roots of the diagonal of (J_a M_a^-1 J_a^T)^-1, kg and kg m^2: of what moves along each axis while
-        the others are held. At least 1."""
-        if self._age == 0:
-            masses = np.linalg.inv(self._S + _FIRM).diagonal().tolist()
-            self._roots = [sqrt(min(max(m, 1.0), _HEAVIEST)) for m in masses]
-        self._age = (self._age + 1) % _SELDOM
-        return self._roots
+    def masses(self) -> list[float]:
+        """The diagonal of (J_a M_a^-1 J_a^T)^-1, kg, kg m^2: what moves along each axis while the others are held."""
+        found: list[float] = np.linalg.inv(self._S + _FIRM).diagonal().tolist()
+        return found
 
-    def take(self, J: Array, inverse_mass: Array) -> list[float]:
-        """Takes J (6, 3 + n) and M_a^-1 (n, n); gives the diagonal of J_a M_a^-1 J_a^T, 1/kg and 1/(kg m^2)."""
+    def mobility(self) -> list[float]:
+        """The diagonal of J_a M_a^-1 J_a^T, 1/kg and 1/(kg m^2): what a force at the tip accelerates along its axis."""
+        found: list[float] = self._S.diagonal().tolist()
+        return found
+
+    def take(self, J: Array, inverse_mass: Array) -> None:
+        """Takes J (6, 3 + n) and M_a^-1 (n, n), 1/(kg m^2)."""
         self._J = J
         Ja = J[:, BASE:]
-        np.dot(inverse_mass, Ja.T, self._B)
-        np.dot(Ja, self._B, self._S)
-        diagonal: list[float] = self._S.diagonal().tolist()
-        return diagonal
+        self._B = inverse_mass.dot(Ja.T)
+        self._S = Ja.dot(self._B)
 
     def __call__(
         self, F: list[float], tau_0: list[float], eta_B: float, eta_A: float
@@ -112,16 +111,16 @@ class WeightedTorque:
         u, v = self._J.item(0, 2), self._J.item(1, 2)  # what yaw does to the control point, m
         w_b, w_a = 1.0 / (eta_B * eta_B), 1.0 / (eta_A * eta_A)
         null = np.array(tau_0)
-        A = (w_a * self._S).tolist()
+        A = w_a * self._S
         add_base(A, self._J, w_b * m, w_b * j)
-        b = (self._S.dot(F) - null.dot(self._B)).tolist()
         turn = j * (u * F[0] + v * F[1] + F[5])
-        b[0] += m * F[0] + u * turn
-        b[1] += m * F[1] + v * turn
-        b[5] += turn
-        y, self.independence = damped(A, b)
-        null += w_a * self._J[:, BASE:].T.dot(y)
-        return (w_b * y[0], w_b * y[1], w_b * (u * y[0] + v * y[1] + y[5])), null
+        b = self._S.dot(np.array(F))
+        b -= null.dot(self._B)
+        b += (m * F[0] + u * turn, m * F[1] + v * turn, 0.0, 0.0, 0.0, turn)
+        y, self.independence = self._equations.damped(A, b)
+        null += w_a * y.dot(self._J[:, BASE:])
+        y0, y1, _, _, _, y5 = y.tolist()
+        return (w_b * y0, w_b * y1, w_b * (u * y0 + v * y1 + y5)), null
 
 
 class MocaImpedance(Controller):
@@ -159,6 +158,7 @@ class MocaImpedance(Controller):
         self._config = config
         self._K = config.stiffness
         self._D = [2 * config.damping_ratio * sqrt(k) for k in config.stiffness]  # for 1 kg, 1 kg m^2
+        self._now, self._age = self._D, 0  # D_d of this posture, and the cycles since
         self._priority = Priority(n, config.blend)
         self._weighted = WeightedTorque(n, config.virtual_mass)
         payload = None if config.payload is None else config.payload.payload()
@@ -172,6 +172,7 @@ class MocaImpedance(Controller):
         # What is held now is held by somebody: its weight comes in at once, like the arm's.
         self._dynamics.carry(float(modes[_CLOSED] > 0.5))
         self.output["base_twist"][:] = self.applied.get("base_twist", 0.0)
+        self._age = 0
         self._step(0.0)
 
     def update(self, dt: float) -> None:
@@ -194,8 +195,8 @@ class MocaImpedance(Controller):
         c, priority = self._config, self._priority
         q, qd = self.input["q"], self.input["qd"]
         inverse_mass = self._dynamics.inverse_mass(q)
-        mobility = self._weighted.take(self.input["jacobian"], inverse_mass)
-        F = self._force(mobility)
+        self._weighted.take(self.input["jacobian"], inverse_mass)
+        F = self._force()
         tau_0 = self._posture(inverse_mass)
         eta_B = priority.between_ratios(c.manipulation.base, c.locomotion.base)
         eta_A = priority.between_ratios(c.manipulation.arm, c.locomotion.arm)
@@ -207,23 +208,24 @@ class MocaImpedance(Controller):
         self._singular += self._weighted.independence < NEAR
         self._strongest = max(self._strongest, sqrt(F[0] * F[0] + F[1] * F[1] + F[2] * F[2]))
 
-    def _force(self, mobility: list[float]) -> list[float]:
-        """Eq. 8: F = D_d (xd_d - x_d) + K_d (x_d - x), on SO(3) below.
-
-        mobility: 1/kg and 1/(kg m^2), what a force at the tip accelerates.
-        """
+    def _force(self) -> list[float]:
+        """Eq. 8: F = D_d (xd_d - x_d) + K_d (x_d - x), on SO(3)."""
         x, y, z, *o = self.input["pose"].tolist()
         X, Y, Z, *r = self.input["desired_pose"].tolist()
         turn = rotation.error((r[0], r[1], r[2], r[3]), (o[0], o[1], o[2], o[3]))
         away = (X - x, Y - y, Z - z, *turn)
-        lag, v, V = self._config.lag, self.input["twist"].tolist(), self.input["desired_twist"].tolist()
-        damping = self._D
-        if not self._config.unit_mass:
-            damping = [D * m for D, m in zip(damping, self._weighted.roots_of_mass(), strict=True)]
-        return [
-            K * e + D / (1.0 + lag * D * s) * (W - w)
-            for K, e, D, s, W, w in zip(self._K, away, damping, mobility, V, v, strict=True)
-        ]
+        v, V = self.input["twist"].tolist(), self.input["desired_twist"].tolist()
+        return [K * e + D * (W - w) for K, e, D, W, w in zip(self._K, away, self._damping(), V, v, strict=True)]
+
+    def _damping(self) -> list[float]:
+        """D_d of this posture, less where it would overshoot within the lag."""
+        if self._age == 0:
+            D, lag = self._D, self._config.lag
+            if not self._config.unit_mass:
+                D = [d * sqrt(min(max(m, 1.0), _HEAVIEST)) for d, m in zip(D, self._weighted.masses(), strict=True)]
+            self._now = [d / (1.0 + lag * d * s) for d, s in zip(D, self._weighted.mobility(), strict=True)]
+        self._age = (self._age + 1) % _SELDOM
+        return self._now
 
     def _posture(self, inverse_mass: Array) -> list[float]:
         """Eq. 9 of the arm: tau_0 = -D_0 qd + K_0 (q_pref - q); the base has none."""
@@ -247,8 +249,9 @@ class MocaImpedance(Controller):
         y = decay * (s * vx + c * vy + dt / m * tau_v[1])
         twist = [c * x + s * y, c * y - s * x, decay * (wz + dt / j * tau_v[2])]
         if (most := self._config.base_acceleration) is not None:
-            last = (vx, vy, wz)
-            twist = [min(max(v, u - dt * a), u + dt * a) for v, u, a in zip(twist, last, most, strict=True)]
+            for i, (u, a) in enumerate(zip((vx, vy, wz), most, strict=True)):
+                if abs(twist[i] - u) > dt * a:
+                    twist[i] = u + copysign(dt * a, twist[i] - u)
         self.output["base_twist"][:] = twist
 
     def _carry(self, closed: bool, dt: float) -> None:

@@ -87,8 +87,8 @@ class MocaQp(MocaImpedance):
         c, priority = self._config, self._priority
         q, qd = self.input["q"], self.input["qd"]
         inverse_mass = self._dynamics.inverse_mass(q)
-        mobility = self._weighted.take(self.input["jacobian"], inverse_mass)
-        F = self._force(mobility)
+        self._weighted.take(self.input["jacobian"], inverse_mass)
+        F = self._force()
         eta_B = priority.between_ratios(c.manipulation.base, c.locomotion.base)
         eta_A = priority.between_ratios(c.manipulation.arm, c.locomotion.arm)
         tau_v, tau_a = self._weighted(F, self._posture(inverse_mass), eta_B, eta_A)

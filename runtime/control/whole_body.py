@@ -160,12 +160,12 @@ class ArmDynamics:
         return found
 
 
-def add_base(A: list[list[float]], J: Array, linear: float, turning: float) -> None:
-    """Adds J_b diag(linear, linear, turning) J_b^T to the lower triangle of A (6 x 6), with J_b of J (6, 3 + n)."""
+def add_base(A: Array, J: Array, linear: float, turning: float) -> None:
+    """Adds J_b diag(linear, linear, turning) J_b^T to the lower triangle of A (6, 6), with J_b of J (6, 3 + n)."""
     u, v = J.item(0, 2), J.item(1, 2)
-    A[0][0] += linear + turning * u * u
-    A[1][0] += turning * u * v
-    A[1][1] += linear + turning * v * v
-    A[5][0] += turning * u
-    A[5][1] += turning * v
-    A[5][5] += turning
+    A[0, 0] += linear + turning * u * u
+    A[1, 0] += turning * u * v
+    A[1, 1] += linear + turning * v * v
+    A[5, 0] += turning * u
+    A[5, 1] += turning * v
+    A[5, 5] += turning

@@ -31,6 +31,7 @@ class CommandGuard(ABC):
         limited: this cycle's desired command was changed by more than the tolerance.
         fallback: this cycle braked because the trajectory generator failed.
         rejections, limitations, fallbacks: how many cycles had the flag since the guard was made.
+        held_in: it has a position limit.
         at_rest: the stop under way is complete.
         blind: the measurements are old. Set by the runtime; what they would decide is then left out.
     """
@@ -96,6 +97,7 @@ class CommandGuard(ABC):
                     f"lower {low:g} and upper {high:g} leave no room",
                     "Widen the profile's limits, or check them against the device's own",
                 )
+        self.held_in = any(low > -inf for low in self.lower) or any(high < inf for high in self.upper)
         self.rest = None if rest is None else self._flat("rest", rest, 0.0)
         if self.rest is not None and any(
             not low <= r <= high for r, low, high in zip(self.rest, self.lower, self.upper, strict=True)

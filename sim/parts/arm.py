@@ -51,6 +51,9 @@ class ArmConfig(PartConfig):
     friction: float = Field(
         default=0.0, ge=0, le=1, description="share of the joints' dry friction that the robot doesn't compensate"
     )
+    drives: float = Field(
+        default=1.0, gt=0, le=100, description="stiffness in velocity and position mode, times the robot's own"
+    )
 
 
 class ArmPart(Part):
@@ -101,7 +104,7 @@ class ArmPart(Part):
         )
         self.every = 1
         self.mode: Mode = "brake"
-        self._gain = np.array(self.robot.stiffness)
+        self._gain = config.drives * np.array(self.robot.stiffness)
         self._damping = 2 * np.sqrt(self._gain * self.robot.inertia)
         self._lowest, self._greatest = -self.robot.tau_max, self.robot.tau_max
         self._leash = self.robot.tau_max / self._gain

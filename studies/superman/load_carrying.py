@@ -109,6 +109,8 @@ def sweep(folder: Path) -> list[dict[str, Any]]:
 
 def _changed(setup: dict[str, Any], what: str, value: Any) -> dict[str, Any]:
     case = deepcopy(setup)
+    if what == "speed":
+        case["duration"] *= max(setup["speed"] / value, 1.0)  # the slow get the time to arrive
     if what in case:
         case[what] = value
     else:

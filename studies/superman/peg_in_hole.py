@@ -99,6 +99,7 @@ def task(condition: Condition, seed: int, a: dict[str, Any], name: str = "") -> 
     }  # fmt: skip
     if condition.robot == "kairos":
         changes["sim"]["devices"] = {"arm": {"force_limit": a["force_limit"]}}
+        changes["sim"]["parts"]["arm"] = {"drives": a["drives"]}
     label = name or condition.label
     slug = "-".join(label.lower().replace(",", "").split())
     return Task(f"{slug}-{seed}", condition.profile, changes, a["duration"], seed)
@@ -253,30 +254,34 @@ def claims(found: list[Outcome], a: dict[str, Any]) -> list[Claim]:
     ]  # fmt: skip
 
 
-# What is changed one at a time by `sweep`, and to what.
-SWEEP: Final[tuple[tuple[str, tuple[Any, ...]], ...]] = (
-    ("contact", (1e4, 2e5, 1e6)),
-    ("diameter", (0.0304, 0.032)),
-    ("friction", (0.1, 0.4)),
-    ("push", (8.0, 30.0)),
-    ("stiffness", (100.0, 400.0)),
-    ("force_limit", (157.0, 400.0)),
-)
+# What `sweep` changes: an assumption at a time, and what makes the contact hard together.
+_HARD: Final = {"contact": 1e6, "diameter": 0.0304}
+SWEEP: Final[tuple[dict[str, float], ...]] = (
+    {"contact": 1e4}, {"contact": 2e5}, {"contact": 1e6},
+    {"diameter": 0.0304}, {"diameter": 0.032},
+    {"friction": 0.1}, {"friction": 0.4},
+    {"push": 8.0}, {"push": 30.0},
+    {"stiffness": 100.0}, {"stiffness": 400.0},
+    {"drives": 0.25}, {"drives": 4.0},
+    {"force_limit": 157.0}, {"force_limit": 400.0},
+    _HARD, _HARD | {"friction": 0.4, "stiffness": 400.0},
+)  # fmt: skip
+_KAIROS_ONLY: Final = {"drives", "force_limit"}
 
 
 def sweep(folder: Path, conditions: tuple[Condition, ...] = (MOCA, KAIROS_BARE, COMPLIANT)) -> list[dict[str, Any]]:
-    """How the largest force depends on what was assumed, one value changed at a time, one seed.
+    """How the largest force depends on what was assumed, with the first seed.
 
     Returns rows: what was changed, robot, whether it inserted and withdrew, N, the stop.
     """
     base = assumed(STUDY)
     seed = base["seeds"][0]
     cases: list[tuple[str, Condition, dict[str, Any]]] = [("no force feedback", KAIROS, base)]
-    for name, values in SWEEP:
-        for value in values:
-            for condition in conditions:
-                if name != "force_limit" or condition.robot == "kairos":
-                    cases.append((f"{name} {value:g}", condition, base | {name: value}))
+    for changed in SWEEP:
+        label = " ".join(f"{name} {value:g}" for name, value in changed.items())
+        for condition in conditions:
+            if condition.robot == "kairos" or not _KAIROS_ONLY & changed.keys():
+                cases.append((label, condition, base | changed))
     tasks = [task(c, seed, a, f"sweep {label} {c.label}") for label, c, a in cases]
     rows = []
     for (label, condition, a), done in zip(cases, run_all(tasks, folder), strict=True):
