@@ -96,7 +96,15 @@ def program(config: UrConfig, nonce: int) -> str:
     payload = ""
     if config.payload is not None:
         x, y, z = config.payload_cog
-        payload = f"  set_payload({config.payload}, [{x}, {y}, {z}])\n"
+        # Setting it zeroes the force sensor, even while something is touched: so only where it is another.
+        payload = f"""\
+  at = get_target_payload_cog()
+  if norm(get_target_payload() - {config.payload}) > 0.001:
+    set_payload({config.payload}, [{x}, {y}, {z}])
+  elif norm(at[0] - {x}) > 0.0001 or norm(at[1] - {y}) > 0.0001 or norm(at[2] - {z}) > 0.0001:
+    set_payload({config.payload}, [{x}, {y}, {z}])
+  end
+"""
     numbered = _TEXT.format(
         name=NAME, nonce=nonce, sequence=SEQUENCE, state=STATE, nonce_at=NONCE, mode=MODE, patience=PATIENCE,
         values=", ".join(f"read_input_float_register({VALUES + joint})" for joint in range(6)),

@@ -132,7 +132,7 @@ class FakeUr(SensorFake):
         self.controller = UrController(arm, options.force_limit)
         self.controller.slider = self.controller.scaling = options.slider
         if config.payload is not None:
-            self.controller.set_payload(config.payload, config.payload_cog)
+            self.controller.know_payload(config.payload, config.payload_cog)
         if options.start == "power-off":
             self.controller.power_off()
         self._arm = arm

@@ -68,6 +68,7 @@ class UrController:
         self.why = ""
         self.emergency = self.safeguard = False  # the buttons' and the light curtain's contacts
         self.payload = (arm.told.mass, arm.told.com)
+        self._zero = np.zeros(6)  # N, N m, flange frame: what the force sensor is off by since it was zeroed
         self._fastest = arm.robot.dq_max * _TOO_FAST
         self._ready_at = -1  # cycle in which the robot mode goes on by itself
         self.locked_until = 0
@@ -221,10 +222,21 @@ class UrController:
         felt = self.arm.flange_wrench()
         mass, cog = self.payload
         weight = mass * np.array([0.0, 0.0, -9.81])
+        felt = felt - self._zero
         return np.concatenate([turn @ felt[:3] - weight, turn @ felt[3:] - np.cross(turn @ np.array(cog), weight)])
 
     def set_payload(self, mass: float, cog: tuple[float, float, float]) -> None:
-        """URScript's set_payload: kg, and its centre of mass in the flange's frame, m. Raises ValueError."""
+        """URScript's set_payload: kg, and its centre of mass in the flange's frame, m. Raises ValueError.
+
+        It zeroes the force sensor: whatever is touched at that moment isn't felt, and missed afterwards.
+        """
+        self.know_payload(mass, cog)
+        turn, _ = self.arm.flange()
+        wrench = self._feel()
+        self._zero = self._zero + np.concatenate([turn.T @ wrench[:3], turn.T @ wrench[3:]])
+
+    def know_payload(self, mass: float, cog: tuple[float, float, float]) -> None:
+        """As set at the pendant, the sensor zeroed with nothing touched. Raises ValueError."""
         if not 0 <= mass <= _PAYLOAD or len(cog) != 3 or not all(abs(x) <= 1 for x in cog):
             raise ValueError(f"a payload is 0 to {_PAYLOAD:g} kg, its centre within 1 m")
         self.payload = (mass, cog)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import hypot
 from typing import Any, Final
 
 from drivers.ur.registers import CYCLE
@@ -61,6 +62,9 @@ class UrScriptProgram:
             "write_output_boolean_register": lambda number, value: outputs.bits.__setitem__(number, bool(value)),
             "rtde_set_watchdog": self._registers.watch,
             "set_payload": lambda mass, cog=(0.0, 0.0, 0.0): controller.set_payload(mass, tuple(cog)),
+            "get_target_payload": lambda: controller.payload[0],
+            "get_target_payload_cog": lambda: list(controller.payload[1]),
+            "norm": lambda of: hypot(*of) if isinstance(of, list) else abs(of),
             "set_digital_out": set_digital,
             "set_standard_digital_out": set_digital,
             "get_actual_joint_positions": lambda: list(map(float, controller.arm.position)),

@@ -22,7 +22,12 @@ class Controller:
         self.did = []
         self.watchdogs = []
         self.between = None
+        self.told, self.payloads = (0.0, [0.0, 0.0, 0.0]), []
         functions = {
+            "get_target_payload": lambda: self.told[0],
+            "get_target_payload_cog": lambda: self.told[1],
+            "norm": abs,
+            "set_payload": self.set_payload,
             "read_input_integer_register": self.read_int,
             "read_input_float_register": self.doubles.__getitem__,
             "write_output_integer_register": self.out.__setitem__,
@@ -30,7 +35,16 @@ class Controller:
         }
         motions = {name: self.motion(name) for name in ("speedj", "servoj", "stopj", "sync")}
         self.ints[NONCE] = MINE
-        self.script = Script(program(UrConfig(port="tcp://h", **config), MINE), functions, motions)
+        self.text, self.functions, self.motions = program(UrConfig(port="tcp://h", **config), MINE), functions, motions
+        self.restart()
+
+    def set_payload(self, mass, cog):
+        self.told = (mass, cog)
+        self.payloads.append(self.told)
+
+    def restart(self):
+        """The program from its beginning, as after a recovery."""
+        self.script = Script(self.text, self.functions, self.motions)
 
     def motion(self, name):
         def wait(*given):
@@ -71,6 +85,19 @@ def controller():
 def test_it_says_that_it_is_ready_and_waits(controller):
     assert controller.cycles(3) == ["sync"] * 3
     assert (controller.state, controller.out[NONCE]) == (ScriptState.READY, MINE)
+
+
+@pytest.mark.parametrize(
+    "told", [(2.0, [0.0, 0.0, 0.1]), (2.5, [0.0, 0.0, 0.2]), (2.5, [0.05, 0.0, 0.1]), (0.0, [0.0, 0.0, 0.0])]
+)
+def test_another_payload_is_set_once_and_not_again_at_a_recovery(told):
+    controller = Controller(payload=2.5, payload_cog=(0.0, 0.0, 0.1))
+    controller.told = told
+    controller.cycles(3)
+    assert controller.payloads == [(2.5, [0.0, 0.0, 0.1])]
+    controller.restart()
+    controller.cycles(3)
+    assert len(controller.payloads) == 1  # it would zero the force sensor while the arm is pressed against something
 
 
 def test_a_command_that_was_there_before_it_is_not_obeyed():

@@ -97,6 +97,19 @@ def test_a_push_is_felt_in_the_bases_axes():
     assert fake.health.fault == ""
 
 
+def test_setting_a_payload_while_something_presses_hides_it_and_shows_it_when_it_is_gone():
+    fake = make_fake()
+    fake.open()
+    push(fake, (0.0, 0.0, 50.0))
+    advance(fake, 300)
+    fake.controller.set_payload(0.0, (0.0, 0.0, 0.0))
+    advance(fake, 50)
+    np.testing.assert_allclose(fake.state_arrays["wrench"], 0.0, atol=2.0)
+    push(fake, (0.0, 0.0, 0.0))
+    advance(fake, 300)
+    np.testing.assert_allclose(fake.state_arrays["wrench"][:3], (0.0, 0.0, -50.0), atol=3.0)
+
+
 def test_a_payload_that_was_set_is_taken_off_the_wrench():
     fake = make_fake({"payload": 2.0, "payload_cog": (0.0, 0.0, 0.1)})
     fake.open()
