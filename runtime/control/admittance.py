@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
-from math import sqrt
+from math import isfinite, nan, sqrt
 from operator import mul, sub
 from typing import Annotated, Final
 
@@ -127,6 +127,9 @@ class Admittance(Controller):
         force, pull, drag = [0.0] * 6, _ZEROS, _ZEROS
         x, y, z, qw, qx, qy, qz = self.input["pose"].tolist()
         F, T, r = self._hand((qw, qx, qy, qz))
+        if not isfinite(x + y + z + sum(F) + sum(T) + sum(self.input["twist"].tolist())):
+            self._refuse()
+            return
         if on > 0.5:
             force = self._felt(F, T, r, rotates > 0.5)
             # Switched off, the desired pose stays: whoever pushes the robot away stretches its spring, not the leash.
@@ -169,8 +172,8 @@ class Admittance(Controller):
 
     def _felt(self, F: rotation.Vector, T: rotation.Vector, r: rotation.Vector, rotates: bool) -> list[float]:
         """lambda_h: what of the hand's wrench acts on the virtual mass."""
-        F = _beyond(F, self._config.dead_band[0])
-        return _about(F, _beyond(T, self._config.dead_band[1]), r) if rotates else [*F, 0.0, 0.0, 0.0]
+        F = beyond(F, self._config.dead_band[0])
+        return _about(F, beyond(T, self._config.dead_band[1]), r) if rotates else [*F, 0.0, 0.0, 0.0]
 
     def _held(self, place: rotation.Vector, actual: rotation.Quaternion) -> tuple[list[float], list[float]]:
         """The leash's pull, and its damping about the stretched direction; zeros while it is slack."""
@@ -217,6 +220,11 @@ class Admittance(Controller):
         self._emptied += level <= 0.0
         return self._brake
 
+    def _refuse(self) -> None:
+        """A measurement isn't finite: neither is the output, so that the guard refuses it; the state stays."""
+        for name in ("pose", "twist", "force"):
+            self.output[name][:] = nan
+
     def _write(self, force: list[float]) -> None:
         out = self.output
         out["pose"][:] = [*self._position, *self._orientation]
@@ -230,7 +238,7 @@ def _about(F: rotation.Vector, T: rotation.Vector, r: rotation.Vector) -> list[f
     return [*F, T[0] + r[1] * F[2] - r[2] * F[1], T[1] + r[2] * F[0] - r[0] * F[2], T[2] + r[0] * F[1] - r[1] * F[0]]
 
 
-def _beyond(v: tuple[float, float, float], band: float) -> tuple[float, float, float]:
+def beyond(v: tuple[float, float, float], band: float) -> tuple[float, float, float]:
     """What is left of a vector when `band` is taken off its length: continuous, and zero below it."""
     size = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     if size <= band:

@@ -16,14 +16,14 @@ becomes firm, and given back slowly after it is lost, since a contact behind a d
 from __future__ import annotations
 
 from collections import deque
-from math import sqrt
+from math import isfinite, nan, sqrt
 from operator import sub
 from typing import Annotated, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from runtime.control import rotation
-from runtime.control.admittance import GRAVITY
+from runtime.control.admittance import GRAVITY, beyond
 
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 _NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -139,6 +139,10 @@ class ContactCompliance:
             closed: whether the gripper is.
         """
         c = self._config
+        if not isfinite(sum(wrench) + sum(hand) + sum(desired)):
+            # Neither is what comes of it, so that the guard refuses it; what was felt before stays.
+            self.velocity, self.contact = [nan] * 6, [nan] * 6
+            return
         if c.hand:
             self._hands.append(hand)
             while dt > 0.0 and len(self._hands) > round(c.hand_lead / dt) + 1:
@@ -172,7 +176,7 @@ class ContactCompliance:
         bands = [open_ + share * (closed - open_) for open_, closed in zip(c.dead_band, c.carrying, strict=True)]
         # It comes off the table bit by bit, and nobody says how heavy it is.
         fz += min(max(-fz, 0.0), share * c.load * GRAVITY)
-        return [*_beyond([fx, fy, fz], bands[0]), *_beyond(whole[3:], bands[1])]
+        return [*beyond((fx, fy, fz), bands[0]), *beyond((whole[3], whole[4], whole[5]), bands[1])]
 
     def _felt(self, wrench: list[float], orientation: rotation.Quaternion, yaw: float) -> list[float]:
         """(6,) N, N m at the control point, world axes, without tool and hand."""
@@ -231,10 +235,3 @@ def _square(v: list[float]) -> float:
 
 def _cross(a: _Three, b: _Three) -> _Three:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-def _beyond(v: list[float], band: float) -> list[float]:
-    """What is left of a vector when `band` is taken off its length: continuous, and zero below it."""
-    size = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-    k = 1.0 - band / size if size > band else 0.0
-    return [k * v[0], k * v[1], k * v[2]]

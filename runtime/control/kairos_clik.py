@@ -218,7 +218,9 @@ class KairosClik(Controller):
             self.output["contact"][:] = compliance.contact
             e = compliance.deviation
             X, Y, Z = X + e[0], Y + e[1], Z + e[2]
-            desired = rotation.product(rotation.exp(e[3], e[4], e[5]), desired)
+            turn = rotation.exp(e[3], e[4], e[5])
+            desired = rotation.product(turn, desired)
+            twist[3:] = rotation.turned(turn, (twist[3], twist[4], twist[5]))
             twist = [a + b for a, b in zip(twist, compliance.velocity, strict=True)]
         away = (X - x, Y - y, Z - z, *rotation.error(desired, actual))
         return np.array([v + K * e for v, K, e in zip(twist, self._config.gain, away, strict=True)])

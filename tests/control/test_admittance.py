@@ -285,3 +285,27 @@ def test_the_bare_law_does_ring_there() -> None:
     seen = np.abs(held(2000, 0.03, None, 2.0))
     peaks = [seen[a:b].max() for a, b in pairwise(range(0, 2001, 400))]
     assert peaks[-1] > 5 * peaks[0]
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.sampled_from(["wrench", "pose", "twist"]), st.integers(0, 5), st.integers(1, 20))
+def test_a_measurement_that_is_no_number_is_refused_and_leaves_nothing_behind(name: str, at: int, count: int) -> None:
+    """What comes out meanwhile is no number either, which the guard refuses."""
+
+    def run(broken: bool) -> tuple[Any, ...]:
+        controller = law(force_age=0.005)
+        controller.input["wrench"][:] = [5, 0, 3, 0, 0.4, 0]
+        for k in range(100):
+            if 50 <= k < 50 + count:
+                if broken:
+                    good = controller.input[name].copy()
+                    controller.input[name][at] = np.nan
+                    controller.update(DT)
+                    controller.input[name][:] = good
+                    assert np.isnan(controller.output["pose"]).all()
+                    assert np.isnan(controller.output["twist"]).all()
+                continue
+            follow(controller)
+        return tuple(controller.output[each].tolist() for each in ("pose", "twist", "hand", "force", "tank"))
+
+    assert run(True) == run(False)
