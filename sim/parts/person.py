@@ -32,6 +32,7 @@ from sim.parts.person_memory import flat, refill
 from sim.parts.person_muscles import PULLS, Muscles
 from sim.parts.person_path import Pose
 from sim.parts.person_places import Places
+from sim.parts.person_sight import Sight
 from sim.parts.person_will import Will, buttons
 from sim.robot_mjcf import SPECK
 from sim.wearer.forces import load_forces
@@ -42,9 +43,7 @@ _NOISE_TIME: Final = 0.03  # s, after which the force's noise has forgotten itse
 _DRIFT_TIME: Final = 2.0  # s, the same of the idea where things are; ours
 _STIFFENS: Final = 0.2  # s, in which stiffness follows the force; ours
 _GIVES_UP: Final = 2.0  # s of wanting more than there is strength
-_REACH: Final = 0.25  # m and rad that sight may correct at most
 _ZERO: Final = (0.0, 0.0, 0.0)
-_ROW: Final = 7
 
 
 @dataclass
@@ -59,8 +58,6 @@ class _Body:
     pace: Vector = _ZERO  # m/s and rad/s of the aim, after the lag
     spin: Vector = _ZERO
     twist: Vector = _ZERO  # N m about the tool that turn what is known of it
-    slow: tuple[float, ...] = (0.0,) * 12  # the seen error, after sight's bandwidth: two stages of 6
-    shift: tuple[float, ...] = (0.0,) * 6  # m, rad: correction that has built up
     luck: tuple[float, ...] = (0.0,) * 6
     capacity: float = 1.0
     effort: float = 0.0  # N, the force over the last tenths of a second
@@ -158,10 +155,8 @@ class PersonPart(Part):
         self._inertia = inertia if config.learned_inertia is None else config.learned_inertia
         self._turn_drag = turn_drag if config.learned_turn_damping is None else config.learned_turn_damping
         self._wander = Wander(self.seed, self.name, self._dt, (_NOISE_TIME,) * 3 + (_DRIFT_TIME,) * 3)
-        self._sight = max(1, round(config.sight / self._dt))
-        self._seen = [(0.0,) * (_ROW + 6)] * self._sight  # a ring: the tool's pose and its error
+        self._sight = Sight(config.sight, config.bandwidth, config.correction, self._dt)
         self._lag = 1.0 - decay(-self._dt / config.activation) if config.activation else 1.0
-        self._slow = 1.0 - decay(-self._dt * 2 * np.pi * config.bandwidth)
         self._body = _Body(turn=_four(self._turn.tolist()), place=_three(self._place.tolist()))
         self.will = Will(
             config.plan,
@@ -202,15 +197,14 @@ class PersonPart(Part):
         body.luck = luck = self._wander.next(body.luck, number)
 
         # What was seen `sight` ago decides what the will does, and corrects what the muscles do.
-        slot = number % self._sight
-        row = self._seen[slot]
-        off = row[_ROW:]
-        self.will.update(step * self._timestep, dt, row[:_ROW], tool, sqrt(off[0] ** 2 + off[1] ** 2 + off[2] ** 2))  # type: ignore[arg-type]
+        seen, off = self._sight.seen(number)
+        self.will.update(step * self._timestep, dt, seen, tool, sqrt(off[0] ** 2 + off[1] ** 2 + off[2] ** 2))
         meant = self._lagged()
         ex, ey, ez = (meant[i] - tool[i] + config.drift * luck[3 + i] for i in range(3))
         rx, ry, rz = error(meant[3:], grip)
-        self._seen[slot] = (*tool, ex, ey, ez, rx, ry, rz)
-        shift = self._corrected(off)
+        self._sight.take(number, tool, (ex, ey, ez, rx, ry, rz))
+        pushing = self.will.pushing
+        shift = self._sight.correction(off, None if pushing is None else pushing.direction)
 
         # Where the hand would have to be for the tool to be where it is meant to.
         way = turned(meant[3:], turned(conjugate(self._reach[1]), self._reach[0]))
@@ -242,7 +236,7 @@ class PersonPart(Part):
             tx += ly * weight[2] - lz * weight[1]
             ty += lz * weight[0] - lx * weight[2]
             tz += lx * weight[1] - ly * weight[0]
-        if (pushing := self.will.pushing) is not None:
+        if pushing is not None:
             d = pushing.direction
             over = fx * d[0] + fy * d[1] + fz * d[2] - pushing.force
             if over > 0:
@@ -260,7 +254,7 @@ class PersonPart(Part):
         body.begun = 1.0
         body.place, body.turn, body.meant = place, turn, tool
         self.will.begin(tool)
-        self._seen = [(*tool, *(0.0,) * 6)] * self._sight
+        self._sight.begin(tool)
 
     def _lagged(self) -> Pose:
         """The aim, its motion and the force for it, as the muscles bring them about; gives the aim."""
@@ -281,24 +275,6 @@ class PersonPart(Part):
         body.twist = _mixed(body.twist, _three(list(known)), k)
         body.pace, body.spin = _mixed(body.pace, v, k), spin
         return meant
-
-    def _corrected(self, off: tuple[float, ...]) -> tuple[float, ...]:
-        """m and rad (6,) that the balance is moved on by, from the late error."""
-        body, dt, k, (at_once, by_time) = self._body, self._dt, self._slow, self._config.correction
-        if (pushing := self.will.pushing) is not None:
-            d = pushing.direction
-            along = off[0] * d[0] + off[1] * d[1] + off[2] * d[2]
-            off = (off[0] - along * d[0], off[1] - along * d[1], off[2] - along * d[2], *off[3:])
-        slow, shift, out, once = list(body.slow), list(body.shift), [], []
-        for i in range(6):
-            slow[i] += k * (off[i] - slow[i])
-            slow[6 + i] += k * (slow[i] - slow[6 + i])
-            late = slow[6 + i] if i < 3 else slow[6 + i] / 3
-            once.append(at_once * late)
-            shift[i] = min(max(shift[i] + by_time * dt * late, -_REACH), _REACH)
-            out.append(once[i] + shift[i])
-        body.slow, body.shift = tuple(slow), tuple(shift)
-        return tuple(out)
 
     def _exert(self, force: Vector, torque: Vector, t: float) -> None:
         """Adds what isn't willed, limits by strength, tires."""
@@ -384,14 +360,13 @@ class PersonPart(Part):
         truth[f"{name}_progress"][:] = aim.step, aim.missed, body.gave_up
 
     def save(self) -> Array:
-        seen = [value for row in self._seen for value in row]
-        return np.array([*flat(self._body), *flat(self.will.aim), *seen])
+        return np.array([*flat(self._body), *flat(self.will.aim), *self._sight.save()])
 
     def restore(self, state: Array) -> None:
         values = iter(state.tolist())
         refill(self._body, values)
         refill(self.will.aim, values)
-        self._seen = [tuple(next(values) for _ in range(_ROW + 6)) for _ in range(self._sight)]
+        self._sight.restore(values)
 
 
 def _three(v: list[float]) -> Vector:
