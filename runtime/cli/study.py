@@ -39,8 +39,9 @@ def run(args: argparse.Namespace) -> int:
     if args.sweep:
         return _sweep(args.name, study, folder, args.json)
     result = study(folder, args.quick)
+    kept = _keep(folder / "result.json", result.figures())
     if args.json:
-        print(json.dumps(result.figures()))
+        print(kept)
         return 0
     print(f"{result.study} ({'simulated' if result.simulated else 'on hardware'}, seeds {result.seeds})")
     _print_table(result.table)
@@ -48,9 +49,16 @@ def run(args: argparse.Namespace) -> int:
         measured = "not measured" if claim.measured is None else f"{claim.measured:.4g} {claim.unit}".rstrip()
         paper = f"; paper: {claim.paper}" if claim.paper else ""
         print(f"  {'holds' if claim.holds else 'DOES NOT HOLD'}: {claim.id}: {claim.text} ({measured}{paper})")
-    for file in result.files:
+    for file in (*result.files, "result.json"):
         print(f"  {file}")
     return 0
+
+
+def _keep(file: Path, figures: dict[str, Any]) -> str:
+    """Some take hours: what came out stays beside the recordings."""
+    text = json.dumps(figures)
+    file.write_text(text + "\n", encoding="utf-8")
+    return text
 
 
 def _sweep(name: str, study: Any, folder: Path, as_json: bool) -> int:
@@ -58,8 +66,9 @@ def _sweep(name: str, study: Any, folder: Path, as_json: bool) -> int:
     if sweep is None:
         raise RequestError(f"srl study {name} --sweep", "this study has nothing to sweep", "Leave out --sweep")
     rows = sweep(folder)
+    kept = _keep(folder / "sweep.json", {"study": name, "simulated": True, "sweep": rows})
     if as_json:
-        print(json.dumps({"study": name, "simulated": True, "sweep": rows}))
+        print(kept)
     else:
         print(f"{name}, simulated, one assumption changed at a time")
         _print_table(rows)

@@ -18,6 +18,7 @@ def test_a_sweep_prints_a_row_for_each_change(
     monkeypatch.setattr(peg_in_hole, "sweep", lambda folder: rows if folder.is_dir() else [])
     assert main(["study", "peg-in-hole", "--sweep", "--json", "--out", str(tmp_path)]) == 0
     assert json.loads(capsys.readouterr().out)["sweep"] == rows
+    assert json.loads((tmp_path / "peg-in-hole" / "sweep.json").read_text())["sweep"] == rows
     assert main(["study", "peg-in-hole", "--sweep", "--out", str(tmp_path)]) == 0
     assert "push 8" in capsys.readouterr().out
 
