@@ -103,7 +103,7 @@ def _run(task: Task, folder: Path) -> Run:
         yaml.dump(content, profile)
         command = [
             sys.executable, "-m", "runtime", "run", str(profile), "--sim", "--fast", "--json",
-            "--duration", str(task.duration), "--record", str(file), "--instance", _slug(task.name),
+            "--duration", str(task.duration), "--record", str(file), "--instance", Path(scratch).name.replace("_", "-"),
         ]  # fmt: skip
         place = {"SRL_RUNTIME_DIR": f"{scratch}/run", "STATE_DIRECTORY": f"{scratch}/state", "OMP_NUM_THREADS": "1"}
         done = subprocess.run(command, env=os.environ | place, capture_output=True, text=True, check=False)
@@ -143,7 +143,3 @@ def controller(profile: str, use: str, **options: Any) -> list[dict[str, Any]]:
 def largest(values: Array) -> float:
     """The greatest length of vectors (k, 3); 0 for none."""
     return float(np.linalg.norm(values, axis=-1).max(initial=0.0))
-
-
-def _slug(name: str) -> str:
-    return "study-" + "".join(c if c.isalnum() else "-" for c in name.lower())
