@@ -53,7 +53,7 @@ def _simulated() -> list[Row]:
 
     period = dict.fromkeys(("read", "control", "guard", "write", "log", "whole"), 1e6 / RATE)
     pairs = measure(ours, {"the period": lambda: period}, PAIRS // 2)
-    what = "moca-man --sim, {} (p50; read has MuJoCo in it)"
+    what = "moca-man --sim --fast, {} (p50; read has MuJoCo in it)"
     return [pairs.row("superman-simulated", what.format(name), name, "the period", "us") for name in period]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument(
         "--sweep",
         action="store_true",
-        help="change what was assumed one at a time: how much does each claim depend on it",
+        help="change what was assumed: how much does each claim depend on it",
     )
     parser.add_argument("--json", action="store_true", help="one JSON object")
     parser.set_defaults(run=run)
@@ -39,9 +40,9 @@ def run(args: argparse.Namespace) -> int:
     if args.sweep:
         return _sweep(args.name, study, folder, args.json)
     result = study(folder, args.quick)
-    kept = _keep(folder / "result.json", result.figures())
     if args.json:
-        print(kept)
+        print(_json(result.figures()))
+        _keep(folder / "result.json", result.figures())
         return 0
     print(f"{result.study} ({'simulated' if result.simulated else 'on hardware'}, seeds {result.seeds})")
     _print_table(result.table)
@@ -51,14 +52,29 @@ def run(args: argparse.Namespace) -> int:
         print(f"  {'holds' if claim.holds else 'DOES NOT HOLD'}: {claim.id}: {claim.text} ({measured}{paper})")
     for file in (*result.files, "result.json"):
         print(f"  {file}")
+    _keep(folder / "result.json", result.figures())
     return 0
 
 
-def _keep(file: Path, figures: dict[str, Any]) -> str:
+def _keep(file: Path, figures: dict[str, Any]) -> None:
     """Some take hours: what came out stays beside the recordings."""
-    text = json.dumps(figures)
-    file.write_text(text + "\n", encoding="utf-8")
-    return text
+    try:
+        file.write_text(_json(figures) + "\n", encoding="utf-8")
+    except OSError as error:
+        print(f"srl study: {file} can't be written: {error.strerror}; the table above is all there is", file=sys.stderr)
+
+
+def _json(figures: dict[str, Any]) -> str:
+    return json.dumps(_plain(figures))
+
+
+def _plain(value: Any) -> Any:
+    """JSON knows no NaN."""
+    if isinstance(value, dict):
+        return {key: _plain(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(entry) for entry in value]
+    return None if isinstance(value, float) and not isfinite(value) else value
 
 
 def _sweep(name: str, study: Any, folder: Path, as_json: bool) -> int:
@@ -66,12 +82,13 @@ def _sweep(name: str, study: Any, folder: Path, as_json: bool) -> int:
     if sweep is None:
         raise RequestError(f"srl study {name} --sweep", "this study has nothing to sweep", "Leave out --sweep")
     rows = sweep(folder)
-    kept = _keep(folder / "sweep.json", {"study": name, "simulated": True, "sweep": rows})
+    figures = {"study": name, "simulated": True, "sweep": rows}
     if as_json:
-        print(kept)
+        print(_json(figures))
     else:
-        print(f"{name}, simulated, one assumption changed at a time")
+        print(f"{name}, simulated, with other assumptions")
         _print_table(rows)
+    _keep(folder / "sweep.json", figures)
     return 0
 
 

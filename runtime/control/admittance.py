@@ -127,8 +127,9 @@ class Admittance(Controller):
         force, pull, drag = [0.0] * 6, _ZEROS, _ZEROS
         x, y, z, qw, qx, qy, qz = self.input["pose"].tolist()
         F, T, r = self._hand((qw, qx, qy, qz))
-        if not isfinite(x + y + z + sum(F) + sum(T) + sum(self.input["twist"].tolist())):
-            self._refuse()
+        measured = x + y + z + qw + qx + qy + qz + sum(self.input["twist"].tolist())
+        if not isfinite(measured + sum(F) + sum(T) if on > 0.5 else measured):
+            self._refuse(dt, M, D)
             return
         if on > 0.5:
             force = self._felt(F, T, r, rotates > 0.5)
@@ -220,8 +221,10 @@ class Admittance(Controller):
         self._emptied += level <= 0.0
         return self._brake
 
-    def _refuse(self) -> None:
-        """A measurement isn't finite: neither is the output, so that the guard refuses it; the state stays."""
+    def _refuse(self, dt: float, M: float, D: float) -> None:
+        """A measurement isn't finite: neither is the output, so that the guard refuses it; the motion fades."""
+        velocity = zip(self._velocity, self._M, self._D, strict=True)
+        self._velocity = [v / (1.0 + dt * D * d / (M * m)) for v, m, d in velocity]
         for name in ("pose", "twist", "force"):
             self.output[name][:] = nan
 

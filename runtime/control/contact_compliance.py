@@ -139,7 +139,7 @@ class ContactCompliance:
             closed: whether the gripper is.
         """
         c = self._config
-        if not isfinite(sum(wrench) + sum(hand) + sum(desired)):
+        if not isfinite(sum(wrench) + sum(hand) + sum(desired) + sum(orientation) + yaw):
             # Neither is what comes of it, so that the guard refuses it; what was felt before stays.
             self.velocity, self.contact = [nan] * 6, [nan] * 6
             return

@@ -206,6 +206,9 @@ class KairosClik(Controller):
         desired: rotation.Quaternion = (r[0], r[1], r[2], r[3])
         compliance = self._compliance
         if compliance is not None:
+            # What gave way by e turns with it.
+            w = rotation.turned(rotation.exp(*compliance.deviation[3:]), (twist[3], twist[4], twist[5]))
+            twist = [*twist[:3], *w]
             compliance.update(
                 self.input["flange_wrench"].tolist(),
                 self.input["hand"].tolist() if self._hand else [0.0] * 6,
@@ -218,9 +221,7 @@ class KairosClik(Controller):
             self.output["contact"][:] = compliance.contact
             e = compliance.deviation
             X, Y, Z = X + e[0], Y + e[1], Z + e[2]
-            turn = rotation.exp(e[3], e[4], e[5])
-            desired = rotation.product(turn, desired)
-            twist[3:] = rotation.turned(turn, (twist[3], twist[4], twist[5]))
+            desired = rotation.product(rotation.exp(e[3], e[4], e[5]), desired)
             twist = [a + b for a, b in zip(twist, compliance.velocity, strict=True)]
         away = (X - x, Y - y, Z - z, *rotation.error(desired, actual))
         return np.array([v + K * e for v, K, e in zip(twist, self._config.gain, away, strict=True)])

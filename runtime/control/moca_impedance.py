@@ -7,7 +7,7 @@ Errata of the paper and what is added: docs/super-man.md.
 
 from __future__ import annotations
 
-from math import copysign, cos, sin, sqrt
+from math import copysign, cos, isfinite, sin, sqrt
 from operator import sub
 from typing import Annotated, Final, Literal
 
@@ -224,6 +224,8 @@ class MocaImpedance(Controller):
             if not self._config.unit_mass:
                 D = [d * sqrt(min(max(m, 1.0), _HEAVIEST)) for d, m in zip(D, self._weighted.masses(), strict=True)]
             self._now = [d / (1.0 + lag * d * s) for d, s in zip(D, self._weighted.mobility(), strict=True)]
+            if not isfinite(sum(self._now)):
+                return self._now  # of a measurement that failed: not kept
         self._age = (self._age + 1) % _SELDOM
         return self._now
 

@@ -5,10 +5,11 @@ By Eigen's L D L^T, which comes with pinocchio: at this size a call of numpy's o
 
 from __future__ import annotations
 
-from math import prod
+from math import isfinite, nan, prod
 from typing import Final
 
 import eigenpy
+import numpy as np
 
 from runtime.signals import Array
 
@@ -19,7 +20,10 @@ DAMPING: Final = 1e-6
 
 
 class Equations:
-    """Solves A x = b; of A (6, 6) only the lower triangle is read. One for each that uses it: it has a memory."""
+    """Solves A x = b; of A (6, 6) only the lower triangle is read. One for each that uses it: it has a memory.
+
+    A must be finite: Eigen takes what isn't for zero.
+    """
 
     def __init__(self) -> None:
         self._factors = eigenpy.LDLT(6)
@@ -39,6 +43,8 @@ class Equations:
         independence = self.determinant(A) / (prod(A.diagonal().tolist()) or 1.0)
         if independence >= NEAR:
             return self._factors.solve(b), independence
+        if not isfinite(independence):
+            return np.full(6, nan), independence
         away = 1.0 - independence / NEAR
         grown = A.copy()
         grown[range(6), range(6)] *= 1.0 + DAMPING * away * away

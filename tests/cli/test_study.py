@@ -7,7 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from runtime import registry
 from runtime.cli import main
+from studies.result import Result
 from studies.superman import peg_in_hole
 
 
@@ -21,6 +23,25 @@ def test_a_sweep_prints_a_row_for_each_change(
     assert json.loads((tmp_path / "peg-in-hole" / "sweep.json").read_text())["sweep"] == rows
     assert main(["study", "peg-in-hole", "--sweep", "--out", str(tmp_path)]) == 0
     assert "push 8" in capsys.readouterr().out
+
+
+def test_what_came_out_is_kept_where_it_can_be_and_printed_in_any_case(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def study(folder: Path, quick: bool) -> Result:
+        return Result("peg-in-hole", simulated=True, seeds=[1], table=[{"force N": float("nan")}])
+
+    monkeypatch.setattr(registry, "load", lambda *_: study)
+    assert main(["study", "peg-in-hole", "--out", str(tmp_path)]) == 0
+    kept = tmp_path / "peg-in-hole" / "result.json"
+    assert json.loads(kept.read_text(), parse_constant=pytest.fail)["table"] == [{"force N": None}]
+    kept.unlink()
+    kept.mkdir()
+    capsys.readouterr()
+    assert main(["study", "peg-in-hole", "--out", str(tmp_path)]) == 0
+    said = capsys.readouterr()
+    assert "force N" in said.out
+    assert "result.json can't be written" in said.err
 
 
 @pytest.mark.parametrize(

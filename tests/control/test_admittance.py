@@ -288,24 +288,35 @@ def test_the_bare_law_does_ring_there() -> None:
 
 
 @settings(max_examples=30, deadline=None)
-@given(st.sampled_from(["wrench", "pose", "twist"]), st.integers(0, 5), st.integers(1, 20))
+@given(st.sampled_from(["wrench", "pose", "twist"]), st.integers(0, 5), st.integers(1, 2000))
 def test_a_measurement_that_is_no_number_is_refused_and_leaves_nothing_behind(name: str, at: int, count: int) -> None:
-    """What comes out meanwhile is no number either, which the guard refuses."""
+    """What comes out meanwhile is no number either, which the guard refuses; afterwards it goes on from less speed."""
+    controller = law(force_age=0.005)
+    push = np.array([5, 0, 3, 0, 0.4, 0])
+    controller.input["wrench"][:] = push
+    for _ in range(200):
+        follow(controller)
+    pose, twist = controller.output["pose"].copy(), controller.output["twist"].copy()
+    good = controller.input[name].copy()
+    controller.input[name][at] = np.nan
+    for _ in range(count):
+        controller.update(DT)
+        assert np.isnan(controller.output["pose"]).all()
+        assert np.isnan(controller.output["twist"]).all()
+    controller.input[name][:] = good
+    controller.update(DT)
+    gained = DT * np.linalg.norm(push[:3]) / 6.0
+    speed, before = np.linalg.norm(controller.output["twist"][:3]), np.linalg.norm(twist[:3])
+    assert speed <= before * np.exp(-count * DT * 40 / 6.0) * 1.05 + 1.01 * gained
+    assert np.linalg.norm(controller.output["pose"][:3] - pose[:3]) <= DT * (before + gained)
+    for each in ("hand", "force", "tank"):
+        assert np.isfinite(controller.output[each]).all()
 
-    def run(broken: bool) -> tuple[Any, ...]:
-        controller = law(force_age=0.005)
-        controller.input["wrench"][:] = [5, 0, 3, 0, 0.4, 0]
-        for k in range(100):
-            if 50 <= k < 50 + count:
-                if broken:
-                    good = controller.input[name].copy()
-                    controller.input[name][at] = np.nan
-                    controller.update(DT)
-                    controller.input[name][:] = good
-                    assert np.isnan(controller.output["pose"]).all()
-                    assert np.isnan(controller.output["twist"]).all()
-                continue
-            follow(controller)
-        return tuple(controller.output[each].tolist() for each in ("pose", "twist", "hand", "force", "tank"))
 
-    assert run(True) == run(False)
+def test_a_handle_that_fails_while_it_is_switched_off_stops_nothing() -> None:
+    controller = law()
+    controller.input["modes"][:] = 0.0
+    controller.input["wrench"][:] = np.nan
+    follow(controller)
+    np.testing.assert_array_equal(controller.output["twist"], 0.0)
+    assert np.isfinite(controller.output["pose"]).all()

@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers_control import bound
 from helpers_superman import KairosRig
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from runtime.control.contact_compliance import ComplianceConfig, ContactCompliance
+from runtime.control.kairos_clik import KairosClik, KairosClikConfig
 
 
 def press(force_feedback: dict[str, Any] | None, stiffness: float, push: float) -> tuple[float, float, float]:
@@ -122,21 +124,49 @@ def test_the_arms_axes_turn_with_base_and_mount() -> None:
 
 
 @settings(max_examples=30, deadline=None)
-@given(st.integers(0, 2), st.integers(0, 5), st.integers(1, 80))
+@given(st.integers(0, 4), st.integers(0, 3), st.integers(1, 80))
 def test_a_measurement_that_is_no_number_is_refused_and_leaves_nothing_behind(which: int, at: int, n: int) -> None:
     def run(broken: bool) -> ContactCompliance:
-        compliance = ContactCompliance(ComplianceConfig(axes="world"))
+        compliance = ContactCompliance(ComplianceConfig())
         compliance.reset(False)
         for k in range(200):
-            given_ = [[30.0, 0, 0, 0, 2.0, 0], [2.0] * 6, [-0.1, 0, 0, 0, -0.1, 0]]
+            measured: list[list[float]] = [
+                [30.0, 0, 0, 0, 2.0, 0], [2.0] * 6, [-0.1, 0, 0, 0, -0.1, 0], [1.0, 0, 0, 0], [0.0] * 4,
+            ]  # fmt: skip
             if 100 <= k < 100 + n:
                 if not broken:
                     continue
-                given_[which][at] = nan
-            compliance.update(*given_, (1, 0, 0, 0), 0.0, False, 2e-3)
+                measured[which][0 if which == 4 else at] = nan
+            wrench, hand, desired, (w, x, y, z), (yaw, *_) = measured
+            compliance.update(wrench, hand, desired, (w, x, y, z), yaw, False, 2e-3)
             assert np.isnan(compliance.velocity).all() == (100 <= k < 100 + n)
         return compliance
 
     broken, whole = run(True), run(False)
     assert broken.deviation == whole.deviation
     assert broken.velocity == whole.velocity
+
+
+def test_what_gave_way_turns_with_the_desired_turning_and_not_against_the_contact() -> None:
+    """Pushed aside about y, then firmly held about x, while the tool is to turn about z."""
+    controller = bound(KairosClik("k", KairosClikConfig(force_feedback={"axes": "world", "hand": False})))
+    controller.input["jacobian"][:] = np.random.default_rng(5).normal(0, 0.3, (6, 9))
+    controller.input["pose"][3] = controller.input["desired_pose"][3] = 1.0
+    controller.reset()
+    compliance = controller._compliance
+    assert compliance is not None
+    for _ in range(1500):
+        controller.input["flange_wrench"][:] = [0, 0, 0, 0, 8.0, 0]
+        controller.update(2e-3)
+    aside = Rotation.from_rotvec(compliance.deviation[3:])
+    assert aside.magnitude() > 0.2
+    controller.input["desired_twist"][5] = 0.5
+    task = controller._task(2e-3)
+    away = Rotation.from_rotvec(compliance.deviation[3:]).as_rotvec() * [0.05, 0.01, 0.01]
+    free = aside.apply([0, 0, 0.5])
+    np.testing.assert_allclose(task[3:] - away - compliance.velocity[3:], free, atol=2e-3)
+    for _ in range(200):
+        controller.input["flange_wrench"][:] = [0, 0, 0, -8.0, 0, 0]
+        task = controller._task(2e-3)
+        away = np.array(compliance.deviation[3:]) * [0.05, 0.01, 0.01]
+    assert (task[3:] - away)[0] <= 1e-3  # nothing goes on against the contact's torque about -x

@@ -209,6 +209,16 @@ def test_a_singular_matrix_gives_something_finite_and_small_where_the_equations_
     assert spd6.Equations().determinant(A) < 1e-12
 
 
+def test_what_is_no_number_stays_none() -> None:
+    A = np.eye(6)
+    for at in ((0, 0), (5, 1), (3, 3)):
+        broken = A.copy()
+        broken[at] = np.nan
+        x, independence = spd6.Equations().damped(broken, np.ones(6))
+        assert not np.isfinite(independence)
+        assert np.isnan(x).all()
+
+
 def test_damping_comes_in_without_a_step() -> None:
     rng = np.random.default_rng(3)
     root, b = rng.normal(size=(6, 6)), rng.normal(size=6)
