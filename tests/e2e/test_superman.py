@@ -144,9 +144,8 @@ def all_finite(recording: Recording) -> None:
 
 
 def within_limits(recording: Recording, robot: Any) -> None:
-    """The simulated truth while active: joints stay within position, velocity and torque limits."""
-    active = recording.int("state") == State.ACTIVE
-    q, qd, tau = (recording.value(f"world.arm_{name}")[active] for name in ("position", "velocity", "effort"))
+    """The simulated truth, stopping included: joints stay within position, velocity and torque limits."""
+    q, qd, tau = (recording.value(f"world.arm_{name}") for name in ("position", "velocity", "effort"))
     assert (q >= robot.q_lower).all()
     assert (q <= robot.q_upper).all()
     assert (np.abs(qd) <= robot.dq_max).all(), np.abs(qd).max(axis=0)
