@@ -177,16 +177,17 @@ def client():
         one.driver.close()
 
 
-def undisturbed(make, law):
+def undisturbed(make, law, well=lambda: True):
     """Runs a motion of 2 s with a new client; again, three times at most, if it failed while packets came late.
 
-    The server then replaces a packet, may take the late one after all, and finds a jump between the two.
+    The server then replaces a packet, may take the late one after all, and finds a jump between the two; without
+    its limits it follows that jump instead (then `well` says no).
     """
     for _ in range(3):
         c = make()
         c.run(0.1, write=False)
         c.run(2.0, law(c))
-        if not c.driver.health.fault or c.worst == 1.0:
+        if c.worst == 1.0 or (well() and not c.driver.health.fault):
             break
     return c
 
@@ -271,7 +272,7 @@ def test_positions_are_followed(server, client):
         return step
 
     # Positions differentiated three times leave no room for its late packets, which this machine always has some of.
-    c = undisturbed(lambda: client(server(), "position"), law)
+    c = undisturbed(lambda: client(server(), "position"), law, lambda: max(errors) < 0.05)
     assert c.driver.health.fault == ""
     assert max(errors) < 0.05
     assert errors[-1] < 0.03
