@@ -98,11 +98,11 @@ def program(config: UrConfig, nonce: int) -> str:
         x, y, z = config.payload_cog
         # Setting it zeroes the force sensor, even while something is touched: so only where it is another.
         payload = f"""\
-  at = get_target_payload_cog()
-  if norm(get_target_payload() - {config.payload}) > 0.001:
-    set_payload({config.payload}, [{x}, {y}, {z}])
-  elif norm(at[0] - {x}) > 0.0001 or norm(at[1] - {y}) > 0.0001 or norm(at[2] - {z}) > 0.0001:
-    set_payload({config.payload}, [{x}, {y}, {z}])
+  told = get_target_payload_cog()
+  cog = [{x:.6f}, {y:.6f}, {z:.6f}]
+  other = norm(told[0] - cog[0]) + norm(told[1] - cog[1]) + norm(told[2] - cog[2]) > 0.0001
+  if other or norm(get_target_payload() - {config.payload:.6f}) > 0.001:
+    set_payload({config.payload:.6f}, cog)
   end
 """
     numbered = _TEXT.format(

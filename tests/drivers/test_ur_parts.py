@@ -166,7 +166,8 @@ def test_the_program_says_what_the_profile_says():
     assert "set_payload" not in velocity
     position = program(UrConfig(port="tcp://h", interface="position", payload=2.5, payload_cog=(0, 0, 0.1)), 1)
     assert "servoj(goal, 0, 0, 0.002, 0.1, 300.0)" in position
-    assert "set_payload(2.5, [0.0, 0.0, 0.1])" in position
+    assert "cog = [0.000000, 0.000000, 0.100000]\n" in position
+    assert "set_payload(2.500000, cog)" in position
     for text in (velocity, position):
         assert text.isascii()
         assert "{" not in text
