@@ -63,10 +63,10 @@ class SerialTwin(Twin):
             self.work(now)
             return
         connects = self.door.connects
+        data = self.door.read()  # first: who has sent something is there, also who has just come
         there = self.door.connected()
         if self.door.connects > connects and not self.muted:
             self.connected(now)
-        data = self.door.read()
         if data:
             self._last_in = now
             if self.keep_log:
