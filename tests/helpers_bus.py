@@ -6,10 +6,12 @@
 from __future__ import annotations
 
 import math
+import os
 import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -178,6 +180,50 @@ def reach(rundir: RunDir, timeout: float = 10.0) -> Client:
             if time.monotonic() > until:
                 raise
             time.sleep(0.01)
+
+
+class Instance:
+    """A run, its bus process and a client."""
+
+    def __init__(self, path: Path, rate: int = 200, **bus: Any) -> None:
+        self.rundir = RunDir(path)
+        self.run = Run(self.rundir, rate, **bus)
+        self.run.start()
+        self.process = spawn(self.rundir, stderr=subprocess.PIPE)
+        self.client = reach(self.rundir)
+
+    def close(self) -> None:
+        self.client.close()
+        self.run.end()
+        if self.process.poll() is None:
+            self.process.wait(10)
+        assert self.process.stderr is not None
+        self.process.stderr.close()
+
+
+def eventually(true: Callable[[], Any], timeout: float = 10.0) -> Any:
+    until = time.monotonic() + timeout
+    while not (found := true()):
+        assert time.monotonic() < until, "it never came true"
+        time.sleep(0.01)
+    return found
+
+
+def sockets(pid: int) -> set[str]:
+    """What a process listens on, by the kernel's own tables."""
+    links = [os.readlink(path) for path in Path(f"/proc/{pid}/fd").iterdir() if path.is_symlink()]
+    own = {link[8:-1] for link in links if link.startswith("socket:")}
+    found = set()
+    for table in ("tcp", "tcp6", "udp", "udp6"):
+        for line in Path(f"/proc/{pid}/net/{table}").read_text().splitlines()[1:]:
+            words = line.split()
+            if words[9] in own and (words[3] == "0A" or table.startswith("udp")):
+                found.add(f"{table} {words[1]}")
+    for line in Path(f"/proc/{pid}/net/unix").read_text().splitlines()[1:]:
+        words = line.split()
+        if words[6] in own and int(words[3], 16) & 0x10000:  # SO_ACCEPTCON: it listens
+            found.add(f"unix {words[7]}")
+    return found
 
 
 if __name__ == "__main__":

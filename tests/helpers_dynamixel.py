@@ -9,6 +9,7 @@ import time
 from typing import Any, Self
 
 import numpy as np
+import pytest
 from helpers_twin import Bench, bound
 
 from drivers.dynamixel import Dynamixel
@@ -180,3 +181,22 @@ class Counting:
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._link, name)
+
+
+BOTH = pytest.mark.parametrize("protocol", [2, 1])
+
+
+TWO = {"shoulder": {"model": "MX-106"}, "elbow": {"model": "MX-64"}}
+
+
+def truth(rig: Rig) -> Any:
+    return rig.twin.bus.world.truth_arrays["arm_position"].copy()
+
+
+def near(found: Any, wanted: Any, atol: Any) -> None:
+    """Each within its own tolerance."""
+    assert (np.abs(np.asarray(found) - wanted) <= atol).all(), (found, wanted)
+
+
+def torque(rig: Rig) -> Any:
+    return rig.twin.figures()["torque"]

@@ -3,49 +3,26 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
-import stat
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from helpers_bus import JOINTS, Run, reach, spawn
+from helpers_bus import JOINTS, Instance, Run, eventually, reach, sockets, spawn
 
 from runtime.bus import cdr, messages, session
-from runtime.bus.client import Client, connect
-from runtime.bus.config import TlsConfig
+from runtime.bus.client import connect
 from runtime.errors import RequestError
 from runtime.layout import State
 from runtime.mailbox import Ask
 from runtime.rundir import RunDir
 
 PULL = "object-mapping.pull"
-
-
-class Instance:
-    """A run, its bus process and a client."""
-
-    def __init__(self, path: Path, rate: int = 200, **bus: Any) -> None:
-        self.rundir = RunDir(path)
-        self.run = Run(self.rundir, rate, **bus)
-        self.run.start()
-        self.process = spawn(self.rundir, stderr=subprocess.PIPE)
-        self.client = reach(self.rundir)
-
-    def close(self) -> None:
-        self.client.close()
-        self.run.end()
-        if self.process.poll() is None:
-            self.process.wait(10)
-        assert self.process.stderr is not None
-        self.process.stderr.close()
 
 
 @pytest.fixture(scope="module")
@@ -68,31 +45,6 @@ def own(tmp_path: Path) -> Iterator[Instance]:
     instance = Instance(tmp_path / "own")
     yield instance
     instance.close()
-
-
-def eventually(true: Callable[[], Any], timeout: float = 10.0) -> Any:
-    until = time.monotonic() + timeout
-    while not (found := true()):
-        assert time.monotonic() < until, "it never came true"
-        time.sleep(0.01)
-    return found
-
-
-def sockets(pid: int) -> set[str]:
-    """What a process listens on, by the kernel's own tables."""
-    links = [os.readlink(path) for path in Path(f"/proc/{pid}/fd").iterdir() if path.is_symlink()]
-    own = {link[8:-1] for link in links if link.startswith("socket:")}
-    found = set()
-    for table in ("tcp", "tcp6", "udp", "udp6"):
-        for line in Path(f"/proc/{pid}/net/{table}").read_text().splitlines()[1:]:
-            words = line.split()
-            if words[9] in own and (words[3] == "0A" or table.startswith("udp")):
-                found.add(f"{table} {words[1]}")
-    for line in Path(f"/proc/{pid}/net/unix").read_text().splitlines()[1:]:
-        words = line.split()
-        if words[6] in own and int(words[3], 16) & 0x10000:  # SO_ACCEPTCON: it listens
-            found.add(f"unix {words[7]}")
-    return found
 
 
 def test_another_process_reads_states(one: Instance) -> None:
@@ -266,11 +218,6 @@ def test_nobody_else_speaks_for_the_instance(one: Instance) -> None:
     assert b"forged" not in heard
 
 
-def test_it_listens_on_its_unix_socket_and_nowhere_else(one: Instance) -> None:
-    assert sockets(one.process.pid) == {f"unix {one.rundir.bus_socket}"}
-    assert stat.S_IMODE(one.rundir.bus_socket.stat().st_mode) == 0o660
-
-
 def test_two_instances_do_not_see_each_other(one: Instance, own: Instance) -> None:
     for mine, other in ((one, own), (own, one)):
         names: set[str] = set()
@@ -368,71 +315,3 @@ def test_a_run_directory_that_is_none_is_said(tmp_path: Path) -> None:
     _, said = process.communicate(timeout=30)
     assert process.returncode == 2
     assert b"Traceback" not in said
-
-
-def _certificates(folder: Path) -> dict[str, TlsConfig]:
-    """An authority, and one nobody knows, each with a certificate for localhost."""
-
-    def openssl(*words: str) -> None:
-        subprocess.run(["openssl", *words], check=True, capture_output=True, cwd=folder)
-
-    (folder / "extensions").write_text("subjectAltName=DNS:localhost,IP:127.0.0.1\n")
-    for name in ("lab", "stranger"):
-        key = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes")
-        openssl(
-            "req",
-            "-x509",
-            *key,
-            "-keyout",
-            f"{name}-ca.key",
-            "-out",
-            f"{name}-ca.pem",
-            "-subj",
-            f"/CN={name} CA",
-        )
-        openssl("req", *key, "-keyout", f"{name}.key", "-out", f"{name}.csr", "-subj", f"/CN={name}")
-        sign = (
-            "-CA",
-            f"{name}-ca.pem",
-            "-CAkey",
-            f"{name}-ca.key",
-            "-CAcreateserial",
-            "-extfile",
-            "extensions",
-        )
-        openssl("x509", "-req", "-in", f"{name}.csr", "-out", f"{name}.pem", *sign)
-    lab = str(folder / "lab-ca.pem")
-    return {
-        name: TlsConfig(ca=lab, certificate=str(folder / f"{name}.pem"), key=str(folder / f"{name}.key"))
-        for name in ("lab", "stranger")
-    }
-
-
-def test_the_network_is_reached_by_mutual_tls_only(tmp_path: Path) -> None:
-    import shutil
-    import socket
-
-    if shutil.which("openssl") is None:
-        pytest.skip("openssl isn't installed; it makes the certificates")
-    tls = _certificates(tmp_path)
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    instance = Instance(tmp_path / "one", listen=[f"tls/127.0.0.1:{port}"], tls=tls["lab"].model_dump())
-    try:
-        with connect(f"tls/localhost:{port}", tls["lab"]) as client:
-            assert isinstance(client, Client)
-            assert client.instance == "one"
-            assert client.command("start") == {"ok": True, "state": "active"}
-        for certificate, endpoint in (
-            (tls["stranger"], f"tls/localhost:{port}"),
-            (None, f"tcp/127.0.0.1:{port}"),
-        ):
-            with pytest.raises(RequestError):
-                connect(endpoint, certificate, timeout=0.5)
-        assert sockets(instance.process.pid) == {
-            f"unix {instance.rundir.bus_socket}",
-            f"tcp 0100007F:{port:04X}",
-        }
-    finally:
-        instance.close()

@@ -1,0 +1,206 @@
+"""A toy arm, hand and panel without hardware, a law that copies, and a whole loop on a clock of the test's own."""
+
+from __future__ import annotations
+
+import json
+import socket
+import time
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from runtime import profile, registry, wiring
+from runtime.clock import Clock, Tick
+from runtime.controller import Controller, ControllerConfig
+from runtime.cycle import Cycle, limits_of
+from runtime.device import Device
+from runtime.driver import DeviceConfig, Driver
+from runtime.errors import DeviceError, DeviceLostError
+from runtime.graph import Graph
+from runtime.inbox import Inbox
+from runtime.layout import Cause, State
+from runtime.loop import Loop
+from runtime.loop_process import _plain
+from runtime.mailbox import MailboxWriter
+from runtime.ring import RingReader, RingWriter
+from runtime.rundir import RunDir
+from runtime.signals import Array, Command, Kind, Signal, Stop
+
+PERIOD = 10_000_000  # ns
+
+
+SPEED = 1.0  # rad/s, the guard's limit
+
+
+PROFILE = """
+name: toy
+rate: 100
+devices:
+  hand: {{driver: toy, part: hand}}
+  arm: {{driver: toy, part: {arm}}}
+  panel: {{driver: toy, part: panel}}
+controllers:
+  - {{use: law, in: {{x: hand.position}}, out: {{q: arm.command}}}}
+guard: {{arm.command: {{lower: -2, upper: 2, velocity: {speed}, acceleration: 10}}}}
+emergency: [{emergency}]
+bus: null
+{more}
+"""
+
+
+class ToyConfig(DeviceConfig):
+    part: str
+
+
+class Toy(Driver):
+    """A hand, a panel of four buttons, an arm that measures what it was told, or a servo that measures nothing."""
+
+    Config = ToyConfig
+    max_age = 0.05
+
+    def __init__(self, name: str, config: ToyConfig) -> None:
+        super().__init__(name, config)
+        self.sent: list[Array] = []
+        self.recoveries = 0
+        self.gone = self.silent = self.gone_in_write = False
+        self.defect: Exception | None = None
+        part = config.part
+        position = Signal(name="position", shape=(2,), unit="rad")
+        if part == "panel":
+            self.states = (Signal(name="buttons", shape=(4,), unit="1"),)
+        elif part != "servo":
+            self.states = (position,)
+        if part in ("arm", "servo"):
+            feedback = "position" if part == "arm" else None
+            stops = (Stop.HOLD, Stop.RETRACT, Stop.LIMP)
+            self.commands = (
+                Command(name="command", shape=(2,), unit="rad", kind=Kind.POSITION, feedback=feedback, stops=stops),
+            )
+            self.home = {"command": np.full(2, 0.7)}
+        self.values = {s.name: np.zeros(s.shape) for s in self.states}
+
+    def open(self) -> None:
+        if self.gone:
+            raise DeviceError(self.name, "it is away", "Plug it in")
+        self.health.connected = True
+
+    def read(self, now: int) -> None:
+        if self.gone:
+            raise DeviceLostError(self.name, "it is away", "Plug it in")
+        if not self.silent:
+            self.health.stamp = now
+        for name, value in self.values.items():
+            self.state_arrays[name][:] = value
+
+    def write(self, now: int) -> None:
+        if self.gone_in_write:
+            self.gone_in_write = self.health.connected = False
+            raise DeviceLostError(self.name, "it went away", "Plug it in")
+        if self.defect is not None:
+            raise self.defect
+        self.sent.append(self.command_arrays["command"].copy())
+        if "position" in self.values:
+            self.values["position"][:] = self.sent[-1]
+
+    def stop(self, category: Stop) -> None: ...
+
+    def recover(self, now: int) -> None:
+        self.recoveries += 1
+
+    def close(self) -> None:
+        self.health.connected = False
+
+
+class Law(Controller):
+    """Copies."""
+
+    def __init__(self, name: str, config: ControllerConfig) -> None:
+        super().__init__(name, config)
+        self.inputs = (Signal(name="x", shape=(2,), unit="rad"),)
+        self.outputs = (Signal(name="q", shape=(2,), unit="rad"),)
+
+    def reset(self) -> None: ...
+
+    def update(self, dt: float) -> None:
+        self.output["q"][:] = self.input["x"]
+
+
+def _load(group: str, name: str, place: str) -> Any:
+    return {"drivers": Toy, "controllers": Law}[group]
+
+
+ESTOPS = ", ".join(f"{{signal: panel.buttons, index: {i}}}" for i in range(4))
+
+
+def wired(arm: str = "arm", emergency: str = ESTOPS, more: str = "") -> Graph:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(registry, "load", _load)
+        text = PROFILE.format(arm=arm, speed=SPEED, emergency=emergency, more=more)
+        return wiring.build(*profile.parse("toy.yaml", text))
+
+
+class Bench:
+    """A whole loop on a clock of the test's own; `script` is called before each cycle with its number."""
+
+    def __init__(self, folder: Path, automatic: bool = True, **options: Any) -> None:
+        graph = self.graph = wired(**options)
+        self.notes: list[str] = []
+        devices = [Device(d, i, graph.board, self.notes.append) for i, d in enumerate(graph.devices)]
+        self.hand, self.arm, self.panel = (d.driver for d in devices)
+        for d in devices:
+            d.driver.open()
+            d.watch()
+        self.rundir = RunDir(folder)
+        MailboxWriter.create(self.rundir.mail)
+        ring = RingWriter.create(self.rundir.rows, graph.layout.width, 4096)
+        limits = limits_of(graph)
+        meta = graph.layout.meta
+        meta["limits"] = {n: _plain(v) for n, v in limits.items()}
+        meta["automatic"], meta["crashed"] = automatic, False
+        self.cycle = Cycle(graph, limits, automatic, note=self.notes.append)
+        self.states: list[tuple[State, Cause]] = []
+        bench = self
+
+        class Steps(Clock):
+            def start(self) -> None:
+                self.count = 0
+                self.tick.now = 1_000_000_000
+
+            def wait(self) -> Tick:
+                tick = self.tick
+                tick.now, tick.dt, tick.missed = tick.now + PERIOD, PERIOD, 0
+                bench.states.append((bench.cycle.machine.state, bench.cycle.machine.cause))
+                if self.count >= bench.cycles:
+                    bench.cycle.machine.state = State.ENDED
+                bench.script(self.count)
+                self.count += 1
+                return tick
+
+        self.loop = Loop(graph, devices, Steps(Fraction(100)), self.cycle, Inbox(self.rundir, graph), ring)
+
+    def run(self, cycles: int, script: Callable[[int], None]) -> Bench:
+        self.cycles, self.script = cycles, script
+        self.loop.run()
+        return self
+
+    def ask(self, what: str, **more: str) -> None:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as asker:
+            asker.bind("")
+            asker.sendto(json.dumps({"ask": what} | more).encode(), str(self.rundir.loop_socket))
+
+    def until_back(self, driver: Driver) -> None:
+        """Waits until the thread that opens it again is done."""
+        end = time.monotonic() + 5
+        while not driver.health.connected and time.monotonic() < end:
+            time.sleep(0.001)
+        time.sleep(0.05)
+
+    def rows(self) -> Any:
+        return RingReader(self.rundir.rows).take()
+
+    def word(self, name: str) -> Any:
+        return self.graph.layout.word(self.rows(), name)
