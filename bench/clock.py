@@ -13,8 +13,8 @@ from fractions import Fraction
 import numpy as np
 
 from bench.pairs import PAIRS, Row, measure
-from runtime import realtime
-from runtime.clock import MonotonicClock
+from runtime.loop import realtime
+from runtime.loop.clock import MonotonicClock
 
 
 def run(rate: int) -> list[Row]:

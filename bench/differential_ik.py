@@ -15,17 +15,17 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 import numpy as np
 
 from bench.pairs import PAIRS, Row, measure
-from runtime.control import rotation
-from runtime.control.kairos_clik import KairosClik, KairosClikConfig
-from runtime.control.moca_impedance import MocaImpedance, MocaImpedanceConfig
+from runtime.contracts import rotation
+from runtime.contracts.controller import Controller
+from runtime.contracts.signals import Array
+from runtime.control.cobot.kairos_clik import KairosClik, KairosClikConfig
+from runtime.control.cobot.moca_impedance import MocaImpedance, MocaImpedanceConfig
+from runtime.control.cobot.tool_pose import ToolPose, ToolPoseConfig
 from runtime.control.robots import PANDA, SUMMIT_XL, UR16E, RobotDescription
 from runtime.control.robots.pinocchio_model import FLANGE, mobile_model
-from runtime.control.tool_pose import ToolPose, ToolPoseConfig
-from runtime.controller import Controller
-from runtime.signals import Array
-from sim.mjcf import add
-from sim.part import Mjcf
-from sim.robot_mjcf import add_arm
+from sim.world.mjcf import add
+from sim.world.part import Mjcf
+from sim.world.robot_mjcf import add_arm
 
 BLOCK = 200  # solves measured one after another
 DT = 0.002  # s

@@ -11,9 +11,9 @@ import numpy as np
 
 from bench.devices import DEVICES
 from bench.pairs import Row
-from runtime import registry
-from runtime.driver import Driver
-from runtime.world import Fake, Twin, World
+from runtime.contracts import registry
+from runtime.contracts.driver import Driver
+from runtime.contracts.world import Fake, Twin, World
 
 FRAMES: Final = 1500
 LEAST: Final = 100

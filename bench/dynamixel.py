@@ -133,9 +133,9 @@ def _twin() -> Iterator[str]:
 
 
 def _serve() -> None:
-    from sim.cell import Cell, CellConfig
-    from sim.fakes.dynamixel import FakeDynamixel, FakeDynamixelConfig
-    from sim.twins.dynamixel import DynamixelTwin
+    from sim.devices.dynamixel.fake import FakeDynamixel, FakeDynamixelConfig
+    from sim.devices.dynamixel.twin import DynamixelTwin
+    from sim.world.cell import Cell, CellConfig
 
     axes = {f"joint_{k}": {"model": model} for k, model in enumerate(MODELS, 1)}
     world = Cell(CellConfig.model_validate({"parts": {"arm": {"part": "dynamixel-chain", "axes": axes}}}), seed=0)

@@ -18,7 +18,7 @@ import numpy as np
 from bench.pairs import PAIRS, Row, measure
 from drivers.noitom import Noitom, NoitomConfig
 from drivers.noitom.protocol import COUNTS, TextParser, encode_binary, encode_text
-from runtime.signals import Array
+from runtime.contracts.signals import Array
 
 FRAMES: Final = 300
 AIM: Final = 250.0  # us, 3 % of the time between frames at 120 Hz

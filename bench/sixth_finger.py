@@ -83,7 +83,7 @@ def _bare_loop() -> dict[str, float]:
     """The same model under the same wearer's motion: only the stepping is timed."""
     import mujoco
 
-    from runtime import profile, wiring
+    from runtime.profile import profile, wiring
 
     checked, source = profile.load("sixth-finger")
     graph = wiring.build(checked, source, [])

@@ -23,13 +23,14 @@ import numpy as np
 
 from bench import differential_ik
 from bench.pairs import PAIRS, Pairs, Row, measure
-from runtime import profile, realtime, wiring
-from runtime.clock import MonotonicClock
-from runtime.cycle import Cycle, limits_of
-from runtime.device import Device
-from runtime.layout import CYCLE, LINK_ACTIVE, State
-from runtime.mailbox import Ask
-from runtime.ring import RingWriter
+from runtime.ipc.layout import CYCLE, LINK_ACTIVE, State
+from runtime.ipc.requests import Ask
+from runtime.ipc.ring import RingWriter
+from runtime.loop import realtime
+from runtime.loop.clock import MonotonicClock
+from runtime.loop.cycle import Cycle, limits_of
+from runtime.loop.device import Device
+from runtime.profile import profile, wiring
 
 RATE = 1000
 SPAN = 1.5  # s of a run
@@ -144,8 +145,8 @@ class Decisions:
         """us of the rigid-body calls alone that MOCA's laws make; all of them are control's."""
         import pinocchio as pin
 
+        from runtime.control.cobot.whole_body import BASE, ArmDynamics, WholeBody
         from runtime.control.robots import PANDA
-        from runtime.control.whole_body import BASE, ArmDynamics, WholeBody
 
         body, arm = WholeBody(PANDA, np.eye(4), np.eye(4)), ArmDynamics(PANDA)
         q, qd = np.zeros(BASE + PANDA.n), np.full(PANDA.n, 0.1)

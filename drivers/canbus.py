@@ -15,7 +15,7 @@ from urllib.parse import parse_qsl, urlsplit
 
 import can
 
-from runtime.errors import DeviceError, DeviceLostError
+from runtime.contracts.errors import DeviceError, DeviceLostError
 
 MOST = 256  # frames in one read, so that a flood can't hold the loop
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 
 from drivers.transport import Transport
-from runtime.errors import DeviceError
+from runtime.contracts.errors import DeviceError
 
 
 class Spy(Transport):

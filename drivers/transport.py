@@ -32,7 +32,7 @@ from urllib.parse import urlsplit
 import serial
 
 from drivers.listening import await_caller
-from runtime.errors import DeviceError, DeviceLostError
+from runtime.contracts.errors import DeviceError, DeviceLostError
 
 CHUNK = 65536
 CHUNKS = 16  # in one read, so that a flood can't hold the loop

@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from runtime.signals import Array, Signal
-from runtime.world import World, WorldConfig
-from sim.finger import FINGER_JOINTS, FingerConfig, add_finger
-from sim.hand import FINGERS, JOINTS, add_hand
-from sim.mjcf import add
-from sim.objects import ObjectConfig, add_object
-from sim.servo import ServoBank
+from runtime.contracts.signals import Array, Signal
+from runtime.contracts.world import World, WorldConfig
+from sim.parts.hand.finger import FINGER_JOINTS, FingerConfig, add_finger
+from sim.parts.hand.hand import FINGERS, JOINTS, add_hand
+from sim.parts.hand.objects import ObjectConfig, add_object
+from sim.parts.hand.servo import ServoBank
 from sim.wearer import Wearer, WearerConfig, make_wearer
+from sim.world.mjcf import add
 
 _TICK: Final = 10_000_000  # ns; how often the wearer's will is asked for and the hand's motion is remembered
 _MEMORY: Final = 64  # ticks of the hand's past that a slow sensor may still ask for

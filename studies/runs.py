@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 from ruamel.yaml import YAML
 
-from runtime.errors import RequestError
-from runtime.layout import Layout
-from runtime.recorder.reader import read
-from runtime.recorder.segments import folder_of
-from runtime.signals import Array
+from runtime.contracts.errors import RequestError
+from runtime.contracts.signals import Array
+from runtime.ipc.layout import Layout
+from runtime.recording.reader import read
+from runtime.recording.segments import folder_of
 
 PROFILES = Path(__file__).resolve().parents[1] / "profiles"
 

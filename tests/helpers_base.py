@@ -11,9 +11,9 @@ from helpers_zenoh import Served, bound, cycles
 
 from drivers.base import BaseConfig, MobileBase
 from drivers.base.driver import COMMAND
-from sim.cell import Cell, CellConfig
-from sim.fakes.base import FakeBase, FakeBaseOptions
-from sim.twins.base import BaseTwin
+from sim.devices.base.fake import FakeBase, FakeBaseOptions
+from sim.devices.base.twin import BaseTwin
+from sim.world.cell import Cell, CellConfig
 
 
 class Robot:

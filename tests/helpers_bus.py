@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 
 from runtime.bus.client import Client, connect
-from runtime.errors import RequestError
-from runtime.layout import LINK_ACTIVE, LINK_CONNECTED, Board, Cause, Layout, State
-from runtime.mailbox import Answer, Ask, MailboxReader, MailboxWriter
-from runtime.notes import Level, NotesWriter
-from runtime.ring import RingWriter
-from runtime.rundir import RunDir
+from runtime.contracts.errors import RequestError
+from runtime.ipc.events import Level, NotesWriter
+from runtime.ipc.layout import LINK_ACTIVE, LINK_CONNECTED, Board, Cause, Layout, State
+from runtime.ipc.requests import Answer, Ask, MailboxReader, MailboxWriter
+from runtime.ipc.ring import RingWriter
+from runtime.ipc.run_folder import RunDir
 
 JOINTS = ("thumb", "index-1", "index-2")
 

@@ -6,13 +6,13 @@ from typing import TypeVar
 
 import numpy as np
 
-from runtime.control.extra_finger import ExtraFinger, FingerKinematics
-from runtime.control.hand_kinematics import HandKinematics, HandKinematicsConfig
-from runtime.control.human_hand import JOINTS, hand_geometry
-from runtime.control.kinematics import Chain
-from runtime.control.object_mapping import ObjectMapping, ObjectMappingConfig
-from runtime.controller import Controller
-from runtime.signals import Array
+from runtime.contracts.controller import Controller
+from runtime.contracts.signals import Array
+from runtime.control.hand.extra_finger import ExtraFinger, FingerKinematics
+from runtime.control.hand.hand_kinematics import HandKinematics, HandKinematicsConfig
+from runtime.control.hand.human_hand import JOINTS, hand_geometry
+from runtime.control.hand.object_mapping import ObjectMapping, ObjectMappingConfig
+from runtime.control.shared.kinematics import Chain
 
 C = TypeVar("C", bound=Controller)
 

@@ -14,10 +14,10 @@ from helpers_twin import Bench, bound
 
 from drivers.dynamixel import Dynamixel
 from drivers.dynamixel.config import DynamixelConfig
-from runtime.signals import Array
-from sim.cell import Cell, CellConfig
-from sim.fakes.dynamixel import FakeDynamixel, FakeDynamixelConfig
-from sim.twins.dynamixel import DynamixelTwin
+from runtime.contracts.signals import Array
+from sim.devices.dynamixel.fake import FakeDynamixel, FakeDynamixelConfig
+from sim.devices.dynamixel.twin import DynamixelTwin
+from sim.world.cell import Cell, CellConfig
 
 MS = 1_000_000
 THREE = {"shoulder": {"model": "MX-106"}, "elbow": {"model": "MX-64"}, "slide": {"model": "MX-28", "m_per_rad": 0.01}}

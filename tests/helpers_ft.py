@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from runtime.driver import Driver
-from runtime.world import Twin
-from sim.cell import Cell, CellConfig
-from sim.parts.ft_sensor import FtSensorConfig, FtSensorPart, HandleConfig, HandlePart
+from runtime.contracts.driver import Driver
+from runtime.contracts.world import Twin
+from sim.parts.things.ft_sensor import FtSensorConfig, FtSensorPart, HandleConfig, HandlePart
+from sim.world.cell import Cell, CellConfig
 
 PATIENCE = 20.0  # s of real time
 

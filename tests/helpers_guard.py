@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from runtime.contracts.signals import Array, Command, Kind
 from runtime.guard import CommandGuard, GuardLimits, make_guard
-from runtime.signals import Array, Command, Kind
 
 PLACE = "guard.finger.command"
 

@@ -14,7 +14,7 @@ from drivers.noitom import Noitom, NoitomConfig
 from drivers.noitom.protocol import encode_binary, encode_text
 from drivers.noitom.skeleton import Skeleton
 from drivers.streamtime import StreamTime
-from runtime.signals import Array
+from runtime.contracts.signals import Array
 
 MS = 1_000_000
 

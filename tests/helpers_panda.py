@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from drivers.panda import Panda
-from sim.cell import Cell, CellConfig
-from sim.fakes.panda import FakePanda
-from sim.fakes.panda_controller import PandaController
-from sim.fakes.panda_motion import Setpoint
-from sim.fakes.panda_robot import FakePandaConfig, PandaRobot
-from sim.twins.panda import PandaTwin
+from sim.devices.panda.controller import PandaController
+from sim.devices.panda.fake import FakePanda
+from sim.devices.panda.motion import Setpoint
+from sim.devices.panda.robot import FakePandaConfig, PandaRobot
+from sim.devices.panda.twin import PandaTwin
+from sim.world.cell import Cell, CellConfig
 
 MS = 1_000_000  # ns
 QUIET = {"position_noise": 0.0, "velocity_noise": 0.0, "effort_noise": 0.0}

@@ -18,8 +18,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from runtime.driver import Driver
-from runtime.world import Fake, Twin, World
+from runtime.contracts.driver import Driver
+from runtime.contracts.world import Fake, Twin, World
 
 
 class Peer:
@@ -121,7 +121,7 @@ def bound(driver: Driver) -> Driver:
 
 def make(order: dict[str, Any]) -> tuple[World, Fake, Twin]:
     """World, fake and twin from an order."""
-    from runtime import registry
+    from runtime.contracts import registry
 
     options = dict(order["world"])
     world_class = registry.load("worlds", options.pop("world", "cell"), "test")
@@ -138,7 +138,7 @@ def make(order: dict[str, Any]) -> tuple[World, Fake, Twin]:
 
 
 def _serve(order: dict[str, Any]) -> None:
-    from runtime.clock import MonotonicClock
+    from runtime.loop.clock import MonotonicClock
 
     world, _, twin = make(order)
     twin.open()

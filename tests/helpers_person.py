@@ -7,12 +7,12 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from sim.cell import Cell, CellConfig
-from sim.mjcf import add
-from sim.part import Mjcf, Part, PartConfig
-from sim.parts.box import BoxPart
-from sim.parts.person import PersonPart
-from sim.plans import GoTo, Hold, Press
+from sim.parts.person.person import PersonPart
+from sim.parts.person.plans import GoTo, Hold, Press
+from sim.parts.things.box import BoxPart
+from sim.world.cell import Cell, CellConfig
+from sim.world.mjcf import add
+from sim.world.part import Mjcf, Part, PartConfig
 
 MS = 1_000_000
 

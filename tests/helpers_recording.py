@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.layout import Layout
-from runtime.notes import Level, NotesWriter
-from runtime.ring import RingWriter
-from runtime.rundir import RunDir
+from runtime.ipc.events import Level, NotesWriter
+from runtime.ipc.layout import Layout
+from runtime.ipc.ring import RingWriter
+from runtime.ipc.run_folder import RunDir
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 

@@ -12,9 +12,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from runtime.layout import Layout
-from runtime.ring import RingReader
-from runtime.rundir import RunDir
+from runtime.ipc.layout import Layout
+from runtime.ipc.ring import RingReader
+from runtime.ipc.run_folder import RunDir
 
 
 def srl(*arguments: str) -> list[str]:

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 from helpers_recording import make_rows
 
-from runtime.layout import Layout
-from runtime.recorder.framing import HEADER, strip
-from runtime.recorder.segments import Segments
+from runtime.ipc.layout import Layout
 from runtime.recorder.stream import Stream
+from runtime.recording.framing import HEADER, strip
+from runtime.recording.segments import Segments
 
 
 def expected(layout: Layout, count: int) -> np.ndarray:

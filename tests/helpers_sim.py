@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from runtime.driver import Driver
+from runtime.contracts.driver import Driver
 from sim.augmented_hand import AugmentedHand, AugmentedHandConfig
 
 MS = 1_000_000  # ns

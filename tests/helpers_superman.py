@@ -9,17 +9,17 @@ import mujoco
 import numpy as np
 from helpers_control import bound
 
-from runtime.control.admittance import Admittance, AdmittanceConfig
-from runtime.control.guide_buttons import GuideButtons, GuideButtonsConfig
-from runtime.control.kairos_clik import KairosClik, KairosClikConfig
-from runtime.control.moca_impedance import MocaImpedance, MocaImpedanceConfig
+from runtime.contracts.controller import Controller
+from runtime.contracts.signals import Array
+from runtime.control.cobot.admittance import Admittance, AdmittanceConfig
+from runtime.control.cobot.guide_buttons import GuideButtons, GuideButtonsConfig
+from runtime.control.cobot.kairos_clik import KairosClik, KairosClikConfig
+from runtime.control.cobot.moca_impedance import MocaImpedance, MocaImpedanceConfig
+from runtime.control.cobot.tool_pose import ToolPose, ToolPoseConfig
 from runtime.control.robots import UR16E
-from runtime.control.tool_pose import ToolPose, ToolPoseConfig
-from runtime.controller import Controller
-from runtime.signals import Array
-from sim.cell import Cell, CellConfig
-from sim.parts.arm import ArmPart
-from sim.parts.summit_xl import SummitXlPart
+from sim.parts.robots.arm import ArmPart
+from sim.parts.robots.summit_xl import SummitXlPart
+from sim.world.cell import Cell, CellConfig
 
 MOUNT = {"position": (0.2, 0.0, 0.402)}  # of base/deck, 0.382 above the axles, and a plate of 0.02 m
 _ON_DECK = {"on": "base/deck", "position": (0.2, 0.0, 0.02)}

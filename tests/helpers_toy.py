@@ -13,22 +13,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from runtime import profile, registry, wiring
-from runtime.clock import Clock, Tick
-from runtime.controller import Controller, ControllerConfig
-from runtime.cycle import Cycle, limits_of
-from runtime.device import Device
-from runtime.driver import DeviceConfig, Driver
-from runtime.errors import DeviceError, DeviceLostError
-from runtime.graph import Graph
-from runtime.inbox import Inbox
-from runtime.layout import Cause, State
-from runtime.loop import Loop
-from runtime.loop_process import _plain
-from runtime.mailbox import MailboxWriter
-from runtime.ring import RingReader, RingWriter
-from runtime.rundir import RunDir
-from runtime.signals import Array, Command, Kind, Signal, Stop
+from runtime.contracts import registry
+from runtime.contracts.controller import Controller, ControllerConfig
+from runtime.contracts.driver import DeviceConfig, Driver
+from runtime.contracts.errors import DeviceError, DeviceLostError
+from runtime.contracts.signals import Array, Command, Kind, Signal, Stop
+from runtime.ipc.layout import Cause, State
+from runtime.ipc.requests import MailboxWriter
+from runtime.ipc.ring import RingReader, RingWriter
+from runtime.ipc.run_folder import RunDir
+from runtime.loop.clock import Clock, Tick
+from runtime.loop.cycle import Cycle, limits_of
+from runtime.loop.device import Device
+from runtime.loop.loop import Loop
+from runtime.loop.process import _plain
+from runtime.loop.request_queue import Inbox
+from runtime.profile import profile, wiring
+from runtime.profile.graph import Graph
 
 PERIOD = 10_000_000  # ns
 

@@ -14,9 +14,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.driver import Driver
-from runtime.signals import Array
-from runtime.world import Twin, World, WorldConfig
+from runtime.contracts.driver import Driver
+from runtime.contracts.signals import Array
+from runtime.contracts.world import Twin, World, WorldConfig
 
 STEP = 1_000_000  # ns
 PATIENCE = 10.0  # s of real time, for a pty to deliver

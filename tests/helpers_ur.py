@@ -10,10 +10,10 @@ import numpy as np
 from helpers_twin import Bench, bound
 
 from drivers.ur import Ur, UrConfig
-from runtime.driver import Driver
-from sim.cell import Cell, CellConfig
-from sim.fakes.ur import FakeUr, FakeUrConfig
-from sim.twins.ur import UrTwin
+from runtime.contracts.driver import Driver
+from sim.devices.ur.fake import FakeUr, FakeUrConfig
+from sim.devices.ur.twin import UrTwin
+from sim.world.cell import Cell, CellConfig
 
 PATIENCE = 20.0  # s of real time
 

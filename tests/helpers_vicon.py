@@ -12,9 +12,9 @@ from helpers_twin import bound
 
 from drivers.vicon import Vicon
 from drivers.vicon.config import ViconConfig
-from sim.cell import Cell, CellConfig
-from sim.fakes.vicon import FakeVicon
-from sim.twins.vicon import ViconTwin
+from sim.devices.vicon.fake import FakeVicon
+from sim.devices.vicon.twin import ViconTwin
+from sim.world.cell import Cell, CellConfig
 
 PARTS: dict[str, Any] = {
     "hand": {"part": "mocap-body", "subject": "Hand", "position": [0.3, 0.1, 1.0], "motion": {"kind": "sine"}},

@@ -11,7 +11,7 @@ from drivers.transport import open_transport
 from drivers.vicon import Vicon, protocol
 from drivers.vicon.blocks import Marker, Segment, Subject
 from drivers.vicon.protocol import Block, packet
-from sim.twins import vicon_blocks as encode
+from sim.devices.vicon import twin_blocks as encode
 
 MS = 1_000_000  # ns
 

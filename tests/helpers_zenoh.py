@@ -11,10 +11,10 @@ from typing import Any, Self
 
 import numpy as np
 
-from runtime.bus.config import TlsConfig
-from runtime.driver import Driver
-from runtime.errors import DeviceLostError
-from runtime.world import Twin, World, WorldConfig
+from runtime.contracts.driver import Driver
+from runtime.contracts.errors import DeviceLostError
+from runtime.contracts.world import Twin, World, WorldConfig
+from runtime.profile.bus import TlsConfig
 
 
 class Still(World):
@@ -105,7 +105,7 @@ def lost(driver: Driver, timeout: float = 20.0) -> str:
 
 def reopened(driver: Driver, timeout: float = 30.0) -> None:
     """Opens again until it succeeds, as the runtime does."""
-    from runtime.errors import DeviceError
+    from runtime.contracts.errors import DeviceError
 
     end = time.monotonic() + timeout
     while True:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from runtime import profile
 from runtime.cli import main
+from runtime.profile import profile
 
 TEXT = profile.find("sixth-finger")[1]
 

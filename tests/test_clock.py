@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from runtime.clock import SECOND, DeviceClock, MonotonicClock, SimClock
-from runtime.world import World, WorldConfig
+from runtime.contracts.world import World, WorldConfig
+from runtime.loop.clock import SECOND, DeviceClock, MonotonicClock, SimClock
 
 
 class Still(World):

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from helpers_toy import SPEED, Bench, _load
 
-from runtime import device as device_module
-from runtime import registry
-from runtime.layout import Cause, State
-from runtime.replay import replay
+from runtime.contracts import registry
+from runtime.ipc.layout import Cause, State
+from runtime.loop import device as device_module
+from runtime.loop.replay import replay
 
 
 def test_a_stop_begins_in_the_cycle_of_its_fault(tmp_path: Path) -> None:

@@ -10,9 +10,9 @@ from helpers_toy import PERIOD, SPEED, wired
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.cycle import Cycle, limits_of
-from runtime.layout import LINK_ACTIVE, LINK_CONNECTED, Cause, State
-from runtime.mailbox import Ask
+from runtime.ipc.layout import LINK_ACTIVE, LINK_CONNECTED, Cause, State
+from runtime.ipc.requests import Ask
+from runtime.loop.cycle import Cycle, limits_of
 
 # Any order of events
 

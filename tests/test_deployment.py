@@ -23,9 +23,10 @@ from pathlib import Path
 import pytest
 from helpers_run import Running, environment, srl
 
-from runtime import realtime, supervisor
-from runtime.layout import State
-from runtime.recorder.reader import read
+from runtime.ipc.layout import State
+from runtime.loop import realtime
+from runtime.recording.reader import read
+from runtime.service import supervisor
 
 DEPLOY = Path(__file__).parents[1] / "deploy"
 UNIT = DEPLOY / "srl@.service"

@@ -22,12 +22,13 @@ from helpers_run import call, environment
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
-from runtime import profile, registry, wiring
 from runtime.cli import COMMANDS
 from runtime.cli.check import check_guards
-from runtime.layout import Cause, State
-from runtime.machine import Machine
-from runtime.mailbox import Ask
+from runtime.contracts import registry
+from runtime.ipc.layout import Cause, State
+from runtime.ipc.requests import Ask
+from runtime.loop.machine import Machine
+from runtime.profile import profile, wiring
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -280,7 +281,7 @@ def test_the_example_runs_moves_and_replays(installed: Path) -> None:
         "l.rrd",
     )
     code = (
-        "import sys; from pathlib import Path; from runtime.recorder.reader import read; import numpy as np\n"
+        "import sys; from pathlib import Path; from runtime.recording.reader import read; import numpy as np\n"
         "r = read(Path(sys.argv[1])); q = r.value('finger.position_command.applied')[:, 0]\n"
         "asked = r.value('finger.position_command')[:, 0]; on = r.int('state') == 2\n"
         "print(np.ptp(r.value('lever.position')), np.ptp(q), abs(asked[on][0] - q[on][0]))"

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from runtime.errors import ProfileError
-from runtime.frames import FrameEntry, Frames, from_pose, transform
+from runtime.contracts.errors import ProfileError
+from runtime.contracts.frames import FrameEntry, Frames, from_pose, transform
 
 numbers = st.floats(-3.0, 3.0)
 triples = st.tuples(numbers, numbers, numbers)

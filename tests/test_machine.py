@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from runtime.layout import Cause, State
-from runtime.machine import Fault, Ladder, Machine
-from runtime.mailbox import Answer, Ask
-from runtime.profile import EmergencyInput, Faults
-from runtime.signals import Stop
+from runtime.contracts.signals import Stop
+from runtime.ipc.layout import Cause, State
+from runtime.ipc.requests import Answer, Ask
+from runtime.loop.machine import Fault, Ladder, Machine
+from runtime.profile.profile import EmergencyInput, Faults
 
 EMERGENCY = [EmergencyInput(signal="panel.buttons", category=Stop.LIMP)]
 

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from runtime.device import Device
-from runtime.driver import DeviceConfig, Driver
-from runtime.layout import CYCLE, DEVICE, LINK_ERROR
-from runtime.loop_process import Process
-from runtime.signals import Stop
-from runtime.world import Fake
+from runtime.contracts.driver import DeviceConfig, Driver
+from runtime.contracts.signals import Stop
+from runtime.contracts.world import Fake
+from runtime.ipc.layout import CYCLE, DEVICE, LINK_ERROR
+from runtime.loop.device import Device
+from runtime.loop.process import Process
 
 
 class Words:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from helpers_run import call
 
-from runtime import profile, wiring
+from runtime.profile import profile, wiring
 
 PROFILES = sorted(path.stem for path in (Path(__file__).parents[1] / "profiles").glob("*.yaml"))
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from hypothesis import given
 from hypothesis import strategies as st
 
-from runtime.stopslots import FRAME, StopSlots
+from runtime.ipc.stop_slots import FRAME, StopSlots
 
 
 @given(frames=st.lists(st.tuples(st.integers(0, 2), st.binary(min_size=1, max_size=FRAME)), max_size=20))

@@ -10,8 +10,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from drivers.ati_netft.protocol import PORT
 from drivers.ati_netft.settings import HTTP_PORT, TCP_PORT
-from runtime.driver import DeviceConfig
-from runtime.errors import DeviceError
+from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.errors import DeviceError
 
 
 class CountsConfig(BaseModel):

@@ -15,9 +15,9 @@ from drivers.ati_netft.protocol import Parser, Record, Request, request
 from drivers.ati_netft.settings import Settings
 from drivers.datagram import Datagrams, open_datagrams
 from drivers.devicetime import DeviceTime
-from runtime.driver import Driver
-from runtime.errors import DeviceError, DeviceLostError
-from runtime.signals import Array, Signal, Stop
+from runtime.contracts.driver import Driver
+from runtime.contracts.errors import DeviceError, DeviceLostError
+from runtime.contracts.signals import Array, Signal, Stop
 
 LABELS: Final = ("fx", "fy", "fz", "tx", "ty", "tz")
 TRIES: Final = 10  # requests may get lost; public drivers ask as often (1.1)

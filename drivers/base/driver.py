@@ -16,9 +16,9 @@ from drivers.base import protocol, ros
 from drivers.base.config import BaseConfig
 from drivers.zenoh_link import Link, Outlet, wire
 from drivers.zenoh_link.stamps import SourceTime
-from runtime.driver import Driver
-from runtime.errors import DeviceError, DeviceLostError
-from runtime.signals import Command, Kind, Limits, Signal, Stop
+from runtime.contracts.driver import Driver
+from runtime.contracts.errors import DeviceError, DeviceLostError
+from runtime.contracts.signals import Command, Kind, Limits, Signal, Stop
 
 COMMAND = "twist_command"
 AXES = ("vx", "vy", "wz")

@@ -9,9 +9,9 @@ import math
 import struct
 from dataclasses import dataclass
 
-from runtime.bus import cdr
-from runtime.errors import RequestError
-from runtime.signals import Array
+from runtime.contracts.errors import RequestError
+from runtime.contracts.signals import Array
+from runtime.messages import cdr
 
 ODOMETRY = "nav_msgs/msg/Odometry"
 TWIST = "geometry_msgs/msg/Twist"

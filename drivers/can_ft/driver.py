@@ -25,9 +25,9 @@ from drivers.can_ft.protocol import (
 )
 from drivers.canbus import CanLink, open_can
 from drivers.devicetime import DeviceTime
-from runtime.driver import DeviceConfig, Driver
-from runtime.errors import DeviceError, DeviceLostError
-from runtime.signals import Array, Signal, Stop
+from runtime.contracts.driver import DeviceConfig, Driver
+from runtime.contracts.errors import DeviceError, DeviceLostError
+from runtime.contracts.signals import Array, Signal, Stop
 
 LABELS: Final = ("fx", "fy", "fz", "tx", "ty", "tz")
 TRIES: Final = 3

@@ -27,8 +27,8 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from drivers.cyberglove.protocol import LABELS
-from runtime.errors import ProfileError, nearest
-from runtime.signals import Array
+from runtime.contracts.errors import ProfileError, nearest
+from runtime.contracts.signals import Array
 
 _RAW: Final = np.arange(256, dtype=float)
 _Byte = Annotated[float, Field(ge=0, le=255)]

@@ -12,9 +12,9 @@ from pydantic import Field
 from drivers.cyberglove import calibration
 from drivers.cyberglove.protocol import BAUDRATE, LABELS, START, STOP, Parser, Record, Reply, assign, query
 from drivers.transport import Transport, open_transport
-from runtime.driver import DeviceConfig, Driver
-from runtime.errors import DeviceError, DeviceLostError
-from runtime.signals import Signal, Stop
+from runtime.contracts.driver import DeviceConfig, Driver
+from runtime.contracts.errors import DeviceError, DeviceLostError
+from runtime.contracts.signals import Signal, Stop
 
 TRIES: Final = 3  # after power-up the first answer can fail (§7)
 ANSWER: Final = 1.0  # s for an answer or the first record; the sheet's drivers wait 0.1 to 2 s

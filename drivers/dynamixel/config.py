@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from drivers.dynamixel.models import MODELS, Model
 from drivers.dynamixel.packets import HIGHEST_ID
 from drivers.dynamixel.table import baud_code
-from runtime.driver import DeviceConfig
+from runtime.contracts.driver import DeviceConfig
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Mode = Literal["position", "extended", "velocity", "effort"]

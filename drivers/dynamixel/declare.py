@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from drivers.dynamixel.config import DynamixelConfig
-from runtime.signals import Command, Kind, Signal, Stop
+from runtime.contracts.signals import Command, Kind, Signal, Stop
 
 STATES: Final = ("position", "velocity", "effort", "temperature", "voltage")
 KINDS: Final = {

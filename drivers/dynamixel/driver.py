@@ -23,9 +23,9 @@ from drivers.dynamixel.recovery import Recovery
 from drivers.dynamixel.session import Session
 from drivers.dynamixel.setup import Bus, set_up, watchdog_code
 from drivers.transport import Transport, open_transport
-from runtime.driver import Driver
-from runtime.errors import DeviceError, DeviceLostError
-from runtime.signals import Array, Kind, Stop
+from runtime.contracts.driver import Driver
+from runtime.contracts.errors import DeviceError, DeviceLostError
+from runtime.contracts.signals import Array, Kind, Stop
 
 LOST: Final = 1_000_000_000  # ns without a word from a servo
 _SUSPECT: Final = 0.8  # of the watchdog's time without a packet: it may have tripped

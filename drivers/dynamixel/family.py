@@ -17,7 +17,7 @@ from drivers.dynamixel import protocol1, protocol2, table
 from drivers.dynamixel.config import DynamixelConfig
 from drivers.dynamixel.models import CENTRE, COUNTS, PER_COUNT
 from drivers.dynamixel.packets import BROADCAST, Status
-from runtime.signals import Array, Limits
+from runtime.contracts.signals import Array, Limits
 
 VELOCITY2: Final = 0.229 * 2 * pi / 60  # rad/s a unit
 VELOCITY1: Final = 0.114 * 2 * pi / 60

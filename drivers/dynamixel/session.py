@@ -11,7 +11,7 @@ from drivers.dynamixel.models import called
 from drivers.dynamixel.packets import BROADCAST, Status
 from drivers.dynamixel.table import BAUDS2, Register
 from drivers.transport import Transport, open_transport
-from runtime.errors import DeviceError
+from runtime.contracts.errors import DeviceError
 
 TRIES: Final = 3
 ANSWER: Final = 0.06  # s; a USB adapter alone may take 16 ms each way

@@ -9,8 +9,8 @@ from typing import Final
 from drivers.dynamixel.family import RETURN_DELAY, WATCHDOG, Family2
 from drivers.dynamixel.session import Session, find
 from drivers.dynamixel.table import Register
-from runtime.errors import DeviceError
-from runtime.signals import Limits
+from runtime.contracts.errors import DeviceError
+from runtime.contracts.signals import Limits
 
 _WIZARD: Final = "Set it with the vendor's DYNAMIXEL Wizard"
 _SIZES: Final = {1: 74, 2: 147}  # bytes from address 0 that are looked at

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from drivers.evdev.records import AxisInfo, Description, Event, Parser
-from runtime.errors import DeviceError, DeviceLostError
+from runtime.contracts.errors import DeviceError, DeviceLostError
 
 NODES = Path("/dev/input")
 CHUNK = 24 * 64

@@ -8,7 +8,7 @@ from typing import Self
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from drivers.firmata.protocol import MAX_SERVOS, MIN_PULSE_US
-from runtime.driver import DeviceConfig
+from runtime.contracts.driver import DeviceConfig
 
 MAX_PULSE_US = 2400
 

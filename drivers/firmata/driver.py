@@ -18,9 +18,9 @@ from drivers.firmata.config import ButtonConfig, Calibration, FirmataConfig
 from drivers.firmata.identify import FLASH, identify, listen, require
 from drivers.firmata.protocol import Decoder, Mode
 from drivers.transport import Transport, open_transport
-from runtime.driver import Driver
-from runtime.errors import DeviceError, DeviceLostError
-from runtime.signals import Array, Command, Kind, Limits, Signal, Stop
+from runtime.contracts.driver import Driver
+from runtime.contracts.errors import DeviceError, DeviceLostError
+from runtime.contracts.signals import Array, Command, Kind, Limits, Signal, Stop
 
 COMMAND = "position_command"
 ASK_ACTIVE = 400_000_000  # ns between version queries while `write` is called

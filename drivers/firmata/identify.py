@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from drivers.firmata import protocol
 from drivers.firmata.protocol import Decoder, Message, Mode, Version
 from drivers.transport import Transport
-from runtime.errors import DeviceError
+from runtime.contracts.errors import DeviceError
 
 BOOT = 5.0  # s, from opening the port (which resets most boards) to the first word
 LAST_CALL = 1.5  # s, for the answer after a reset by message

@@ -6,8 +6,8 @@ from pydantic import Field
 
 from drivers.noitom.rotations import Order
 from drivers.noitom.skeleton import JOINTS, Kind, Skeleton
-from runtime.driver import DeviceConfig
-from runtime.signals import Signal
+from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.signals import Signal
 
 
 class NoitomConfig(DeviceConfig):

@@ -12,9 +12,9 @@ from drivers.noitom.protocol import BinaryParser, Frame, Parser, TextParser
 from drivers.noitom.skeleton import Skeleton
 from drivers.streamtime import StreamTime
 from drivers.transport import Transport, open_transport
-from runtime.driver import Driver
-from runtime.errors import DeviceError, DeviceLostError
-from runtime.signals import Stop
+from runtime.contracts.driver import Driver
+from runtime.contracts.errors import DeviceError, DeviceLostError
+from runtime.contracts.signals import Stop
 
 FIRST: Final = 3.0  # s for the first frame
 MEASURE: Final = 0.5  # s of frames from which the rate is taken at first

@@ -10,7 +10,7 @@ from drivers.noitom.config import NoitomConfig
 from drivers.noitom.protocol import Frame
 from drivers.noitom.rotations import Quaternions
 from drivers.noitom.skeleton import JOINTS, Skeleton
-from runtime.signals import Array
+from runtime.contracts.signals import Array
 
 
 class Pose:

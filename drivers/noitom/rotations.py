@@ -6,7 +6,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from runtime.signals import Array
+from runtime.contracts.signals import Array
 
 Order = Literal["XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX"]
 _AXES: Final = {"X": 1, "Y": 2, "Z": 3}

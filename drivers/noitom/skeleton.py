@@ -9,7 +9,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from runtime.signals import Array
+from runtime.contracts.signals import Array
 
 Kind = Literal["axis-neuron", "axis-studio"]
 

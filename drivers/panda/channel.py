@@ -10,7 +10,7 @@ from typing import Final
 from drivers.panda.packets import VERSIONS
 from drivers.panda.protocol import Body, Connect, Reply, ReplyParser, Status, encode_request
 from drivers.transport import Transport, open_transport
-from runtime.errors import DeviceError, DeviceLostError
+from runtime.contracts.errors import DeviceError, DeviceLostError
 
 ANSWER: Final = 3.0  # s for the reply to Connect
 SILENCE: Final = 10_000_000_000  # ns without a reply after which the robot counts as lost

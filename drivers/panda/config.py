@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from drivers.panda.protocol import Body, SetCollisionBehavior, SetJointImpedance, SetLoad
-from runtime.driver import DeviceConfig
-from runtime.signals import Command, Kind, Signal, Stop
+from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.signals import Command, Kind, Signal, Stop
 
 JOINTS = tuple(f"joint{i}" for i in range(1, 8))
 WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")

@@ -17,9 +17,9 @@ from drivers.panda.motion import Motion, Phase
 from drivers.panda.packets import RobotMode
 from drivers.panda.protocol import AutomaticErrorRecovery, Body, Reply, Status, StopMove
 from drivers.panda.state import Modes, StateReader
-from runtime.driver import Driver
-from runtime.errors import DeviceError, DeviceLostError
-from runtime.signals import Stop
+from runtime.contracts.driver import Driver
+from runtime.contracts.errors import DeviceError, DeviceLostError
+from runtime.contracts.signals import Stop
 
 FIRST_STATE: Final = 1.0  # s from Connect to the first state
 SETTINGS: Final = 5.0  # s for the robot to take the options

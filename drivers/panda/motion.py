@@ -16,7 +16,7 @@ from drivers.panda.limits import BY_VERSION
 from drivers.panda.packets import Controller, Generator, command_dtype
 from drivers.panda.protocol import Move, Reply, Status
 from drivers.panda.state import Modes, StateReader
-from runtime.signals import Kind
+from runtime.contracts.signals import Kind
 
 PATIENCE: Final = 1000  # states for a reply to come in after the motion's end, or the motion after its start
 STILL: Final = 0.02  # of the velocity limit: slower than this a joint is at rest

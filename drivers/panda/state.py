@@ -8,7 +8,7 @@ from math import isfinite, sqrt
 from struct import Struct
 
 from drivers.panda.packets import RobotMode, error_names, state_dtype
-from runtime.signals import Array
+from runtime.contracts.signals import Array
 
 _ID = Struct("<Q")
 # The driver's signals that are copied as they are.

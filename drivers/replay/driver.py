@@ -7,9 +7,9 @@ from typing import Literal
 from pydantic import Field
 
 from drivers.replay.track import load
-from runtime.driver import DeviceConfig, Driver
-from runtime.errors import DeviceError, DeviceLostError
-from runtime.signals import Array, Stop
+from runtime.contracts.driver import DeviceConfig, Driver
+from runtime.contracts.errors import DeviceError, DeviceLostError
+from runtime.contracts.signals import Array, Stop
 
 
 class ReplayConfig(DeviceConfig):

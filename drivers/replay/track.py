@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.errors import RecordingError, nearest
-from runtime.layout import LINK_CONNECTED, Field, Layout
-from runtime.signals import Array, Signal
+from runtime.contracts.errors import RecordingError, nearest
+from runtime.contracts.signals import Array, Signal
+from runtime.ipc.layout import LINK_CONNECTED, Field, Layout
 
 
 class Track:
@@ -86,7 +86,7 @@ def _signal(field: Field, device: str) -> Signal:
 @lru_cache(maxsize=8)
 def load(path: str, device: str, start: float) -> Track:
     """A device's track of a recording. Raises RecordingError."""
-    from runtime.recorder.reader import read
+    from runtime.recording.reader import read
 
     recording = read(Path(path))
     return Track(recording.layout, recording.rows, device, start, path)

@@ -19,9 +19,9 @@ from drivers.evdev.records import EV_KEY
 from drivers.evdev.source import NODES
 from drivers.ring.serial_ring import ASK, BAUDRATE, Parser
 from drivers.transport import Transport, open_transport
-from runtime.driver import DeviceConfig, Driver
-from runtime.errors import DeviceError, DeviceLostError
-from runtime.signals import Signal, Stop
+from runtime.contracts.driver import DeviceConfig, Driver
+from runtime.contracts.errors import DeviceError, DeviceLostError
+from runtime.contracts.signals import Signal, Stop
 
 KEYS: Final = (115, 28)  # KEY_VOLUMEUP, KEY_ENTER: what shutter remotes send
 LOOK: Final = 1_000_000_000  # ns between looks for a ring that sleeps

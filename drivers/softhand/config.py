@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import Field, field_validator
 
 from drivers.softhand.protocol import BAUDRATE, Limits
-from runtime.driver import DeviceConfig
+from runtime.contracts.driver import DeviceConfig
 
 USUAL = Limits(0, 19000)  # ticks, where the hand doesn't tell
 

@@ -21,9 +21,9 @@ from drivers.softhand.config import USUAL, SoftHandConfig
 from drivers.softhand.motor import Motor
 from drivers.softhand.protocol import Cmd, Frame, Parser
 from drivers.transport import Transport, open_transport
-from runtime.driver import Driver
-from runtime.errors import DeviceError, DeviceLostError
-from runtime.signals import Command, Kind, Limits, Signal, Stop
+from runtime.contracts.driver import Driver
+from runtime.contracts.errors import DeviceError, DeviceLostError
+from runtime.contracts.signals import Command, Kind, Limits, Signal, Stop
 
 COMMAND: Final = "position_command"
 TRIES: Final = 3

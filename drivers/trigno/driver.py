@@ -13,9 +13,9 @@ from drivers.streamtime import StreamTime
 from drivers.transport import Transport, open_transport
 from drivers.trigno.envelope import Envelope
 from drivers.trigno.protocol import COMMAND_PORT, EMG_OFFSET, RATE, SLOTS, Answers, Samples, command, refused
-from runtime.driver import DeviceConfig, Driver
-from runtime.errors import DeviceError, DeviceLostError
-from runtime.signals import Array, Signal, Stop
+from runtime.contracts.driver import DeviceConfig, Driver
+from runtime.contracts.errors import DeviceError, DeviceLostError
+from runtime.contracts.signals import Array, Signal, Stop
 
 ANSWER: Final = 3.0  # s for an answer
 FIRST: Final = 3.0  # s for the first sample after START (§2: data begin within about 2 s)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from runtime.signals import Array
+from runtime.contracts.signals import Array
 
 
 class Envelope:

@@ -16,7 +16,7 @@ from drivers.ur.dial import Dial
 from drivers.ur.models import same
 from drivers.ur.status import RobotMode
 from drivers.ur.steps import Clock, Steps, pause, until
-from runtime.errors import DeviceError
+from runtime.contracts.errors import DeviceError
 
 REMOTE: Final = (5, 6, 0)  # the dashboard tells remote from local from here on
 POWERING: Final = 40.0  # s for the joints to come up, and again for the brakes

@@ -7,7 +7,7 @@ from urllib.parse import parse_qsl, urlsplit
 
 from pydantic import Field, field_validator, model_validator
 
-from runtime.driver import DeviceConfig
+from runtime.contracts.driver import DeviceConfig
 
 RTDE: Final = 30004
 DASHBOARD: Final = 29999

@@ -7,7 +7,7 @@ from typing import Final
 
 from drivers.ur.dial import Dial
 from drivers.ur.steps import Clock, Steps, until
-from runtime.errors import DeviceError
+from runtime.contracts.errors import DeviceError
 
 GREETING: Final = "Connected: Universal Robots Dashboard Server"
 UNKNOWN: Final = "could not understand"

@@ -11,7 +11,7 @@ from drivers.ur.models import JOINTS, REACH, fastest
 from drivers.ur.registers import ScriptState
 from drivers.ur.sample import Words
 from drivers.ur.status import RobotMode, RuntimeState, name_of, safety_words
-from runtime.signals import Command, Kind, Limits, Signal, Stop
+from runtime.contracts.signals import Command, Kind, Limits, Signal, Stop
 
 WRENCH: Final = ("fx", "fy", "fz", "tx", "ty", "tz")
 

@@ -26,9 +26,9 @@ from drivers.ur.sample import Sample, Words
 from drivers.ur.script import program
 from drivers.ur.status import RobotBits, RobotMode, RuntimeState, SafetyBits, safety_words
 from drivers.ur.steps import Steps, pause, until
-from runtime.driver import Driver
-from runtime.errors import DeviceError, DeviceLostError
-from runtime.signals import Stop
+from runtime.contracts.driver import Driver
+from runtime.contracts.errors import DeviceError, DeviceLostError
+from runtime.contracts.signals import Stop
 
 RATE: Final = 500.0  # Hz
 UNANSWERED: Final = 2  # commands on their way: one that the program answers now, one behind it

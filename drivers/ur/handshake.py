@@ -11,7 +11,7 @@ from drivers.transport import Transport
 from drivers.ur import rtde
 from drivers.ur.recipe import IN_USE, NOT_FOUND, Recipe
 from drivers.ur.rtde import Kind, Message, Parser
-from runtime.errors import DeviceError
+from runtime.contracts.errors import DeviceError
 
 ANSWER: Final = 3.0  # s
 MEASURED: Final = (5, 23)  # version from which torques are given that were measured

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from drivers.ur.registers import OUTPUTS
-from runtime.signals import Array
+from runtime.contracts.signals import Array
 
 _EFFORT: Final = {"target": "target_moment", "measured": "actual_current_as_torque"}
 _WORDS: Final = struct.Struct(">iIIIiiiQ")

@@ -16,7 +16,7 @@ from drivers.vicon.config import ViconConfig
 from drivers.vicon.protocol import Block, Packet
 from drivers.vicon.selection import Selection, refuse, select
 from drivers.vicon.source import Frame
-from runtime.errors import DeviceError
+from runtime.contracts.errors import DeviceError
 
 GREETING: Final = 2.0  # s for the server's first packet
 FRAMES: Final = 3.0  # s for a frame in which everything is there

@@ -13,9 +13,9 @@ from drivers.vicon.datastream import DataStream
 from drivers.vicon.object_stream import ObjectStream
 from drivers.vicon.source import Frame, Source
 from drivers.vicon.view import GIVES, View, signals
-from runtime.driver import Driver
-from runtime.errors import DeviceLostError
-from runtime.signals import Array, Stop
+from runtime.contracts.driver import Driver
+from runtime.contracts.errors import DeviceLostError
+from runtime.contracts.signals import Array, Stop
 
 _BITS: Final = 32  # of the frame number
 _GAP: Final = 10_000  # frames; a longer one is a count that began anew

@@ -14,7 +14,7 @@ from drivers.vicon.config import ViconConfig
 from drivers.vicon.objects import ObjectFrame
 from drivers.vicon.selection import refuse, select
 from drivers.vicon.source import Frame
-from runtime.errors import DeviceError
+from runtime.contracts.errors import DeviceError
 
 LISTEN: Final = 2.0  # s for everything wanted to turn up
 SPAN: Final = 0.5  # s over which the frame rate is measured

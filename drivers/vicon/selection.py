@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from drivers.vicon.blocks import Segment, Subject
 from drivers.vicon.config import ViconConfig
-from runtime.errors import DeviceError, nearest
+from runtime.contracts.errors import DeviceError, nearest
 
 _LISTED = 20
 

@@ -10,7 +10,7 @@ import numpy as np
 from drivers.vicon.blocks import Point
 from drivers.vicon.config import ViconConfig
 from drivers.vicon.geometry import Quaternion
-from runtime.signals import Array, Signal
+from runtime.contracts.signals import Array, Signal
 
 GIVES: Final = ("pose", "<name>.pose", "visible", "markers", "marker_visible", "unlabelled", "unlabelled_visible")
 

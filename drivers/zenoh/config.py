@@ -9,8 +9,8 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from drivers.zenoh.values import TYPES
 from drivers.zenoh_link import PeerConfig
-from runtime.errors import nearest
-from runtime.signals import Signal
+from runtime.contracts.errors import nearest
+from runtime.contracts.signals import Signal
 
 _KEY = re.compile(r"^[A-Za-z0-9_%:-]+(/[A-Za-z0-9_%:-]+)*$")
 _NAME = re.compile(r"^[a-z][a-z0-9_]*$")

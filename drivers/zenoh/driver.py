@@ -15,9 +15,9 @@ from drivers.zenoh.config import SignalEntry, ZenohConfig
 from drivers.zenoh.values import TYPES, Values, type_of
 from drivers.zenoh_link import Link, wire
 from drivers.zenoh_link.stamps import SourceTime
-from runtime.driver import Driver
-from runtime.errors import DeviceError, DeviceLostError, RequestError, nearest
-from runtime.signals import Array, Signal, Stop
+from runtime.contracts.driver import Driver
+from runtime.contracts.errors import DeviceError, DeviceLostError, RequestError, nearest
+from runtime.contracts.signals import Array, Signal, Stop
 
 FIRST = 4.0  # s that two samples of each signal may take
 _KEY = "Correct the key or the signal's lines in the profile"

@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from runtime.bus import cdr, messages
-from runtime.errors import RequestError, nearest
-from runtime.signals import Array
+from runtime.contracts.errors import RequestError, nearest
+from runtime.contracts.signals import Array
+from runtime.messages import cdr, messages
 
 POINT = "geometry_msgs/msg/PointStamped"
 TWIST = "geometry_msgs/msg/Twist"

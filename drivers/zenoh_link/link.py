@@ -13,7 +13,7 @@ from typing import NoReturn
 
 from drivers.zenoh_link import wire
 from drivers.zenoh_link.config import PeerConfig
-from runtime.errors import DeviceError, DeviceLostError
+from runtime.contracts.errors import DeviceError, DeviceLostError
 
 MOST = 256  # messages taken in one read
 START = 10.0  # s that the process may take to start, besides the connection itself

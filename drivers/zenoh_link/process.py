@@ -28,7 +28,7 @@ import zenoh
 
 from drivers.zenoh_link import wire
 from drivers.zenoh_link.config import session_config
-from runtime.bus import attachment
+from runtime.messages import attachment
 
 STOPS = 20  # times the stop is published
 STOP_PERIOD = 50_000_000  # ns between them

@@ -21,13 +21,14 @@ from typing import Any, Self
 import numpy as np
 import zenoh
 
-from runtime.bus import cdr, messages, session
-from runtime.bus.config import TlsConfig
-from runtime.bus.keys import COMMANDS, Keys, path
+from runtime.bus import session
 from runtime.bus.status import parse
-from runtime.errors import RequestError, nearest
-from runtime.rundir import RunDir
-from runtime.signals import Array
+from runtime.contracts.errors import RequestError, nearest
+from runtime.contracts.signals import Array
+from runtime.ipc.run_folder import RunDir
+from runtime.messages import cdr, messages
+from runtime.profile.bus import TlsConfig
+from runtime.profile.keys import COMMANDS, Keys, path
 
 _ENDPOINT = re.compile(r"^(tcp|tls|unixsock-stream)/")
 KEPT = 1024  # samples that wait for a slow reader; the oldest go first

@@ -21,18 +21,19 @@ import numpy as np
 import zenoh
 from numpy.typing import NDArray
 
-from runtime.bus import attachment, cdr, messages, session
-from runtime.bus.config import BusConfig
-from runtime.bus.keys import Keys, check
+from runtime.bus import session
 from runtime.bus.requests import Requests, reply
 from runtime.bus.status import Reporter
-from runtime.errors import SrlError
-from runtime.layout import CYCLE, DEVICE, FLAG_DEGRADED, Field, Layout
-from runtime.mailbox import MailboxWriter
-from runtime.notes import NotesReader
-from runtime.realtime import die_with_parent
-from runtime.ring import RingReader
-from runtime.rundir import RunDir
+from runtime.contracts.errors import SrlError
+from runtime.ipc.events import NotesReader
+from runtime.ipc.layout import CYCLE, DEVICE, FLAG_DEGRADED, Field, Layout
+from runtime.ipc.requests import MailboxWriter
+from runtime.ipc.ring import RingReader
+from runtime.ipc.run_folder import RunDir
+from runtime.loop.realtime import die_with_parent
+from runtime.messages import attachment, cdr, messages
+from runtime.profile.bus import BusConfig
+from runtime.profile.keys import Keys, check
 
 PUBLISHED = ("state", "command", "applied", "internal", "truth")  # roles
 STATUS_PERIOD = 200_000_000  # ns

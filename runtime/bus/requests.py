@@ -21,13 +21,13 @@ import numpy as np
 import zenoh
 from numpy.typing import NDArray
 
-from runtime.bus import messages
-from runtime.bus.keys import COMMANDS, Keys
 from runtime.bus.status import CAUSES, Counts
-from runtime.errors import RequestError
-from runtime.layout import CYCLE, Cause, Field, Layout, State
-from runtime.mailbox import Answer, Ask, MailboxWriter
-from runtime.signals import Array
+from runtime.contracts.errors import RequestError
+from runtime.contracts.signals import Array
+from runtime.ipc.layout import CYCLE, Cause, Field, Layout, State
+from runtime.ipc.requests import Answer, Ask, MailboxWriter
+from runtime.messages import messages
+from runtime.profile.keys import COMMANDS, Keys
 
 PATIENCE = 1_000_000_000  # ns until a request that the loop didn't take is given up
 UNDERWAY = 4  # requests in the mailbox at a time, stops not counted: the loop takes one a cycle

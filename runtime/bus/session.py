@@ -12,9 +12,9 @@ from typing import Any
 
 import zenoh
 
-from runtime.bus.config import BusConfig, TlsConfig
-from runtime.bus.keys import Keys
-from runtime.errors import HostError, RequestError
+from runtime.contracts.errors import HostError, RequestError
+from runtime.profile.bus import BusConfig, TlsConfig
+from runtime.profile.keys import Keys
 
 LONGEST_PATH = 107  # bytes of a Unix socket's path, Linux
 SOCKET_UMASK = 0o117  # the socket's mode is 0660: the service's user and group

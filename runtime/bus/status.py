@@ -12,9 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.bus import cdr
-from runtime.bus.messages import time_of
-from runtime.layout import (
+from runtime.ipc.layout import (
     CYCLE,
     DEVICE,
     FLAG_DEGRADED,
@@ -26,6 +24,8 @@ from runtime.layout import (
     Layout,
     State,
 )
+from runtime.messages import cdr
+from runtime.messages.messages import time_of
 
 OK, WARN, ERROR, STALE = range(4)  # levels of diagnostic_msgs/DiagnosticStatus
 WINDOW = 1_000_000_000  # ns

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 
 from runtime import __version__
-from runtime.errors import SrlError
+from runtime.contracts.errors import SrlError
 
 COMMANDS = ("list", "check", "run", "stop", "twin", "replay", "study", "top", "doctor")
 

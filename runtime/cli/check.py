@@ -6,11 +6,12 @@ import argparse
 import json
 from typing import Any
 
-from runtime import profile, registry, wiring
 from runtime.cli import add_command
-from runtime.errors import WiringError
-from runtime.graph import Graph
+from runtime.contracts import registry
+from runtime.contracts.errors import WiringError
 from runtime.guard import make_guard
+from runtime.profile import profile, wiring
+from runtime.profile.graph import Graph
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -30,7 +31,7 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(schema(), indent=1))
         return 0
     if args.profile is None:
-        from runtime.errors import ProfileError
+        from runtime.contracts.errors import ProfileError
 
         raise ProfileError("srl check", "no profile is named", f"One of: {', '.join(profile.shipped())}")
     checked, source = profile.load(args.profile, args.set)
@@ -64,7 +65,7 @@ def check_guards(graph: Graph) -> dict[str, str]:
     What a device reads from its own hardware isn't known before it is open; a limit that only the device
     can give is checked at the start of a run.
     """
-    from runtime.cycle import limits_of
+    from runtime.loop.cycle import limits_of
 
     categories = {}
     for actuator in graph.actuators:

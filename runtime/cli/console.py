@@ -12,7 +12,7 @@ import select
 import socket
 from typing import TextIO
 
-from runtime.notes import Level
+from runtime.ipc.events import Level
 
 JOURNAL = "/run/systemd/journal/socket"
 _WORDS = {Level.INFO: "", Level.WARNING: "warning: ", Level.ERROR: "error: "}

@@ -7,10 +7,10 @@ import dataclasses
 import json
 from fractions import Fraction
 
-from runtime import profile
 from runtime.cli import add_command
-from runtime.errors import RequestError
-from runtime.host import examine, python
+from runtime.contracts.errors import RequestError
+from runtime.profile import profile
+from runtime.service.host import examine, python
 
 _MARKS = {"good": "ok", "doubtful": "??", "bad": "!!"}
 

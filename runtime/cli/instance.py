@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from runtime.errors import RequestError, nearest
-from runtime.rundir import RunDir, base, running
+from runtime.contracts.errors import RequestError, nearest
+from runtime.ipc.run_folder import RunDir, base, running
 
 
 def choose(name: str | None) -> RunDir:

@@ -6,9 +6,10 @@ import argparse
 import json
 from typing import Any
 
-from runtime import profile, registry
 from runtime.cli import add_command
-from runtime.errors import SrlError
+from runtime.contracts import registry
+from runtime.contracts.errors import SrlError
+from runtime.profile import profile
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:

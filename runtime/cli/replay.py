@@ -7,8 +7,8 @@ import json
 from pathlib import Path
 
 from runtime.cli import add_command
-from runtime.errors import RecordingError
-from runtime.replay import perturbed, replay
+from runtime.contracts.errors import RecordingError
+from runtime.loop.replay import perturbed, replay
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -26,7 +26,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> int:
     """Returns 0 if every bit is the same, else 1."""
-    from runtime.recorder.reader import read
+    from runtime.recording.reader import read
 
     recording = read(args.recording)
     place = str(args.recording)

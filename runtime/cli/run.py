@@ -11,19 +11,20 @@ import time
 from pathlib import Path
 from typing import Any
 
-from runtime import profile, rundir, wiring
 from runtime.cli import add_command
 from runtime.cli.check import check_guards
 from runtime.cli.console import Console
 from runtime.cli.status import Status
-from runtime.errors import HostError, RequestError
-from runtime.graph import Graph
-from runtime.layout import Cause, Layout
-from runtime.notes import NotesReader
-from runtime.order import Order
-from runtime.ring import RingReader
-from runtime.summary import Summary
-from runtime.supervisor import Supervisor, helpers, state_dir
+from runtime.contracts.errors import HostError, RequestError
+from runtime.ipc import run_folder as rundir
+from runtime.ipc.events import NotesReader
+from runtime.ipc.launch import Order
+from runtime.ipc.layout import Cause, Layout
+from runtime.ipc.ring import RingReader
+from runtime.profile import profile, wiring
+from runtime.profile.graph import Graph
+from runtime.service.summary import Summary
+from runtime.service.supervisor import Supervisor, helpers, state_dir
 
 REFRESH = 0.1  # s between looks at the rows
 
@@ -211,7 +212,7 @@ def _check_arguments(args: argparse.Namespace, graph: Graph) -> None:
     if args.wearer and args.sim is None:
         raise RequestError("--wearer", "only a simulated person repeats a recording", "Add --sim")
     if args.record is not None:
-        from runtime.recorder.segments import check_target
+        from runtime.recording.segments import check_target
 
         check_target(args.record)
     if args.figure is not None and not args.figure.absolute().parent.is_dir():
@@ -240,6 +241,6 @@ def _pass_on(notes: NotesReader, status: Status) -> None:
 
 def _draw(record: Path, figure: Path) -> None:
     from runtime.recorder.figure import draw
-    from runtime.recorder.reader import read
+    from runtime.recording.reader import read
 
     draw(read(record), figure)

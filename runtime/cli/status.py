@@ -6,9 +6,9 @@ import shutil
 import time
 
 from runtime.cli.console import Console
-from runtime.layout import Cause
-from runtime.notes import Level
-from runtime.summary import Summary
+from runtime.ipc.events import Level
+from runtime.ipc.layout import Cause
+from runtime.service.summary import Summary
 
 _EVERY = 10.0  # s between lines where there is no terminal
 

@@ -8,9 +8,9 @@ import time
 
 from runtime.cli import add_command
 from runtime.cli.instance import choose
-from runtime.errors import RequestError
-from runtime.inbox import ask
-from runtime.rundir import RunDir
+from runtime.contracts.errors import RequestError
+from runtime.ipc.run_folder import RunDir
+from runtime.loop.request_queue import ask
 
 _TEXTS = {
     "stop": "puts the limb into its safe stop",

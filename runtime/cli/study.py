@@ -9,9 +9,9 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from runtime import registry
 from runtime.cli import add_command
-from runtime.errors import RequestError
+from runtime.contracts import registry
+from runtime.contracts.errors import RequestError
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:

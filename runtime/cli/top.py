@@ -16,10 +16,10 @@ from rich.table import Table
 from rich.text import Text
 
 from runtime.bus.client import Client, Update, connect
-from runtime.bus.keys import path
 from runtime.cli import add_command
-from runtime.errors import RequestError, nearest
-from runtime.rundir import running
+from runtime.contracts.errors import RequestError, nearest
+from runtime.ipc.run_folder import running
+from runtime.profile.keys import path
 
 REFRESH = 5.0  # Hz
 GONE = 5.0  # s without a status until we ask whether the instance is still there

@@ -15,12 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from runtime import profile, registry, wiring
 from runtime.cli import add_command
-from runtime.clock import MonotonicClock
-from runtime.errors import ProfileError, RequestError, SrlError, nearest
-from runtime.graph import Graph
-from runtime.world import Fake, Twin, World
+from runtime.contracts import registry
+from runtime.contracts.errors import ProfileError, RequestError, SrlError, nearest
+from runtime.contracts.world import Fake, Twin, World
+from runtime.loop.clock import MonotonicClock
+from runtime.profile import profile, wiring
+from runtime.profile.graph import Graph
 
 RATE = Fraction(1000)  # Hz, how often the world is stepped and the twins look at their lines
 LOG_PERIOD = 10_000_000  # ns of world time between rows of the log

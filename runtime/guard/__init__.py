@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from runtime.contracts.signals import Array, Command, Kind, Limits
 from runtime.guard.base import CommandGuard
 from runtime.guard.limits import GuardLimits, merge
 from runtime.guard.position import PositionGuard
 from runtime.guard.torque import TorqueGuard
 from runtime.guard.velocity import VelocityGuard
-from runtime.signals import Array, Command, Kind, Limits
 
 __all__ = [
     "CommandGuard",

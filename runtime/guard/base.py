@@ -9,8 +9,8 @@ from operator import sub
 
 import numpy as np
 
-from runtime.errors import DeviceError, WiringError
-from runtime.signals import Array, Command, Limits, Stop
+from runtime.contracts.errors import DeviceError, WiringError
+from runtime.contracts.signals import Array, Command, Limits, Stop
 
 LONGEST = 5  # periods: a longer pause is not made up for, the motion goes on where it was
 SHORTEST = 1e-3  # periods: a clock that stands still must not divide by zero

@@ -7,8 +7,8 @@ from typing import Annotated
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from runtime.errors import WiringError
-from runtime.signals import Array, Limits
+from runtime.contracts.errors import WiringError
+from runtime.contracts.signals import Array, Limits
 
 NAMES = ("lower", "upper", "velocity", "acceleration", "jerk", "effort", "effort_rate", "inertia")
 

@@ -6,9 +6,9 @@ from math import copysign, inf, isfinite, isinf, sqrt
 
 import ruckig
 
+from runtime.contracts.signals import Array, Command, Limits, Stop
 from runtime.guard.base import RETRACT_SPEED, CommandGuard
 from runtime.guard.braking import Bounds, State, brake, stop_range, stoppable
-from runtime.signals import Array, Command, Limits, Stop
 
 SLACK = 1e-10  # rad or m: rounding in the comparison of two braking distances
 SQRT2 = sqrt(2.0)

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from runtime.errors import WiringError
+from runtime.contracts.errors import WiringError
+from runtime.contracts.signals import Array, Command, Limits, Stop
 from runtime.guard.base import CommandGuard, finite
-from runtime.signals import Array, Command, Limits, Stop
 
 ZONE = 0.05  # of a joint's range: where the barrier's spring reaches the effort limit
 FADE = 0.25  # of the velocity limit: range below it in which effort that would exceed it fades out

@@ -6,9 +6,9 @@ from math import sqrt
 
 import numpy as np
 
-from runtime.errors import WiringError
+from runtime.contracts.errors import WiringError
+from runtime.contracts.signals import Array, Stop
 from runtime.guard.base import RETRACT_SPEED, CommandGuard, finite
-from runtime.signals import Array, Stop
 
 # Periods of motion kept free before a position limit. Near it the speed is distance / REACTION periods, and a
 # device that obeys one period late doesn't overshoot from four on.

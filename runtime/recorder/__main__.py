@@ -13,9 +13,9 @@ import signal
 import sys
 from pathlib import Path
 
-from runtime.errors import SrlError
-from runtime.realtime import die_with_parent
-from runtime.rundir import RunDir
+from runtime.contracts.errors import SrlError
+from runtime.ipc.run_folder import RunDir
+from runtime.loop.realtime import die_with_parent
 
 
 def main() -> int:

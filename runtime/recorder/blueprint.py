@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import rerun.blueprint as rrb
 
-from runtime.layout import Layout
-from runtime.recorder.columns import Words, entity
+from runtime.ipc.layout import Layout
+from runtime.profile.plots import Plot, command_plots, profile_plots
 from runtime.recorder.eye import look
-from runtime.recorder.plots import Plot, command_plots, profile_plots
 from runtime.recorder.scene import plot_path, visuals
+from runtime.recording.columns import Words, entity
 
 STACKED = 5  # curves' views one above the other; more go side by side
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import rerun.blueprint as rrb
 
-from runtime.frames import FrameEntry, from_pose, transform
-from runtime.layout import Field, Layout
-from runtime.recorder.columns import Words
-from runtime.signals import Array
+from runtime.contracts.frames import FrameEntry, from_pose, transform
+from runtime.contracts.signals import Array
+from runtime.ipc.layout import Field, Layout
+from runtime.recording.columns import Words
 
 # From the thumb's side of a right hand (-x), from behind the wrist (-y) and from its back (+z); as good for a robot.
 DIRECTION = np.array([-0.75, -0.35, 0.55]) / np.linalg.norm([-0.75, -0.35, 0.55])

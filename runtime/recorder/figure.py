@@ -15,10 +15,10 @@ import numpy as np
 from matplotlib.ticker import LogLocator, NullLocator
 from numpy.typing import NDArray
 
-from runtime.errors import RecordingError
-from runtime.layout import Cause, State
-from runtime.recorder.plots import Plot, command_plots, profile_plots
-from runtime.recorder.reader import Recording
+from runtime.contracts.errors import RecordingError
+from runtime.ipc.layout import Cause, State
+from runtime.profile.plots import Plot, command_plots, profile_plots
+from runtime.recording.reader import Recording
 
 # Okabe and Ito's colours, told apart by everyone; yellow is left out, as it is faint on white.
 COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#7A5195", "#444444")

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from runtime.errors import RecordingError
-from runtime.recorder.columns import Words
-from runtime.recorder.segments import folder_of, listed
-from runtime.recorder.source import Source
+from runtime.contracts.errors import RecordingError
+from runtime.ipc.run_folder import free_bytes
 from runtime.recorder.stream import Stream
-from runtime.rundir import free_bytes
+from runtime.recording.columns import Words
+from runtime.recording.segments import folder_of, listed
+from runtime.recording.source import Source
 
 BATCH = 4096  # rows a chunk of the merged file
 

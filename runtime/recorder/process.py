@@ -10,15 +10,15 @@ import sys
 import time
 from pathlib import Path
 
-from runtime.errors import RecordingError
-from runtime.recorder.framing import HEADER, strip
+from runtime.contracts.errors import RecordingError
+from runtime.ipc.run_folder import RunDir
 from runtime.recorder.merge import covers, merge, remove
-from runtime.recorder.reader import check_run
-from runtime.recorder.segments import Segments, check_target, folder_of, listed
 from runtime.recorder.stream import Stream
 from runtime.recorder.tail import Batch, Tail
 from runtime.recorder.viewer import Viewer
-from runtime.rundir import RunDir
+from runtime.recording.framing import HEADER, strip
+from runtime.recording.reader import check_run
+from runtime.recording.segments import Segments, check_target, folder_of, listed
 
 RETRY = 0.5  # s between tries on a full disk
 PATIENCE = 10.0  # s that a full disk is waited for after the run's end

@@ -13,10 +13,10 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from runtime.frames import FrameEntry, transform
-from runtime.layout import Cause, Field, Layout, State
-from runtime.recorder.columns import Columns, Words, entity
-from runtime.recorder.plots import Plot, command_plots, profile_plots, series_names
+from runtime.contracts.frames import FrameEntry, transform
+from runtime.ipc.layout import Cause, Field, Layout, State
+from runtime.profile.plots import Plot, command_plots, profile_plots, series_names
+from runtime.recording.columns import Columns, Words, entity
 
 VIEW_RATE = 30.0  # Hz of the loop's clock
 PHASES = ("read", "control", "guard", "write", "log")

@@ -13,11 +13,11 @@ os.environ.pop("RERUN", None)  # RERUN=off would make a recorder that records no
 import pyarrow as pa
 import rerun as rr
 
-from runtime.layout import Layout
-from runtime.notes import Level, Note
+from runtime.ipc.events import Level, Note
+from runtime.ipc.layout import Layout
 from runtime.recorder import blueprint
-from runtime.recorder.columns import ArrowBatch, Columns, Words
 from runtime.recorder.scene import Scene
+from runtime.recording.columns import ArrowBatch, Columns, Words
 
 APPLICATION = "srl"
 FORMAT = 1

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from runtime.errors import RecordingError
-from runtime.notes import Note, NotesReader
-from runtime.recorder.columns import Words
-from runtime.ring import RingReader
-from runtime.rundir import RunDir
+from runtime.contracts.errors import RecordingError
+from runtime.ipc.events import Note, NotesReader
+from runtime.ipc.ring import RingReader
+from runtime.ipc.run_folder import RunDir
+from runtime.recording.columns import Words
 
 BATCH = 4096  # rows at once, at most
 FLUSH = 0.2  # s between batches, at most

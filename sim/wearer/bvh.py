@@ -9,8 +9,8 @@ from typing import Final, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.errors import RecordingError
-from runtime.signals import Array
+from runtime.contracts.errors import RecordingError
+from runtime.contracts.signals import Array
 
 _AXES: Final = {"X": 0, "Y": 1, "Z": 2}
 

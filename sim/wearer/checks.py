@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from runtime.errors import RecordingError
-from runtime.signals import Array
+from runtime.contracts.errors import RecordingError
+from runtime.contracts.signals import Array
 
 MAX_RATE = 10_000.0  # Hz; a "time" that runs faster is no time in seconds
 

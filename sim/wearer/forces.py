@@ -8,8 +8,8 @@ from typing import Final, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from runtime.errors import RecordingError
-from runtime.signals import Array
+from runtime.contracts.errors import RecordingError
+from runtime.contracts.signals import Array
 from sim.wearer.checks import check_samples
 from sim.wearer.mat5 import read_mat5
 from sim.wearer.motion import Curve

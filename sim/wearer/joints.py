@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 
 from drivers.cyberglove.protocol import LABELS, LABELS_22
-from runtime.signals import Array
-from sim.hand import JOINTS
+from runtime.contracts.signals import Array
+from sim.parts.hand.hand import JOINTS
 
 Terms = tuple[tuple[str, float], ...]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from runtime.errors import RecordingError
+from runtime.contracts.errors import RecordingError
 from sim.wearer.motion import SampledWearer, Wearer, join
 
 

@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from runtime.signals import Array
-from sim.hand import RANGES
+from runtime.contracts.signals import Array
+from sim.parts.hand.hand import RANGES
 from sim.wearer.motion import quintic
 
 _OPEN: Final[Array] = np.deg2rad(

@@ -10,9 +10,9 @@ from typing import Final
 import numpy as np
 
 from drivers.cyberglove.protocol import LABELS_22
-from runtime.errors import RecordingError
-from runtime.signals import Array
-from sim.hand import JOINTS
+from runtime.contracts.errors import RecordingError
+from runtime.contracts.signals import Array
+from sim.parts.hand.hand import JOINTS
 from sim.wearer.checks import check_samples
 from sim.wearer.joints import SCHEMES, to_model
 

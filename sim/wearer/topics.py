@@ -8,9 +8,9 @@ from typing import Final
 
 import numpy as np
 
-from runtime.errors import RecordingError
-from runtime.signals import Array
-from sim.hand import JOINTS
+from runtime.contracts.errors import RecordingError
+from runtime.contracts.signals import Array
+from sim.parts.hand.hand import JOINTS
 from sim.wearer.checks import check_samples
 from sim.wearer.motion import Curve
 from sim.wearer.tables import read_rows

@@ -16,8 +16,8 @@ from typing import Any, Final, cast
 import numpy as np
 from matplotlib.figure import Figure
 
-from runtime.control.guide_buttons import MODES
-from runtime.signals import Array
+from runtime.contracts.signals import Array
+from runtime.control.cobot.guide_buttons import MODES
 from studies.result import Claim, Result
 from studies.runs import Run, Task, largest, run_all
 from studies.superman.assumptions import assumed

@@ -8,8 +8,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.control.rotation import normalised, turned
-from sim.plans import Press, drilling
+from runtime.contracts.rotation import normalised, turned
+from sim.parts.person.plans import Press, drilling
 from studies.result import Claim, Result
 from studies.runs import Run, Task
 from studies.superman import user_study

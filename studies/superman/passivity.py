@@ -15,8 +15,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.layout import Cause
-from runtime.signals import Array
+from runtime.contracts.signals import Array
+from runtime.ipc.layout import Cause
 from studies.result import Claim, Result
 from studies.runs import Run, Task, controller, run_all
 from studies.superman.assumptions import assumed

@@ -13,9 +13,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.layout import Cause
-from runtime.signals import Array
-from sim.plans import peg_in_hole
+from runtime.contracts.signals import Array
+from runtime.ipc.layout import Cause
+from sim.parts.person.plans import peg_in_hole
 from studies.result import Claim, Result
 from studies.runs import Run, Task, controller, largest, run_all
 from studies.superman.assumptions import assumed

@@ -15,8 +15,8 @@ from typing import Any, Final, cast
 import numpy as np
 from matplotlib.figure import Figure
 
-from runtime.control.admittance import AdmittanceConfig
-from runtime.signals import Array
+from runtime.contracts.signals import Array
+from runtime.control.cobot.admittance import AdmittanceConfig
 from sim.wearer.forces import ForceRecording, Forces, load_forces
 from sim.wearer.mat5 import read_mat5
 from sim.wearer.tables import read_rows

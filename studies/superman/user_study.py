@@ -77,7 +77,7 @@ def trials(planned: Iterable[Planned], folder: Path) -> list[Trial]:
 
 
 def plan(steps: Iterable[Any], patience: float) -> list[dict[str, Any]]:
-    """Steps of sim.plans as a profile has them, with the profiles' buttons."""
+    """Steps of sim.parts.person.plans as a profile has them, with the profiles' buttons."""
     out = []
     for step in steps:
         entry = step.model_dump(mode="json", exclude_none=True)

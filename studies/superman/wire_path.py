@@ -8,10 +8,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.control.rotation import Quaternion, conjugate, normalised, product, turned
-from sim.parts.person_path import ArcPath
-from sim.parts.wire_ring import WireConfig
-from sim.plans import wire_path
+from runtime.contracts.rotation import Quaternion, conjugate, normalised, product, turned
+from sim.parts.person.path import ArcPath
+from sim.parts.person.plans import wire_path
+from sim.parts.things.wire_ring import WireConfig
 from studies.result import Claim, Result
 from studies.runs import Run, Task
 from studies.superman import user_study

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 from matplotlib.figure import Figure
 
-from runtime.signals import Array
+from runtime.contracts.signals import Array
 from studies.toolkit.errors import StudyError, exactly, pairs
 from studies.toolkit.statistics import Box, box, sign_test, stars
 

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from runtime.errors import SrlError
-from runtime.signals import Array
+from runtime.contracts.errors import SrlError
+from runtime.contracts.signals import Array
 
 
 class StudyError(SrlError):

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from runtime.signals import Array
+from runtime.contracts.signals import Array
 from studies.toolkit.errors import StudyError
 from studies.toolkit.statistics import without_scipy
 

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from drivers.trigno.protocol import RATE
-from runtime.errors import nearest
-from runtime.recorder.reader import Recording
-from runtime.signals import Array
+from runtime.contracts.errors import nearest
+from runtime.contracts.signals import Array
+from runtime.recording.reader import Recording
 from studies.toolkit import semg
 from studies.toolkit.errors import StudyError
 from studies.toolkit.semg import Activity, Filters

@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from runtime.errors import HostError
-from runtime.signals import Array
+from runtime.contracts.errors import HostError
+from runtime.contracts.signals import Array
 from studies.toolkit.errors import StudyError, numbers, pairs
 
 LEVELS: Final = (0.001, 0.01, 0.05)  # the paper's levels of significance

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from runtime.signals import Array
+from runtime.contracts.signals import Array
 from studies.toolkit import sheets
 from studies.toolkit.errors import StudyError, pairs
 from studies.toolkit.tables import Measure, Table

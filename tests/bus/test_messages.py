@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from rosbags.typesys import Stores, get_typestore
 
-from runtime.bus import cdr, messages
-from runtime.errors import RequestError
-from runtime.layout import Field
+from runtime.contracts.errors import RequestError
+from runtime.ipc.layout import Field
+from runtime.messages import cdr, messages
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 STAMP = 1_700_000_000_250_000_000

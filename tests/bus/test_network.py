@@ -10,8 +10,8 @@ import pytest
 from helpers_bus import Instance, sockets
 
 from runtime.bus.client import Client, connect
-from runtime.bus.config import TlsConfig
-from runtime.errors import RequestError
+from runtime.contracts.errors import RequestError
+from runtime.profile.bus import TlsConfig
 
 
 def test_it_listens_on_its_unix_socket_and_nowhere_else(one: Instance) -> None:

@@ -15,12 +15,13 @@ import numpy as np
 import pytest
 from helpers_bus import JOINTS, Instance, Run, eventually, reach, sockets, spawn
 
-from runtime.bus import cdr, messages, session
+from runtime.bus import session
 from runtime.bus.client import connect
-from runtime.errors import RequestError
-from runtime.layout import State
-from runtime.mailbox import Ask
-from runtime.rundir import RunDir
+from runtime.contracts.errors import RequestError
+from runtime.ipc.layout import State
+from runtime.ipc.requests import Ask
+from runtime.ipc.run_folder import RunDir
+from runtime.messages import cdr, messages
 
 PULL = "object-mapping.pull"
 

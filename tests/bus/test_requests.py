@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from helpers_bus import layout
 
-from runtime.bus.keys import Keys
 from runtime.bus.requests import UNDERWAY, WAITING, Requests
 from runtime.bus.status import Counts
-from runtime.layout import Board, State
-from runtime.mailbox import Answer, Ask, MailboxReader, MailboxWriter
+from runtime.ipc.layout import Board, State
+from runtime.ipc.requests import Answer, Ask, MailboxReader, MailboxWriter
+from runtime.profile.keys import Keys
 
 
 class Query:

@@ -9,8 +9,8 @@ import pytest
 from helpers_bus import Run, reach, spawn
 
 from runtime.cli import top
-from runtime.errors import RequestError
-from runtime.rundir import RunDir
+from runtime.contracts.errors import RequestError
+from runtime.ipc.run_folder import RunDir
 
 
 @pytest.fixture

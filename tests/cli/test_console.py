@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from runtime.cli.console import Console
-from runtime.notes import Level
+from runtime.ipc.events import Level
 
 
 def test_a_remark_is_a_line(capfd: pytest.CaptureFixture[str]) -> None:

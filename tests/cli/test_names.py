@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from runtime.cli.run import _check_names
-from runtime.errors import HostError
+from runtime.contracts.errors import HostError
 
 
 def test_our_own_packages_are_found() -> None:

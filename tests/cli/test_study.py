@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from runtime import registry
 from runtime.cli import main
+from runtime.contracts import registry
 from studies.result import Result
 from studies.superman import peg_in_hole
 

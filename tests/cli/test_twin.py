@@ -14,9 +14,9 @@ from helpers_twin import bound, until
 
 from drivers.cyberglove import CyberGlove
 from drivers.firmata import Firmata
-from runtime import profile
 from runtime.cli import main
-from runtime.errors import DeviceLostError
+from runtime.contracts.errors import DeviceLostError
+from runtime.profile import profile
 
 
 def driver(cls, name: str, port: str):
@@ -102,7 +102,7 @@ def test_what_it_refuses(arguments, expected, capsys):
 
 
 def test_a_driver_without_a_twin_is_named(monkeypatch, capsys):
-    from runtime import registry
+    from runtime.contracts import registry
 
     known = registry.names
     monkeypatch.setattr(registry, "names", lambda group: [] if group == "twins" else known(group))

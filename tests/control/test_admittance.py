@@ -15,8 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from runtime.control import rotation
-from runtime.control.admittance import Admittance, AdmittanceConfig
+from runtime.contracts import rotation
+from runtime.control.cobot.admittance import Admittance, AdmittanceConfig
 
 DT = 1e-3
 ON = [1.0, 1.0, 0.0, 0.0]

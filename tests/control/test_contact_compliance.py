@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from runtime.control.contact_compliance import ComplianceConfig, ContactCompliance
-from runtime.control.kairos_clik import KairosClik, KairosClikConfig
+from runtime.control.cobot.contact_compliance import ComplianceConfig, ContactCompliance
+from runtime.control.cobot.kairos_clik import KairosClik, KairosClikConfig
 
 
 def press(force_feedback: dict[str, Any] | None, stiffness: float, push: float) -> tuple[float, float, float]:

@@ -13,8 +13,8 @@ from hypothesis.extra.numpy import arrays
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
-from runtime.control.extra_finger import ExtraFinger, FingerKinematics
-from runtime.signals import Array
+from runtime.contracts.signals import Array
+from runtime.control.hand.extra_finger import ExtraFinger, FingerKinematics
 
 REST = np.zeros(3)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers_control import bound
 
-from runtime.control.gripper import Gripper, GripperConfig
+from runtime.control.cobot.gripper import Gripper, GripperConfig
 
 DT = 0.01
 

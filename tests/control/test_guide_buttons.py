@@ -7,7 +7,7 @@ from helpers_control import bound
 from hypothesis import given
 from hypothesis import strategies as st
 
-from runtime.control.guide_buttons import GuideButtons, GuideButtonsConfig
+from runtime.control.cobot.guide_buttons import GuideButtons, GuideButtonsConfig
 
 
 def buttons(**options: object) -> GuideButtons:

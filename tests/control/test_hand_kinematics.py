@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from runtime.control.human_hand import JOINTS, LOWER, UPPER
-from runtime.signals import Array
+from runtime.contracts.signals import Array
+from runtime.control.hand.human_hand import JOINTS, LOWER, UPPER
 
 # The joint each sensor moves at rate one, read off the protocol sheet, section 5 (22 sensors).
 MOVES = {

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from helpers_control import bound
 
-from runtime.control.joint_setpoint import JointSetpoint, JointSetpointConfig
-from runtime.errors import ProfileError
+from runtime.contracts.errors import ProfileError
+from runtime.control.setpoint.joint_setpoint import JointSetpoint, JointSetpointConfig
 
 
 def jog() -> JointSetpoint:

@@ -13,12 +13,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from runtime.control.kairos_clik import KairosClik, KairosClikConfig
+from runtime.contracts.signals import Array, Command, Kind, Limits
+from runtime.control.cobot.kairos_clik import KairosClik, KairosClikConfig
+from runtime.control.cobot.tool_pose import ToolPose, ToolPoseConfig
+from runtime.control.cobot.whole_body import PlaceConfig
 from runtime.control.robots import UR16E
-from runtime.control.tool_pose import ToolPose, ToolPoseConfig
-from runtime.control.whole_body import PlaceConfig
 from runtime.guard.velocity import VelocityGuard
-from runtime.signals import Array, Command, Kind, Limits
 
 STRAIGHT = np.array([0.0, -1.2, 0.0, -1.4, -1.2, 0.0])
 W_1 = np.diag([1000.0] * 3 + [500.0] * 3)

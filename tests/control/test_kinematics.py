@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from ruamel.yaml import YAML
 
-from runtime.control.human_hand import FINGERS, JOINTS, LOWER, UPPER, hand_geometry
-from runtime.control.kinematics import Chain
-from runtime.control.point_series import PointSeries
-from runtime.signals import Array
+from runtime.contracts.signals import Array
+from runtime.control.hand.human_hand import FINGERS, JOINTS, LOWER, UPPER, hand_geometry
+from runtime.control.hand.point_series import PointSeries
+from runtime.control.shared.kinematics import Chain
 
 angle = st.floats(-3.2, 3.2)
 
@@ -110,6 +110,6 @@ def test_hand_scales_with_its_length() -> None:
 
 def test_simulated_hand_agrees() -> None:
     """The simulation wrote the same hand a second time: names, ranges."""
-    hand = pytest.importorskip("sim.hand")
+    hand = pytest.importorskip("sim.parts.hand.hand")
     assert hand.JOINTS == JOINTS
     np.testing.assert_allclose(hand.RANGES, np.stack([LOWER, UPPER], axis=1))

@@ -18,13 +18,13 @@ from drivers.base.config import BaseConfig
 from drivers.base.driver import MobileBase
 from drivers.panda.config import PandaConfig
 from drivers.panda.driver import Panda
-from runtime.control.admittance import Admittance, AdmittanceConfig
-from runtime.control.moca_impedance import MocaImpedance, MocaImpedanceConfig, WeightedTorque
+from runtime.contracts.signals import Array
+from runtime.control.cobot.admittance import Admittance, AdmittanceConfig
+from runtime.control.cobot.moca_impedance import MocaImpedance, MocaImpedanceConfig, WeightedTorque
+from runtime.control.cobot.tool_pose import ToolPose, ToolPoseConfig
+from runtime.control.cobot.whole_body import PlaceConfig, WholeBody
 from runtime.control.robots import PANDA
 from runtime.control.robots.pinocchio_model import pinocchio_model
-from runtime.control.tool_pose import ToolPose, ToolPoseConfig
-from runtime.control.whole_body import PlaceConfig, WholeBody
-from runtime.signals import Array
 
 MASS = (105.0, 21.0)
 TOOL = bound(ToolPose("tool", ToolPoseConfig(mount=PlaceConfig(**MOUNT))))

@@ -11,14 +11,15 @@ from helpers_superman import MOUNT, Chain, MocaRig
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.control import rotation, whole_body_qp
-from runtime.control.moca_impedance import MocaImpedance, MocaImpedanceConfig
-from runtime.control.moca_qp import MocaQp, MocaQpConfig
+from runtime.contracts import rotation
+from runtime.contracts.signals import Array
+from runtime.control.cobot import whole_body_qp
+from runtime.control.cobot.moca_impedance import MocaImpedance, MocaImpedanceConfig
+from runtime.control.cobot.moca_qp import MocaQp, MocaQpConfig
+from runtime.control.cobot.tool_pose import ToolPose, ToolPoseConfig
+from runtime.control.cobot.whole_body import ArmDynamics, PlaceConfig
+from runtime.control.cobot.whole_body_qp import Nearest
 from runtime.control.robots import PANDA
-from runtime.control.tool_pose import ToolPose, ToolPoseConfig
-from runtime.control.whole_body import ArmDynamics, PlaceConfig
-from runtime.control.whole_body_qp import Nearest
-from runtime.signals import Array
 
 TOOL = bound(ToolPose("tool", ToolPoseConfig(mount=PlaceConfig(**MOUNT))))
 DYNAMICS = ArmDynamics(PANDA)

@@ -22,11 +22,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from runtime.control.extra_finger import ExtraFinger
-from runtime.control.human_hand import FINGERS
-from runtime.control.object_mapping import ObjectMapping, ObjectMappingConfig
-from runtime.errors import ProfileError
-from runtime.signals import Array
+from runtime.contracts.errors import ProfileError
+from runtime.contracts.signals import Array
+from runtime.control.hand.extra_finger import ExtraFinger
+from runtime.control.hand.human_hand import FINGERS
+from runtime.control.hand.object_mapping import ObjectMapping, ObjectMappingConfig
 
 TIPS = hand_tips(RELAXED)
 PARTIAL = ("middle", "ring", "little")

@@ -17,9 +17,9 @@ from ruamel.yaml import YAML
 
 from runtime.control.robots import ARMS, FR3, PANDA, SUMMIT_XL, UR16E, Payload, RobotDescription
 from runtime.control.robots.pinocchio_model import FLANGE, mobile_model, pinocchio_model
-from sim.mjcf import add
-from sim.part import Mjcf
-from sim.robot_mjcf import add_arm
+from sim.world.mjcf import add
+from sim.world.part import Mjcf
+from sim.world.robot_mjcf import add_arm
 
 
 def sheet(name: str) -> dict[str, Any]:

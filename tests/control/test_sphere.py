@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from runtime.control.sphere import MinimumSphere, minimum_sphere
-from runtime.signals import Array
+from runtime.contracts.signals import Array
+from runtime.control.hand.sphere import MinimumSphere, minimum_sphere
 
 
 def brute_force(points: Array) -> float:

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from runtime.control.symmetric import FIRM, Symmetric, full, gram, inverse, is_above, raised_inverse, times
-from runtime.signals import Array
+from runtime.contracts.signals import Array
+from runtime.control.shared.symmetric import FIRM, Symmetric, full, gram, inverse, is_above, raised_inverse, times
 
 
 def symmetric(lam: Array, turn: Array) -> tuple[Symmetric, Array]:

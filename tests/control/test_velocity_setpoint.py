@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from helpers_control import bound
 
-from runtime.control.velocity_setpoint import VelocitySetpoint, VelocitySetpointConfig
-from runtime.errors import ProfileError
+from runtime.contracts.errors import ProfileError
+from runtime.control.setpoint.velocity_setpoint import VelocitySetpoint, VelocitySetpointConfig
 
 
 def test_zero_until_a_new_finite_target_comes_and_zero_without_one() -> None:

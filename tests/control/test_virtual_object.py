@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from runtime.control.sphere import minimum_sphere
-from runtime.control.virtual_object import (
+from runtime.contracts.signals import Array
+from runtime.control.hand.sphere import minimum_sphere
+from runtime.control.hand.virtual_object import (
     Deformation,
     Psi,
     Similarity,
@@ -19,7 +20,6 @@ from runtime.control.virtual_object import (
     _any_rotation,
     _firm_rotation,
 )
-from runtime.signals import Array
 
 ISOTROPIC = VirtualObject(Deformation.ISOTROPIC, Psi.NONE, 4.0)
 ROBOT = finger_tip(HOME)[None]

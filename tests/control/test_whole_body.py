@@ -12,13 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from runtime.control import rotation, spd6
-from runtime.control.priority import Priority
+from runtime.contracts import rotation
+from runtime.contracts.signals import Array
+from runtime.control.cobot.tool_pose import ToolPose, ToolPoseConfig
+from runtime.control.cobot.whole_body import ArmDynamics, PlaceConfig, WholeBody, add_base
 from runtime.control.robots import ARMS, PANDA, Payload, RobotDescription
 from runtime.control.robots.pinocchio_model import FLANGE, pinocchio_model
-from runtime.control.tool_pose import ToolPose, ToolPoseConfig
-from runtime.control.whole_body import ArmDynamics, PlaceConfig, WholeBody, add_base
-from runtime.signals import Array
+from runtime.control.shared import spd6
+from runtime.control.shared.priority import Priority
 
 MOUNT = PlaceConfig(position=(0.2, -0.05, 0.4), quaternion=(0.96, 0.0, 0.0, 0.28))
 TOOL = PlaceConfig(position=(0.03, -0.02, 0.15), quaternion=(0.8, 0.0, 0.6, 0.0))

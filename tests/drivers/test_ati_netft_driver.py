@@ -11,9 +11,9 @@ from helpers_ft import Server, at_sensor, bound, cell, push, read, until
 from drivers.ati_netft import AtiNetFt
 from drivers.ati_netft.config import AtiNetFtConfig, address
 from drivers.ati_netft.protocol import Record, Request, parse_request, record
-from runtime.errors import DeviceError, DeviceLostError
-from sim.fakes.ati_netft import FakeAtiNetFt, FakeAtiNetFtOptions
-from sim.twins.ati_netft import AtiNetFtTwin
+from runtime.contracts.errors import DeviceError, DeviceLostError
+from sim.devices.ati_netft.fake import FakeAtiNetFt, FakeAtiNetFtOptions
+from sim.devices.ati_netft.twin import AtiNetFtTwin
 
 PLACEHOLDER = AtiNetFtConfig(port="udp://127.0.0.1")
 

@@ -14,8 +14,8 @@ from pydantic import ValidationError
 
 from drivers.base import BaseConfig, MobileBase
 from drivers.base.driver import COMMAND
-from runtime.errors import DeviceError
-from runtime.signals import Kind, Stop
+from runtime.contracts.errors import DeviceError
+from runtime.contracts.signals import Kind, Stop
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from helpers_base import robot
 from helpers_zenoh import lost, reopened
 
 from drivers.base import driver
-from runtime.errors import DeviceError
+from runtime.contracts.errors import DeviceError
 
 
 def test_a_bridge_that_restarts_is_lost_and_comes_back() -> None:

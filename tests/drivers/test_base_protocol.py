@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from drivers.base import protocol, ros
 from drivers.base.protocol import Odometry, OdometryReader, carried, read_odometry, velocity
-from runtime.bus import attachment, cdr
+from runtime.messages import attachment, cdr
 
 GOLDEN_TWIST = bytes.fromhex(
     "00010000 000000000000e03f 000000000000d0bf 0000000000000000 0000000000000000 0000000000000000 000000000000f03f"

@@ -12,9 +12,9 @@ from helpers_ft import Server, at_sensor, bound, cell, push, read, until
 from drivers.can_ft import CanFt
 from drivers.can_ft.driver import CanFtConfig
 from drivers.can_ft.protocol import Command, Record, record, response
-from runtime.errors import DeviceError, DeviceLostError
-from sim.fakes.can_ft import FakeCanFt, FakeCanFtOptions
-from sim.twins.can_ft import CanFtTwin
+from runtime.contracts.errors import DeviceError, DeviceLostError
+from sim.devices.can_ft.fake import FakeCanFt, FakeCanFtOptions
+from sim.devices.can_ft.twin import CanFtTwin
 
 _buses = itertools.count()
 

@@ -11,7 +11,7 @@ import pytest
 import serial
 
 from drivers.canbus import open_can
-from runtime.errors import DeviceError, DeviceLostError
+from runtime.contracts.errors import DeviceError, DeviceLostError
 
 
 @pytest.mark.parametrize("url", ["can://virtual/one", "can://udp_multicast/239.74.163.77?port=43177"])

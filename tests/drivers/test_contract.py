@@ -1,4 +1,4 @@
-"""What every device must do, whatever its wire: the contract of runtime/driver.py, put to all that are registered."""
+"""What every device must do, whatever its wire: the contract of runtime/contracts/driver.py, put to all registered."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import pytest
 from helpers_peer import bound, make
 
 from bench.devices import DEVICES
-from runtime import registry
-from runtime.driver import Driver
-from runtime.errors import DeviceError, DeviceLostError
-from runtime.signals import Stop
-from runtime.world import Fake
+from runtime.contracts import registry
+from runtime.contracts.driver import Driver
+from runtime.contracts.errors import DeviceError, DeviceLostError
+from runtime.contracts.signals import Stop
+from runtime.contracts.world import Fake
 
 OWN = [name for name in registry.names("drivers") if name not in ("replay", "lever")]  # a recording is no wire
 

@@ -11,7 +11,7 @@ from scipy.interpolate import make_interp_spline
 from drivers.cyberglove import calibration
 from drivers.cyberglove.calibration import Calibration, Fit
 from drivers.cyberglove.protocol import LABELS
-from runtime.errors import ProfileError
+from runtime.contracts.errors import ProfileError
 
 PLAIN = "{gain: 0.01, offset: 80}"
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from drivers.cyberglove import CyberGlove, calibration, driver
-from runtime.errors import DeviceError, DeviceLostError, ProfileError
+from runtime.contracts.errors import DeviceError, DeviceLostError, ProfileError
 
 RAW = bytes(range(10, 230, 10))
 MS = 1_000_000

@@ -7,7 +7,7 @@ import socket
 import pytest
 
 from drivers.datagram import open_datagrams
-from runtime.errors import DeviceError, DeviceLostError
+from runtime.contracts.errors import DeviceError, DeviceLostError
 
 
 def test_datagrams_come_whole_and_in_order() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers_dynamixel import BOTH, MS, THREE, TWO, Rig, make_twin, near, torque, truth
 
-from runtime.errors import DeviceLostError
+from runtime.contracts.errors import DeviceLostError
 
 # -- commands
 

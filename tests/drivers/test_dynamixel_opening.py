@@ -12,8 +12,8 @@ from pydantic import ValidationError
 from drivers.dynamixel import Dynamixel, session
 from drivers.dynamixel.family import family
 from drivers.dynamixel.models import CENTRE, PER_COUNT
-from runtime.errors import DeviceError
-from runtime.signals import Kind, Stop
+from runtime.contracts.errors import DeviceError
+from runtime.contracts.signals import Kind, Stop
 
 BOTH = pytest.mark.parametrize("protocol", [2, 1])
 TWO = {"shoulder": {"model": "MX-106"}, "elbow": {"model": "MX-64"}}

@@ -10,7 +10,7 @@ from helpers_twin import bound
 
 from drivers.dynamixel import Dynamixel
 from drivers.dynamixel.config import DynamixelConfig
-from runtime.errors import DeviceError, DeviceLostError
+from runtime.contracts.errors import DeviceError, DeviceLostError
 
 PERIOD = 0.01
 WORLD = {

@@ -8,8 +8,8 @@ from helpers_dynamixel import BOTH, TWO, Rig, config, make_twin, torque, truth
 from helpers_twin import bound
 
 from drivers.dynamixel import Dynamixel
-from runtime.errors import DeviceLostError
-from runtime.signals import Stop
+from runtime.contracts.errors import DeviceLostError
+from runtime.contracts.signals import Stop
 
 # -- faults
 

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from drivers.firmata import Firmata
 from drivers.firmata.config import ServoConfig
-from runtime.signals import Kind, Stop
+from runtime.contracts.signals import Kind, Stop
 
 
 @st.composite

@@ -9,8 +9,8 @@ import pytest
 from helpers_firmata import BOOT, OLD, ScriptedBoard, firmata, servo
 
 from drivers.firmata import identify
-from runtime.errors import DeviceError, DeviceLostError
-from runtime.signals import Stop
+from runtime.contracts.errors import DeviceError, DeviceLostError
+from runtime.contracts.signals import Stop
 
 MS = 1_000_000
 TWO = {"base": servo(9), "tip": servo(10)}  # 544 us + 618.67 us/rad

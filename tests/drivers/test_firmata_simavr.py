@@ -10,8 +10,8 @@ import pytest
 from helpers_firmata import firmata, servo
 
 from drivers.firmata import protocol
-from runtime.errors import DeviceLostError
-from runtime.signals import Stop
+from runtime.contracts.errors import DeviceLostError
+from runtime.contracts.signals import Stop
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "simavr"))
 from board import Board

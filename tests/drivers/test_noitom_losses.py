@@ -17,7 +17,7 @@ from pydantic import ValidationError
 
 from drivers.noitom import NoitomConfig
 from drivers.noitom.protocol import encode_binary
-from runtime.errors import DeviceError, DeviceLostError
+from runtime.contracts.errors import DeviceError, DeviceLostError
 
 # -- loss and garbage
 

@@ -22,7 +22,7 @@ from drivers.panda.protocol import (
     SetLoad,
     Status,
 )
-from runtime.errors import DeviceError
+from runtime.contracts.errors import DeviceError
 
 
 @pytest.fixture

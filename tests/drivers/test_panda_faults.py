@@ -14,8 +14,8 @@ from drivers.panda.protocol import (
     Move,
     Status,
 )
-from runtime.errors import DeviceLostError
-from runtime.signals import Stop
+from runtime.contracts.errors import DeviceLostError
+from runtime.contracts.signals import Stop
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from drivers.panda.protocol import (
     Move,
     StopMove,
 )
-from runtime.signals import Kind, Stop
+from runtime.contracts.signals import Kind, Stop
 
 
 @pytest.fixture

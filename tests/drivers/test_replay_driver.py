@@ -11,11 +11,11 @@ from helpers_run import call, summary
 from helpers_zenoh import Still, bound
 
 from drivers.replay import Replay, ReplayConfig, track
-from runtime.driver import Driver
-from runtime.errors import DeviceError, DeviceLostError, RecordingError
-from runtime.layout import LINK_CONNECTED, Layout
-from runtime.recorder.reader import read
-from sim.fakes.replay import FakeReplay, FakeReplayOptions
+from runtime.contracts.driver import Driver
+from runtime.contracts.errors import DeviceError, DeviceLostError, RecordingError
+from runtime.ipc.layout import LINK_CONNECTED, Layout
+from runtime.recording.reader import read
+from sim.devices.replay.fake import FakeReplay, FakeReplayOptions
 
 MS = 1_000_000
 

@@ -7,7 +7,7 @@ from helpers_ft import bound
 from drivers.softhand import SoftHand, protocol
 from drivers.softhand.config import SoftHandConfig
 from drivers.softhand.driver import Motor
-from runtime.signals import Stop
+from runtime.contracts.signals import Stop
 
 MS = 1_000_000
 

@@ -10,13 +10,13 @@ from helpers_ft import Server, bound, until
 from drivers.softhand import SoftHand, protocol
 from drivers.softhand.config import SoftHandConfig
 from drivers.softhand.driver import Motor
-from runtime.errors import DeviceError, DeviceLostError
-from runtime.signals import Kind, Stop
-from sim.cell import Cell, CellConfig
-from sim.fakes.softhand import FakeSoftHand, FakeSoftHandOptions
-from sim.parts.softhand import SoftHandConfig as PartOptions
-from sim.parts.softhand import SoftHandPart
-from sim.twins.softhand import SoftHandTwin
+from runtime.contracts.errors import DeviceError, DeviceLostError
+from runtime.contracts.signals import Kind, Stop
+from sim.devices.softhand.fake import FakeSoftHand, FakeSoftHandOptions
+from sim.devices.softhand.twin import SoftHandTwin
+from sim.parts.robots.softhand import SoftHandConfig as PartOptions
+from sim.parts.robots.softhand import SoftHandPart
+from sim.world.cell import Cell, CellConfig
 
 MS = 1_000_000
 

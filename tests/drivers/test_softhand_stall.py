@@ -9,7 +9,7 @@ from helpers_peer import Peer, bound, cycles
 from drivers.softhand import SoftHand
 from drivers.softhand.config import SoftHandConfig
 from drivers.softhand.driver import Motor
-from runtime.errors import DeviceLostError
+from runtime.contracts.errors import DeviceLostError
 
 WORLD = {"world": "cell", "parts": {"hand": {"part": "softhand"}}}
 

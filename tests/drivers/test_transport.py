@@ -16,7 +16,7 @@ from typing import BinaryIO
 import pytest
 
 from drivers.transport import Transport, open_transport
-from runtime.errors import DeviceError, DeviceLostError
+from runtime.contracts.errors import DeviceError, DeviceLostError
 
 COMMAND = bytes(range(1, 21))
 SO_ATTACH_FILTER, SO_DETACH_FILTER = 26, 27

@@ -5,7 +5,7 @@ import pytest
 from drivers.ur import UrConfig
 from drivers.ur.registers import MODE, NONCE, PATIENCE, SEQUENCE, STATE, VALUES, Mode, ScriptState
 from drivers.ur.script import ALONE, STRANGE, program
-from sim.twins.ur_script import Script
+from sim.devices.ur.twin_script import Script
 
 MINE = 77
 

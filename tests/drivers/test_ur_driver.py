@@ -12,9 +12,9 @@ from helpers_ur import Rig, advance, make_fake, speed
 from drivers.ur import Ur, UrConfig, registers
 from drivers.ur.registers import ScriptState
 from drivers.ur.status import RobotMode
-from runtime.clock import DeviceClock
-from runtime.errors import DeviceError, DeviceLostError
-from runtime.signals import Stop
+from runtime.contracts.errors import DeviceError, DeviceLostError
+from runtime.contracts.signals import Stop
+from runtime.loop.clock import DeviceClock
 
 V = np.array([0.3, -0.2, 0.2, 0.1, -0.1, 0.5])
 

@@ -9,7 +9,7 @@ from helpers_ur import Rig, speed
 from drivers.ur import registers
 from drivers.ur.handshake import Handshake
 from drivers.ur.registers import ScriptState
-from runtime.errors import DeviceError, DeviceLostError
+from runtime.contracts.errors import DeviceError, DeviceLostError
 
 V = np.array([0.3, -0.2, 0.2, 0.1, -0.1, 0.5])
 

@@ -17,7 +17,7 @@ from drivers.ur.models import same
 from drivers.ur.sample import TYPES, Sample, fill_pose, names, pose
 from drivers.ur.script import program
 from drivers.ur.status import SafetyBits, safety_words
-from sim.fakes.ur_controller import rotation_vector
+from sim.devices.ur.controller import rotation_vector
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,8 @@ import pytest
 from helpers_peer import Peer, bound, cycles
 
 from drivers.ur import Ur, UrConfig
-from runtime.errors import DeviceError, DeviceLostError
-from runtime.signals import Stop
+from runtime.contracts.errors import DeviceError, DeviceLostError
+from runtime.contracts.signals import Stop
 
 V = np.array([0.2, 0.0, 0.0, 0.0, 0.0, -0.2])
 CELL = {"world": "cell", "parts": {"device": {"part": "ur16e"}}}

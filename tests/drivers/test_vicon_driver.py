@@ -8,7 +8,7 @@ from helpers_vicon_script import ARM, ARM_OPTIONS, MS, Server, frame, open_drive
 
 from drivers.vicon import Vicon, blocks
 from drivers.vicon.protocol import Block
-from runtime.errors import DeviceLostError
+from runtime.contracts.errors import DeviceLostError
 
 
 @pytest.fixture

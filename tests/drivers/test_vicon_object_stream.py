@@ -13,7 +13,7 @@ from helpers_twin import bound, until
 
 from drivers.vicon import Vicon, object_stream, objects
 from drivers.vicon.objects import TrackedObject
-from runtime.errors import DeviceError
+from runtime.contracts.errors import DeviceError
 
 MS = 1_000_000
 HAND = TrackedObject("Hand", (100.0, 200.0, 300.0, 0.0, 0.0, np.pi / 2))

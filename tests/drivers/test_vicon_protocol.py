@@ -13,7 +13,7 @@ from drivers.vicon import blocks, geometry, objects, protocol
 from drivers.vicon.blocks import MalformedError, Marker, Segment, Subject
 from drivers.vicon.objects import TrackedObject
 from drivers.vicon.protocol import Block, Parser
-from sim.twins import vicon_blocks as encode
+from sim.devices.vicon import twin_blocks as encode
 
 HELLO = bytes.fromhex(
     "01002b1a64000000a18601005c0000001600000001000000020000000500000006000000070000000800000009000000170000001a000000"

@@ -27,8 +27,8 @@ from pydantic import ValidationError
 from drivers.transport import open_transport
 from drivers.vicon import Vicon, datastream, protocol
 from drivers.vicon.protocol import Block, packet
-from runtime.errors import DeviceError, DeviceLostError
-from sim.twins import vicon_blocks as encode
+from runtime.contracts.errors import DeviceError, DeviceLostError
+from sim.devices.vicon import twin_blocks as encode
 
 
 @pytest.fixture

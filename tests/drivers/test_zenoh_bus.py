@@ -13,8 +13,8 @@ from helpers_bus import JOINTS, Run, spawn
 from helpers_zenoh import bound, certificates, cycles, lost, reopened
 
 from drivers.zenoh import Zenoh, ZenohConfig
-from runtime.errors import DeviceError
-from runtime.rundir import RunDir
+from runtime.contracts.errors import DeviceError
+from runtime.ipc.run_folder import RunDir
 
 PLACE = "srl/one/state/"
 SIGNALS: dict[str, Any] = {

@@ -13,10 +13,10 @@ from helpers_zenoh import Served, Still, bound, cycles, lost, reopened
 from pydantic import ValidationError
 
 from drivers.zenoh import Zenoh, ZenohConfig, driver
-from runtime.bus import messages
-from runtime.errors import DeviceError
-from sim.fakes.zenoh import FakeZenoh, FakeZenohOptions
-from sim.twins.zenoh import ZenohTwin
+from runtime.contracts.errors import DeviceError
+from runtime.messages import messages
+from sim.devices.zenoh.fake import FakeZenoh, FakeZenohOptions
+from sim.devices.zenoh.twin import ZenohTwin
 
 KEY = "srl/other/state/glove/position"
 GLOVE = {"key": KEY, "shape": [3], "unit": "rad"}

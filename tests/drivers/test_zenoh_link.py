@@ -13,9 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.zenoh_link import Link, Outlet, PeerConfig, wire
-from runtime.bus.config import TlsConfig
-from runtime.errors import DeviceError, DeviceLostError
-from sim.twins.zenoh import Arrival, ZenohDoor
+from runtime.contracts.errors import DeviceError, DeviceLostError
+from runtime.profile.bus import TlsConfig
+from sim.devices.zenoh.twin import Arrival, ZenohDoor
 
 INT64 = st.integers(-(2**63), 2**63 - 1)
 KEY = "robot/command"

@@ -12,10 +12,10 @@ import pytest
 from helpers_zenoh import bound, cycles, lost, reopened
 
 from drivers.zenoh import Zenoh, ZenohConfig, driver
-from runtime.bus import attachment, messages
-from runtime.errors import DeviceError
-from runtime.layout import Field
-from sim.twins.zenoh import ZenohDoor
+from runtime.contracts.errors import DeviceError
+from runtime.ipc.layout import Field
+from runtime.messages import attachment, messages
+from sim.devices.zenoh.twin import ZenohDoor
 
 
 def device(address: str, signals: dict[str, Any], **options: Any) -> Zenoh:

@@ -10,8 +10,8 @@ import pytest
 from helpers_run import Running, call
 
 from runtime.bus.client import Client, connect
-from runtime.errors import RequestError
-from runtime.layout import Cause, State
+from runtime.contracts.errors import RequestError
+from runtime.ipc.layout import Cause, State
 
 
 def test_states_requests_and_parameters(tmp_path: Path) -> None:

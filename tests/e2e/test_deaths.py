@@ -10,9 +10,9 @@ from pathlib import Path
 from helpers_run import Running, alive, call
 
 from runtime.bus.client import connect
-from runtime.errors import RequestError
-from runtime.layout import Cause, State
-from runtime.recorder.reader import read
+from runtime.contracts.errors import RequestError
+from runtime.ipc.layout import Cause, State
+from runtime.recording.reader import read
 
 
 def test_killed_telemetry_costs_no_cycle(tmp_path: Path) -> None:

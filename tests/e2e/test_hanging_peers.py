@@ -16,8 +16,8 @@ from helpers_run import Running
 from ruamel.yaml import YAML
 
 from runtime.bus.client import Client, connect
-from runtime.errors import SrlError
-from runtime.layout import Cause, State
+from runtime.contracts.errors import SrlError
+from runtime.ipc.layout import Cause, State
 
 PROFILES = Path(__file__).resolve().parents[2] / "profiles"
 HANG = 3.0  # s

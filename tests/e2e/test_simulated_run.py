@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from helpers_run import call, summary
 
-from runtime.recorder.reader import Recording, read
-from runtime.replay import perturbed, replay
+from runtime.loop.replay import perturbed, replay
+from runtime.recording.reader import Recording, read
 
 
 @pytest.fixture(scope="module")

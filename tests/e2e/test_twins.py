@@ -15,8 +15,8 @@ import pytest
 from helpers_run import Running, alive, call, environment, srl
 from scipy.spatial import cKDTree
 
-from runtime.layout import LINK_STALE, Cause, State
-from runtime.recorder.reader import Recording, read
+from runtime.ipc.layout import LINK_STALE, Cause, State
+from runtime.recording.reader import Recording, read
 
 QUIET = "sim.devices.glove={noise: 0.0}"  # so that both runs see the same bytes at the same posture
 REST = 8.0  # s in which the recorded hand lies still, so that every run begins from the same posture

@@ -19,8 +19,8 @@ import pytest
 from helpers_run import Running, environment, srl
 from helpers_zenoh import certificates
 
-from runtime.layout import LINK_STALE, Cause, State
-from runtime.rundir import RunDir
+from runtime.ipc.layout import LINK_STALE, Cause, State
+from runtime.ipc.run_folder import RunDir
 
 GLOVE, FINGER = "10.77.5.1", "10.77.5.2"
 PORT = 7447

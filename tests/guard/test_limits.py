@@ -5,9 +5,9 @@ import pytest
 from helpers_guard import PLACE, guard_of
 from pydantic import ValidationError
 
-from runtime.errors import WiringError
+from runtime.contracts.errors import WiringError
+from runtime.contracts.signals import Command, Kind, Limits
 from runtime.guard import GuardLimits, PositionGuard, TorqueGuard, VelocityGuard, make_guard, merge
-from runtime.signals import Command, Kind, Limits
 
 
 def test_a_number_is_for_every_joint_a_list_has_one_each():

@@ -8,8 +8,8 @@ from helpers_guard import guard_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.errors import DeviceError
-from runtime.signals import Kind, Stop
+from runtime.contracts.errors import DeviceError
+from runtime.contracts.signals import Kind, Stop
 
 DT, V, A, LOW, HIGH = 0.01, 4.0, 40.0, -1.0, 1.5
 jerks = st.sampled_from([None, 400.0, 4000.0])

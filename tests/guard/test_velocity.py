@@ -8,7 +8,7 @@ from helpers_guard import guard_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.signals import Kind, Stop
+from runtime.contracts.signals import Kind, Stop
 
 DT, V, A, LOW, HIGH = 0.01, 2.0, 10.0, -1.0, 1.0
 

@@ -10,13 +10,13 @@ import pytest
 from helpers_recording import make_layout, make_run
 from helpers_segments import expected, make_segments
 
-from runtime.errors import RecordingError
+from runtime.contracts.errors import RecordingError
 from runtime.recorder import merge as merging
-from runtime.recorder.framing import HEADER, whole
 from runtime.recorder.process import Recorder
-from runtime.recorder.reader import read
-from runtime.recorder.segments import check_target, folder_of, listed
 from runtime.recorder.stream import Stream
+from runtime.recording.framing import HEADER, whole
+from runtime.recording.reader import read
+from runtime.recording.segments import check_target, folder_of, listed
 
 
 def test_segments_cut_anywhere_give_a_prefix_bit_for_bit(tmp_path: Path) -> None:

@@ -12,13 +12,13 @@ from matplotlib import image
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
-from runtime.errors import RecordingError
-from runtime.layout import Cause, Layout, State
+from runtime.contracts.errors import RecordingError
+from runtime.ipc.layout import Cause, Layout, State
+from runtime.profile.plots import Plot, command_plots, series_names
 from runtime.recorder import figure
 from runtime.recorder.eye import look
-from runtime.recorder.plots import Plot, command_plots, series_names
-from runtime.recorder.reader import Recording
 from runtime.recorder.scene import visuals
+from runtime.recording.reader import Recording
 
 
 def test_lines_pick_elements_and_distances_are_euclidean() -> None:

@@ -16,13 +16,13 @@ import pytest
 from helpers_recording import make_layout, make_run, write_run
 from helpers_segments import expected, make_segments
 
-from runtime.errors import RecordingError
+from runtime.contracts.errors import RecordingError
+from runtime.ipc.ring import RingReader
 from runtime.recorder import __main__ as command
 from runtime.recorder import viewer
 from runtime.recorder.process import Recorder, watch
-from runtime.recorder.reader import read
-from runtime.recorder.segments import folder_of
-from runtime.ring import RingReader
+from runtime.recording.reader import read
+from runtime.recording.segments import folder_of
 
 HELPER = Path(__file__).parents[1] / "helpers_recording.py"
 

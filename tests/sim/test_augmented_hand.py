@@ -5,9 +5,9 @@ import pytest
 from helpers_sim import MS, world
 from pydantic import ValidationError
 
-from runtime.signals import Signal
+from runtime.contracts.signals import Signal
 from sim.augmented_hand import AugmentedHandConfig
-from sim.hand import FINGERS
+from sim.parts.hand.hand import FINGERS
 
 BALL = {"shape": "sphere", "size": [0.07], "mass": 0.1, "position": [0, 0.085, -0.055], "held_until": None}
 CAN = {

@@ -8,9 +8,9 @@ from helpers_peer import Peer, bound, cycles
 
 from drivers.firmata import Firmata
 from drivers.firmata.config import FirmataConfig
-from runtime.errors import WiringError
-from sim.cell import Cell, CellConfig
-from sim.fakes.firmata import FakeFirmata, FakeFirmataConfig
+from runtime.contracts.errors import WiringError
+from sim.devices.firmata.fake import FakeFirmata, FakeFirmataConfig
+from sim.world.cell import Cell, CellConfig
 
 BUTTONS = {name: {"pin": 2 + i} for i, name in enumerate(("admittance", "mode", "gripper", "priority"))}
 PRESSES = {"admittance": [[0.3, 0.5]], "mode": [[0.4, 0.405]], "gripper": [[0.6, 1.5]], "priority": [[0.7, 0.9]]}

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from runtime import registry
-from runtime.driver import DeviceConfig
-from runtime.errors import DeviceError, DeviceLostError, WiringError
-from runtime.signals import Array, Signal
-from runtime.world import FakeConfig, World
-from sim.cell import Cell, CellConfig
-from sim.fakes.sensor import SensorFake, SensorOptions
-from sim.mjcf import add
-from sim.part import Mjcf, Part, PartConfig
+from runtime.contracts import registry
+from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
+from runtime.contracts.signals import Array, Signal
+from runtime.contracts.world import FakeConfig, World
+from sim.devices.shared.sensor import SensorFake, SensorOptions
+from sim.world.cell import Cell, CellConfig
+from sim.world.mjcf import add
+from sim.world.part import Mjcf, Part, PartConfig
 
 LENGTH = 0.3
 

@@ -6,8 +6,8 @@ from helpers_ft import at_sensor, bound, cell, push
 
 from drivers.ati_netft import AtiNetFt
 from drivers.ati_netft.config import AtiNetFtConfig
-from runtime.errors import DeviceError, DeviceLostError, WiringError
-from sim.fakes.ati_netft import FakeAtiNetFt, FakeAtiNetFtOptions
+from runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
+from sim.devices.ati_netft.fake import FakeAtiNetFt, FakeAtiNetFtOptions
 
 MS = 1_000_000
 

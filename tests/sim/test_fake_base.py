@@ -10,17 +10,18 @@ from helpers_zenoh import bound
 
 from drivers.base import BaseConfig, MobileBase
 from drivers.base.driver import COMMAND
-from runtime import profile, registry, wiring
-from runtime.controller import Controller, ControllerConfig
-from runtime.cycle import Cycle, limits_of
-from runtime.device import Device
-from runtime.errors import DeviceError, DeviceLostError, WiringError
+from runtime.contracts import registry
+from runtime.contracts.controller import Controller, ControllerConfig
+from runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
+from runtime.contracts.signals import Signal, Stop
 from runtime.guard import make_guard
-from runtime.layout import LINK_ACTIVE, State
-from runtime.mailbox import Ask
-from runtime.signals import Signal, Stop
-from sim.cell import Cell, CellConfig
-from sim.fakes.base import FakeBase, FakeBaseOptions
+from runtime.ipc.layout import LINK_ACTIVE, State
+from runtime.ipc.requests import Ask
+from runtime.loop.cycle import Cycle, limits_of
+from runtime.loop.device import Device
+from runtime.profile import profile, wiring
+from sim.devices.base.fake import FakeBase, FakeBaseOptions
+from sim.world.cell import Cell, CellConfig
 
 STEP = 10_000_000  # ns
 CONFIG = BaseConfig(port="tcp://127.0.0.1:7447")

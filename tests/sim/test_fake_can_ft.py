@@ -5,7 +5,7 @@ from helpers_ft import bound, cell, push
 
 from drivers.can_ft import CanFt
 from drivers.can_ft.driver import CanFtConfig
-from sim.fakes.can_ft import FakeCanFt, FakeCanFtOptions
+from sim.devices.can_ft.fake import FakeCanFt, FakeCanFtOptions
 
 MS = 1_000_000
 

@@ -10,10 +10,10 @@ from pydantic import ValidationError
 
 from drivers.cyberglove import CyberGlove, calibration
 from drivers.cyberglove.protocol import LABELS
-from runtime.errors import DeviceError, DeviceLostError, WiringError
-from runtime.world import World
-from sim.fakes.cyberglove import FakeCyberGlove
-from sim.hand import RANGES
+from runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
+from runtime.contracts.world import World
+from sim.devices.cyberglove.fake import FakeCyberGlove
+from sim.parts.hand.hand import RANGES
 from sim.wearer.joints import to_glove, to_model
 
 EXACT = {"noise": 0.0, "delay": 0.0, "quantise": False}

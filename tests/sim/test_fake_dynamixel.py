@@ -6,10 +6,10 @@ from helpers_dynamixel import MS, THREE, Rig, cell, config, make_twin
 from helpers_sim import bind
 
 from drivers.dynamixel import Dynamixel
-from runtime.errors import DeviceError, DeviceLostError, WiringError
-from runtime.signals import Stop
-from sim.cell import Cell, CellConfig
-from sim.fakes.dynamixel import FakeDynamixel
+from runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
+from runtime.contracts.signals import Stop
+from sim.devices.dynamixel.fake import FakeDynamixel
+from sim.world.cell import Cell, CellConfig
 
 PERIOD = 10 * MS
 

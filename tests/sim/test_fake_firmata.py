@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.firmata import Firmata
-from runtime.errors import DeviceError, DeviceLostError, WiringError
-from runtime.signals import Stop
-from sim.fakes.firmata import FakeFirmata
+from runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
+from runtime.contracts.signals import Stop
+from sim.devices.firmata.fake import FakeFirmata
 
 JOINTS = ("abduction", "flexion_1", "flexion_2", "flexion_3")
 CONFIG = {

@@ -12,11 +12,11 @@ from pydantic import ValidationError
 from drivers.noitom import Noitom
 from drivers.noitom.protocol import COUNTS
 from drivers.noitom.skeleton import Skeleton, is_finger
-from runtime.errors import DeviceError, DeviceLostError, WiringError
-from runtime.signals import Array
-from sim.cell import Cell, CellConfig
-from sim.fakes.noitom import FakeNoitom
-from sim.parts.body import BodyPart
+from runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
+from runtime.contracts.signals import Array
+from sim.devices.noitom.fake import FakeNoitom
+from sim.parts.body.body import BodyPart
+from sim.world.cell import Cell, CellConfig
 
 MS = 1_000_000
 QUIET = {"noise": 0.0, "delay": 0.0}

@@ -12,12 +12,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from drivers.panda import Panda
+from runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
+from runtime.contracts.signals import Array, Stop
 from runtime.control.robots import PANDA
-from runtime.errors import DeviceError, DeviceLostError, WiringError
-from runtime.signals import Array, Stop
 from sim.augmented_hand import AugmentedHand, AugmentedHandConfig
-from sim.fakes.panda import FakePanda
-from sim.fakes.panda_robot import FakePandaConfig
+from sim.devices.panda.fake import FakePanda
+from sim.devices.panda.robot import FakePandaConfig
 
 
 class Loop:

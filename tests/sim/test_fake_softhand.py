@@ -6,12 +6,12 @@ from helpers_ft import bound
 
 from drivers.softhand import SoftHand
 from drivers.softhand.config import SoftHandConfig
-from runtime.errors import DeviceError, DeviceLostError
-from runtime.signals import Stop
-from sim.cell import Cell, CellConfig
-from sim.fakes.softhand import FakeSoftHand, FakeSoftHandOptions
-from sim.parts.softhand import SoftHandConfig as PartOptions
-from sim.parts.softhand import SoftHandPart
+from runtime.contracts.errors import DeviceError, DeviceLostError
+from runtime.contracts.signals import Stop
+from sim.devices.softhand.fake import FakeSoftHand, FakeSoftHandOptions
+from sim.parts.robots.softhand import SoftHandConfig as PartOptions
+from sim.parts.robots.softhand import SoftHandPart
+from sim.world.cell import Cell, CellConfig
 
 MS = 1_000_000
 

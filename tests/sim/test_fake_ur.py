@@ -5,9 +5,9 @@ import pytest
 from helpers_twin import bound
 from helpers_ur import advance, make_fake, speed
 
-from runtime.errors import DeviceError, DeviceLostError, WiringError
-from runtime.signals import Stop
-from sim.fakes.ur import Q
+from runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
+from runtime.contracts.signals import Stop
+from sim.devices.ur.fake import Q
 
 V = np.array([0.3, -0.2, 0.2, 0.1, -0.1, 0.5])
 

@@ -8,8 +8,8 @@ from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
 from drivers.vicon import Vicon
-from runtime.errors import DeviceError, DeviceLostError, WiringError
-from sim.fakes.vicon import FakeVicon
+from runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
+from sim.devices.vicon.fake import FakeVicon
 
 MS = 1_000_000
 EXACT = {"noise": 0.0, "delay": 0.0}

@@ -9,12 +9,12 @@ import pytest
 from helpers_zenoh import Still, bound
 
 from drivers.zenoh import Zenoh, ZenohConfig
-from runtime.bus import messages
-from runtime.errors import DeviceLostError, WiringError
-from runtime.signals import Signal
-from runtime.world import World
-from sim.fakes.zenoh import FakeZenoh, FakeZenohOptions
-from sim.twins.zenoh import ZenohTwin
+from runtime.contracts.errors import DeviceLostError, WiringError
+from runtime.contracts.signals import Signal
+from runtime.contracts.world import World
+from runtime.messages import messages
+from sim.devices.zenoh.fake import FakeZenoh, FakeZenohOptions
+from sim.devices.zenoh.twin import ZenohTwin
 
 MS = 1_000_000
 SIGNALS = {

@@ -7,7 +7,7 @@ from helpers_shared import shared
 from ruamel.yaml import YAML
 
 from sim.augmented_hand import AugmentedHandConfig, mjcf
-from sim.hand import FINGERS, JOINTS, RANGES
+from sim.parts.hand.hand import FINGERS, JOINTS, RANGES
 
 
 @pytest.fixture(scope="module")

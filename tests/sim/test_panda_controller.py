@@ -18,7 +18,7 @@ from drivers.panda.protocol import (
     Status,
 )
 from runtime.control.robots import FR3, PANDA
-from sim.fakes.panda_motion import LOST_IN_A_ROW, Setpoint, limits_of
+from sim.devices.panda.motion import LOST_IN_A_ROW, Setpoint, limits_of
 
 TORQUE, VELOCITY, POSITION = Move(2, 1), Move(0, 1), Move(0, 0)
 FREE = SetCollisionBehavior(*[(1e3,) * 7] * 4, *[(1e3,) * 6] * 4)

@@ -16,9 +16,9 @@ import pytest
 
 from runtime.control.robots import FR3, PANDA
 from runtime.control.robots.pinocchio_model import FLANGE, pinocchio_model
-from sim.fakes.panda_motion import limits_of
-from sim.panda_library import Build
-from sim.panda_urdf import urdf
+from sim.devices.panda.motion import limits_of
+from sim.devices.panda.twin_library import Build
+from sim.devices.panda.twin_urdf import urdf
 
 MASS, COM, INERTIA = 1.5, np.array([0.1, 0.02, 0.05]), np.array([[0.1, 0.01, 0], [0.01, 0.2, 0], [0, 0, 0.3]])
 Call = Callable[..., Any]
@@ -95,7 +95,7 @@ def test_kinematics_in_c_are_pinocchios(call: Call, q: Any, dq: Any) -> None:
 
 
 def test_without_a_compiler_there_is_no_library(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sim.panda_library._done", {})
+    monkeypatch.setattr("sim.devices.panda.twin_library._done", {})
     monkeypatch.setattr("shutil.which", lambda _: None)
     build = Build()
     assert build.poll()

@@ -15,9 +15,9 @@ from helpers_panda import QUIET
 
 from drivers.panda import Panda
 from drivers.panda.packets import RobotMode
+from runtime.contracts.errors import DeviceError, DeviceLostError
+from runtime.contracts.signals import Array, Stop
 from runtime.control.robots import PANDA
-from runtime.errors import DeviceError, DeviceLostError
-from runtime.signals import Array, Stop
 
 WAIT = 20.0  # s of real time
 

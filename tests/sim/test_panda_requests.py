@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.panda.protocol import AutomaticErrorRecovery, Body, Connect, Move, SetLoad, StopMove, encode_request
-from sim.twins.panda_requests import Session
+from sim.devices.panda.twin_requests import Session
 
 ROBOT = helpers_panda.Cabinet().robot
 SEEN: Counter[str] = Counter()

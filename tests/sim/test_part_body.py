@@ -10,10 +10,10 @@ from helpers_shared import shared
 from pydantic import ValidationError
 
 from drivers.noitom.skeleton import Skeleton
-from runtime.errors import RecordingError, WiringError
-from sim.cell import Cell, CellConfig
-from sim.parts.body_model import _DE_LEVA, limb, segments
-from sim.parts.body_motion import Scripted
+from runtime.contracts.errors import RecordingError, WiringError
+from sim.parts.body.model import _DE_LEVA, limb, segments
+from sim.parts.body.motion import Scripted
+from sim.world.cell import Cell, CellConfig
 
 MS = 1_000_000
 TURN = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]])  # x left, y up, z forward into x forward, y left, z up

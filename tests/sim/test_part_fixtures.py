@@ -10,16 +10,16 @@ import pytest
 from helpers_person import MS, Trolley, cell, finished, run
 from pydantic import ValidationError
 
-from runtime.errors import WiringError
-from sim.parts.box import BoxPart
-from sim.parts.drill_plate import DrillPart, PlatePart
-from sim.parts.ft_sensor import FtSensorPart
-from sim.parts.load import LoadPart, ObstaclesConfig, ObstaclesPart
-from sim.parts.peg_hole import HolePart, PegPart
-from sim.parts.person import PersonPart
-from sim.parts.softhand import SoftHandPart
-from sim.parts.wire_ring import RingPart, WireConfig, WirePart
-from sim.plans import drilling, peg_in_hole
+from runtime.contracts.errors import WiringError
+from sim.parts.person.person import PersonPart
+from sim.parts.person.plans import drilling, peg_in_hole
+from sim.parts.robots.softhand import SoftHandPart
+from sim.parts.things.box import BoxPart
+from sim.parts.things.drill_plate import DrillPart, PlatePart
+from sim.parts.things.ft_sensor import FtSensorPart
+from sim.parts.things.load import LoadPart, ObstaclesConfig, ObstaclesPart
+from sim.parts.things.peg_hole import HolePart, PegPart
+from sim.parts.things.wire_ring import RingPart, WireConfig, WirePart
 
 HEAVY = {"mass": 1e4, "inertia": 1e3, "damping": 0.0, "turn_damping": 0.0}  # stays where a test puts it
 SIDES = [(np.cos(a), np.sin(a)) for a in np.arange(8) * np.pi / 4]

@@ -10,16 +10,16 @@ from helpers_control import bound
 from helpers_person import MS, Trolley, alone, cell, finished, go_to, guided, hold, press, quiet, run
 from pydantic import ValidationError
 
-from runtime.control.admittance import Admittance, AdmittanceConfig
-from runtime.errors import RecordingError, WiringError
-from sim.cell import Cell, CellConfig
-from sim.parts.box import BoxPart
-from sim.parts.ft_sensor import FtSensorPart, HandlePart
-from sim.parts.person import PersonConfig, PersonPart
-from sim.parts.person_path import ArcPath
-from sim.parts.person_will import Will
-from sim.parts.wire_ring import WirePart
-from sim.plans import Follow, GoTo, Wait, carrying, drilling, peg_in_hole, wire_path
+from runtime.contracts.errors import RecordingError, WiringError
+from runtime.control.cobot.admittance import Admittance, AdmittanceConfig
+from sim.parts.person.intention import Will
+from sim.parts.person.path import ArcPath
+from sim.parts.person.person import PersonConfig, PersonPart
+from sim.parts.person.plans import Follow, GoTo, Wait, carrying, drilling, peg_in_hole, wire_path
+from sim.parts.things.box import BoxPart
+from sim.parts.things.ft_sensor import FtSensorPart, HandlePart
+from sim.parts.things.wire_ring import WirePart
+from sim.world.cell import Cell, CellConfig
 
 STILL = (0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0)
 

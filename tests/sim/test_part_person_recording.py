@@ -10,9 +10,9 @@ from helpers_person import MS, cell, run
 from helpers_shared import shared
 from pydantic import ValidationError
 
-from runtime.errors import RecordingError
-from sim.parts.ft_sensor import FtSensorPart, HandlePart
-from sim.parts.person import PersonConfig, PersonPart
+from runtime.contracts.errors import RecordingError
+from sim.parts.person.person import PersonConfig, PersonPart
+from sim.parts.things.ft_sensor import FtSensorPart, HandlePart
 
 # -- recordings
 

@@ -11,10 +11,10 @@ from helpers_person import MS, alone, finished, guided, hold, press, quiet, run
 
 from drivers.firmata.config import FirmataConfig
 from drivers.trigno import TrignoConfig
-from runtime.errors import WiringError
-from sim.fakes.firmata import FakeFirmata, FakeFirmataConfig
-from sim.fakes.trigno import FakeTrigno, FakeTrignoConfig
-from sim.parts.person_muscles import Muscles
+from runtime.contracts.errors import WiringError
+from sim.devices.firmata.fake import FakeFirmata, FakeFirmataConfig
+from sim.devices.trigno.fake import FakeTrigno, FakeTrignoConfig
+from sim.parts.person.muscles import Muscles
 
 # -- delays and noise
 

@@ -9,11 +9,11 @@ import pinocchio as pin
 import pytest
 from helpers_sim import MS
 
+from runtime.contracts.errors import WiringError
 from runtime.control.robots import PANDA
 from runtime.control.robots.pinocchio_model import FLANGE, pinocchio_model
-from runtime.errors import WiringError
-from sim.cell import Cell, CellConfig
-from sim.parts.arm import ArmPart
+from sim.parts.robots.arm import ArmPart
+from sim.world.cell import Cell, CellConfig
 
 KINDS = ("panda", "ur16e")
 

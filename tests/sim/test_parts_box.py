@@ -9,8 +9,8 @@ import pytest
 from helpers_sim import MS
 from pydantic import ValidationError
 
-from sim.cell import Cell, CellConfig
-from sim.parts.box import BoxConfig
+from sim.parts.things.box import BoxConfig
+from sim.world.cell import Cell, CellConfig
 
 
 def cell(**parts: dict[str, Any]) -> Cell:

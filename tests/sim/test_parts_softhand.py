@@ -10,8 +10,8 @@ from helpers_shared import shared
 from helpers_sim import MS
 from ruamel.yaml import YAML
 
-from sim.cell import Cell, CellConfig
-from sim.parts.softhand import CLOSED, SoftHandPart
+from sim.parts.robots.softhand import CLOSED, SoftHandPart
+from sim.world.cell import Cell, CellConfig
 
 FLOATING = (0.0, 0.0, 0.0)
 ONTO_THE_PALM = (-9.81, 0.0, 0.0)

@@ -9,9 +9,9 @@ import pytest
 from helpers_sim import MS
 
 from runtime.control.robots import SUMMIT_XL
-from sim.cell import Cell, CellConfig
-from sim.parts.arm import ArmPart
-from sim.parts.summit_xl import SummitXlPart
+from sim.parts.robots.arm import ArmPart
+from sim.parts.robots.summit_xl import SummitXlPart
+from sim.world.cell import Cell, CellConfig
 
 
 def cell(**parts: dict[str, Any]) -> Cell:

@@ -9,11 +9,11 @@ from helpers_twin import Bench, Client, StillWorld, bound, until
 from drivers.cyberglove import CyberGlove
 from drivers.cyberglove.driver import CyberGloveConfig
 from drivers.cyberglove.protocol import Parser, Record
-from runtime import profile, wiring
-from runtime.errors import DeviceError, DeviceLostError
+from runtime.contracts.errors import DeviceError, DeviceLostError
+from runtime.profile import profile, wiring
 from sim.augmented_hand import AugmentedHand, AugmentedHandConfig
-from sim.fakes.cyberglove import FakeCyberGlove, FakeCyberGloveConfig
-from sim.twins.cyberglove import CyberGloveTwin
+from sim.devices.cyberglove.fake import FakeCyberGlove, FakeCyberGloveConfig
+from sim.devices.cyberglove.twin import CyberGloveTwin
 
 RAW = bytes(range(10, 221, 10))
 # Sheet cyberglove, §8, in its order: the host's bytes, the glove's.

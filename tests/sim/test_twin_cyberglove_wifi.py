@@ -15,9 +15,9 @@ from drivers import listening
 from drivers.cyberglove import CyberGlove
 from drivers.cyberglove.driver import CyberGloveConfig
 from drivers.transport import open_transport
-from runtime.errors import DeviceError, DeviceLostError
-from sim.fakes.cyberglove import FakeCyberGlove, FakeCyberGloveConfig
-from sim.twins.cyberglove import CyberGloveTwin
+from runtime.contracts.errors import DeviceError, DeviceLostError
+from sim.devices.cyberglove.fake import FakeCyberGlove, FakeCyberGloveConfig
+from sim.devices.cyberglove.twin import CyberGloveTwin
 
 
 def free_port() -> int:

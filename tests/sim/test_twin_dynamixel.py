@@ -8,7 +8,7 @@ from helpers_twin import Bench, Client
 
 from drivers.dynamixel import protocol1, protocol2
 from drivers.dynamixel.packets import Status
-from sim.twins.dynamixel_servo1 import magnitude, with_sign
+from sim.devices.dynamixel.twin_servo1 import magnitude, with_sign
 
 MS = 1_000_000
 ONE = {"elbow": {"model": "MX-64"}}

@@ -10,11 +10,11 @@ from helpers_twin import Bench, Client, bound, until
 from drivers.firmata import Firmata
 from drivers.firmata.config import FirmataConfig
 from drivers.firmata.protocol import Decoder, PinState, Text
-from runtime.errors import DeviceLostError
-from runtime.signals import Stop
+from runtime.contracts.errors import DeviceLostError
+from runtime.contracts.signals import Stop
 from sim.augmented_hand import AugmentedHand, AugmentedHandConfig
-from sim.fakes.firmata import FakeFirmata, FakeFirmataConfig
-from sim.twins.firmata import FirmataTwin
+from sim.devices.firmata.fake import FakeFirmata, FakeFirmataConfig
+from sim.devices.firmata.twin import FirmataTwin
 
 # Sheet firmata, §3: what a real Uno says.
 BOOT = bytes.fromhex(

@@ -17,11 +17,11 @@ from helpers_twin import PATIENCE, Bench, bound, until
 
 from drivers.noitom import Noitom, driver
 from drivers.streamtime import StreamTime
-from runtime.errors import DeviceError, DeviceLostError, HostError
-from runtime.signals import Array
-from sim.cell import Cell, CellConfig
-from sim.fakes.noitom import FakeNoitom
-from sim.twins.noitom import NoitomTwin
+from runtime.contracts.errors import DeviceError, DeviceLostError, HostError
+from runtime.contracts.signals import Array
+from sim.devices.noitom.fake import FakeNoitom
+from sim.devices.noitom.twin import NoitomTwin
+from sim.world.cell import Cell, CellConfig
 
 MS = 1_000_000
 RATE = 100.0
@@ -192,7 +192,7 @@ def test_datagrams_go_to_the_profiles_port() -> None:
 
 
 def test_it_listens_on_loopback_alone() -> None:
-    from sim.twins.sockets import TcpDoor
+    from sim.devices.shared.sockets import TcpDoor
 
     with pytest.raises(HostError):
         TcpDoor("0.0.0.0")

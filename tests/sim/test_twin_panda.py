@@ -28,9 +28,9 @@ from drivers.panda.protocol import (
     StopMove,
     encode_request,
 )
+from runtime.contracts.errors import HostError
 from runtime.control.robots import PANDA
-from runtime.errors import HostError
-from sim.twins.panda import PandaTwin
+from sim.devices.panda.twin import PandaTwin
 
 PATIENCE = 10.0  # s of real time for loopback to deliver
 

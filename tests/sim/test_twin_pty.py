@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from helpers_twin import until
 
-from runtime.errors import HostError
-from sim.twins.pty import PtyDoor
+from runtime.contracts.errors import HostError
+from sim.devices.shared.pty import PtyDoor
 
 
 def client(door: PtyDoor) -> int:

@@ -13,9 +13,9 @@ from helpers_twin import StillWorld, bound
 from drivers.evdev import Description
 from drivers.ring import Ring, RingConfig
 from drivers.ring.serial_ring import Line, Parser
-from runtime.errors import DeviceError, DeviceLostError
-from sim.fakes.ring import FakeRing, FakeRingConfig
-from sim.twins.ring import ring_twin
+from runtime.contracts.errors import DeviceError, DeviceLostError
+from sim.devices.ring.fake import FakeRing, FakeRingConfig
+from sim.devices.ring.twin import ring_twin
 
 MS = 1_000_000
 PRESSES = [[0.5, 0.9], [1.2, 1.25], [2.0, 2.01], [3.0, 3.5]]  # the third is shorter than the debouncing

@@ -8,8 +8,8 @@ from collections.abc import Callable
 
 import pytest
 
-from runtime.errors import HostError
-from sim.twins.sockets import TcpDoor, UdpDoor
+from runtime.contracts.errors import HostError
+from sim.devices.shared.sockets import TcpDoor, UdpDoor
 
 
 def until(condition: Callable[[], object]) -> None:

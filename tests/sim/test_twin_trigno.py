@@ -15,9 +15,9 @@ from helpers_twin import StillWorld, bound, until
 from drivers.trigno import Trigno, TrignoConfig
 from drivers.trigno.envelope import Envelope
 from drivers.trigno.protocol import RATE, Answers, Samples, command, encode
-from runtime.errors import DeviceError, DeviceLostError
-from sim.fakes.trigno import FakeTrigno, FakeTrignoConfig
-from sim.twins.trigno import TrignoTwin
+from runtime.contracts.errors import DeviceError, DeviceLostError
+from sim.devices.trigno.fake import FakeTrigno, FakeTrignoConfig
+from sim.devices.trigno.twin import TrignoTwin
 
 MS = 1_000_000
 CHANNELS = {"biceps": 2, "triceps": 1, "deltoid": 16}

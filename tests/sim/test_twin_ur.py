@@ -16,7 +16,7 @@ from drivers.ur.recipe import Recipe, input_type, output_type
 from drivers.ur.rtde import Kind
 from drivers.ur.script import program
 from drivers.ur.status import RobotMode
-from sim.twins.ur import UrTwin
+from sim.devices.ur.twin import UrTwin
 
 
 class Peer:

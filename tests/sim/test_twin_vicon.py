@@ -14,8 +14,8 @@ from helpers_vicon import PARTS, WANTED, config, driver, live, twin
 from drivers.transport import open_transport
 from drivers.vicon import blocks, protocol
 from drivers.vicon.protocol import Block, Parser
-from runtime.errors import DeviceError, DeviceLostError
-from sim.twins import vicon_blocks as encode
+from runtime.contracts.errors import DeviceError, DeviceLostError
+from sim.devices.vicon import twin_blocks as encode
 
 MS = 1_000_000
 PATIENCE = 10.0

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from drivers.ur import UrConfig
 from drivers.ur.script import program
-from sim.twins.ur_script import Programs, Script, ScriptError, name_of
+from sim.devices.ur.twin_script import Programs, Script, ScriptError, name_of
 
 
 class Host:

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.interpolate import PchipInterpolator
 
-from runtime.errors import RecordingError
-from sim.hand import JOINTS, RANGES
+from runtime.contracts.errors import RecordingError
+from sim.parts.hand.hand import JOINTS, RANGES
 from sim.wearer import ScriptedWearer, WearerConfig, load_wearer, make_wearer
 from sim.wearer.motion import Curve, SampledWearer, join, minimum_jerk
 

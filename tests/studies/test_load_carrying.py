@@ -11,10 +11,10 @@ from pydantic import TypeAdapter
 from ruamel.yaml import YAML
 
 import studies.runs
-from runtime.errors import RequestError
-from sim.cell import Cell, CellConfig
-from sim.parts.load import LoadConfig
-from sim.plans import Plan
+from runtime.contracts.errors import RequestError
+from sim.parts.person.plans import Plan
+from sim.parts.things.load import LoadConfig
+from sim.world.cell import Cell, CellConfig
 from studies.runs import PROFILES, Task, merged, run_all
 from studies.superman import load_carrying as study
 from studies.superman.assumptions import assumed

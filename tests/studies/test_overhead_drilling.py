@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
-from sim.cell import Cell, CellConfig
+from sim.world.cell import Cell, CellConfig
 from studies.runs import PROFILES, merged, run_all
 from studies.superman import overhead_drilling
 from studies.superman.assumptions import assumed

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
-from sim.cell import Cell, CellConfig
+from sim.world.cell import Cell, CellConfig
 from studies.runs import PROFILES, merged
 from studies.superman.assumptions import FILE, assumed
 from studies.superman.peg_in_hole import (

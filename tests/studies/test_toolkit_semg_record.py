@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from helpers_run import call
 
-from runtime.layout import Layout
-from runtime.recorder.reader import Recording, read
+from runtime.ipc.layout import Layout
+from runtime.recording.reader import Recording, read
 from studies.toolkit.errors import StudyError
 from studies.toolkit.semg import Filters
 from studies.toolkit.semg_record import Emg, from_arrays, from_recording

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from matplotlib.cbook import boxplot_stats
 from scipy import stats
 
-from runtime.errors import HostError
+from runtime.contracts.errors import HostError
 from studies.toolkit.errors import StudyError
 from studies.toolkit.statistics import box, level, paired_t, shapiro_wilk, sign_test, stars, summary, words
 
@@ -122,7 +122,7 @@ def test_without_scipy_tables_and_questionnaires_work_and_emg_says_what_to_insta
     text = """if True:
         import sys
         sys.modules["scipy"] = None
-        from runtime.errors import HostError
+        from runtime.contracts.errors import HostError
         from studies.superman.published import PRINTED_I, TABLE_I
         from studies.toolkit import boxplots, nasa_tlx, trials
         TABLE_I.console(PRINTED_I)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
-from sim.cell import Cell, CellConfig
+from sim.world.cell import Cell, CellConfig
 from studies.runs import PROFILES, merged, run_all
 from studies.superman import wire_path
 from studies.superman.assumptions import assumed

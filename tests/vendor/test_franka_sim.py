@@ -21,9 +21,9 @@ import pytest
 from drivers.panda import Panda
 from drivers.panda.config import PandaConfig
 from drivers.panda.packets import decode_state
+from runtime.contracts.errors import DeviceError
+from runtime.contracts.signals import Stop
 from runtime.control.robots import FR3
-from runtime.errors import DeviceError
-from runtime.signals import Stop
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 PACKAGE = "franka-sim==1.1.7"

@@ -8,9 +8,9 @@ import pytest
 from helpers_ft import Server, at_sensor, cell, push
 
 from drivers.ati_netft.config import AtiNetFtConfig
-from sim.fakes.ati_netft import FakeAtiNetFt, FakeAtiNetFtOptions
-from sim.twins.ati_netft import AtiNetFtTwin
-from sim.twins.sockets import UdpDoor
+from sim.devices.ati_netft.fake import FakeAtiNetFt, FakeAtiNetFtOptions
+from sim.devices.ati_netft.twin import AtiNetFtTwin
+from sim.devices.shared.sockets import UdpDoor
 
 NetFT = pytest.importorskip("NetFT")
 WRENCH = (1.5, -2.5, 10.0, 0.1, -0.2, 0.3)

@@ -10,7 +10,7 @@ import numpy as np
 import pyfirmata2
 from helpers_srl_twin import TwinProcess
 
-from runtime.profile import find
+from runtime.profile.profile import find
 
 PRESSES = "{go: [[7.5, 7.8], [20, 20.3]], back: [[8.0, 8.3], [20, 20.3]]}"  # s of world time
 US_PER_RAD = (2400 - 544) / 3.142

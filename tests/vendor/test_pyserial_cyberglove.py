@@ -10,8 +10,8 @@ import serial
 from helpers_twin import Bench, StillWorld
 
 from drivers.cyberglove.driver import CyberGloveConfig
-from sim.fakes.cyberglove import FakeCyberGlove, FakeCyberGloveConfig
-from sim.twins.cyberglove import CyberGloveTwin
+from sim.devices.cyberglove.fake import FakeCyberGlove, FakeCyberGloveConfig
+from sim.devices.cyberglove.twin import CyberGloveTwin
 
 RAW = bytes(range(10, 221, 10))
 

@@ -11,11 +11,11 @@ import serial
 from helpers_ft import Server
 
 from drivers.softhand.config import SoftHandConfig
-from sim.cell import Cell, CellConfig
-from sim.fakes.softhand import FakeSoftHand, FakeSoftHandOptions
-from sim.parts.softhand import SoftHandConfig as PartOptions
-from sim.parts.softhand import SoftHandPart
-from sim.twins.softhand import SERIAL, SoftHandTwin
+from sim.devices.softhand.fake import FakeSoftHand, FakeSoftHandOptions
+from sim.devices.softhand.twin import SERIAL, SoftHandTwin
+from sim.parts.robots.softhand import SoftHandConfig as PartOptions
+from sim.parts.robots.softhand import SoftHandPart
+from sim.world.cell import Cell, CellConfig
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ import pytest
 from helpers_ft import Server, at_sensor, cell, push
 
 from drivers.can_ft.driver import CanFtConfig
-from sim.fakes.can_ft import FakeCanFt, FakeCanFtOptions
-from sim.twins.can_ft import CanFtTwin
+from sim.devices.can_ft.fake import FakeCanFt, FakeCanFtOptions
+from sim.devices.can_ft.twin import CanFtTwin
 
 WRENCH = (12.34, -5.0, 98.7, 0.5, -0.25, 0.1)
 

@@ -13,7 +13,7 @@ from math import cos, sin
 import numpy as np
 from numpy.typing import ArrayLike
 
-from runtime.signals import Array
+from runtime.contracts.signals import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from runtime.signals import Array
+from runtime.contracts.signals import Array
 
 
 @dataclass(frozen=True, kw_only=True)

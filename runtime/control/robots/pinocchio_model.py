@@ -7,9 +7,9 @@ from typing import Any, Final
 import numpy as np
 import pinocchio as pin
 
+from runtime.contracts.signals import Array
 from runtime.control.robots.description import Inertial, Payload, RobotDescription
 from runtime.control.robots.mecanum import MecanumBase
-from runtime.signals import Array
 
 FLANGE: Final = "flange"
 GRAVITY: Final = (0.0, 0.0, -9.81)  # m/s^2, the value all sheets' references use

@@ -1,0 +1,58 @@
+"""Parts by name, from entry points, so that another package can add a device or a control law.
+
+A part is imported only when a profile asks for it.
+"""
+
+from __future__ import annotations
+
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any
+
+from runtime.contracts.errors import HostError, ProfileError, nearest
+
+
+def names(group: str) -> list[str]:
+    """The registered names of a group ("drivers", "controllers", "worlds", "fakes", "twins"), sorted."""
+    return sorted(_points(group))
+
+
+def load(group: str, name: str, place: str) -> Any:
+    """The class registered as `name`.
+
+    Args:
+        group: as in `names`.
+        name: as a profile writes it.
+        place: the profile's key path, for the error.
+    Raises:
+        ProfileError: no part of that name.
+        HostError: it is there but its import fails, or two packages claim the name.
+    """
+    points = _points(group)
+    if name not in points:
+        raise ProfileError(place, f"no {_one(group)} is called '{name}'", nearest(name, points))
+    point = points[name]
+    try:
+        return point.load()
+    except ImportError as error:
+        raise HostError(
+            place,
+            f"{_one(group)} '{name}' ({point.value}) can't be imported: {error}",
+            "Install what is missing into the runtime's environment",
+        ) from error
+
+
+def _one(group: str) -> str:
+    return "study" if group == "studies" else group.removesuffix("s")
+
+
+def _points(group: str) -> dict[str, EntryPoint]:
+    found: dict[str, EntryPoint] = {}
+    for point in entry_points(group=f"srl.{group}"):
+        other = found.setdefault(point.name, point)
+        if other.value != point.value:
+            raise HostError(
+                f"entry points srl.{group}",
+                f"'{point.name}' is claimed twice, by {other.value} and {point.value}",
+                "Uninstall one of the two packages",
+            )
+    return found

@@ -1,0 +1,237 @@
+"""Compliance for a robot that is stiff by itself: the desired motion gives way to the measured contact force.
+
+Not in the paper, whose Kairos fails at the peg-in-hole. A deviation e (6,) of the desired pose follows
+
+    M_c e_dd + D_c e_d + K_c e = f
+
+with the contact's wrench f on the tool. Against a rigid thing the tool presses with K_c times how far the desired
+pose is inside it, besides D_c times the speed at which it came. M_c and D_c are larger than feels light: behind a
+velocity-controlled arm's delay T a contact of stiffness k stays stable while D_c is well above k T.
+
+So that a person who pushes on doesn't push with D_c times the speed the admittance makes of it, the part of the
+desired motion that goes against the contact is taken over by e as far as the contact is firm: at once as it
+becomes firm, and given back slowly after it is lost, since a contact behind a delay comes and goes.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from math import isfinite, nan, sqrt
+from operator import sub
+from typing import Annotated, Final, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from runtime.contracts import rotation
+from runtime.control.cobot.admittance import GRAVITY, beyond
+
+_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+_NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+_Six = tuple[_Positive, _Positive, _Positive, _Positive, _Positive, _Positive]
+_Three = tuple[float, float, float]
+_Turn = tuple[float, float, float, float]
+_LATELY: Final = 0.1  # s of contact
+
+
+class WeightConfig(BaseModel):
+    """Something whose weight the sensor feels."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    mass: float = Field(ge=0, le=50, description="kg")
+    com: _Three = Field((0.0, 0.0, 0.0), description="m, its centre of mass in the control point's frame")
+
+
+class ComplianceConfig(BaseModel):
+    """Options under `force_feedback` of `kairos-clik`."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    mass: _Six = Field((10.0, 10.0, 10.0, 0.5, 0.5, 0.5), description="M_c, kg and kg m^2, world axes")
+    damping: _Six = Field((600.0, 600.0, 600.0, 20.0, 20.0, 20.0), description="D_c, N s/m and N m s/rad")
+    stiffness: _Six = Field((500.0, 500.0, 500.0, 30.0, 30.0, 30.0), description="K_c, N/m and N m/rad")
+    axes: Literal["arm", "tool", "world"] = Field(
+        "arm", description="whose axes the wrench is in: the arm's base (UR), the control point's, the world's"
+    )
+    quaternion: _Turn = Field((1.0, 0.0, 0.0, 0.0), description="w x y z, the sensor's axes in those of `axes`")
+    mount_quaternion: _Turn = Field(
+        (1.0, 0.0, 0.0, 0.0), description="w x y z, the arm's base in the mobile base's frame; for `axes: arm`"
+    )
+    position: _Three = Field((0.0, 0.0, 0.0), description="m, where it is measured, in the control point's frame")
+    tool: WeightConfig | None = Field(None, description="what hangs on the sensor, if it doesn't take it off itself")
+    load: float = Field(
+        14.0,
+        ge=0,
+        le=100,
+        description="kg, the heaviest that the closed gripper may carry: what pulls down up to its "
+        "weight isn't contact then",
+    )
+    carrying: tuple[_NotNegative, _NotNegative] = Field(
+        (60.0, 40.0), description="N, N m: dead band while the gripper is closed, for the load's inertia and lever"
+    )
+    load_time: float = Field(
+        0.5,
+        gt=0,
+        description="s in which these come in as the gripper closes; opened, they go after nothing has been "
+        "felt for so long",
+    )
+    firm: tuple[_Positive, _Positive] = Field(
+        (10.0, 1.0), description="N, N m: against this and more the desired motion isn't followed any further"
+    )
+    release: float = Field(1.0, gt=0, le=60, description="s, time constant with which it is followed again")
+    dead_band: tuple[_NotNegative, _NotNegative] = Field((10.0, 1.0), description="N, N m: what is less doesn't count")
+    hand: bool = Field(True, description="the hand's force goes through the sensor too: take it off (input `hand`)")
+    hand_lead: float = Field(
+        0.02,
+        ge=0,
+        le=0.2,
+        description="s by which `hand` may be newer than `flange_wrench`: a push mustn't look like contact",
+    )
+
+
+class ContactCompliance:
+    """See the module's text.
+
+    Attributes:
+        deviation: e (6,) m and rad (a rotation vector), world axes.
+        velocity: its rate (6,), what it takes over of the desired motion included.
+        contact: f (6,) N and N m of the surroundings on the tool, at the control point, world axes.
+    """
+
+    def __init__(self, config: ComplianceConfig) -> None:
+        self._config = config
+        self._turn = rotation.normalised(config.quaternion)
+        self._mount = rotation.normalised(config.mount_quaternion)
+        self._share = 0.0  # 1 while something may be held
+        self._quiet = 0.0  # s for which nothing has been felt
+        self._against = (_Against(config.firm[0], config.release), _Against(config.firm[1], config.release))
+        self._hands: deque[list[float]] = deque()  # the hand's wrenches of the last `hand_lead`
+        self._yielding = [0.0] * 6
+        self.deviation, self.velocity, self.contact = [0.0] * 6, [0.0] * 6, [0.0] * 6
+
+    def reset(self, closed: bool) -> None:
+        """Begins without a deviation."""
+        self._share, self._quiet = float(closed), 0.0
+        for against in self._against:
+            against.reset()
+        self._hands.clear()
+        self._yielding = [0.0] * 6
+        self.deviation, self.velocity, self.contact = [0.0] * 6, [0.0] * 6, [0.0] * 6
+
+    def update(
+        self,
+        wrench: list[float],
+        hand: list[float],
+        desired: list[float],
+        orientation: rotation.Quaternion,
+        yaw: float,
+        closed: bool,
+        dt: float,
+    ) -> None:
+        """One step of dt seconds.
+
+        Args:
+            desired: (6,) m/s and rad/s, the desired twist, world axes.
+            wrench: (6,) N, N m, on the tool, as it is measured.
+            hand: (6,) N, N m, the hand's at the control point, world axes.
+            orientation: of the control point, world.
+            yaw: rad, of the mobile base.
+            closed: whether the gripper is.
+        """
+        c = self._config
+        if not isfinite(sum(wrench) + sum(hand) + sum(desired) + sum(orientation) + yaw):
+            # Neither is what comes of it, so that the guard refuses it; what was felt before stays.
+            self.velocity, self.contact = [nan] * 6, [nan] * 6
+            return
+        if c.hand:
+            self._hands.append(hand)
+            while dt > 0.0 and len(self._hands) > round(c.hand_lead / dt) + 1:
+                self._hands.popleft()
+        whole = self._felt(wrench, orientation, yaw)
+        self._settle(whole, closed, dt)
+        self.contact = f = self._contact(whole)
+        e, v = self.deviation, self._yielding
+        taken = [*self._against[0].take(f[:3], desired[:3], dt), *self._against[1].take(f[3:], desired[3:], dt)]
+        for i in range(6):
+            M, D, K = c.mass[i], c.damping[i], c.stiffness[i]
+            v[i] = (v[i] + dt / M * (f[i] - K * e[i])) / (1.0 + dt / M * (D + dt * K))  # implicit
+            self.velocity[i] = v[i] + taken[i]
+            e[i] += dt * self.velocity[i]
+
+    def _settle(self, whole: list[float], closed: bool, dt: float) -> None:
+        """Something is held from the closing on, until the gripper was opened and the sensor feels nothing of it."""
+        least, most = self._config.dead_band
+        felt = _square(whole[:3]) > least * least or _square(whole[3:]) > most * most
+        self._quiet = 0.0 if felt else self._quiet + dt
+        step = dt / self._config.load_time
+        if closed:
+            self._share = min(self._share + step, 1.0)
+        elif self._share < 1.0 or self._quiet >= self._config.load_time:  # else the fingers still open
+            self._share = max(self._share - step, 0.0)
+
+    def _contact(self, whole: list[float]) -> list[float]:
+        """Without what a load in the gripper may be, and the dead band."""
+        c, share = self._config, self._share
+        fx, fy, fz = whole[:3]
+        bands = [open_ + share * (closed - open_) for open_, closed in zip(c.dead_band, c.carrying, strict=True)]
+        # It comes off the table bit by bit, and nobody says how heavy it is.
+        fz += min(max(-fz, 0.0), share * c.load * GRAVITY)
+        return [*beyond((fx, fy, fz), bands[0]), *beyond((whole[3], whole[4], whole[5]), bands[1])]
+
+    def _felt(self, wrench: list[float], orientation: rotation.Quaternion, yaw: float) -> list[float]:
+        """(6,) N, N m at the control point, world axes, without tool and hand."""
+        c = self._config
+        turn = self._turn
+        if c.axes == "tool":
+            turn = rotation.product(orientation, turn)
+        elif c.axes == "arm":
+            turn = rotation.product(rotation.product(rotation.exp(0.0, 0.0, yaw), self._mount), turn)
+        force = rotation.turned(turn, (wrench[0], wrench[1], wrench[2]))
+        torque = rotation.turned(turn, (wrench[3], wrench[4], wrench[5]))
+        at = rotation.turned(orientation, c.position)
+        f = [*force, *(t + r for t, r in zip(torque, _cross(at, force), strict=True))]
+        if c.tool is not None:
+            weight = (0.0, 0.0, -c.tool.mass * GRAVITY)
+            lever = _cross(rotation.turned(orientation, c.tool.com), weight)
+            f = list(map(sub, f, (*weight, *lever)))
+        if c.hand:
+            # Which of the hand's forces the flange feels now isn't known: the one that leaves least is no contact.
+            hands = self._hands
+            left = [list(map(sub, f, hands[k])) for k in {0, len(hands) // 2, len(hands) - 1}]
+            f = [*min((v[:3] for v in left), key=_square), *min((v[3:] for v in left), key=_square)]
+        return f
+
+
+class _Against:
+    """What of a desired motion goes against a contact."""
+
+    def __init__(self, firm: float, release: float) -> None:
+        self._firm, self._release = firm, release
+        self.reset()
+
+    def reset(self) -> None:
+        self._firmness = 0.0  # 0 to 1
+        self._pushed = [0.0, 0.0, 0.0]  # what the contact gave lately: single forces of an impact go astray
+
+    def take(self, f: list[float], motion: list[float], dt: float) -> list[float]:
+        """The velocity (3,) that keeps `motion` (3,) from going on against the contact's force f (3,)."""
+        size = sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])
+        keep = self._release / (self._release + dt)
+        self._firmness = max(keep * self._firmness, min(size / self._firm, 1.0))
+        if size > 0.0:
+            fade = _LATELY / (_LATELY + dt)
+            self._pushed = [fade * p + dt * v for p, v in zip(self._pushed, f, strict=True)]
+        p = self._pushed
+        square = _square(p)
+        if square == 0.0:
+            return [0.0, 0.0, 0.0]
+        inward = self._firmness * min(p[0] * motion[0] + p[1] * motion[1] + p[2] * motion[2], 0.0) / square
+        return [-inward * p[0], -inward * p[1], -inward * p[2]]
+
+
+def _square(v: list[float]) -> float:
+    return v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+
+
+def _cross(a: _Three, b: _Three) -> _Three:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]

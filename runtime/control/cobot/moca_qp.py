@@ -1,0 +1,170 @@
+"""MOCA's whole-body impedance under limits: a quadratic program with two priorities.
+
+`moca-impedance` (Giammarino et al. 2022, eqs. 2 to 9) with position, velocity, acceleration and torque limits of
+the joints and speed and acceleration limits of the base as inequalities. Formulation: docs/whole-body-qp.md.
+"""
+
+from __future__ import annotations
+
+from math import cos, sin, sqrt
+
+import numpy as np
+from pydantic import Field
+
+from runtime.contracts.signals import Array
+from runtime.control.cobot.moca_impedance import MocaImpedance, MocaImpedanceConfig
+from runtime.control.cobot.whole_body import BASE
+from runtime.control.cobot.whole_body_qp import (
+    Approach,
+    LimitsConfig,
+    Nearest,
+    Three,
+    base_speeds,
+    maker_base_speed,
+    turned_base,
+)
+from runtime.control.robots import ARMS
+from runtime.control.shared.spd6 import NEAR
+
+
+class MocaLimitsConfig(LimitsConfig):
+    """Options under `limits` of `moca-qp`."""
+
+    speed: float | None = Field(1.0, gt=0, le=1, description="share of the joints' greatest speeds; null: unbounded")
+    effort: float = Field(1.0, gt=0, le=1, description="share of the joints' greatest torques, of the whole command")
+    priority: float = Field(
+        3e3, ge=1, le=1e9, description="how much more the tool's motion counts than the weights; 1e8 is all but strict"
+    )
+    base_speed: Three | None = Field(maker_base_speed(), description="m/s, m/s, rad/s; null: unbounded")
+
+
+class MocaQpConfig(MocaImpedanceConfig):
+    """Options of `moca-qp`: those of `moca-impedance` and `limits`."""
+
+    limits: MocaLimitsConfig = MocaLimitsConfig()
+
+
+class MocaQp(MocaImpedance):
+    """Inputs and outputs are those of `moca-impedance`.
+
+    The variables are the generalised torques tau_c = (tau_v, tau_a), the base's in its own axes. Torque and base
+    limits bound them singly; the joints' motion limits bound M_a^-1 tau_a, the acceleration the arm is given.
+    """
+
+    Config = MocaQpConfig
+    summary = "moca-impedance as a quadratic program: joint, torque and base limits as inequalities"
+
+    def __init__(self, name: str, config: MocaQpConfig) -> None:
+        super().__init__(name, config)
+        robot, limits = ARMS[config.robot], config.limits
+        n = robot.n
+        self._approach = Approach(robot, limits, limits.speed)
+        self._effort: Array = limits.effort * robot.tau_max
+        self._base_speed = base_speeds(limits.base_speed)
+        self._base_acceleration = np.array(limits.base_acceleration)
+        self._nearest = Nearest(limits.priority)
+        # A missed acceleration counts as a missed force would: K_d says how metres compare with radians.
+        self._Q = np.array(config.stiffness) / max(config.stiffness)
+        m, j = config.virtual_mass
+        self._base_mass = np.array([m, m, j])
+        self._mobility: Array = np.zeros((BASE + n, BASE + n))  # M^-1
+        self._mobility[range(BASE), range(BASE)] = 1.0 / self._base_mass
+        self._limited = self._conflicts = 0
+        self._missed = 0.0
+
+    def figures(self) -> dict[str, object]:
+        """Also: shares of cycles with an active limit, and in which torques can't keep the motion's limits;
+        greatest acceleration missed by the tool; solver failures."""
+        cycles = max(self._cycles, 1)
+        return super().figures() | {
+            "limited": self._limited / cycles,
+            "too_weak": self._conflicts / cycles,
+            "missed_m_s2": self._missed,
+            "solver_failures": self._nearest.failures,
+        }
+
+    def _step(self, dt: float) -> None:
+        c, priority = self._config, self._priority
+        q, qd = self.input["q"], self.input["qd"]
+        inverse_mass = self._dynamics.inverse_mass(q)
+        self._weighted.take(self.input["jacobian"], inverse_mass)
+        F = self._force()
+        eta_B = priority.between_ratios(c.manipulation.base, c.locomotion.base)
+        eta_A = priority.between_ratios(c.manipulation.arm, c.locomotion.arm)
+        tau_v, tau_a = self._weighted(F, self._posture(inverse_mass), eta_B, eta_A)
+        bias = self._dynamics.bias(q, qd, gravity=c.gravity == "here", coriolis=c.coriolis)
+        tau_v, tau_a = self._within(tau_v, tau_a, bias, inverse_mass, eta_B, eta_A, dt)
+        self.output["torque"][:] = tau_a + bias
+        self.output["force"][:] = F
+        self._move_base(tau_v, dt)
+        self._singular += self._weighted.independence < NEAR
+        self._strongest = max(self._strongest, sqrt(F[0] * F[0] + F[1] * F[1] + F[2] * F[2]))
+
+    def _within(
+        self,
+        tau_v: tuple[float, float, float],
+        tau_a: Array,
+        bias: Array,
+        inverse_mass: Array,
+        eta_B: float,
+        eta_A: float,
+        dt: float,
+    ) -> tuple[tuple[float, float, float], Array]:
+        """The law's torques, or what is nearest to them within the limits; world axes, without the bias."""
+        yaw = self.input["base_pose"].item(2)
+        c, s = cos(yaw), sin(yaw)
+        vx, vy, wz = tau_v
+        x0 = np.concatenate([(c * vx + s * vy, c * vy - s * vx, wz), tau_a])
+        base_least, base_most = self._base_limits(dt)
+        lower = np.concatenate([base_least, -self._effort - bias])
+        upper = np.concatenate([base_most, self._effort - bias])
+        least, most = self._approach.accelerations(self.input["q"], self.input["qd"], dt)
+        a0 = inverse_mass.dot(tau_a)
+        if not ((x0 < lower).any() or (x0 > upper).any() or (a0 < least).any() or (a0 > most).any()):
+            return tau_v, tau_a
+        self._limited += dt > 0.0
+        # A stop that the torques can give: it keeps the program solvable where they are too weak for the limits.
+        qd = self.input["qd"]
+        wanted = np.minimum(np.maximum(-self._approach.rate(dt) * qd, least), most)
+        stop = np.minimum(np.maximum(np.linalg.solve(inverse_mass, wanted), lower[BASE:]), upper[BASE:])
+        given = inverse_mass.dot(stop)
+        self._conflicts += dt > 0.0 and bool((np.abs(given - wanted) > 1e-6).any())
+        least, most = np.minimum(least, given), np.maximum(most, given)
+
+        Mi = self._mobility
+        Mi[BASE:, BASE:] = inverse_mass
+        A = turned_base(self.input["jacobian"], c, s).dot(Mi)
+        eta = np.array([eta_B] * BASE + [eta_A] * len(tau_a))
+        W = Mi * eta * eta[:, None]  # eq. 6
+        away = self._nearest(
+            A,
+            self._Q,
+            W,
+            np.concatenate([lower - x0, least - a0]),
+            np.concatenate([upper - x0, most - a0]),
+            Mi[BASE:],
+        )
+        if away is None:  # a damped stop
+            x = np.concatenate([np.minimum(np.maximum(0.0, base_least), base_most), stop])
+        else:
+            x = np.minimum(np.maximum(x0 + away, lower), upper)
+        missed = A[:3].dot(x - x0)
+        self._missed = max(self._missed, float(missed.dot(missed)) ** 0.5)
+        X, Y, turn = x[:BASE].tolist()
+        return (c * X - s * Y, s * X + c * Y, turn), x[BASE:]
+
+    def _base_limits(self, dt: float) -> tuple[Array, Array]:
+        """Least and greatest tau_v (3,), N, N, N m in the base's own axes. Never empty."""
+        if dt == 0.0:
+            return np.full(BASE, -np.inf), np.full(BASE, np.inf)  # nothing moves
+        v = self.applied.get("base_twist", self.output["base_twist"])
+        most, V = self._base_acceleration, self._base_speed
+        rate = self._approach.rate(dt)
+        # Accelerations: towards the greatest speed they fade out.
+        up = np.maximum(np.minimum(rate * (V - v), most), -most)
+        down = np.minimum(np.maximum(-rate * (V + v), -most), most)
+        # Backwards through eq. 2 as `_move_base` steps it: v + dt a = (v + dt tau / m) / (1 + dt damping).
+        drag = self._config.base_damping
+        grown = 1.0 + dt * drag
+        mass = self._base_mass
+        return mass * (grown * down + drag * v), mass * (grown * up + drag * v)

@@ -1,0 +1,171 @@
+"""Kinematics of an arm on a mobile base for a control point fixed to its flange, and the arm's dynamics.
+
+Coordinates of the body: x, y (m) and yaw (rad) of the base in the world, then the arm's n joints. The base's
+velocities are those of the world's axes. World: z up from the ground, x and y as the base's pose has them.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+import pinocchio as pin
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+from runtime.contracts import rotation
+from runtime.contracts.errors import nearest
+from runtime.contracts.signals import Array
+from runtime.control.robots import ARMS, SUMMIT_XL, Payload, RobotDescription
+from runtime.control.robots.pinocchio_model import FLANGE, GRAVITY, mobile_model, pinocchio_model
+
+BASE: Final = 3  # the base's coordinates
+
+
+class PlaceConfig(BaseModel):
+    """One frame in another."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    position: tuple[float, float, float] = Field((0.0, 0.0, 0.0), description="m")
+    quaternion: tuple[float, float, float, float] = Field((1.0, 0.0, 0.0, 0.0), description="w x y z")
+
+    def matrix(self) -> Array:
+        """(4, 4)."""
+        place = np.eye(4)
+        place[:3, :3] = rotation.matrix(rotation.normalised(self.quaternion))
+        place[:3, 3] = self.position
+        return place
+
+
+class LoadConfig(BaseModel):
+    """What the gripper carries while it is closed."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    mass: float = Field(gt=0, le=50, description="kg")
+    com: tuple[float, float, float] = Field((0.0, 0.0, 0.0), description="m, its centre of mass in the flange frame")
+
+    def payload(self) -> Payload:
+        """As the models take it."""
+        return Payload(self.mass, self.com)
+
+
+class RobotName(BaseModel):
+    """Mixed into the options of what needs to know the arm."""
+
+    robot: str = Field("panda", description="the arm: " + ", ".join(sorted(ARMS)))
+
+    @field_validator("robot")
+    @classmethod
+    def _known(cls, value: str) -> str:
+        if value not in ARMS:
+            raise ValueError(f"there is no arm '{value}'. {nearest(value, ARMS)}")
+        return value
+
+
+class WholeBody:
+    """Pose and Jacobian of the control point.
+
+    Attributes:
+        n: the arm's joints.
+        position: (3,) m, world.
+        orientation: w x y z, world, w not negative.
+        jacobian: (6, 3 + n): velocity of the control point (m/s, above) and rate of turning (rad/s, below), in the
+            world's axes, for the velocities of the body's coordinates.
+    """
+
+    def __init__(self, robot: RobotDescription, mount: Array, tool: Array, height: float = 0.0) -> None:
+        """Args:
+        mount: (4, 4), the arm's base frame in the mobile base's.
+        tool: (4, 4), the control point's frame in the flange's.
+        height: m, of the mobile base's frame over the ground.
+        """
+        self.n = robot.n
+        raised = np.array(mount)
+        raised[2, 3] += height
+        self._model = model = mobile_model(SUMMIT_XL, robot, raised)
+        flange = model.frames[model.getFrameId(FLANGE)]
+        place = flange.placement * pin.SE3(np.array(tool))
+        self._frame = model.addFrame(pin.Frame("control_point", flange.parentJoint, 0, place, pin.FrameType.OP_FRAME))
+        self._data: Any = model.createData()
+        self.position: list[float] = [0.0, 0.0, 0.0]
+        self.orientation: rotation.Quaternion = (1.0, 0.0, 0.0, 0.0)
+        self.jacobian: Array = np.zeros((6, BASE + self.n))
+
+    def update(self, q: Array) -> None:
+        """Takes the body's coordinates (3 + n,), m and rad."""
+        self.jacobian = pin.computeFrameJacobian(self._model, self._data, q, self._frame, pin.LOCAL_WORLD_ALIGNED)
+        x, y, z, qx, qy, qz, qw = pin.SE3ToXYZQUAT(
+            pin.updateFramePlacement(self._model, self._data, self._frame)
+        ).tolist()
+        self.position = [x, y, z]
+        self.orientation = (qw, qx, qy, qz) if qw >= 0.0 else (-qw, -qx, -qy, -qz)
+
+
+class ArmDynamics:
+    """The arm's own dynamics on a base at rest (M_a, C_a, g_a of eq. 3), with a load that may come and go.
+
+    Attributes:
+        load: share of the load that is on, 0 to 1.
+    """
+
+    def __init__(self, robot: RobotDescription, load: Payload | None = None, mount: rotation.Quaternion | None = None):
+        """Args:
+        load: None: never any.
+        mount: turns the arm's base axes into upright ones; None: the arm stands upright.
+        """
+        gravity = rotation.turned(rotation.conjugate(rotation.normalised(mount or (1.0, 0.0, 0.0, 0.0))), GRAVITY)
+        self._bare = pinocchio_model(robot, gravity=gravity)
+        self._model = pinocchio_model(robot, gravity=gravity)
+        self._bare_data, self._data = self._bare.createData(), self._model.createData()
+        self._still = np.zeros(robot.n)
+        flange = self._bare.frames[self._bare.getFrameId(FLANGE)]
+        self._last, self._place, self._payload = flange.parentJoint, flange.placement, load
+        self._empty = pin.Inertia(self._bare.inertias[self._last])
+        self._weightless = pinocchio_model(robot, gravity=(0.0, 0.0, 0.0))
+        self._weightless_data = self._weightless.createData()
+        self.load = 0.0
+
+    def carry(self, share: float) -> None:
+        """Puts this share of the load on."""
+        load = self._payload
+        if load is None or share == self.load:
+            return
+        self.load = share
+        inertia = self._empty
+        if share > 0.0:
+            inertia = inertia + self._place.act(pin.Inertia(share * load.mass, np.array(load.com), np.zeros((3, 3))))
+        self._model.inertias[self._last] = inertia
+
+    def inverse_mass(self, q: Array) -> Array:
+        """M_a^-1 (n, n), 1/(kg m^2)."""
+        found: Array = pin.computeMinverse(self._model, self._data, q)
+        return found
+
+    def bias(self, q: Array, qd: Array, *, gravity: bool, coriolis: bool) -> Array:
+        """(n,) N m against weight and Coriolis forces.
+
+        Args:
+            gravity: the arm's weight too; without it that of the load alone.
+            coriolis: C_a qd too.
+        """
+        qd = qd if coriolis else self._still
+        found: Array
+        if not gravity and self.load == 0.0:
+            found = pin.nonLinearEffects(self._weightless, self._weightless_data, q, qd)
+            return found
+        found = pin.nonLinearEffects(self._model, self._data, q, qd)
+        if not gravity:
+            found = found - pin.computeGeneralizedGravity(self._bare, self._bare_data, q)
+        return found
+
+
+def add_base(A: Array, J: Array, linear: float, turning: float) -> None:
+    """Adds J_b diag(linear, linear, turning) J_b^T to the lower triangle of A (6, 6), with J_b of J (6, 3 + n)."""
+    u, v = J.item(0, 2), J.item(1, 2)
+    A[0, 0] += linear + turning * u * u
+    A[1, 0] += turning * u * v
+    A[1, 1] += linear + turning * v * v
+    A[5, 0] += turning * u
+    A[5, 1] += turning * v
+    A[5, 5] += turning

@@ -1,0 +1,109 @@
+"""Fingertips of the human hand from a data glove's joint angles."""
+
+from __future__ import annotations
+
+from typing import Final, Literal, cast
+
+import numpy as np
+from pydantic import Field
+
+from runtime.contracts.controller import Controller, ControllerConfig
+from runtime.contracts.signals import Array, Signal
+from runtime.control.hand.human_hand import FINGERS, JOINTS, LOWER, MODEL_LENGTH, UPPER, hand_geometry
+from runtime.control.hand.point_series import PointSeries
+
+_DIP: Final = 2.0 / 3.0  # DIP angle over PIP angle where a glove doesn't measure the DIP
+_BEYOND: Final = np.deg2rad(2.0)  # a reading further outside than this is counted
+
+
+class HandKinematicsConfig(ControllerConfig):
+    """Options of `hand-kinematics`."""
+
+    sensors: Literal[22, 18] = Field(22, description="the CyberGlove's number of sensors")
+    side: Literal["right", "left"] = Field("right", description="the hand that wears the glove")
+    hand_length: float = Field(
+        MODEL_LENGTH, gt=0.12, lt=0.26, description="m, from the wrist crease to the tip of the middle finger"
+    )
+
+
+class HandKinematics(Controller):
+    """Direct kinematics of the 20-DoF hand.
+
+    Input `angles` (22,) or (18,) rad in the glove's sensor order. Outputs `angles` (20,) rad of the model's
+    joints, `tips` (5, 3) m and `skeleton` (21, 3) m, both in frame `hand`.
+
+    Angles are clamped to the hand's ranges: a glove that slips, or was calibrated on someone else, reads
+    beyond anatomy, and so can't put a fingertip where no hand reaches. `figures` says how often.
+    """
+
+    Config = HandKinematicsConfig
+    summary = "fingertips of a 20-DoF human hand from a CyberGlove's joint angles"
+
+    def __init__(self, name: str, config: HandKinematicsConfig) -> None:
+        super().__init__(name, config)
+        bases, rows = hand_geometry(config.hand_length)
+        if config.side == "left":
+            bases[:, 0] *= -1.0  # mirrors x
+        self._points = PointSeries(bases, rows)
+        self._M = glove_matrix(config.sensors)
+        self._cycles = self._beyond = 0
+        links = tuple((0, *range(1 + 4 * i, 5 + 4 * i)) for i in range(5))
+        points = ("wrist", *(f"{f}_{p}" for f in FINGERS for p in ("base", "middle", "distal", "tip")))
+        self.inputs = (Signal(name="angles", shape=(config.sensors,), unit="rad"),)
+        self.outputs = (
+            Signal(name="angles", shape=(20,), unit="rad", labels=JOINTS),
+            Signal(name="tips", shape=(5, 3), unit="m", frame="hand", labels=FINGERS),
+            Signal(
+                name="skeleton",
+                shape=(21, 3),
+                unit="m",
+                frame="hand",
+                labels=points,
+                visual="points",
+                links=links,
+            ),
+        )
+
+    def reset(self) -> None:
+        self._cycles = self._beyond = 0
+        self._fill()
+
+    def update(self, dt: float) -> None:
+        self._fill()
+
+    def _fill(self) -> None:
+        q, skeleton = self.output["angles"], self.output["skeleton"]
+        measured: Array = self._M.dot(self.input["angles"])
+        np.minimum(np.maximum(measured, LOWER), UPPER, out=q)
+        self._cycles += 1
+        self._beyond += max(map(abs, (measured - q).tolist())) > _BEYOND
+        # The first row has no length and ends on the base; the wrist is the origin.
+        skeleton[0] = 0.0
+        skeleton[1:] = self._points.at(q)
+        self.output["tips"][:] = skeleton[4::4]
+
+    def figures(self) -> dict[str, object]:
+        """beyond_range: share of the cycles with a joint read more than 2 degrees outside its range."""
+        return {"beyond_range": self._beyond / max(self._cycles, 1)}
+
+
+def glove_matrix(sensors: int) -> Array:
+    """(20, sensors): the model's joints from the glove's sensors.
+
+    Abduction sensors measure the angle between neighbours and the middle finger is the zero, so ring and
+    little abduct by the (negative) sums. Palm arch and wrist are not among the 20 degrees of freedom.
+    """
+    M = np.zeros((20, sensors))
+    full = sensors == 22
+    M[0, 3] = M[1, 0] = M[2, 1] = M[3, 2] = 1.0  # abduction, roll, MPJ, IJ
+    step = 3 if full else 2
+    middle = 4 + step
+    ring = middle + step + 1
+    little = ring + step + 1
+    for first, sensor in zip((4, 8, 12, 16), (4, middle, ring, little), strict=True):
+        M[first + 1, sensor] = M[first + 2, sensor + 1] = 1.0
+        M[first + 3, sensor + 2 if full else sensor + 1] = 1.0 if full else _DIP
+    M[4, middle + step] = 1.0
+    M[12, ring + step] = -1.0
+    M[16, ring + step] = M[16, little + step] = -1.0
+    return cast(Array, M)

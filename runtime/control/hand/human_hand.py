@@ -1,0 +1,81 @@
+"""The 20-DoF "paradigmatic" human hand of the SynGrasp toolbox: geometry and ranges.
+
+Frame `hand` (the paper's S0): origin at the wrist's centre of rotation, y distal, z dorsal (the palm looks
+to -z), x completes it; in a right hand x points toward the little finger, in a left hand toward the thumb.
+"""
+
+from __future__ import annotations
+
+from math import pi
+from typing import Final
+
+import numpy as np
+
+from runtime.contracts.signals import Array
+
+FINGERS: Final = ("thumb", "index", "middle", "ring", "little")
+
+JOINTS: Final = tuple(
+    f"{finger}_{joint}"
+    for finger in FINGERS
+    for joint in (
+        ("tm_abduction", "tm_flexion", "mcp_flexion", "ip_flexion")
+        if finger == "thumb"
+        else ("mcp_abduction", "mcp_flexion", "pip_flexion", "dip_flexion")
+    )
+)
+"""Positive flexion curls toward the palm, positive abduction turns toward the thumb's side."""
+
+MODEL_LENGTH: Final = 0.189
+"""m, wrist crease to the middle fingertip of the unscaled model (165 mm of them from the wrist's centre)."""
+
+# SynGrasp, SGparadigmatic: base origins and standard DH rows (alpha rad, a m). The thumb's third row turns
+# its IP axis across the MCP axis; odd anatomically, but the published model.
+_ORIGINS: Final = np.array(
+    [
+        [-0.037, 0.045, 0.0],
+        [-0.024, 0.073, 0.0],
+        [-0.008, 0.073, 0.0],
+        [0.008, 0.073, 0.0],
+        [0.024, 0.073, 0.0],
+    ]
+)
+_BASE_ROTATION: Final = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # x distal
+_ROWS: Final = np.array(
+    [
+        [[-pi / 2, 0.0], [0.0, 0.025], [pi / 2, 0.015], [0.0, 0.010]],
+        [[-pi / 2, 0.0], [0.0, 0.037], [0.0, 0.030], [0.0, 0.015]],
+        [[-pi / 2, 0.0], [0.0, 0.040], [0.0, 0.035], [0.0, 0.017]],
+        [[-pi / 2, 0.0], [0.0, 0.037], [0.0, 0.030], [0.0, 0.015]],
+        [[-pi / 2, 0.0], [0.0, 0.027], [0.0, 0.025], [0.0, 0.010]],
+    ]
+)
+
+_RANGES: Final = np.deg2rad(
+    [
+        *([-60, 30], [-15, 105], [-30, 80], [-10, 80]),
+        *([-20, 25], [-30, 90], [0, 110], [-5, 80]),
+        *([-15, 15], [-30, 90], [0, 110], [-5, 80]),
+        *([-20, 15], [-30, 90], [0, 120], [-5, 80]),
+        *([-35, 15], [-30, 90], [0, 125], [-5, 80]),
+    ]
+)
+# Our choice after Cobos et al. (2008, 2010) and MyoHand; contains the mean posture of Santello et al. (1998).
+LOWER: Final[Array] = np.ascontiguousarray(_RANGES[:, 0])
+UPPER: Final[Array] = np.ascontiguousarray(_RANGES[:, 1])
+"""(20,) rad, limits of the joints in the order of JOINTS."""
+LOWER.setflags(write=False)
+UPPER.setflags(write=False)
+
+
+def hand_geometry(length: float = MODEL_LENGTH) -> tuple[Array, Array]:
+    """The five fingers of a right hand of this length (m), in the order of FINGERS.
+
+    Returns:
+        bases (5, 4, 4) in frame `hand`, m, and Denavit-Hartenberg rows (5, 4, 2), alpha (rad) and a (m).
+    """
+    scale = length / MODEL_LENGTH
+    bases = np.tile(np.eye(4), (5, 1, 1))
+    bases[:, :3, :3] = _BASE_ROTATION
+    bases[:, :3, 3] = scale * _ORIGINS
+    return bases, _ROWS * [1.0, scale]

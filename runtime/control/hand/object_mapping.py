@@ -1,0 +1,241 @@
+"""Object-based mapping of the human hand's motion onto robotic extra fingers.
+
+Prattichizzo et al., RO-MAN 2014, section II. Errata, and what is added: docs/object-mapping.md.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from math import dist, exp, inf, sqrt
+from operator import add
+from typing import Final, Literal
+
+import numpy as np
+from pydantic import Field
+
+from runtime.contracts.controller import Controller, ControllerConfig, Parameter
+from runtime.contracts.errors import ProfileError
+from runtime.contracts.signals import Signal
+from runtime.control.hand.extra_finger import ExtraFinger, FingerKinematics
+from runtime.control.hand.human_hand import FINGERS
+from runtime.control.hand.sphere import MinimumSphere
+from runtime.control.hand.virtual_object import Deformation, Psi, Similarity, VirtualObject
+from runtime.control.shared.symmetric import Vector
+
+FingerName = Literal["thumb", "index", "middle", "ring", "little"]
+
+_SMOOTHING: Final = 0.03  # s, time constant of the tips' velocity: a glove slower than the loop moves in steps
+
+
+class ObjectMappingConfig(ControllerConfig):
+    """Options of `object-mapping`."""
+
+    points: tuple[FingerName, ...] = Field(
+        FINGERS, min_length=1, description="human fingertips that take part; a similarity needs three or more"
+    )
+    fingers: tuple[ExtraFinger, ...] = Field((ExtraFinger(),), min_length=1, description="the extra fingers")
+    deformation: Deformation | None = Field(
+        None, description="of the virtual object; rigid for one or two points, else isotropic"
+    )
+    psi: Psi = Field(Psi.NONE, description="what fills the null space, where the points leave one")
+    gain_limit: float = Field(
+        4.0,
+        gt=0.0,
+        description="m at a robotic tip per m at the fingertips; a direction of the object's "
+        "motion beyond it is damped; .inf for none",
+    )
+    damping: float = Field(
+        0.01, gt=0.0, description="m/rad; singular values of the finger's Jacobian below it are damped"
+    )
+    leash: float = Field(
+        0.03, gt=0.0, description="m, how far a tip's target may be ahead of what the guard let through"
+    )
+
+
+class ObjectMapping(Controller):
+    """Extra fingers follow the virtual object that the fingertips hold.
+
+    Input `tips` (5, 3) m. Outputs `q` (n,) rad and `q_velocity` (n,) rad/s of all extra fingers' joints in
+    turn; `sphere` (4,) m, centre and radius of the least sphere around the reference points and robotic tips;
+    `target` (m, 3) m, where the robotic tips are to go; `skeleton` (k, 3) m of the extra fingers. All
+    coordinates are in frame `hand`.
+
+    The fingers move only while the hand moves (or to make up for what the guard held back), so the drift pull
+    and the joint centring are per metre of fingertip motion, not per second.
+    """
+
+    Config = ObjectMappingConfig
+    summary = "extra fingers that follow the object held by the human fingertips (Prattichizzo 2014)"
+
+    def __init__(self, name: str, config: ObjectMappingConfig) -> None:
+        super().__init__(name, config)
+        _check_unique(name, "points", config.points)
+        _check_unique(name, "fingers", tuple(finger.name for finger in config.fingers))
+        n_h, m = len(config.points), len(config.fingers)
+        deformation = config.deformation or (Deformation.ISOTROPIC if n_h > 2 else Deformation.RIGID)
+        self._leash = config.leash
+        self._rigid = deformation is Deformation.RIGID
+        self._chosen = np.array([FINGERS.index(point) for point in config.points])
+        self._object = VirtualObject(deformation, config.psi, config.gain_limit)
+        self._fingers = [FingerKinematics(finger, config.damping) for finger in config.fingers]
+        ends = np.cumsum([0, *(finger.n for finger in self._fingers)]).tolist()
+        self._joints = [slice(a, b) for a, b in pairwise(ends)]
+        joints = [f"{f.name}_{j + 1}" for f in config.fingers for j in range(len(f.rows))]
+        names = tuple(finger.name for finger in config.fingers)
+        # Each skeleton has one point more than the finger has joints.
+        bones = [tuple(range(a + i, b + i + 1)) for i, (a, b) in enumerate(pairwise(ends))]
+        n, links = ends[-1], tuple(bones)
+        self.inputs = (Signal(name="tips", shape=(5, 3), unit="m", frame="hand", labels=FINGERS),)
+        self.outputs = (
+            Signal(name="q", shape=(n,), unit="rad", labels=tuple(joints)),
+            Signal(name="q_velocity", shape=(n,), unit="rad/s", labels=tuple(joints)),
+            Signal(name="sphere", shape=(4,), unit="m", frame="hand", visual="sphere"),
+            Signal(name="target", shape=(m, 3), unit="m", frame="hand", labels=names, visual="points"),
+            Signal(name="skeleton", shape=(n + m, 3), unit="m", frame="hand", visual="points", links=links),
+        )
+        # A richer deformation than a similarity must not be pulled back onto one.
+        richer = deformation in (Deformation.NON_ISOTROPIC, Deformation.SHEAR)
+        self.parameters = (
+            Parameter(
+                name="drift_pull",
+                default=0.0 if richer else 5.0,
+                lower=0.0,
+                upper=100.0,
+                unit="1/m",
+                text="pull to the finite similarity, per metre of fingertip motion; 0 is the paper's law",
+            ),
+            Parameter(
+                name="centring",
+                default=5.0,
+                lower=0.0,
+                upper=100.0,
+                unit="1/m",
+                text="chi: pull of redundant joints to mid-range, per metre of fingertip motion",
+            ),
+        )
+        self._before = np.zeros((n_h, 3))
+        self._finite = Similarity(self._before, self._rigid)
+        self._home = np.zeros((m, 3))
+        self._target = np.zeros((m, 3))
+        self._tips: list[Vector] = [(0.0, 0.0, 0.0)] * m
+        self._velocity = list(self._tips)
+        self._enclosing = MinimumSphere()
+        self._clear()
+
+    def _clear(self) -> None:
+        self._enclosing.reset()
+        self._radii = (inf, 0.0)
+        self._nearest = inf
+        self._leashed = 0
+
+    def reset(self) -> None:
+        """Takes the present posture as the reference and the applied joint angles as the fingers'."""
+        self._clear()
+        q = self._where()
+        self._before = self.input["tips"].take(self._chosen, axis=0)
+        self._finite = Similarity(self._before, self._rigid)
+        self._locate(q)
+        self._home, self._target = np.array(self._tips), np.array(self._tips)
+        self._velocity = [(0.0, 0.0, 0.0)] * len(self._tips)
+        self._enclose()
+        self.output["q"][:] = q
+        self.output["q_velocity"][:] = 0.0
+        self.output["target"][:] = self._target
+
+    def update(self, dt: float) -> None:
+        q = self._where()
+        p_h = self.input["tips"].take(self._chosen, axis=0)
+        self._locate(q)
+
+        last = self._target.copy()
+        moved = (p_h - self._before).ravel()
+        path = sqrt(moved.dot(moved) / len(p_h))  # m, of the fingertips' rms motion
+        if path > 0.0:
+            self._target = self._object.move(self._before, p_h, last, self.output["sphere"])
+            pull = self.param["drift_pull"].item()
+            if pull > 0.0:
+                finite = self._finite.carry(p_h, self._home)
+                self._target += (1.0 - exp(-pull * path)) * (finite - self._target)
+            self._before = p_h
+        ahead = self._hold_back()
+        smoothing = 1.0 - exp(-dt / _SMOOTHING)
+        centring = 1.0 - exp(-self.param["centring"].item() * path)
+        out: list[float] = []
+        rates: list[float] = []
+        motion = ((self._target - last) / dt).tolist()
+        for i, (finger, joints) in enumerate(zip(self._fingers, self._joints, strict=True)):
+            (x, y, z), (dx, dy, dz) = self._velocity[i], motion[i]
+            self._velocity[i] = v = (
+                x + smoothing * (dx - x),
+                y + smoothing * (dy - y),
+                z + smoothing * (dz - z),
+            )
+            dq, rate = finger.follow(q[joints], ahead[i], v, centring)
+            out += map(add, q[joints], dq)
+            rates += rate
+        self._enclose()
+        self.output["q"][:] = out
+        self.output["q_velocity"][:] = rates
+        self.output["target"][:] = self._target
+
+    def _where(self) -> list[float]:
+        """What the guard let through; the own last output where no device is wired to it."""
+        q: list[float] = self.applied.get("q", self.output["q"]).tolist()
+        return q
+
+    def _locate(self, q: list[float]) -> None:
+        """Tips and skeleton at the applied joint angles."""
+        points: list[Vector] = []
+        for i, (finger, joints) in enumerate(zip(self._fingers, self._joints, strict=True)):
+            self._tips[i] = finger.chain.forward(q[joints])
+            points += finger.chain.points
+        self.output["skeleton"][:] = points
+
+    def _hold_back(self) -> list[Vector]:
+        """m, from the tips to their targets, after drawing in the targets that ran too far ahead."""
+        ahead: list[Vector] = []
+        leashed = False
+        for i, (target, tip) in enumerate(zip(self._target.tolist(), self._tips, strict=True)):
+            x, y, z = target[0] - tip[0], target[1] - tip[1], target[2] - tip[2]
+            distance = sqrt(x * x + y * y + z * z)
+            if distance > self._leash:
+                leashed, k = True, self._leash / distance
+                x, y, z = k * x, k * y, k * z
+                self._target[i] = tip[0] + x, tip[1] + y, tip[2] + z
+            ahead.append((x, y, z))
+        self._leashed += leashed
+        return ahead
+
+    def _enclose(self) -> None:
+        """The sphere of the present points, for the viewer, the next step's psi and the figures."""
+        sphere = self._enclosing.around([*self._before.tolist(), *self._tips])
+        self.output["sphere"][:] = sphere
+        self._radii = min(self._radii[0], sphere[3]), max(self._radii[1], sphere[3])
+        thumb = self.input["tips"][0].tolist()
+        self._nearest = min(self._nearest, *[dist(tip, thumb) for tip in self._tips])
+
+    def figures(self) -> dict[str, object]:
+        """Of the run, since the last reset.
+
+        noise_gain, noise_gain_undamped: rms motion of the robotic tip over the fingertips' rms noise, at the
+        present posture; sphere_radius_m: least and greatest; nearest_to_thumb_m: of any robotic tip;
+        leashed: cycles in which a target ran ahead of what the guard let through by more than the leash.
+        """
+        damped, undamped = self._object.noise_gain(self._before, np.array(self._tips))
+        return {
+            "noise_gain": damped,
+            "noise_gain_undamped": undamped,
+            "sphere_radius_m": list(self._radii),
+            "nearest_to_thumb_m": self._nearest,
+            "leashed": self._leashed,
+        }
+
+
+def _check_unique(name: str, option: str, values: tuple[str, ...]) -> None:
+    doubled = {value for value in values if values.count(value) > 1}
+    if doubled:
+        raise ProfileError(
+            f"controllers.{name}.{option}",
+            f"'{sorted(doubled)[0]}' is there more than once",
+            "Name each once",
+        )

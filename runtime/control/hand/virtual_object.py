@@ -1,0 +1,322 @@
+"""The virtual object between the fingertips: how the human points move it, and how it moves others.
+
+Prattichizzo et al., RO-MAN 2014, equations (1) to (4). Notation: p_h (n_h, 3) human reference points, p_a
+robotic ones, c the centroid of p_h, o and r the virtual sphere's centre and radius.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from math import sqrt
+from typing import Final, cast
+
+import numpy as np
+
+from runtime.contracts.signals import Array
+from runtime.control.shared.symmetric import FIRM, Symmetric, Vector, gram, inverse, is_above, times
+
+_NULL: Final = 1e-12  # an eigenvalue of A^T A below this share of the largest is a zero
+_POINT: Final = 1e-12  # m^2, below which the largest is one: all points coincide
+_STEP: Final = 1.0  # greatest norm of one step's deformation gradient; more is a fault of the input
+_TWIST: Final = 0.2  # turns about the line through points flatter than this are held back, see `Similarity`
+_NEWTON: Final = 6  # steps; six reach the last bit for any K that is firm
+
+_I: Final = np.eye(3)
+_IDENTITY: Final = np.diag([3.0, -1.0, -1.0, -1.0])  # N of Horn for a^T b = I
+_ROTATIONS: Final = np.array(  # S(e_x), S(e_y), S(e_z): S(w) p = w x p
+    [
+        [[0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]],
+        [[0.0, 0.0, 1.0], [0.0, 0.0, 0.0], [-1.0, 0.0, 0.0]],
+        [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]],
+    ]
+)
+_STRETCHES: Final = np.array([np.diag(row) for row in _I])
+_SHEARS: Final = np.abs(_ROTATIONS)
+
+
+class Deformation(StrEnum):
+    """What the object may do besides moving rigidly."""
+
+    RIGID = "rigid"
+    ISOTROPIC = "isotropic"  # the paper's: one ds
+    NON_ISOTROPIC = "non-isotropic"  # three stretches along the hand's axes
+    SHEAR = "shear"  # the three and three shears: any affine map
+
+
+class Psi(StrEnum):
+    """What fills the null space N_A of (3)."""
+
+    NONE = "none"  # nothing: no rotation or deformation about c that the points don't show
+    MINIMUM_NORM = "minimum-norm"  # smallest |do|, r |dPhi|, r |ds| about the sphere's centre
+    MAXIMISE_SCALE = "maximise-scale"  # as much as can be by deformation, the least by do and dPhi
+
+
+_BASES: Final = {
+    Deformation.RIGID: _ROTATIONS,
+    Deformation.ISOTROPIC: np.concatenate([_ROTATIONS, _I[None]]),
+    Deformation.NON_ISOTROPIC: np.concatenate([_ROTATIONS, _STRETCHES]),
+    Deformation.SHEAR: np.concatenate([_ROTATIONS, _STRETCHES, _SHEARS]),
+}
+
+
+class VirtualObject:
+    """Estimates the object's motion from the human points and applies it to others.
+
+    With G = S(dPhi) + ds I (or a richer deformation), (1) is dp = do + G (p - o). It is taken about c, where
+    the translation is the points' mean motion and separates from G; do about o follows. Both sides are
+    evaluated in the middle of the step, which makes a finite rotation or scaling exact (Cayley), not only a
+    small one.
+
+    Damping is selective: a direction of G (an eigenvector of A^T A) is left as it is unless one metre at the
+    fingertips along it would become more than `gain_limit` metres at a robotic tip; its share then falls with
+    the square of the excess. A translation is never damped.
+
+    A rotation and one scale separate, too: where nothing is damped, they have a closed form.
+    """
+
+    def __init__(self, deformation: Deformation, psi: Psi, gain_limit: float) -> None:
+        self._B = _BASES[deformation]
+        self._Bt = np.ascontiguousarray(self._B.transpose(0, 2, 1))
+        self._flat = self._B.reshape(-1, 9)
+        self._psi = psi
+        self._limit2 = gain_limit**2
+        self._share = 1.0 / max(self._limit2, 1e-300)
+        self._scales = deformation is Deformation.ISOTROPIC
+        self._is_similar = deformation in (Deformation.ISOTROPIC, Deformation.RIGID)
+
+    def move(self, before: Array, after: Array, p_a: Array, sphere: Array) -> Array:
+        """Robotic points (m, 3) after the object's motion, equation (4).
+
+        Args:
+            before, after: (n_h, 3) human points at both ends of the step.
+            p_a: (m, 3) robotic points before it.
+            sphere: (4,) centre and radius before it; only `psi` asks for it.
+        """
+        mid = 0.5 * (before + after)
+        dp = after - before
+        n = len(mid)
+        c, v = np.add.reduce(mid) / n, np.add.reduce(dp) / n
+        if self._is_similar:
+            moved = self._move_similarly(mid - c, dp, c.tolist(), v.tolist(), p_a)
+            if moved is not None:
+                return moved
+        return self._move_generally(mid, dp, c, v, p_a, sphere)
+
+    def _move_similarly(self, d: Array, dp: Array, c: list[float], v: list[float], p_a: Array) -> Array | None:
+        """`move` for G = S(w) + s I in closed form; None where a direction may have to be damped.
+
+        With H = sum d d^T and T = sum d dp^T the normal equations are (tr(H) I - H) w = vee(T) and
+        tr(H) s = tr(T).
+        """
+        (hxx, hxy, hxz), (_, hyy, hyz), (_, _, hzz) = d.T.dot(d).tolist()
+        (txx, txy, txz), (tyx, tyy, tyz), (tzx, tzy, tzz) = d.T.dot(dp).tolist()
+        M = hyy + hzz, -hxy, -hxz, hxx + hzz, -hyz, hxx + hyy
+        trace = hxx + hyy + hzz
+        tips: list[Vector] = [(x - c[0], y - c[1], z - c[2]) for x, y, z in p_a.tolist()]
+        if not all(self._is_firm(M, trace, x) for x in tips):
+            return None
+        wx, wy, wz = times(inverse(M), (tyz - tzy, tzx - txz, txy - tyx))
+        s = (txx + tyy + tzz) / trace if self._scales else 0.0
+        norm = sqrt(wx * wx + wy * wy + wz * wz + s * s)
+        if norm > _STEP:
+            wx, wy, wz, s = (_STEP / norm * x for x in (wx, wy, wz, s))
+        # p' - p = v + G ((p' + p) / 2 - c), solved for y = p' - p: k y - h x y = u with h = w / 2, k = 1 - s / 2
+        hx, hy, hz, k = 0.5 * wx, 0.5 * wy, 0.5 * wz, 1.0 - 0.5 * s
+        h2 = hx * hx + hy * hy + hz * hz
+        after = []
+        for x, y, z in tips:
+            ux, uy, uz = (
+                v[0] + wy * z - wz * y + s * x,
+                v[1] + wz * x - wx * z + s * y,
+                v[2] + wx * y - wy * x + s * z,
+            )
+            along, q = (hx * ux + hy * uy + hz * uz) / k, 1.0 / (k * k + h2)
+            after.append(
+                (
+                    c[0] + x + q * (k * ux + hy * uz - hz * uy + along * hx),
+                    c[1] + y + q * (k * uy + hz * ux - hx * uz + along * hy),
+                    c[2] + z + q * (k * uz + hx * uy - hy * ux + along * hz),
+                )
+            )
+        return np.array(after)
+
+    def _is_firm(self, M: Symmetric, trace: float, tip: Vector) -> bool:
+        """Whether no turn w is damped for a robotic tip x from c: lam >= |w x x|^2 / limit^2 for all."""
+        # |w x x|^2 = w^T (x.x I - x x^T) w, and its share is taken from M. Where what is left is positive, so is
+        # its trace, 2 (tr(H) - x.x / limit^2): then the scale isn't damped either.
+        (x, y, z), k = tip, self._share
+        xx, xy, xz, yy, yz, zz = M
+        N = (
+            *(xx - k * (y * y + z * z), xy + k * x * y, xz + k * x * z),
+            *(yy - k * (x * x + z * z), yz + k * y * z, zz - k * (x * x + y * y)),
+        )
+        return is_above(N, 2.0 * FIRM * trace)
+
+    def _move_generally(self, mid: Array, dp: Array, c: Array, v: Array, p_a: Array, sphere: Array) -> Array:
+        """`move` for any deformation, with damping and psi."""
+        A, lam, W, inverse = self._decompose(mid - c, p_a - c)
+        xi = W @ (inverse * (W.T @ (A @ dp.ravel())))  # (3), A^+ dp_h
+        if self._psi is not Psi.NONE:
+            xi = xi + self._null_motion(W[:, lam <= _null_below(lam[-1])], xi, v, sphere[:3] - c, float(sphere[3]))
+        norm = sqrt(xi @ xi)
+        if norm > _STEP:
+            xi *= _STEP / norm
+        G = (xi @ self._flat).reshape(3, 3)
+        # p' - p = v + G ((p' + p) / 2 - c), solved for p' - p
+        x = p_a - c
+        return cast(Array, p_a + (v + x @ G.T) @ _inverse(_I - 0.5 * G).T)
+
+    def noise_gain(self, p_h: Array, p_a: Array) -> tuple[float, float]:
+        """Of the worst robotic tip, its rms motion over the fingertips' rms noise: damped, undamped.
+
+        |K|_F / sqrt(3) of the matrix K in dp_a = K dp_h, for noise that is independent in every coordinate.
+        """
+        n, c = len(p_h), p_h.mean(axis=0)
+        A, lam, W, damped = self._decompose(p_h - c, p_a - c)
+        null = _null_below(lam[-1])
+        undamped = np.array([1.0 / x if x > null else 0.0 for x in lam.tolist()])
+        mean = np.tile(_I, n) / n
+        gains: list[float] = []
+        for share in (damped, undamped):
+            X = (W * share) @ W.T @ A
+            gains.append(max(float(np.linalg.norm(mean + self._effect(p - c) @ X)) for p in p_a) / sqrt(3.0))
+        return gains[0], gains[1]
+
+    def _decompose(self, d: Array, x: Array) -> tuple[Array, Array, Array, Array]:
+        """A^T (k, 3 n_h) of (2) about c; eigenvalues, eigenvectors (k, k), damped inverses of A^T A."""
+        k = len(self._B)
+        A = (d @ self._Bt).reshape(k, -1)
+        lam, W = np.linalg.eigh(A @ A.T)
+        # Metres at the robotic tips for one unit along each direction, the largest of the tips.
+        E = (W.T @ (x @ self._Bt).reshape(k, -1)).reshape(k, -1, 3)
+        reach2 = (E * E).sum(axis=2).max(axis=1)
+        # gain^2 = reach2 / lam, and the factor min(1, limit^2 / gain^2) on 1 / lam
+        null, bound = _null_below(lam[-1]), (reach2 / self._limit2).tolist()
+        inverse = np.array([1.0 / max(x, low) if x > null else 0.0 for x, low in zip(lam.tolist(), bound, strict=True)])
+        return A, lam, W, inverse
+
+    def _effect(self, x: Array) -> Array:
+        """(3, k): a point's motion, at x from c, for one unit of each parameter."""
+        return (self._B @ x).T
+
+    def _null_motion(self, Z: Array, xi: Array, v: Array, o: Array, r: float) -> Array:
+        """N_A psi (k,): makes |do|, r |dPhi| (and, for the minimum norm, r |ds|) about o smallest."""
+        scale = np.full(len(xi), r)
+        if self._psi is Psi.MAXIMISE_SCALE:
+            scale[3:] = 0.0
+        F = self._effect(o)  # do about o = v + F xi
+        rows = np.concatenate([F, np.diag(scale)])
+        rest = rows @ xi
+        rest[:3] += v
+        return cast(Array, Z @ np.linalg.lstsq(rows @ Z, -rest, rcond=1e-9)[0])
+
+
+class Similarity:
+    """The finite similarity that takes `reference` (n, 3) to present points, in least squares.
+
+    The rotation is the R of the largest tr(R^T K), K = sum b a^T, where a and b are the points about their
+    centroids. Where the points are nearly on a line the turn about it is ill-defined and would jump; it is
+    drawn toward the identity there, continuously, so that any number of points will do.
+    """
+
+    def __init__(self, reference: Array, rigid: bool) -> None:
+        n = len(reference)
+        self._mean = np.full(n, 1.0 / n)
+        self._c0 = self._mean.dot(reference)
+        self._a = reference - self._c0
+        self._a2 = float((self._a * self._a).sum())
+        self._rigid = rigid
+
+    def carry(self, points: Array, p_a: Array) -> Array:
+        """Robotic points p_a (m, 3) carried by the similarity that takes `reference` to `points` (n, 3)."""
+        c1: Array = self._mean.dot(points)
+        K = points.T.dot(self._a)  # the centroid of a is zero, so that of b may be anything
+        R, first = _firm_rotation(K) or _any_rotation(K)
+        scale = 1.0 if self._rigid or first == 0.0 else max(first / self._a2, 0.0)
+        return cast(Array, c1 + scale * (p_a - self._c0).dot(R.T))
+
+
+def _firm_rotation(K: Array) -> tuple[Array, float] | None:
+    """The rotation R of the largest f = tr(R^T K), and f; None where the points may be nearly on a line.
+
+    K = R P with P symmetric and tr P = f. In terms of K's singular values, the last signed by its determinant,
+    f = s_1 + s_2 + s_3; that is the largest root of p(f) = (f^2 - |K|^2)^2 - 8 f det K - 4 |cof K|^2. From
+    Cayley and Hamilton for P then follows R = ((f^2 - g) K + f cof K - K K^T K) / (f g - det K), where
+    g = s_1 s_2 + s_2 s_3 + s_3 s_1.
+    """
+    (a, b, c), (d, e, f), (g, h, i) = rows = K.tolist()
+    cofactors = (
+        *(e * i - f * h, f * g - d * i, d * h - e * g),
+        *(c * h - b * i, a * i - c * g, b * g - a * h),
+        *(b * f - c * e, c * d - a * f, a * e - b * d),
+    )
+    det = a * cofactors[0] + b * cofactors[1] + c * cofactors[2]
+    xx, xy, xz, yy, yz, zz = gram(zip(*rows, strict=True))  # K K^T
+    K2, C2 = xx + yy + zz, sum([x * x for x in cofactors])
+    # Firm is f >= (1 + _TWIST) s_1; as s_1 <= |K| it is if p is negative at (1 + _TWIST) |K|.
+    low = (1.0 + _TWIST) ** 2
+    if K2 < _POINT**2 or ((low - 1.0) * K2) ** 2 >= 8.0 * sqrt(low * K2) * det + 4.0 * C2:
+        return None
+    trace = sqrt(K2 + 2.0 * sqrt(C2))  # exact for points in a plane
+    for _ in range(_NEWTON):
+        gap = trace * trace - K2
+        trace -= (gap * gap - 8.0 * trace * det - 4.0 * C2) / (4.0 * trace * gap - 8.0 * det)
+    second = 0.5 * (trace * trace - K2)
+    k = 1.0 / (trace * second - det)
+    diagonal = trace * trace - second
+    M = np.array([[diagonal - xx, -xy, -xz], [-xy, diagonal - yy, -yz], [-xz, -yz, diagonal - zz]])
+    R: Array = k * (M.dot(K) + trace * np.array(cofactors).reshape(3, 3))
+    return R, trace
+
+
+def _any_rotation(K: Array) -> tuple[Array, float]:
+    """The same from Horn's quaternion (1987), drawn toward the identity where it is ill-defined.
+
+    The identity and a zero if all points of a side coincide.
+    """
+    (xx, yx, zx), (xy, yy, zy), (xz, yz, zz) = K.tolist()
+    N = np.array(
+        [
+            [xx + yy + zz, yz - zy, zx - xz, xy - yx],
+            [yz - zy, xx - yy - zz, xy + yx, zx + xz],
+            [zx - xz, xy + yx, yy - xx - zz, yz + zy],
+            [xy - yx, zx + xz, yz + zy, zz - xx - yy],
+        ]
+    )
+    lam, Q = np.linalg.eigh(N)
+    # The two largest are s_1 + s_2 + s_3 and s_1 - s_2 - s_3: their gap tells how firmly the turn is held.
+    second, first = lam[2:].tolist()
+    if first + second < _POINT:
+        return _I, 0.0
+    lack = _TWIST - (first - second) / (first + second)
+    if lack > 0.0:
+        Q = np.linalg.eigh(N + 0.5 * lack * (first + second) * _IDENTITY)[1]
+        first = float(Q[:, 3] @ N @ Q[:, 3])
+    w, x, y, z = Q[:, 3].tolist()
+    R = np.array(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    )
+    return R, first
+
+
+def _inverse(M: Array) -> Array:
+    """The inverse (3, 3) by cofactors, for M near the identity."""
+    (a, b, c), (d, e, f), (g, h, i) = M.tolist()
+    A, B, C = e * i - f * h, f * g - d * i, d * h - e * g
+    adjugate = np.array(
+        [
+            [A, c * h - b * i, b * f - c * e],
+            [B, a * i - c * g, c * d - a * f],
+            [C, b * g - a * h, a * e - b * d],
+        ]
+    )
+    return cast(Array, adjugate / (a * A + b * B + c * C))
+
+
+def _null_below(largest: float) -> float:
+    """The bound up to which eigenvalues of A^T A are zeros; all are, if the points coincide."""
+    return _NULL * largest if largest > _POINT else np.inf

@@ -1,0 +1,58 @@
+"""Joint angles set by a client of the bus: for jogging a finger when it is brought up."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydantic import Field
+
+from runtime.contracts.controller import Controller, ControllerConfig
+from runtime.contracts.errors import ProfileError
+from runtime.contracts.signals import Signal
+
+
+class JointSetpointConfig(ControllerConfig):
+    """Options of `joint-setpoint`."""
+
+    joints: tuple[str, ...] = Field(min_length=1, description="a label for each joint, in the command's order")
+    unit: str = Field("rad", description="the command's own unit: rad, m, 1")
+
+
+class JointSetpoint(Controller):
+    """Hands a client's target on to the joints; the guard makes the motion.
+
+    Input `target` (n,); all NaN (or any) means that none has come. Outputs `q` (n,) in the same unit and
+    `q_velocity` (n,), zero. After a reset it holds what was applied until a target comes that differs from the one
+    then present, so that leaving a stop never resumes an old motion.
+    """
+
+    Config = JointSetpointConfig
+    summary = "joint angles set by a client, for bring-up"
+
+    def __init__(self, name: str, config: JointSetpointConfig) -> None:
+        super().__init__(name, config)
+        joints = config.joints
+        if len(set(joints)) < len(joints):
+            raise ProfileError(f"controllers.{name}.joints", "a label is there more than once", "Name each once")
+        n = len(joints)
+        self.inputs = (Signal(name="target", shape=(n,), unit=config.unit, labels=joints),)
+        self.outputs = (
+            Signal(name="q", shape=(n,), unit=config.unit, labels=joints),
+            Signal(name="q_velocity", shape=(n,), unit=f"{config.unit}/s", labels=joints),
+        )
+        self._old = np.full(n, np.nan)
+        self._new = False
+
+    def reset(self) -> None:
+        self._old[:] = self.input["target"]
+        self._new = False
+        q = self.output["q"]
+        q[:] = self.applied.get("q", q)
+        self.output["q_velocity"][:] = 0.0
+
+    def update(self, dt: float) -> None:
+        target = self.input["target"]
+        if not np.isfinite(target).all():
+            return
+        self._new = self._new or not np.array_equal(target, self._old)
+        if self._new:
+            self.output["q"][:] = target

@@ -1,0 +1,113 @@
+"""Requests from clients to the loop: fixed-size records in a ring, written by the bus, read by the loop.
+
+The bus checks a request before it writes one; the loop checks again what concerns safety (finite, in bounds,
+not expired). The answer needs no channel of its own: the loop leaves the request's number and its result in
+the row of the cycle that took it, and whoever asked sees it there.
+
+Record (int64 words): id, kind, target, expires (CLOCK_MONOTONIC ns), count, then `VALUES` float64 words.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from pathlib import Path
+
+import numpy as np
+
+from runtime.contracts.signals import Array
+from runtime.ipc.ring import RingReader, RingWriter
+
+VALUES = 64
+WIDTH = 5 + VALUES
+CAPACITY = 1024
+
+
+class Ask(IntEnum):
+    """What is asked."""
+
+    NONE = 0
+    START = 1
+    STOP = 2
+    RESET = 3
+    PARAMETER = 4  # target: the parameter's index in meta["parameters"], one value
+    SETPOINT = 5  # target: index in meta["setpoints"], as many values as the signal has
+    EXIT = 6  # safe stop, then end
+    FAULT = 7  # target: a `layout.Cause` seen outside the loop (the bus died, the duration is over)
+
+
+_KINDS = frozenset(Ask)
+
+
+class Answer(IntEnum):
+    """What became of it."""
+
+    NONE = 0
+    DONE = 1
+    REFUSED_STATE = 2  # not possible in this state
+    REFUSED_FAULT = 3  # what caused the stop is still there
+    REFUSED_VALUE = 4  # not finite, out of bounds, wrong size
+    EXPIRED = 5
+
+
+@dataclass(slots=True)
+class Request:
+    """One record."""
+
+    id: int
+    kind: Ask
+    target: int
+    expires: int
+    values: Array
+
+
+class MailboxWriter:
+    """The bus process's end."""
+
+    def __init__(self, path: Path) -> None:
+        self._ring = RingWriter(path)
+        self._words = np.zeros(WIDTH, np.int64)
+        self._values = self._words[5:].view(np.float64)
+
+    @staticmethod
+    def create(path: Path) -> None:
+        """Makes the file; the supervisor does, once a run."""
+        RingWriter.create(path, WIDTH, CAPACITY).close()
+
+    def send(self, kind: Ask, expires: int, target: int = 0, values: Array | None = None) -> int:
+        """Appends a record; returns its id (the ring's sequence number)."""
+        count = 0 if values is None else values.size
+        if count > VALUES:
+            raise ValueError(f"{count} values in one request; {VALUES} at most")
+        number = self._ring.head + 1
+        self._words[:5] = number, kind, target, expires, count
+        if values is not None:
+            self._values[:count] = values.ravel()
+        self._ring.append(self._words)
+        return number
+
+    def close(self) -> None:
+        """Unmaps the file."""
+        self._ring.close()
+
+
+class MailboxReader:
+    """The loop's end."""
+
+    def __init__(self, path: Path) -> None:
+        self._ring = RingReader(path)
+        self._ring.sequence = self._ring.head  # what was asked of an earlier loop isn't asked of this one
+
+    def take(self, most: int = 16) -> list[Request]:
+        """The next requests, oldest first; an empty list is the common, cheap case."""
+        if self._ring.head == self._ring.sequence:
+            return []
+        rows = [row for row in self._ring.take(most) if int(row[1]) in _KINDS]
+        return [
+            Request(int(row[0]), Ask(int(row[1])), int(row[2]), int(row[3]), row[5 : 5 + int(row[4])].view(np.float64))
+            for row in rows
+        ]
+
+    def close(self) -> None:
+        """Unmaps the file."""
+        self._ring.close()

@@ -1,0 +1,187 @@
+"""A ring of fixed-size rows in a plain mmap'd file: one writer, any number of readers, no locks.
+
+The writer never waits and never sees its readers; the file outlives every process, which makes it the black
+box. A row carries its sequence number at both ends, so a reader knows a torn or overwritten row when it sees
+one. `multiprocessing.shared_memory` won't do: on Python 3.11 a killed reader unlinks it.
+
+File: one 4096-byte page of header (int64 words, see the indices below), then `capacity` rows of
+`2 + width` words of 8 bytes: sequence number, payload, sequence number. Sequence numbers start at 1.
+Machine byte order; relies on stores becoming visible in program order (x86-64).
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.contracts.errors import HostError, RecordingError
+
+PAGE = 4096
+MAGIC = int.from_bytes(b"SRLRING1", "little")
+# Indices of the header's words.
+_MAGIC, _WIDTH, _CAPACITY, _HEAD, _BEAT, _CONSUMED, _CLOSED = range(7)
+
+Words = NDArray[np.int64]
+
+
+class _Ring:
+    """The mapped file; see the module's text."""
+
+    def __init__(self, path: Path, writable: bool) -> None:
+        self.path = path
+        try:
+            descriptor = os.open(path, os.O_RDWR if writable else os.O_RDONLY)
+        except OSError as error:
+            raise RecordingError(str(path), f"no ring can be opened here: {error.strerror}", "Is the run up?") from None
+        try:
+            size = os.fstat(descriptor).st_size
+            if size < PAGE:
+                raise RecordingError(str(path), "the file is too short to be a ring", "It wasn't written by srl")
+            access = mmap.ACCESS_WRITE if writable else mmap.ACCESS_READ
+            self._map = mmap.mmap(descriptor, size, access=access)
+        finally:
+            os.close(descriptor)
+        self.header: Words = np.frombuffer(self._map, np.int64, PAGE // 8)
+        if self.header[_MAGIC] != MAGIC:
+            raise RecordingError(str(path), "the file isn't a ring", "It wasn't written by this version of srl")
+        self.width, self.capacity = int(self.header[_WIDTH]), int(self.header[_CAPACITY])
+        words = np.frombuffer(self._map, np.int64, self.capacity * (self.width + 2), PAGE)
+        self.rows: Words = words.reshape(self.capacity, self.width + 2)
+
+    @property
+    def head(self) -> int:
+        """The sequence number of the newest complete row; 0 before the first."""
+        return int(self.header[_HEAD])
+
+    @property
+    def beat(self) -> int:
+        """The writer's newest sign of life, CLOCK_MONOTONIC ns."""
+        return int(self.header[_BEAT])
+
+    @property
+    def consumed(self) -> int:
+        """Rows up to this sequence number are in the recording."""
+        return int(self.header[_CONSUMED])
+
+    @property
+    def closed(self) -> bool:
+        """True once the writer has ended by itself."""
+        return bool(self.header[_CLOSED])
+
+    def close(self) -> None:
+        """Unmaps the file; it stays on disk."""
+        del self.header, self.rows
+        try:
+            self._map.close()
+        except BufferError:  # a caller still holds a view; the map goes with it
+            pass
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class RingWriter(_Ring):
+    """The one writer."""
+
+    @classmethod
+    def create(cls, path: Path, width: int, capacity: int) -> RingWriter:
+        """Makes the file anew (replacing an old one) for `capacity` rows of `width` payload words."""
+        scratch = path.with_suffix(".new")
+        with open(scratch, "wb") as file:
+            header = np.zeros(PAGE // 8, np.int64)
+            header[[_MAGIC, _WIDTH, _CAPACITY]] = MAGIC, width, capacity
+            file.write(header.tobytes())
+            size = PAGE + capacity * (width + 2) * 8
+            try:
+                os.posix_fallocate(file.fileno(), 0, size)  # room now, rather than a SIGBUS in the loop
+            except OSError as error:
+                file.close()
+                scratch.unlink()
+                problem = f"there is no room for {size >> 20} MiB of rows: {error.strerror}"
+                raise HostError(str(path), problem, "Make room there, or set SRL_RUNTIME_DIR") from None
+        os.chmod(scratch, 0o640)
+        scratch.rename(path)
+        return cls(path)
+
+    def __init__(self, path: Path) -> None:
+        """Opens an existing ring to go on writing where it ends."""
+        super().__init__(path, writable=True)
+
+    def append(self, payload: Words) -> int:
+        """Writes one row of `width` words; returns its sequence number."""
+        sequence = int(self.header[_HEAD]) + 1
+        row = self.rows[(sequence - 1) % self.capacity]
+        row[0] = 0  # torn from here on, until both ends agree again
+        row[1:-1] = payload
+        row[-1] = sequence
+        row[0] = sequence
+        self.header[_HEAD] = sequence
+        return sequence
+
+    def touch(self, now: int) -> None:
+        """Leaves a sign of life."""
+        self.header[_BEAT] = now
+
+    def finish(self) -> None:
+        """Says that no row will follow."""
+        self.header[_CLOSED] = 1
+
+
+class RingReader(_Ring):
+    """A reader; keeps its own place."""
+
+    def __init__(self, path: Path, after: int = 0, recorder: bool = False) -> None:
+        """Opens the ring to read rows with sequence numbers above `after`; `recorder` may set `consumed`."""
+        super().__init__(path, writable=recorder)
+        self.sequence = after
+        self.lost = 0
+
+    def take(self, most: int = 4096) -> Words:
+        """The next rows' payloads, shape (k, width) with k <= most, copied; k = 0 if there are none.
+
+        Rows that were overwritten before this reader came to them are counted in `lost` and passed over;
+        `self.sequence` is then the sequence number of the last row returned.
+        """
+        while True:
+            head = self.head
+            oldest = max(head - self.capacity + 1, 1)
+            if self.sequence + 1 < oldest:
+                self.lost += oldest - 1 - self.sequence
+                self.sequence = oldest - 1
+            count = min(head - self.sequence, most)
+            if count <= 0:
+                return np.empty((0, self.width), np.int64)
+            wanted = np.arange(self.sequence + 1, self.sequence + count + 1)
+            slots = (wanted - 1) % self.capacity
+            rows = self.rows[slots]
+            whole = (rows[:, 0] == wanted) & (rows[:, -1] == wanted) & (self.rows[slots, 0] == wanted)
+            if whole.all():
+                self.sequence += count
+                return rows[:, 1:-1]
+            # The writer lapped us while we copied: the oldest are gone. Go on after the last bad one.
+            bad = int(np.flatnonzero(~whole)[-1]) + 1
+            self.lost += bad
+            self.sequence += bad
+
+    def newest(self) -> Words | None:
+        """The newest whole row's payload (width,), without moving on; None before the first."""
+        for _ in range(8):
+            head = self.head
+            if head == 0:
+                return None
+            row = self.rows[(head - 1) % self.capacity].copy()
+            if row[0] == row[-1] == head:
+                return row[1:-1]
+        return None
+
+    def set_consumed(self, sequence: int) -> None:
+        """The recorder's mark: rows up to here are safe on disk."""
+        self.header[_CONSUMED] = sequence

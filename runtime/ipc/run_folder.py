@@ -1,0 +1,121 @@
+"""The folder of one running instance: ring, mailbox, sockets. In memory (tmpfs) where the host has it."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shutil
+import tempfile
+from pathlib import Path
+
+from runtime.contracts.errors import HostError
+
+SERVICES = Path("/run/srl")  # where the systemd unit's instances live
+_SOCKET_PATH = 107  # bytes, sun_path less its terminator
+MODE = 0o750  # the service's user moves limbs; its group may look and ask
+
+
+class RunDir:
+    """Paths of an instance's files; `claim` makes it this process's."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.rows = path / "rows.ring"
+        self.notes = path / "notes.ring"
+        self.mail = path / "mail.ring"
+        self.order = path / "order.json"
+        self.layout = path / "layout.json"
+        self.loop_socket = path / "loop.sock"
+        self.bus_socket = path / "zenoh.sock"
+        self.stops = path / "stops.slots"
+        self.result = path / "result.json"  # the loop's own account of itself, at its end
+        self._lock: int | None = None
+
+    @classmethod
+    def of(cls, name: str) -> RunDir:
+        """The folder of the instance called `name`."""
+        return cls(base() / name)
+
+    def claim(self) -> None:
+        """Makes the folder and locks it for this process.
+
+        Raises:
+            HostError: another process runs this instance, or the folder can't be had.
+        """
+        if len(str(self.loop_socket)) > _SOCKET_PATH:
+            raise HostError(
+                str(self.path), f"the path is too long for a Unix socket ({_SOCKET_PATH} bytes)",
+                "Set SRL_RUNTIME_DIR to a shorter one, best on tmpfs",
+            )  # fmt: skip
+        try:
+            self.path.mkdir(mode=MODE, parents=True, exist_ok=True)
+            self._lock = os.open(self.path / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
+        except OSError as error:
+            raise HostError(
+                str(self.path),
+                f"the instance's folder can't be made: {error.strerror}",
+                "Set SRL_RUNTIME_DIR to a folder of yours, best on tmpfs",
+            ) from None
+        if self.path.stat().st_uid != os.geteuid():
+            raise HostError(str(self.path), "the folder belongs to another user", "Set SRL_RUNTIME_DIR to one of yours")
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise HostError(
+                f"instance '{self.path.name}'",
+                "it is running already",
+                f"End it first (`srl stop --exit {self.path.name}`), or run this one with --instance NAME",
+            ) from None
+
+    def release(self) -> None:
+        """Lets go of the folder; its files stay for whoever wants to look."""
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+    def is_claimed(self) -> bool:
+        """Whether a process runs this instance now."""
+        try:
+            descriptor = os.open(self.path / "lock", os.O_RDONLY)
+        except OSError:
+            return False
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        finally:
+            os.close(descriptor)
+        return False
+
+
+def base() -> Path:
+    """Where instances live: SRL_RUNTIME_DIR, systemd's RUNTIME_DIRECTORY, or the first tmpfs that is ours.
+
+    On a disk, writing dirty pages back could stall the loop's stores into the ring.
+    """
+    for variable in ("SRL_RUNTIME_DIR", "RUNTIME_DIRECTORY"):
+        if value := os.environ.get(variable):
+            return Path(value.split(":")[0])
+    if value := os.environ.get("XDG_RUNTIME_DIR"):
+        return Path(value) / "srl"
+    if os.geteuid() == 0 and _is_tmpfs("/run"):
+        return Path("/run/srl")
+    root = "/dev/shm" if os.access("/dev/shm", os.W_OK) else tempfile.gettempdir()
+    return Path(root) / f"srl-{os.getuid()}"
+
+
+def _is_tmpfs(mount: str) -> bool:
+    return any(line.split()[1:3] == [mount, "tmpfs"] for line in Path("/proc/mounts").read_text().splitlines())
+
+
+def running() -> list[RunDir]:
+    """Every instance that runs now and that this user may see: one's own, and the host's services."""
+    folders = {
+        p.parent for root in (base(), SERVICES) for pattern in ("*/lock", "*/*/lock") for p in root.glob(pattern)
+    }
+    return [rundir for rundir in map(RunDir, sorted(folders)) if rundir.is_claimed()]
+
+
+def free_bytes(path: Path) -> int:
+    """Free space of the file system that holds `path`, bytes."""
+    return shutil.disk_usage(path).free

@@ -1,0 +1,261 @@
+"""One cycle's decisions: check -> control -> guard. No I/O, no clock: the loop and the replay both run it.
+
+All it reads and writes is the board, so a recorded row holds everything a replay needs.
+"""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable
+from math import isfinite
+
+from runtime.contracts.errors import DeviceError
+from runtime.contracts.signals import Kind, Limits, Stop
+from runtime.guard import CommandGuard, make_guard
+from runtime.guard.limits import merge
+from runtime.ipc.layout import (
+    CYCLE,
+    DEVICE,
+    FLAG_DEGRADED,
+    FLAG_FALLBACK,
+    FLAG_LATE,
+    FLAG_LIMITED,
+    FLAG_REJECTED,
+    LINK_ACTIVE,
+    LINK_CONNECTED,
+    LINK_ERROR,
+    LINK_FAULT,
+    LINK_STALE,
+    Cause,
+    State,
+)
+from runtime.ipc.requests import Answer, Ask
+from runtime.loop.machine import Fault, Ladder, Machine
+from runtime.profile.graph import Actuator, Graph
+
+PATIENCE = 5_000_000_000  # ns that a stop may take on the way out: a limb that can't come to rest mustn't keep the run
+_CATEGORIES = {category: i for i, category in enumerate(Stop)}
+_NOW, _DT, _STATE, _CAUSE = (CYCLE.index(n) for n in ("now", "dt", "state", "cause"))
+_CULPRIT, _CATEGORY, _OVERRUNS, _FLAGS = (CYCLE.index(n) for n in ("culprit", "category", "overruns", "flags"))
+
+
+class Cycle:
+    """See the module's text."""
+
+    def __init__(
+        self,
+        graph: Graph,
+        limits: dict[str, Limits],
+        automatic: bool,
+        stopped_by: Cause = Cause.NONE,
+        note: Callable[[str], None] = lambda text: None,
+    ) -> None:
+        """Builds the guards.
+
+        Args:
+            graph: the wired system.
+            limits: by command name: the narrower of the profile's and the device's own.
+            automatic: READY goes on by itself.
+            stopped_by: begin in the stop, for this reason.
+            note: takes a remark for people; called rarely.
+        """
+        self.graph = graph
+        self.machine = Machine(graph.profile.faults, graph.profile.emergency, automatic, stopped_by)
+        overrun = graph.profile.faults.overrun
+        self.ladder = Ladder(overrun.tolerate, overrun.window, overrun.stop)
+        self.note = note
+        self.guards = [self._make_guard(a, limits[a.name]) for a in graph.actuators]
+        self._ints = graph.board.ints
+        self._first = len(CYCLE)
+        self._max_age = self._ages()
+        self._count = len(graph.devices)
+        self._emergency = [
+            (graph.board.views[e.signal].reshape(-1)[e.index : e.index + 1], e.when, self._device_of(e.signal))
+            for e in graph.profile.emergency
+        ]
+        # Without feedback, the limb is where a person put it (home) before the first start and after it hung
+        # limp; after a loss it is about where it was, and goes home slowly.
+        self._homed = [True for a in graph.actuators]
+        self._put_home = [a.command.feedback is None for a in graph.actuators]
+        self._leaving = 0  # ns since the exit was asked for
+        self._fault: Fault | None = None
+        self._was = State.STARTING
+
+    def _device_of(self, signal: str) -> int:
+        """Index of the device that gives a signal; -1 for one that a controller makes."""
+        name = signal.partition(".")[0]
+        return self.graph.layout.devices.index(name) if name in self.graph.layout.devices else -1
+
+    def _ages(self) -> list[int]:
+        """Each device's max_age in ns; 0 where it gives nothing that could be stale."""
+        ages = [round(d.max_age * 1e9) for d in self.graph.devices]
+        for owner in self.graph.layout.devices[len(ages) :]:
+            entries = self.graph.profile.setpoints.items()
+            ages.append(round(min(e.max_age for n, e in entries if n.startswith(f"{owner}.")) * 1e9))
+        return ages
+
+    def check(self, missed: int, kind: Ask, target: int) -> Answer:
+        """Finds what is amiss, then lets faults and the request act on the state.
+
+        Args:
+            missed: periods this cycle came too late.
+            kind: a request that concerns the state, or NONE.
+            target: its target.
+        """
+        ints, machine = self._ints, self.machine
+        now = int(ints[_NOW])
+        self._fault = self._find_fault(now)
+        degraded, too_many = self.ladder.count(now, missed)
+        ints[_FLAGS] = FLAG_LATE * (missed > 0) + FLAG_DEGRADED * degraded
+        if self._fault is not None:
+            machine.stop(self._fault)
+        elif too_many:
+            machine.stop(Fault(Cause.OVERRUN))
+        answer = Answer.NONE
+        if kind is not Ask.NONE:
+            # A client that fell silent mustn't keep the limb from being started again without it.
+            answer = machine.request(kind, target, None if self._client_is_silent() else self._fault)
+        machine.start_if_ready(self._fault)
+        return answer
+
+    def _find_fault(self, now: int) -> Fault | None:
+        words = self._ints[self._first :].tolist()  # plain integers: a tenth of numpy's price each
+        fault: Fault | None = None
+        for i, max_age in enumerate(self._max_age):
+            at = i * len(DEVICE)
+            stamp, link = words[at], words[at + 1]
+            client = i >= self._count
+            # A client that hasn't spoken yet isn't late; a device is.
+            stale = max_age > 0 and (abs(now - stamp) > max_age if stamp >= 0 else not client)
+            if stale != bool(link & LINK_STALE):
+                link ^= LINK_STALE
+                self._ints[self._first + at + 1] = link
+            if link & LINK_ACTIVE and (not link & LINK_CONNECTED or link & LINK_FAULT):
+                self._lost(i)
+            if fault is not None:
+                continue
+            if link & LINK_ERROR:
+                fault = Fault(Cause.DRIVER_ERROR, i)
+            elif stale or not link & LINK_CONNECTED:
+                if self.graph.intent[i]:
+                    fault = Fault(Cause.INTENT_LOSS, i)
+                elif not client and self.graph.devices[i].commands:
+                    fault = Fault(Cause.DEVICE_LOSS, i)
+            elif link & LINK_FAULT:
+                fault = Fault(Cause.DEVICE_FAULT, i)
+        for i, (element, when, device) in enumerate(self._emergency):
+            if element[0] == when or not isfinite(element[0]):
+                return Fault(Cause.EMERGENCY, i)
+            link = int(self._ints[self._first + device * len(DEVICE) + 1]) if device >= 0 else LINK_CONNECTED
+            if fault is None and (not link & LINK_CONNECTED or link & LINK_STALE):
+                fault = Fault(Cause.DEVICE_LOSS, device)  # a switch that can't be read can't stop anything
+        return fault
+
+    def _lost(self, device: int) -> None:
+        """No command may reach a device that comes back, or recovers, before the next start."""
+        self._ints[self._first + device * len(DEVICE) + 1] &= ~LINK_ACTIVE
+        for i, actuator in enumerate(self.graph.actuators):
+            if actuator.device == device and actuator.command.feedback is None:
+                self._homed[i] = False
+
+    def _client_is_silent(self) -> bool:
+        fault = self._fault
+        return fault is not None and fault.cause is Cause.INTENT_LOSS and fault.culprit >= self._count
+
+    def control(self) -> None:
+        """Runs the controllers while the limb is active."""
+        state = self.machine.state
+        if state is not State.ACTIVE:
+            return
+        dt = self._ints.item(_DT) * 1e-9
+        fresh = self._was is not State.ACTIVE
+        for i, controller in enumerate(self.graph.controllers):
+            try:
+                if fresh:
+                    controller.reset()
+                controller.update(dt)
+            except Exception:
+                self.note(f"controller '{controller.name}' failed: {traceback.format_exc(limit=-3)}")
+                self.machine.stop(Fault(Cause.CONTROLLER_ERROR, i))
+                return
+
+    def guard(self) -> None:
+        """Bounds every command, or carries out the stop; then settles the state."""
+        machine, ints, dt = self.machine, self._ints, self._ints.item(_DT) * 1e-9
+        if machine.state is State.HOMING and self._was is not State.HOMING:
+            self._begin()
+        state = machine.state
+        at_rest, flags = True, 0
+        for i, (actuator, guard) in enumerate(zip(self.graph.actuators, self.guards, strict=True)):
+            at = self._first + actuator.device * len(DEVICE) + 1
+            link = ints.item(at)
+            if not link & LINK_ACTIVE:
+                continue
+            category = self.category(actuator)
+            # Damping by a velocity from a while ago would drive the joint, and retracting never arrive.
+            guard.blind = bool(link & LINK_STALE)
+            if state is State.ACTIVE:
+                guard.step(actuator.asked, actuator.asked_velocity, dt)
+            elif state is State.HOMING:
+                guard.stop(Stop.HOLD if self._homed[i] else Stop.RETRACT, dt)
+                self._homed[i] |= guard.at_rest
+                at_rest &= guard.at_rest
+            elif category is Stop.LIMP and actuator.command.kind is Kind.POSITION:
+                ints[at] &= ~LINK_ACTIVE  # the loop tells the device to let go; no command follows
+                self._put_home[i] = actuator.command.feedback is None
+            else:
+                guard.stop(category, dt)
+                at_rest &= guard.at_rest
+            ints[_CATEGORY] = _CATEGORIES[category]
+            flags |= FLAG_REJECTED * guard.rejected | FLAG_FALLBACK * guard.fallback | FLAG_LIMITED * guard.limited
+        if flags:
+            ints[_FLAGS] |= flags
+        self._was = state
+        if machine.exiting:
+            self._leaving += ints.item(_DT)
+        machine.settle(at_rest or self._leaving > PATIENCE)
+        ints[_STATE], ints[_CAUSE], ints[_CULPRIT] = machine.state, machine.cause, machine.culprit
+
+    def category(self, actuator: Actuator) -> Stop:
+        """How this actuator stops at present: the fault's category where it can do it, else its own."""
+        override = self.machine.override
+        return override if override is not None and override in actuator.command.stops else actuator.category
+
+    def _begin(self) -> None:
+        """Takes every command up where the limb is: measured, else home where a person put it, else last applied."""
+        for i, (actuator, guard) in enumerate(zip(self.graph.actuators, self.guards, strict=True)):
+            start = actuator.applied.copy()
+            if actuator.command.kind is Kind.POSITION:
+                if actuator.measured is not None:
+                    start = actuator.measured.copy()
+                elif self._put_home[i] and actuator.home is not None:
+                    start, self._put_home[i] = actuator.home.copy(), False
+            try:
+                guard.reset(start)
+            except DeviceError as error:
+                self.note(str(error))
+                self.machine.stop(Fault(Cause.DRIVER_ERROR, actuator.device))
+                continue
+            self._ints[self._first + actuator.device * len(DEVICE) + 1] |= LINK_ACTIVE
+
+    def _make_guard(self, a: Actuator, limits: Limits) -> CommandGuard:
+        profile = self.graph.profile
+        entry = profile.guard.get(a.name)
+        place = self.graph.source.place(f"guard.{a.name}")
+        tolerance = entry.tolerance if entry is not None else 1e-3
+        guard = make_guard(place, a.command, limits, float(1 / profile.rate), rest=a.home, tolerance=tolerance)
+        guard.bind(a.applied, a.measured, a.measured_velocity)
+        return guard
+
+
+def limits_of(graph: Graph) -> dict[str, Limits]:
+    """By command name, the narrower of the profile's limits and the devices' own (known once they are open)."""
+    found = {}
+    for actuator in graph.actuators:
+        device = graph.devices[actuator.device]
+        own = device.limits.get(actuator.command.name, Limits())
+        entry = graph.profile.guard.get(actuator.name)
+        place = graph.source.place(f"guard.{actuator.name}")
+        wanted = entry.to_limits(actuator.command.shape, place) if entry is not None else Limits()
+        found[actuator.name] = merge(wanted, own)
+    return found

@@ -1,0 +1,173 @@
+"""Replay: recorded inputs through the same profile, compared with the recorded commands, bit for bit.
+
+Inputs are what came from outside the cycle: device states with their stamps and links, setpoints, parameters,
+`now`, `dt`, overruns and the requests that concern the state. Compared is what the cycle made of them: every
+controller output, every command, every applied command, and the state.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.contracts import provenance
+from runtime.contracts.errors import RecordingError
+from runtime.contracts.signals import Limits
+from runtime.ipc.layout import CYCLE, DEVICE, LINK_ACTIVE, LINK_STALE, Cause, Layout
+from runtime.ipc.requests import Answer, Ask
+from runtime.loop.cycle import Cycle
+from runtime.profile import profile, wiring
+from runtime.profile.graph import Graph
+
+_INPUT = ("state", "setpoint", "parameter", "truth")
+_OUTPUT = ("command", "applied", "internal")
+_DECIDED = ("state", "cause", "culprit", "category", "flags")
+_COPIED = ("cycle", "now", "dt", "overruns")
+_STATE_REQUESTS = (Ask.START, Ask.STOP, Ask.RESET, Ask.EXIT, Ask.FAULT)
+
+
+@dataclass
+class Comparison:
+    """What a replay found.
+
+    Attributes:
+        cycles: rows replayed.
+        largest: the largest absolute difference of any command, in its unit.
+        where: (signal, cycle) of it.
+        signals: largest difference by signal.
+        states_differ: rows whose state, cause, culprit, category or flags came out otherwise.
+        identical: every compared bit is the same.
+        warnings: why bits may differ: other versions, another BLAS kernel.
+    """
+
+    cycles: int = 0
+    largest: float = 0.0
+    where: tuple[str, int] | None = None
+    signals: dict[str, float] = field(default_factory=dict)
+    states_differ: int = 0
+    identical: bool = True
+    warnings: list[str] = field(default_factory=list)
+
+    def figures(self) -> dict[str, Any]:
+        """For `--json`."""
+        return {
+            "cycles": self.cycles,
+            "largest_difference": self.largest,
+            "where": self.where,
+            "signals": self.signals,
+            "states_differ": self.states_differ,
+            "identical": self.identical,
+            "warnings": self.warnings,
+        }
+
+
+def replay(layout: Layout, rows: NDArray[np.int64], place: str) -> Comparison:
+    """Replays rows.
+
+    Args:
+        layout: theirs.
+        rows: (k, width) int64, contiguous cycles from the first on.
+        place: the recording's name, for errors.
+    """
+    if not len(rows):
+        raise RecordingError(place, "the recording has no rows", "Record a run first")
+    if int(layout.word(rows[0], "cycle")) != 0:
+        raise RecordingError(
+            place, f"the recording begins at cycle {int(layout.word(rows[0], 'cycle'))}, not at the start of the run",
+            "A replay needs the whole run: give the recording rather than a black box",
+        )  # fmt: skip
+    graph, cycle = _rebuild(layout, place)
+    comparison = Comparison(warnings=_other_versions(layout))
+    board, words = graph.board, graph.board.index
+    inputs = [(board.views[f.name], layout.value(rows, f.name)) for f in layout.fields.values() if f.role in _INPUT]
+    outputs = [
+        (f.name, board.views[f.name], layout.value(rows, f.name)) for f in layout.fields.values() if f.role in _OUTPUT
+    ]
+    copied = [words[n] for n in _COPIED]
+    decided = [words[n] for n in _DECIDED]
+    differences = {name: 0.0 for name, _, _ in outputs}
+    overruns = 0
+    for k, row in enumerate(rows):
+        ints = board.ints
+        ints[copied] = row[copied]
+        _copy_devices(ints, row, layout)
+        for view, values in inputs:
+            view[...] = values[k]
+        missed = int(ints[words["overruns"]]) - overruns
+        overruns += missed
+        _decide(cycle, row, words, missed)
+        for name, view, values in outputs:
+            if view.tobytes() != values[k].tobytes():
+                comparison.identical = False
+                gap = np.abs(view - values[k])
+                largest = float(np.max(np.where(np.isnan(gap), np.inf, gap), initial=0.0))
+                if largest > differences[name]:
+                    differences[name] = largest
+                    if largest > comparison.largest:
+                        comparison.largest, comparison.where = largest, (name, int(row[words["cycle"]]))
+        if (ints[decided] != row[decided]).any():
+            comparison.identical = False
+            comparison.states_differ += 1
+    comparison.cycles, comparison.signals = len(rows), differences
+    return comparison
+
+
+def _decide(cycle: Cycle, row: NDArray[np.int64], words: dict[str, int], missed: int) -> None:
+    kind = Ask(int(row[words["request_kind"]]))
+    if kind not in _STATE_REQUESTS or row[words["request_result"]] != Answer.DONE:
+        kind = Ask.NONE
+    cycle.check(missed, kind, int(row[words["request_target"]]))
+    cycle.control()
+    cycle.guard()
+
+
+def _copy_devices(ints: NDArray[np.int64], row: NDArray[np.int64], layout: Layout) -> None:
+    """Stamps and links as the drivers gave them; staleness and activity are the cycle's own findings."""
+    own = LINK_ACTIVE | LINK_STALE
+    for i in range(len(layout.devices)):
+        at = len(CYCLE) + i * len(DEVICE)
+        link = (int(row[at + 1]) & ~own) | (int(ints[at + 1]) & own)
+        ints[at : at + len(DEVICE)] = row[at : at + len(DEVICE)]
+        ints[at + 1] = link
+
+
+def _rebuild(layout: Layout, place: str) -> tuple[Graph, Cycle]:
+    meta = layout.meta
+    checked, source = profile.parse(meta["label"], meta["profile"], meta["overrides"])
+    graph = wiring.build(checked, source, None if not meta["simulated"] else meta["simulated"])
+    have = {n: (f.shape, f.unit, f.role) for n, f in graph.layout.fields.items() if f.role != "truth"}
+    want = {n: (f.shape, f.unit, f.role) for n, f in layout.fields.items() if f.role != "truth"}
+    if have != want:
+        odd = sorted(set(have.items()) ^ set(want.items()))[0][0]
+        raise RecordingError(
+            place, f"this version of srl builds other signals from the recorded profile (first: {odd})",
+            f"Replay it with srl-runtime {meta['versions'].get('srl-runtime', '?')}",
+        )  # fmt: skip
+    limits = {name: Limits(**{k: np.array(v) for k, v in value.items()}) for name, value in meta["limits"].items()}
+    return graph, Cycle(graph, limits, meta["automatic"], Cause.RESTART if meta["crashed"] else Cause.NONE)
+
+
+def _other_versions(layout: Layout) -> list[str]:
+    now = provenance.versions() | {"blas": provenance.blas()}
+    then = layout.meta["versions"] | {"blas": layout.meta["blas"]}
+    return [f"{name}: recorded with {then[name]}, now {now.get(name)}" for name in then if then[name] != now.get(name)]
+
+
+def perturbed(layout: Layout, rows: NDArray[np.int64], what: str) -> NDArray[np.int64]:
+    """A copy of rows with one element of one input sample moved: "SIGNAL:CYCLE:AMOUNT", the negative control."""
+    try:
+        name, cycle, amount = what.split(":")
+        k, by = int(cycle), float(amount)
+        fields = layout.fields[name]
+    except (ValueError, KeyError):
+        inputs = ", ".join(n for n, f in layout.fields.items() if f.role in _INPUT[:3])
+        raise RecordingError(f"--perturb {what}", "expected SIGNAL:CYCLE:AMOUNT", f"Inputs are: {inputs}") from None
+    if not 0 <= k < len(rows):
+        raise RecordingError(f"--perturb {what}", f"there is no cycle {k}", f"Cycles go from 0 to {len(rows) - 1}")
+    changed = rows.copy()
+    first = layout.ints + fields.offset
+    changed[k, first : first + 1].view(np.float64)[0] += by
+    return changed

@@ -1,0 +1,236 @@
+"""ROS 2's Common Data Representation (XCDR1, little endian) of the standard messages the bus speaks.
+
+A message is a dict of its fields; sequences and arrays of numbers are numpy arrays. `TYPES` holds the message
+definitions, and one encoder and one decoder walk it.
+
+A payload begins with the 4-byte encapsulation header `00 01 00 00`; alignment counts from the byte after it.
+Every number is aligned to its own size; a string is its length with the final NUL (uint32), its bytes, NUL; a
+sequence is its length (uint32) and its elements. Source: OMG formal/02-06-51 (CDR), the ROS 2 message
+definitions.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from runtime.contracts.errors import RequestError, nearest
+
+HEADER = b"\x00\x01\x00\x00"
+LONGEST = 1 << 20  # bytes of a payload that is looked at
+
+_XYZ = (("x", "float64"), ("y", "float64"), ("z", "float64"))
+_HEADER = ("header", "std_msgs/msg/Header")
+
+# Message definitions: (field, type); a type ends in [] for a sequence, [n] for an array.
+TYPES: dict[str, tuple[tuple[str, str], ...]] = {
+    "builtin_interfaces/msg/Time": (("sec", "int32"), ("nanosec", "uint32")),
+    "std_msgs/msg/Header": (("stamp", "builtin_interfaces/msg/Time"), ("frame_id", "string")),
+    "std_msgs/msg/Bool": (("data", "bool"),),
+    "std_msgs/msg/String": (("data", "string"),),
+    "std_msgs/msg/MultiArrayDimension": (("label", "string"), ("size", "uint32"), ("stride", "uint32")),
+    "std_msgs/msg/MultiArrayLayout": (
+        ("dim", "std_msgs/msg/MultiArrayDimension[]"),
+        ("data_offset", "uint32"),
+    ),
+    "std_msgs/msg/Float64MultiArray": (("layout", "std_msgs/msg/MultiArrayLayout"), ("data", "float64[]")),
+    "geometry_msgs/msg/Point": _XYZ,
+    "geometry_msgs/msg/Vector3": _XYZ,
+    "geometry_msgs/msg/Quaternion": (*_XYZ, ("w", "float64")),
+    "geometry_msgs/msg/Pose": (
+        ("position", "geometry_msgs/msg/Point"),
+        ("orientation", "geometry_msgs/msg/Quaternion"),
+    ),
+    "geometry_msgs/msg/Twist": (
+        ("linear", "geometry_msgs/msg/Vector3"),
+        ("angular", "geometry_msgs/msg/Vector3"),
+    ),
+    "geometry_msgs/msg/Wrench": (
+        ("force", "geometry_msgs/msg/Vector3"),
+        ("torque", "geometry_msgs/msg/Vector3"),
+    ),
+    "geometry_msgs/msg/PointStamped": (_HEADER, ("point", "geometry_msgs/msg/Point")),
+    "geometry_msgs/msg/PoseStamped": (_HEADER, ("pose", "geometry_msgs/msg/Pose")),
+    "geometry_msgs/msg/TwistStamped": (_HEADER, ("twist", "geometry_msgs/msg/Twist")),
+    "geometry_msgs/msg/WrenchStamped": (_HEADER, ("wrench", "geometry_msgs/msg/Wrench")),
+    "geometry_msgs/msg/PoseWithCovariance": (
+        ("pose", "geometry_msgs/msg/Pose"),
+        ("covariance", "float64[36]"),
+    ),
+    "geometry_msgs/msg/TwistWithCovariance": (
+        ("twist", "geometry_msgs/msg/Twist"),
+        ("covariance", "float64[36]"),
+    ),
+    "nav_msgs/msg/Odometry": (
+        _HEADER,
+        ("child_frame_id", "string"),
+        ("pose", "geometry_msgs/msg/PoseWithCovariance"),
+        ("twist", "geometry_msgs/msg/TwistWithCovariance"),
+    ),
+    "sensor_msgs/msg/JointState": (
+        _HEADER,
+        ("name", "string[]"),
+        ("position", "float64[]"),
+        ("velocity", "float64[]"),
+        ("effort", "float64[]"),
+    ),
+    "sensor_msgs/msg/Joy": (_HEADER, ("axes", "float32[]"), ("buttons", "int32[]")),
+    "diagnostic_msgs/msg/KeyValue": (("key", "string"), ("value", "string")),
+    "diagnostic_msgs/msg/DiagnosticStatus": (
+        ("level", "uint8"),
+        ("name", "string"),
+        ("message", "string"),
+        ("hardware_id", "string"),
+        ("values", "diagnostic_msgs/msg/KeyValue[]"),
+    ),
+    "diagnostic_msgs/msg/DiagnosticArray": (_HEADER, ("status", "diagnostic_msgs/msg/DiagnosticStatus[]")),
+}
+
+_NUMBERS = {
+    name: (struct.Struct(f"<{code}"), np.dtype(f"<{kind}"))
+    for name, code, kind in (
+        ("uint8", "B", "u1"),
+        ("int32", "i", "i4"),
+        ("uint32", "I", "u4"),
+        ("float32", "f", "f4"),
+        ("float64", "d", "f8"),
+    )
+}
+_ARRAY = re.compile(r"(.+)\[(\d*)\]")
+
+Message = dict[str, Any]
+
+
+@cache
+def _split(kind: str) -> tuple[str, int | None]:
+    """("float64", 36) of "float64[36]"; 0 for a sequence; None for one element."""
+    match = _ARRAY.fullmatch(kind)
+    return (kind, None) if match is None else (match[1], int(match[2] or 0))
+
+
+def encode(kind: str, message: Mapping[str, Any]) -> bytes:
+    """The payload of a message.
+
+    Args:
+        kind: a name in TYPES, "sensor_msgs/msg/JointState".
+        message: its fields, all of them.
+    """
+    out = bytearray(HEADER)
+    _write(out, kind, message)
+    return bytes(out)
+
+
+def _pad(out: bytearray, size: int) -> None:
+    out += bytes(-(len(out) - len(HEADER)) % size)
+
+
+def _write(out: bytearray, kind: str, value: Any) -> None:
+    base, count = _split(kind)
+    if count is not None:
+        if count and len(value) != count:
+            raise ValueError(f"{kind}: {len(value)} elements")
+        if not count:
+            _write(out, "uint32", len(value))
+        if base in _NUMBERS:
+            dtype = _NUMBERS[base][1]
+            if len(value):
+                _pad(out, dtype.itemsize)
+                out += np.asarray(value, dtype).tobytes()
+        else:
+            for element in value:
+                _write(out, base, element)
+    elif base in _NUMBERS:
+        packer = _NUMBERS[base][0]
+        _pad(out, packer.size)
+        out += packer.pack(value)
+    elif base == "bool":
+        out.append(bool(value))
+    elif base == "string":
+        content = value.encode()
+        _write(out, "uint32", len(content) + 1)
+        out += content + b"\0"
+    else:
+        for name, inner in TYPES[base]:
+            _write(out, inner, value[name])
+
+
+def decode(kind: str, payload: bytes) -> Message:
+    """The fields of a payload.
+
+    Args:
+        kind: a name in TYPES.
+        payload: with its encapsulation header; up to 3 bytes of padding may follow the message.
+    Raises:
+        RequestError: it isn't a little-endian CDR payload of that message, whole and no longer.
+    """
+    if kind not in TYPES:
+        raise RequestError(f"payload '{kind}'", "this message type isn't spoken here", nearest(kind, TYPES))
+    if len(payload) > LONGEST:
+        raise _bad(kind, f"{len(payload)} bytes are too long for it (at most {LONGEST})")
+    if payload[:2] != HEADER[:2] or len(payload) < len(HEADER):
+        raise _bad(kind, f"it begins with '{payload[:4].hex(' ')}' and not with 00 01 00 00 (CDR, little endian)")
+    reader = _Reader(kind, memoryview(payload)[len(HEADER) :])
+    message: Message = reader.read(kind)
+    if len(payload) - len(HEADER) - reader.at > 3:
+        raise _bad(kind, f"{len(payload) - len(HEADER) - reader.at} bytes follow its end")
+    return message
+
+
+def _bad(kind: str, problem: str) -> RequestError:
+    return RequestError(f"payload '{kind}'", problem, "Send the ROS 2 CDR bytes of that message")
+
+
+class _Reader:
+    """A place in a payload."""
+
+    def __init__(self, kind: str, data: memoryview) -> None:
+        self._kind, self._data, self.at = kind, data, 0
+
+    def read(self, kind: str) -> Any:
+        base, count = _split(kind)
+        if count is None:
+            return self._one(base)
+        if not count:
+            count = self._one("uint32")
+        if base in _NUMBERS:
+            dtype = _NUMBERS[base][1]
+            if count == 0:
+                return np.empty(0, dtype)
+            return np.frombuffer(self._take(count * dtype.itemsize, dtype.itemsize), dtype).copy()
+        if count > len(self._data) - self.at:  # no element is shorter than a byte
+            raise _bad(self._kind, f"a sequence claims {count} elements, more than there are bytes")
+        return [self._one(base) for _ in range(count)]
+
+    def _one(self, base: str) -> Any:
+        if base in _NUMBERS:
+            packer = _NUMBERS[base][0]
+            return packer.unpack(self._take(packer.size, packer.size))[0]
+        if base == "bool":
+            if (value := self._take(1)[0]) > 1:
+                raise _bad(self._kind, f"a bool reads {value}")
+            return bool(value)
+        if base == "string":
+            return self._string()
+        return {name: self.read(inner) for name, inner in TYPES[base]}
+
+    def _string(self) -> str:
+        content = bytes(self._take(self._one("uint32")))
+        if content and not content.endswith(b"\0"):
+            raise _bad(self._kind, f"the string before byte {self.at + len(HEADER)} doesn't end in NUL")
+        try:
+            return content[:-1].decode()
+        except UnicodeDecodeError:
+            raise _bad(self._kind, f"the string before byte {self.at + len(HEADER)} isn't UTF-8") from None
+
+    def _take(self, size: int, alignment: int = 1) -> memoryview:
+        start = self.at + -self.at % alignment
+        if start + size > len(self._data):
+            missing = start + size - len(self._data)
+            raise _bad(self._kind, f"it is cut short: {missing} bytes are missing at byte {start + len(HEADER)}")
+        self.at = start + size
+        return self._data[start : self.at]

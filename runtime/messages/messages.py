@@ -1,0 +1,238 @@
+"""Which standard ROS 2 message carries a signal, and the values a client's payload carries.
+
+JointState has one value a joint, the name a signal's label; a pose is (x, y, z, qw, qx, qy, qz) inside the
+runtime and x, y, z, w in ROS; a wrench is force then torque, a twist linear then angular velocity. What no
+standard message fits is a Float64MultiArray; its meaning is asked for at `<key>/meta`.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+
+from runtime.contracts.errors import RequestError
+from runtime.contracts.signals import Array
+from runtime.ipc.layout import Field
+from runtime.messages import cdr
+
+JOINT_STATE = "sensor_msgs/msg/JointState"
+MULTI_ARRAY = "std_msgs/msg/Float64MultiArray"
+WRENCH = "geometry_msgs/msg/WrenchStamped"
+TWIST = "geometry_msgs/msg/TwistStamped"
+POSE = "geometry_msgs/msg/PoseStamped"
+DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
+STRING = "std_msgs/msg/String"
+JSON = "application/json"
+
+# A signal's term -> the field of JointState it fills.
+_JOINT = {
+    "position": "position",
+    "position_command": "position",
+    "velocity": "velocity",
+    "velocity_command": "velocity",
+    "effort": "effort",
+    "effort_command": "effort",
+    "torque": "effort",
+    "torque_command": "effort",
+}
+_STAMPED: dict[tuple[str, tuple[int, ...]], str] = {
+    ("wrench", (6,)): WRENCH,
+    ("twist", (6,)): TWIST,
+    ("pose", (7,)): POSE,
+}
+_SENTINEL = -1.2345678901234567e99  # finds the place of the first value in a payload
+
+
+def encoding(kind: str) -> str:
+    """The zenoh encoding of a message's payload."""
+    return f"application/cdr;{kind}"
+
+
+def _term(field: Field) -> str:
+    return field.name.removesuffix(".applied").rpartition(".")[2]
+
+
+def kind_of(field: Field) -> str:
+    """The message that carries a signal."""
+    term = _term(field)
+    if term in _JOINT and len(field.shape) == 1 and field.frame is None:
+        return JOINT_STATE
+    return _STAMPED.get((term, field.shape), MULTI_ARRAY)
+
+
+def time_of(stamp: int) -> dict[str, int]:
+    """builtin_interfaces/msg/Time of Unix time in ns."""
+    return {"sec": stamp // 1_000_000_000, "nanosec": stamp % 1_000_000_000}
+
+
+def joint_names(field: Field) -> list[str]:
+    """A name for each element: the labels, or the device's name with a number."""
+    owner = field.name.partition(".")[0].replace("-", "_")
+    return list(field.labels) if len(field.labels) == field.size else [f"{owner}_{i}" for i in range(field.size)]
+
+
+def message_of(field: Field, values: Array, stamp: int) -> tuple[str, cdr.Message]:
+    """A signal's message: (type, fields).
+
+    Args:
+        field: the signal.
+        values: its values, of its shape.
+        stamp: Unix time, ns.
+    """
+    kind = kind_of(field)
+    header = {"stamp": time_of(stamp), "frame_id": field.frame or ""}
+    v = values.ravel()
+    if kind == JOINT_STATE:
+        arrays = {"position": (), "velocity": (), "effort": ()} | {_JOINT[_term(field)]: v}
+        return kind, {"header": header, "name": joint_names(field), **arrays}
+    if kind == WRENCH:
+        return kind, {"header": header, "wrench": {"force": _xyz(v[:3]), "torque": _xyz(v[3:])}}
+    if kind == TWIST:
+        return kind, {"header": header, "twist": {"linear": _xyz(v[:3]), "angular": _xyz(v[3:])}}
+    if kind == POSE:
+        return kind, {
+            "header": header,
+            "pose": {"position": _xyz(v[:3]), "orientation": _xyz(v[4:]) | {"w": v[3]}},
+        }
+    return kind, multi_array(values)
+
+
+def multi_array(values: Array) -> cdr.Message:
+    """std_msgs/msg/Float64MultiArray of an array of any shape, row by row."""
+    dims = []
+    for axis, size in enumerate(values.shape):
+        dims.append({"label": f"axis{axis}", "size": size, "stride": math.prod(values.shape[axis:])})
+    return {"layout": {"dim": dims, "data_offset": 0}, "data": values.ravel()}
+
+
+def _xyz(v: Array) -> dict[str, float]:
+    return {"x": v[0], "y": v[1], "z": v[2]}
+
+
+class Encoder:
+    """A signal's payloads. Between two only the stamp and the values differ, and they have fixed places."""
+
+    def __init__(self, field: Field) -> None:
+        self.kind = kind_of(field)
+        self._payload = bytearray(cdr.encode(*message_of(field, np.full(field.shape, _SENTINEL), 0)))
+        self._at = self._payload.find(np.float64(_SENTINEL).tobytes()) if field.size else len(self._payload)
+        self._end = self._at + 8 * field.size
+        self._stamped = self.kind != MULTI_ARRAY
+        self._order = [0, 1, 2, 4, 5, 6, 3] if self.kind == POSE else slice(None)
+
+    def encode(self, values: Array, stamp: int) -> bytes:
+        """As `cdr.encode(*message_of(field, values, stamp))`."""
+        if self._stamped:
+            self._payload[4:12] = (stamp // 1_000_000_000).to_bytes(4, "little") + (stamp % 1_000_000_000).to_bytes(
+                4, "little"
+            )
+        self._payload[self._at : self._end] = values.ravel()[self._order].tobytes()
+        return bytes(self._payload)
+
+
+def values_of(kind: str, message: cdr.Message) -> Array:
+    """The values a message carries, in the runtime's order: the reverse of `message_of`.
+
+    Raises:
+        RequestError: this message carries no values.
+    """
+    if kind == JOINT_STATE:
+        # The one that is there: velocity and effort come alone.
+        return next((message[k] for k in ("position", "velocity", "effort") if len(message[k])), np.empty(0))
+    if kind in (WRENCH, TWIST):
+        first, second = ("force", "torque") if kind == WRENCH else ("linear", "angular")
+        body = message["wrench" if kind == WRENCH else "twist"]
+        return np.array([body[part][axis] for part in (first, second) for axis in "xyz"])
+    if kind == POSE:
+        p, q = message["pose"]["position"], message["pose"]["orientation"]
+        return np.array([p["x"], p["y"], p["z"], q["w"], q["x"], q["y"], q["z"]])
+    if kind == MULTI_ARRAY:
+        data: Array = message["data"]
+        shape = [int(dim["size"]) for dim in message["layout"]["dim"]]
+        return data.reshape(shape) if math.prod(shape) == data.size else data
+    raise RequestError(f"payload '{kind}'", "this message carries no values of a signal", f"Send {MULTI_ARRAY}")
+
+
+def describe(field: Field) -> dict[str, Any]:
+    """What the metadata queryable answers, for JSON."""
+    return {
+        "name": field.name,
+        "role": field.role,
+        "type": kind_of(field),
+        "unit": field.unit,
+        "frame": field.frame,
+        "labels": list(field.labels),
+        "shape": list(field.shape),
+    }
+
+
+def read_values(payload: bytes, declared: str, field: Field, place: str) -> Array:
+    """The values of a client's payload for a signal, checked: as many as it has, all finite.
+
+    Args:
+        payload: JSON (a number or a list) or CDR (Float64MultiArray, or JointState's position).
+        declared: the sample's zenoh encoding; where none is declared, the payload's first bytes decide.
+        field: the signal.
+        place: the key, for the error.
+    Returns:
+        (field.size,) float64.
+    Raises:
+        RequestError: anything else.
+    """
+    kind = declared.partition(";")[2] if declared.startswith("application/cdr") else ""
+    if kind or payload.startswith(cdr.HEADER):
+        values = _from_cdr(payload, kind, field, place)
+    else:
+        values = np.asarray(_from_json(payload, place), np.float64).ravel()
+    if values.size != field.size:
+        raise RequestError(
+            place,
+            f"{values.size} values came where the signal has {field.size}",
+            f"Send shape {list(field.shape)}, in {field.unit}",
+        )
+    if not np.isfinite(values).all():
+        raise RequestError(place, "a value is NaN or infinite", "Send finite numbers")
+    return values.ravel()
+
+
+def _from_cdr(payload: bytes, kind: str, field: Field, place: str) -> Array:
+    if not kind:
+        try:
+            return values_of(MULTI_ARRAY, cdr.decode(MULTI_ARRAY, payload))
+        except RequestError:
+            kind = JOINT_STATE
+    message = cdr.decode(kind, payload)
+    if kind == MULTI_ARRAY:
+        return values_of(kind, message)
+    if kind != JOINT_STATE:
+        raise RequestError(place, f"a setpoint can't be a {kind}", f"Send {MULTI_ARRAY}, {JOINT_STATE} or a JSON list")
+    position: Array = message["position"]
+    names = message["name"]
+    if field.labels and names:
+        if sorted(names) != sorted(field.labels) or len(names) != position.size:
+            raise RequestError(place, f"the joints are {', '.join(names)}", f"Name these: {', '.join(field.labels)}")
+        position = position[[names.index(label) for label in field.labels]]
+    return position
+
+
+def _from_json(payload: bytes, place: str) -> Any:
+    remedy = "Send a JSON number or list of numbers, or CDR"
+    try:
+        content = json.loads(payload)
+    except (ValueError, RecursionError):
+        raise RequestError(place, "the payload is neither JSON nor CDR", remedy) from None
+    if not _numbers(content):
+        raise RequestError(place, "the JSON isn't a number or a list of numbers", remedy)
+    try:
+        return np.array(content, np.float64)
+    except (ValueError, OverflowError):
+        raise RequestError(place, "the JSON's rows differ in length, or a number is too large", remedy) from None
+
+
+def _numbers(content: Any, depth: int = 0) -> bool:
+    if isinstance(content, list):
+        return depth < 4 and all(_numbers(c, depth + 1) for c in content)
+    return isinstance(content, int | float) and not isinstance(content, bool)

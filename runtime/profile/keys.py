@@ -1,0 +1,68 @@
+"""The bus's key expressions: `srl/<instance>/...` in slugs `[a-z0-9_]` (a `-` is illegal in ROS 2)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+from runtime.contracts.errors import ProfileError
+
+COMMANDS = ("start", "stop", "reset")
+
+
+def slug(name: str) -> str:
+    """ "sixth-finger" -> "sixth_finger"."""
+    return re.sub(r"[^a-z0-9_]", "_", name.lower())
+
+
+def path(name: str) -> str:
+    """A dotted name as a key: "finger.position_command" -> "finger/position_command"."""
+    return "/".join(slug(part) for part in name.split("."))
+
+
+class Keys:
+    """The keys of one instance."""
+
+    def __init__(self, instance: str) -> None:
+        self.root = f"srl/{slug(instance)}"
+        self.status = f"{self.root}/status"
+        self.notes = f"{self.root}/notes"
+        self.alive = f"{self.root}/alive"
+        self.states = f"{self.root}/state/**"
+
+    def state(self, signal: str) -> str:
+        """Of a signal of the row, "glove.position"."""
+        return f"{self.root}/state/{path(signal)}"
+
+    def meta(self, signal: str) -> str:
+        """Where a signal's description is asked for."""
+        return f"{self.state(signal)}/meta"
+
+    def command(self, name: str) -> str:
+        """Of a command in COMMANDS."""
+        return f"{self.root}/cmd/{name}"
+
+    def parameter(self, name: str) -> str:
+        """Of a parameter, "object-mapping.pull"."""
+        return f"{self.root}/param/{path(name)}"
+
+    def setpoint(self, name: str) -> str:
+        """Of a setpoint, "client.force"."""
+        return f"{self.root}/setpoint/{path(name)}"
+
+
+def check(names: Iterable[str], what: str) -> None:
+    """Raises ProfileError if two of the names are the same key, or one's key is another's metadata."""
+    seen: dict[str, str] = {}
+    for name in names:
+        other = seen.setdefault(path(name), name)
+        if other != name:
+            raise ProfileError(
+                f"{what} '{name}'",
+                f"on the bus it has the same key as '{other}': {path(name)}",
+                "Rename one, as only a-z, 0-9 and _ tell keys apart",
+            )
+    for key, name in seen.items():
+        if key.endswith("/meta") and key.removesuffix("/meta") in seen:
+            other = seen[key.removesuffix("/meta")]
+            raise ProfileError(f"{what} '{name}'", f"its key is that of the metadata of '{other}'", "Rename it")

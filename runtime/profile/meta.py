@@ -1,0 +1,79 @@
+"""What a reader of rows needs besides the rows: where they come from and what may be asked of the run."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from runtime.contracts import provenance
+from runtime.contracts.controller import Controller, Parameter
+from runtime.contracts.driver import Driver
+from runtime.contracts.errors import WiringError, nearest
+from runtime.contracts.signals import Signal
+from runtime.contracts.world import Fake
+from runtime.profile.plots import split
+from runtime.profile.profile import Profile, Source
+
+
+def describe(
+    profile: Profile,
+    source: Source,
+    signals: Mapping[str, Signal],
+    simulated: list[str],
+    devices: list[Driver],
+    controllers: list[Controller],
+    parameters: list[tuple[str, Parameter]],
+    scenery: list[dict[str, Any]],
+) -> dict[str, Any]:
+    """The layout's `meta`; JSON only."""
+    return {
+        "name": profile.name,
+        "label": source.label,
+        "profile": source.text,
+        "overrides": list(source.overrides),
+        "sha256": source.sha256,
+        "rate": [profile.rate.numerator, profile.rate.denominator],
+        "seed": profile.seed,
+        "simulated": simulated,
+        "versions": provenance.versions(),
+        "blas": provenance.blas(),
+        "wall": time.time_ns() - time.monotonic_ns(),
+        "devices": {
+            d.name: {"driver": profile.devices[d.name].driver, "max_age": d.max_age, "simulated": isinstance(d, Fake)}
+            for d in devices
+        },
+        "controllers": [{"name": c.name, "use": e.use} for c, e in zip(controllers, profile.controllers, strict=True)],
+        "parameters": [
+            {"name": n, "lower": p.lower, "upper": p.upper, "unit": p.unit, "text": p.text, "default": p.default}
+            for n, p in parameters
+        ],
+        "emergency": [f"{e.signal}[{e.index}]" for e in profile.emergency],
+        "setpoints": [{"name": n, "max_age": e.max_age} for n, e in profile.setpoints.items()],
+        "frames": {n: f.model_dump() for n, f in profile.frames.items()},
+        "scenery": scenery,
+        "bus": profile.bus.model_dump() if profile.bus is not None else None,
+        "record": {"plots": _plots(profile, source, signals, simulated)},
+    }
+
+
+def _plots(
+    profile: Profile, source: Source, signals: Mapping[str, Signal], simulated: list[str]
+) -> list[dict[str, Any]]:
+    """The profile's plots, without what only a simulated world could show when there is none."""
+    kept = []
+    for i, plot in enumerate(profile.record.plots):
+        missing = set()
+        for references in [*((r,) for r in plot.lines.values()), *plot.distance.values()]:
+            for name in (split(reference)[0] for reference in references):
+                if name in signals or f"{name}".removesuffix(".applied") in signals:
+                    continue
+                if not name.startswith("world.") or simulated:
+                    place = source.place(f"record.plots.{i}")
+                    raise WiringError(place, f"no signal is called '{name}'", nearest(name, signals))
+                missing.add(name)
+        lines = {label: r for label, r in plot.lines.items() if split(r)[0] not in missing}
+        distance = {label: pair for label, pair in plot.distance.items() if not missing & {split(r)[0] for r in pair}}
+        if lines or distance:
+            kept.append(plot.model_copy(update={"lines": lines, "distance": distance}).model_dump())
+    return kept

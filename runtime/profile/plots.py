@@ -1,0 +1,143 @@
+"""Which curves belong together in a picture of a recording: each element of a command, and a profile's `record.plots`.
+
+A line names a signal ("finger.position"), one row of it ("hand.tips[1]") or one number ("hand.tips[1,2]").
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
+
+from runtime.contracts.errors import RecordingError, nearest
+from runtime.contracts.signals import Array
+from runtime.ipc.layout import Layout
+
+_REFERENCE = r"^([A-Za-z0-9_.\-]+)(?:\[(\d+(?:,\d+)*)\])?$"
+Reference = Annotated[str, StringConstraints(pattern=_REFERENCE)]
+
+
+class Plot(BaseModel):
+    """`record.plots[i]`: curves of one unit over time, or distances between points.
+
+    For example `{title: Finger, unit: rad, lines: {measured: "world.finger"}}`, or
+    `{title: Grip, unit: m, distance: {thumb: ["hand.tips[0]", "world.finger_tip"]}}`.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    title: str
+    unit: str = Field(description="what the axis says; the values are not converted")
+    lines: dict[str, Reference] = Field(default_factory=dict, description="by its label: a signal or a part of one")
+    distance: dict[str, tuple[Reference, Reference]] = Field(
+        default_factory=dict, description="by its label: two points (x, y, z), m, in the same frame"
+    )
+
+    @model_validator(mode="after")
+    def _something(self) -> Self:
+        if not self.lines and not self.distance:
+            raise ValueError("needs 'lines' or 'distance'")
+        return self
+
+    def curves(self, layout: Layout, rows: NDArray[np.int64]) -> dict[str, Array]:
+        """The curves over rows (k, width), each (k,), by label; a larger signal gives one for each element.
+
+        Raises:
+            RecordingError: the layout lacks a signal, an index is out of range, or a point isn't (3,).
+        """
+        place = f"record.plots '{self.title}'"
+        found: dict[str, Array] = {}
+        for label, reference in self.lines.items():
+            values = pick(layout, rows, reference, place)
+            if values.ndim == 1:
+                found[label] = values
+            else:
+                flat = values.reshape(len(rows), -1)
+                names = element_names(layout, reference, flat.shape[1])
+                found |= {f"{label} {name}": flat[:, i] for i, name in enumerate(names)}
+        for label, (one, other) in self.distance.items():
+            a, b = (pick(layout, rows, reference, place) for reference in (one, other))
+            if a.shape[1:] != (3,) or b.shape[1:] != (3,):
+                problem = f"'{one}' and '{other}' are shaped {a.shape[1:]} and {b.shape[1:]}, not (3,)"
+                raise RecordingError(place, problem, "Name one point of each, as in hand.tips[0]")
+            found[label] = np.linalg.norm(a - b, axis=1)
+        return found
+
+
+def command_plots(layout: Layout) -> list[Plot]:
+    """Each element of each command: asked, applied and, where something tells it, measured.
+
+    A command `finger.position_command` is measured by the device's own `finger.position` or else, in simulation,
+    by the world's `world.finger_position`, if that has the same shape and unit.
+    """
+    found = []
+    for field in layout.fields.values():
+        if field.role != "command":
+            continue
+        stem = field.name.removesuffix("_command")
+        signals = {"asked": field.name, "applied": f"{field.name}.applied"}
+        for name in (stem, f"world.{stem.replace('.', '_')}"):
+            other = layout.fields.get(name)
+            if other is not None and (other.shape, other.unit) == (field.shape, field.unit):
+                signals["measured"] = name
+                break
+        there = {label: name for label, name in signals.items() if name in layout.fields}
+        for index, label in zip(np.ndindex(field.shape), series_names(layout, field.name), strict=True):
+            at = f"[{','.join(map(str, index))}]" if index else ""
+            lines = {what: name + at for what, name in there.items()}
+            found.append(Plot(title=f"{stem} {label}", unit=field.unit, lines=lines))
+    return found
+
+
+def profile_plots(layout: Layout) -> list[Plot]:
+    """The plots the profile asks for."""
+    return [Plot(**p) for p in (layout.meta.get("record") or {}).get("plots", ())]
+
+
+def split(reference: str) -> tuple[str, tuple[int, ...]]:
+    """The signal's name and the index of a reference."""
+    match = re.match(_REFERENCE, reference)
+    if match is None:
+        raise RecordingError(f"'{reference}'", "it isn't a signal", "Write device.signal or device.signal[row]")
+    return match[1], tuple(int(i) for i in match[2].split(",")) if match[2] else ()
+
+
+def pick(layout: Layout, rows: NDArray[np.int64], reference: str, place: str) -> Array:
+    """What a reference names, over rows (k, width): (k, *rest of the shape)."""
+    name, index = split(reference)
+    if name not in layout.fields:
+        raise RecordingError(place, f"the recording has no signal '{name}'", nearest(name, layout.fields))
+    shape = layout.fields[name].shape
+    if len(index) > len(shape) or any(i >= n for i, n in zip(index, shape, strict=False)):
+        raise RecordingError(place, f"'{reference}': '{name}' is shaped {shape}", "Use indices from 0 within it")
+    values = layout.value(rows, name)
+    for i in index:
+        values = values[:, i]
+    return values[:, 0] if values.shape[1:] == (1,) else values
+
+
+def element_names(layout: Layout, reference: str, count: int) -> list[str]:
+    """A name for each of the `count` elements that a reference covers."""
+    name, index = split(reference)
+    names = series_names(layout, name)
+    shape = layout.fields[name].shape
+    start = int(np.ravel_multi_index((*index, *(0,) * (len(shape) - len(index))), shape)) if shape else 0
+    return names[start : start + count]
+
+
+def series_names(layout: Layout, name: str) -> list[str]:
+    """A name for each element of a signal, in the order of its words: "thumb x" for labels and points."""
+    field = layout.fields[name]
+    if not field.shape:
+        return [name.rsplit(".", 1)[-1]]
+    if field.visual == "sphere" and field.shape == (4,):
+        return ["x", "y", "z", "radius"]
+    first = list(field.labels) if len(field.labels) == field.shape[0] else [str(i) for i in range(field.shape[0])]
+    if len(field.shape) == 1:
+        return first
+    inner = field.shape[1:]
+    last = list("xyz") if inner == (3,) else [",".join(map(str, i)) for i in np.ndindex(inner)]
+    return [f"{a} {b}" for a in first for b in last]

@@ -1,0 +1,362 @@
+"""A profile: one YAML file that says what is wired to what. Read, checked for form, never executed.
+
+Whether the parts it names exist and fit together is `runtime.profile.wiring`'s business.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from importlib import resources
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from ruamel.yaml import YAML
+from ruamel.yaml.comments import CommentedMap, CommentedSeq
+from ruamel.yaml.error import MarkedYAMLError, YAMLError
+
+from runtime.contracts.errors import ProfileError, nearest
+from runtime.contracts.frames import FrameEntry
+from runtime.contracts.signals import Stop
+from runtime.guard.limits import GuardLimits
+from runtime.profile.bus import BusConfig
+from runtime.profile.plots import Plot
+
+SLUG = r"^[a-z][a-z0-9_-]*$"
+SIGNAL = r"^[a-z][a-z0-9_-]*(\.[a-z][a-z0-9_-]*)+$"
+
+
+class Part(BaseModel):
+    """A section of the profile: unknown keys are errors."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+
+
+class DeviceEntry(BaseModel):
+    """`devices.<name>`: the driver, what the runtime itself needs, and the driver's own options (the rest)."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+
+    driver: str
+    max_age: float | None = Field(None, gt=0, description="s; older than this a sample is stale")
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The driver's own options."""
+        return dict(self.model_extra or {})
+
+
+class ControllerEntry(BaseModel):
+    """`controllers[i]`: the control law, its wiring, and its own options (the rest)."""
+
+    model_config = ConfigDict(extra="allow", frozen=True, populate_by_name=True)
+
+    use: str
+    name: str | None = Field(None, pattern=SLUG, description="default: the control law's name")
+    inputs: dict[str, str] = Field(default_factory=dict, alias="in")
+    outputs: dict[str, str] = Field(default_factory=dict, alias="out")
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The controller's own options."""
+        return dict(self.model_extra or {})
+
+
+class SetpointEntry(Part):
+    """`setpoints.<owner>.<signal>`: a signal that clients of the bus write."""
+
+    shape: tuple[int, ...]
+    unit: str
+    max_age: float = Field(0.5, gt=0, description="s; older than this it is stale, a loss of intent")
+    frame: str | None = None
+
+
+class SimEntry(BaseModel):
+    """`sim`: the world, the fakes' options by device, and the world's own options (the rest)."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+
+    world: str
+    devices: dict[str, dict[str, Any]] = Field(default_factory=dict)
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The world's own options."""
+        return dict(self.model_extra or {})
+
+
+Reaction = Stop | Literal["stop"]  # "stop": each actuator's own category
+
+
+class OverrunLadder(Part):
+    """What overruns lead to: up to `tolerate` in `window` nothing, then less telemetry, at `stop` a safe stop."""
+
+    tolerate: int = Field(5, ge=0)
+    window: float = Field(1.0, gt=0, description="s")
+    stop: int = Field(20, ge=1, description="overruns in the window that stop the limb")
+
+
+class Faults(Part):
+    """`faults`: what each fault leads to."""
+
+    intent_loss: Reaction = Field("stop", alias="intent-loss")
+    device_loss: Reaction = Field("stop", alias="device-loss")
+    device_fault: Reaction = Field("stop", alias="device-fault")
+    driver_error: Reaction = Field("stop", alias="driver-error")
+    controller_error: Reaction = Field("stop", alias="controller-error")
+    bus_loss: Reaction | Literal["ignore"] = Field("ignore", alias="bus-loss")
+    overrun: OverrunLadder = OverrunLadder()
+
+
+class EmergencyInput(Part):
+    """`emergency[i]`: an e-stop or enabling switch: any element of any device's states."""
+
+    signal: str = Field(pattern=SIGNAL)
+    index: int = Field(0, ge=0)
+    when: float = Field(1.0, description="the value that stops; an enabling switch stops at 0")
+    category: Reaction = "stop"
+
+
+class Record(Part):
+    """`record`: what a recording shows besides the signals themselves."""
+
+    plots: tuple[Plot, ...] = ()
+
+
+class Profile(Part):
+    """The whole file."""
+
+    name: str = Field(pattern=SLUG)
+    summary: str = ""
+    rate: Fraction = Field(description="Hz; 100, or '1000/3'")
+    start: Literal["auto", "manual"] = "auto"
+    seed: int = 0
+    clock: str = Field("monotonic", description="'monotonic', or the device whose own tick paces the loop")
+    devices: dict[str, DeviceEntry] = Field(min_length=1)
+    setpoints: dict[str, SetpointEntry] = Field(default_factory=dict)
+    controllers: tuple[ControllerEntry, ...] = ()
+    guard: dict[str, GuardLimits] = Field(default_factory=dict)
+    frames: dict[str, FrameEntry] = Field(default_factory=dict)
+    sim: SimEntry | None = None
+    stop: dict[str, Stop] = Field(default_factory=dict)
+    faults: Faults = Faults()
+    emergency: tuple[EmergencyInput, ...] = ()
+    bus: BusConfig | None = Field(default_factory=BusConfig, description="null: no bus")
+    record: Record = Record()
+
+    @field_validator("rate", mode="before")
+    @classmethod
+    def _rate(cls, value: Any) -> Any:
+        try:
+            rate = Fraction(str(value)) if isinstance(value, int | str | float) else value
+        except ValueError:
+            raise ValueError("must be a number of Hz or a fraction such as '1000/3'") from None
+        if isinstance(rate, Fraction) and not Fraction(1) <= rate <= Fraction(10_000):
+            raise ValueError("must be from 1 to 10000 Hz")
+        return rate
+
+    @field_validator("devices", "setpoints")
+    @classmethod
+    def _slugs(cls, value: dict[str, Any]) -> dict[str, Any]:
+        for name, entry in value.items():
+            if not re.match(SIGNAL if isinstance(entry, SetpointEntry) else SLUG, name):
+                raise ValueError(f"'{name}' isn't a valid name: lower-case letters, digits, - and _ only")
+        return value
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a profile came from, for errors and for the recording.
+
+    Attributes:
+        label: the file's name as the user gave it.
+        text: the file's text.
+        overrides: the `--set` options, in order.
+        lines: line (from 1) of each key path.
+    """
+
+    label: str
+    text: str
+    overrides: tuple[str, ...] = ()
+    lines: dict[str, int] = field(default_factory=dict)
+
+    def place(self, path: str) -> str:
+        """A key path as errors name it: "sixth-finger.yaml line 12: devices.glove.port"."""
+        for override in self.overrides:
+            if override.split("=", 1)[0].strip() == path:
+                return f"--set {path}"
+        at = path
+        while at and at not in self.lines:
+            at = at.rpartition(".")[0]
+        line = f" line {self.lines[at]}" if at in self.lines else ""
+        return f"{self.label}{line}: {path}" if path else f"{self.label}{line}"
+
+    @property
+    def sha256(self) -> str:
+        """Hash of the text and the overrides."""
+        return hashlib.sha256("\n--set ".join((self.text, *self.overrides)).encode()).hexdigest()
+
+
+def find(name: str) -> tuple[str, str]:
+    """The label and text of a profile, by its name under profiles/ or by path."""
+    path = Path(name)
+    if path.suffix in (".yaml", ".yml") or "/" in name:
+        try:
+            return str(path), path.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            reason = error.strerror if isinstance(error, OSError) else "it isn't UTF-8 text"
+            raise ProfileError(name, f"the profile can't be read: {reason}", "Give an existing YAML file") from None
+    shipped = {
+        p.name.removesuffix(".yaml"): p for p in resources.files("profiles").iterdir() if p.name.endswith(".yaml")
+    }
+    if name not in shipped:
+        raise ProfileError(name, "no profile has this name", nearest(name, shipped) + ". A path must end in .yaml")
+    return f"{name}.yaml", shipped[name].read_text(encoding="utf-8")
+
+
+def shipped() -> list[str]:
+    """Names of the profiles that come with the runtime."""
+    return sorted(
+        p.name.removesuffix(".yaml") for p in resources.files("profiles").iterdir() if p.name.endswith(".yaml")
+    )
+
+
+def load(name: str, overrides: Sequence[str] = ()) -> tuple[Profile, Source]:
+    """Finds, reads and checks a profile, with `--set key.path=value` applied."""
+    label, text = find(name)
+    return parse(label, text, overrides)
+
+
+def parse(label: str, text: str, overrides: Sequence[str] = ()) -> tuple[Profile, Source]:
+    """Checks a profile's text. Raises ProfileError naming the first thing that is wrong, and where."""
+    try:
+        tree = YAML(typ="rt", pure=True).load(text)
+    except MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        line = f" line {mark.line + 1}" if mark else ""
+        problem = " ".join(str(error.problem or error.context).split())
+        raise ProfileError(f"{label}{line}", f"this isn't valid YAML: {problem}", "Mend the text there") from None
+    except YAMLError as error:
+        raise ProfileError(label, f"this isn't valid YAML: {error}", "Mend the text") from None
+    if not isinstance(tree, CommentedMap):
+        raise ProfileError(label, "the profile isn't a mapping of keys to values", "Start from one under profiles/")
+    lines: dict[str, int] = {}
+    _note_lines(tree, "", lines)
+    source = Source(label, text, tuple(overrides), lines)
+    plain = _plain(tree)
+    for override in overrides:
+        _override(plain, override)
+    try:
+        return Profile.model_validate(plain), source
+    except ValidationError as error:
+        raise first_error(error, source) from None
+
+
+def first_error(
+    error: ValidationError, source: Source, prefix: str = "", model: type[BaseModel] = Profile
+) -> ProfileError:
+    """The first error of pydantic's as ours."""
+    # A misspelt key makes two errors; the unknown key says more than the missing one.
+    item = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
+    location = [str(part) for part in item["loc"] if not str(part).startswith(("function-", "literal", "is-instance"))]
+    path = ".".join([prefix, *location] if prefix else location)
+    more = f" ({error.error_count() - 1} more after this one)" if error.error_count() > 1 else ""
+    if item["type"] == "extra_forbidden":
+        known = _known_keys(model, location[:-1])
+        return ProfileError(
+            source.place(path), f"the key '{location[-1]}' isn't known here{more}", nearest(location[-1], known)
+        )
+    if item["type"] == "missing":
+        return ProfileError(source.place(path), f"the key '{location[-1]}' is missing{more}", "Add it")
+    message = item["msg"].removeprefix("Value error, ")
+    value = item.get("input")
+    shown = f", not {value!r}" if isinstance(value, str | int | float | bool) or value is None else ""
+    return ProfileError(source.place(path), f"{message[0].lower()}{message[1:]}{shown}{more}", "Correct the value")
+
+
+def _known_keys(model: type[BaseModel], location: list[str]) -> list[str]:
+    """The keys a model allows at a location, as they are written in YAML."""
+    current: Any = model
+    for part in location:
+        fields = getattr(current, "model_fields", {})
+        named = {(f.alias or n): f for n, f in fields.items()}
+        if part in named:
+            current = _model_in(named[part].annotation)
+        elif not fields:
+            break
+    return [f.alias or n for n, f in getattr(current, "model_fields", {}).items()]
+
+
+def _model_in(annotation: Any) -> Any:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    for inner in getattr(annotation, "__args__", ()):
+        found = _model_in(inner)
+        if found is not None:
+            return found
+    return None
+
+
+def _note_lines(node: Any, path: str, lines: dict[str, int]) -> None:
+    items: Any = ()
+    if isinstance(node, CommentedMap):
+        items = ((str(key), key, value) for key, value in node.items())
+    elif isinstance(node, CommentedSeq):
+        items = ((str(i), i, value) for i, value in enumerate(node))
+    for name, key, value in items:
+        below = f"{path}.{name}" if path else name
+        try:
+            lines[below] = (node.lc.key(key) if isinstance(node, CommentedMap) else node.lc.item(key))[0] + 1
+        except (KeyError, TypeError, AttributeError):
+            pass  # a merged or generated key has no line of its own
+        _note_lines(value, below, lines)
+
+
+def _plain(node: Any) -> Any:
+    if isinstance(node, dict):
+        return {str(k): _plain(v) for k, v in node.items()}
+    if isinstance(node, list):
+        return [_plain(v) for v in node]
+    if isinstance(node, bool) or node is None:
+        return node
+    for kind in (int, float, str):
+        if isinstance(node, kind):
+            return kind(node)
+    return str(node)
+
+
+def _override(tree: Any, override: str) -> None:
+    path, equals, text = override.partition("=")
+    path = path.strip()
+    place = f"--set {override}"
+    if not equals or not path:
+        raise ProfileError(place, "expected key.path=value", "For example --set devices.glove.port=/dev/ttyUSB1")
+    try:
+        value = _plain(YAML(typ="safe", pure=True).load(io.StringIO(text)))
+    except YAMLError:
+        value = text
+    node, parts = tree, path.split(".")
+    while len(parts) > 1:
+        if isinstance(node, list) and parts[0].isdigit() and int(parts[0]) < len(node):
+            node, parts = node[int(parts[0])], parts[1:]
+        elif isinstance(node, dict):
+            # A signal's name is one key with dots in it.
+            length = next((n for n in range(len(parts), 0, -1) if ".".join(parts[:n]) in node), 1)
+            if length == len(parts):
+                parts = [".".join(parts)]
+                break
+            node, parts = node.setdefault(".".join(parts[:length]), {}), parts[length:]
+        else:
+            raise ProfileError(place, f"there is no '{parts[0]}' to go into", "Check the key path against the profile")
+    last = parts[0]
+    if isinstance(node, list) and last.isdigit() and int(last) < len(node):
+        node[int(last)] = value
+    elif isinstance(node, dict):
+        node[last] = value
+    else:
+        raise ProfileError(place, f"'{last}' has no place there", "Check the key path against the profile")

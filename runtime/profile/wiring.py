@@ -1,0 +1,399 @@
+"""From a profile to its parts, wired: built and checked before anything is opened.
+
+Every input bound to a signal made earlier, shapes, units and frames equal, one writer a signal, no option
+unknown or unused. What comes out holds the parts with views into one row, ready for the loop or a replay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel, ValidationError
+
+from runtime.contracts import registry
+from runtime.contracts.controller import Controller, Parameter
+from runtime.contracts.driver import Driver
+from runtime.contracts.errors import ProfileError, WiringError, nearest
+from runtime.contracts.frames import Frames
+from runtime.contracts.signals import Command, Kind, Signal
+from runtime.contracts.world import World
+from runtime.ipc.layout import Board, Layout
+from runtime.profile import keys
+from runtime.profile.graph import Actuator, Graph, form
+from runtime.profile.meta import describe
+from runtime.profile.profile import ControllerEntry, Profile, Source, first_error
+
+
+class _Builder:
+    """Collects the signals of one profile; each step adds its own and checks them against those before."""
+
+    def __init__(self, profile: Profile, source: Source, sim: Iterable[str] | None) -> None:
+        self.profile, self.source = profile, source
+        self.layout = Layout()
+        self.signals: dict[str, Signal] = {}
+        self.writers: dict[str, str] = {}
+        self.simulated = self._simulated(sim)
+        self.frames = Frames(profile.frames, source.label)
+
+    def _simulated(self, sim: Iterable[str] | None) -> list[str]:
+        if sim is None:
+            return []
+        chosen = list(sim) or list(self.profile.devices)
+        for name in chosen:
+            if name not in self.profile.devices:
+                remedy = nearest(name, self.profile.devices)
+                raise ProfileError(f"--sim {name}", f"{self.source.label} has no device '{name}'", remedy)
+        if self.profile.sim is None:
+            raise ProfileError(
+                f"{self.source.place('')}", "the profile has no `sim:` section, so nothing can be simulated",
+                "Add one that names a world, or run on the real devices",
+            )  # fmt: skip
+        return chosen
+
+    def options(self, model: type[BaseModel], values: dict[str, Any], path: str) -> Any:
+        """A part's own options, checked by its model."""
+        try:
+            return model.model_validate(values)
+        except ValidationError as error:
+            raise first_error(error, self.source, path, model) from None
+
+    def add(self, name: str, signal: Signal, role: str, writer: str, place: str) -> None:
+        """Puts a signal on the board."""
+        if name in self.writers:
+            raise WiringError(
+                self.source.place(place),
+                f"'{name}' has two writers: {self.writers[name]} and {writer}",
+                "Let only one of them write it, or give the other another name under `out:`",
+            )
+        if signal.frame is not None and self.profile.frames and signal.frame not in self.profile.frames:
+            raise WiringError(
+                self.source.place(place), f"'{name}' is in frame '{signal.frame}', which `frames:` doesn't have",
+                nearest(signal.frame, self.profile.frames),
+            )  # fmt: skip
+        self.writers[name] = writer
+        self.signals[name] = signal
+        self.layout.add(
+            name, role, signal.shape, signal.unit,
+            frame=signal.frame, labels=signal.labels, visual=signal.visual, links=signal.links,
+        )  # fmt: skip
+
+    def match(self, place: str, have: Signal, have_name: str, want: Signal, want_name: str) -> None:
+        """Checks that a signal can be wired to a port."""
+        for what, a, b in (("shape", have.shape, want.shape), ("unit", have.unit, want.unit)):
+            if a != b:
+                raise WiringError(
+                    self.source.place(place),
+                    f"{what}s differ: {have_name} has {_text(a)}, {want_name} has {_text(b)}",
+                    "Wire another signal, or change the options that decide this one's form",
+                )
+        if have.labels != want.labels and sorted(have.labels) == sorted(want.labels):
+            raise WiringError(
+                self.source.place(place),
+                f"orders differ: {have_name} is {', '.join(have.labels)}, {want_name} expects {', '.join(want.labels)}",
+                "Name them in that order where the device or the option lists them",
+            )
+        if have.frame and want.frame and have.frame != want.frame:
+            raise WiringError(
+                self.source.place(place),
+                f"frames differ: {have_name} is in '{have.frame}', {want_name} expects '{want.frame}'",
+                "Wire a signal in that frame",
+            )
+
+
+def _text(value: object) -> str:
+    return "x".join(map(str, value)) if isinstance(value, tuple) else f"'{value}'"
+
+
+def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) -> Graph:
+    """Builds and checks everything; opens nothing.
+
+    Args:
+        profile: as `runtime.profile.profile.load` gives it.
+        source: likewise.
+        sim: devices to simulate; empty for all; None for none.
+    Raises:
+        ProfileError, WiringError: naming the key path and the remedy.
+    """
+    b = _Builder(profile, source, sim)
+    world = _world(b)
+    devices = _devices(b, world)
+    owners = _setpoints(b)
+    if world is not None:
+        for signal in world.truth:
+            b.add(f"world.{signal.name}", signal, "truth", "the simulated world", "sim")
+    controllers, fed = _controllers(b, devices)
+    parameters = _parameters(b, controllers)
+    names = [d.name for d in devices] + owners
+    b.layout.devices = names
+    _unused(b, devices)
+    layout = b.layout
+    scenery = world.scenery if world is not None else []
+    layout.meta = describe(b.profile, b.source, b.signals, b.simulated, devices, controllers, parameters, scenery)
+    keys.check(layout.fields, f"{b.source.label}: signal")
+    board = Board(layout)
+    for item in layout.meta["parameters"]:
+        board.views[item["name"]][()] = item["default"]
+    for entry in layout.meta["setpoints"]:
+        board.views[entry["name"]][...] = np.nan  # none yet
+    graph = Graph(
+        profile, source, layout, board, devices, controllers, _actuators(b, devices, board), world, b.frames,
+        b.simulated, [_is_intent(name, devices, fed) for name in names],
+    )  # fmt: skip
+    _bind(graph)
+    return graph
+
+
+def _world(b: _Builder) -> World | None:
+    if not b.simulated or b.profile.sim is None:
+        return None
+    cls = registry.load("worlds", b.profile.sim.world, b.source.place("sim.world"))
+    world: World = cls(b.options(cls.Config, b.profile.sim.options, "sim"), b.profile.seed)
+    return world
+
+
+def _devices(b: _Builder, world: World | None) -> list[Driver]:
+    devices: list[Driver] = []
+    for name, entry in b.profile.devices.items():
+        path = f"devices.{name}"
+        if name in ("world", "bus"):
+            raise ProfileError(b.source.place(path), f"the name '{name}' is taken by the runtime", "Choose another")
+        cls = registry.load("drivers", entry.driver, b.source.place(f"{path}.driver"))
+        config = b.options(cls.Config, entry.options, path)
+        if name in b.simulated and world is not None and b.profile.sim is not None:
+            fake = registry.load("fakes", entry.driver, b.source.place(f"{path}.driver"))
+            options = b.options(fake.Options, b.profile.sim.devices.get(name, {}), f"sim.devices.{name}")
+            devices.append(fake(name, config, world, options))
+        else:
+            devices.append(cls(name, config))
+        device = devices[-1]
+        if entry.max_age is not None:
+            device.max_age = entry.max_age
+        for signal in device.states:
+            b.add(f"{name}.{signal.name}", signal, "state", f"device '{name}'", path)
+    if b.profile.sim is not None:
+        for name in b.profile.sim.devices:
+            if name not in b.profile.devices:
+                place = b.source.place(f"sim.devices.{name}")
+                raise ProfileError(place, f"there is no device '{name}'", nearest(name, b.profile.devices))
+    for name in b.profile.stop:
+        if name not in b.profile.devices:
+            place = b.source.place(f"stop.{name}")
+            raise ProfileError(place, f"there is no device '{name}'", nearest(name, b.profile.devices))
+    return devices
+
+
+def _setpoints(b: _Builder) -> list[str]:
+    owners: list[str] = []
+    for name, entry in b.profile.setpoints.items():
+        owner, _, short = name.partition(".")
+        if owner in b.profile.devices:
+            place = b.source.place(f"setpoints.{name}")
+            raise ProfileError(place, f"'{owner}' is a device", "Give the client another name, such as 'client'")
+        signal = Signal(name=short, shape=entry.shape, unit=entry.unit, frame=entry.frame)
+        b.add(name, signal, "setpoint", "clients of the bus", f"setpoints.{name}")
+        if owner not in owners:
+            owners.append(owner)
+    if owners and b.profile.bus is None:
+        raise ProfileError(b.source.place("bus"), "`setpoints:` need the bus, which is off", "Remove `bus: null`")
+    return owners
+
+
+def _controllers(b: _Builder, devices: list[Driver]) -> tuple[list[Controller], set[str]]:
+    """The controllers in their order, and the names of all signals that feed one."""
+    commands = {f"{d.name}.{c.name}": c for d in devices for c in d.commands}
+    controllers: list[Controller] = []
+    fed: set[str] = set()
+    for i, entry in enumerate(b.profile.controllers):
+        path = f"controllers.{i}"
+        cls = registry.load("controllers", entry.use, b.source.place(f"{path}.use"))
+        name = entry.name or entry.use
+        if name in b.layout.devices or name in b.profile.devices or any(c.name == name for c in controllers):
+            raise WiringError(b.source.place(path), f"the name '{name}' is taken", "Add `name:` to this controller")
+        controller: Controller = cls(name, b.options(cls.Config, entry.options, path))
+        controllers.append(controller)
+        _inputs(b, controller, entry, path)
+        fed |= set(entry.inputs.values())
+        _outputs(b, controller, entry, path, commands)
+    for name in commands:
+        if name not in b.writers:
+            raise WiringError(
+                b.source.place("controllers"), f"no controller writes the command '{name}'",
+                "Wire an output to it, or remove what makes the device take commands",
+            )  # fmt: skip
+    for name, command in commands.items():
+        b.add(f"{name}.applied", command, "applied", "the guard", "guard")
+    return controllers, fed
+
+
+def _inputs(b: _Builder, controller: Controller, entry: ControllerEntry, path: str) -> None:
+    wanted = {s.name: s for s in controller.inputs}
+    for name in entry.inputs:
+        if name not in wanted:
+            place = b.source.place(f"{path}.in.{name}")
+            raise WiringError(place, f"{controller.name} has no input '{name}'", nearest(name, wanted))
+    for name, signal in wanted.items():
+        place = f"{path}.in.{name}"
+        if name not in entry.inputs:
+            raise WiringError(
+                b.source.place(f"{path}.in"), f"input '{name}' ({form(signal)}) of {controller.name} isn't bound",
+                f"Add `{name}: <device>.<signal>`; there are: {', '.join(sorted(b.signals)) or 'none'}",
+            )  # fmt: skip
+        target = entry.inputs[name]
+        if target not in b.signals:
+            raise WiringError(
+                b.source.place(place),
+                f"no signal '{target}' is made before {controller.name}",
+                nearest(target, b.signals),
+            )
+        if target.startswith("world."):
+            raise WiringError(
+                b.source.place(place), f"'{target}' is the simulation's truth, which no real device could give",
+                "Wire a device's state instead",
+            )  # fmt: skip
+        b.match(place, b.signals[target], target, signal, f"{controller.name}.{name}")
+
+
+def _outputs(
+    b: _Builder, controller: Controller, entry: ControllerEntry, path: str, commands: dict[str, Command]
+) -> None:
+    made = {s.name: s for s in controller.outputs}
+    for name in entry.outputs:
+        if name not in made:
+            place = b.source.place(f"{path}.out.{name}")
+            raise WiringError(place, f"{controller.name} has no output '{name}'", nearest(name, made))
+    for name, signal in made.items():
+        target = entry.outputs.get(name, f"{controller.name}.{name}")
+        place = f"{path}.out.{name}"
+        base, _, last = target.rpartition(".")
+        writer = f"controller '{controller.name}'"
+        if target in commands:
+            b.match(place, signal, f"{controller.name}.{name}", commands[target], target)
+            b.add(target, commands[target], "command", writer, place)
+        elif last == "velocity" and base in commands and commands[base].kind is Kind.POSITION:
+            rate = Signal(
+                name="velocity",
+                shape=commands[base].shape,
+                unit=f"{commands[base].unit}/s",
+                labels=commands[base].labels,
+            )
+            b.match(place, signal, f"{controller.name}.{name}", rate, target)
+            b.add(target, rate, "internal", writer, place)
+        elif target.split(".")[0] in b.profile.devices:
+            remedy = nearest(target, [*commands, *(f"{c}.velocity" for c in commands)])
+            raise WiringError(b.source.place(place), f"'{target}' isn't a command of that device", remedy)
+        else:
+            b.add(target, signal, "internal", writer, place)
+
+
+def _parameters(b: _Builder, controllers: list[Controller]) -> list[tuple[str, Parameter]]:
+    parameters = []
+    for controller in controllers:
+        for p in controller.parameters:
+            name = f"{controller.name}.{p.name}"
+            b.add(name, Signal(name=p.name, shape=(), unit=p.unit), "parameter", "the parameters", "controllers")
+            parameters.append((name, p))
+    return parameters
+
+
+def _unused(b: _Builder, devices: list[Driver]) -> None:
+    wired = {target for c in b.profile.controllers for target in c.inputs.values()}
+    commands = {f"{d.name}.{c.name}" for d in devices for c in d.commands}
+    for name in b.profile.setpoints:
+        if name not in wired:
+            raise WiringError(b.source.place(f"setpoints.{name}"), f"nothing reads '{name}'", "Wire it or remove it")
+    for name in b.profile.guard:
+        if name not in commands:
+            raise WiringError(
+                b.source.place(f"guard.{name}"), f"no command is called '{name}'", nearest(name, commands)
+            )
+    for entry in b.profile.emergency:
+        signal = b.signals.get(entry.signal)
+        if signal is None:
+            raise WiringError(
+                b.source.place("emergency"), f"no signal is called '{entry.signal}'", nearest(entry.signal, b.signals)
+            )
+        if entry.index >= signal.size:
+            raise WiringError(
+                b.source.place("emergency"), f"'{entry.signal}' has {signal.size} elements, none at {entry.index}",
+                "Indices start at 0",
+            )  # fmt: skip
+    for name, frame in b.profile.frames.items():
+        if frame.pose is not None:
+            pose = b.signals.get(frame.pose)
+            if pose is None or pose.shape != (7,):
+                raise WiringError(
+                    b.source.place(f"frames.{name}.pose"), f"'{frame.pose}' is no pose signal of shape 7",
+                    nearest(frame.pose, [n for n, s in b.signals.items() if s.shape == (7,)]),
+                )  # fmt: skip
+
+
+def _actuators(b: _Builder, devices: list[Driver], board: Board) -> list[Actuator]:
+    actuators = []
+    for i, device in enumerate(devices):
+        category = b.profile.stop.get(device.name)
+        for command in device.commands:
+            name = f"{device.name}.{command.name}"
+            if category is not None and category not in command.stops:
+                raise WiringError(
+                    b.source.place(f"stop.{device.name}"),
+                    f"'{name}' ({command.kind}) can't do the stop category '{category}'",
+                    f"It can: {', '.join(command.stops)}",
+                )
+            state = f"{device.name}.{command.feedback}" if command.feedback else None
+            if state is None and command.name not in device.home:
+                raise WiringError(
+                    b.source.place(f"devices.{device.name}"),
+                    f"'{name}' has no feedback, so the runtime can't know where it starts",
+                    "Give the device a home position",
+                )  # fmt: skip
+            actuators.append(
+                Actuator(
+                    name,
+                    i,
+                    command,
+                    board.views[name],
+                    board.views.get(f"{name}.velocity"),
+                    board.views[f"{name}.applied"],
+                    board.views[state] if state else None,
+                    board.views.get(f"{device.name}.velocity"),
+                    category or command.stops[0],
+                    device.home.get(command.name),
+                )
+            )
+    if b.profile.stop:
+        driven = {devices[a.device].name for a in actuators}
+        for name in b.profile.stop:
+            if name not in driven:
+                raise WiringError(
+                    b.source.place(f"stop.{name}"), f"device '{name}' takes no commands", "Remove the line"
+                )
+    return actuators
+
+
+def _is_intent(name: str, devices: list[Driver], fed: set[str]) -> bool:
+    device = next((d for d in devices if d.name == name), None)
+    if device is not None and device.commands:
+        return False
+    return any(target.split(".")[0] == name for target in fed)
+
+
+def _bind(graph: Graph) -> None:
+    views = graph.board.views
+    for device in graph.devices:
+        device.bind(
+            {s.name: views[f"{device.name}.{s.name}"] for s in device.states},
+            {c.name: views[f"{device.name}.{c.name}.applied"] for c in device.commands},
+        )
+    for controller, entry in zip(graph.controllers, graph.profile.controllers, strict=True):
+        targets = {s.name: entry.outputs.get(s.name, f"{controller.name}.{s.name}") for s in controller.outputs}
+        controller.bind(
+            {s.name: views[entry.inputs[s.name]] for s in controller.inputs},
+            {name: views[target] for name, target in targets.items()},
+            {name: views[f"{target}.applied"] for name, target in targets.items() if f"{target}.applied" in views},
+            {p.name: views[f"{controller.name}.{p.name}"] for p in controller.parameters},
+        )
+    if graph.world is not None:
+        graph.world.bind({s.name: views[f"world.{s.name}"] for s in graph.world.truth})
+    graph.frames.bind(views)

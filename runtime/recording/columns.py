@@ -1,0 +1,146 @@
+"""Rows to columns and back, bit for bit: each signal an entity of float64, the loop's words of int64.
+
+Every column carries three timelines: `row` (the ring's sequence number, which ties a row's columns together),
+`cycle`, and `time` (Unix time: the loop's clock plus the offset measured at start-up).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pyarrow as pa
+import rerun as rr
+from numpy.typing import NDArray
+
+from runtime.contracts.errors import RecordingError
+from runtime.ipc.layout import CYCLE, DEVICE, Layout
+
+Words = NDArray[np.int64]
+
+ROW = "row"
+
+
+@dataclass(frozen=True)
+class Column:
+    """Where a component's numbers are in a row: `size` words from `start`."""
+
+    descriptor: rr.ComponentDescriptor
+    start: int
+    size: int
+    kind: type[np.int64] | type[np.float64]
+
+
+class ArrowBatch:
+    """An Arrow array as rerun's columns take it."""
+
+    def __init__(self, array: pa.Array) -> None:
+        self._array = array
+
+    def as_arrow_array(self) -> pa.Array:
+        """The array."""
+        return self._array
+
+
+class Columns:
+    """The entities and components of a layout.
+
+    Attributes:
+        entities: by entity path, the columns that together hold every word of a row exactly once.
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        self.layout = layout
+        self._wall = int(layout.meta.get("wall", 0))
+        self.entities: dict[str, list[Column]] = {}
+        words = [("/loop/cycle", "srl.Cycle", word) for word in CYCLE]
+        words += [(f"/loop/devices/{d}", "srl.Device", word) for d in layout.devices for word in DEVICE]
+        for start, (path, archetype, word) in enumerate(words):
+            descriptor = rr.ComponentDescriptor(word).with_builtin_archetype(archetype)
+            self.entities.setdefault(path, []).append(Column(descriptor, start, 1, np.int64))
+        for field in layout.fields.values():
+            if field.size:
+                column = Column(rr.Scalars.descriptor_scalars(), layout.ints + field.offset, field.size, np.float64)
+                self.entities.setdefault(entity(field.name), []).append(column)
+
+    def times(self, rows: Words) -> list[rr.TimeColumn]:
+        """The timelines for people, `cycle` and `time`, of rows (k, width)."""
+        stamps = self.layout.word(rows, "now") + self._wall
+        return [
+            rr.TimeColumn("cycle", sequence=self.layout.word(rows, "cycle")),
+            rr.TimeColumn("time", timestamp=stamps.astype("datetime64[ns]")),
+        ]
+
+    def send(self, recording: rr.RecordingStream, sequence: Words, rows: Words) -> None:
+        """Sends rows (k, width) with their sequence numbers (k,)."""
+        indexes = [rr.TimeColumn(ROW, sequence=sequence), *self.times(rows)]
+        for path, columns in self.entities.items():
+            components = []
+            for column in columns:
+                block = np.ascontiguousarray(rows[:, column.start : column.start + column.size])
+                offsets = np.arange(0, block.size + 1, column.size, dtype=np.int32)
+                array = pa.array(block.view(column.kind).ravel())
+                components.append(rr.ComponentColumn(column.descriptor, ArrowBatch(array), offsets=offsets))
+            rr.send_columns(path, indexes, components, recording=recording, strict=True)
+
+
+class Assembler:
+    """Puts columns together into rows again; a row counts once all its columns are there."""
+
+    def __init__(self, columns: Columns) -> None:
+        self._width = columns.layout.width
+        self._columns = {
+            (path, column.descriptor.component): (number, column)
+            for number, (path, column) in enumerate((p, c) for p, cs in columns.entities.items() for c in cs)
+        }
+        self._pending: list[tuple[int, Column, Words, Words]] = []
+        self.bytes = 0
+
+    def add(self, path: str, batch: pa.RecordBatch) -> None:
+        """Takes a chunk of the entity at `path`.
+
+        Raises:
+            RecordingError: a column isn't as the layout says.
+        """
+        names = batch.schema.names
+        if ROW not in names:
+            return
+        sequence = np.asarray(batch.column(names.index(ROW))).astype(np.int64, copy=False)
+        for name, array in zip(names, batch.columns, strict=True):
+            if (path, name) not in self._columns:
+                continue
+            number, column = self._columns[path, name]
+            values = array.flatten()
+            if len(values) != len(sequence) * column.size or values.type != pa.from_numpy_dtype(column.kind):
+                raise RecordingError(path, "the column doesn't fit the recording's layout", "The file is damaged")
+            block = values.to_numpy(zero_copy_only=True).view(np.int64).reshape(len(sequence), column.size)
+            self._pending.append((number, column, sequence, block))
+            self.bytes += block.nbytes
+
+    def take(self) -> tuple[Words, Words]:
+        """Sequence numbers (k,) and rows (k, width) that are complete, in order; keeps the rest."""
+        if not self._pending:
+            return np.empty(0, np.int64), np.empty((0, self._width), np.int64)
+        sequence = np.unique(np.concatenate([s for _, _, s, _ in self._pending]))
+        rows = np.zeros((len(sequence), self._width), np.int64)
+        have: NDArray[np.bool_] = np.zeros((len(sequence), len(self._columns)), bool)
+        for number, column, numbers, block in self._pending:
+            at = np.searchsorted(sequence, numbers)
+            rows[at, column.start : column.start + column.size] = block
+            have[at, number] = True
+        whole: NDArray[np.bool_] = np.asarray(have.all(axis=1))
+        rest = []
+        if not whole.all():
+            for number, column, numbers, block in self._pending:
+                keep = ~whole[np.searchsorted(sequence, numbers)]
+                if keep.any():
+                    rest.append((number, column, numbers[keep], block[keep]))
+        self._pending = rest
+        self.bytes = sum(block.nbytes for *_, block in rest)
+        return sequence[whole], rows[whole]
+
+
+def entity(name: str) -> str:
+    """The entity path of a signal: `finger.position.applied` -> `/finger/position/applied`."""
+    path: str = rr.new_entity_path(name.split("."))
+    return path if path.startswith("/") else f"/{path}"

@@ -1,0 +1,120 @@
+"""Reads recordings: a .rrd file, a folder of segments (torn or not), or a crash's black box."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.contracts.errors import RecordingError
+from runtime.ipc.events import Note, NotesReader
+from runtime.ipc.layout import Layout
+from runtime.ipc.ring import RingReader
+from runtime.recording.columns import Words
+from runtime.recording.segments import folder_of, listed
+from runtime.recording.source import Source, gaps
+
+
+@dataclass
+class Recording:
+    """What was recorded, as it was in the ring.
+
+    Attributes:
+        path: where it was read from.
+        layout: what the words mean.
+        sequence: (k,) sequence numbers of the rows, ascending.
+        rows: (k, width) int64 words.
+        missing: (first, last) of the gaps in the sequence numbers, from 1.
+        notes: remarks in their order.
+        salvaged: bytes of torn tails that were cut off.
+    """
+
+    path: Path
+    layout: Layout
+    sequence: Words
+    rows: Words
+    missing: list[tuple[int, int]]
+    notes: list[Note]
+    salvaged: int
+
+    def int(self, name: str) -> Words:
+        """The word `name` of every row, (k,)."""
+        return self.layout.word(self.rows, name)
+
+    def value(self, name: str) -> NDArray[np.float64]:
+        """The signal `name` of every row, (k, *shape)."""
+        return self.layout.value(self.rows, name)
+
+
+def read(path: Path) -> Recording:
+    """Reads all rows into memory.
+
+    Raises:
+        RecordingError: nothing is there, it isn't a recording, it is of another version, or it has no rows.
+    """
+    if path.is_dir():
+        recording = _black_box(path) if (path / "rows.ring").exists() else _files(path, listed(path))
+    elif path.exists():
+        recording = _files(path, [path])
+    elif folder_of(path).is_dir():
+        raise RecordingError(str(path), "the recording wasn't finished", f"Read its segments: {folder_of(path)}")
+    else:
+        raise RecordingError(str(path), "there is no such file or folder", "Check the path")
+    if not len(recording.rows):
+        raise RecordingError(str(path), "the recording has no rows", "The run ended before its first cycle")
+    return recording
+
+
+def check_run(folder: Path, text: str) -> None:
+    """Asks whether the newest segment belongs to the run whose layout's JSON is `text`.
+
+    Raises:
+        RecordingError: it belongs to another.
+    """
+    for file in reversed(listed(folder)):
+        found = Source([file]).head()
+        if found and found != text:
+            raise RecordingError(str(folder), "the segments of another run are there", "Move them away")
+        if found:
+            return
+
+
+def _files(path: Path, files: list[Path]) -> Recording:
+    if not files:
+        problem = "the folder holds neither segments nor a black box"
+        raise RecordingError(str(path), problem, "Give a .rrd file, its .segments folder or a black box folder")
+    source = Source(files)
+    blocks = list(source.blocks())
+    if source.layout is None:
+        raise RecordingError(str(path), "the recording is empty", "It was cut before its first row")
+    sequence = np.concatenate([s for s, _ in blocks]) if blocks else np.empty(0, np.int64)
+    rows = np.concatenate([r for _, r in blocks]) if blocks else np.empty((0, source.layout.width), np.int64)
+    notes = [note for _, note in sorted(source.notes.items(), key=lambda item: item[0])]
+    return Recording(path, source.layout, sequence, rows, gaps(sequence), notes, source.cut)
+
+
+def _black_box(path: Path) -> Recording:
+    """The ring as a crash left it: its newest rows."""
+    try:
+        layout = Layout.load(path / "layout.json")
+    except (OSError, ValueError, KeyError) as error:
+        raise RecordingError(
+            str(path / "layout.json"), f"the layout can't be read: {error}", "It is kept beside the ring"
+        ) from None
+    with RingReader(path / "rows.ring") as ring:
+        if ring.width != layout.width:
+            problem = f"rows are {ring.width} words wide, the layout says {layout.width}"
+            raise RecordingError(str(path), problem, "Ring and layout are of different runs")
+        numbers, blocks = [np.empty(0, np.int64)], [np.empty((0, layout.width), np.int64)]
+        while len(rows := ring.take()):
+            numbers.append(np.arange(ring.sequence - len(rows) + 1, ring.sequence + 1))
+            blocks.append(rows)
+    notes: list[Note] = []
+    if (path / "notes.ring").exists():
+        reader = NotesReader(path / "notes.ring")
+        notes = reader.take()
+        reader.close()
+    sequence = np.concatenate(numbers)
+    return Recording(path, layout, sequence, np.concatenate(blocks), gaps(sequence), notes, 0)

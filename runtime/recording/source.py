@@ -1,0 +1,154 @@
+"""Recorded rows, file by file: torn tails cut, duplicates dropped, never more in memory than one file."""
+
+from __future__ import annotations
+
+import tempfile
+import warnings
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import rerun as rr
+
+from runtime.contracts.errors import RecordingError
+from runtime.ipc.events import Note
+from runtime.ipc.layout import Layout
+from runtime.recorder.stream import APPLICATION, FORMAT, LEVELS, PROPERTY
+from runtime.recording.columns import Assembler, Columns, Words
+from runtime.recording.framing import copy_prefix, whole
+
+_MUCH = 64 << 20  # bytes of columns before rows are made of them
+_LEVELS = {text: level for level, text in LEVELS.items()}
+Chunk = tuple[str, pa.RecordBatch]
+
+
+class Source:
+    """A merged recording or segments, in their order.
+
+    Attributes:
+        text: the layout's JSON; known once a block has come or all were read, as `layout` is.
+        notes: by sequence number, of what was read so far.
+        cut: bytes of torn tails, of what was read so far.
+    """
+
+    def __init__(self, files: Sequence[Path]) -> None:
+        self.files = list(files)
+        self.text = ""
+        self.layout: Layout | None = None
+        self.notes: dict[int, Note] = {}
+        self.cut = 0
+        self._assembler: Assembler | None = None
+
+    def blocks(self) -> Iterator[tuple[Words, Words]]:
+        """Sequence numbers (k,), ascending throughout, and rows (k, width).
+
+        Raises:
+            RecordingError: a file isn't a recording of srl, or of another version or run than the first.
+        """
+        last = 0
+        for file in self.files:
+            self._assembler = None
+            for path, batch in self._chunks(file):
+                self._take(file, path, batch)
+                if self._assembler is not None and self._assembler.bytes > _MUCH:
+                    sequence, rows = self._assembler.take()
+                    new = sequence > last
+                    if new.any():
+                        last = int(sequence[-1])
+                        yield sequence[new], rows[new]
+            if self._assembler is not None:
+                sequence, rows = self._assembler.take()
+                new = sequence > last
+                if new.any():
+                    last = int(sequence[-1])
+                    yield sequence[new], rows[new]
+
+    def head(self) -> str:
+        """The layout's JSON of the first file, without reading its rows; "" if the file was cut before it."""
+        for path, batch in self._chunks(self.files[0]):
+            self._take(self.files[0], path, batch)
+            if self.text:
+                break
+        return self.text
+
+    def _chunks(self, file: Path) -> Iterator[Chunk]:
+        """The chunks of a file's whole messages, those of the layout first."""
+        size, good = file.stat().st_size, whole(file)
+        self.cut += size - good
+        if good == 0:
+            return
+        if good == size:
+            yield from _ordered(file, file)
+            return
+        with tempfile.TemporaryDirectory(prefix="srl-") as scratch:
+            copy = Path(scratch) / file.name
+            copy_prefix(file, copy, good)
+            yield from _ordered(copy, file)
+
+    def _take(self, file: Path, path: str, batch: pa.RecordBatch) -> None:
+        if path == f"/__properties/{PROPERTY}":
+            self._take_layout(file, batch)
+        elif path == "/notes":
+            self._take_notes(batch)
+        elif self._assembler is not None:
+            self._assembler.add(path, batch)
+
+    def _take_layout(self, file: Path, batch: pa.RecordBatch) -> None:
+        version = column(batch, "format")[0]
+        if version != FORMAT:
+            problem = f"the recording's format is {version}, this srl reads {FORMAT}"
+            raise RecordingError(str(file), problem, "Read it with the version of srl that wrote it")
+        text = column(batch, "layout")[0]
+        if self.text and text != self.text:
+            raise RecordingError(str(file), "it belongs to another run than the files before", "Keep runs apart")
+        if not self.text:
+            self.text, self.layout = text, Layout.from_json(text)
+        assert self.layout is not None
+        self._assembler = Assembler(Columns(self.layout))
+
+    def _take_notes(self, batch: pa.RecordBatch) -> None:
+        words = {n: column(batch, n) for n in ("srl.Note:sequence", "srl.Note:time", "TextLog:text", "TextLog:level")}
+        cycles = batch.column(batch.schema.names.index("cycle")).to_pylist()
+        for number, time, text, level, cycle in zip(*words.values(), cycles, strict=True):
+            self.notes[number] = Note(time, _LEVELS[level], cycle, text)
+
+
+def column(batch: pa.RecordBatch, name: str) -> list[Any]:
+    """The values of a component that has one a row."""
+    values: list[Any] = batch.column(batch.schema.names.index(name)).flatten().to_pylist()
+    return values
+
+
+def _ordered(file: Path, shown: Path) -> Iterator[Chunk]:
+    """The chunks of a file of whole messages; rows are held back until the layout has come."""
+    held: list[Chunk] = []
+    known = False
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # a segment has no manifest at its end, which is as it must be
+            reader = rr.chunk.RrdReader(file)
+            if not any(store.application_id == APPLICATION for store in reader.recordings()):
+                raise RecordingError(str(shown), "no run of srl is recorded in it", "Give a .rrd file that srl wrote")
+            stream = reader.stream()
+        for chunk in stream:
+            path, batch = chunk.entity_path, chunk.to_record_batch()
+            known = known or path == f"/__properties/{PROPERTY}"
+            held.append((path, batch))
+            if known:
+                held.sort(key=lambda item: item[0] != f"/__properties/{PROPERTY}")
+                yield from held
+                held.clear()
+    except RuntimeError as error:  # how rerun reports a file that it can't decode
+        reason = str(error).splitlines()[0]
+        raise RecordingError(
+            str(shown), f"rerun can't read it: {reason}", "It is damaged, or from another rerun"
+        ) from None
+
+
+def gaps(sequence: Words) -> list[tuple[int, int]]:
+    """(first, last) of what is missing among ascending sequence numbers from 1."""
+    before = np.append(0, sequence[:-1])
+    at = np.flatnonzero(sequence != before + 1)
+    return [(int(before[i]) + 1, int(sequence[i]) - 1) for i in at]

@@ -1,0 +1,134 @@
+"""Figures of a run from its rows: what `srl run --json` prints and the status line shows."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.ipc.layout import FLAG_DEGRADED, LINK_CONNECTED, LINK_STALE, Cause, Layout, State
+from runtime.ipc.ring import RingReader
+
+PHASES = ("read", "control", "guard", "write", "log")
+# Bins a factor 1.01 wide from 10 ns to 100 s: percentiles to one per cent, in bounded memory.
+_EDGES = 10.0 * 1.01 ** np.arange(int(np.log(1e10) / np.log(1.01)) + 1)
+
+
+class Histogram:
+    """Durations in ns; percentiles to one per cent."""
+
+    def __init__(self) -> None:
+        self._counts = np.zeros(_EDGES.size + 1, np.int64)
+        self._most = 0.0
+
+    def add(self, values: NDArray[np.int64]) -> None:
+        """Takes durations in ns."""
+        if values.size:
+            self._counts += np.bincount(np.searchsorted(_EDGES, values), minlength=self._counts.size)
+            self._most = max(self._most, float(values.max()))
+
+    def percentile(self, share: float) -> float:
+        """In ns; 0 if there is nothing yet."""
+        total = int(self._counts.sum())
+        if total == 0:
+            return 0.0
+        bin_ = int(np.searchsorted(np.cumsum(self._counts), share * total))
+        return min(float(_EDGES[min(bin_, _EDGES.size - 1)]), self._most)
+
+    def figures(self) -> dict[str, float]:
+        """p50, p99, p999, max in us."""
+        shares = {"p50": 0.5, "p99": 0.99, "p999": 0.999}
+        return {n: round(self.percentile(s) / 1e3, 2) for n, s in shares.items()} | {"max": round(self._most / 1e3, 2)}
+
+
+class Summary:
+    """Tails the rows of a run that goes on."""
+
+    def __init__(self, layout: Layout, ring: RingReader) -> None:
+        self.layout, self.ring = layout, ring
+        self.index = {name: i for i, name in enumerate(layout.int_names)}
+        self.period, self.cycle = Histogram(), Histogram()
+        self.phases = {phase: Histogram() for phase in PHASES}
+        self.cycles = self.degraded = 0
+        self.row: NDArray[np.int64] | None = None
+        self.faulted: tuple[Cause, int] | None = None  # the last stop that nobody asked for
+        self._first: tuple[int, int] | None = None
+        self._wake = 0
+
+    def update(self) -> None:
+        """Takes the rows written since the last call."""
+        while (rows := self.ring.take()).shape[0]:
+            get = {
+                n: rows[:, self.index[n]] for n in ("now", "wake", "read", "control", "guard", "write", "log", "cause")
+            }
+            if self._first is None:
+                self._first = (int(get["now"][0]), int(get["wake"][0]))
+            wakes = np.concatenate(([self._wake] if self._wake else [], get["wake"]))
+            self.period.add(np.diff(wakes).astype(np.int64))
+            self._wake = int(get["wake"][-1])
+            self.cycle.add(get["write"] - get["wake"])
+            ends = [get["wake"], get["read"], get["control"], get["guard"], get["write"]]
+            for phase, start, end in zip(PHASES, ends, ends[1:], strict=False):
+                self.phases[phase].add(end - start)
+            self.phases["log"].add(get["log"][1:])
+            self.degraded += int(np.count_nonzero(rows[:, self.index["flags"]] & FLAG_DEGRADED))
+            bad = np.flatnonzero((get["cause"] > Cause.REQUEST) & (get["cause"] != Cause.END))
+            if bad.size:
+                last = rows[bad[-1]]
+                self.faulted = Cause(int(last[self.index["cause"]])), int(last[self.index["culprit"]])
+            self.row = rows[-1]
+        self.cycles = self.ring.sequence
+
+    def word(self, name: str) -> int:
+        """An int64 word of the newest row."""
+        return 0 if self.row is None else int(self.row[self.index[name]])
+
+    @property
+    def state(self) -> State:
+        """The newest row's state."""
+        return State(self.word("state"))
+
+    def seconds(self) -> tuple[float, float]:
+        """(on the loop's clock, on the wall): how long it has run."""
+        if self._first is None:
+            return 0.0, 0.0
+        return (self.word("now") - self._first[0]) / 1e9, (self.word("wake") - self._first[1]) / 1e9
+
+    def devices(self) -> dict[str, dict[str, Any]]:
+        """Each device's health by the newest row."""
+        found = {}
+        for name in self.layout.devices:
+            stamp, link = self.word(f"{name}.stamp"), self.word(f"{name}.link")
+            state = "lost" if not link & LINK_CONNECTED else "stale" if link & LINK_STALE else "ok"
+            found[name] = {
+                "state": state,
+                "age_ms": None if stamp < 0 else round((self.word("now") - stamp) / 1e6, 3),
+                "frames": self.word(f"{name}.frames"),
+                "errors": self.word(f"{name}.errors"),
+                "resyncs": self.word(f"{name}.resyncs"),
+                "reconnects": self.word(f"{name}.reconnects"),
+            }
+        return found
+
+    def figures(self) -> dict[str, Any]:
+        """The summary object, without what only the supervisor knows."""
+        duration, wall = self.seconds()
+        cause = Cause(self.word("cause"))
+        return {
+            "profile": self.layout.meta["name"],
+            "state": self.state.name.lower(),
+            "cause": cause.name.lower(),
+            "culprit": self.layout.culprit(cause, self.word("culprit")),
+            "cycles": self.cycles,
+            "rate_hz": round((self.cycles - 1) / duration, 3) if duration > 0 else None,
+            "duration_s": round(duration, 4),
+            "overruns": self.word("overruns"),
+            "degraded_cycles": self.degraded,
+            "period_us": self.period.figures(),
+            "cycle_us": self.cycle.figures(),
+            "phases_us": {phase: h.figures()["p50"] for phase, h in self.phases.items()},
+            "phases_p99_us": {phase: h.figures()["p99"] for phase, h in self.phases.items()},
+            "devices": self.devices(),
+            "realtime_factor": round(duration / wall, 2) if wall > 0 else None,
+        }

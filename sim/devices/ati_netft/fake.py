@@ -1,0 +1,47 @@
+"""An ATI Net F/T in the simulated world."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydantic import Field
+
+from drivers.ati_netft import AtiNetFt
+from drivers.ati_netft.config import AtiNetFtConfig
+from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.signals import Array
+from runtime.contracts.world import FakeConfig, World
+from sim.devices.shared.force_torque import ForceTorqueFake, ForceTorqueOptions
+
+COUNTS = 1_000_000  # per N and per N m, the usual ones
+
+
+class FakeAtiNetFtOptions(ForceTorqueOptions):
+    """Options of the fake."""
+
+    rate: float = Field(default=1000.0, gt=0, le=4000, description="Hz, samples it takes and records it sends")
+    delay: float = Field(default=0.001, ge=0, le=0.5, description="s, from sampling to arrival")
+    product: str = Field(default="Ethernet Axia", description="name it tells; 'Axia' decides on its status words")
+
+
+class FakeAtiNetFt(ForceTorqueFake):
+    """See `ForceTorqueFake`; resolves a count."""
+
+    Config = AtiNetFtConfig
+    Options = FakeAtiNetFtOptions
+    summary = AtiNetFt.summary
+    max_age = AtiNetFt.max_age
+
+    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+        super().__init__(name, config, world, options)
+        assert isinstance(config, AtiNetFtConfig)
+        self.states = AtiNetFt(name, config).states
+        self._biases = config.bias
+
+    def open(self) -> None:
+        first = not self._opened
+        super().open()
+        if self._biases and first:
+            self.bias()
+
+    def quantise(self, values: Array) -> Array:
+        return np.rint(values * COUNTS) / COUNTS

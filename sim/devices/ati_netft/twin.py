@@ -1,0 +1,188 @@
+"""The Net F/T's other door: RDT over UDP, its web page and its TCP commands."""
+
+from __future__ import annotations
+
+from drivers.ati_netft.protocol import Record, Request, parse_request, record
+from drivers.ati_netft.status import LATCHED, SATURATED, family
+from runtime.contracts.signals import Array
+from runtime.contracts.world import Fake
+from sim.devices.ati_netft.fake import COUNTS, FakeAtiNetFt, FakeAtiNetFtOptions
+from sim.devices.ati_netft.twin_pages import Commands, Pages
+from sim.devices.shared.sockets import Client, SocketTwin, TcpDoor, UdpDoor
+
+_CATCH_UP = 0.5  # s of records sent at most at once; older ones were never sampled in time
+_SUMMARY = 1 << 31
+_LINGER = 32  # samples that an Axia's saturation bits stay on (1.5)
+
+
+class AtiNetFtTwin(SocketTwin):
+    """Record of sample k leaves when the fake's sample k would arrive; a dropped one leaves a gap.
+
+    One client is served, the one that asked last; any request ends the stream before it.
+
+    Attributes:
+        trouble: status bits to show on top, for tests.
+        threshold: N; a larger force sets the latch. None: never.
+    """
+
+    def __init__(self, fake: Fake) -> None:
+        assert isinstance(fake, FakeAtiNetFt)
+        super().__init__(fake)
+        options = fake.options
+        assert isinstance(options, FakeAtiNetFtOptions)
+        self.sensor = fake
+        self.trouble = 0
+        self.threshold: float | None = None
+        self.product = options.product
+        self.counts = COUNTS
+        self.buffered = 40
+        self.sample_rate = self.record_rate = options.rate
+        self.range: Array = fake.range
+        self.records, self.http, self.tcp = UdpDoor(), TcpDoor(), TcpDoor()
+        self._family = family(options.product)
+        self._talks: dict[Client, Pages | Commands] = {}
+        self._seen: dict[str, int] = {}
+        self._unknown = 0
+        self._start()
+
+    def doors(self) -> list[TcpDoor | UdpDoor]:
+        """See `SocketTwin.doors`."""
+        return [self.records, self.http, self.tcp]
+
+    def describe(self) -> str:
+        """See `SocketTwin.describe`."""
+        return f"{self.records.address}?http={self.http.port}"
+
+    def opened(self) -> None:
+        """See `SocketTwin.opened`."""
+        self._start()
+
+    def work(self, now: int) -> None:
+        """See `SocketTwin.work`."""
+        for data, peer in self.records.read():
+            self._obey(data, peer)
+        self._serve()
+        self._stream()
+
+    def power_cycle(self) -> None:
+        """Off and on: the stream, the bias, the latch and the sample counter are gone."""
+        self._start()
+        self.sensor.unbias()
+        self._first = max(self.sensor.newest(), 0)
+
+    def figures(self) -> dict[str, object]:
+        """Those of every socket twin, requests by name, datagrams that were none, records sent."""
+        return super().figures() | {"requests": dict(self._seen), "unknown": self._unknown, "records": self._count}
+
+    # -- what the pages ask
+
+    def status(self) -> int:
+        """The status word now."""
+        bits = self.trouble | LATCHED * self._latched
+        if 0 <= self.sensor.newest() - self._saturated <= (_LINGER if self._family == "axia" else 0):
+            bits |= SATURATED[self._family]
+        return bits | _SUMMARY * bool(bits)
+
+    def counts_now(self) -> list[int]:
+        """The newest sample."""
+        newest = self.sensor.newest()
+        values = self.sensor.measured(newest) if newest >= 0 else None
+        return [0] * 6 if values is None else _counts(values)
+
+    def bias(self) -> None:
+        """Takes the present load for zero."""
+        self.sensor.bias()
+
+    def reset_latch(self) -> None:
+        """Ends the monitor condition."""
+        self._latched = False
+
+    # -- RDT
+
+    def _start(self) -> None:
+        self._client: tuple[str, int] | None = None
+        self._left: int | None = 0  # records still wanted; None: without end
+        self._sequence = 0
+        self._batch: list[bytes] | None = None  # of the buffered mode
+        self._sent = self.sensor.newest()  # newest sample that was looked at
+        self._first = 0  # sample that the counter began with
+        self._saturated = -(1 << 40)  # newest saturated sample
+        self._latched = False
+        self._count = 0
+
+    def _obey(self, data: bytes, peer: tuple[str, int]) -> None:
+        parsed = parse_request(data)
+        if parsed is None or parsed[0] not in Request.__members__.values():
+            self._unknown += 1
+            return
+        command, count = Request(parsed[0]), parsed[1]
+        self._seen[command.name] = self._seen.get(command.name, 0) + 1
+        self._left, self._batch = 0, None
+        if command in (Request.START, Request.START_BUFFERED):
+            self._client, self._left, self._sequence = peer, count or None, 0
+            self._sent = self.sensor.newest()
+            if command is Request.START_BUFFERED:
+                self._batch = []
+            if count == 1:  # the polled mode: at once
+                self._send(self.sensor.newest())
+        elif command is Request.BIAS:
+            self.bias()
+        elif command is Request.RESET_LATCH:
+            self.reset_latch()
+
+    def _stream(self) -> None:
+        newest = self.sensor.newest()
+        begin = max(self._sent + 1, newest - int(_CATCH_UP * self.sample_rate))
+        self._sent = max(self._sent, newest)
+        for number in range(begin, newest + 1):
+            self._watch(number)
+            due = int(number * self.record_rate / self.sample_rate)
+            if due != int((number - 1) * self.record_rate / self.sample_rate):
+                self._send(number)
+
+    def _watch(self, number: int) -> None:
+        if any(self.sensor.overload(number)):
+            self._saturated = number
+        if self.threshold is not None:
+            values = self.sensor.measured(number)
+            self._latched |= values is not None and bool(abs(values[:3]).max() > self.threshold)
+
+    def _send(self, number: int) -> None:
+        if self._left == 0 or self._client is None or number < 0:
+            return
+        if self._left is not None:
+            self._left -= 1
+        self._sequence = (self._sequence + 1) & 0xFFFFFFFF
+        values = self.sensor.measured(number)
+        if values is None:
+            return
+        sample = (number - self._first) & 0xFFFFFFFF
+        data = record(Record(self._sequence, sample, self.status(), tuple(_counts(values))))  # type: ignore[arg-type]
+        self._count += 1
+        if self._batch is None:
+            self.records.write(data, self._client)
+            return
+        self._batch.append(data)
+        if len(self._batch) >= self.buffered or self._left == 0:
+            self.records.write(b"".join(self._batch), self._client)
+            self._batch = []
+
+    # -- pages and commands
+
+    def _serve(self) -> None:
+        for door, kind in ((self.http, Pages), (self.tcp, Commands)):
+            for client in door.accept():
+                self._talks[client] = kind(self)
+        for client, talk in list(self._talks.items()):
+            data = client.read()
+            answer = talk.feed(data) if data else None
+            if answer:
+                client.write(answer, keep=True)
+            if isinstance(talk, Pages) and answer is not None:
+                client.close()
+            if client.gone:
+                del self._talks[client]
+
+
+def _counts(values: Array) -> list[int]:
+    return [max(-(1 << 31), min((1 << 31) - 1, round(value * COUNTS))) for value in values.tolist()]

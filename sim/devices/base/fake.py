@@ -1,0 +1,109 @@
+"""A mobile base in the cell: it drives on the floor, and its wheels' odometry isn't the truth."""
+
+from __future__ import annotations
+
+from typing import Annotated, Final
+
+import numpy as np
+from pydantic import AfterValidator, Field
+
+from drivers.base import BaseConfig, MobileBase, protocol
+from drivers.base.config import TOP_SPEED, TOP_TURN
+from drivers.base.driver import COMMAND, FARTHEST, PRESSED
+from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.signals import Array, Stop
+from runtime.contracts.world import FakeConfig, World
+from sim.devices.shared.sensor import SensorFake, SensorOptions
+from sim.devices.shared.windows import Windows, inside, rising
+from sim.parts.robots.summit_xl import SummitXlPart
+
+WATCHDOG: Final = 500_000_000  # ns without a command until the robot stops (protocol sheet, section 1)
+WATCH: Final = 50_000_000  # ns of world time between two looks at it
+
+
+class FakeBaseOptions(SensorOptions):
+    """Options of the fake."""
+
+    rate: float = Field(default=50.0, gt=0, le=1000, description="Hz, odometry messages")
+    noise: float = Field(default=0.002, ge=0, description="m/s, standard deviation of the twist's vx and vy")
+    delay: float = Field(default=0.01, ge=0, le=0.5, description="s, from measuring to arrival")
+    clock: float = Field(default=0.0, ge=-1e6, le=1e6, description="s, the robot's clock is ahead of this host's")
+    pressed: Annotated[Windows, AfterValidator(rising)] = Field(
+        default=(), description="s, [from, to] pairs in world time during which the robot's e-stop is pressed"
+    )
+
+
+class FakeBase(SensorFake):
+    """Odometry of the part's wheels; a command stays in force until the next, or for half a second.
+
+    `state` and `obey` are the base itself, for both doors.
+    """
+
+    Config = BaseConfig
+    Options = FakeBaseOptions
+    summary = MobileBase.summary
+    max_age = MobileBase.max_age
+
+    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+        super().__init__(name, config, world, options)
+        assert isinstance(config, BaseConfig)
+        assert isinstance(options, FakeBaseOptions)
+        real = MobileBase(name, config)
+        self.states, self.commands, self.limits = real.states, real.commands, real.limits
+        self._config, self._options = config, options
+        self.clock = options.clock
+        top = self.limits[COMMAND].velocity
+        assert top is not None
+        self._top = top
+        self.base = self.cell.part(SummitXlPart, name, options.part)
+        self.noise_scale = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
+        self._obeyed = -WATCHDOG  # ns of world time of the newest command
+        self._pose, self._twist = np.zeros(3), np.zeros(3)
+        self._taken = 0
+        self.sampled(6, self._measure)
+
+    def read(self, now: int) -> None:
+        super().read(now)
+        self.watch()
+        self.health.fault = PRESSED if self.pressed() else ""
+        age = min((self.world.time - self._taken) * 1e-9, FARTHEST) if self._config.extrapolate else 0.0
+        self.state_arrays["pose"][:] = protocol.carried(self._pose, self._twist, age)
+
+    def write(self, now: int) -> None:
+        values = self.command_arrays[COMMAND]
+        if np.isfinite(values).all():
+            self.obey(*np.clip(values, -self._top, self._top).tolist())
+
+    def stop(self, category: Stop) -> None:
+        self.base.command(0.0, 0.0, 0.0)
+
+    def close(self) -> None:
+        if self.health.connected:
+            self.base.command(0.0, 0.0, 0.0)
+        super().close()
+
+    def fill(self, values: Array, number: int) -> None:
+        self._pose, self._twist, self._taken = values[:3], values[3:], self.taken_at(number)
+        self.state_arrays["twist"][:] = self._twist
+
+    # -- the base itself
+
+    def obey(self, vx: float, vy: float, wz: float) -> None:
+        """A velocity command (m/s, m/s, rad/s) has arrived; the robot's controller cuts it to its limits."""
+        self._obeyed = self.world.time
+        if self.pressed():
+            vx = vy = wz = 0.0
+        vx, vy = (min(max(v, -TOP_SPEED), TOP_SPEED) for v in (vx, vy if self._config.sideways else 0.0))
+        self.base.command(vx, vy, min(max(wz, -TOP_TURN), TOP_TURN))
+
+    def watch(self) -> None:
+        """The robot's own time-out and its e-stop; to be called often."""
+        if self.pressed() or self.world.time - self._obeyed > WATCHDOG:
+            self.base.command(0.0, 0.0, 0.0)
+
+    def pressed(self) -> bool:
+        """Whether its e-stop is pressed now."""
+        return inside(self._options.pressed, self.world.time)
+
+    def _measure(self) -> Array:
+        return np.concatenate(self.base.odometry())

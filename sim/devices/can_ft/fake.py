@@ -1,0 +1,101 @@
+"""A Robotous RFT in the simulated world."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import AfterValidator, Field
+
+from drivers.can_ft import CanFt
+from drivers.can_ft.driver import CanFtConfig
+from drivers.can_ft.protocol import DIVISORS
+from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.signals import Array
+from runtime.contracts.world import FakeConfig, World
+from sim.devices.shared.force_torque import ForceTorqueFake, ForceTorqueOptions, positive
+from sim.parts.things.ft_sensor import Vector6
+
+_REMEMBERED = 0.9  # s of samples that the filter looks back at; a sample is kept for 1 s
+Model = Literal["RFT40-SA01", "RFT44-SB01", "RFT60-HA01", "RFT64-SB01", "RFT76-HA01", "RFT82-HA02", "RFT80-6A01"]
+
+
+class FakeCanFtOptions(ForceTorqueOptions):
+    """Options of the fake; the device's own `rate` decides how often it samples."""
+
+    rate: float = Field(default=200.0, gt=0, le=1000, description="not used: the device's own 'rate' decides")
+    delay: float = Field(default=0.001, ge=0, le=0.5, description="s, from sampling to arrival")
+    range: Annotated[Vector6, AfterValidator(positive)] = Field(
+        default=(200.0, 200.0, 200.0, 4.0, 4.0, 4.0), description="N, N m: overload beyond it"
+    )
+    model: Model = "RFT64-SB01"
+    serial: str = Field(default="SIM0001", max_length=15)
+    bus: str | None = Field(
+        default=None, description="can://INTERFACE/CHANNEL the twin joins; None: multicast that stays on this host"
+    )
+
+
+class FakeCanFt(ForceTorqueFake):
+    """See `ForceTorqueFake`; samples at the device's `rate`, filters and quantises as the sensor does."""
+
+    Config = CanFtConfig
+    Options = FakeCanFtOptions
+    summary = CanFt.summary
+    max_age = CanFt.max_age
+
+    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+        assert isinstance(config, CanFtConfig)
+        assert isinstance(options, FakeCanFtOptions)
+        super().__init__(name, config, world, options.model_copy(update={"rate": float(config.rate)}))
+        self.states = CanFt(name, config).states
+        self.model, self.serial = options.model, options.serial
+        per_force, per_torque = DIVISORS[options.model]
+        if config.counts is not None:
+            self.counts = np.array([config.counts.force] * 3 + [config.counts.torque] * 3)
+        else:
+            self.counts = np.array([float(per_force)] * 3 + [float(per_torque)] * 3)
+        self.rate: int = config.rate
+        self.cutoff = config.filter
+        self._biases = config.bias
+
+    def open(self) -> None:
+        first = not self._opened
+        super().open()
+        if self._biases and first:
+            self.bias()
+
+    def quantise(self, values: Array) -> Array:
+        return self.raw(values) / self.counts
+
+    # -- the sensor itself, for both doors
+
+    def raw(self, values: Array) -> Array:
+        """(6,) counts, whole numbers that fit into 16 bits."""
+        return np.clip(np.rint(values * self.counts), -32768, 32767)
+
+    def set_rate(self, rate: int) -> None:
+        """Samples at another rate (Hz) from now on."""
+        if rate != self.rate:
+            self.rate = rate
+            self._sensor_options = self._sensor_options.model_copy(update={"rate": float(Fraction(rate))})
+            self.sampled(6, lambda: self.part.wrench)
+            self._last = self.newest()
+
+    def measured(self, number: int) -> Array | None:
+        """See `ForceTorqueFake.measured`; behind the low-pass of first order."""
+        now = super().measured(number)
+        if now is None or self.cutoff == 0:
+            return now
+        # Computed anew from the samples that are kept, so that the filter has no state to save.
+        keep = np.exp(-2 * np.pi * self.cutoff / self.rate)
+        length = min(number + 1, int(_REMEMBERED * self.rate), int(7 / -np.log(keep)) + 1)
+        weights = keep ** np.arange(length)
+        rows = np.array([self._before_filter(number - i) for i in range(length)])
+        return self.quantise(weights @ rows / weights.sum())
+
+    def _before_filter(self, number: int) -> Array:
+        values = self.samples[number] + self._offset
+        if self._sensor_options.noise:
+            values = values + self._chance.noise(number) * self.noise_scale
+        return np.clip(values, -self.range, self.range) - self._bias

@@ -1,0 +1,176 @@
+"""A CyberGlove on the simulated hand: it samples, is noisy, late, coarse, and at times gone."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Annotated, Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import AfterValidator, Field
+
+from drivers.cyberglove import CyberGlove, calibration
+from drivers.cyberglove.driver import CyberGloveConfig
+from drivers.cyberglove.protocol import LABELS, LABELS_22
+from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.errors import DeviceLostError
+from runtime.contracts.signals import Array, Stop
+from runtime.contracts.world import Fake, FakeConfig, World
+from sim.devices.shared.noise import Chance
+from sim.devices.shared.windows import Windows, inside, refuse_while_gone, require, rising
+from sim.wearer.joints import GLOVE_OF_HAND
+
+_CATCH_UP: Final = 100  # samples counted at most in one read
+_LOOK_BACK: Final = 10  # samples; more than drop out one after another
+
+
+class Hand(Protocol):
+    """What this fake asks of its world."""
+
+    time: int
+    seed: int
+
+    def hand_position(self, at: int | None = None) -> Array: ...
+
+
+class FakeCyberGloveConfig(FakeConfig):
+    """Options of the fake."""
+
+    rate: float = Field(default=100.0, gt=0, le=1000, description="Hz, samples the glove takes by its own clock")
+    noise: float = Field(default=0.004, ge=0, description="rad, standard deviation of each sensor, before quantisation")
+    delay: float = Field(default=0.008, ge=0, le=0.5, description="s, from sampling to arrival")
+    quantise: bool = Field(default=True, description="angles as raw bytes give them, as the real glove's")
+    dropout: float = Field(default=0.0, ge=0, le=1, description="probability that a sample is lost on its way")
+    loss: Annotated[Windows, AfterValidator(rising)] = Field(
+        default=(), description="s, [from, to] pairs in world time during which the glove is gone"
+    )
+    switch: Annotated[Windows, AfterValidator(rising)] = Field(
+        default=(), description="s, [from, to] pairs during which the wrist switch is on"
+    )
+
+
+class FakeCyberGlove(Fake):
+    """Sample k is taken at k / rate of world time; noise and drop-outs depend on seed, name and k alone.
+
+    So the fake has no state of its own that a restored world would have to bring back. `health.stamp` is when
+    the sample was taken.
+    """
+
+    Config = CyberGloveConfig
+    Options = FakeCyberGloveConfig
+    summary = CyberGlove.summary
+    max_age = CyberGlove.max_age
+
+    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+        super().__init__(name, config, world, options)
+        assert isinstance(config, CyberGloveConfig)
+        assert isinstance(options, FakeCyberGloveConfig)
+        self.states = CyberGlove(name, config).states
+        self.hand: Hand = require(world, "hand_position", name)
+        self._config, self._options = config, options
+        self._of_hand = GLOVE_OF_HAND[[LABELS_22.index(label) for label in LABELS[config.sensors]]]
+        self._delay = round(options.delay * 1e9)
+        self.set_period(Fraction(10**9) / Fraction(options.rate).limit_denominator(10**6))
+        self._chance = Chance(world.seed, name, config.sensors, options.noise)
+        self._calibration: calibration.Calibration | None = None
+        self._opened = False
+
+    def open(self) -> None:
+        self.close()
+        refuse_while_gone(self.name, self._options.loss, self.world.time)
+        self.calibration()
+        self._last = self.newest() - 1
+        self.health.connected = True
+        self.health.message = self.calibration().note
+        self.health.reconnects += self._opened
+        self._opened = True
+
+    def read(self, now: int) -> None:
+        if not self.health.connected or inside(self._options.loss, self.world.time):
+            self.health.connected = False
+            raise DeviceLostError(
+                self.name, "the simulated glove is gone", "It comes back at the end of its 'loss' window"
+            )
+        newest = self.newest()
+        if newest < self._last:  # the world went back to a saved state: to what had arrived by then
+            self._last = newest - _LOOK_BACK
+        arrived = -1
+        for number in range(max(self._last + 1, newest - _CATCH_UP, 0), newest + 1):
+            if self._is_lost(number):
+                self.health.errors += 1
+            else:
+                self.health.frames += 1
+                arrived = number
+        self._last = newest
+        if arrived < 0:
+            return
+        angles, taken = self._measured(arrived), self.taken_at(arrived)
+        if self._options.quantise:
+            self.calibration().quantise(angles, self.state_arrays["position"])
+        else:
+            self.state_arrays["position"][:] = angles
+        self.state_arrays["buttons"][0] = self.switch(taken)
+        self.health.stamp = now - (self.world.time - taken)
+
+    def write(self, now: int) -> None:
+        """A glove takes no commands."""
+
+    def stop(self, category: Stop) -> None:
+        """A glove moves nothing."""
+
+    def close(self) -> None:
+        self.health.connected = False
+
+    # -- the glove itself, for both doors
+
+    def newest(self) -> int:
+        """The number of the newest sample that has arrived by now, -1 before the first."""
+        return (self.world.time - self._delay) * self._per // self._ns
+
+    @property
+    def period(self) -> Fraction:
+        """ns of world time between samples."""
+        return Fraction(self._ns, self._per)
+
+    def set_period(self, period: Fraction) -> None:
+        """Takes samples at whole multiples of `period` (ns) from now on, as the glove's command T says."""
+        self._ns, self._per = period.as_integer_ratio()
+        self._last = self.newest()  # newest sample counted
+
+    def taken_at(self, number: int) -> int:
+        """ns of world time at which a sample is taken."""
+        return number * self._ns // self._per
+
+    def sample(self, number: int) -> Array | None:
+        """The sensors' angles (n,), rad, with noise; None if the sample got lost. At most 0.6 s old."""
+        return None if number < 0 or self._is_lost(number) else self._measured(number)
+
+    def raw(self, angles: Array) -> NDArray[np.uint8]:
+        """(n,) bytes 1..255, as the calibration turns them; beyond its ends a sensor saturates."""
+        return self.calibration().raw(angles)
+
+    def switch(self, at: int) -> bool:
+        """Whether the wrist switch is on at `at` (ns of world time)."""
+        return inside(self._options.switch, at)
+
+    def calibration(self) -> calibration.Calibration:
+        """That of the device's options.
+
+        Raises:
+            ProfileError: its file can't be read.
+        """
+        if self._calibration is None:
+            path, sensors = self._config.calibration, self._config.sensors
+            self._calibration = calibration.load(path, sensors) if path else calibration.default(sensors)
+        return self._calibration
+
+    def _is_lost(self, number: int) -> bool:
+        dropout = self._options.dropout
+        return dropout > 0.0 and self._chance.luck(number) < dropout
+
+    def _measured(self, number: int) -> Array:
+        """(n,) rad, with noise."""
+        angles = self._of_hand.dot(self.hand.hand_position(self.taken_at(number)))
+        if self._options.noise:
+            angles += self._chance.noise(number)
+        return angles

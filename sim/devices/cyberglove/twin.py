@@ -1,0 +1,130 @@
+"""The CyberGlove's other door: a simulated glove that speaks the real one's serial protocol."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.contracts.world import Fake
+from sim.devices.cyberglove.fake import FakeCyberGlove
+from sim.devices.cyberglove.twin_commands import Commands
+from sim.devices.shared.dialing import DialingDoor
+from sim.devices.shared.serial import SerialTwin
+
+_CATCH_UP = 50  # records sent at most at once; older ones were never sampled in time
+
+
+class CyberGloveTwin(SerialTwin):
+    """Answers all commands of the sheet's table and streams the fake's samples, at the instants of the fake.
+
+    Record k leaves when sample k would reach a client of the fake, so both doors show the same at the same
+    world time. A sample that the fake drops is never sent.
+
+    Attributes:
+        unplugged: the glove is off its interface, which goes on answering and says so (`eg`, status bit 0).
+    """
+
+    def __init__(self, fake: Fake) -> None:
+        assert isinstance(fake, FakeCyberGlove)
+        super().__init__(fake)
+        self.glove = fake
+        if fake.config.port.startswith("tcp-listen://"):  # type: ignore[attr-defined]
+            self.door = DialingDoor(fake.config.port)  # type: ignore[attr-defined]
+        self.unplugged = False
+        self._flipped = False  # `W` has set the switch to the opposite of what it is
+        self._bytes = b""
+        self._sent = -1  # number of the newest sample that was streamed
+        self._streamed: list[tuple[int, int]] = []
+        self.commands = Commands(self)
+
+    def open(self) -> None:
+        super().open()
+        self.commands.restart()
+        self._sent = self.glove.newest()
+
+    def connected(self, now: int) -> None:
+        """Over Wi-Fi it says so first (sheet, 1)."""
+        if isinstance(self.door, DialingDoor):
+            self.door.write(b"o")
+
+    def receive(self, data: bytes, now: int) -> bytes:
+        was = self.commands.streaming
+        answer = self.commands.feed(data)
+        if self.commands.streaming and not was:
+            self._sent = self.glove.newest()
+        return answer
+
+    def work(self, now: int) -> bytes:
+        newest = self.glove.newest()
+        if newest <= self._sent:
+            return b""
+        first = max(self._sent + 1, newest - _CATCH_UP + 1)
+        self._sent = newest
+        if not self.commands.streaming:
+            return b""
+        records = []
+        for number in range(first, newest + 1):
+            angles = self.glove.sample(number)
+            if angles is not None:
+                self._bytes = self.glove.raw(angles).tobytes()
+                records.append(self.commands.record(b"S", self._bytes))
+                if self.keep_log:
+                    self._streamed.append((now, self.glove.taken_at(number)))
+        return b"".join(records)
+
+    def figures(self) -> dict[str, object]:
+        """Those of every serial twin, commands by letter, bytes that were no command."""
+        return super().figures() | {"commands": dict(self.commands.seen), "unknown": self.commands.unknown}
+
+    def log(self) -> dict[str, NDArray[Any]]:
+        """Those of every serial twin, `sent_ns` (k,) when a record left, `taken_ns` (k,) its world time."""
+        sent, taken = np.array(self._streamed, np.int64).reshape(-1, 2).T
+        return super().log() | {"sent_ns": sent, "taken_ns": taken}
+
+    # -- what the command interpreter asks
+
+    @property
+    def count(self) -> int:
+        """Number of sensors."""
+        return int(self.glove.states[0].size)
+
+    @property
+    def right(self) -> bool:
+        """A right hand's glove."""
+        return bool(self.glove.config.hand == "right")  # type: ignore[attr-defined]
+
+    @property
+    def period(self) -> Fraction:
+        """ns between samples."""
+        return self.glove.period
+
+    @period.setter
+    def period(self, period: Fraction) -> None:
+        self.glove.set_period(period)
+        self._sent = self.glove.newest()
+
+    def newest(self) -> bytes:
+        """The newest sample that wasn't lost, a byte for each sensor."""
+        angles = self.glove.sample(max(self.glove.newest(), 0))
+        if angles is not None:
+            self._bytes = self.glove.raw(angles).tobytes()
+        return self._bytes or b"\x01" * self.count
+
+    def plugged(self) -> bool:
+        """Whether the glove is on its interface."""
+        return not self.unplugged
+
+    def switch(self) -> bool:
+        """The wrist switch."""
+        return self.glove.switch(self.glove.world.time) != self._flipped
+
+    def set_switch(self, on: bool) -> None:
+        """`W`: what the switch is now counts as `on`."""
+        self._flipped = self.glove.switch(self.glove.world.time) != on
+
+    def milliseconds(self) -> int:
+        """The glove's own clock; when the newest sample was taken."""
+        return self.glove.taken_at(max(self.glove.newest(), 0)) // 1_000_000

@@ -1,0 +1,305 @@
+"""The Dynamixel bus' other door: simulated MX servos that speak the real ones' protocol on a half-duplex line."""
+
+from __future__ import annotations
+
+import termios
+from collections.abc import Callable
+from typing import Final
+
+from drivers.dynamixel import protocol1, protocol2
+from drivers.dynamixel.config import DynamixelConfig
+from drivers.dynamixel.family import RETURN_DELAY
+from drivers.dynamixel.packets import BROADCAST, Instruction
+from drivers.dynamixel.table import baud_code, baudrate
+from runtime.contracts.world import Fake
+from sim.devices.dynamixel.fake import REBOOT, FakeDynamixel
+from sim.devices.dynamixel.twin_registers import Registers
+from sim.devices.dynamixel.twin_servo1 import Servo1
+from sim.devices.dynamixel.twin_servo2 import Servo2
+from sim.devices.shared.serial import SerialTwin
+
+_SPEEDS: Final = {
+    getattr(termios, f"B{rate}"): rate
+    for rate in (9600, 19200, 38400, 57600, 115200, 230400, 500000, 1000000, 2000000, 2500000, 3000000, 4000000)
+    if hasattr(termios, f"B{rate}")
+}
+
+
+class DynamixelTwin(SerialTwin):
+    """Each servo obeys what is addressed to it and answers `return_delay` later, one after another.
+
+    A client at another baud rate is not understood. Servos behind one that is missing don't answer a group read.
+    A packet that comes while an answer is on its way collides with it: both are lost.
+
+    Attributes:
+        servos: in the order of the profile's motors.
+        absent: ids of servos that are unplugged.
+        twice: ids that two servos have: their answers come garbled.
+        corrupt: so many of the next statuses are damaged on their way.
+        echo: the adapter returns the host's own bytes.
+        fast: answer fast sync reads, as other families do; an MX stays silent.
+        collisions: packets lost so.
+    """
+
+    def __init__(self, fake: Fake) -> None:
+        assert isinstance(fake, FakeDynamixel)
+        super().__init__(fake)
+        self.bus = fake
+        config = fake.config
+        assert isinstance(config, DynamixelConfig)
+        self.protocol: int = config.protocol
+        code = baud_code(config.baudrate, config.protocol)
+        assert code is not None
+        kind, firmware = (Servo1, 41) if self.protocol == 1 else (Servo2, 42)
+        self.servos: list[Registers] = [
+            kind(fake.chain.motors, i, motor.facts, motor.id, code, firmware)
+            for i, motor in zip(fake.numbers, config.motors.values(), strict=True)
+        ]
+        for servo in self.servos:
+            servo.restart()
+        self.absent: set[int] = set()
+        self.twice: set[int] = set()
+        self.corrupt = 0
+        self.echo = False
+        self.fast = False
+        self.collisions = 0
+        self.seen: dict[str, int] = {}
+        self.wrong_rate = 0
+        self._parser = protocol1.Parser() if self.protocol == 1 else protocol2.Parser()
+        self._deaf_until = [-1] * len(self.servos)
+        self._restarting = [False] * len(self.servos)
+        self._registered: dict[int, tuple[int, bytes]] = {}
+        self._answers: list[tuple[int, bytes]] = []  # when due, ns; what
+        self._now = 0
+        self._goals: list[tuple[int, int, int]] = []
+
+    # -- the line
+
+    def receive(self, data: bytes, now: int) -> bytes:
+        self._begin(now)
+        rate = self._client_rate()
+        if rate is not None:
+            speeds = {baudrate(servo.get("baud_rate"), self.protocol) for servo in self.servos}
+            if not any(abs(speed / rate - 1) < 0.02 for speed in speeds):
+                self.wrong_rate += len(data)
+                return b""
+        for instruction in self._parser.instructions(data):
+            if self._answers and self._answers[-1][0] > now:
+                self.collisions += 1
+                self._answers.clear()
+                continue
+            for servo in self._awake():
+                servo.instruction_taken()
+            self._obey(instruction)
+        return (data if self.echo else b"") + self._due(now)
+
+    def work(self, now: int) -> bytes:
+        self._begin(now)
+        for k, servo in enumerate(self.servos):
+            if self._restarting[k] and now >= self._deaf_until[k]:
+                self._restarting[k] = False
+                servo.restart()
+            servo.tick()
+        return self._due(now)
+
+    def _begin(self, now: int) -> None:
+        self._now = now
+        self.bus.chain.measure()
+        for servo in self.servos:
+            servo.now = now
+
+    def _due(self, now: int) -> bytes:
+        out = b""
+        while self._answers and self._answers[0][0] <= now:
+            out += self._answers.pop(0)[1]
+        return out
+
+    def _client_rate(self) -> int | None:
+        """bit/s that the client has set on its end of the pty; None where it can't be told."""
+        try:
+            return _SPEEDS.get(termios.tcgetattr(getattr(self.door, "_fd", -1))[5])
+        except (termios.error, ValueError):  # a socket, or closed
+            return None
+
+    # -- instructions
+
+    def _awake(self) -> list[Registers]:
+        return [
+            servo
+            for k, servo in enumerate(self.servos)
+            if not self._restarting[k] and servo.get("id") not in self.absent
+        ]
+
+    def _obey(self, instruction: Instruction) -> None:
+        names = _NAMES1 if self.protocol == 1 else _NAMES2
+        name = names.get(instruction.code, f"{instruction.code:#04x}")
+        self.seen[name] = self.seen.get(name, 0) + 1
+        groups: dict[str, Callable[[bytes], None]] = {
+            "sync_read": self._sync_read,
+            "fast_sync_read": self._fast_sync_read,
+            "sync_write": self._sync_write,
+            "bulk_read": self._bulk_read,
+            "bulk_write": self._bulk_write,
+        }
+        if name in groups:
+            if instruction.id == BROADCAST:
+                groups[name](instruction.data)
+            return
+        everyone = instruction.id == BROADCAST
+        for servo in sorted(self._awake(), key=lambda servo: servo.get("id")):
+            if everyone or servo.get("id") == instruction.id:
+                self._single(servo, name, instruction.data, everyone)
+            elif self.protocol == 2 and servo.get("secondary_id") == instruction.id != 255 and name == "write":
+                servo.write(int.from_bytes(instruction.data[:2], "little"), instruction.data[2:], volatile_only=True)
+
+    def _single(self, servo: Registers, name: str, data: bytes, everyone: bool) -> None:
+        width = self.protocol  # bytes of an address
+        address, rest = int.from_bytes(data[:width], "little"), data[width:]
+        level = servo.get("status_return_level")
+        answer: tuple[int, bytes] | None = None
+        match name:
+            case "ping":
+                whole = servo.read(0, 7)[1]
+                self._answer(servo, 0, whole[:2] + whole[6:7] if self.protocol == 2 else b"")
+                return
+            case "read":
+                answer = servo.read(address, int.from_bytes(rest[:width], "little"))
+                if level < 1:
+                    return
+            case "write":
+                answer = servo.write(address, rest), b""
+            case "reg_write":
+                self._registered[id(servo)] = address, rest
+                servo.put("registered_instruction" if self.protocol == 2 else "registered", 1)
+                answer = 0, b""
+            case "action":
+                if id(servo) in self._registered:
+                    servo.write(*self._registered.pop(id(servo)))
+                    servo.put("registered_instruction" if self.protocol == 2 else "registered", 0)
+                answer = 0, b""
+            case "reboot":
+                answer = 0, b""
+                k = self.servos.index(servo)
+                self._deaf_until[k], self._restarting[k] = self._now + REBOOT, True
+                servo.motors.switch(servo.i, False)
+            case "clear":
+                answer = self._clear(servo, data), b""
+            case "factory_reset":
+                answer = (protocol2.RESULT if self.protocol == 2 else protocol1.INSTRUCTION), b""
+            case _:
+                answer = (protocol2.INSTRUCTION if self.protocol == 2 else protocol1.INSTRUCTION), b""
+        if not everyone and (name == "read" or level == 2):
+            self._answer(servo, *answer)
+
+    def _clear(self, servo: Registers, data: bytes) -> int:
+        if data != b"\x01DXL\x22" or servo.read(122, 1)[1] != b"\0":
+            return protocol2.RESULT
+        servo.motors.fold(servo.i)
+        return 0
+
+    def _sync_read(self, data: bytes) -> None:
+        address, size = int.from_bytes(data[:2], "little"), int.from_bytes(data[2:4], "little")
+        self._read_in_turn([(id, address, size) for id in data[4:]])
+
+    def _bulk_read(self, data: bytes) -> None:
+        if self.protocol == 1:
+            rows = [data[k : k + 3] for k in range(1, len(data) - 2, 3)]
+            self._read_in_turn([(id, address, size) for size, id, address in rows])
+            return
+        rows = [data[k : k + 5] for k in range(0, len(data) - 4, 5)]
+        self._read_in_turn([(row[0], row[1] | row[2] << 8, row[3] | row[4] << 8) for row in rows])
+
+    def _read_in_turn(self, wanted: list[tuple[int, int, int]]) -> None:
+        present = {servo.get("id"): servo for servo in self._awake()}
+        for servo_id, address, size in wanted:
+            servo = present.get(servo_id)
+            if servo is None:
+                break  # those behind it wait for its answer
+            if servo.get("status_return_level") >= 1:
+                self._answer(servo, *servo.read(address, size))
+
+    def _fast_sync_read(self, data: bytes) -> None:
+        if not self.fast:
+            return
+        address, size = int.from_bytes(data[:2], "little"), int.from_bytes(data[2:4], "little")
+        present = {servo.get("id"): servo for servo in self._awake()}
+        if all(servo_id in present for servo_id in data[4:]):
+            parts = [(servo_id, 0, present[servo_id].read(address, size)[1]) for servo_id in data[4:]]
+            self._send(protocol2.fast_status(parts), 0)
+
+    def _sync_write(self, data: bytes) -> None:
+        width = self.protocol
+        address, size = int.from_bytes(data[:width], "little"), int.from_bytes(data[width : 2 * width], "little")
+        for at in range(2 * width, len(data) - size, size + 1):
+            self._write_one(data[at], address, data[at + 1 : at + 1 + size])
+
+    def _bulk_write(self, data: bytes) -> None:
+        at = 0
+        while at + 5 <= len(data):
+            size = data[at + 3] | data[at + 4] << 8
+            self._write_one(data[at], data[at + 1] | data[at + 2] << 8, data[at + 5 : at + 5 + size])
+            at += 5 + size
+
+    def _write_one(self, servo_id: int, address: int, data: bytes) -> None:
+        for servo in self._awake():
+            if servo.get("id") == servo_id:
+                servo.write(address, data)
+
+    # -- answers
+
+    def _answer(self, servo: Registers, error: int, data: bytes) -> None:
+        servo_id = servo.get("id")
+        if isinstance(servo, Servo1):
+            packet = protocol1.status(servo_id, error | servo.error_bits, data)
+        else:
+            alert = protocol2.ALERT if servo.motors.errors[servo.i] else 0
+            packet = protocol2.status(servo_id, error | alert, data)
+        if servo_id in self.twice:
+            packet = bytes(a & b for a, b in zip(packet, packet[3:] + packet[:3], strict=True))
+        elif self.corrupt:
+            self.corrupt -= 1
+            packet = packet[:-3] + bytes((packet[-3] ^ 0x10,)) + packet[-2:]
+        self._send(packet, round(servo.get("return_delay_time") * RETURN_DELAY * 1e9))
+
+    def _send(self, packet: bytes, delay: int) -> None:
+        before = self._answers[-1][0] if self._answers else self._now
+        self._answers.append((max(before, self._now) + delay, packet))
+
+    def figures(self) -> dict[str, object]:
+        """Those of every serial twin, instructions by name, packets damaged, collided or at a wrong baud rate,
+        and by motor whether its torque is on."""
+        motors = self.bus.chain.motors
+        return super().figures() | {
+            "instructions": dict(self.seen),
+            "damaged": self._parser.errors,
+            "collisions": self.collisions,
+            "wrong_rate": self.wrong_rate,
+            "torque": [bool(motors.torque[i]) for i in self.bus.numbers],
+        }
+
+
+_NAMES2: Final = {
+    protocol2.PING: "ping",
+    protocol2.READ: "read",
+    protocol2.WRITE: "write",
+    protocol2.REG_WRITE: "reg_write",
+    protocol2.ACTION: "action",
+    protocol2.FACTORY_RESET: "factory_reset",
+    protocol2.REBOOT: "reboot",
+    protocol2.CLEAR: "clear",
+    protocol2.SYNC_READ: "sync_read",
+    protocol2.SYNC_WRITE: "sync_write",
+    protocol2.FAST_SYNC_READ: "fast_sync_read",
+    protocol2.BULK_READ: "bulk_read",
+    protocol2.BULK_WRITE: "bulk_write",
+}
+_NAMES1: Final = {
+    protocol1.PING: "ping",
+    protocol1.READ: "read",
+    protocol1.WRITE: "write",
+    protocol1.REG_WRITE: "reg_write",
+    protocol1.ACTION: "action",
+    protocol1.FACTORY_RESET: "factory_reset",
+    protocol1.SYNC_WRITE: "sync_write",
+    protocol1.BULK_READ: "bulk_read",
+}

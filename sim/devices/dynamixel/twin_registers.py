@@ -1,0 +1,132 @@
+"""The registers of one simulated servo: what may be written, what follows from it, what is read back."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Final
+
+import numpy as np
+
+from drivers.dynamixel.models import Model
+from drivers.dynamixel.table import Register, table
+from sim.parts.dynamixel.motors import Motors
+
+
+class Registers(ABC):
+    """One servo's control table on top of its motor. Errors are numbers of the servo's protocol, 0: done.
+
+    Attributes:
+        model: the servo's.
+        protocol: of its firmware.
+        by_name: its registers.
+        motors: the chain's, `i` is this one's number.
+        now: ns of the twin's clock, set by the bus before anything is asked.
+    """
+
+    protocol: int
+    size: int
+    access_error: int
+    length_error: int
+    range_error: int
+
+    def __init__(self, motors: Motors, i: int, model: Model, id: int, baud: int, firmware: int) -> None:
+        self.motors, self.i, self.model = motors, i, model
+        self.by_name = table(model, self.protocol)
+        self._at: list[Register | None] = [None] * self.size
+        self._names = {register.address: name for name, register in self.by_name.items()}
+        for register in self.by_name.values():
+            self._at[register.address] = register
+        self.memory = bytearray(self.size)
+        for name, register in self.by_name.items():
+            self.put(name, register.default)
+        self.put("model_number", model.number(self.protocol))
+        self.put("firmware_version", firmware)
+        self.put("id", id)
+        self.put("baud_rate", baud)
+        self.now = 0
+
+    def get(self, name: str) -> int:
+        """A register's value."""
+        return self.by_name[name].decode(self.memory)
+
+    def put(self, name: str, value: int) -> None:
+        """Sets a register, as the firmware itself does; what doesn't fit is cut to what does."""
+        register = self.by_name[name]
+        bits = 8 * register.size
+        low, high = (-(1 << bits - 1), (1 << bits - 1) - 1) if register.signed else (0, (1 << bits) - 1)
+        self.memory[register.address : register.end] = register.encode(int(min(max(value, low), high)))
+
+    def read(self, address: int, size: int) -> tuple[int, bytes]:
+        """Error, and the bytes."""
+        if size <= 0 or address + size > self.size:
+            return self.access_error, b""
+        self.refresh()
+        return 0, bytes(self.memory[address : address + size])
+
+    def write(self, address: int, data: bytes, volatile_only: bool = False) -> int:
+        """Writes whole registers from `address` on, all or none; gives the error."""
+        if not data:
+            return self.length_error
+        locked = volatile_only or bool(self.motors.torque[self.i])
+        changes: list[tuple[str, int]] = []
+        at = 0
+        while at < len(data):
+            place = address + at
+            register = self._at[place] if place < self.size else None
+            if register is None or not register.writable:
+                return self.access_error
+            if register.eeprom and locked:
+                return self.access_error
+            if at + register.size > len(data):
+                return self.length_error
+            value = register.decode(data[at:], place)
+            name = self._names[register.address]
+            low = register.low if register.low is not None else value
+            high = register.high if register.high is not None else value
+            if not low <= value <= high:
+                return self.range_error
+            if error := self.refuses(name, value):
+                return error
+            changes.append((name, value))
+            at += register.size
+        for name, value in changes:
+            self.put(name, value)
+            self.take_effect(name, value)
+        return 0
+
+    @abstractmethod
+    def refresh(self) -> None:
+        """Puts what is measured into its registers."""
+
+    @abstractmethod
+    def refuses(self, name: str, value: int) -> int:
+        """The error with which a value within its register's range is refused, else 0."""
+
+    @abstractmethod
+    def take_effect(self, name: str, value: int) -> None:
+        """What a new value means for the motor."""
+
+    @abstractmethod
+    def restart(self) -> None:
+        """Power-up: volatile registers at their defaults, the motor limp."""
+
+    @abstractmethod
+    def instruction_taken(self) -> None:
+        """Any instruction came to the bus."""
+
+    @abstractmethod
+    def tick(self) -> None:
+        """Time has passed: the watchdog may have run out."""
+
+    def _volatile_defaults(self) -> None:
+        for name, register in self.by_name.items():
+            if not register.eeprom and register.writable:
+                self.put(name, register.default)
+
+
+def whole(value: float) -> int:
+    """The nearest integer."""
+    return int(np.rint(value))
+
+
+RPM: Final = 2 * np.pi / 60  # rad/s

@@ -1,0 +1,254 @@
+"""An Arduino with StandardFirmata in the simulated world: servos on the extra finger, buttons by script."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from fractions import Fraction
+from typing import Annotated, Final, Protocol, cast
+
+from pydantic import AfterValidator, Field
+
+from drivers.firmata import Firmata
+from drivers.firmata.config import FirmataConfig
+from drivers.firmata.driver import COMMAND
+from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.errors import DeviceLostError, WiringError
+from runtime.contracts.signals import Array, Stop
+from runtime.contracts.world import Fake, FakeConfig, World
+from sim.devices.shared.windows import Windows, inside, refuse_while_gone, require, rising
+
+_NEUTRAL: Final = 1500  # us, what an attached servo gets until it is told better
+
+
+class Servos(Protocol):
+    """What this fake asks of its world."""
+
+    time: int
+
+    def set_servos(self, targets: Mapping[int, float | None], at: int = 0) -> None: ...
+
+    def servo_targets(self) -> Array: ...
+
+    def place_servos(self, first: int, angles: Array) -> None: ...
+
+
+class FakeFirmataConfig(FakeConfig):
+    """Options of the fake."""
+
+    first: int = Field(default=0, ge=0, description="the world's servo that the board's first one is; 4 a finger")
+    delay: float = Field(default=0.003, ge=0, le=1, description="s, from the command to the board's new pulse width")
+    frame_rate: float = Field(
+        default=50.0, gt=0, le=1000, description="Hz of servo pulses: a new width waits for the next"
+    )
+    presses: dict[str, Annotated[Windows, AfterValidator(rising)]] = Field(
+        default={}, description="s, by button: [from, to] pairs in world time during which it is pressed"
+    )
+    person: str | None = Field(default=None, description="the cell's part that presses the buttons, besides `presses`")
+    loss: Annotated[Windows, AfterValidator(rising)] = Field(
+        default=(), description="s, [from, to] pairs in world time during which the board is gone"
+    )
+
+
+class Presser(Protocol):
+    """A part of the cell that presses buttons."""
+
+    buttons: tuple[str, ...]
+
+    def pressed(self, button: str) -> bool: ...
+
+
+class FakeFirmata(Fake):
+    """Servos get whole microseconds, `delay` later, at the next pulse; detached servos are limp.
+
+    As on the real board, opening resets it, which detaches the servos, and a board that is lost goes on with
+    its last pulses. `read`, `write` and `stop` are one door; the methods `attach`, `set_pulse`, `detach` and
+    `button` are the board itself, for a twin to use as well.
+    """
+
+    Config = FirmataConfig
+    Options = FakeFirmataConfig
+    summary = Firmata.summary
+    max_age = Firmata.max_age
+
+    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+        super().__init__(name, config, world, options)
+        assert isinstance(config, FirmataConfig)
+        assert isinstance(options, FakeFirmataConfig)
+        real = Firmata(name, config)
+        self.states, self.commands, self.limits, self.home = (
+            real.states,
+            real.commands,
+            real.limits,
+            real.home,
+        )
+        self._options = options
+        self._calibrations = real.calibrations
+        self._joints, self._buttons = tuple(config.servos), tuple(config.buttons)
+        n = len(self._joints)
+        self._first = options.first
+        if n:
+            self._mount(world)
+        if unknown := set(options.presses) - set(self._buttons):
+            raise WiringError(
+                f"sim.devices.{name}.presses", f"the board has no button '{unknown.pop()}'", "Name one it has"
+            )
+        self._levels = [
+            _settled(options.presses.get(button, ()), config.buttons[button].debounce) for button in self._buttons
+        ]
+        self._person = self._find(options.person)
+        self._waits = [round(config.buttons[button].debounce * 1e9) for button in self._buttons]
+        self._seen = [(False, 0)] * len(self._buttons)  # level of the person's finger, and since when, ns
+        self._steady = [False] * len(self._buttons)
+        self._bounds = [(544, 2400)] * n
+        self._pulses: list[int | None] = [None] * n
+        self._widths = [_NEUTRAL] * n  # the last pulse width, which a servo attached again begins with
+        self._delay = round(options.delay * 1e9)
+        frame = Fraction(10**9) / Fraction(options.frame_rate).limit_denominator(10**6)
+        self._frame = frame.as_integer_ratio()  # ns, as a rational
+        self._opened = False
+
+    def _mount(self, world: World) -> None:
+        """Finds the world's servos; a panel of buttons needs none."""
+        self.servos: Servos = require(world, "set_servos", self.name)
+        n, there = len(self._joints), self.servos.servo_targets().size - self._first
+        if n > there:
+            raise WiringError(
+                f"sim.devices.{self.name}",
+                f"the board has {n} servos, the world {max(there, 0)} from number {self._first} on",
+                "Give the world more fingers or the board fewer servos",
+            )
+        self.servos.place_servos(self._first, self.home[COMMAND])
+
+    def _find(self, named: str | None) -> Presser | None:
+        """The simulated person, whose buttons must be the board's."""
+        if named is None:
+            return None
+        place, parts = f"sim.devices.{self.name}.person", getattr(self.world, "parts", {})
+        person = parts.get(named)
+        if person is None or not hasattr(person, "pressed"):
+            raise WiringError(place, f"the world has no person '{named}'", "Name a part of kind person")
+        if unknown := set(person.buttons) - set(self._buttons):
+            raise WiringError(
+                place, f"the person's plan presses '{min(unknown)}', which the board hasn't", "Name a button it has"
+            )
+        return cast(Presser, person)
+
+    def open(self) -> None:
+        self.close()
+        refuse_while_gone(self.name, self._options.loss, self.world.time)
+        self.reset()
+        self.health.connected = True
+        self.health.message = "simulated StandardFirmata"
+        self.health.reconnects += self._opened
+        self._opened = True
+
+    def read(self, now: int) -> None:
+        self._check()
+        self.health.stamp = now
+        self.health.frames += 1
+        if self.states:
+            out, t = self.state_arrays["buttons"], self.world.time * 1e-9
+            for i, levels in enumerate(self._levels):
+                level = 0.0
+                for since, new in levels:
+                    if since <= t:
+                        level = new
+                out[i] = max(level, float(self._pressed(i)))
+
+    def write(self, now: int) -> None:
+        self._check()
+        if not self.commands:
+            return
+        targets: dict[int, float | None] = {}
+        for i, angle in enumerate(self.command_arrays[COMMAND].tolist()):
+            if not math.isfinite(angle):
+                continue
+            calibration = self._calibrations[i]
+            if self._pulses[i] is None:
+                self._bounds[i] = (calibration.shortest, calibration.longest)
+            targets[self._first + i] = self._angle(i, calibration.pulse(angle))
+        self._send(targets)
+
+    def stop(self, category: Stop) -> None:
+        """LIMP detaches the servos; any other category leaves them their last pulse."""
+        if category is Stop.LIMP and self.health.connected:
+            for i in range(len(self._joints)):
+                self.detach(i)
+
+    def close(self) -> None:
+        """Servos that weren't made limp go on with their last pulse."""
+        self.health.connected = False
+
+    def figures(self) -> dict[str, object]:
+        """Pulse widths (us, None while detached) by joint."""
+        return {"pulses_us": dict(zip(self._joints, self._pulses, strict=True))}
+
+    # -- the board itself, for both doors; joints and buttons by their number in the profile
+
+    def attach(self, joint: int, min_us: int, max_us: int) -> None:
+        """Starts pulses of the last width, at first 1500 us, clipped to the bounds like all later ones."""
+        self._bounds[joint] = (min_us, max_us)
+        self.set_pulse(joint, self._widths[joint])
+
+    def set_pulse(self, joint: int, us: int) -> None:
+        """Sets the pulse width of an attached servo; it takes effect `delay` later, at the next pulse."""
+        self._send({self._first + joint: self._angle(joint, us)})
+
+    def detach(self, joint: int) -> None:
+        """Ends a servo's pulses, which leaves it limp."""
+        if self._pulses[joint] is not None:
+            self._pulses[joint] = None
+            self._send({self._first + joint: None})
+
+    def reset(self) -> None:
+        """The board starts anew: its servos are detached and their last widths forgotten."""
+        for joint in range(len(self._joints)):
+            self.detach(joint)
+        self._widths = [_NEUTRAL] * len(self._joints)
+
+    def button(self, number: int) -> bool:
+        """Whether a button is pressed now; not debounced, which is the driver's work."""
+        if self._person is not None and self._person.pressed(self._buttons[number]):
+            return True
+        return inside(self._options.presses.get(self._buttons[number], ()), self.world.time)
+
+    def _pressed(self, number: int) -> bool:
+        """The person's finger on a button, debounced as the real driver does, by what the reads see."""
+        if self._person is None:
+            return False
+        now, down = self.world.time, self._person.pressed(self._buttons[number])
+        if down != self._seen[number][0] or now < self._seen[number][1]:
+            self._seen[number] = (down, now)
+        if now - self._seen[number][1] >= self._waits[number]:
+            self._steady[number] = down
+        return self._steady[number]
+
+    def _angle(self, joint: int, us: int) -> float:
+        """The angle (rad) that a servo's new pulse width means, clipped to the servo's bounds."""
+        low, high = self._bounds[joint]
+        pulse = low if us < low else high if us > high else us
+        self._pulses[joint] = self._widths[joint] = pulse
+        return self._calibrations[joint].angle(pulse)
+
+    def _send(self, targets: Mapping[int, float | None]) -> None:
+        """Targets by the world's number of the servo, from the next pulse after the delay on."""
+        ns, per = self._frame
+        frame = -(-(self.world.time + self._delay) * per // ns)
+        self.servos.set_servos(targets, frame * ns // per)
+
+    def _check(self) -> None:
+        if not self.health.connected or inside(self._options.loss, self.world.time):
+            self.health.connected = False
+            raise DeviceLostError(
+                self.name, "the simulated board is gone", "It comes back at the end of its 'loss' window"
+            )
+
+
+def _settled(presses: Windows, wait: float) -> list[tuple[float, float]]:
+    """(since s, level) as the real driver debounces them: a level counts once it has lasted for `wait` s."""
+    edges = [edge for press in presses for edge in press]
+    ends = [*edges[1:], math.inf]
+    return [
+        (edge + wait, 1.0 - i % 2) for i, (edge, end) in enumerate(zip(edges, ends, strict=False)) if end - edge >= wait
+    ]

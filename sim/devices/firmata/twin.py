@@ -1,0 +1,125 @@
+"""The Firmata board's other door: a simulated Uno that behaves as StandardFirmata 2.5 on a serial line."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.firmata.config import FirmataConfig
+from runtime.contracts.world import Fake
+from sim.devices.firmata.fake import FakeFirmata
+from sim.devices.firmata.standard_firmata import BOOT, StandardFirmata
+from sim.devices.shared.serial import SerialTwin
+
+
+class FirmataTwin(SerialTwin):
+    """Opening the port resets the board, as it does on an Uno: servos go limp, and after `boot_delay` it says
+    who it is. What a client sends before that is lost.
+
+    Attributes:
+        boot_delay: s of the twin's clock; a real Uno takes 1.6 to 3.
+    """
+
+    def __init__(self, fake: Fake, boot_delay: float = 0.05) -> None:
+        assert isinstance(fake, FakeFirmata)
+        super().__init__(fake)
+        self.board = fake
+        self.boot_delay = boot_delay
+        config = fake.config
+        assert isinstance(config, FirmataConfig)
+        self._joints = tuple(config.servos)
+        self._servo_of = {servo.pin: i for i, servo in enumerate(config.servos.values())}
+        self._buttons = {button.pin: (i, button.pull_up) for i, button in enumerate(config.buttons.values())}
+        self._now = 0
+        self._booted_at: int | None = None  # when the boot now under way ends
+        self._commanded: int | None = None
+        self._pulses: list[int | None] = [None] * len(self._joints)
+        self._log: list[tuple[int, int, float]] = []
+        self.firmware = StandardFirmata(self)
+
+    def restart(self) -> None:
+        """The board resets by itself, as after a dip of its supply."""
+        for pin in self._servo_of:
+            self.servo_detached(pin)
+        self.board.reset()
+        seen, too_long = self.firmware.seen, self.firmware.input.too_long
+        self.firmware = StandardFirmata(self)
+        self.firmware.seen, self.firmware.input.too_long = seen, too_long
+        self._booted_at = self._now + round(self.boot_delay * 1e9)
+
+    def connected(self, now: int) -> None:
+        self._now = now
+        self.restart()
+
+    def receive(self, data: bytes, now: int) -> bytes:
+        self._now = now
+        return b"" if self._booted_at is not None else self.firmware.receive(data)
+
+    def work(self, now: int) -> bytes:
+        self._now = now
+        if self._booted_at is None:
+            return self.firmware.loop(self.board.world.time // 1_000_000)
+        if now < self._booted_at:
+            return b""
+        self._booted_at = None
+        return BOOT
+
+    def figures(self) -> dict[str, object]:
+        """Those of every serial twin, messages by kind, pulse widths (us, None without pulses) by joint, and
+        when a servo's last command came (ns of the twin's clock)."""
+        return super().figures() | {
+            "messages": dict(self.firmware.seen),
+            "too_long": self.firmware.input.too_long,
+            "pulses_us": dict(zip(self._joints, self._pulses, strict=True)),
+            "last_command_ns": self._commanded,
+        }
+
+    def log(self) -> dict[str, NDArray[Any]]:
+        """Those of every serial twin, and for each servo command, repetitions too: `servo_ns` (k,) when,
+        `servo` (k,) the joint's number, `pulse_us` (k,), NaN where pulses ended."""
+        rows = self._log
+        return super().log() | {
+            "servo_ns": np.array([at for at, _, _ in rows], np.int64),
+            "servo": np.array([joint for _, joint, _ in rows], np.int64),
+            "pulse_us": np.array([us for _, _, us in rows], np.float64),
+        }
+
+    # -- what hangs on the board's pins
+
+    def servo_attached(self, pin: int, min_us: int, max_us: int, pulse_us: int) -> None:
+        """See `Wires`. A pin without a servo of the profile drives nothing."""
+        joint = self._servo_of.get(pin)
+        if joint is not None:
+            self.board.attach(joint, min_us, max_us)
+            # The firmware's memory of widths is by slot, not by pin, so it may be another servo's last one.
+            self.board.set_pulse(joint, pulse_us)
+            self._note(joint, pulse_us)
+
+    def servo_pulse(self, pin: int, pulse_us: int) -> None:
+        """See `Wires`."""
+        joint = self._servo_of.get(pin)
+        if joint is not None:
+            self.board.set_pulse(joint, pulse_us)
+            self._note(joint, pulse_us)
+
+    def servo_detached(self, pin: int) -> None:
+        """See `Wires`."""
+        joint = self._servo_of.get(pin)
+        if joint is not None and self._pulses[joint] is not None:
+            self.board.detach(joint)
+            self._note(joint, None)
+
+    def level(self, pin: int, pull_up: bool) -> bool:
+        """See `Wires`. A button shorts its pin to ground; a pin that nothing pulls up reads 0."""
+        if pin not in self._buttons:
+            return pull_up
+        number, board_pulls = self._buttons[pin]
+        return not self.board.button(number) and (pull_up or not board_pulls)
+
+    def _note(self, joint: int, pulse: int | None) -> None:
+        self._pulses[joint] = pulse
+        self._commanded = self._now
+        if self.keep_log:
+            self._log.append((self._now, joint, float("nan") if pulse is None else float(pulse)))

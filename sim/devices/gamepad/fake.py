@@ -1,0 +1,119 @@
+"""A gamepad in the hands of a scripted person."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import AfterValidator, Field, field_validator
+
+from drivers.gamepad import Gamepad, GamepadConfig
+from drivers.gamepad.driver import AXES, BUTTONS
+from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.errors import DeviceLostError
+from runtime.contracts.signals import Array, Stop
+from runtime.contracts.world import Fake, FakeConfig, World
+from sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
+
+Points = tuple[tuple[float, float], ...]
+
+
+class FakeGamepadConfig(FakeConfig):
+    """Options of the fake."""
+
+    axes: dict[str, Points] = Field(
+        default_factory=dict, description="by name, [s, value] points of world time; straight lines between them"
+    )
+    dpad: dict[str, Points] = Field(default_factory=dict, description="x and y, as axes, rounded to -1, 0, 1")
+    buttons: dict[str, Annotated[Windows, AfterValidator(rising)]] = Field(
+        default_factory=dict, description="by name, [from, to] pairs, s of world time, during which it is down"
+    )
+    noise: float = Field(default=0.0, ge=0, description="1, how far a stick at rest may be off its centre, at random")
+    loss: Annotated[Windows, AfterValidator(rising)] = Field(
+        default=(), description="s, [from, to] pairs in world time during which the pad is unplugged"
+    )
+
+    @field_validator("axes", "dpad", "buttons")
+    @classmethod
+    def _known(cls, value: dict[str, Any], info: Any) -> dict[str, Any]:
+        known = {"axes": AXES, "dpad": ("x", "y"), "buttons": tuple(BUTTONS)}[info.field_name]
+        for name in value:
+            if name not in known:
+                raise ValueError(f"'{name}' isn't one of {', '.join(known)}")
+        return value
+
+
+class FakeGamepad(Fake):
+    """Says what the script says, through the pad's own resolution and the driver's dead zone."""
+
+    Config = GamepadConfig
+    Options = FakeGamepadConfig
+    summary = Gamepad.summary
+    max_age = Gamepad.max_age
+
+    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+        super().__init__(name, config, world, options)
+        assert isinstance(config, GamepadConfig)
+        assert isinstance(options, FakeGamepadConfig)
+        self.states = Gamepad(name, config).states
+        self._dead_zone, self.script = config.dead_zone, options
+        # A worn stick rests somewhere near its centre, always at the same place.
+        self._rest = np.random.default_rng(world.seed).uniform(-options.noise, options.noise, 4)
+        self._opened = False
+
+    def open(self) -> None:
+        refuse_while_gone(self.name, self.script.loss, self.world.time)
+        self.health.connected = True
+        self.health.reconnects += self._opened
+        self._opened = True
+
+    def read(self, now: int) -> None:
+        if not self.health.connected or inside(self.script.loss, self.world.time):
+            self.health.connected = False
+            for values in self.state_arrays.values():
+                values[:] = 0.0
+            raise DeviceLostError(self.name, "the simulated pad is unplugged", "It comes back after its 'loss' window")
+        axes = self.axes()
+        out = self.state_arrays["axes"]
+        for i in (0, 2):
+            size = float(np.hypot(*axes[i : i + 2]))
+            inner = self._dead_zone
+            out[i : i + 2] = axes[i : i + 2] * (max(min(size, 1.0) - inner, 0.0) / (1 - inner) / max(size, 1e-9))
+        out[4:] = axes[4:]
+        self.state_arrays["dpad"][:] = self.dpad()
+        self.state_arrays["buttons"][:] = self.buttons()
+        self.health.frames += 1
+        self.health.stamp = now
+
+    def write(self, now: int) -> None:
+        """A gamepad takes no commands."""
+
+    def stop(self, category: Stop) -> None:
+        """A gamepad moves nothing."""
+
+    def close(self) -> None:
+        self.health.connected = False
+
+    # -- the pad itself, for both doors: what its hardware measures now
+
+    def axes(self) -> Array:
+        """(6,) sticks, right and up positive, as measured in 16 bits; triggers in 8 bits."""
+        wanted = np.array([_at(self.script.axes.get(name, ()), self.world.time) for name in AXES])
+        wanted[:4] = np.round(np.clip(wanted[:4] + self._rest, -1, 1) * 32767) / 32767
+        wanted[4:] = np.round(np.clip(wanted[4:], 0, 1) * 255) / 255
+        return wanted
+
+    def dpad(self) -> Array:
+        """(2,) -1, 0 or 1; right and up positive."""
+        return np.round([_at(self.script.dpad.get(axis, ()), self.world.time) for axis in ("x", "y")])
+
+    def buttons(self) -> Array:
+        """(11,) 0 or 1."""
+        return np.array([float(inside(self.script.buttons.get(name, ()), self.world.time)) for name in BUTTONS])
+
+
+def _at(points: Points, time: int) -> float:
+    if not points:
+        return 0.0
+    times, values = zip(*points, strict=True)
+    return float(np.interp(time * 1e-9, times, values))

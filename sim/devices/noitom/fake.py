@@ -1,0 +1,109 @@
+"""A capture suit on a simulated person: what Axis Neuron broadcasts of the cell's part `body`."""
+
+from __future__ import annotations
+
+from typing import Final, Literal
+
+import numpy as np
+from pydantic import Field
+
+from drivers.noitom import Noitom, NoitomConfig
+from drivers.noitom.pose import Pose
+from drivers.noitom.protocol import Frame
+from drivers.noitom.rotations import angles_of
+from drivers.noitom.skeleton import JOINTS, is_finger
+from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.errors import WiringError
+from runtime.contracts.signals import Array
+from runtime.contracts.world import FakeConfig, World
+from sim.devices.shared.sensor import SensorFake, SensorOptions
+from sim.parts.body.body import BodyPart
+
+_SIZE: Final = 3 + 4 * JOINTS  # the hips' place, every joint's rotation; bones don't change
+DECIMALS: Final = 4  # of the text form
+
+
+class FakeNoitomConfig(SensorOptions):
+    """Options of the fake."""
+
+    rate: float = Field(default=60.0, gt=5, le=250, description="Hz, frames; 60 with 32 sensors, 120 with 17 or fewer")
+    noise: float = Field(default=0.002, ge=0, description="rad, standard deviation of each joint about each axis")
+    delay: float = Field(default=0.03, ge=0, le=0.5, description="s, from the pose to its frame's arrival")
+    format: Literal["binary", "text"] = Field(default="binary", description="of the broadcast")
+    displacement: bool = Field(default=True, description="every joint's translation is sent, not the hips' alone")
+    reference: bool = Field(default=False, description="six zeros are sent ahead of the pose")
+    gloves: bool = Field(default=True, description="fingers are measured; otherwise they stay as at the start")
+    others: int = Field(default=0, ge=0, le=7, description="further avatars in the stream, in the T-pose")
+
+
+class FakeNoitom(SensorFake):
+    """Its values are those of the wire: cm and degrees, of four decimals as text and float32 as binary.
+
+    Rotations are noisy. Translations aren't: bones are what the software believes them to be.
+    """
+
+    Config = NoitomConfig
+    Options = FakeNoitomConfig
+    summary = Noitom.summary
+    max_age = Noitom.max_age
+
+    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+        super().__init__(name, config, world, options)
+        assert isinstance(config, NoitomConfig)
+        assert isinstance(options, FakeNoitomConfig)
+        self.suit, self.broadcast = config, options
+        self.states = Noitom(name, config).states
+        self.body = self.cell.part(BodyPart, name, options.part)
+        if self.body.skeleton.kind != config.skeleton:
+            raise WiringError(
+                f"devices.{name}.skeleton",
+                f"it is '{config.skeleton}', the person '{self.body.name}' has '{self.body.skeleton.kind}'",
+                f"Give both the same: 'sim.parts.{self.body.name}.skeleton'",
+            )
+        self._pose = Pose(config, self.body.skeleton)
+        self._fingers = np.array([is_finger(joint) for joint in self.body.skeleton.names])
+        self._at_start = self.body.pose()[self._fingers, 3:].copy()
+        # Half an angle in each of a quaternion's values; the part along the quaternion itself is normalised away.
+        scale = np.full((JOINTS, 4), 0.5)
+        if not options.gloves:
+            scale[self._fingers] = 0.0
+        self.noise_scale = np.concatenate([np.zeros(3), scale.ravel()])
+        self._translations = self.body.offsets.copy()
+        self.sampled(_SIZE, self._measure)
+
+    def quantise(self, values: Array) -> Array:
+        """The numbers of a frame: 354, 180, 360 or 186."""
+        rotations = values[3:].reshape(JOINTS, 4)
+        rotations = rotations / np.linalg.norm(rotations, axis=1)[:, None]
+        self._translations[0] = values[:3]
+        return self.frame(self._translations, np.degrees(angles_of(rotations, self.suit.order)))
+
+    def fill(self, values: Array, number: int) -> None:
+        options = self.broadcast
+        frame = Frame(values, options.displacement, options.reference, self.suit.avatar, "", number)
+        self._pose.fill(frame, self.state_arrays)
+
+    def frame(self, translations: Array, degrees: Array) -> Array:
+        """The numbers that are sent of a pose: (59, 3) m and (59, 3) degrees in the configured order."""
+        options = self.broadcast
+        numbers: Array
+        if options.displacement:
+            numbers = np.hstack([100.0 * translations, degrees]).ravel()
+        else:
+            numbers = np.concatenate([100.0 * translations[0], degrees.ravel()])
+        if options.reference:
+            numbers = np.concatenate([np.zeros(6), numbers])
+        if options.format == "text":
+            return numbers.round(DECIMALS)
+        return numbers.astype(np.float32).astype(np.float64)
+
+    def figures(self) -> dict[str, object]:
+        """The rate, as the driver gives it."""
+        return {"rate_hz": self.broadcast.rate}
+
+    def _measure(self) -> Array:
+        pose = self.body.pose()
+        sample = np.concatenate([pose[0, :3], pose[:, 3:].ravel()])
+        if not self.broadcast.gloves:
+            sample[3:].reshape(JOINTS, 4)[self._fingers] = self._at_start
+        return sample

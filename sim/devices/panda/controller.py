@@ -1,0 +1,361 @@
+"""The control cabinet of a simulated Franka robot: modes, motions, reflexes, one millisecond at a time. No wire.
+
+Source: protocol sheet franka-fci, sections 4 to 7. `sim.devices.panda.twin` lists what the sheet doesn't
+tell and is our choice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final, Literal, Protocol
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from drivers.panda.packets import ERRORS, Controller, Generator, RobotMode, error_names
+from drivers.panda.protocol import Body, Move, SetLoad, Status
+from runtime.contracts.signals import Array
+from runtime.control.robots import FR3, PANDA, Payload
+from runtime.control.robots.pinocchio_model import FLANGE, pinocchio_model
+from sim.devices.panda.motion import DT, LOST_IN_A_ROW, JointGenerator, Reception, Setpoint, limits_of, torque_error
+from sim.devices.panda.settings import Settings
+
+RECOVERY: Final = 20  # ms that automatic error recovery takes
+START: Final = 500  # ms that a client has for its first packet before lost ones count
+FILTER: Final = 1 - np.exp(-2 * np.pi * 50.0 * DT)  # of the external torques: 50 Hz
+OVERSPEED: Final = 0.05  # share of the greatest velocity that the measured one may be beyond its limit
+BEYOND: Final = 0.01  # rad, likewise for the position
+DAMPING: Final = 0.7  # of the joint impedance
+FLIP: Final = -0.467002423653011  # rad of joint 4, where the elbow's sign changes
+_JOINT: Final = (Generator.JOINT_POSITION, Generator.JOINT_VELOCITY)
+
+
+class Arm(Protocol):
+    """What the cabinet asks of the arm: measured values, (7,) each, of the present millisecond.
+
+    `stiffness`: N m/rad (7,), of its position servo.
+    """
+
+    position: Array
+    velocity: Array
+    effort: Array
+    external_effort: Array
+    stiffness: Array
+
+    def measure(self) -> None: ...
+
+    def command(self, mode: Literal["brake", "torque", "position"], values: Array, rates: Array) -> None: ...
+
+    def tell_payload(self, mass: float, com: Array) -> None: ...
+
+
+class PandaController:
+    """One robot. `tick` is called each millisecond of its time, after the physics.
+
+    Attributes:
+        mode, generator, controller: as a state reports them.
+        motion: the desired joint motion.
+        tau_d: N m (7,), the external controller's last torques.
+        errors: (41,), what is wrong now. reflex_reason: what ended the last motion.
+        outcome: how the last motion ended, until `take_outcome`.
+        contact, collision: (7,), 1 where the external torque is above its threshold; likewise (6,) `cartesian_...`.
+        external: N m (7,), filtered. wrench: (6,) N, N m, acting on the robot at frame K, base axes.
+        torque: N m (7,), what the controller asked of the drives last, gravity excluded.
+        pose, desired_pose: (4, 4), the end effector in the base frame, measured and desired.
+        revision: counts changes of the settings.
+        ticks: ms of the robot's time.
+    """
+
+    def __init__(
+        self, arm: Arm, robot: str, tool: Payload | None = None, stopped: Callable[[], bool] = lambda: False
+    ) -> None:
+        """
+        Args:
+            arm: what it drives.
+            robot: `panda` or `fr3`.
+            tool: the end effector as its web interface knows it: kg, centre in the flange's frame.
+            stopped: whether the user stop is pressed now.
+        """
+        self.arm, self.robot = arm, robot
+        self.tool = tool or Payload()
+        self.limits = limits_of(robot)
+        self.settings = Settings()
+        self.reception = Reception()
+        self.motion = JointGenerator(self.limits, np.clip(arm.position, self.limits.lower, self.limits.upper))
+        self.mode, self.generator, self.controller = RobotMode.IDLE, Generator.IDLE, Controller.OTHER
+        self.tau_d = np.zeros(7)
+        self.errors: NDArray[np.bool_] = np.zeros(len(ERRORS), np.bool_)
+        self.reflex_reason = self.errors.copy()
+        self.outcome: Status | None = None
+        self.contact, self.collision = np.zeros(7), np.zeros(7)
+        self.cartesian_contact, self.cartesian_collision = np.zeros(6), np.zeros(6)
+        self.external, self.wrench, self.torque = np.zeros(7), np.zeros(6), np.zeros(7)
+        self.pose, self.desired_pose = np.eye(4), np.eye(4)
+        self.revision = 0
+        self.ticks = 0
+        self.reflexes = 0
+        self._stopped = stopped
+        self._started: int | None = None  # the tick of a motion's start, until its first packet
+        self._recovered_at: int | None = None
+        self._carried()
+        self._sense()
+        self._drive()
+
+    # -- what a client asks
+
+    def move(self, command: Move) -> Status:
+        """MOTION_STARTED, or why not. Cartesian generators and impedance aren't simulated: NOT_POSSIBLE."""
+        if self.mode is not RobotMode.IDLE:
+            return Status.NOT_POSSIBLE
+        highest = Generator.NONE if self.robot == "fr3" else Generator.CARTESIAN_VELOCITY
+        if command.controller > Controller.EXTERNAL or command.generator + 1 > highest:
+            return Status.INVALID_ARGUMENT
+        generator, controller = Generator(command.generator + 1), Controller(command.controller)
+        deviations = (*command.path_deviation, *command.goal_deviation, *command.max_velocity)
+        if not all(0 <= value < np.inf for value in deviations):
+            return Status.INVALID_ARGUMENT
+        if generator is Generator.NONE and controller is not Controller.EXTERNAL:
+            return Status.INVALID_ARGUMENT
+        if controller is Controller.CARTESIAN_IMPEDANCE or generator not in (*_JOINT, Generator.NONE):
+            return Status.NOT_POSSIBLE
+        self.mode, self.generator, self.controller = RobotMode.MOVE, generator, controller
+        self.reflex_reason[:] = False
+        self.tau_d[:] = 0.0
+        self.reception.begin()
+        self.motion.begin()
+        self.outcome = None
+        self._started = self.ticks
+        return Status.MOTION_STARTED
+
+    def stop_move(self) -> Status:
+        """Ends a motion at once; its Move is told PREEMPTED."""
+        if self.mode in (RobotMode.USER_STOPPED, RobotMode.AUTOMATIC_ERROR_RECOVERY):
+            return Status.NOT_POSSIBLE
+        if self.mode is RobotMode.MOVE:
+            self._end(Status.PREEMPTED)
+        return Status.SUCCESS
+
+    def recover(self) -> Status | None:
+        """None: recovery has begun, and `recovered` tells its end."""
+        if self.mode in (RobotMode.USER_STOPPED, RobotMode.MOVE):
+            return Status.NOT_POSSIBLE
+        if self._outside().any():
+            return Status.MANUAL_RECOVERY
+        self.mode = RobotMode.AUTOMATIC_ERROR_RECOVERY
+        self._recovered_at = self.ticks + RECOVERY
+        return None
+
+    def apply(self, command: Body) -> Status:
+        """A setter."""
+        if self.mode not in (RobotMode.IDLE, RobotMode.GUIDING):
+            return Status.NOT_POSSIBLE
+        if not self.settings.apply(command):
+            return Status.INVALID_ARGUMENT
+        self.revision += 1
+        if isinstance(command, SetLoad):
+            carried = self._carried()
+            self.arm.tell_payload(carried.mass, np.array(carried.com))
+        return Status.SUCCESS
+
+    def disconnect(self) -> None:
+        """The client has gone: what it moved stops for want of packets."""
+        if self.mode is RobotMode.MOVE:
+            self._reflex("communication_constraints_violation")
+            self._drive()
+        self.outcome = None
+
+    def take_outcome(self) -> Status | None:
+        """How the last motion ended; told once."""
+        outcome, self.outcome = self.outcome, None
+        return outcome
+
+    # -- a millisecond
+
+    def tick(self, setpoint: Setpoint | None, counts: bool = True) -> None:
+        """Goes on by 1 ms.
+
+        Args:
+            setpoint: the newest that came in time; None: it was lost.
+            counts: False where it isn't the client's fault that there is none.
+        """
+        self.ticks += 1
+        self._sense()
+        if self._stopped():
+            self._user_stop()
+        elif self.mode is RobotMode.USER_STOPPED:
+            self._end(None)
+        elif self.mode is RobotMode.AUTOMATIC_ERROR_RECOVERY and self.ticks >= (self._recovered_at or 0):
+            self.errors[:] = False
+            self._end(None)
+        if self.mode is RobotMode.MOVE:
+            self._watch()
+        if self.mode is RobotMode.MOVE:
+            self._follow(setpoint, counts)
+        if self.mode not in (RobotMode.MOVE, RobotMode.USER_STOPPED):
+            self.motion.brake()
+        pin.framesForwardKinematics(self._model, self._desired, self.motion.q)
+        self.desired_pose = self._desired.oMf[self._flange].homogeneous @ self.settings.F_T_EE
+        self._drive()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The errors of now, or what ended the last motion."""
+        return error_names(self.errors.tobytes())
+
+    def wait(self) -> bool:
+        """Whether a motion has its first packet, and the next is waited for."""
+        return self.mode is RobotMode.MOVE and self._started is None
+
+    def _follow(self, setpoint: Setpoint | None, counts: bool) -> None:
+        if setpoint is None:
+            self._missed(counts)
+            return
+        self._started = None
+        self.reception.count(True)
+        # The last packet only says that it is the last: clients fill it with zeros.
+        if setpoint.finished:
+            self._end(Status.SUCCESS)
+            return
+        torque = self.controller is Controller.EXTERNAL
+        error = self.motion.take(setpoint, self.generator) if self.generator in _JOINT else ""
+        if not error and torque:
+            error = torque_error(self.tau_d, setpoint.tau)
+        if error:
+            self._reflex(error)
+        elif torque:
+            self.tau_d[:] = setpoint.tau
+
+    def _missed(self, counts: bool) -> None:
+        if not counts:
+            return  # the motion stands still with whoever serves the robot
+        if self._started is None or self.ticks - self._started > START:
+            self.reception.count(False)
+        if self.reception.lost >= LOST_IN_A_ROW:
+            self._reflex("communication_constraints_violation")
+        elif self.generator in _JOINT:
+            self.motion.extrapolate()
+
+    def _sense(self) -> None:
+        arm, model, work, settings = self.arm, self._model, self._work, self.settings
+        arm.measure()
+        self.external += FILTER * (arm.external_effort - self.external)
+        pin.computeJointJacobians(model, work, arm.position)
+        pin.updateFramePlacement(model, work, self._flange)
+        jacobian = pin.getFrameJacobian(model, work, self._flange, pin.LOCAL_WORLD_ALIGNED)
+        flange, ee = work.oMf[self._flange].homogeneous, settings.F_T_EE
+        self.pose = flange @ ee
+        # At K instead of the flange: v_K = v_F + w x r.
+        x, y, z = (self.pose @ settings.EE_T_K[:, 3] - flange[:, 3]).tolist()[:3]
+        a, b, c = jacobian[3:]
+        jacobian[:3] += (b * z - c * y, c * x - a * z, a * y - b * x)
+        if self.external.any():
+            square = jacobian @ jacobian.T
+            square.flat[::7] += 1e-4  # near a singularity some forces can't be seen
+            self.wrench = np.linalg.solve(square, jacobian @ self.external)
+        else:
+            self.wrench = np.zeros(6)
+        kind = "_acceleration" if self.motion.ddq.any() else ""
+        torque, force = np.abs(self.external), np.abs(self.wrench)
+        self.contact = (torque > getattr(settings, f"lower_torque{kind}")).astype(float)
+        self.collision = (torque > getattr(settings, f"upper_torque{kind}")).astype(float)
+        self.cartesian_contact = (force > getattr(settings, f"lower_force{kind}")).astype(float)
+        self.cartesian_collision = (force > getattr(settings, f"upper_force{kind}")).astype(float)
+
+    def _watch(self) -> None:
+        """What ends a motion whatever its setpoints are."""
+        q, dq, limits = self.arm.position, self.arm.velocity, self.limits
+        slowest, fastest = limits.velocities(q)
+        spare = OVERSPEED * limits.velocity
+        found = []
+        if self._outside().any():
+            found.append("joint_position_limits_violation")
+        if ((dq < slowest - spare) | (dq > fastest + spare)).any():
+            found.append("joint_velocity_violation")
+        if self.collision.any():
+            found.append("joint_reflex")
+        if self.cartesian_collision.any():
+            found.append("cartesian_reflex")
+        if found:
+            self._reflex(*found)
+
+    def _outside(self) -> NDArray[np.bool_]:
+        q = self.arm.position
+        return (q < self.limits.lower - BEYOND) | (q > self.limits.upper + BEYOND)
+
+    def _reflex(self, *names: str) -> None:
+        for name in names:
+            self.errors[ERRORS.index(name)] = True
+        self.reflex_reason[:] = self.errors
+        self.reflexes += 1
+        self._hold()
+        self._end(Status.REFLEX_ABORTED)
+        self.mode = RobotMode.REFLEX
+
+    def _user_stop(self) -> None:
+        if self.mode is RobotMode.MOVE:
+            self.outcome = Status.EMERGENCY_ABORTED
+        self.mode, self.generator, self.controller = RobotMode.USER_STOPPED, Generator.IDLE, Controller.OTHER
+        self._recovered_at = None
+        self.tau_d[:] = 0.0
+        self._hold()
+
+    def _end(self, outcome: Status | None) -> None:
+        """Back to holding the position, from whatever motion there is."""
+        if outcome is not None:
+            self.outcome = outcome
+        if self.controller is Controller.EXTERNAL or self.mode is not RobotMode.MOVE:
+            self._hold()
+        self.mode, self.generator, self.controller = RobotMode.IDLE, Generator.IDLE, Controller.OTHER
+        if self.errors.any() and outcome is None:
+            self.mode = RobotMode.REFLEX
+        self._recovered_at = None
+        self.tau_d[:] = 0.0
+
+    def _hold(self) -> None:
+        limits = self.limits
+        slack = 1e-3  # rad within the limits, from where a motion may start
+        self.motion.place(np.clip(self.arm.position, limits.lower + slack, limits.upper - slack), self.arm.velocity)
+
+    def _drive(self) -> None:
+        arm, motion, stiffness = self.arm, self.motion, self.settings.stiffness
+        if self.mode is RobotMode.USER_STOPPED:
+            self.torque = np.zeros(7)
+            arm.command("brake", self.torque, self.torque)
+        elif self.mode is RobotMode.MOVE and self.controller is Controller.EXTERNAL:
+            self.torque = self.tau_d.copy()
+            arm.command("torque", self.torque, self.torque)
+        elif np.array_equal(stiffness, arm.stiffness):
+            # The same spring within the drives: it holds at any rate at which the cabinet is served.
+            self.torque = stiffness * (motion.q - arm.position)
+            arm.command("position", motion.q, motion.dq)
+        else:
+            self.torque = self._impedance()
+            arm.command("torque", self.torque, self.torque)
+
+    def _carried(self) -> Payload:
+        """Tool and load together, taken into the model."""
+        tool, settings = self.tool, self.settings
+        mass = tool.mass + settings.load_mass
+        moment = tool.mass * np.array(tool.com) + settings.load_mass * settings.load_centre
+        x, y, z = (moment / mass).tolist() if mass else (0.0, 0.0, 0.0)
+        carried = Payload(mass, (x, y, z))
+        self._model = pinocchio_model(FR3 if self.robot == "fr3" else PANDA, payload=carried, rotors=True)
+        self._work, self._desired = self._model.createData(), self._model.createData()
+        self._flange = self._model.getFrameId(FLANGE)
+        return carried
+
+    def _impedance(self) -> Array:
+        """N m (7,): a spring and a damper to the desired motion, made of what will be one step on.
+
+        Taken a step ahead a stiff spring on a light joint stays stable (stable PD, Tan, Liu and Turk 2011). What
+        the step will bring depends on the external torques, too: without them the spring would yield more.
+        """
+        M = pin.crba(self._model, self._work, self.arm.position, pin.Convention.WORLD)
+        K = self.settings.stiffness
+        D = 2 * DAMPING * np.sqrt(K * M.diagonal())
+        motion, q, dq, outer = self.motion, self.arm.position, self.arm.velocity, self.external
+        effective = M.copy()
+        effective.flat[::8] += DT * D + DT * DT * K
+        push = K * (motion.q - q - DT * dq) + D * (motion.dq - dq) + M @ motion.ddq
+        return M @ np.linalg.solve(effective, push + outer) - outer

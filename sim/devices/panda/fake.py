@@ -1,0 +1,185 @@
+"""A Franka arm in the simulated cell, seen through its driver's contract."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from drivers.panda import Panda
+from drivers.panda.config import PandaConfig
+from drivers.panda.limits import BY_VERSION
+from drivers.panda.motion import Motion, Phase
+from drivers.panda.packets import RobotMode
+from drivers.panda.protocol import Move, Reply, Status
+from drivers.panda.state import Modes, StateReader
+from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.errors import DeviceError, DeviceLostError
+from runtime.contracts.signals import Stop
+from runtime.contracts.world import Fake, FakeConfig, World
+from sim.devices.panda.robot import TICK, FakePandaConfig, PandaRobot
+from sim.devices.shared.windows import inside, refuse_while_gone
+
+UNWRITTEN: Final = 3  # states without `write` after which the driver ends a motion
+_WORDS: Final = {
+    RobotMode.USER_STOPPED: "stopped by a person: it goes on at the end of its 'user_stop' window",
+    RobotMode.AUTOMATIC_ERROR_RECOVERY: "recovering from errors",
+}
+
+
+class FakePanda(Fake):
+    """The driver's own motions, limiter and decoding against the robot's cabinet: only the wire is missing.
+
+    A cycle's command is taken by the robot a millisecond later, as on a good network. Milliseconds that the loop
+    itself missed cost it no packet; a command that is late or lost by the options does.
+
+    Attributes:
+        robot: the robot itself, for a twin to use as well.
+    """
+
+    Config = Panda.Config
+    Options = FakePandaConfig
+    summary = Panda.summary
+    max_age = Panda.max_age
+
+    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+        super().__init__(name, config, world, options)
+        assert isinstance(config, PandaConfig)
+        assert isinstance(options, FakePandaConfig)
+        real = Panda(name, config)
+        self.states, self.commands = real.states, real.commands
+        self.robot = PandaRobot(name, world, options)
+        self._config, self._options = config, options
+        self._reader = StateReader(self.robot.version)
+        self._motion = Motion(self.robot.version, config.kind, self._reader)
+        self._command = self.commands[0].name
+        self._opened = False
+        self._data = self._tail = b""
+        self._forget()
+
+    def open(self) -> None:
+        self.close()
+        refuse_while_gone(self.name, self._options.loss, self.world.time)
+        self._forget()
+        robot, known = self.robot, BY_VERSION[self.robot.version]
+        self._follow()
+        if robot.controller.mode is RobotMode.IDLE:
+            for request in self._config.settings():
+                status = robot.controller.apply(request)
+                if status is not Status.SUCCESS:
+                    problem = f"the robot refuses {type(request).__name__}: {status}"
+                    raise DeviceError(self.name, problem, "Correct the option in the profile")
+        self.limits[self._command] = known.of(self._config.kind)
+        self.health.connected = True
+        self.health.message = f"simulated {known.name}, FCI protocol {robot.version}"
+        self.health.reconnects += self._opened
+        self._opened = True
+        self._judge()
+
+    def read(self, now: int) -> None:
+        self._check()
+        health, robot = self.health, self.robot
+        steps = self._follow()
+        if steps or not self._data:
+            self._data = data = robot.write().tobytes()
+            self._reader.fill(data, self.state_arrays)
+            tail = self._reader.tail(data)
+            if tail != self._tail:
+                self._tail, self._modes = tail, self._reader.modes(tail)
+            self._motion.watch(self._modes, data)
+            health.frames += 1
+            self._answered = False
+            self._unwritten += 1
+        if (outcome := robot.controller.take_outcome()) is not None:
+            self._reply(outcome)
+        self._judge()
+        health.stamp = now - self.world.time % TICK
+        if self._unwritten > UNWRITTEN:
+            self._motion.end()
+        if self._motion.phase is Phase.ENDING:
+            self._answer()
+
+    def write(self, now: int) -> None:
+        self._check()
+        self._unwritten = 0
+        motion, modes = self._motion, self._modes
+        if motion.phase is Phase.RUNNING:
+            self._answer()
+        elif motion.phase is Phase.NONE and modes.mode is RobotMode.IDLE and not modes.errors and not self.health.fault:
+            self.robot.forget()
+            self._reply(self.robot.controller.move(motion.ask()))
+
+    def stop(self, category: Stop) -> None:
+        """The arm is brought to rest in later `read`s, then the robot's own controller holds it."""
+        self._motion.end()
+
+    def recover(self, now: int) -> None:
+        """Automatic error recovery, where the robot has errors."""
+        self._check()
+        self._trouble = ""
+        modes = self._modes
+        if (modes.mode is RobotMode.REFLEX or modes.errors) and (status := self.robot.controller.recover()) is not None:
+            self._trouble = f"automatic error recovery: {status}"
+        self._judge()
+
+    def close(self) -> None:
+        """The robot ends the motion at once and holds its position."""
+        if self.health.connected:
+            self.robot.controller.stop_move()
+            self.robot.controller.take_outcome()
+        self._motion.abandon()
+        self.health.connected = False
+        self.health.fault = ""
+
+    def figures(self) -> dict[str, object]:
+        """The robot, motions begun, reflexes, and commands that the robot missed."""
+        controller = self.robot.controller
+        return {
+            "robot": BY_VERSION[self.robot.version].name,
+            "moves": self._motion.started,
+            "reflexes": controller.reflexes,
+            "lost_commands": controller.reception.total,
+        }
+
+    def _forget(self) -> None:
+        self._data = self._tail = b""
+        self._modes = Modes(0, 0, RobotMode.OTHER, (), ())
+        self._answered = True
+        self._unwritten = 0
+        self._trouble = ""
+
+    def _follow(self) -> int:
+        """The robot's time catches up with the world's; gives the number of its ticks."""
+        steps = self.robot.elapsed()
+        for step in range(steps):
+            self.robot.step(counts=step == 0)
+        return steps
+
+    def _answer(self) -> None:
+        """Sends the command for the newest state, once."""
+        if self._answered or not self._motion.shown(self._modes):
+            return
+        wanted = self.command_arrays[self._command].tolist()
+        # The packet is one object, refilled; what is still on its way must not change.
+        self.robot.receive(bytes(self._motion.packet(self._data, wanted)))
+        self._answered = True
+
+    def _reply(self, status: Status) -> None:
+        self._motion.reply(Reply(Move, 0, status))
+        self._trouble = self._trouble or self._motion.outcome
+
+    def _judge(self) -> None:
+        """Says in words what keeps the robot from moving."""
+        modes = self._modes
+        words = _WORDS.get(modes.mode, "")
+        if modes.mode is RobotMode.REFLEX:
+            words = f"reflex: {', '.join(modes.reasons or modes.errors) or 'no reason given'}"
+        if words and self._trouble.startswith("motion "):
+            self._trouble = ""  # the robot says better why it ended the motion
+        self.health.fault = ", ".join(filter(None, (words, self._trouble)))
+
+    def _check(self) -> None:
+        if self.health.connected and not inside(self._options.loss, self.world.time):
+            return
+        if self.health.connected:
+            self.robot.controller.disconnect()
+        self.health.connected = False
+        raise DeviceLostError(self.name, "the simulated robot is gone", "It comes back at the end of its 'loss' window")

@@ -1,0 +1,182 @@
+"""What a Franka robot checks in the setpoints it gets: limits, discontinuities, the client's lost packets.
+
+Source: protocol sheet franka-fci, sections 6 and 7. Every check is written so that a NaN fails it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.panda import limits
+from drivers.panda.packets import Generator
+from runtime.contracts.signals import Array
+from runtime.control.robots import FR3, PANDA
+
+DT: Final = 1e-3  # s between packets
+LOST_IN_A_ROW: Final = 20  # packets
+WINDOW: Final = 100  # packets that the success rate looks back on
+TORQUE_STEP: Final = 1.0  # N m from one packet to the next: 1000 N m/s
+# Differences of setpoints are divided by DT up to three times: rounding errors must not look like jerk. A client
+# that starts from the float32 state of protocol 10 is off by up to 1.2e-7 rad.
+_ROUNDING: Final = 1.001
+
+
+@dataclass(frozen=True, slots=True)
+class JointLimits:
+    """What the robot enforces; arrays (7,). rad, rad/s, rad/s^2, rad/s^3, N m.
+
+    `velocity_offset` (rad/s) and `deceleration` (rad/s^2) make the velocity limit of an FR3 shrink towards the
+    ends of a joint; None on a Panda.
+    """
+
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+    jerk: Array
+    effort: Array
+    velocity_offset: Array | None = None
+    deceleration: Array | None = None
+
+    def velocities(self, q: Array) -> tuple[Array, Array]:
+        """The smallest and the largest velocity (7,) allowed at q."""
+        if self.velocity_offset is None or self.deceleration is None:
+            return -self.velocity, self.velocity
+        offset, twice = self.velocity_offset, 2 * self.deceleration
+        up = np.sqrt(np.maximum(twice * (self.upper - q), 0.0)) - offset
+        down = np.sqrt(np.maximum(twice * (q - self.lower), 0.0)) - offset
+        return -np.clip(down, 0.0, self.velocity), np.clip(up, 0.0, self.velocity)
+
+
+@dataclass(slots=True)
+class Setpoint:
+    """One RobotCommand's content.
+
+    Attributes:
+        q, dq: the motion generator's, rad and rad/s (7,).
+        tau: the external controller's, N m (7,), gravity excluded.
+        finished: the motion ends with this packet.
+    """
+
+    q: Array = field(default_factory=lambda: np.zeros(7))
+    dq: Array = field(default_factory=lambda: np.zeros(7))
+    tau: Array = field(default_factory=lambda: np.zeros(7))
+    finished: bool = False
+
+
+class JointGenerator:
+    """The desired joint motion, made from setpoints or, where one is lost, extrapolated at constant acceleration.
+
+    Attributes:
+        q, dq, ddq: desired now (7,): rad, rad/s, rad/s^2.
+    """
+
+    def __init__(self, limits: JointLimits, q: Array) -> None:
+        self.limits = limits
+        self.q, self.dq, self.ddq = q.copy(), np.zeros(7), np.zeros(7)
+        self._begun = False
+
+    def begin(self) -> None:
+        """A motion starts from rest; its first setpoint must fit the present desired position."""
+        self.dq[:] = self.ddq[:] = 0.0
+        self._begun = True
+
+    def place(self, q: Array, dq: Array) -> None:
+        """Desired is what is measured: the end of a motion that the generator didn't make."""
+        self.q[:], self.dq[:], self.ddq[:] = q, dq, 0.0
+
+    def extrapolate(self) -> None:
+        """A setpoint was lost."""
+        self.dq += self.ddq * DT
+        self.q += self.dq * DT
+
+    def brake(self) -> None:
+        """Desired velocity goes to zero, at half the greatest acceleration."""
+        if not self.dq.any():
+            self.ddq[:] = 0.0
+            return
+        step = self.limits.acceleration * (0.5 * DT)
+        dq = self.dq - np.clip(self.dq, -step, step)
+        self.ddq[:] = (dq - self.dq) / DT
+        self.dq[:] = dq
+        self.q += dq * DT
+
+    def take(self, setpoint: Setpoint, generator: Generator) -> str:
+        """Takes the next setpoint; gives the name of the error it makes, or "". A wrong one isn't taken."""
+        first, self._begun = self._begun, False
+        bounds = self.limits
+        if generator is Generator.JOINT_POSITION:
+            q = setpoint.q
+            dq = (q - self.q) / DT
+            if first and not (np.abs(dq) <= bounds.velocity).all():
+                return "joint_position_motion_generator_start_pose_invalid"
+        else:
+            dq = setpoint.dq
+            q = self.q + dq * DT
+        ddq = (dq - self.dq) / DT
+        dddq = (ddq - self.ddq) / DT
+        if not ((q >= bounds.lower) & (q <= bounds.upper)).all():
+            return "joint_motion_generator_position_limits_violation"
+        slowest, fastest = bounds.velocities(q)
+        if not ((dq >= slowest * _ROUNDING) & (dq <= fastest * _ROUNDING)).all():
+            return "joint_motion_generator_velocity_limits_violation"
+        if not (np.abs(ddq) <= bounds.acceleration * _ROUNDING).all():
+            return "joint_motion_generator_velocity_discontinuity"
+        if not (np.abs(dddq) <= bounds.jerk * _ROUNDING).all():
+            return "joint_motion_generator_acceleration_discontinuity"
+        self.q[:], self.dq[:], self.ddq[:] = q, dq, ddq
+        return ""
+
+
+def torque_error(last: Array, new: Array) -> str:
+    """The error that a torque setpoint makes after the last one, or ""."""
+    if not (np.abs(new - last) <= TORQUE_STEP + 1e-9).all():
+        return "controller_torque_discontinuity"
+    return ""
+
+
+class Reception:
+    """Counts which packets of a motion arrived in time.
+
+    Attributes:
+        rate: share of the last 100 that did.
+        lost: packets lost one after another at present.
+        total: packets lost since the start, over all motions.
+    """
+
+    def __init__(self) -> None:
+        self.total = 0
+        self._arrived: NDArray[np.bool_] = np.zeros(WINDOW, np.bool_)
+        self.begin()
+
+    def begin(self) -> None:
+        """A motion starts."""
+        self._arrived[:] = False
+        self._number = 0
+        self._good = 0
+        self.lost = 0
+
+    @property
+    def rate(self) -> float:
+        return self._good / min(self._number, WINDOW) if self._number else 0.0
+
+    def count(self, arrived: bool) -> None:
+        """One millisecond has passed, with or without its packet."""
+        place = self._number % WINDOW
+        self._good += int(arrived) - int(self._arrived[place])
+        self._arrived[place] = arrived
+        self._number += 1
+        self.lost = 0 if arrived else self.lost + 1
+        self.total += not arrived
+
+
+def limits_of(robot: str) -> JointLimits:
+    """What a `panda` or an `fr3` enforces."""
+    arm = FR3 if robot == "fr3" else PANDA
+    wire = limits.FR3 if robot == "fr3" else limits.PANDA
+    narrowing = [None if values is None else np.array(values) for values in (wire.offset, wire.deceleration)]
+    return JointLimits(arm.q_lower, arm.q_upper, arm.dq_max, arm.ddq_max, arm.dddq_max, arm.tau_max, *narrowing)

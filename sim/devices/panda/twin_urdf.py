@@ -1,0 +1,62 @@
+"""The URDF that a simulated FR3 gives its clients, made from the runtime's own description of the arm.
+
+Clients want seven joints called joint1 to joint7, `position_based_velocity_limits` beside each `limit`, inertias,
+and a frame called exactly link8, the flange: libfranka 0.21 takes whatever it finds in memory where there is none.
+Source: protocol sheet franka-fci, section 5.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from math import atan2, hypot
+from xml.etree.ElementTree import Element, tostring
+
+from runtime.contracts.signals import Array
+from runtime.control.robots import FR3, PANDA
+from runtime.control.robots.description import Inertial
+from sim.devices.panda.motion import limits_of
+from sim.world.mjcf import add
+
+
+@cache
+def urdf(robot: str) -> str:
+    """The description of a `panda` or an `fr3`."""
+    arm, limits = (FR3 if robot == "fr3" else PANDA), limits_of(robot)
+    root = Element("robot", name=robot)
+    _inertial(add(root, "link", name="link0"), arm.base)
+    for i, joint in enumerate(arm.joints, 1):
+        _inertial(add(root, "link", name=f"link{i}"), joint.link)
+        element = _joint(root, i, "revolute", joint.placement)
+        add(element, "axis", xyz=(0, 0, 1))
+        add(
+            element,
+            "limit",
+            lower=float(limits.lower[i - 1]),
+            upper=float(limits.upper[i - 1]),
+            velocity=float(limits.velocity[i - 1]),
+            effort=float(limits.effort[i - 1]),
+        )
+        if limits.velocity_offset is not None and limits.deceleration is not None:
+            offset, deceleration = float(limits.velocity_offset[i - 1]), float(limits.deceleration[i - 1])
+            add(element, "position_based_velocity_limits", velocity_offset=offset, deceleration_limit=deceleration)
+    add(root, "link", name="link8")
+    _joint(root, 8, "fixed", arm.flange)
+    return '<?xml version="1.0"?>\n' + tostring(root, encoding="unicode")
+
+
+def _joint(root: Element, number: int, kind: str, placement: Array) -> Element:
+    joint = add(root, "joint", name=f"joint{number}", type=kind)
+    R = placement[:3, :3]
+    rpy = (atan2(R[2, 1], R[2, 2]), atan2(-R[2, 0], hypot(R[2, 1], R[2, 2])), atan2(R[1, 0], R[0, 0]))
+    add(joint, "origin", xyz=placement[:3, 3].tolist(), rpy=rpy)
+    add(joint, "parent", link=f"link{number - 1}")
+    add(joint, "child", link=f"link{number}")
+    return joint
+
+
+def _inertial(link: Element, body: Inertial) -> None:
+    inertial = add(link, "inertial")
+    add(inertial, "origin", xyz=body.com.tolist(), rpy=(0, 0, 0))
+    add(inertial, "mass", value=body.mass)
+    pairs = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+    add(inertial, "inertia", **{name: float(body.inertia[at]) for name, at in pairs.items()})

@@ -1,0 +1,77 @@
+"""A recorded device in a simulated world: the same driver, as the loop's clock is the world's there."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import AfterValidator, Field
+
+from drivers.replay import Replay, ReplayConfig
+from drivers.replay.driver import Player
+from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.errors import DeviceLostError
+from runtime.contracts.signals import Stop
+from runtime.contracts.world import Fake, FakeConfig, World
+from sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
+
+
+class FakeReplayOptions(FakeConfig):
+    """Options of the fake."""
+
+    loss: Annotated[Windows, AfterValidator(rising)] = Field(
+        default=(), description="s, [from, to] pairs in world time during which the device is gone"
+    )
+
+
+class FakeReplay(Fake):
+    """Plays the recording on world time: it begins with the world, also after a loss."""
+
+    Config = ReplayConfig
+    Options = FakeReplayOptions
+    summary = Replay.summary
+    max_age = Replay.max_age
+
+    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+        super().__init__(name, config, world, options)
+        assert isinstance(config, ReplayConfig)
+        assert isinstance(options, FakeReplayOptions)
+        self._options = options
+        self._player = Player(config, name)
+        self.states = self._player.signals
+        self._opened = False
+
+    def open(self) -> None:
+        self.close()
+        refuse_while_gone(self.name, self._options.loss, self.world.time)
+        if self._player.over:
+            self._player.rewind()  # says that it is over
+        self.health.connected = True
+        self.health.reconnects += self._opened
+        self._opened = True
+
+    def read(self, now: int) -> None:
+        if not self.health.connected or inside(self._options.loss, self.world.time):
+            self.health.connected = False
+            raise DeviceLostError(self.name, "the recorded device is gone", "It comes back at its 'loss' window's end")
+        player, time = self._player, self.world.time
+        before = player.stamp
+        try:
+            values = player.play(time)
+        except DeviceLostError:
+            self.health.connected = False
+            raise
+        self.health.frames = player.frames
+        if player.stamp != before:
+            self.health.stamp = now - (time - player.stamp)
+        if values is not None:
+            for signal, array in zip(self.states, values, strict=True):
+                self.state_arrays[signal.name][...] = array
+
+    def write(self, now: int) -> None:
+        """It takes no commands."""
+
+    def stop(self, category: Stop) -> None:
+        """It moves nothing."""
+
+    def close(self) -> None:
+        self.health.connected = False

@@ -1,0 +1,96 @@
+"""A ring that a scripted person presses."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import AfterValidator, Field
+
+from drivers.debounce import Debounced
+from drivers.ring import Ring, RingConfig
+from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.errors import DeviceLostError
+from runtime.contracts.signals import Stop
+from runtime.contracts.world import Fake, FakeConfig, World
+from sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
+
+_Windows = Annotated[Windows, AfterValidator(rising)]
+
+
+class FakeRingConfig(FakeConfig):
+    """Options of the fake."""
+
+    presses: _Windows = Field(default=(), description="s, [from, to] pairs in world time during which it is pressed")
+    bounce: float = Field(
+        default=0.002,
+        ge=0,
+        le=0.1,
+        description="s after each edge during which its contact chatters, 1000 times a second",
+    )
+    asleep: _Windows = Field(default=(), description="s, pairs during which a Bluetooth ring sleeps")
+    loss: _Windows = Field(default=(), description="s, pairs during which a serial ring is unplugged")
+
+
+class FakeRing(Fake):
+    """The switch of the script, bouncing, through the driver's own debouncing."""
+
+    Config = RingConfig
+    Options = FakeRingConfig
+    summary = Ring.summary
+    max_age = Ring.max_age
+
+    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+        super().__init__(name, config, world, options)
+        assert isinstance(config, RingConfig)
+        assert isinstance(options, FakeRingConfig)
+        self.states = Ring(name, config).states
+        self.script, self.hold = options, config.hold
+        self._switch = Debounced(config.debounce)
+        self._opened = False
+
+    def open(self) -> None:
+        refuse_while_gone(self.name, self.script.loss, self.world.time)
+        self._switch.start(0.0)
+        self.health.connected = True
+        self.health.reconnects += self._opened
+        self._opened = True
+
+    def read(self, now: int) -> None:
+        if not self.health.connected or inside(self.script.loss, self.world.time):
+            self.health.connected = False
+            raise DeviceLostError(self.name, "the simulated ring is unplugged", "It comes back after its 'loss' window")
+        if self.asleep():
+            self._switch.start(0.0)
+            self.health.message = "asleep: its first press wakes it"
+        else:
+            self._switch.take(self.contact(), self.world.time)
+            self._switch.settle(self.world.time)
+            self.health.message = "awake"
+        self.state_arrays["buttons"][0] = self._switch.pressed if self.hold else 0.0
+        self.state_arrays["presses"][0] = self._switch.presses
+        self.health.frames += 1
+        self.health.stamp = now
+
+    def write(self, now: int) -> None:
+        """A ring takes no commands."""
+
+    def stop(self, category: Stop) -> None:
+        """A ring moves nothing."""
+
+    def close(self) -> None:
+        self.health.connected = False
+
+    # -- the ring itself, for both doors
+
+    def asleep(self) -> bool:
+        """Whether a Bluetooth ring sleeps now."""
+        return inside(self.script.asleep, self.world.time)
+
+    def contact(self) -> float:
+        """Whether the contact is closed now, 0 or 1; it chatters after each edge."""
+        now, bounce = self.world.time, round(self.script.bounce * 1e9)
+        pressed = inside(self.script.presses, now)
+        for edge in (round(t * 1e9) for window in self.script.presses for t in window):
+            if 0 <= now - edge < bounce:
+                return float(pressed != bool((now - edge) // 1_000_000 % 2))
+        return float(pressed)

@@ -1,0 +1,73 @@
+"""The ring's other doors: a Bluetooth remote's events, or the lines of a self-made ring."""
+
+from __future__ import annotations
+
+from drivers.evdev import Description
+from drivers.ring.driver import RingConfig
+from drivers.ring.serial_ring import ASK
+from runtime.contracts.world import Fake, Twin
+from sim.devices.ring.fake import FakeRing
+from sim.devices.shared.evdev import EventTwin
+from sim.devices.shared.serial import SerialTwin
+
+_HEARTBEAT = 100_000_000  # ns
+
+
+def ring_twin(fake: Fake) -> Twin:
+    """The door that the profile's `port` asks for: an input device for 'input' and nodes, else a serial line."""
+    assert isinstance(fake, FakeRing)
+    assert isinstance(fake.config, RingConfig)
+    port = fake.config.port
+    return InputRing(fake) if port == "input" or port.startswith("/dev/input") else SerialRing(fake)
+
+
+class InputRing(EventTwin):
+    """A shutter remote: its key goes down and up; asleep, its node is gone."""
+
+    def __init__(self, fake: Fake) -> None:
+        assert isinstance(fake, FakeRing)
+        super().__init__(fake)
+        self.ring = fake
+
+    def present(self) -> bool:
+        """See `EventTwin`."""
+        return not self.ring.asleep()
+
+    def describe(self) -> Description:
+        """See `EventTwin`. The remote's own chip has debounced the key."""
+        assert isinstance(self.ring.config, RingConfig)
+        key = self.ring.config.keys[0]
+        pressed = frozenset([key] if self.ring.contact() else [])
+        return Description(
+            "AB Shutter3 Consumer Control", "ff:ff:00:00:00:01", 0x248A, 0x8266, 1, frozenset([key]), pressed
+        )
+
+
+class SerialRing(SerialTwin):
+    """Lines: each edge of the contact, a heartbeat every 100 ms, its name when asked."""
+
+    def __init__(self, fake: Fake) -> None:
+        assert isinstance(fake, FakeRing)
+        super().__init__(fake)
+        self.ring = fake
+        self._level = 0.0
+        self._beat = 0
+
+    def connected(self, now: int) -> None:
+        """Opening the port resets such boards."""
+        self.door.write(b"V ring1 1\n")
+
+    def receive(self, data: bytes, now: int) -> bytes:
+        """See `SerialTwin`."""
+        return b"V ring1 1\n" * data.count(ASK)
+
+    def work(self, now: int) -> bytes:
+        """See `SerialTwin`."""
+        time, level, lines = self.ring.world.time, self.ring.contact(), b""
+        if level != self._level:
+            self._level = level
+            lines += b"B%d\n" % level
+        if time // _HEARTBEAT != self._beat:
+            self._beat = time // _HEARTBEAT
+            lines += b"H%d %d\n" % (level, time // 1_000_000 % (1 << 32))
+        return lines

@@ -1,0 +1,86 @@
+"""What the fakes of force/torque sensors have in common: offset, range, saturation, bias."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import AfterValidator, Field
+
+from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.signals import Array
+from runtime.contracts.world import FakeConfig, World
+from sim.devices.shared.sensor import SensorFake, SensorOptions
+from sim.parts.things.ft_sensor import FtSensorPart, Vector6
+
+
+def positive(values: Vector6) -> Vector6:
+    """Refuses a range that isn't one."""
+    if min(values) <= 0:
+        raise ValueError("each range must be positive")
+    return values
+
+
+class ForceTorqueOptions(SensorOptions):
+    """Options of the fake; `noise` is in N, torques have TORQUE_NOISE of it in N m."""
+
+    noise: float = Field(default=0.02, ge=0, description="N, standard deviation of each force")
+    offset: Vector6 = Field(default=(0.0,) * 6, description="N, N m, what it reads without any load")
+    range: Annotated[Vector6, AfterValidator(positive)] = Field(
+        default=(400.0, 400.0, 400.0, 20.0, 20.0, 20.0), description="N, N m: beyond it the sensor saturates"
+    )
+
+
+TORQUE_NOISE = 0.02  # m
+
+
+class ForceTorqueFake(SensorFake):
+    """State `wrench` (6,) in the sensor's frame. A saturated sample doesn't arrive, as with the drivers."""
+
+    Options = ForceTorqueOptions
+    noise_scale = np.array([1.0] * 3 + [TORQUE_NOISE] * 3)
+
+    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+        super().__init__(name, config, world, options)
+        assert isinstance(options, ForceTorqueOptions)
+        self._offset = np.array(options.offset)
+        self.range: Array = np.array(options.range)
+        self._bias: Array = np.zeros(6)
+        self.part = self.cell.part(FtSensorPart, name, options.part)
+        self.sampled(6, lambda: self.part.wrench)
+
+    def fill(self, values: Array, number: int) -> None:
+        self.state_arrays["wrench"][:] = values
+
+    # -- the sensor itself, for both doors
+
+    def overload(self, number: int) -> tuple[bool, ...]:
+        """Which of the six axes are beyond their range in a sample."""
+        return tuple((np.abs(self.samples[number] + self._offset) > self.range).tolist())
+
+    def measured(self, number: int) -> Array | None:
+        """(6,) N, N m, also of a saturated sample, which stops at the range; None if it got lost."""
+        if super()._is_lost(number):
+            return None
+        values = self.samples[number].copy()
+        if self._sensor_options.noise:
+            values += self._chance.noise(number) * self.noise_scale
+        clipped = np.clip(values + self._offset, -self.range, self.range)
+        return self.quantise(clipped - self._bias)
+
+    def sample(self, number: int) -> Array | None:
+        """See `SensorFake.sample`; None if it is saturated."""
+        return None if self._is_lost(number) else self.measured(number)
+
+    def bias(self) -> None:
+        """Takes the present reading for zero."""
+        newest = self.samples.newest()
+        if newest >= 0:
+            self._bias = np.clip(self.samples[newest] + self._offset, -self.range, self.range)
+
+    def unbias(self) -> None:
+        """Forgets the bias, as a loss of power does."""
+        self._bias = np.zeros(6)
+
+    def _is_lost(self, number: int) -> bool:
+        return super()._is_lost(number) or (self.samples.keeps(number) and any(self.overload(number)))

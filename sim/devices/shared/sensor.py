@@ -1,0 +1,157 @@
+"""What fakes of sensors have in common: they sample, are noisy, late, and at times gone."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable
+from fractions import Fraction
+from typing import Annotated, ClassVar, Final
+
+from pydantic import AfterValidator, Field
+
+from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.errors import DeviceLostError, WiringError
+from runtime.contracts.signals import Array, Stop
+from runtime.contracts.world import Fake, FakeConfig, World
+from sim.devices.shared.noise import Chance
+from sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
+from sim.world.cell import Cell
+from sim.world.samples import Samples
+
+_CATCH_UP: Final = 100  # samples counted at most in one read
+
+
+class SensorOptions(FakeConfig):
+    """Options of every fake of a sensor; a subclass sets its own defaults."""
+
+    part: str | None = Field(default=None, description="the cell's part it measures; None: the one that fits")
+    rate: float = Field(default=100.0, gt=0, le=4000, description="Hz, samples it takes")
+    noise: float = Field(default=0.0, ge=0, description="standard deviation, in the fake's own noise units")
+    delay: float = Field(default=0.0, ge=0, le=0.5, description="s, from sampling to arrival")
+    dropout: float = Field(default=0.0, ge=0, le=1, description="probability that a sample is lost on its way")
+    loss: Annotated[Windows, AfterValidator(rising)] = Field(
+        default=(), description="s, [from, to] pairs in world time during which the device is gone"
+    )
+
+
+class SensorFake(Fake):
+    """Sample k is taken at k / rate of world time; its noise and loss depend on seed, name and k alone.
+
+    A subclass calls `sampled` in `__init__` and implements `fill`. Both doors, the fake and its twin, take
+    samples by `sample`, so they show the same. `health.stamp` is when the sample was taken.
+
+    Attributes:
+        noise_scale: what `options.noise` is multiplied by for each value of a sample: a number or (size,).
+    """
+
+    Options = SensorOptions
+    noise_scale: float | Array = 1.0
+    needs: ClassVar[type[World]] = Cell
+
+    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+        super().__init__(name, config, world, options)
+        assert isinstance(options, SensorOptions)
+        if not isinstance(world, self.needs):
+            raise WiringError(
+                f"sim.devices.{name}",
+                f"the world {type(world).__name__} has nothing that this fake could measure",
+                "Set 'world: cell' and list its parts",
+            )
+        self._sensor_options = options
+        self._delay = round(options.delay * 1e9)
+        self._samples: Samples | None = None
+        self._chance = Chance(world.seed, name, 0, 0.0)
+        self._last = -1  # newest sample counted
+        self._opened = False
+
+    @property
+    def cell(self) -> Cell:
+        """The world."""
+        assert isinstance(self.world, Cell)
+        return self.world
+
+    def sampled(self, size: int, take: Callable[[], Array]) -> None:
+        """Says what is measured: `take` gives the true values (size,) of the world now. Once, in `__init__`."""
+        rate = Fraction(self._sensor_options.rate).limit_denominator(10**6)
+        self._samples = self.cell.sample(rate, take, size)
+        self._chance = Chance(self.world.seed, self.name, size, self._sensor_options.noise)
+
+    @abstractmethod
+    def fill(self, values: Array, number: int) -> None:
+        """Puts sample `number` into the state arrays."""
+
+    def quantise(self, values: Array) -> Array:
+        """What the device's resolution leaves of `values` (size,); may change them in place."""
+        return values
+
+    # -- life
+
+    def open(self) -> None:
+        self.close()
+        refuse_while_gone(self.name, self._sensor_options.loss, self.world.time)
+        self._last = self.newest() - 1
+        self.health.connected = True
+        self.health.reconnects += self._opened
+        self._opened = True
+
+    def read(self, now: int) -> None:
+        if not self.health.connected or inside(self._sensor_options.loss, self.world.time):
+            self.health.connected = False
+            raise DeviceLostError(
+                self.name, "the simulated device is gone", "It comes back at the end of its 'loss' window"
+            )
+        newest = self.newest()
+        if newest < self._last:  # the world went back to a saved state
+            self._last = newest - 1
+        arrived = -1
+        for number in range(max(self._last + 1, newest - _CATCH_UP, 0), newest + 1):
+            if self._is_lost(number):
+                self.health.errors += 1
+            else:
+                self.health.frames += 1
+                arrived = number
+        self._last = newest
+        # Of what came, the newest counts; after a pause it may be older than what is kept.
+        values = self.sample(arrived) if arrived >= 0 and self.samples.keeps(arrived) else None
+        if values is None:
+            return
+        self.fill(values, arrived)
+        self.health.stamp = now - (self.world.time - self.taken_at(arrived))
+
+    def write(self, now: int) -> None:
+        """A sensor takes no commands."""
+
+    def stop(self, category: Stop) -> None:
+        """A sensor moves nothing."""
+
+    def close(self) -> None:
+        self.health.connected = False
+
+    # -- the sensor itself, for both doors
+
+    def newest(self) -> int:
+        """Number of the newest sample that has arrived by now, -1 before the first."""
+        return self.samples.newest(self.world.time - self._delay)
+
+    def taken_at(self, number: int) -> int:
+        """ns of world time at which a sample is taken."""
+        return self.samples.taken_at(number)
+
+    def sample(self, number: int) -> Array | None:
+        """The measured values (size,) of a sample that is at most a second old; None if it got lost."""
+        if self._is_lost(number):
+            return None
+        measured = self.samples[number].copy()
+        if self._sensor_options.noise:
+            measured += self._chance.noise(number) * self.noise_scale
+        return self.quantise(measured)
+
+    @property
+    def samples(self) -> Samples:
+        """The true values at the sensor's instants."""
+        assert self._samples is not None, "the fake didn't call `sampled`"
+        return self._samples
+
+    def _is_lost(self, number: int) -> bool:
+        dropout = self._sensor_options.dropout
+        return number < 0 or (dropout > 0.0 and self._chance.luck(number) < dropout)

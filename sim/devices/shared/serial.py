@@ -1,0 +1,116 @@
+"""What twins of serial devices have in common: the door, the cable that falls out, the log of bytes."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.contracts.world import Fake, Twin
+from sim.devices.shared.dialing import DialingDoor
+from sim.devices.shared.pty import PtyDoor
+from sim.devices.shared.windows import Windows, inside
+
+
+class SerialTwin(Twin):
+    """A twin behind a pty.
+
+    During the `loss` windows of the fake's options the port is gone, as with a pulled cable; `muted` leaves
+    it open and swallows what is sent, as a device whose program hangs.
+
+    Attributes:
+        link: a symlink that follows the port's changing path; to be set before `open`.
+        muted: the device neither obeys nor answers.
+        keep_log: remember every byte received and its time, for `log`.
+    """
+
+    def __init__(self, fake: Fake) -> None:
+        super().__init__(fake)
+        self.door: PtyDoor | DialingDoor = PtyDoor()
+        self.muted = False
+        self.keep_log = False
+        self._chunks: list[tuple[int, bytes]] = []
+        self._windows: Windows = getattr(fake.options, "loss", ())
+        self._in_window = False
+        self._last_in: int | None = None
+
+    @property
+    def link(self) -> Path | None:
+        """See the class."""
+        return self.door.link
+
+    @link.setter
+    def link(self, path: Path | None) -> None:
+        self.door.link = path
+
+    def open(self) -> None:
+        """See `Twin.open`."""
+        self.door.open()
+        self.address = self.door.address
+
+    def close(self) -> None:
+        """See `Twin.close`; a client that has the port open sees it hang up. `open` puts the port back."""
+        self.door.close()
+        self.address = ""
+
+    def service(self, now: int) -> None:
+        """See `Twin.service`."""
+        self._follow_windows()
+        if not self.door.is_open:
+            self.work(now)
+            return
+        connects = self.door.connects
+        data = self.door.read()  # first: who has sent something is there, also who has just come
+        there = self.door.connected()
+        if self.door.connects > connects and not self.muted:
+            self.connected(now)
+        if data:
+            self._last_in = now
+            if self.keep_log:
+                self._chunks.append((now, data))
+        if self.muted:
+            return
+        self.door.write(self.receive(data, now) if data else b"")
+        answer = self.work(now)
+        self.door.write(answer if there else b"")
+
+    def connected(self, now: int) -> None:
+        """A client has opened the port."""
+
+    @abstractmethod
+    def receive(self, data: bytes, now: int) -> bytes:
+        """Obeys the client's bytes and gives what the device answers."""
+
+    @abstractmethod
+    def work(self, now: int) -> bytes:
+        """What the device does and sends by itself at `now`, whether someone listens or not."""
+
+    def figures(self) -> dict[str, object]:
+        """See `Twin.figures`: connections, bytes each way, bytes lost, when the last ones came (ns)."""
+        return {
+            "connects": self.door.connects,
+            "bytes_in": self.door.bytes_in,
+            "bytes_out": self.door.bytes_out,
+            "bytes_lost": self.door.lost,
+            "last_in_ns": self._last_in,
+        }
+
+    def log(self) -> dict[str, NDArray[Any]]:
+        """`rx` (k,) the bytes received, and `rx_ns` (k,) when each was taken (ns of the twin's clock)."""
+        times = [at for at, data in self._chunks for _ in data]
+        return {
+            "rx": np.frombuffer(b"".join(data for _, data in self._chunks), np.uint8),
+            "rx_ns": np.array(times, np.int64),
+        }
+
+    def _follow_windows(self) -> None:
+        gone = inside(self._windows, self.fake.world.time)
+        if gone != self._in_window:
+            self._in_window = gone
+            if gone:
+                self.close()
+            else:
+                self.open()

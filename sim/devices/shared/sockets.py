@@ -1,0 +1,357 @@
+"""Sockets as a twin's doors: what the device's end of a network link sees of its clients. Loopback only."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import socket
+import struct
+import termios
+from abc import abstractmethod
+from typing import Any, Final
+
+from runtime.contracts.errors import HostError
+from runtime.contracts.world import Fake, Twin
+from sim.devices.shared.windows import Windows, inside
+
+CHUNK: Final = 65536
+CHUNKS: Final = 64  # in one read
+_BACKLOG: Final = 8
+
+
+class Client:
+    """One connection.
+
+    Attributes:
+        peer: (host, port) of the client.
+        gone: it has hung up.
+        lost: bytes it was too slow to take.
+    """
+
+    def __init__(self, link: socket.socket, door: TcpDoor) -> None:
+        link.setblocking(False)
+        link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self.peer: tuple[str, int] = link.getpeername()[:2]
+        self.gone = False
+        self.lost = 0
+        self._link, self._door = link, door
+        self._kept = b""
+
+    def read(self) -> bytes:
+        """What it has sent, b"" if nothing; never blocks."""
+        chunks: list[bytes] = []
+        for _ in range(CHUNKS):
+            try:
+                chunk = self._link.recv(CHUNK)
+            except BlockingIOError:
+                break
+            except OSError:
+                self.gone = True
+                break
+            if not chunk:
+                self.gone = True
+                break
+            chunks.append(chunk)
+        data = b"".join(chunks)
+        self._door.bytes_in += len(data)
+        return data
+
+    def write(self, data: bytes, keep: bool = False) -> None:
+        """Sends; never blocks. A frame that the kernel has no room for at all is lost and counted.
+
+        The rest of a frame that was begun is kept and sent first. With `keep` whole frames are kept, too.
+        """
+        if self.gone:
+            return
+        if self._kept:
+            self._kept = self._kept[self._send(self._kept) :]
+        if self._kept:
+            if keep:
+                self._kept += data
+            else:
+                self.lost += len(data)
+                self._door.lost += len(data)
+            return
+        taken = self._send(data)
+        if taken or keep:
+            self._kept = data[taken:]
+        else:
+            self.lost += len(data)
+            self._door.lost += len(data)
+
+    def unsent(self) -> int:
+        """Bytes that the client's kernel hasn't acknowledged."""
+        with contextlib.suppress(OSError):
+            return len(self._kept) + int(struct.unpack("i", fcntl.ioctl(self._link, termios.TIOCOUTQ, b"\0" * 4))[0])
+        return len(self._kept)
+
+    def close(self) -> None:
+        """Hangs up."""
+        self.gone = True
+        with contextlib.suppress(OSError):
+            self._link.close()
+
+    def reset(self) -> None:
+        """Hangs up as a device without power does: the client sees a reset."""
+        with contextlib.suppress(OSError):
+            self._link.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        self.close()
+
+    def _send(self, data: bytes) -> int:
+        if not data:
+            return 0
+        try:
+            taken = self._link.send(data)
+        except BlockingIOError:
+            return 0
+        except OSError:
+            self.gone = True
+            return 0
+        self._door.bytes_out += taken
+        return taken
+
+
+class TcpDoor:
+    """A listening socket and its clients.
+
+    Attributes:
+        address: `tcp://HOST:PORT`; "" while closed.
+        clients: those that are connected.
+        connects: clients so far.
+        bytes_in, bytes_out, lost: bytes of all clients; lost: they were too slow to take them.
+    """
+
+    def __init__(self, host: str = "127.0.0.1", most: int = 4) -> None:
+        """
+        Args:
+            host: a loopback address; 127.0.0.2 and so on are loopback, too.
+            most: clients at once; more are turned away.
+        """
+        if not host.startswith("127."):
+            raise HostError(host, "a twin listens on loopback only", "Use 127.0.0.1")
+        self.host, self.most = host, most
+        self.address = ""
+        self.clients: list[Client] = []
+        self.connects = self.bytes_in = self.bytes_out = self.lost = 0
+        self._listener: socket.socket | None = None
+        self._port = 0
+
+    @property
+    def port(self) -> int:
+        """The port; the same again after close and open."""
+        return self._port
+
+    @property
+    def is_open(self) -> bool:
+        """Whether clients can connect."""
+        return self._listener is not None
+
+    def open(self, port: int = 0) -> None:
+        """Listens; at the port it had before, if it had one.
+
+        Raises:
+            HostError: the port is taken.
+        """
+        self.close()
+        listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM | socket.SOCK_NONBLOCK | socket.SOCK_CLOEXEC)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listener.bind((self.host, port or self._port))
+            listener.listen(_BACKLOG)
+        except OSError as error:
+            listener.close()
+            raise HostError(
+                f"{self.host}:{port or self._port}",
+                f"a twin can't listen there: {error.strerror}",
+                "Choose another port",
+            ) from None
+        self._listener = listener
+        self._port = listener.getsockname()[1]
+        self.address = f"tcp://{self.host}:{self._port}"
+
+    def accept(self) -> list[Client]:
+        """Takes new clients in and forgets those that have gone; gives the new ones."""
+        self.clients = [client for client in self.clients if not client.gone]
+        new: list[Client] = []
+        while self._listener is not None:
+            try:
+                link, _ = self._listener.accept()
+            except OSError:
+                break
+            try:
+                client = Client(link, self)
+            except OSError:  # it hung up before it was let in
+                link.close()
+                continue
+            if len(self.clients) >= self.most:
+                client.close()
+                continue
+            self.connects += 1
+            self.clients.append(client)
+            new.append(client)
+        return new
+
+    def close(self) -> None:
+        """Closes; clients see a reset, as when the cable or the power goes. Always succeeds."""
+        for client in self.clients:
+            client.reset()
+        self.clients = []
+        listener, self._listener = self._listener, None
+        self.address = ""
+        if listener is not None:
+            listener.close()
+
+
+class UdpDoor:
+    """A bound datagram socket.
+
+    Attributes:
+        address: `udp://HOST:PORT`; "" while closed.
+        bytes_in, bytes_out, lost: bytes; lost: the kernel had no room.
+    """
+
+    def __init__(self, host: str = "127.0.0.1") -> None:
+        if not host.startswith("127."):
+            raise HostError(host, "a twin listens on loopback only", "Use 127.0.0.1")
+        self.host = host
+        self.address = ""
+        self.bytes_in = self.bytes_out = self.lost = 0
+        self._socket: socket.socket | None = None
+        self._port = 0
+
+    @property
+    def port(self) -> int:
+        """The port; the same again after close and open."""
+        return self._port
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it can be reached."""
+        return self._socket is not None
+
+    def open(self, port: int = 0) -> None:
+        """Binds; to the port it had before, if it had one.
+
+        Raises:
+            HostError: the port is taken.
+        """
+        self.close()
+        link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK | socket.SOCK_CLOEXEC)
+        try:
+            link.bind((self.host, port or self._port))
+        except OSError as error:
+            link.close()
+            raise HostError(
+                f"{self.host}:{port or self._port}", f"a twin can't bind it: {error.strerror}", "Choose another port"
+            ) from None
+        self._socket, self._port = link, link.getsockname()[1]
+        self.address = f"udp://{self.host}:{self._port}"
+
+    def read(self) -> list[tuple[bytes, tuple[str, int]]]:
+        """Datagrams and who sent them, oldest first; never blocks."""
+        found: list[tuple[bytes, tuple[str, int]]] = []
+        for _ in range(256):
+            if self._socket is None:
+                break
+            try:
+                data, peer = self._socket.recvfrom(CHUNK)
+            except BlockingIOError:
+                break
+            except OSError:  # an earlier datagram found nobody: that is the sender's business, not the device's
+                continue
+            self.bytes_in += len(data)
+            found.append((data, peer))
+        return found
+
+    def write(self, data: bytes, peer: tuple[str, int]) -> None:
+        """Sends one datagram; never blocks, loses it where there is no room."""
+        if self._socket is None:
+            return
+        try:
+            self._socket.sendto(data, peer)
+            self.bytes_out += len(data)
+        except OSError:
+            self.lost += len(data)
+
+    def close(self) -> None:
+        """Closes. Always succeeds."""
+        link, self._socket = self._socket, None
+        self.address = ""
+        if link is not None:
+            link.close()
+
+
+class SocketTwin(Twin):
+    """A twin behind sockets: its subclass owns the doors.
+
+    During the `loss` windows of the fake's options the doors are closed, as with a pulled cable; `muted`
+    leaves them open and swallows what is sent, as a device whose program hangs.
+
+    Attributes:
+        muted: the device neither obeys nor answers.
+        keep_log: remember what `log` gives.
+    """
+
+    def __init__(self, fake: Fake) -> None:
+        super().__init__(fake)
+        self.muted = False
+        self.keep_log = False
+        self._windows: Windows = getattr(fake.options, "loss", ())
+        self._in_window = False
+
+    @abstractmethod
+    def doors(self) -> list[TcpDoor | UdpDoor]:
+        """All doors; the first one's address is the twin's, unless `describe` says otherwise."""
+
+    def describe(self) -> str:
+        """What goes into the profile's `port`, once the doors are open."""
+        return self.doors()[0].address
+
+    def opened(self) -> None:
+        """The doors were opened (again): a device that has just been switched on or plugged in."""
+
+    @abstractmethod
+    def work(self, now: int) -> None:
+        """Takes new clients in, obeys, answers, sends what is due at `now`; not called while muted."""
+
+    def open(self) -> None:
+        """See `Twin.open`."""
+        for door in self.doors():
+            door.open()
+        self.address = self.describe()
+        self.opened()
+
+    def close(self) -> None:
+        """See `Twin.close`; clients see the link go. `open` brings it back, at the same ports."""
+        for door in self.doors():
+            door.close()
+        self.address = ""
+
+    def service(self, now: int) -> None:
+        """See `Twin.service`."""
+        gone = inside(self._windows, self.fake.world.time)
+        if gone != self._in_window:
+            self._in_window = gone
+            if gone:
+                self.close()
+            else:
+                self.open()
+        if self.muted:
+            for door in self.doors():  # the kernel of a hung device still takes what comes
+                if isinstance(door, TcpDoor):
+                    for client in door.clients:
+                        client.read()
+                else:
+                    door.read()
+            return
+        self.work(now)
+
+    def figures(self) -> dict[str, object]:
+        """See `Twin.figures`: connections, bytes each way, bytes lost."""
+        doors: list[Any] = list(self.doors())
+        return {
+            "connects": sum(door.connects for door in doors if isinstance(door, TcpDoor)),
+            "bytes_in": sum(door.bytes_in for door in doors),
+            "bytes_out": sum(door.bytes_out for door in doors),
+            "bytes_lost": sum(door.lost for door in doors),
+        }

@@ -1,0 +1,119 @@
+"""A SoftHand in the simulated world: its electronics between the command and the cell's hand."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from pydantic import Field
+
+from drivers.softhand import SoftHand
+from drivers.softhand.config import USUAL, SoftHandConfig
+from drivers.softhand.driver import COMMAND
+from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.errors import DeviceLostError
+from runtime.contracts.signals import Array, Stop
+from runtime.contracts.world import FakeConfig, World
+from sim.devices.shared.sensor import SensorFake, SensorOptions
+from sim.devices.shared.windows import inside
+from sim.parts.robots.softhand import CLOSED, SoftHandPart
+
+CURRENT_NOISE: Final = 0.005  # A for each tick of the encoder's noise
+
+
+class FakeSoftHandOptions(SensorOptions):
+    """Options of the fake; `noise` is in ticks of the encoder, the current has 5 mA for each."""
+
+    rate: float = Field(default=400.0, gt=0, le=1000, description="Hz of measurements")
+    noise: float = Field(default=3.0, ge=0, description="ticks, standard deviation of the position")
+    delay: float = Field(default=0.002, ge=0, le=0.5, description="s, from a measurement to its arrival")
+
+
+class FakeSoftHand(SensorFake):
+    """The driver's states and command; the motor is off until the first command.
+
+    `read`, `write` and `stop` are one door; `activate`, `refer` and `measured` are the electronics, for the
+    twin as well. What the motor is doing is kept by the cell's part, so a restored world brings it back.
+    """
+
+    Config = SoftHandConfig
+    Options = FakeSoftHandOptions
+    summary = SoftHand.summary
+    max_age = SoftHand.max_age
+
+    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+        super().__init__(name, config, world, options)
+        assert isinstance(config, SoftHandConfig)
+        real = SoftHand(name, config)
+        self.states, self.commands, self.limits = real.states, real.commands, real.limits
+        low, high = config.limits or USUAL
+        self.open_ticks, self.closed_ticks = low, high
+        self._span = float(high - low)
+        self.noise_scale = np.array([1.0 / self._span, CURRENT_NOISE])
+        self.part = self.cell.part(SoftHandPart, name, getattr(options, "part", None))
+        self.sampled(2, lambda: np.array([self.part.position / CLOSED, self.part.current]))
+
+    def write(self, now: int) -> None:
+        """See `Driver.write`."""
+        if not self.health.connected or inside(self._sensor_options.loss, self.world.time):
+            self.health.connected = False
+            raise DeviceLostError(
+                self.name, "the simulated hand is gone", "It comes back at the end of its 'loss' window"
+            )
+        if not self.active:
+            self.activate(True)
+        closure = float(self.command_arrays[COMMAND][0])
+        if np.isfinite(closure):
+            self.refer(round(self.open_ticks + min(max(closure, 0.0), 1.0) * self._span))
+
+    def stop(self, category: Stop) -> None:
+        """See `Driver.stop`."""
+        if category is Stop.LIMP and self.health.connected:
+            self.activate(False)
+
+    def close(self) -> None:
+        """The motor is switched off, as by the driver; a hand that is lost goes off by its watchdog."""
+        if self.health.connected or (self._opened and self._config_watchdog):
+            self.activate(False)
+        super().close()
+
+    def fill(self, values: Array, number: int) -> None:
+        self.state_arrays["position"][0] = values[0]
+        self.state_arrays["current"][0] = values[1]
+
+    def quantise(self, values: Array) -> Array:
+        values[0] = np.rint(values[0] * self._span) / self._span
+        values[1] = np.rint(values[1] * 1e3) * 1e-3
+        return values
+
+    # -- the electronics, for both doors
+
+    @property
+    def active(self) -> bool:
+        """The motor has power."""
+        return self.part.commanded is not None
+
+    def activate(self, on: bool) -> None:
+        """Switches the motor; on, its reference is where it is."""
+        if on and not self.active:
+            self.part.command_position(self.part.position)
+        elif not on:
+            self.part.command_position(None)
+
+    def refer(self, ticks: int) -> None:
+        """Sets the motor's reference, within its range; ignored while it is off."""
+        if self.active:
+            inside_range = min(max(ticks, self.open_ticks), self.closed_ticks)
+            self.part.command_position((inside_range - self.open_ticks) / self._span * CLOSED)
+
+    def newest_measurement(self) -> tuple[int, int]:
+        """The position (ticks) and the current (mA) that have been measured last."""
+        values = self.sample(max(self.samples.newest(), 0))
+        if values is None:
+            values = self.samples[max(self.samples.newest(), 0)]
+        return round(self.open_ticks + float(values[0]) * self._span), round(float(values[1]) * 1000)
+
+    @property
+    def _config_watchdog(self) -> bool:
+        assert isinstance(self.config, SoftHandConfig)
+        return self.config.watchdog > 0

@@ -1,0 +1,196 @@
+"""Muscles of a simulated person under surface electrodes."""
+
+from __future__ import annotations
+
+import zlib
+from typing import Annotated, Final, Protocol
+
+import numpy as np
+from pydantic import AfterValidator, Field
+
+from drivers.trigno import Trigno, TrignoConfig
+from drivers.trigno.envelope import Envelope
+from drivers.trigno.protocol import FRAME, RANGE, RATE, SLOTS
+from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.errors import DeviceLostError, WiringError
+from runtime.contracts.signals import Array, Stop
+from runtime.contracts.world import Fake, FakeConfig, World
+from sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
+from sim.world.cell import Cell
+
+IN_FRAME: Final = 27  # samples
+_CATCH_UP: Final = 80  # frames at most in one read
+_BLOCK: Final = 2048  # samples whose noise is made at once
+_TAPS: Final = 101
+_BAND: Final = (20.0, 450.0)  # Hz, where surface EMG has its power
+_Windows = Annotated[Windows, AfterValidator(rising)]
+
+
+class Muscles(Protocol):
+    """A part of the cell that has muscles."""
+
+    def activation(self, muscle: str) -> float:
+        """0 (relaxed) to 1 (greatest voluntary contraction), now."""
+        ...
+
+
+class FakeTrignoConfig(FakeConfig):
+    """Options of the fake."""
+
+    part: str | None = Field(default=None, description="the cell's part whose muscles are measured; None: the script")
+    activation: dict[str, tuple[tuple[float, float], ...]] = Field(
+        default_factory=dict,
+        description="by muscle, [s, 0..1] points of world time, straight lines between",
+    )
+    mvc: float = Field(default=5e-4, gt=0, le=RANGE, description="V, RMS at the greatest voluntary contraction")
+    noise: float = Field(default=2e-6, ge=0, description="V, RMS of the electronics")
+    mains: float = Field(default=0.0, ge=0, description="V, amplitude of a 50 Hz hum")
+    delay: float = Field(default=0.02, ge=0, le=0.5, description="s, from the end of a radio frame to its arrival")
+    dropout: float = Field(default=0.0, ge=0, le=1, description="probability that a radio frame never comes")
+    out_of_reach: dict[str, _Windows] = Field(
+        default_factory=dict, description="by muscle, [from, to] pairs, s, during which its sensor isn't received"
+    )
+    loss: _Windows = Field(default=(), description="s, pairs during which the server is gone")
+
+
+class FakeTrigno(Fake):
+    """EMG: noise of the muscle's band, as strong as the muscle's activation; 16 bits over +-11 mV.
+
+    Radio frame j has 27 samples, begins at 13.5 j ms of world time, and depends on seed, name, j and the
+    activation alone.
+    """
+
+    Config = TrignoConfig
+    Options = FakeTrignoConfig
+    summary = Trigno.summary
+    max_age = Trigno.max_age
+
+    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+        super().__init__(name, config, world, options)
+        assert isinstance(config, TrignoConfig)
+        assert isinstance(options, FakeTrignoConfig)
+        self.states = Trigno(name, config).states
+        self.channels, self.script = config.channels, options
+        self._block_size, self._latency = config.block, round(config.latency * 1e9)
+        self._muscles = self._find()
+        self._key = [world.seed, zlib.crc32(name.encode())]
+        self._white: dict[int, Array] = {}
+        self._kernel = _band_pass()
+        self._envelope = Envelope(len(config.channels), max(round(config.window * RATE), 1))
+        self._zeros = np.zeros(len(config.channels), int)
+        self._next = 0  # frame
+        self._count = 0
+        self._opened = False
+
+    def open(self) -> None:
+        refuse_while_gone(self.name, self.script.loss, self.world.time)
+        self._next = max(self.newest() + 1, 0)
+        self.health.connected = True
+        self.health.reconnects += self._opened
+        self._opened = True
+
+    def read(self, now: int) -> None:
+        if not self.health.connected or inside(self.script.loss, self.world.time):
+            self.health.connected = False
+            raise DeviceLostError(self.name, "the simulated server is gone", "It comes back after its 'loss' window")
+        newest = self.newest()
+        if newest < self._next - 1:  # the world went back to a saved state
+            self._next = newest + 1
+        for number in range(max(self._next, newest + 1 - _CATCH_UP, 0), newest + 1):
+            frame = self.frame(number)
+            if frame is None:
+                self.health.errors += IN_FRAME
+                continue
+            self._take(frame[:, [slot - 1 for slot in self.channels.values()]])
+            if self.state_arrays["present"].all():
+                taken = round((number + 1) * FRAME * 1e9)
+                self.health.stamp = now - (self.world.time - taken) - self._latency
+        self._next = newest + 1
+
+    def write(self, now: int) -> None:
+        """A base station takes no commands."""
+
+    def stop(self, category: Stop) -> None:
+        """A base station moves nothing."""
+
+    def close(self) -> None:
+        self.health.connected = False
+
+    def _take(self, samples: Array) -> None:
+        state, block = self.state_arrays, self._block_size
+        self.health.frames += len(samples)
+        self._count += len(samples)
+        self._envelope.take(samples)
+        state["emg"][:], state["envelope"][:] = samples[-1], self._envelope.value
+        gone = (samples == 0).all(axis=0)
+        self._zeros = np.where(gone, self._zeros + len(samples), 0)
+        state["present"][:] = self._zeros < 0.1 * RATE
+        if block:
+            new = samples[-block:]
+            state["samples"][:] = np.concatenate([state["samples"][len(new) :], new])
+            state["count"][0] = self._count
+
+    # -- the base station itself, for both doors
+
+    def newest(self) -> int:
+        """Number of the newest frame that has arrived; -1 before the first."""
+        return int((self.world.time * 1e-9 - self.script.delay) / FRAME + 1e-9) - 1
+
+    def frame(self, number: int) -> Array | None:
+        """Samples (27, 16), V, of a frame; None for one that never comes. Slots without a muscle are 0."""
+        if self.script.dropout and np.random.default_rng([*self._key, 1, number]).random() < self.script.dropout:
+            return None
+        first = number * IN_FRAME
+        time = first / RATE
+        out = np.zeros((IN_FRAME, SLOTS))
+        hum = self.script.mains * np.sin(2 * np.pi * 50 * (time + np.arange(IN_FRAME) / RATE))
+        for muscle, slot in self.channels.items():
+            if inside(self.script.out_of_reach.get(muscle, ()), round(time * 1e9)):
+                continue
+            strength = self.script.mvc * self._activation(muscle, time)
+            unit = self._unit(first, slot - 1)
+            values = strength * unit[0] + self.script.noise * unit[1] + hum
+            out[:, slot - 1] = np.clip(np.round(values / RANGE * 32767), -32768, 32767) * RANGE / 32767
+        return out
+
+    def _activation(self, muscle: str, time: float) -> float:
+        if self._muscles is not None:
+            return float(np.clip(self._muscles.activation(muscle), 0.0, 1.0))
+        points = self.script.activation.get(muscle, ((0.0, 0.1),))
+        times, values = zip(*points, strict=True)
+        return float(np.interp(time, times, values))
+
+    def _unit(self, first: int, slot: int) -> tuple[Array, Array]:
+        """Noise of the muscle's band and of the electronics (27,) each, RMS 1, of samples from `first` on."""
+        wanted = np.arange(first - _TAPS + 1, first + IN_FRAME) + _TAPS  # numbers from 1 on
+        blocks = {int(block): self._drawn(int(block)) for block in np.unique(wanted // _BLOCK)}
+        white = np.array([blocks[n // _BLOCK][slot, n % _BLOCK] for n in wanted.tolist()])
+        return np.convolve(white, self._kernel, "valid"), white[-IN_FRAME:]
+
+    def _drawn(self, block: int) -> Array:
+        if block not in self._white:
+            rng = np.random.default_rng([*self._key, 0, block])
+            self._white = {k: v for k, v in self._white.items() if k == block - 1}
+            self._white[block] = rng.normal(size=(SLOTS, _BLOCK))
+        return self._white[block]
+
+    def _find(self) -> Muscles | None:
+        named = self.script.part
+        if named is None:
+            return None
+        place = f"sim.devices.{self.name}.part"
+        if not isinstance(self.world, Cell) or named not in self.world.parts:
+            raise WiringError(place, f"the world has no part '{named}'", "Name one of sim.parts, or leave it out")
+        part = self.world.parts[named]
+        if not hasattr(part, "activation"):
+            raise WiringError(place, f"the part '{named}' has no muscles", "Name a simulated person")
+        return part
+
+
+def _band_pass() -> Array:
+    """A windowed-sinc band-pass, scaled so that white noise of RMS 1 stays so."""
+    n = np.arange(_TAPS) - _TAPS // 2
+    low, high = (2 * f / RATE * np.sinc(2 * f / RATE * n) for f in _BAND)
+    kernel: Array = (high - low) * np.hamming(_TAPS)
+    kernel /= np.sqrt((kernel**2).sum())
+    return kernel

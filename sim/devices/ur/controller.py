@@ -1,0 +1,271 @@
+"""A UR controller on a simulated arm: power, safety, speed slider, one program at a time, 500 cycles a second."""
+
+from __future__ import annotations
+
+from typing import Final, Protocol
+
+import numpy as np
+
+from drivers.ur.models import REACH
+from drivers.ur.registers import CYCLE
+from drivers.ur.status import RobotBits, RobotMode, RuntimeState, SafetyBits, SafetyMode
+from runtime.contracts.signals import Array
+from sim.devices.ur.motion import Motion
+from sim.parts.robots.arm import ArmPart
+
+_PAYLOAD: Final = 30.0  # kg
+_POWERING: Final = 100  # cycles from POWER_OFF to IDLE, and from IDLE to RUNNING; a real arm takes seconds
+_LOCKED: Final = 2500  # cycles that a protective stop lasts at least (5 s)
+_SLIDER: Final = 2.0  # 1/s, how fast the speed scaling follows the slider
+_PROTECTIVE_STOP: Final = 15.0  # rad/s^2
+_FOLLOWING: Final = 0.1  # rad between target and joint: something holds the arm
+_TOO_FAST: Final = 1.1  # times a joint's greatest velocity
+
+_BITS: Final = {
+    SafetyMode.NORMAL: SafetyBits.NORMAL,
+    SafetyMode.REDUCED: SafetyBits.REDUCED,
+    SafetyMode.PROTECTIVE_STOP: SafetyBits.NORMAL | SafetyBits.PROTECTIVE_STOP | SafetyBits.STOPPED,
+    SafetyMode.SAFEGUARD_STOP: SafetyBits.NORMAL | SafetyBits.SAFEGUARD_STOP | SafetyBits.STOPPED,
+    SafetyMode.ROBOT_EMERGENCY_STOP: SafetyBits.ROBOT_EMERGENCY_STOP | SafetyBits.EMERGENCY_STOP | SafetyBits.STOPPED,
+}
+
+
+class Program(Protocol):
+    """What runs on the controller."""
+
+    name: str
+
+    def cycle(self) -> bool:
+        """One control cycle; False once it has ended."""
+
+
+class UrController:
+    """See the module's text.
+
+    Attributes:
+        robot_mode, safety_mode: as RTDE gives them.
+        motion: the joints' targets.
+        program: what runs, or is paused; None: nothing.
+        slider: 0 to 1.
+        scaling: 0 to 1, how fast motions really run.
+        inputs, outputs: digital, bit by bit.
+        cycles: control cycles since the controller's start.
+        force_limit: N at the flange that bring about a protective stop.
+        why: of the newest protective stop, in words.
+        locked_until: cycle before which a protective stop doesn't end.
+        wrench: (6,) N, N m, on the flange, axes of `base`, without the weight of the payload that was set; of this
+            cycle. `base` stands upright, as set at the pendant.
+    """
+
+    def __init__(self, arm: ArmPart, force_limit: float) -> None:
+        self.arm, self.force_limit = arm, force_limit
+        self.robot_mode, self.safety_mode = RobotMode.RUNNING, SafetyMode.NORMAL
+        self.motion = Motion(arm.position)
+        self.program: Program | None = None
+        self.slider = self.scaling = 1.0
+        self.inputs = self.outputs = 0
+        self.cycles = -1
+        self.why = ""
+        self.emergency = self.safeguard = False  # the buttons' and the light curtain's contacts
+        self.payload = (arm.told.mass, arm.told.com)
+        self._zero = np.zeros(6)  # N, N m, flange frame: what the force sensor is off by since it was zeroed
+        self._fastest = arm.robot.dq_max * _TOO_FAST
+        self._ready_at = -1  # cycle in which the robot mode goes on by itself
+        self.locked_until = 0
+        self.wrench = self._feel()
+        self._tell()
+
+    # -- a cycle
+
+    def cycle(self) -> None:
+        """One control cycle, on the world as it is now."""
+        self.cycles += 1
+        self.wrench = self._feel()
+        self._supervise()
+        self._power()
+        runs = self.safety_mode in (SafetyMode.NORMAL, SafetyMode.REDUCED)
+        if self.robot_mode is RobotMode.RUNNING and self.program is not None and runs and not self.program.cycle():
+            self.program = None
+        if self.program is None and self.motion.doing in ("speed", "servo", "move"):
+            self.motion.stop(_PROTECTIVE_STOP)  # a program that ends leaves no motion behind
+        goal = self.slider if runs else 0.0
+        step = _SLIDER * CYCLE
+        self.scaling = min(max(goal, self.scaling - step), self.scaling + step) if runs else 0.0
+        self.motion.cycle(self.scaling)
+        self._tell()
+
+    def _supervise(self) -> None:
+        q = self.arm.position
+        if self.emergency:
+            self.safety_mode = SafetyMode.ROBOT_EMERGENCY_STOP
+            self.power_off()
+        elif self.safety_mode is SafetyMode.ROBOT_EMERGENCY_STOP:
+            self.safety_mode = SafetyMode.NORMAL
+        if self.robot_mode is not RobotMode.RUNNING:
+            self.motion.halt(q)
+            return
+        if self.safety_mode is SafetyMode.PROTECTIVE_STOP:
+            return
+        if self.safeguard:
+            if self.safety_mode is not SafetyMode.SAFEGUARD_STOP:
+                self.safety_mode = SafetyMode.SAFEGUARD_STOP
+                self.motion.stop(_PROTECTIVE_STOP)
+        elif self.safety_mode is SafetyMode.SAFEGUARD_STOP:
+            self.safety_mode = SafetyMode.NORMAL
+        joints = self.arm.robot.labels
+        fast = np.abs(self.motion.qd) > self._fastest
+        force = float(np.linalg.norm(self.wrench[:3]))
+        behind = np.abs(self.motion.q - q) > _FOLLOWING
+        beyond = np.abs(q) > REACH
+        if fast.any():
+            self.protective_stop(f"{joints[int(fast.argmax())]} is faster than its limit")
+        elif beyond.any():
+            self.protective_stop(f"{joints[int(beyond.argmax())]} is beyond its limit")
+        elif behind.any():
+            self.protective_stop(f"{joints[int(behind.argmax())]} doesn't follow")
+        elif force > self.force_limit:
+            self.protective_stop(f"force {force:.0f} N")
+
+    def _power(self) -> None:
+        if self.cycles == self._ready_at:
+            self.robot_mode = RobotMode.IDLE if self.robot_mode is RobotMode.POWER_ON else RobotMode.RUNNING
+            self.motion.halt(self.arm.position)
+
+    def _tell(self) -> None:
+        if self.robot_mode is RobotMode.RUNNING:
+            self.arm.command("position", self.motion.q, self.motion.qd)
+        else:
+            self.arm.command("brake")
+
+    # -- what people and the dashboard do
+
+    def power_on(self) -> None:
+        """Switches the drives on; IDLE follows."""
+        if self.robot_mode is RobotMode.POWER_OFF and not self.emergency:
+            self.robot_mode, self._ready_at = RobotMode.POWER_ON, self.cycles + _POWERING
+
+    def brake_release(self) -> None:
+        """Releases the brakes, switching on first where that is needed; RUNNING follows."""
+        if self.robot_mode is RobotMode.IDLE and self._ready_at <= self.cycles:
+            self._ready_at = self.cycles + _POWERING
+
+    def power_off(self) -> None:
+        """Brakes on, drives off."""
+        self.program = None
+        self.robot_mode, self._ready_at = RobotMode.POWER_OFF, -1
+
+    def protective_stop(self, why: str) -> None:
+        """Stops the arm; the program is paused, and stays so."""
+        if self.safety_mode is SafetyMode.PROTECTIVE_STOP:
+            return
+        self.safety_mode, self.why = SafetyMode.PROTECTIVE_STOP, why
+        self.locked_until = self.cycles + _LOCKED
+        self.motion.stop(_PROTECTIVE_STOP)
+
+    def unlock(self) -> bool:
+        """Ends a protective stop; False: it isn't 5 s old."""
+        if self.safety_mode is SafetyMode.PROTECTIVE_STOP:
+            if self.cycles < self.locked_until:
+                return False
+            self.safety_mode = SafetyMode.NORMAL
+            self.motion.halt(self.arm.position)
+            if self.program is not None:
+                self.program = _Paused(self.program.name)
+        return True
+
+    def run(self, program: Program) -> bool:
+        """Runs a program in place of any other; False: the arm isn't ready for one."""
+        if self.robot_mode is not RobotMode.RUNNING or self.safety_bits & SafetyBits.STOPPED:
+            return False
+        if self.program is not None and self.motion.doing != "hold":
+            self.motion.stop(_PROTECTIVE_STOP)
+        self.program = program
+        return True
+
+    def end_program(self) -> None:
+        """Ends the program; the arm stops."""
+        self.program = None
+
+    # -- what RTDE gives
+
+    @property
+    def safety_bits(self) -> SafetyBits:
+        """RTDE `safety_status_bits`."""
+        return self.bits_of(self.safety_mode)
+
+    @staticmethod
+    def bits_of(mode: SafetyMode) -> SafetyBits:
+        """The bits that go with a safety mode."""
+        return _BITS[mode]
+
+    @property
+    def robot_bits(self) -> RobotBits:
+        """RTDE `robot_status_bits`."""
+        on = self.robot_mode in (RobotMode.POWER_ON, RobotMode.IDLE, RobotMode.RUNNING)
+        return RobotBits(RobotBits.POWER_ON * on | RobotBits.PROGRAM_RUNNING * (self.program is not None))
+
+    @property
+    def runtime_state(self) -> RuntimeState:
+        """RTDE `runtime_state`."""
+        if self.program is None:
+            return RuntimeState.STOPPED
+        paused = isinstance(self.program, _Paused) or bool(self.safety_bits & SafetyBits.STOPPED)
+        return RuntimeState.PAUSED if paused else RuntimeState.PLAYING
+
+    def tool(self) -> Array:
+        """(6,) m and rotation vector, rad, of the flange in `base`."""
+        turn, at = self.arm.flange()
+        return np.concatenate([at, rotation_vector(turn)])
+
+    def _feel(self) -> Array:
+        turn, _ = self.arm.flange()
+        felt = self.arm.flange_wrench()
+        mass, cog = self.payload
+        weight = mass * np.array([0.0, 0.0, -9.81])
+        felt = felt - self._zero
+        return np.concatenate([turn @ felt[:3] - weight, turn @ felt[3:] - np.cross(turn @ np.array(cog), weight)])
+
+    def set_payload(self, mass: float, cog: tuple[float, float, float]) -> None:
+        """URScript's set_payload: kg, and its centre of mass in the flange's frame, m. Raises ValueError.
+
+        It zeroes the force sensor: whatever is touched at that moment isn't felt, and missed afterwards.
+        """
+        self.know_payload(mass, cog)
+        turn, _ = self.arm.flange()
+        wrench = self._feel()
+        self._zero = self._zero + np.concatenate([turn.T @ wrench[:3], turn.T @ wrench[3:]])
+
+    def know_payload(self, mass: float, cog: tuple[float, float, float]) -> None:
+        """As set at the pendant, the sensor zeroed with nothing touched. Raises ValueError."""
+        if not 0 <= mass <= _PAYLOAD or len(cog) != 3 or not all(abs(x) <= 1 for x in cog):
+            raise ValueError(f"a payload is 0 to {_PAYLOAD:g} kg, its centre within 1 m")
+        self.payload = (mass, cog)
+        self.arm.tell_payload(mass, cog)
+
+
+class _Paused:
+    """A program that a protective stop ended in effect: only `play` at the pendant would resume it."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def cycle(self) -> bool:
+        return True
+
+
+def rotation_vector(turn: Array) -> Array:
+    """(3,) axis times angle, rad, of a rotation (3, 3); the angle is at most pi."""
+    cosine = min(max((float(np.trace(turn)) - 1) / 2, -1.0), 1.0)
+    angle = float(np.arccos(cosine))
+    skew = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    if angle < 1e-6:
+        return np.asarray(skew / 2)
+    if angle < np.pi - 1e-4:
+        return np.asarray(skew * (angle / (2 * np.sin(angle))))
+    # Near a half turn the antisymmetric part vanishes: the axis is in the symmetric part's largest column.
+    symmetric = (turn + turn.T) / 2 - cosine * np.eye(3)
+    column = int(np.argmax(np.diag(symmetric)))
+    axis = symmetric[:, column] / np.linalg.norm(symmetric[:, column])
+    if skew @ axis < 0:
+        axis = -axis
+    return np.asarray(axis * angle)

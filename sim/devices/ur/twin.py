@@ -1,0 +1,153 @@
+"""The UR arm's other doors: RTDE, dashboard and script ports in front of the simulated controller."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.ur.config import DASHBOARD, RTDE, UrConfig
+from drivers.ur.status import RuntimeState
+from runtime.contracts.world import Fake
+from sim.devices.shared.sockets import Client, SocketTwin, TcpDoor, UdpDoor
+from sim.devices.ur.fake import FakeUr, FakeUrConfig
+from sim.devices.ur.twin_dashboard import DashboardServer
+from sim.devices.ur.twin_expressions import ScriptError
+from sim.devices.ur.twin_programs import RegisterProgram, UrScriptProgram
+from sim.devices.ur.twin_registers import Registers
+from sim.devices.ur.twin_rtde import RtdeServer
+from sim.devices.ur.twin_script import Programs, name_of
+
+_CATCH_UP: Final = 50  # samples sent at most at once
+_SCRIPT_PORTS: Final = (30001, 30002, 30003)
+
+
+class UrTwin(SocketTwin):
+    """Sample k leaves when it would reach a client of the fake, with the registers of its cycle.
+
+    Attributes:
+        rtde, dashboard: the servers, with what they answer.
+        registers: shared by clients and programs.
+        programs: names of the programs that were started, the newest hundred.
+        errors: why programs didn't start, or ended before their end.
+        texts: what programs said by textmsg.
+    """
+
+    def __init__(self, fake: Fake) -> None:
+        assert isinstance(fake, FakeUr)
+        assert isinstance(fake.config, UrConfig)
+        assert isinstance(fake.options, FakeUrConfig)
+        super().__init__(fake)
+        options = fake.options
+        self.arm = fake
+        self.controller = fake.controller
+        self._standard = options.standard_ports
+        self._rtde, self._dashboard = TcpDoor(options.host, 8), TcpDoor(options.host, 8)
+        self._scripts = [TcpDoor(options.host, 8) for _ in (_SCRIPT_PORTS if options.standard_ports else (0,))]
+        self.registers = Registers(self.controller)
+        self.rtde = RtdeServer(self._rtde, self.registers)
+        self.dashboard = DashboardServer(self._dashboard, self.controller, fake.config.model.removesuffix("e"))
+        self.programs: list[str] = []
+        self.errors: list[str] = []
+        self.texts: list[str] = []
+        self._incoming: dict[Client, Programs] = {}
+        self._running: UrScriptProgram | RegisterProgram | None = None
+        self._sent = -1
+        self._log: list[tuple[int, int]] = []
+        fake.after_cycle = self._after_cycle
+
+    def doors(self) -> list[TcpDoor | UdpDoor]:
+        return [self._rtde, self._dashboard, *self._scripts]
+
+    def open(self) -> None:
+        if self._standard:
+            ports = (RTDE, DASHBOARD, *_SCRIPT_PORTS)
+            for door, port in zip((self._rtde, self._dashboard, *self._scripts), ports, strict=True):
+                door.open(port)
+            self.address = self.describe()
+            self.opened()
+        else:
+            super().open()
+
+    def describe(self) -> str:
+        """The address, with the ports of dashboard and scripts where they aren't the usual ones."""
+        plain = f"tcp://{self._rtde.host}"
+        if self._standard:
+            return plain
+        return f"{plain}:{self._rtde.port}?dashboard={self._dashboard.port}&script={self._scripts[0].port}"
+
+    def opened(self) -> None:
+        self._sent = self.arm.newest()
+
+    def work(self, now: int) -> None:
+        self.rtde.receive()
+        self.dashboard.serve()
+        for door in self._scripts:
+            self._incoming.update((client, Programs()) for client in door.accept())
+        for client, programs in list(self._incoming.items()):
+            for text in programs.feed(client.read()):
+                self._load(text)
+            if client.gone:
+                del self._incoming[client]
+        newest = self.arm.newest()
+        for number in range(max(self._sent, newest - _CATCH_UP) + 1, newest + 1):
+            values = self.arm.sample(number)
+            if values is not None:
+                self.rtde.send(number, values)
+                if self.keep_log:
+                    self._log.append((now, self.arm.taken_at(number)))
+        self._sent = newest
+
+    def figures(self) -> dict[str, object]:
+        """Those of every socket twin, messages by letter, clients hung up on, programs and what they said."""
+        ignored = self._running.ignored if isinstance(self._running, RegisterProgram) else {}
+        return super().figures() | {
+            "messages": dict(self.rtde.seen), "dropped": self.rtde.dropped, "programs": list(self.programs),
+            "errors": list(self.errors), "texts": list(self.texts), "ignored_commands": dict(ignored),
+            "dashboard": list(self.dashboard.seen),
+        }  # fmt: skip
+
+    def log(self) -> dict[str, NDArray[Any]]:
+        """`sent_ns` (k,) when a sample left, `taken_ns` (k,) its world time."""
+        sent, taken = np.array(self._log, np.int64).reshape(-1, 2).T
+        return {"sent_ns": sent, "taken_ns": taken}
+
+    def _load(self, text: str) -> None:
+        if not self.dashboard.remote:
+            self._note_error("a program was refused: the controller is in local control")
+            return
+        name = name_of(text)
+        program: UrScriptProgram | RegisterProgram
+        try:
+            if name == RegisterProgram.NAME:
+                program = RegisterProgram(self.controller, self.registers)
+            else:
+                program = UrScriptProgram(text, self.controller, self.registers)
+        except ScriptError as error:
+            self._note_error(f"{name or 'line'}: {error}")
+            return
+        self._leave()
+        if self.controller.run(program):
+            self._running = program
+            self.programs = [*self.programs[-99:], name]
+        else:
+            self._note_error(f"{name or 'line'}: the arm isn't ready ({self.controller.safety_mode.name})")
+
+    def _after_cycle(self) -> None:
+        if self._running is not None and self.controller.runtime_state is RuntimeState.STOPPED:
+            self._leave()
+        self.registers.remember()
+
+    def _leave(self) -> None:
+        """The program has ended, or makes room for another."""
+        program, self._running = self._running, None
+        self.registers.forget_watchdogs()
+        if isinstance(program, UrScriptProgram):
+            self.texts += program.texts
+        if program is not None and program.error:
+            self._note_error(f"{program.name}: {program.error}")
+
+    def _note_error(self, words: str) -> None:
+        self.errors = [*self.errors[-99:], words]
+        self.rtde.remark(words, 1)

@@ -1,0 +1,105 @@
+"""A controller's dashboard: one line in, one line out. Source: protocol sheet ur-rtde, section 4."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from drivers.ur.dashboard import GREETING, Lines
+from drivers.ur.status import RobotMode, SafetyMode
+from sim.devices.shared.sockets import Client, TcpDoor
+from sim.devices.ur.controller import UrController
+
+
+class DashboardServer:
+    """See the module's text.
+
+    Attributes:
+        polyscope: what `PolyscopeVersion` answers.
+        model, serial: who the arm is.
+        remote: remote control was chosen at the pendant.
+        seen: commands received, in order; the newest hundred.
+    """
+
+    def __init__(self, door: TcpDoor, controller: UrController, model: str) -> None:
+        self.door = door
+        self.polyscope = "URSoftware 5.11.0.108249 (Apr 22 2021)"
+        self.model, self.serial = model, "20195500001"
+        self.remote = True
+        self.seen: list[str] = []
+        self._controller = controller
+        self._lines: dict[Client, Lines] = {}
+        self._answers: dict[str, Callable[[], str]] = {
+            "polyscopeversion": lambda: self.polyscope,
+            "get robot model": lambda: self.model,
+            "get serial number": lambda: self.serial,
+            "is in remote control": lambda: str(self.remote).lower(),
+            "robotmode": lambda: f"Robotmode: {controller.robot_mode.name}",
+            "safetymode": lambda: f"Safetymode: {self._safety()}",
+            "safetystatus": lambda: f"Safetystatus: {self._safety()}",
+            "running": lambda: f"Program running: {str(controller.program is not None).lower()}",
+            "programstate": self._state,
+            "get loaded program": lambda: "No program loaded",
+            "isprogramsaved": lambda: "true",
+            "power on": lambda: self._do(controller.power_on, "Powering on"),
+            "power off": lambda: self._do(controller.power_off, "Powering off"),
+            "brake release": self._brake_release,
+            "stop": lambda: self._do(controller.end_program, "Stopped"),
+            "play": lambda: "Failed to execute: play",
+            "pause": lambda: "Failed to execute: pause",
+            "unlock protective stop": self._unlock,
+            "close safety popup": lambda: "closing safety popup",
+            "close popup": lambda: "closing popup",
+            "restart safety": lambda: "Restarting safety",
+            "quit": lambda: "Disconnected",
+        }
+
+    def serve(self) -> None:
+        """Greets new clients and answers."""
+        for client in self.door.accept():
+            client.write(GREETING.encode() + b"\n", keep=True)
+            self._lines[client] = Lines()
+        for client, lines in list(self._lines.items()):
+            for line in lines.feed(client.read()):
+                if not line:
+                    continue
+                self.seen = [*self.seen[-99:], line]
+                client.write(self.answer(line).encode() + b"\n", keep=True)
+                if line.lower() == "quit":
+                    client.close()
+            if client.gone:
+                del self._lines[client]
+
+    def answer(self, line: str) -> str:
+        """The answer to one command."""
+        command = line.lower()
+        if command in self._answers:
+            return self._answers[command]()
+        for start, said in (
+            ("popup ", "showing popup"), ("addtolog ", "Added log message"), ("load ", "File not found: "),
+        ):  # fmt: skip
+            if command.startswith(start):
+                return said + line[5:] if start == "load " else said
+        return f'could not understand: "{line}"'
+
+    def _safety(self) -> str:
+        mode = self._controller.safety_mode
+        return SafetyMode(mode).name
+
+    def _state(self) -> str:
+        program = self._controller.program
+        return f"PLAYING {program.name}" if program is not None else "STOPPED"
+
+    def _do(self, action: Callable[[], None], said: str) -> str:
+        action()
+        return said
+
+    def _brake_release(self) -> str:
+        if self._controller.robot_mode is RobotMode.POWER_OFF:
+            self._controller.power_on()
+        self._controller.brake_release()
+        return "Brake releasing"
+
+    def _unlock(self) -> str:
+        if self._controller.unlock():
+            return "Protective stop releasing"
+        return "Cannot unlock protective stop until 5 seconds after occurrence. Always inspect cause first."

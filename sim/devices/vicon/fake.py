@@ -1,0 +1,164 @@
+"""A Vicon system before a simulated cell: it samples, is noisy and late, loses sight of things."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from statistics import NormalDist
+from typing import Annotated, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import AfterValidator, Field
+
+from drivers.vicon import Vicon
+from drivers.vicon.config import ViconConfig
+from drivers.vicon.selection import refuse, select
+from drivers.vicon.view import View, signals
+from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.errors import DeviceError, WiringError, nearest
+from runtime.contracts.signals import Array
+from runtime.contracts.world import FakeConfig, World
+from sim.devices.shared.noise import Chance
+from sim.devices.shared.sensor import SensorFake, SensorOptions
+from sim.devices.shared.windows import Windows, inside, rising
+from sim.devices.vicon.scene import Scene
+from sim.parts.body.mocap_body import MocapBody
+
+_LEVER: Final = 0.05  # m from marker to marker: noise over it is the noise of an orientation
+_ENOUGH: Final = 3  # markers that a segment is found by
+Vector = tuple[float, float, float]
+
+
+class FakeViconConfig(SensorOptions):
+    """Options of the fake."""
+
+    noise: float = Field(default=0.0001, ge=0, description="m, standard deviation of a position along each axis")
+    delay: float = Field(default=0.006, ge=0, le=0.5, description="s, from exposure to arrival; sent as the latency")
+    bodies: dict[str, dict[str, str]] = Field(
+        default_factory=dict, description="further subjects, SUBJECT: {SEGMENT: PART/BODY}, the root first; no markers"
+    )
+    occlusion: dict[str, Annotated[Windows, AfterValidator(rising)]] = Field(
+        default_factory=dict, description="SUBJECT or SUBJECT/MARKER: [from, to] pairs, s, while it can't be seen"
+    )
+    marker_dropout: float = Field(default=0.0, ge=0, le=1, description="probability that a frame lacks a marker")
+    reflections: tuple[Vector, ...] = Field(default=(), description="m: spots that are seen as unlabelled markers")
+    y_up: bool = Field(default=False, description="the twin's server has its y axis up")
+
+
+class FakeVicon(SensorFake):
+    """Sees every mocap-body of the cell, and what `bodies` names. A segment takes three visible markers to be found.
+
+    Orientations are as noisy as markers 5 cm apart make them.
+    """
+
+    Config = ViconConfig
+    Options = FakeViconConfig
+    summary = Vicon.summary
+    max_age = Vicon.max_age
+
+    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+        super().__init__(name, config, world, options)
+        assert isinstance(config, ViconConfig)
+        assert isinstance(options, FakeViconConfig)
+        self.vicon, self.seen_by = config, options
+        place = f"sim.devices.{name}"
+        if options.part is not None:
+            parts = [self.cell.part(MocapBody, name, options.part)]
+        else:
+            parts = [part for part in self.cell.parts.values() if isinstance(part, MocapBody)]
+        self.scene = scene = Scene(self.cell, parts, options.bodies, place)
+        self.sampled(scene.size, scene.take)
+        per_pose = [1.0] * 3 + [0.5 / _LEVER] * 4
+        self.noise_scale = np.array(per_pose * len(scene.segments) + [1.0] * 3 * len(scene.markers))
+        self._windows = [(self._masks(scene, hidden, place), w) for hidden, w in options.occlusion.items()]
+        dropout = options.marker_dropout
+        self._marker_chance = Chance(world.seed, f"{name}/markers", len(scene.markers), 1.0)
+        self._unlucky = NormalDist().inv_cdf(dropout) if 0.0 < dropout < 1.0 else np.inf  # of a normal draw
+        self.states = signals(config)
+        self._view = View(config)
+        self._segments: list[tuple[int, int]] = []  # row of the states, row of the scene
+        self._markers: list[tuple[int, int]] = []
+
+    def bind(self, states: Mapping[str, Array], commands: Mapping[str, Array]) -> None:
+        super().bind(states, commands)
+        self._view.bind(states)
+
+    def open(self) -> None:
+        super().open()
+        try:
+            self._select()
+        except DeviceError:
+            self.close()
+            raise
+
+    def read(self, now: int) -> None:
+        stamp = self.health.stamp
+        super().read(now)
+        if not self._view.seen:
+            self.health.stamp = stamp
+
+    def fill(self, values: Array, number: int) -> None:
+        view = self._view
+        poses, points = self.scene.split(values)
+        segments, markers = self.visible(number)
+        view.begin()
+        for row, index in self._segments:
+            if segments[index]:
+                x, y, z, qw, qx, qy, qz = poses[index].tolist()
+                view.segment(row, (x, y, z), (qw, qx, qy, qz))
+        for row, index in self._markers:
+            if markers[index]:
+                x, y, z = points[index].tolist()
+                view.marker(row, (x, y, z))
+        for row, spot in enumerate(self.seen_by.reflections[: self.vicon.unlabelled]):
+            view.reflection(row, spot)
+        view.end()
+
+    @property
+    def kept(self) -> int:
+        """How many of the newest samples can surely still be asked for."""
+        return max(int(0.4 * self.seen_by.rate), 1)
+
+    def visible(self, number: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Which rows of the scene's segments and markers the cameras see in sample `number`; for both doors."""
+        scene, at = self.scene, self.taken_at(number)
+        segments, markers = np.ones(len(scene.segments), bool), np.ones(len(scene.markers), bool)
+        for (hidden_segments, hidden_markers), windows in self._windows:
+            if inside(windows, at):
+                segments &= ~hidden_segments
+                markers &= ~hidden_markers
+        if self.seen_by.marker_dropout > 0.0:
+            markers &= self._marker_chance.noise(number) >= self._unlucky
+        for row, (subject, _) in enumerate(scene.segments):
+            own = scene.owner_of_marker == subject
+            if int(own.sum()) >= _ENOUGH and int((own & markers).sum()) < _ENOUGH:
+                segments[row] = False
+        return segments, markers
+
+    def _select(self) -> None:
+        config, scene = self.vicon, self.scene
+        found = select(config, scene.subjects)
+        if found.missing:
+            raise refuse(config, scene.subjects, found.missing[0], self.name)
+        if self.seen_by.rate < config.rate * 0.999:
+            rate = self.seen_by.rate
+            raise DeviceError(
+                self.name,
+                f"the simulated server captures {rate:g} frames a second, the profile needs {config.rate:g}",
+                f"Set 'sim.devices.{self.name}.rate' or the device's 'rate'",
+            )
+        self._segments = [
+            (row, scene.segments.index((subject, segment)))
+            for subject, rows in found.segments.items()
+            for segment, row in rows.items()
+        ]
+        self._markers = [(row, scene.markers.index(marker)) for marker, row in found.markers.items()]
+
+    @staticmethod
+    def _masks(scene: Scene, name: str, place: str) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        masks = scene.masks(name)
+        if masks is None:
+            raise WiringError(
+                f"{place}.occlusion.{name}", "no subject or marker has this name", nearest(name, scene.names())
+            )
+        return masks

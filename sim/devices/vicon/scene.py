@@ -1,0 +1,106 @@
+"""What simulated cameras see of a cell: subjects with segments and markers, in the capture system's own terms."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.vicon.blocks import Marker, Segment, Subject
+from runtime.contracts.errors import WiringError, nearest
+from runtime.contracts.signals import Array
+from sim.parts.body.mocap_body import MocapBody
+from sim.world.cell import Cell
+
+
+class Scene:
+    """Subjects numbered from 1, segments and markers of each likewise.
+
+    Attributes:
+        subjects: names and numbers, as the server streams them.
+        segments: (subject's number, segment's number) of each row of poses.
+        markers: (subject's number, marker's number) of each row of points.
+    """
+
+    def __init__(
+        self, cell: Cell, parts: Iterable[MocapBody], bodies: Mapping[str, Mapping[str, str]], place: str
+    ) -> None:
+        """
+        Args:
+            cell: the world.
+            parts: each is a subject of one segment.
+            bodies: further subjects without markers: by name, their segments' bodies in the cell, the root first.
+            place: the profile's key, for errors.
+        Raises:
+            WiringError: a name given twice, or a body that the cell doesn't have.
+        """
+        self._data = cell.data
+        subjects: list[Subject] = []
+        body_ids, site_ids = list[int](), list[int]()
+        self.segments: list[tuple[int, int]] = []
+        self.markers: list[tuple[int, int]] = []
+        for part in parts:
+            number = len(subjects) + 1
+            markers = tuple(Marker(i, label) for i, label in enumerate(part.labels, 1))
+            subjects.append(Subject(number, part.subject, (Segment(1, part.segment, 0),), markers))
+            body_ids.append(cell.model.body(part.body).id)
+            self.segments.append((number, 1))
+            site_ids += [cell.model.site(f"{part.name}/{label}").id for label in part.labels]
+            self.markers += [(number, marker.id) for marker in markers]
+        known = [cell.model.body(i).name for i in range(1, cell.model.nbody)]
+        for subject, segments in bodies.items():
+            number = len(subjects) + 1
+            for name, body in segments.items():
+                if body not in known:
+                    raise WiringError(
+                        f"{place}.bodies.{subject}.{name}", f"the cell has no body '{body}'", nearest(body, known)
+                    )
+            body_ids += [cell.model.body(body).id for body in segments.values()]
+            named = tuple(Segment(i, name, 0 if i == 1 else 1) for i, name in enumerate(segments, 1))
+            self.segments += [(number, segment.id) for segment in named]
+            subjects.append(Subject(number, subject, named, ()))
+        self.subjects = tuple(subjects)
+        names = [subject.name for subject in subjects]
+        if twice := [name for name in names if names.count(name) > 1]:
+            raise WiringError(place, f"two subjects are called '{twice[0]}'", "Give one another 'subject'")
+        if not subjects:
+            raise WiringError(place, "the cell has nothing for cameras to see", "Add a part 'mocap-body', or 'bodies'")
+        self._bodies, self._sites = np.array(body_ids, np.intp), np.array(site_ids, np.intp)
+        self.owner_of_segment = np.array([number for number, _ in self.segments], np.intp)
+        self.owner_of_marker = np.array([number for number, _ in self.markers], np.intp)
+
+    @property
+    def size(self) -> int:
+        """Values that `take` gives."""
+        return 7 * len(self.segments) + 3 * len(self.markers)
+
+    def take(self) -> Array:
+        """(size,): x, y, z (m), w, x, y, z of each segment, then x, y, z of each marker, as they are now."""
+        poses = np.hstack([self._data.xpos[self._bodies], self._data.xquat[self._bodies]])
+        return np.concatenate([poses.ravel(), self._data.site_xpos[self._sites].ravel()])
+
+    def split(self, values: Array) -> tuple[Array, Array]:
+        """Poses (s, 7) with unit quaternions, and points (m, 3), of a sample with noise."""
+        count = 7 * len(self.segments)
+        poses, points = values[:count].reshape(-1, 7), values[count:].reshape(-1, 3)
+        poses = poses.copy()
+        poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
+        return poses, points
+
+    def masks(self, name: str) -> tuple[NDArray[np.bool_], NDArray[np.bool_]] | None:
+        """Which segments and markers `SUBJECT` or `SUBJECT/MARKER` means; None if there is no such name."""
+        owner, _, label = name.partition("/")
+        subject = next((s for s in self.subjects if s.name == owner), None)
+        if subject is None:
+            return None
+        if not label:
+            return self.owner_of_segment == subject.id, self.owner_of_marker == subject.id
+        number = next((marker.id for marker in subject.markers if marker.name == label), None)
+        if number is None:
+            return None
+        return np.zeros(len(self.segments), bool), np.array([m == (subject.id, number) for m in self.markers], bool)
+
+    def names(self) -> list[str]:
+        """Everything `masks` knows."""
+        return [s.name for s in self.subjects] + [f"{s.name}/{m.name}" for s in self.subjects for m in s.markers]

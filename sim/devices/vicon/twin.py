@@ -1,0 +1,138 @@
+"""Vicon's other door: a simulated DataStream server, or Tracker's UDP object stream."""
+
+from __future__ import annotations
+
+import socket
+from typing import Any, Final
+from urllib.parse import urlsplit
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.vicon import objects
+from drivers.vicon.objects import TrackedObject
+from drivers.vicon.selection import root_of
+from runtime.contracts.world import Fake
+from sim.devices.shared.sockets import Client, SocketTwin, TcpDoor, UdpDoor
+from sim.devices.vicon.fake import FakeVicon
+from sim.devices.vicon.twin_frame import FrameMaker
+from sim.devices.vicon.twin_session import Session
+
+_MOST: Final = 13  # objects in the largest datagram
+
+
+class ViconTwin(SocketTwin):
+    """Sends the fake's samples at the instants at which they reach a client of the fake.
+
+    A device whose `port` is `udp://...` gets the object stream, sent to that port of this host (port 0: to a free
+    one); any other a DataStream server for up to four clients.
+
+    Attributes:
+        maker: makes packets; `maker.offset` is the frame number of the first sample.
+    """
+
+    def __init__(self, fake: Fake) -> None:
+        assert isinstance(fake, FakeVicon)
+        super().__init__(fake)
+        self.vicon = fake
+        self.maker = FrameMaker(fake)
+        self._tcp, self._udp = TcpDoor(), UdpDoor()
+        self._to_objects = fake.vicon.objects_only
+        self._port = (urlsplit(fake.vicon.port).port or 0) if self._to_objects else 0
+        self._sessions: dict[Client, Session] = {}
+        self._last = -1
+        self._frames = 0
+        self._log: list[tuple[int, int, int]] = []
+
+    def doors(self) -> list[TcpDoor | UdpDoor]:
+        return [self._udp if self._to_objects else self._tcp]
+
+    def describe(self) -> str:
+        if not self._to_objects:
+            return self._tcp.address
+        self._port = self._port or _free_port()
+        return f"udp://127.0.0.1:{self._port}"
+
+    def opened(self) -> None:
+        self._sessions = {}
+        self._last = self.vicon.newest()
+
+    def disable(self, subject: str) -> None:
+        """The operator switches a subject off: it leaves the stream's lists."""
+        self.maker.disabled.add(subject)
+        self._announce()
+
+    def enable(self, subject: str) -> None:
+        """The operator switches it on again."""
+        self.maker.disabled.discard(subject)
+        self._announce()
+
+    def work(self, now: int) -> None:
+        if self._to_objects:
+            self._send_objects(now)
+            return
+        for client in self._tcp.accept():
+            self._sessions[client] = Session(client, self.maker)
+        for client, session in list(self._sessions.items()):
+            session.service()
+            self._note(session.sent, now)
+            session.sent.clear()
+            if client.gone:
+                client.close()
+                del self._sessions[client]
+
+    def figures(self) -> dict[str, object]:
+        """Those of every twin behind sockets, and frames sent."""
+        return super().figures() | {"frames": self._frames}
+
+    def log(self) -> dict[str, NDArray[Any]]:
+        """`sent_ns` (k,) when a frame left, `taken_ns` (k,) its world time, `frame` (k,) its number."""
+        sent, taken, frame = np.array(self._log, np.int64).reshape(-1, 3).T
+        return {"sent_ns": sent, "taken_ns": taken, "frame": frame}
+
+    def _announce(self) -> None:
+        for session in self._sessions.values():
+            session.forget()
+
+    def _send_objects(self, now: int) -> None:
+        self._udp.read()
+        newest = self.vicon.newest()
+        for number in range(max(self._last + 1, newest - self.vicon.kept + 1), newest + 1):
+            values = self.vicon.sample(number)
+            if values is not None:
+                frame = (number + self.maker.offset) % (1 << 32)
+                self._udp.write(objects.encode(frame, self._objects(number, values)), ("127.0.0.1", self._port))
+                self._note([number], now)
+        self._last = newest
+
+    def _objects(self, number: int, values: NDArray[np.float64]) -> list[TrackedObject]:
+        """Root segments that are visible, as Tracker's objects; the others are left out."""
+        scene = self.vicon.scene
+        t, R, _ = self.maker.poses(values)
+        visible, _ = self.vicon.visible(number)
+        found = []
+        for subject in self.maker.subjects()[:_MOST]:
+            root = root_of(subject)
+            row = scene.segments.index((subject.id, root.id)) if root is not None else -1
+            if row >= 0 and visible[row]:
+                found.append(TrackedObject(subject.name, (*t[row].tolist(), *_euler_xyz(R[row]))))
+        return found
+
+    def _note(self, numbers: list[int], now: int) -> None:
+        self._frames += len(numbers)
+        if self.keep_log:
+            offset = self.maker.offset
+            self._log += [(now, self.vicon.taken_at(n), (n + offset) % (1 << 32)) for n in numbers]
+
+
+def _euler_xyz(R: NDArray[np.float64]) -> tuple[float, float, float]:
+    """Angles of R = Rx Ry Rz, rad."""
+    y = float(np.arcsin(np.clip(R[0, 2], -1.0, 1.0)))
+    return float(np.arctan2(-R[1, 2], R[2, 2])), y, float(np.arctan2(-R[0, 1], R[0, 0]))
+
+
+def _free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port

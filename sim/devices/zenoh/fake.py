@@ -1,0 +1,102 @@
+"""A device of another machine in a simulated world: the world's truth under another name, or sines."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from fractions import Fraction
+from typing import ClassVar
+
+import numpy as np
+from pydantic import Field
+
+from drivers.zenoh import Zenoh, ZenohConfig
+from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.errors import WiringError, nearest
+from runtime.contracts.signals import Array
+from runtime.contracts.world import FakeConfig, World
+from sim.devices.shared.noise import Chance
+from sim.devices.shared.sensor import SensorFake, SensorOptions
+from sim.world.samples import Samples
+
+
+class FakeZenohOptions(SensorOptions):
+    """Options of the fake."""
+
+    delay: float = Field(default=0.01, ge=0, le=0.5, description="s, from sampling to arrival")
+    signals: dict[str, str] = Field(
+        default_factory=dict, description="signal -> a signal of the world's truth; without one it is a sine"
+    )
+    amplitude: float = Field(default=0.1, ge=0, description="of the sines, in the signal's unit")
+    period: float = Field(default=4.0, gt=0, description="s, of the sines")
+
+
+class FakeZenoh(SensorFake):
+    """Samples of all signals at once, each `rate`; the truth is sampled when the world comes past an instant."""
+
+    Config = ZenohConfig
+    Options = FakeZenohOptions
+    summary = Zenoh.summary
+    max_age = Zenoh.max_age
+    needs: ClassVar[type[World]] = World  # type: ignore[type-abstract]  # any will do
+
+    def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
+        super().__init__(name, config, world, options)
+        assert isinstance(config, ZenohConfig)
+        assert isinstance(options, FakeZenohOptions)
+        self.states = config.states()
+        self._options = options
+        self._check()
+        self._seen = 0
+        self.sampled(sum(s.size for s in self.states), self._measure)
+
+    def sampled(self, size: int, take: Callable[[], Array]) -> None:
+        """Of any world: the instants are found when the fake is read."""
+        rate = Fraction(self._options.rate).limit_denominator(10**6)
+        self._samples = Samples(rate, take, size)
+        self._chance = Chance(self.world.seed, self.name, size, self._options.noise)
+
+    def newest(self) -> int:
+        samples, time = self.samples, self.world.time
+        if time < self._seen:  # the world went back to a saved state
+            samples.taken = -1
+        self._seen = time
+        if samples.taken < 0:
+            samples.taken = max(int(time * samples.period.denominator // samples.period.numerator) - 1, -1)
+        while samples.due <= time:
+            samples.take()
+        return super().newest()
+
+    def fill(self, values: Array, number: int) -> None:
+        at = 0
+        for signal in self.states:
+            self.state_arrays[signal.name].reshape(-1)[:] = values[at : at + signal.size]
+            at += signal.size
+
+    def _check(self) -> None:
+        names = [s.name for s in self.states]
+        truth = {s.name: s for s in self.world.truth}
+        for name, source in self._options.signals.items():
+            place = f"sim.devices.{self.name}.signals.{name}"
+            if name not in names:
+                raise WiringError(place, f"the device has no signal '{name}'", nearest(name, names))
+            if source not in truth:
+                raise WiringError(place, f"the world's truth has no '{source}'", nearest(source, truth))
+            signal = self.states[names.index(name)]
+            if truth[source].shape != signal.shape:
+                raise WiringError(
+                    place, f"'{source}' has shape {truth[source].shape}, the signal {signal.shape}", "Correct either"
+                )
+
+    def _measure(self) -> Array:
+        parts: list[Array] = []
+        for signal in self.states:
+            source = self._options.signals.get(signal.name)
+            if source is not None and source in self.world.truth_arrays:
+                parts.append(self.world.truth_arrays[source].ravel())
+            elif source is not None:
+                parts.append(np.zeros(signal.size))
+            else:
+                phase = 2 * math.pi * self.taken_at(self.samples.taken) * 1e-9 / self._options.period
+                parts.append(self._options.amplitude * np.sin(phase + 0.1 * np.arange(signal.size)))
+        return np.concatenate(parts)

@@ -1,0 +1,226 @@
+"""The cell's part `body`: a person with the 59 joints of a capture suit, moved by springs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+from xml.etree.ElementTree import Element
+
+import mujoco
+import numpy as np
+from pydantic import Field
+
+from drivers.noitom.skeleton import JOINTS, Kind, Skeleton, is_finger
+from runtime.contracts.errors import WiringError
+from runtime.contracts.signals import Array, Signal
+from sim.parts.body.model import Segment, Sex, segments
+from sim.parts.body.motion import Motion, Recorded, Script, Scripted
+from sim.world.mjcf import CONTACT, add
+from sim.world.part import Mjcf, Part, PartConfig
+
+_UPDATE: Final = 0.002  # s between two reference poses
+_FINGERS: Final = 9.0  # times as stiff for their inertia as the other joints, or every swing of an arm would shake them
+_TURN: Final = np.array([0.5, 0.5, 0.5, 0.5])  # the suit's x left, y up, z forward to y, z, x of the cell
+_SKIN: Final = {"rgba": "0.85 0.68 0.58 1", "friction": (0.8, 0.005, 0.0001)}
+
+
+class BodyConfig(PartConfig):
+    """Options. `position` and `quaternion` put the origin of the suit's world, on the floor, into the cell."""
+
+    skeleton: Kind = Field(default="axis-neuron", description="the tree of joints")
+    script: Script = Field(default="still", description="motion, where nothing is recorded; 'walk' goes in a circle")
+    recording: Path | None = Field(default=None, description="BVH file of the suit's software; its last pose is held")
+    loop: bool = Field(default=False, description="play the recording back and forth")
+    scale: float = Field(default=1.0, gt=0.3, lt=3, description="of the default body, or of the recording's")
+    mass: float = Field(default=75.0, gt=10, lt=300, description="kg")
+    sex: Sex = Field(default="male", description="which of de Leva's sets gives the parts of the mass")
+    fingers: bool = Field(default=False, description="they move; otherwise they stay as they are at the start")
+    bandwidth: float = Field(default=8.0, ge=1, le=30, description="Hz, up to which joints follow the motion")
+    damping: float = Field(default=1.0, ge=0.3, le=3, description="damping ratio of a joint by itself")
+    contact: bool = Field(default=False, description="things can touch the person, and push")
+
+
+class BodyPart(Part):
+    """A free chain of bodies `<name>/<Joint>`, on which other parts can be mounted: each in the suit's axes, as it
+    stands in the T-pose: x to the body's left, y up, z forward.
+
+    The hips are welded softly to the motion's; 20 ball joints (58 with `fingers`) are drawn by springs towards its
+    angles, each as stiff as the inertia behind it needs for the bandwidth, whatever is mounted on it included. The
+    body holds its own weight, not what it carries. So what a suit measures lags, gives way, and swings.
+
+    Truth: `<name>_position` (59, 3), m, of the joints in the world.
+
+    Attributes:
+        skeleton: the tree.
+        offsets: (59, 3), m, of the joints in their parents.
+        duration: s of a recording; None without.
+    """
+
+    Config = BodyConfig
+    summary = "a person with the joints of a motion capture suit, by a script or as recorded"
+
+    def __init__(self, name: str, config: PartConfig, seed: int) -> None:
+        super().__init__(name, config, seed)
+        assert isinstance(config, BodyConfig)
+        if config.on is not None:
+            raise WiringError(f"sim.parts.{name}.on", "a person moves freely", "Remove 'on'")
+        self._config = config
+        self.skeleton = Skeleton(config.skeleton)
+        self._motion: Motion
+        self.duration: float | None = None
+        if config.recording is not None:
+            self._motion = recorded = Recorded(config.recording, self.skeleton, config.scale, config.loop)
+            self.duration = recorded.duration
+        else:
+            self._motion = Scripted(config.script, self.skeleton, config.scale, seed, name)
+        self.offsets = self._motion.offsets
+        self._moving = np.array(
+            [i for i, n in enumerate(self.skeleton.names) if i and (config.fingers or not is_finger(n))]
+        )
+        self.every = 1
+        self.truth = (
+            Signal(
+                name=f"{name}_position", shape=(JOINTS, 3), unit="m", labels=self.skeleton.names,
+                visual="points", links=_polylines(self.skeleton.parents),
+            ),
+        )  # fmt: skip
+        self._omega = 2.0 * np.pi * config.bandwidth
+        # Springs and weld draw to where the motion will be: their damping then costs no delay.
+        self._lead = 2.0 * config.damping / self._omega
+        self._model: Any = None
+        self._data: Any = None
+        base = np.array(config.quaternion) / np.linalg.norm(config.quaternion)
+        self._base = np.empty(4)
+        mujoco.mju_mulQuat(self._base, base, _TURN)
+        self._local = np.zeros((JOINTS, 7))
+        self._local[:, 3] = 1.0
+
+    # -- the model
+
+    def build(self, mjcf: Mjcf, parent: Element) -> None:
+        config, name, names = self._config, self.name, self.skeleton.names
+        made = segments(self.skeleton, self.offsets, config.mass, config.sex, config.fingers)
+        hips, rotations = self._motion.at(0.0)
+        pos, quat = self._to_world(hips, rotations[0])
+        elements: list[Element] = []
+        for i, (joint, up) in enumerate(zip(names, self.skeleton.parents, strict=True)):
+            full = f"{name}/{joint}"
+            moves = i in self._moving
+            if up < 0:
+                body = mjcf.body(mjcf.worldbody, full, pos=pos, quat=quat, gravcomp=1)
+                add(body, "freejoint", name=full)
+            else:
+                # Without a joint it keeps the pose it starts with.
+                turned = (1.0, 0.0, 0.0, 0.0) if moves else rotations[i]
+                body = mjcf.body(elements[up], full, pos=self.offsets[i], quat=turned, gravcomp=1)
+                if moves:  # stiffness and damping are set when the inertia is known
+                    add(body, "joint", name=full, type="ball", stiffness=1.0, damping=1.0)
+            elements.append(body)
+            if i in made:
+                self._segment(body, full, made[i])
+        target = f"{name}/target"
+        add(mjcf.worldbody, "body", name=target, mocap=True, pos=pos, quat=quat)
+        add(
+            mjcf.equality, "weld", name=f"{name}/weld", body1=target, body2=f"{name}/Hips",
+            relpose=(0, 0, 0, 1, 0, 0, 0), solref=(self._lead / 2.0, 1.0),  # its delay is then the springs'
+        )  # fmt: skip
+
+    def _segment(self, body: Element, full: str, segment: Segment) -> None:
+        add(body, "inertial", pos=segment.com, mass=segment.mass, diaginertia=segment.inertia)
+        size: dict[str, object] = {"pos": segment.centre, "size": segment.size}
+        if segment.shape == "capsule":
+            ends = [segment.centre + sign * segment.size[1] * segment.axis for sign in (-1.0, 1.0)]
+            size = {"fromto": np.concatenate(ends), "size": segment.size[:1]}
+        # Its own parts never touch each other: neighbours overlap at the joints.
+        contact = CONTACT["hand" if self._config.contact else "none"]
+        add(body, "geom", name=full, type=segment.shape, mass=0.0, **size, **contact, **_SKIN)
+
+    def bind(self, model: Any, data: Any) -> None:
+        self._model, self._data = model, data
+        self.every = max(1, round(_UPDATE / model.opt.timestep))
+        names = [f"{self.name}/{joint}" for joint in self.skeleton.names]
+        self._bodies = np.array([model.body(full).id for full in names])
+        joints = np.array([model.joint(names[i]).id for i in self._moving])
+        hips = model.joint(names[0])
+        self._hips = slice(int(hips.qposadr[0]), int(hips.qposadr[0]) + 7)
+        self._balls = model.jnt_qposadr[joints][:, None] + np.arange(4)
+        self._mocap = int(model.body(f"{self.name}/target").mocapid[0])
+        position, rotations = self._motion.at(0.0)
+        data.qpos[self._hips] = np.concatenate(self._to_world(position, rotations[0]))
+        data.qpos[self._balls] = rotations[self._moving]
+        self._local[:, :3] = model.body_pos[self._bodies]
+        self._local[:, 3:] = rotations
+        dofs = model.jnt_dofadr[joints][:, None] + np.arange(3)
+        stiffness = self._inertia()[dofs].max(axis=1) * self._omega**2
+        stiffness[[is_finger(self.skeleton.names[i]) for i in self._moving]] *= _FINGERS
+        model.jnt_stiffness[joints] = stiffness
+        model.dof_damping[dofs] = (stiffness * self._lead)[:, None]
+        self.drive(0)
+
+    def _inertia(self) -> Array:
+        """(nv,): what each degree of freedom moves, in the model's reference pose (here the T-pose)."""
+        data = mujoco.MjData(self._model)
+        mujoco.mj_forward(self._model, data)
+        unit, moved = np.eye(self._model.nv), np.empty(self._model.nv)
+        inertia = np.empty(self._model.nv)
+        for i, row in enumerate(unit):  # the matrix itself is stored differently from version to version
+            mujoco.mj_mulM(self._model, data, moved, row)
+            inertia[i] = moved[i]
+        return inertia
+
+    # -- life
+
+    def drive(self, step: int) -> None:
+        """Shows springs and weld the motion a little ahead."""
+        position, rotations = self._motion.at((step + 0.5 * self.every) * self._model.opt.timestep + self._lead)
+        self._model.qpos_spring[self._balls] = rotations[self._moving]
+        self._data.mocap_pos[self._mocap], self._data.mocap_quat[self._mocap] = self._to_world(position, rotations[0])
+
+    def fill(self, truth: Mapping[str, Array]) -> None:
+        truth[f"{self.name}_position"][...] = self._data.xpos[self._bodies]
+
+    def save(self) -> Array:
+        springs: Array = self._model.qpos_spring[self._balls].ravel()
+        return springs
+
+    def restore(self, state: Array) -> None:
+        self._model.qpos_spring[self._balls] = state.reshape(-1, 4)
+
+    # -- what a suit measures
+
+    def pose(self) -> Array:
+        """(59, 7): x, y, z (m), w, x, y, z of every joint in its parent, as it really is; a view, changed by the next.
+
+        That of the hips is in the suit's world: y up, z forward, x to the left.
+        """
+        local, data = self._local, self._data
+        hips = data.qpos[self._hips]
+        back = self._base * [1.0, -1.0, -1.0, -1.0]
+        mujoco.mju_rotVecQuat(local[0, :3], hips[:3] - self._config.position, back)
+        mujoco.mju_mulQuat(local[0, 3:], back, hips[3:])
+        local[self._moving, 3:] = data.qpos[self._balls]
+        return local
+
+    def wanted(self, t: float) -> tuple[Array, Array]:
+        """The motion: hips (3,), m, in the suit's world and quaternions (59, 4) at t seconds."""
+        return self._motion.at(t)
+
+    def _to_world(self, position: Array, rotation: Array) -> tuple[Array, Array]:
+        """From the suit's world to the cell."""
+        pos, quat = np.empty(3), np.empty(4)
+        mujoco.mju_rotVecQuat(pos, position, self._base)
+        mujoco.mju_mulQuat(quat, self._base, rotation)
+        return pos + self._config.position, quat
+
+
+def _polylines(parents: tuple[int, ...]) -> tuple[tuple[int, ...], ...]:
+    """Paths that cover every bone once, each from a tip up to a joint that is drawn already."""
+    drawn, lines = {0}, []
+    for tip in sorted(set(range(len(parents))) - set(parents)):
+        line = [tip]
+        while line[-1] not in drawn:
+            drawn.add(line[-1])
+            line.append(parents[line[-1]])
+        lines.append(tuple(line))
+    return tuple(lines)

@@ -1,0 +1,172 @@
+"""How a simulated person moves: by a script, or as a suit once recorded it.
+
+A motion gives, in the suit's axes (y up, z forward, x to the left), the place of the hips and the rotation of every
+joint relative to its parent, as functions of time alone: the same time gives the same bits, in any order.
+"""
+
+from __future__ import annotations
+
+import zlib
+from pathlib import Path
+from typing import Final, Literal, Protocol, cast
+
+import numpy as np
+
+from drivers.noitom.rotations import Order, Quaternions
+from drivers.noitom.skeleton import JOINTS, Skeleton
+from runtime.contracts.errors import RecordingError
+from runtime.contracts.signals import Array
+from sim.wearer import bvh
+from sim.wearer.motion import minimum_jerk
+
+Script = Literal["t-pose", "still", "walk", "reach"]
+RADIUS: Final = 1.2  # m, of the circle that is walked
+SPEED: Final = 1.0  # m/s
+_STRIDES: Final = 0.85  # per second
+_START: Final = 2.0  # s, from standing to walking
+_MOVE, _REST = 1.2, 0.6  # s of a reaching movement, s before the next
+_HANG: Final = 72.0  # degrees from the T-pose to arms at the sides
+
+
+class Motion(Protocol):
+    """See the module's text. Attributes: `offsets` (59, 3), m, of the person it belongs to."""
+
+    offsets: Array
+
+    def at(self, t: float) -> tuple[Array, Array]:
+        """Hips (3,), m, and unit quaternions (59, 4), w x y z, at t seconds."""
+        ...
+
+
+class Recorded:
+    """A BVH file of the suit's software; each frame at its time, its last pose held. With `loop` it goes back again.
+
+    Bones keep the file's OFFSET: the lengths that the software stretches, to keep feet on the floor, don't follow.
+    """
+
+    def __init__(self, path: Path, skeleton: Skeleton, scale: float, loop: bool) -> None:
+        """
+        Raises:
+            RecordingError: it can't be read, or is of another skeleton.
+        """
+        file = bvh.read(path)
+        rows = [file.index(name) for name in skeleton.names]
+        missing = [name for name, row in zip(skeleton.names, rows, strict=True) if row < 0]
+        if missing:
+            raise RecordingError(
+                str(path), f"it has no joint '{missing[0]}' ({len(missing)} missing)", "Give a file of this 'skeleton'"
+            )
+        self.offsets = np.array([file.joints[row].offset for row in rows]) * 0.01 * scale
+        self._hips = file.translation(rows[0]) * 0.01 * scale
+        self._rotations = np.empty((len(file.frames), JOINTS, 4))
+        for i, row in enumerate(rows):
+            channels = file.joints[row].rotations
+            order = "".join("XYZ"[axis] for axis, _ in channels)
+            if sorted(order) != ["X", "Y", "Z"]:
+                raise RecordingError(
+                    f"{path}, joint {skeleton.names[i]}",
+                    f"its rotation channels are '{order}'",
+                    "Expected X, Y and Z, each once",
+                )
+            angles = np.deg2rad(file.frames[:, [column for _, column in channels]])
+            Quaternions(cast(Order, order), len(angles)).fill(angles, self._rotations[:, i])
+        flip = np.sum(self._rotations[1:] * self._rotations[:-1], axis=2) < 0.0
+        self._rotations[1:][np.cumsum(flip, axis=0) % 2 == 1] *= -1.0
+        self._period, self._loop = file.frame_time, loop
+        self.duration = (len(file.frames) - 1) * file.frame_time
+
+    def at(self, t: float) -> tuple[Array, Array]:
+        if self._loop:
+            t %= 2.0 * self.duration
+            t = min(t, 2.0 * self.duration - t)
+        s = min(max(t, 0.0), self.duration) / self._period
+        i = min(int(s), len(self._hips) - 2)
+        s = min(s - i, 1.0)
+        hips = self._hips[i] + s * (self._hips[i + 1] - self._hips[i])
+        q = self._rotations[i] + s * (self._rotations[i + 1] - self._rotations[i])
+        return hips, q / np.sqrt(np.einsum("ij,ij->i", q, q))[:, None]
+
+
+class Scripted:
+    """Standing in the T-pose or at ease, walking in a circle to the left, or reaching with one arm and the other."""
+
+    def __init__(self, script: Script, skeleton: Skeleton, scale: float, seed: int, name: str) -> None:
+        self.offsets = skeleton.offsets * scale
+        self._script, self._scale = script, scale
+        self._index = {joint: i for i, joint in enumerate(skeleton.names)}
+        self._key = [seed, zlib.crc32(name.encode())]
+        self._phases = np.random.default_rng(self._key).uniform(0.0, 2.0 * np.pi, 4)
+        self._quaternions = Quaternions("YXZ", JOINTS)
+        self._goals: dict[int, Array] = {}
+        self._ease = np.zeros((JOINTS, 3))  # degrees about Y, X, Z
+        for side, sign in (("Left", 1.0), ("Right", -1.0)):
+            self._ease[self._index[f"{side}Arm"]] = 0.0, 0.0, -sign * _HANG
+            self._ease[self._index[f"{side}ForeArm"]] = -sign * 15.0, 0.0, 0.0
+            for finger in ("Index", "Middle", "Ring", "Pinky"):
+                for k, bend in enumerate((15.0, 25.0, 15.0)):
+                    self._ease[self._index[f"{side}Hand{finger}{k + 1}"], 2] = -sign * bend
+
+    def at(self, t: float) -> tuple[Array, Array]:
+        hips, angles = self.offsets[0].copy(), np.zeros((JOINTS, 3))
+        if self._script != "t-pose":
+            angles += self._ease
+            self._sway(max(t, 0.0), hips, angles)
+        if self._script == "walk":
+            self._walk(max(t, 0.0), hips, angles)
+        elif self._script == "reach":
+            angles += self._reach(max(t, 0.0))
+        rotations = np.empty((JOINTS, 4))
+        self._quaternions.fill(np.deg2rad(angles), rotations)
+        return hips, rotations
+
+    def _sway(self, t: float, hips: Array, angles: Array) -> None:
+        """Breath, and the slow sway of somebody who stands."""
+        p = self._phases
+        hips[0] += 0.006 * np.sin(1.6 * t + p[0])
+        hips[2] += 0.008 * np.sin(1.1 * t + p[1])
+        angles[self._index["Spine1"], 1] += 0.8 * np.sin(1.5 * t + p[2])
+        angles[self._index["Head"], 0] += 3.0 * np.sin(0.5 * t + p[3])
+
+    def _walk(self, t: float, hips: Array, angles: Array) -> None:
+        u = min(t / _START, 1.0)
+        gain = float(minimum_jerk(np.array(u)))
+        moving = _START * u**4 * (2.5 + u * (u - 3.0)) + max(t - _START, 0.0)  # the gain's integral
+        phase, turned = 2.0 * np.pi * _STRIDES * moving, SPEED * moving / RADIUS
+        hips += self._scale * np.array([RADIUS * (1.0 - np.cos(turned)), 0.0, RADIUS * np.sin(turned)])
+        hips[1] -= 0.015 * self._scale * gain * (1.0 - np.cos(2.0 * phase))
+        angles[0, 0] += np.rad2deg(turned)
+        angles[self._index["Spine"], 0] += 6.0 * gain * np.sin(phase)
+        for side, own in (("Left", phase), ("Right", phase + np.pi)):
+            swing, sign = np.sin(own), 1.0 if side == "Left" else -1.0
+            bent = (0.5 + 0.5 * np.cos(own)) ** 2  # in the swing, on the thigh's way forward
+            angles[self._index[f"{side}UpLeg"], 1] -= gain * (24.0 * swing + 8.0)
+            angles[self._index[f"{side}Leg"], 1] += gain * (6.0 + 55.0 * bent)
+            angles[self._index[f"{side}Foot"], 1] -= gain * 12.0 * bent
+            angles[self._index[f"{side}Arm"], 1] += gain * 20.0 * swing
+            angles[self._index[f"{side}ForeArm"], 0] -= sign * gain * (10.0 - 8.0 * swing)
+
+    def _reach(self, t: float) -> Array:
+        number = int(t // (_MOVE + _REST))
+        share = minimum_jerk(np.array((t - number * (_MOVE + _REST)) / _MOVE))
+        start, goal = self._goal(number - 1), self._goal(number)
+        return start + share * (goal - start)
+
+    def _goal(self, number: int) -> Array:
+        """Degrees added to the pose at ease at the end of movement `number`."""
+        if number in self._goals:
+            return self._goals[number]
+        angles = np.zeros((JOINTS, 3))
+        if number < 0:
+            return angles
+        rng = np.random.default_rng([*self._key, number])
+        side, sign = (("Right", -1.0), ("Left", 1.0))[number % 2]
+        forward, up, elbow = rng.uniform([40.0, 30.0, 0.0], [85.0, 80.0, 60.0])
+        angles[self._index[f"{side}Arm"]] = -sign * forward, 0.0, sign * up
+        angles[self._index[f"{side}ForeArm"], 0] = -sign * elbow
+        angles[self._index[f"{side}Hand"]] = rng.uniform(-20.0, 20.0, 3)
+        angles[self._index["Spine"], :2] = -sign * rng.uniform(0.0, 15.0), rng.uniform(0.0, 12.0)
+        angles[self._index["Head"], :2] = -sign * rng.uniform(0.0, 20.0), rng.uniform(0.0, 15.0)
+        if len(self._goals) > 4:
+            self._goals.clear()
+        self._goals[number] = angles
+        return angles

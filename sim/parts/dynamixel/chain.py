@@ -1,0 +1,175 @@
+"""A chain of axes, each driven by an MX servo: fingers, arms, grippers, slides."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, Literal, Self, cast
+from xml.etree.ElementTree import Element
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from drivers.dynamixel.models import MODELS
+from runtime.contracts.signals import Array, Signal
+from sim.parts.dynamixel.motors import AMBIENT, NOMINAL, Motors
+from sim.world.mjcf import CONTACT, add
+from sim.world.part import Mjcf, Part, PartConfig
+
+Vector = tuple[float, float, float]
+
+
+class AxisConfig(BaseModel):
+    """One axis and the link behind it. `reversed`, `zero` and `m_per_rad` are how its servo is really built in."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    model: Literal["MX-28", "MX-64", "MX-106"]
+    axis: Vector = Field((0.0, 0.0, 1.0), description="in the frame of the link before")
+    link: Vector = Field((0.08, 0.0, 0.0), description="m, from this axis to the next, or to the tip")
+    radius: float = Field(0.015, gt=0, description="m, of the link")
+    mass: float = Field(0.05, gt=0, description="kg, of the link without the next servo")
+    lower: float = Field(-2.6, description="rad or m, mechanical end stop")
+    upper: float = Field(2.6, description="rad or m, mechanical end stop")
+    start: float = Field(0.0, description="rad or m, where it stands at the start")
+    m_per_rad: float | None = Field(None, gt=0, description="m/rad of a prismatic axis")
+    reversed: bool = Field(False, description="the axis grows as the shaft's angle falls")
+    zero: float = Field(0.0, description="rad, the shaft's angle where the axis is at 0")
+
+    @property
+    def scale(self) -> float:
+        """Of the axis' motion by the shaft's, with its sign."""
+        size = 1.0 if self.m_per_rad is None else self.m_per_rad
+        return -size if self.reversed else size
+
+
+class DynamixelChainConfig(PartConfig):
+    """Options of the chain."""
+
+    axes: dict[str, AxisConfig] = Field(min_length=1, description="from the base to the tip")
+    voltage: float = Field(NOMINAL, gt=0, description="V, of the supply")
+    ambient: float = Field(AMBIENT, description="degC, where the servos begin")
+
+    @model_validator(mode="after")
+    def _names_are_free(self) -> Self:
+        for name in ("base", "tip"):
+            if name in self.axes:
+                raise ValueError(f"no axis can be called '{name}': a body of the chain is")
+        return self
+
+
+class DynamixelChain(Part):
+    """Bodies `NAME/base`, `NAME/AXIS` and `NAME/tip`. Links don't touch each other, but hands and things.
+
+    Truth: `NAME_position` (n,) rad (m), `NAME_velocity`, `NAME_effort` (n,) N m (N) of the servos' drives, friction
+    and drag of the motors taken off, `NAME_temperature` (n,) degC, `NAME_tip` (1, 3) m in the world.
+
+    Attributes:
+        motors: the servos, at their shafts.
+        names: of the axes; scale (n,): rad or m of an axis a rad of its shaft; zero (n,): rad.
+    """
+
+    Config: ClassVar[type[PartConfig]] = DynamixelChainConfig
+    summary = "chain of axes with Dynamixel MX servos"
+
+    def __init__(self, name: str, config: PartConfig, seed: int) -> None:
+        super().__init__(name, config, seed)
+        self._config = cast(DynamixelChainConfig, config)
+        axes = self._config.axes
+        self.names, n = tuple(axes), len(axes)
+        self.scale = np.array([axis.scale for axis in axes.values()])
+        self.zero = np.array([axis.zero for axis in axes.values()])
+        self.models = tuple(MODELS[axis.model] for axis in axes.values())
+        linear = all(axis.m_per_rad is not None for axis in axes.values())
+        units = ("m", "m/s", "N") if linear else ("rad", "rad/s", "N m")
+        kinds = zip(("position", "velocity", "effort", "temperature"), (*units, "degC"), strict=True)
+        self.truth = (
+            *(Signal(name=f"{name}_{key}", shape=(n,), unit=unit, labels=self.names) for key, unit in kinds),
+            Signal(name=f"{name}_tip", shape=(1, 3), unit="m", frame="world", labels=("tip",), visual="points"),
+        )
+        self.every = 1
+
+    def build(self, mjcf: Mjcf, parent: Element) -> None:
+        config, name = self._config, self.name
+        body = mjcf.body(parent, f"{name}/base", **self.at())
+        first = self.models[0]
+        look = {"rgba": "0.2 0.2 0.22 1", **CONTACT["none"]}
+        add(body, "geom", name=f"{name}/base", type="box", size=(0.02, 0.02, 0.025), mass=first.mass, **look)
+        place: Vector = (0.0, 0.0, 0.0)
+        carried = [model.mass for model in self.models[1:]] + [0.0]
+        drives = Motors(self.models, config.voltage, 1e-3)
+        for i, (axis_name, axis) in enumerate(config.axes.items()):
+            full = f"{name}/{axis_name}"
+            body = mjcf.body(body, full, pos=place)
+            scale = abs(axis.scale)
+            add(
+                body,
+                "joint",
+                name=full,
+                type="hinge" if axis.m_per_rad is None else "slide",
+                axis=axis.axis,
+                range=(axis.lower, axis.upper),
+                armature=drives.inertia[i] / scale**2,
+                damping=drives.drag[i] / scale**2,
+                frictionloss=drives.friction[i] / scale,
+            )
+            add(mjcf.actuator, "motor", name=full, joint=full)
+            self._add_link(body, full, axis, carried[i])
+            place = axis.link
+        tip = mjcf.body(body, f"{name}/tip", pos=place)
+        add(tip, "site", name=f"{name}/tip", size=0.003)
+
+    def _add_link(self, body: Element, full: str, axis: AxisConfig, carried: float) -> None:
+        """The link as a rod, and the next servo at its end."""
+        length = float(np.linalg.norm(axis.link))
+        if length > 1e-6:
+            rod: dict[str, object] = {"type": "capsule", "fromto": (0.0, 0.0, 0.0, *axis.link), "size": axis.radius}
+        else:
+            rod = {"type": "sphere", "size": axis.radius}
+        look = {"rgba": "0.3 0.45 0.7 1", "friction": (1.0, 0.005, 0.0001), **CONTACT["finger"]}
+        add(body, "geom", name=full, mass=axis.mass, **rod, **look)
+        if carried:
+            box = {"type": "box", "pos": axis.link, "size": (0.018, 0.018, 0.025)}
+            add(body, "geom", name=f"{full}/servo", mass=carried, rgba="0.2 0.2 0.22 1", **box, **CONTACT["none"])
+
+    def bind(self, model: Any, data: Any) -> None:
+        self._model, self._data = model, data
+        joints = [model.joint(f"{self.name}/{axis}") for axis in self.names]
+        self._q = np.array([int(joint.qposadr[0]) for joint in joints])
+        self._v = np.array([int(joint.dofadr[0]) for joint in joints])
+        self._u = np.array([int(model.actuator(f"{self.name}/{axis}").id) for axis in self.names])
+        self._tip = int(model.site(f"{self.name}/tip").id)
+        data.qpos[self._q] = [axis.start for axis in self._config.axes.values()]
+        self.motors = Motors(self.models, self._config.voltage, float(model.opt.timestep))
+        self.motors.temperature[:] = self._config.ambient
+        self.measure()
+        for i in range(len(self.names)):
+            self.motors.fold(i)
+        self._powered = self.motors.torque.copy()
+
+    def measure(self) -> Motors:
+        """The servos, their encoders as they are now."""
+        self.motors.measure(self._data.qpos[self._q] / self.scale + self.zero, self._data.qvel[self._v] / self.scale)
+        return self.motors
+
+    def drive(self, step: int) -> None:
+        self._data.ctrl[self._u] = self.measure().step() / self.scale
+        if not np.array_equal(self.motors.torque, self._powered):
+            self._brake()
+
+    def _brake(self) -> None:
+        self._powered[:] = self.motors.torque
+        self._model.dof_damping[self._v] = self.motors.drag / self.scale**2
+
+    def fill(self, truth: Mapping[str, Array]) -> None:
+        position, velocity, effort, temperature, tip = (truth[signal.name] for signal in self.truth)
+        position[:], velocity[:] = self._data.qpos[self._q], self._data.qvel[self._v]
+        effort[:] = self.motors.current * self.motors.torque_constant / self.scale
+        temperature[:] = self.motors.temperature
+        tip[0] = self._data.site_xpos[self._tip]
+
+    def save(self) -> Array:
+        return self.motors.save()
+
+    def restore(self, state: Array) -> None:
+        self.motors.restore(state)
+        self._brake()

@@ -1,0 +1,254 @@
+"""MX servos at their shafts: DC motors with gears, the firmware's control loops, heat and shutdown.
+
+Figures are the vendor's nominal ones at 12 V (fact sheet dynamixel_mx). Assumed, as no source gives them: rotors
+that reach their speed with a time constant of 20 ms; dry friction of 2 % of the stall torque; a case that reaches
+80 degC after some 20 s at the stall current, and overload after 1.5 s above 80 % of it; control loops that run
+once a physics step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from drivers.dynamixel.models import CENTRE, COUNTS, PER_COUNT, Model
+from runtime.contracts.signals import Array
+
+CURRENT, VELOCITY, POSITION, EXTENDED, CURRENT_POSITION, PWM = 0, 1, 3, 4, 5, 16
+SPIN_UP: Final = 0.02  # s
+FRICTION: Final = 0.02  # of the stall torque
+COASTING: Final = 0.1  # of the motor's drag, what the gears alone have while the torque is off
+NOMINAL: Final = 12.0  # V
+AMBIENT: Final = 25.0  # degC
+_HEAT_TIME, _HEAT_RISE = 100.0, 270.0  # s; K at the stall current, in the end
+_OVERLOAD, _OVERLOAD_TIME = 0.8, 1.5  # of the stall current; s
+VOLTAGE_BIT, HEAT_BIT, OVERLOAD_BIT = 1, 4, 32
+
+# Rows of the state: what the firmware holds, by motor.
+_ROWS: Final = (
+    "torque",  # 0 or 1
+    "mode",
+    "goal_position",  # counts
+    "goal_velocity",  # rad/s
+    "goal_current",  # A
+    "goal_pwm",  # -1 to 1
+    "pwm_cap",  # 0 to 1
+    "current_cap",  # A
+    "kp",  # of full voltage a count
+    "ki",  # a count and second
+    "kd",  # a count/s
+    "velocity_kp",  # a rad/s
+    "velocity_ki",  # a rad
+    "profile_velocity",  # rad/s, 0: none
+    "profile_acceleration",  # rad/s^2, 0: none
+    "watchdog",  # s left until it stops the motor, 0: off; a fake's, a twin counts by itself
+    "stopped",  # by the bus watchdog
+    "trajectory",  # counts
+    "trajectory_velocity",  # rad/s
+    "integral",
+    "last_error",  # counts
+    "pwm",  # -1 to 1
+    "current",  # A
+    "turns",  # whole turns the servo counts more than its shaft has made
+    "temperature",  # degC
+    "overloaded",  # s
+    "errors",  # hardware error bits
+    "shutdown",  # bits that switch the torque off
+    "temperature_limit",  # degC
+)
+
+
+class Motors:
+    """All servos of a chain; each row of the state is an attribute, (n,) float64, that a fake or a twin sets.
+
+    Attributes:
+        n: how many.
+        voltage: V.
+        drag: N m s/rad, at the shaft, of each motor as it is now.
+    """
+
+    torque: Array
+    mode: Array
+    goal_position: Array
+    goal_velocity: Array
+    goal_current: Array
+    goal_pwm: Array
+    pwm_cap: Array
+    current_cap: Array
+    kp: Array
+    ki: Array
+    kd: Array
+    velocity_kp: Array
+    velocity_ki: Array
+    profile_velocity: Array
+    profile_acceleration: Array
+    watchdog: Array
+    stopped: Array
+    trajectory: Array
+    trajectory_velocity: Array
+    integral: Array
+    last_error: Array
+    pwm: Array
+    current: Array
+    turns: Array
+    temperature: Array
+    overloaded: Array
+    errors: Array
+    shutdown: Array
+    temperature_limit: Array
+
+    def __init__(self, models: Sequence[Model], voltage: float, timestep: float) -> None:
+        self.models, self.n, self.voltage = tuple(models), len(models), voltage
+        self._dt = timestep
+        self.state = np.zeros((len(_ROWS), self.n))
+        for row, name in zip(self.state, _ROWS, strict=True):
+            setattr(self, name, row)
+        self.stall_torque = np.array([m.stall_torque for m in models])
+        self.stall_current = np.array([m.stall_current for m in models])
+        self.torque_constant = self.stall_torque / self.stall_current
+        self.inertia = SPIN_UP * self.stall_torque / np.array([m.no_load_speed for m in models])
+        self.friction = FRICTION * self.stall_torque
+        self._drag = self.stall_torque / np.array([m.no_load_speed for m in models])
+        self.position, self.velocity = np.zeros(self.n), np.zeros(self.n)  # of the shafts, as last measured
+        for i in range(self.n):
+            self.power_up(i)
+            self.temperature[i] = AMBIENT
+
+    def power_up(self, i: int) -> None:
+        """Motor `i` begins anew: torque off, everything at its default, turns and errors forgotten."""
+        for row in (
+            self.torque, self.goal_velocity, self.profile_velocity, self.profile_acceleration, self.watchdog,
+            self.stopped, self.integral, self.last_error, self.pwm, self.trajectory_velocity, self.overloaded,
+            self.errors,
+        ):  # fmt: skip
+            row[i] = 0.0
+        self.mode[i] = POSITION
+        self.goal_pwm[i] = self.pwm_cap[i] = 1.0
+        self.goal_current[i] = self.current_cap[i] = self.stall_current[i]
+        # Gains of protocol 2: P 850 / 128 of 885 a count, velocity P 100 / 128 and I 1920 / 65536 of 0.229 rpm.
+        self.kp[i], self.ki[i], self.kd[i] = 850 / 128 / 885, 0.0, 0.0
+        unit = 0.229 * 2 * np.pi / 60
+        self.velocity_kp[i] = 100 / 128 / 885 / unit
+        self.velocity_ki[i] = 1920 / 65536 / 885 / unit * 1000
+        self.shutdown[i], self.temperature_limit[i] = 0x34, 80.0
+        self.fold(i)
+
+    @property
+    def counts(self) -> Array:
+        """(n,) what the encoders read now, whole counts, turns included."""
+        return np.rint(self.position / PER_COUNT) + CENTRE + COUNTS * self.turns
+
+    @property
+    def drag(self) -> Array:
+        """See the class: the motor's own voltage brakes it only while the bridge is closed."""
+        return np.where(self.torque > 0, self._drag, COASTING * self._drag)
+
+    def fold(self, i: int) -> None:
+        """Motor `i` forgets whole turns: it counts 0 to 4095."""
+        self.turns[i] = -((np.rint(self.position[i] / PER_COUNT) + CENTRE) // COUNTS)
+        self.goal_position[i] = self.trajectory[i] = self.counts[i]
+
+    def switch(self, i: int, on: bool) -> None:
+        """Torque of motor `i`; it begins where it is."""
+        if on and not self.torque[i]:
+            if self.mode[i] == POSITION:
+                self.fold_keeping_goal(i)
+            self.trajectory[i], self.trajectory_velocity[i] = self.counts[i], 0.0
+            self.integral[i] = self.last_error[i] = 0.0
+        self.torque[i] = float(on)
+
+    def fold_keeping_goal(self, i: int) -> None:
+        """As `fold`; the goal stays."""
+        goal = self.goal_position[i]
+        self.fold(i)
+        self.goal_position[i] = goal
+
+    def halt(self, i: int) -> None:
+        """The bus watchdog: motor `i` stops, and stays where it is."""
+        self.stopped[i] = 1.0
+        self.goal_position[i] = self.trajectory[i] = self.counts[i]
+        self.goal_velocity[i] = self.goal_current[i] = self.goal_pwm[i] = self.trajectory_velocity[i] = 0.0
+
+    def measure(self, position: Array, velocity: Array) -> None:
+        """Takes the shafts' true angles (rad) and speeds (rad/s)."""
+        self.position[:], self.velocity[:] = position, velocity
+
+    def step(self) -> Array:
+        """One turn of all control loops: the motors' torques (n,), N m, from which `drag` times speed goes off."""
+        dt, mode, counts, speed = self._dt, self.mode, self.counts, self.velocity
+        if self.watchdog.any():
+            self._watch(dt)
+        self._follow_profile(counts)
+        positional = (mode == POSITION) | (mode == EXTENDED) | (mode == CURRENT_POSITION)
+        error = np.where(positional, self.trajectory - counts, (self.goal_velocity - speed))
+        ki = np.where(positional, self.ki, self.velocity_ki)
+        self.integral += np.where(ki > 0, error * dt, 0.0)
+        # Wound up no further than full voltage.
+        most = np.divide(1.0, ki, out=np.zeros(self.n), where=ki > 0)
+        np.clip(self.integral, -most, most, out=self.integral)
+        pwm = np.where(positional, self.kp, self.velocity_kp) * error + ki * self.integral
+        pwm += np.where(positional, self.kd, 0.0) * (error - self.last_error) / dt
+        self.last_error[:] = error
+        pwm = np.where(mode == PWM, self.goal_pwm, pwm)
+        full = self.stall_torque * self.voltage / NOMINAL
+        drag = self._drag * speed
+        pwm = np.where(mode == CURRENT, (self.goal_current * self.torque_constant + drag) / full, pwm)
+        pwm = np.clip(pwm, -self.pwm_cap, self.pwm_cap) * (self.torque > 0)
+        torque = pwm * full
+        cap = np.where(mode == CURRENT_POSITION, np.abs(self.goal_current), self.current_cap) * self.torque_constant
+        torque = np.clip(torque, drag - cap, drag + cap) * (self.torque > 0)
+        self.pwm[:] = pwm
+        self.current[:] = (torque - drag * (self.torque > 0)) / self.torque_constant
+        self._wear(dt)
+        return torque
+
+    def _watch(self, dt: float) -> None:
+        left = np.maximum(self.watchdog - dt, 0.0)
+        for i in np.flatnonzero((self.watchdog > 0) & (left == 0)):
+            self.halt(int(i))
+        self.watchdog[:] = left
+
+    def _follow_profile(self, counts: Array) -> None:
+        """Goal to trajectory: a step, a rectangle or a trapezoid of velocity (sheet, §4)."""
+        limited = self.profile_velocity > 0
+        if not limited.any():
+            self.trajectory[:] = self.goal_position
+            return
+        dt = self._dt
+        way = (self.goal_position - self.trajectory) * PER_COUNT
+        ramp = np.where(self.profile_acceleration > 0, self.profile_acceleration, np.inf)
+        fastest = np.minimum(self.profile_velocity, np.sqrt(2 * np.where(np.isinf(ramp), 1e12, ramp) * np.abs(way)))
+        wanted = np.sign(way) * np.minimum(fastest, np.abs(way) / dt)
+        change = np.clip(wanted - self.trajectory_velocity, -ramp * dt, ramp * dt)
+        self.trajectory_velocity += change
+        moved = self.trajectory + self.trajectory_velocity * dt / PER_COUNT
+        self.trajectory[:] = np.where(limited, moved, self.goal_position)
+
+    def _wear(self, dt: float) -> None:
+        """Heat, overload, and the shutdown they cause."""
+        share = np.abs(self.current) / self.stall_current
+        self.temperature += dt / _HEAT_TIME * (AMBIENT + _HEAT_RISE * share * share - self.temperature)
+        self.overloaded[:] = np.where(share > _OVERLOAD, self.overloaded + dt, 0.0)
+        found = HEAT_BIT * (self.temperature > self.temperature_limit)
+        found = found + OVERLOAD_BIT * (self.overloaded > _OVERLOAD_TIME)
+        if found.any():
+            for i in np.flatnonzero(found):
+                self.fail(int(i), int(found[i]))
+
+    def fail(self, i: int, bits: int) -> None:
+        """Hardware errors of motor `i`; those of its shutdown mask switch its torque off."""
+        self.errors[i] = int(self.errors[i]) | bits
+        if int(self.errors[i]) & int(self.shutdown[i]):
+            self.torque[i] = 0.0
+
+    def save(self) -> Array:
+        """Everything, of a fixed size."""
+        return np.concatenate([self.state.ravel(), self.position, self.velocity])
+
+    def restore(self, state: Array) -> None:
+        """Goes back to what `save` gave."""
+        size = self.state.size
+        self.state[...] = state[:size].reshape(self.state.shape)
+        self.position[:], self.velocity[:] = state[size : size + self.n], state[size + self.n :]

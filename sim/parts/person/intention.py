@@ -1,0 +1,308 @@
+"""A simulated person's will: where the tool is meant to be, step by step of a plan."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import sqrt
+from typing import Final, cast
+
+import numpy as np
+
+from runtime.contracts.rotation import Vector, error, exp, normalised, product, turned
+from runtime.contracts.signals import Array
+from sim.parts.person.path import ArcPath, Pose, circle, read_path
+from sim.parts.person.plans import Follow, GoTo, Insert, Plan, Press, Step, Wait, Withdraw
+
+_PEAK: Final = 1.875  # greatest over mean speed of a minimum-jerk motion
+_SHORTEST: Final = 0.3  # s, of a reaching motion; ours
+_RUN_UP: Final = 0.5  # s, to the speed along a curve; ours
+_EASE: Final = 0.1  # s, in which a resting hand follows the handle; ours
+_ZERO: Final = (0.0, 0.0, 0.0)
+
+
+@dataclass
+class Aim:
+    """What is remembered between two instants. Times are s of world time; -1: not yet."""
+
+    step: float = 0.0
+    due: float = 0.0  # the step begins then
+    begun: float = -1.0
+    settled: float = -1.0  # within the tolerances since; on a curve: last time not too far off
+    length: float = 0.0  # s, of a reaching motion
+    start: Pose = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    goal: Pose = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    turn: Vector = _ZERO  # rotation vector from start to goal
+    way: float = 0.0  # m along a curve or a direction
+    pace: float = 0.0  # m/s along it
+    stop: float = 0.0  # number of the next stop on a curve
+    paused: float = -1.0  # s, until when
+    missed: float = 0.0
+    pose: Pose = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    velocity: Vector = _ZERO
+    acceleration: Vector = _ZERO
+    spin: Vector = _ZERO
+
+
+class Will:
+    """Runs a plan. Reaching is minimum-jerk (Flash and Hogan 1985), at most as fast as the person likes.
+
+    Attributes:
+        aim: its state; `aim.pose` is where the tool is meant to be, world; `velocity`, `acceleration` and `spin`
+            (rad/s) how that moves.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        *,
+        speed: float,
+        turn_speed: float,
+        reaction: float,
+        stiffness: float,
+        find: Callable[[str], Pose],
+        sites: Callable[[str], Array],
+    ) -> None:
+        """
+        Args:
+            speed, turn_speed: m/s and rad/s, the greatest of a reaching motion.
+            reaction: s, from the end of a step to the beginning of the next.
+            stiffness: N/m of the hand: how far ahead a push's reference goes.
+            find: the present pose of a site or body.
+            sites: present positions (n, 3) of numbered sites, by their prefix.
+        """
+        self.plan, self.aim = plan, Aim(due=reaction)
+        self._speed, self._turn_speed, self._reaction, self._stiffness = speed, turn_speed, reaction, stiffness
+        self._find, self._sites = find, sites
+        self._path: tuple[tuple[float, ...], ArcPath, list[float]] | None = None
+
+    def begin(self, pose: Pose) -> None:
+        """The first instant: the tool is meant to be where it is."""
+        self.aim.pose = pose
+
+    @property
+    def step(self) -> Step | None:
+        """The step it is at; None when all are done."""
+        k = int(self.aim.step)
+        return self.plan[k] if k < len(self.plan) else None
+
+    @property
+    def acting(self) -> Step | None:
+        """The step it carries out; None before its reaction time is over."""
+        return self.step if self.aim.begun >= 0 else None
+
+    @property
+    def pushing(self) -> Insert | Withdraw | None:
+        """The step, if it is one along a direction."""
+        step = self.acting
+        return step if isinstance(step, Insert | Withdraw) else None
+
+    def pressed(self, button: str) -> bool:
+        """Whether a button is pressed now."""
+        step = self.acting
+        return isinstance(step, Press) and step.button == button
+
+    def quit(self) -> None:
+        """Gives the plan up."""
+        self.aim.step = float(len(self.plan))
+        self.aim.begun = -1.0
+        self._rest()
+
+    def update(self, t: float, dt: float, seen: Pose, felt: Pose, off: float) -> None:
+        """One instant.
+
+        Args:
+            t: s of world time.
+            dt: s since the last one.
+            seen: pose of the tool as it is seen, late.
+            felt: pose of the tool now.
+            off: m, seen distance from where it was meant to be at that time.
+        """
+        aim, step = self.aim, self.step
+        if step is None:
+            return
+        if aim.begun < 0:
+            if t < aim.due:
+                return
+            aim.begun, aim.settled, aim.way, aim.pace, aim.stop, aim.paused = t, -1.0, 0.0, 0.0, 0.0, -1.0
+            self._begin(step)
+        since = t - aim.begun
+        if isinstance(step, GoTo):
+            done = self._reach(step, t, since, seen)
+        elif isinstance(step, Follow):
+            done = self._follow(step, t, dt, since, off)
+        elif isinstance(step, Insert | Withdraw):
+            done = self._push(step, dt, since, seen)
+        else:
+            if isinstance(step, Wait):
+                self._go_along(dt, felt)
+            done = since >= step.seconds
+        if done:
+            self._rest()
+            aim.step, aim.begun, aim.due = aim.step + 1.0, -1.0, t + self._reaction
+
+    # -- steps
+
+    def _begin(self, step: Step) -> None:
+        aim = self.aim
+        aim.start = aim.pose
+        if isinstance(step, GoTo):
+            self._reach_for(self._goal(step), step.speed or self._speed)
+        elif isinstance(step, Follow):
+            self._reach_for(self._curve(step)[0].at(0.0), self._speed)
+            if _apart(aim.start, aim.goal) < 1e-3:
+                aim.length = 0.0
+
+    def _goal(self, step: GoTo) -> Pose:
+        x, y, z, *q = self.aim.pose
+        if step.target is not None:
+            *at, w, i, j, k = self._find(step.target)
+            ox, oy, oz = turned((w, i, j, k), step.offset)
+            x, y, z = at[0] + ox, at[1] + oy, at[2] + oz
+            if step.align:
+                q = [w, i, j, k]
+        elif step.by is not None:
+            x, y, z = x + step.by[0], y + step.by[1], z + step.by[2]
+        elif step.position is not None:
+            x, y, z = step.position
+        if step.quaternion is not None:
+            q = list(normalised(step.quaternion))
+        return (x, y, z, q[0], q[1], q[2], q[3])
+
+    def _reach_for(self, goal: Pose, speed: float) -> None:
+        aim = self.aim
+        aim.goal, aim.turn = goal, error(goal[3:], aim.start[3:])
+        angle = sqrt(sum(v * v for v in aim.turn))
+        aim.length = max(_PEAK * _apart(aim.start, goal) / speed, _PEAK * angle / self._turn_speed, _SHORTEST)
+
+    def _reach(self, step: GoTo, t: float, since: float, seen: Pose) -> bool:
+        aim = self.aim
+        if since < aim.length:
+            self._swing(since / aim.length)
+            return False
+        self._swing(1.0)
+        if _apart(seen, aim.goal) < step.tolerance and _angle(seen, aim.goal) < step.angle:
+            if aim.settled < 0:
+                aim.settled = t
+            return t - aim.settled >= step.dwell
+        aim.settled = -1.0
+        return self._late(since > aim.length + step.patience)
+
+    def _swing(self, s: float) -> None:
+        """The share s of the time of a minimum-jerk motion has passed."""
+        aim, T = self.aim, self.aim.length
+        share = s * s * s * (10.0 + s * (6.0 * s - 15.0))
+        rate = 30.0 * s * s * (1.0 - s) * (1.0 - s) / T
+        bend = 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / (T * T)
+        a, b = aim.start, aim.goal
+        way = (b[0] - a[0], b[1] - a[1], b[2] - a[2])
+        w = aim.turn
+        q = product(exp(share * w[0], share * w[1], share * w[2]), a[3:])
+        aim.pose = (a[0] + share * way[0], a[1] + share * way[1], a[2] + share * way[2], *q)
+        aim.velocity = (rate * way[0], rate * way[1], rate * way[2])
+        aim.acceleration = (bend * way[0], bend * way[1], bend * way[2])
+        aim.spin = (rate * w[0], rate * w[1], rate * w[2])
+
+    def _follow(self, step: Follow, t: float, dt: float, since: float, off: float) -> bool:
+        aim = self.aim
+        if since < aim.length:
+            self._swing(since / aim.length)
+            return False
+        path, stops = self._curve(step)
+        if aim.paused >= 0:
+            self._rest()
+            if t < aim.paused:
+                return False
+            aim.paused = -1.0
+        left = stops[int(aim.stop)] - aim.way
+        brake = step.speed / _RUN_UP
+        wanted = min(step.speed, sqrt(2.0 * brake * max(left, 0.0))) * max(0.0, 1.0 - off / step.caution)
+        aim.pace += min(max(wanted - aim.pace, -2 * brake * dt), brake * dt)
+        moved = min(max(aim.pace, 1e-4) * dt, left) if off < step.caution else max(aim.pace, 0.0) * dt
+        aim.way += min(moved, left)
+        if off < step.caution or aim.settled < 0:
+            aim.settled = t
+        if self._late(t - aim.settled > step.patience):
+            return True
+        last = aim.pose
+        x, y, z, *q = path.at(aim.way if aim.way <= path.length else 2 * path.length - aim.way)
+        aim.pose = (x, y, z, q[0], q[1], q[2], q[3])
+        aim.velocity = ((x - last[0]) / dt, (y - last[1]) / dt, (z - last[2]) / dt)
+        aim.acceleration = _ZERO
+        wx, wy, wz = error(aim.pose[3:], last[3:])
+        aim.spin = (wx / dt, wy / dt, wz / dt)
+        if stops[int(aim.stop)] - aim.way > 1e-6:
+            return False
+        aim.stop += 1.0
+        aim.pace = 0.0
+        if int(aim.stop) == len(stops):
+            return True
+        if abs(aim.way - path.length) > 1e-6:  # at the far end one just turns round
+            aim.paused = t + step.pause
+        return False
+
+    def _curve(self, step: Follow) -> tuple[ArcPath, list[float]]:
+        """The step's curve and its stops, m; made once, again after a world was restored."""
+        key = (self.aim.step, *self.aim.start)
+        if self._path is None or self._path[0] != key:
+            start = self.aim.start
+            if step.along is not None:
+                points = self._sites(step.along)
+            elif step.points is not None:
+                points = np.array(step.points)
+            elif step.file is not None:
+                points = read_path(step.file)
+            else:
+                points = circle(start[:3], cast(float, step.circle))
+            path = ArcPath(points, start[3:], turning=step.turning)
+            stops = [share * path.length for share in step.pauses] + [path.length]
+            if step.back:
+                stops += [2 * path.length - s for s in reversed(stops[:-1])] + [2 * path.length]
+            self._path = key, path, stops
+        return self._path[1], self._path[2]
+
+    def _push(self, step: Insert | Withdraw, dt: float, since: float, seen: Pose) -> bool:
+        aim, d = self.aim, step.direction
+        a = aim.start
+        deep = sum((seen[i] - a[i]) * d[i] for i in range(3))
+        way = min(aim.way + step.speed * dt, deep + 1.5 * step.force / self._stiffness)
+        way = max(way, aim.way - step.speed * dt)
+        way = min(way, step.depth + 0.5 * step.force / self._stiffness)
+        pace = (way - aim.way) / dt
+        aim.way = way
+        aim.pose = (a[0] + way * d[0], a[1] + way * d[1], a[2] + way * d[2], *a[3:])
+        aim.velocity = (pace * d[0], pace * d[1], pace * d[2])
+        aim.acceleration = aim.spin = _ZERO
+        if deep >= step.depth or self._late(since > step.depth / step.speed + step.patience):
+            end = min(max(deep, 0.0), step.depth)
+            aim.pose = (a[0] + end * d[0], a[1] + end * d[1], a[2] + end * d[2], *a[3:])
+            return True
+        return False
+
+    def _go_along(self, dt: float, felt: Pose) -> None:
+        aim, k = self.aim, min(dt / _EASE, 1.0)
+        x, y, z, *q = aim.pose
+        wx, wy, wz = error(felt[3:], (q[0], q[1], q[2], q[3]))
+        q = list(normalised(product(exp(k * wx, k * wy, k * wz), (q[0], q[1], q[2], q[3]))))
+        aim.pose = (x + k * (felt[0] - x), y + k * (felt[1] - y), z + k * (felt[2] - z), q[0], q[1], q[2], q[3])
+
+    def _late(self, over: bool) -> bool:
+        self.aim.missed += over
+        return over
+
+    def _rest(self) -> None:
+        self.aim.velocity = self.aim.acceleration = self.aim.spin = _ZERO
+
+
+def buttons(plan: Plan) -> tuple[str, ...]:
+    """Names of the buttons that a plan presses, each once."""
+    return tuple(dict.fromkeys(step.button for step in plan if isinstance(step, Press)))
+
+
+def _apart(a: Pose, b: Pose) -> float:
+    return sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
+
+
+def _angle(a: Pose, b: Pose) -> float:
+    x, y, z = error(a[3:], b[3:])
+    return sqrt(x * x + y * y + z * z)

@@ -1,0 +1,75 @@
+"""What a simulated person sees of the tool: late, within a bandwidth, and what is corrected by it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import exp, pi
+
+from runtime.contracts.rotation import Vector
+from sim.parts.person.path import Pose
+
+_REACH = 0.25  # m and rad that sight may correct at most
+_POSE, _ERROR = 7, 6
+
+Error = tuple[float, ...]
+"""(6,) m and rad: where the tool is meant to be, less where it is."""
+
+
+class Sight:
+    """Remembers the tool's pose and error until they are seen, and builds up the correction."""
+
+    def __init__(self, delay: float, bandwidth: float, correction: tuple[float, float], dt: float) -> None:
+        """Args:
+        delay: s.
+        bandwidth: Hz.
+        correction: share of the seen error corrected at once, and share a second.
+        dt: s between two instants.
+        """
+        self._dt, self._correction = dt, correction
+        self._slow = 1.0 - exp(-dt * 2 * pi * bandwidth)
+        self._rows: list[tuple[float, ...]] = [(0.0,) * (_POSE + _ERROR)] * max(1, round(delay / dt))  # a ring
+        self._filtered: tuple[float, ...] = (0.0,) * (2 * _ERROR)  # the seen error: two stages
+        self._shift: Error = (0.0,) * _ERROR  # the correction that has built up
+
+    def begin(self, tool: Pose) -> None:
+        """Nothing was wrong before."""
+        self._rows = [(*tool, *(0.0,) * _ERROR)] * len(self._rows)
+
+    def seen(self, number: int) -> tuple[Pose, Error]:
+        """The tool and its error as they were, at instant `number`."""
+        row = self._rows[number % len(self._rows)]
+        return row[:_POSE], row[_POSE:]  # type: ignore[return-value]
+
+    def take(self, number: int, tool: Pose, error: Error) -> None:
+        """What is so at instant `number`; call `seen` first."""
+        self._rows[number % len(self._rows)] = (*tool, *error)
+
+    def correction(self, off: Error, along: Vector | None) -> Error:
+        """m and rad (6,) that the hand is moved on by, from the error that was seen.
+
+        Args:
+            along: a direction in which the person pushes, and corrects nothing.
+        """
+        if along is not None:
+            way = off[0] * along[0] + off[1] * along[1] + off[2] * along[2]
+            off = (off[0] - way * along[0], off[1] - way * along[1], off[2] - way * along[2], *off[3:])
+        k, (at_once, by_time) = self._slow, self._correction
+        slow, shift, out = list(self._filtered), list(self._shift), []
+        for i in range(_ERROR):
+            slow[i] += k * (off[i] - slow[i])
+            slow[_ERROR + i] += k * (slow[i] - slow[_ERROR + i])
+            late = slow[_ERROR + i] if i < 3 else slow[_ERROR + i] / 3
+            shift[i] = min(max(shift[i] + by_time * self._dt * late, -_REACH), _REACH)
+            out.append(at_once * late + shift[i])
+        self._filtered, self._shift = tuple(slow), tuple(shift)
+        return tuple(out)
+
+    def save(self) -> list[float]:
+        """Its state."""
+        return [*self._filtered, *self._shift, *(value for row in self._rows for value in row)]
+
+    def restore(self, values: Iterator[float]) -> None:
+        """Puts back what `save` gave."""
+        self._filtered = tuple(next(values) for _ in self._filtered)
+        self._shift = tuple(next(values) for _ in self._shift)
+        self._rows = [tuple(next(values) for _ in row) for row in self._rows]

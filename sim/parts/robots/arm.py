@@ -1,0 +1,351 @@
+"""An arm with its drives: torque with gravity compensation, velocity loop, position servo, brakes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, Final, Literal, cast, get_args
+from xml.etree.ElementTree import Element
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+from pydantic import BaseModel, ConfigDict, Field
+
+from runtime.contracts.errors import WiringError
+from runtime.contracts.signals import Array, Signal
+from runtime.control.robots import Payload, RobotDescription
+from runtime.control.robots.pinocchio_model import pinocchio_model
+from sim.world.mjcf import add
+from sim.world.part import Mjcf, Part, PartConfig
+from sim.world.robot_mjcf import SPECK, add_arm
+
+Mode = Literal["brake", "torque", "velocity", "position"]
+_MODES: Final[tuple[Mode, ...]] = get_args(Mode)
+_NONE: Final = np.zeros(3)
+_EXTERNAL: Final = np.array(
+    [  # by mjtConstraint: what acts from outside, so neither end stops nor the joints' own friction
+        kind in {mujoco.mjtConstraint.mjCNSTR_EQUALITY, mujoco.mjtConstraint.mjCNSTR_CONTACT_FRICTIONLESS}
+        or kind in {mujoco.mjtConstraint.mjCNSTR_CONTACT_PYRAMIDAL, mujoco.mjtConstraint.mjCNSTR_CONTACT_ELLIPTIC}
+        for kind in range(8)
+    ]
+)
+
+
+class PayloadConfig(BaseModel):
+    """What the arm's controller is told to be mounted at the flange."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    mass: float = Field(default=0.0, ge=0, description="kg")
+    com: tuple[float, float, float] = Field(default=(0.0, 0.0, 0.0), description="m, centre of mass, flange frame")
+
+
+class ArmConfig(PartConfig):
+    """Options of an arm."""
+
+    home: tuple[float, ...] | None = Field(default=None, description="rad, at the start; null: the robot's own")
+    told_payload: PayloadConfig = Field(
+        default=PayloadConfig(), description="what gravity compensation reckons with besides the arm"
+    )
+    damping: float = Field(default=0.1, ge=0, description="N m s/rad of each joint")
+    friction: float = Field(
+        default=0.0, ge=0, le=1, description="share of the joints' dry friction that the robot doesn't compensate"
+    )
+    drives: float = Field(
+        default=1.0, gt=0, le=100, description="stiffness in velocity and position mode, times the robot's own"
+    )
+
+
+class ArmPart(Part):
+    """A serial arm. Its frames are those of the robot's description.
+
+    Drives give at most the joint's greatest torque, gravity compensation included. In velocity and position mode
+    they are springs and dampers of finite stiffness about a reference; the velocity loop's reference runs on with
+    the commanded velocity, but no further ahead than the greatest torque stretches the spring. Brakes are such a
+    spring that slips at the greatest torque.
+
+    Attributes:
+        robot: its description.
+        n: number of joints.
+        labels: their names.
+        home: (n,) rad, where it stands at the start.
+        mode: the drives' present mode.
+        told: the payload that gravity compensation reckons with.
+    """
+
+    Config: ClassVar[type[PartConfig]] = ArmConfig
+    robot: ClassVar[RobotDescription]
+
+    def __init__(self, name: str, config: PartConfig, seed: int) -> None:
+        super().__init__(name, config, seed)
+        self._config = config = cast(ArmConfig, config)
+        self.n, self.labels = n, labels = self.robot.n, self.robot.labels
+        self.home = np.array(self.robot.home if config.home is None else config.home, dtype=float)
+        if self.home.shape != (n,) or np.any(self.home < self.robot.q_lower) or np.any(self.home > self.robot.q_upper):
+            raise WiringError(
+                f"sim.parts.{name}.home",
+                f"{n} joint angles within the limits of {self.robot.name} are needed, got {self.home.tolist()}",
+                "Give them in rad, in the order " + ", ".join(labels),
+            )
+        self.truth = (
+            Signal(name=f"{name}_position", shape=(n,), unit="rad", labels=labels),
+            Signal(name=f"{name}_velocity", shape=(n,), unit="rad/s", labels=labels),
+            Signal(name=f"{name}_effort", shape=(n,), unit="N m", labels=labels),
+            Signal(name=f"{name}_external_effort", shape=(n,), unit="N m", labels=labels),
+            Signal(name=f"{name}_flange", shape=(3,), unit="m"),
+            Signal(
+                name=f"{name}_links",
+                shape=(n + 2, 3),
+                unit="m",
+                labels=("base", *labels, "flange"),
+                visual="robot",
+                links=(tuple(range(n + 2)),),
+            ),
+        )
+        self.every = 1
+        self.mode: Mode = "brake"
+        self._gain = config.drives * np.array(self.robot.stiffness)
+        self._damping = 2 * np.sqrt(self._gain * self.robot.inertia)
+        self._lowest, self._greatest = -self.robot.tau_max, self.robot.tau_max
+        self._leash = self.robot.tau_max / self._gain
+        self._reference, self._rate = self.home.copy(), np.zeros(n)
+        self._scratch = np.zeros(n)
+        self._settled_at = self._measured_at = -1.0
+        self._measured = np.zeros(2 * n + 6)  # effort, external effort, flange wrench
+
+    # -- construction
+
+    def build(self, mjcf: Mjcf, parent: Element) -> None:
+        config, name = self._config, self.name
+        flange = add_arm(mjcf, parent, self.robot, name, config.damping, config.friction, **self.at())
+        add(flange, "site", name=f"{name}/flange", size=0.005)
+        for kind in ("force", "torque"):
+            add(mjcf.sensor, kind, name=f"{name}/{kind}", site=f"{name}/flange")
+        # MuJoCo lifts a body by a multiple of its weight; so a speck can lift the payload the robot was told of.
+        speck = add(flange, "body", name=f"{name}/told_payload", gravcomp=1)
+        add(speck, "inertial", pos=(0, 0, 0), mass=SPECK, diaginertia=(SPECK, SPECK, SPECK))
+
+    def bind(self, model: Any, data: Any) -> None:
+        self._model, self._data = model, data
+        first = model.joint(f"{self.name}/{self.labels[0]}")
+        angles = slice(int(first.qposadr[0]), int(first.qposadr[0]) + self.n)
+        self._dofs = dofs = slice(int(first.dofadr[0]), int(first.dofadr[0]) + self.n)
+        drive = int(model.actuator(f"{self.name}/{self.labels[0]}").id)
+        drives = slice(drive, drive + self.n)
+        self._q, self._dq, self._ctrl = data.qpos[angles], data.qvel[dofs], data.ctrl[drives]
+        self._bias, self._drive_effort = model.actuator_biasprm[drives], data.qfrc_actuator[dofs]
+        self._held, self._range = data.qfrc_gravcomp[dofs], model.actuator_forcerange[drives]
+        self._base = int(model.body(f"{self.name}/base").id)
+        chain = ("base", *self.labels, "flange")
+        self._chain = np.array([int(model.body(f"{self.name}/{name}").id) for name in chain])
+        self._flange = int(model.body(f"{self.name}/flange").id)
+        self._speck = int(model.body(f"{self.name}/told_payload").id)
+        sensor = int(model.sensor(f"{self.name}/force").adr[0])
+        self._sensor = data.sensordata[sensor : sensor + 6]
+        self._q[:] = self.home
+        self._timestep = float(model.opt.timestep)
+        self._gravity = np.array(model.opt.gravity)
+        told = self._config.told_payload
+        self.tell_payload(told.mass, told.com)
+        self._engage()
+
+    def drive(self, step: int) -> None:
+        # A drive at its limit has no damping left; MuJoCo must know which one is, gravity compensation included.
+        np.subtract(self._lowest, self._held, out=self._range[:, 0])
+        np.subtract(self._greatest, self._held, out=self._range[:, 1])
+        if self.mode in ("velocity", "brake"):
+            reference, scratch = self._reference, self._scratch
+            np.multiply(self._rate, self._timestep, out=scratch)
+            reference += scratch
+            np.subtract(reference, self._q, out=scratch)
+            np.maximum(scratch, -self._leash, out=scratch)
+            np.minimum(scratch, self._leash, out=scratch)
+            np.add(self._q, scratch, out=reference)
+            self._aim()
+
+    # -- commands
+
+    def command(self, mode: Mode, values: Array | None = None, rates: Array | None = None) -> None:
+        """Tells the drives what to do from the next physics step on.
+
+        Args:
+            mode: "brake": locked; "torque": N m, on top of gravity compensation; "velocity": rad/s; "position": rad.
+            values: (n,); ignored for "brake".
+            rates: (n,) rad/s, how fast the target of "position" moves; without it the servo lags behind a target
+                that moves, as a servo does.
+        """
+        changed = mode != self.mode
+        self.mode = mode
+        if mode == "torque":
+            if changed:
+                self._engage()
+            self._ctrl[:] = values
+            return
+        if changed and mode != "position":
+            self._reference[:] = self._q
+        if mode == "position":
+            self._reference[:] = values
+            self._rate[:] = 0.0 if rates is None else rates
+        else:
+            self._rate[:] = 0.0 if mode == "brake" else values
+        if changed:
+            self._engage()
+        else:
+            self._aim()
+
+    def tell_payload(self, mass: float, com: tuple[float, float, float] | Array) -> None:
+        """Tells the arm's controller what is mounted: kg, and its centre of mass in the flange frame, m."""
+        x, y, z = (float(v) for v in com)
+        self.told = Payload(float(mass), (x, y, z))
+        self._model.body_gravcomp[self._speck] = mass / SPECK
+        self._model.body_ipos[self._speck] = x, y, z
+        self._known = pinocchio_model(self.robot, payload=self.told, rotors=True)
+        self._known_data = self._known.createData()
+
+    # -- state; all of the world's present instant, effort and wrench of the step that led to it
+
+    @property
+    def position(self) -> Array:
+        """(n,) rad."""
+        return cast(Array, self._q.copy())
+
+    @property
+    def velocity(self) -> Array:
+        """(n,) rad/s."""
+        return cast(Array, self._dq.copy())
+
+    @property
+    def effort(self) -> Array:
+        """(n,) N m, torque of the drives and brakes, gravity compensation included."""
+        return self._measure()[: self.n].copy()
+
+    @property
+    def external_effort(self) -> Array:
+        """(n,) N m that acts on the robot: contacts, applied forces, and the weight that it wasn't told of.
+
+        A tool's inertia isn't in it. A payload that is told but isn't there counts negative.
+        """
+        return self._measure()[self.n : 2 * self.n].copy()
+
+    def flange_wrench(self) -> Array:
+        """(6,) N, N m, what is mounted at the flange exerts on it, in the flange frame.
+
+        It contains the weight and the inertia of all that is mounted, and what touches that.
+        """
+        return self._measure()[2 * self.n :].copy()
+
+    def gravity(self) -> Array:
+        """(n,) N m that hold the arm and the told payload against gravity."""
+        self._settle()
+        self._known.gravity.linear = self._data.xmat[self._base].reshape(3, 3).T @ self._gravity
+        return np.array(pin.computeGeneralizedGravity(self._known, self._known_data, self._q))
+
+    def mass_matrix(self) -> Array:
+        """(n, n) kg m^2, of arm and rotors and all that is really mounted."""
+        self._settle()
+        mujoco.mj_crb(self._model, self._data)
+        if hasattr(mujoco, "mj_makeM"):
+            mujoco.mj_makeM(self._model, self._data)
+        unit, column, matrix = np.zeros(self._model.nv), np.zeros(self._model.nv), np.empty((self.n, self.n))
+        for i, dof in enumerate(range(self._dofs.start, self._dofs.stop)):
+            unit[dof] = 1.0
+            mujoco.mj_mulM(self._model, self._data, column, unit)
+            matrix[:, i] = column[self._dofs]
+            unit[dof] = 0.0
+        return matrix
+
+    def flange(self) -> tuple[Array, Array]:
+        """Rotation (3, 3) and origin (3,), m, of the flange in the arm's base frame."""
+        self._settle()
+        data, base = self._data, self._data.xmat[self._base].reshape(3, 3)
+        turn = base.T @ data.xmat[self._flange].reshape(3, 3)
+        return turn, base.T @ (data.xpos[self._flange] - data.xpos[self._base])
+
+    def jacobian(self) -> Array:
+        """(6, n): flange twist v, w in the base frame for joint velocities."""
+        self._settle()
+        full = np.zeros((6, self._model.nv))
+        mujoco.mj_jacBody(self._model, self._data, full[:3], full[3:], self._flange)
+        base, own = self._data.xmat[self._base].reshape(3, 3).T, full[:, self._dofs]
+        return np.concatenate([base @ own[:3], base @ own[3:]])
+
+    def flange_twist(self) -> Array:
+        """(6,) m/s, rad/s, velocity of the flange's origin and its turning, relative to the base and in its frame."""
+        return cast(Array, self.jacobian() @ self._dq)
+
+    def fill(self, truth: Mapping[str, Array]) -> None:
+        name, measured, n = self.name, self._measure(), self.n
+        truth[f"{name}_position"][:] = self._q
+        truth[f"{name}_velocity"][:] = self._dq
+        truth[f"{name}_effort"][:] = measured[:n]
+        truth[f"{name}_external_effort"][:] = measured[n : 2 * n]
+        truth[f"{name}_flange"][:] = self._data.xpos[self._flange]
+        truth[f"{name}_links"][:] = self._data.xpos[self._chain]
+
+    def save(self) -> Array:
+        told = (self.told.mass, *self.told.com)
+        head = np.array([float(_MODES.index(self.mode)), *told])
+        return np.concatenate([head, self._reference, self._rate, self._measure()])
+
+    def restore(self, state: Array) -> None:
+        n = self.n
+        head, reference, rate, measured = np.split(state, [5, 5 + n, 5 + 2 * n])
+        self.mode = _MODES[int(head[0])]
+        self.tell_payload(float(head[1]), head[2:])
+        self._reference[:], self._rate[:], self._measured[:] = reference, rate, measured
+        self._measured_at, self._settled_at = float(self._data.time), -1.0
+        asked = self._ctrl.copy()
+        self._engage()
+        self._ctrl[:] = asked
+
+    # -- inside
+
+    def _engage(self) -> None:
+        """Gives the drives the gains of their mode."""
+        if self.mode == "torque":
+            self._bias[:, 1:3] = 0.0
+            self._ctrl[:] = 0.0
+        else:
+            self._bias[:, 1], self._bias[:, 2] = -self._gain, -self._damping
+            self._aim()
+
+    def _aim(self) -> None:
+        np.multiply(self._damping, self._rate, out=self._ctrl)
+        np.multiply(self._gain, self._reference, out=self._scratch)
+        self._ctrl += self._scratch
+
+    def _settle(self) -> None:
+        """A step leaves bodies one step behind the joints."""
+        if self._settled_at != self._data.time:
+            mujoco.mj_kinematics(self._model, self._data)
+            mujoco.mj_comPos(self._model, self._data)
+            self._settled_at = float(self._data.time)
+
+    def _measure(self) -> Array:
+        """(2 n + 6,) effort, external effort, flange wrench, once for each instant."""
+        if self._measured_at != self._data.time:
+            self._settle()
+            n, out = self.n, self._measured
+            out[:n] = self._drive_effort
+            out[n : 2 * n] = self._external()
+            np.negative(self._sensor, out=out[2 * n :])  # MuJoCo gives what the flange exerts on its load
+            self._measured_at = float(self._data.time)
+        return self._measured
+
+    def _external(self) -> Array:
+        model, data = self._model, self._data
+        total = data.qfrc_applied.copy()
+        if data.nefc and (data.ncon or data.ne):
+            forces = data.efc_force * _EXTERNAL[data.efc_type]
+            through = np.zeros(model.nv)
+            mujoco.mj_mulJacTVec(model, data, through, forces)
+            total += through
+        for body in np.flatnonzero(data.xfrc_applied.any(axis=1)).tolist():
+            wrench = data.xfrc_applied[body]
+            mujoco.mj_applyFT(model, data, wrench[:3], wrench[3:], data.xipos[body], body, total)
+        mounted = float(model.body_subtreemass[self._flange])
+        if mounted > 3 * SPECK or self.told.mass:
+            weight, told = mounted * self._gravity, -self.told.mass * self._gravity
+            mujoco.mj_applyFT(model, data, weight, _NONE, data.subtree_com[self._flange], self._flange, total)
+            mujoco.mj_applyFT(model, data, told, _NONE, data.xipos[self._speck], self._flange, total)
+        return cast(Array, total[self._dofs])

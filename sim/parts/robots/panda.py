@@ -1,0 +1,30 @@
+"""The cell's part `panda`."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal, cast
+
+from pydantic import Field
+
+from runtime.control.robots import FR3, PANDA
+from sim.parts.robots.arm import ArmConfig, ArmPart
+from sim.world.part import PartConfig
+
+
+class PandaConfig(ArmConfig):
+    """Options of a Panda."""
+
+    robot: Literal["panda", "fr3"] = Field(default="panda", description="which of Franka's arms: limits differ")
+
+
+class PandaPart(ArmPart):
+    """Franka's arm without its hand; link parameters reproduce torques, not the distribution of mass."""
+
+    Config: ClassVar[type[PartConfig]] = PandaConfig
+    summary = "Franka Emika Panda or FR3, seven joints, 3 kg"
+    robot = PANDA
+
+    def __init__(self, name: str, config: PartConfig, seed: int) -> None:
+        if cast(PandaConfig, config).robot == "fr3":
+            self.robot = FR3  # type: ignore[misc]  # this one's own
+        super().__init__(name, config, seed)

@@ -1,0 +1,44 @@
+"""Round holes of boxes: MuJoCo's shapes are convex."""
+
+from __future__ import annotations
+
+from math import cos, pi, sin, tan
+from xml.etree.ElementTree import Element
+
+from sim.parts.things.touch import FIXTURE_CONTACT
+from sim.world.mjcf import add
+
+PIECES = 16
+
+
+def add_rim(
+    body: Element,
+    name: str,
+    centre: tuple[float, float, float],
+    radius: float,
+    outer: float,
+    height: float,
+    lean: float = 0.0,
+) -> None:
+    """A ring of boxes about a hole along z. Inside it is a regular polygon about the circle of `radius`.
+
+    Args:
+        centre: m, of the hole, at half the height.
+        radius, outer: m, of the hole, and of the boxes' outer faces.
+        height: m, along z.
+        lean: rad, by which the inner faces open upward (a chamfer); they are `radius` away at the lower edge.
+    """
+    half = (outer - radius) / 2
+    width = outer * tan(pi / PIECES)
+    for k in range(PIECES):
+        angle = 2 * pi * k / PIECES
+        # Leaning about its lower inner edge, which stays where it is.
+        out = radius + half * cos(lean) + height / 2 * sin(lean)
+        up = -height / 2 - half * sin(lean) + height / 2 * cos(lean)
+        c, s, cl, sl = cos(angle), sin(angle), cos(lean), sin(lean)
+        add(
+            body, "geom", name=f"{name}_{k}", type="box", size=(half, width, height / 2),
+            pos=(centre[0] + out * c, centre[1] + out * s, centre[2] + up),
+            xyaxes=(cl * c, cl * s, -sl, -s, c, 0.0),
+            mass=0, rgba="0.6 0.6 0.62 1", **FIXTURE_CONTACT,
+        )  # fmt: skip

@@ -1,0 +1,239 @@
+"""The world `cell`: a scene composed of parts, as the profile lists them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from fractions import Fraction
+from itertools import accumulate
+from typing import Annotated, Any, Final, TypeVar
+from xml.etree.ElementTree import Element, SubElement, tostring
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, PlainValidator
+
+from runtime.contracts import registry
+from runtime.contracts.errors import WiringError, nearest
+from runtime.contracts.signals import Array
+from runtime.contracts.world import World, WorldConfig
+from sim.world.mjcf import add
+from sim.world.part import Mjcf, Part, PartConfig
+from sim.world.samples import Samples
+
+P = TypeVar("P", bound=Part)
+_STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
+
+
+def _part_entry(entry: Any) -> tuple[type[Part], PartConfig]:
+    """`{part: KIND, ...}` as the part's class and its checked options."""
+    if not isinstance(entry, Mapping) or not isinstance(entry.get("part"), str):
+        raise ValueError(f"needs 'part: KIND'; kinds: {', '.join(registry.names('parts'))}")
+    cls: type[Part] = registry.load("parts", entry["part"], "sim.parts")
+    return cls, cls.Config.model_validate({key: value for key, value in entry.items() if key != "part"})
+
+
+class CellConfig(WorldConfig):
+    """Options of the world."""
+
+    timestep: float = Field(default=0.001, ge=1e-5, le=0.005, description="s, of the physics; a whole number of ns")
+    gravity: tuple[float, float, float] = Field(default=(0.0, 0.0, -9.81), description="m/s^2")
+    floor: bool = Field(default=False, description="a floor at z = 0 that parts touch")
+    duration: float | None = Field(default=None, gt=0, description="s until the run ends by itself")
+    ends_with: str | None = Field(default=None, description="a person: the run ends when the plan does")
+    parts: dict[str, Annotated[Any, PlainValidator(_part_entry)]] = Field(min_length=1)
+
+
+class Cell(World):
+    """Steps MuJoCo; calls parts before their steps and takes sensors' samples at their instants.
+
+    Attributes:
+        parts: by name, in the profile's order.
+        model, data: MuJoCo's; positions in `data` belong to the present step.
+        step: physics steps done.
+        timestep: ns of a physics step.
+    """
+
+    Config = CellConfig
+    summary = "a scene composed of parts: arms, a mobile base, hands, sensors, a person, things"
+
+    def __init__(self, config: CellConfig, seed: int) -> None:
+        super().__init__(config, seed)
+        self.duration = config.duration
+        self.parts: dict[str, Part] = {}
+        for name, (cls, options) in config.parts.items():
+            self.parts[name] = cls(name, options, seed)
+        self.model = mujoco.MjModel.from_xml_string(_document(config, self.parts))
+        self.data = mujoco.MjData(self.model)
+        self.timestep = round(config.timestep * 1e9)
+        self.step = 0
+        for part in self.parts.values():
+            part.bind(self.model, self.data)
+        mujoco.mj_forward(self.model, self.data)
+        self.scenery = _scenery(self.model, self.data)
+        self._planner = self._ending(config.ends_with)
+        self._driven = [part for part in self.parts.values() if part.every]
+        self._samples: list[Samples] = []
+        self.truth = tuple(signal for part in self.parts.values() for signal in part.truth)
+        self.bind({signal.name: np.zeros(signal.shape) for signal in self.truth})
+
+    def bind(self, truth: Mapping[str, Array]) -> None:
+        super().bind(truth)
+        for part in self.parts.values():
+            part.fill(truth)
+
+    def part(self, kind: type[P], device: str, named: str | None = None) -> P:
+        """The part that simulates a device: `named`, else the one called like it, else the only one of its kind.
+
+        Raises:
+            WiringError: there is none, or more than one.
+        """
+        place = f"sim.devices.{device}.part"
+        fitting = {name: part for name, part in self.parts.items() if isinstance(part, kind)}
+        if named is not None:
+            if named not in fitting:
+                raise WiringError(place, f"the cell has no {kind.__name__} called '{named}'", nearest(named, fitting))
+            return fitting[named]
+        if device in fitting:
+            return fitting[device]
+        if len(fitting) != 1:
+            found = f"{len(fitting)} of them ({', '.join(fitting)})" if fitting else "none"
+            raise WiringError(
+                place,
+                f"'{device}' needs one part of kind {kind.__name__}, the cell has {found}",
+                "Name one with 'part:'" if fitting else "Add one under sim.parts",
+            )
+        return next(iter(fitting.values()))
+
+    def sample(self, rate: Fraction, take: Callable[[], Array], size: int) -> Samples:
+        """Samples a sensor from now on at multiples of 1 / rate; the values are kept for a second.
+
+        Args:
+            rate: Hz.
+            take: gives the true values now, (size,).
+            size: values in a sample.
+        """
+        samples = Samples(rate, take, size)
+        while samples.taken_at(samples.taken + 1) < self.time:
+            samples.taken += 1
+        self._samples.append(samples)
+        self._take()
+        return samples
+
+    def advance(self, until: int) -> None:
+        goal, timestep = until // self.timestep, self.timestep
+        while self.step < goal:
+            step = self.step
+            stop = goal
+            for part in self._driven:
+                if step % part.every == 0:
+                    part.drive(step)
+                stop = min(stop, step - step % part.every + part.every)
+            for samples in self._samples:
+                stop = min(stop, max(-(-samples.due // timestep), step + 1))
+            mujoco.mj_step(self.model, self.data, stop - step)
+            self.step = stop
+            self._take()
+        self.time = max(self.time, until)
+        self._settle()
+        for part in self.parts.values():
+            part.fill(self.truth_arrays)
+        if self._planner is not None:
+            self.finished = self._planner.done
+
+    def _ending(self, name: str | None) -> Any:
+        """The part whose plan's end is the run's."""
+        if name is None:
+            return None
+        planners = {key: part for key, part in self.parts.items() if hasattr(part, "done")}
+        if name not in planners:
+            raise WiringError("sim.ends_with", f"there is no person '{name}'", nearest(name, planners))
+        return planners[name]
+
+    def save(self) -> NDArray[np.float64]:
+        physics = np.empty(mujoco.mj_stateSize(self.model, _STATE))
+        mujoco.mj_getState(self.model, self.data, physics, _STATE)
+        truth = [self.truth_arrays[signal.name].ravel() for signal in self.truth]
+        head = np.array([float(self.time), float(self.step)])
+        own = [part.save() for part in self.parts.values()] + [samples.save() for samples in self._samples]
+        return np.concatenate([head, physics, *truth, *own])
+
+    def restore(self, state: NDArray[np.float64]) -> None:
+        keepers: list[Any] = [*self.parts.values(), *self._samples]
+        sizes = [2, mujoco.mj_stateSize(self.model, _STATE), *(s.size for s in self.truth)]
+        sizes += [keeper.save().size for keeper in keepers]
+        head, physics, *rest = np.split(state, list(accumulate(sizes))[:-1])
+        self.time, self.step = int(head[0]), int(head[1])
+        mujoco.mj_setState(self.model, self.data, physics, _STATE)
+        mujoco.mj_forward(self.model, self.data)
+        mujoco.mj_setState(self.model, self.data, physics, _STATE)  # forward has changed the solver's warm start
+        for signal, values in zip(self.truth, rest, strict=False):
+            self.truth_arrays[signal.name][...] = values.reshape(signal.shape)
+        # Last: forces of the step before the state can't be found again, so parts bring back theirs.
+        for keeper, values in zip(keepers, rest[len(self.truth) :], strict=True):
+            keeper.restore(values)
+
+    def _take(self) -> None:
+        now = self.step * self.timestep
+        settled = False
+        for samples in self._samples:
+            if samples.due > now:
+                continue
+            if not settled:
+                self._settle()
+                settled = True
+            while samples.due <= now:
+                samples.take()
+
+    def _settle(self) -> None:
+        """A step leaves positions of bodies and sites one step behind the joints."""
+        mujoco.mj_kinematics(self.model, self.data)
+
+
+def _scenery(model: Any, data: Any) -> list[dict[str, Any]]:
+    """The geoms of bodies that nothing moves, without planes."""
+    kinds = {mujoco.mjtGeom.mjGEOM_BOX: "box", mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder",
+             mujoco.mjtGeom.mjGEOM_CAPSULE: "capsule", mujoco.mjtGeom.mjGEOM_SPHERE: "sphere"}  # fmt: skip
+    found = []
+    for geom in range(model.ngeom):
+        kind = kinds.get(int(model.geom_type[geom]))
+        if kind is None or model.body_weldid[model.geom_bodyid[geom]] != 0:
+            continue
+        turn = np.zeros(4)
+        mujoco.mju_mat2Quat(turn, data.geom_xmat[geom])
+        values = {"size": model.geom_size[geom], "position": data.geom_xpos[geom], "quaternion": turn}
+        found.append(
+            {"kind": kind, "colour": model.geom_rgba[geom].tolist()} | {k: v.tolist() for k, v in values.items()}
+        )
+    return found
+
+
+def _document(config: CellConfig, parts: dict[str, Part]) -> str:
+    mjcf = Mjcf()
+    root = Element("mujoco", model="cell")
+    add(root, "compiler", angle="radian", autolimits=True)
+    physics = {"integrator": "implicitfast", "cone": "elliptic", "impratio": 10.0}  # a low ratio lets held things creep
+    add(root, "option", timestep=config.timestep, gravity=config.gravity, **physics)
+    size = SubElement(root, "visual")
+    add(size, "map", znear=0.01)
+    add(mjcf.worldbody, "light", pos="0 -1 3", dir="0 0.3 -1", directional=True)
+    if config.floor:
+        add(mjcf.worldbody, "geom", name="floor", type="plane", size=(10.0, 10.0, 0.1), rgba="0.8 0.8 0.8 1")
+    waiting = dict(parts)
+    while waiting:
+        ready = {
+            name: part for name, part in waiting.items() if part.config.on is None or part.config.on in mjcf.bodies
+        }
+        if not ready:
+            name, part = next(iter(waiting.items()))
+            raise WiringError(
+                f"sim.parts.{name}.on",
+                f"no body is called '{part.config.on}'",
+                nearest(part.config.on or "", mjcf.bodies),
+            )
+        for name, part in ready.items():
+            part.build(mjcf, mjcf.worldbody if part.config.on is None else mjcf.bodies[part.config.on])
+            del waiting[name]
+    sections = (mjcf.asset, mjcf.worldbody, mjcf.tendon, mjcf.equality, mjcf.contact, mjcf.actuator, mjcf.sensor)
+    root.extend(sections)
+    return tostring(root, encoding="unicode")

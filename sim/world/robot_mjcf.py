@@ -1,0 +1,98 @@
+"""MJCF of an arm from its description: bodies, joints, drives, touchable shapes, flange."""
+
+from __future__ import annotations
+
+from typing import Final
+from xml.etree.ElementTree import Element
+
+import mujoco
+import numpy as np
+
+from runtime.contracts.signals import Array
+from runtime.control.robots import Capsule, Inertial, RobotDescription
+from sim.world.mjcf import FINGER_BIT, HAND_BIT, OBJECT_BIT, add
+from sim.world.part import Mjcf
+
+ROBOT_BIT: Final = 8
+SPECK: Final = 1e-12  # kg and kg m^2, of a body that has none
+# Robots touch people and things, not each other nor themselves.
+ROBOT_CONTACT: Final = {"contype": ROBOT_BIT, "conaffinity": HAND_BIT | FINGER_BIT | OBJECT_BIT}
+
+
+def add_arm(
+    mjcf: Mjcf, parent: Element, robot: RobotDescription, name: str, damping: float, friction: float, **at: object
+) -> Element:
+    """Adds an arm; gives its body `<name>/flange`.
+
+    Bodies are `<name>/base`, `<name>/<joint>` and `<name>/flange`; joints and drives are `<name>/<joint>`. A drive
+    is a general actuator of gain 1 whose bias is the part's to set. Gravity of the arm's own links is compensated
+    by the drives, within the joint's greatest torque.
+
+    Args:
+        damping: N m s/rad of each joint.
+        friction: share of the joints' dry friction that is left.
+        at: attributes that place the base.
+    """
+    body = mjcf.body(parent, f"{name}/base", **at)
+    add_inertial(body, robot.base)
+    add_shape(body, robot.base_shape)
+    for i, joint in enumerate(robot.joints):
+        called, effort = f"{name}/{joint.name}", (-robot.tau_max[i], robot.tau_max[i])
+        body = add(body, "body", name=called, gravcomp=1, **placed(joint.placement))
+        add_inertial(body, joint.link)
+        add(
+            body,
+            "joint",
+            name=called,
+            axis=(0, 0, 1),
+            range=(robot.q_lower[i], robot.q_upper[i]),
+            armature=robot.rotor_inertia[i],
+            damping=damping,
+            frictionloss=friction * robot.friction[i],
+            actuatorgravcomp=True,
+            actuatorfrcrange=effort,
+        )
+        add_shape(body, joint.shape)
+        add(
+            mjcf.actuator,
+            "general",
+            name=called,
+            joint=called,
+            gainprm=1,
+            biastype="affine",
+            biasprm=(0, 0, 0),
+            forcerange=effort,
+        )
+    flange = mjcf.body(body, f"{name}/flange", **placed(robot.flange))
+    # Without any mass, MuJoCo would apply outer forces elsewhere than at the flange's origin.
+    add(flange, "inertial", pos=(0, 0, 0), mass=SPECK, diaginertia=(SPECK, SPECK, SPECK))
+    return flange
+
+
+def add_inertial(body: Element, inertial: Inertial) -> None:
+    """Mass, centre of mass and inertia in the body's frame."""
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertial.inertia.tolist()
+    add(body, "inertial", pos=inertial.com, mass=inertial.mass, fullinertia=(xx, yy, zz, xy, xz, yz))
+
+
+def add_shape(body: Element, shape: tuple[Capsule, ...]) -> None:
+    """Capsules without mass that can be touched."""
+    for capsule in shape:
+        ends = (*capsule.start, *capsule.end)
+        add(
+            body,
+            "geom",
+            type="capsule",
+            fromto=ends,
+            size=capsule.radius,
+            mass=0,
+            rgba="0.9 0.9 0.9 1",
+            **ROBOT_CONTACT,
+        )
+
+
+def placed(placement: Array) -> dict[str, object]:
+    """Attributes that place a body at (4, 4) in its parent."""
+    quaternion = np.zeros(4)
+    mujoco.mju_mat2Quat(quaternion, placement[:3, :3].ravel())
+    return {"pos": placement[:3, 3], "quat": quaternion}
