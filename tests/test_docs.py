@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers_run import call, environment
+from helpers.run import call, environment
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 

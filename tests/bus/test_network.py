@@ -7,7 +7,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from helpers_bus import Instance, sockets
+from helpers.bus import Instance, sockets
 
 from runtime.bus.client import Client, connect
 from runtime.contracts.errors import RequestError

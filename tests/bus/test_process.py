@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers_bus import JOINTS, Instance, Run, eventually, reach, sockets, spawn
+from helpers.bus import JOINTS, Instance, Run, eventually, reach, sockets, spawn
 
 from runtime.bus import session
 from runtime.bus.client import connect

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers_bus import layout
+from helpers.bus import layout
 
 from runtime.bus.requests import UNDERWAY, WAITING, Requests
 from runtime.bus.status import Counts

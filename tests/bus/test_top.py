@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from helpers_bus import Run, reach, spawn
+from helpers.bus import Run, reach, spawn
 
 from runtime.cli import top
 from runtime.contracts.errors import RequestError

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers_srl_twin import ROOT, TwinProcess
-from helpers_twin import bound, until
+from helpers.srl_twin import ROOT, TwinProcess
+from helpers.twin import bound, until
 
 from drivers.cyberglove import CyberGlove
 from drivers.firmata import Firmata

@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 import pytest
-from helpers_ft import Server, at_sensor, bound, cell, push, read, until
+from helpers.ft import Server, at_sensor, bound, cell, push, read, until
 
 from drivers.ati_netft import AtiNetFt
 from drivers.ati_netft.config import AtiNetFtConfig, address

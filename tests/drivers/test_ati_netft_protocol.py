@@ -3,7 +3,7 @@
 import struct
 
 import pytest
-from helpers_fuzz import fuzz, size_of
+from helpers.fuzz import fuzz, size_of
 from hypothesis import given
 from hypothesis import strategies as st
 

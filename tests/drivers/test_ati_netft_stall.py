@@ -3,8 +3,8 @@
 import time
 
 import pytest
-from helpers_ft import until
-from helpers_peer import Peer, bound, cycles
+from helpers.ft import until
+from helpers.peer import Peer, bound, cycles
 
 from drivers.ati_netft import AtiNetFt
 from drivers.ati_netft.config import AtiNetFtConfig

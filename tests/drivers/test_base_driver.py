@@ -8,8 +8,8 @@ import time
 from typing import Any
 
 import pytest
-from helpers_base import robot
-from helpers_zenoh import cycles
+from helpers.base import robot
+from helpers.zenoh import cycles
 from pydantic import ValidationError
 
 from drivers.base import BaseConfig, MobileBase

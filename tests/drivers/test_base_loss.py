@@ -8,8 +8,8 @@ import time
 from typing import Any
 
 import pytest
-from helpers_base import robot
-from helpers_zenoh import lost, reopened
+from helpers.base import robot
+from helpers.zenoh import lost, reopened
 
 from drivers.base import driver
 from runtime.contracts.errors import DeviceError

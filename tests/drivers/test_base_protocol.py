@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers_fuzz import fuzz, mutations, size_of
+from helpers.fuzz import fuzz, mutations, size_of
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -7,7 +7,7 @@ import time
 import can
 import numpy as np
 import pytest
-from helpers_ft import Server, at_sensor, bound, cell, push, read, until
+from helpers.ft import Server, at_sensor, bound, cell, push, read, until
 
 from drivers.can_ft import CanFt
 from drivers.can_ft.driver import CanFtConfig

@@ -1,7 +1,7 @@
 """The RFT's frames: the sheet's golden vectors, pairing, and a flood of garbage."""
 
 import pytest
-from helpers_fuzz import fuzz, size_of
+from helpers.fuzz import fuzz, size_of
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers_peer import bound, make
+from helpers.peer import bound, make
 
 from bench.devices import DEVICES
 from runtime.contracts import registry

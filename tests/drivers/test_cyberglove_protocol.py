@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from helpers_fuzz import fuzz, size_of
+from helpers.fuzz import fuzz, size_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers_dynamixel import BOTH, MS, THREE, TWO, Rig, make_twin, near, torque, truth
+from helpers.dynamixel import BOTH, MS, THREE, TWO, Rig, make_twin, near, torque, truth
 
 from runtime.contracts.errors import DeviceLostError
 

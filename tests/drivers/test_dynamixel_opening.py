@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers_dynamixel import THREE, Rig, config, make_twin
+from helpers.dynamixel import THREE, Rig, config, make_twin
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError

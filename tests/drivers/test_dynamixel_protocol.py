@@ -1,7 +1,7 @@
 """Both protocols on the wire: the sheet's golden vectors, and streams cut and damaged at will."""
 
 import pytest
-from helpers_fuzz import fuzz, size_of
+from helpers.fuzz import fuzz, size_of
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -184,7 +184,7 @@ def test_a_million_damaged_bytes(protocol, good):
 
 @pytest.mark.parametrize("cut", range(1, 20))
 def test_the_driver_s_filler_ends_any_packet_cut_short_without_harm(cut):
-    from helpers_dynamixel import config
+    from helpers.dynamixel import config
 
     from drivers.dynamixel.family import family
 

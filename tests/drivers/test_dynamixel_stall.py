@@ -4,9 +4,9 @@ import time
 
 import numpy as np
 import pytest
-from helpers_dynamixel import THREE, config
-from helpers_peer import Peer
-from helpers_twin import bound
+from helpers.dynamixel import THREE, config
+from helpers.peer import Peer
+from helpers.twin import bound
 
 from drivers.dynamixel import Dynamixel
 from drivers.dynamixel.config import DynamixelConfig

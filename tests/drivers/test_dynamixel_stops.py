@@ -4,8 +4,8 @@ import os
 
 import numpy as np
 import pytest
-from helpers_dynamixel import BOTH, TWO, Rig, config, make_twin, torque, truth
-from helpers_twin import bound
+from helpers.dynamixel import BOTH, TWO, Rig, config, make_twin, torque, truth
+from helpers.twin import bound
 
 from drivers.dynamixel import Dynamixel
 from runtime.contracts.errors import DeviceLostError

@@ -7,7 +7,7 @@ import socket
 from pathlib import Path
 
 import pytest
-from helpers_fuzz import fuzz, size_of
+from helpers.fuzz import fuzz, size_of
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers_firmata import firmata, servo
+from helpers.firmata import firmata, servo
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from pydantic import ValidationError

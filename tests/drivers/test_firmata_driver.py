@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 import pytest
-from helpers_firmata import BOOT, OLD, ScriptedBoard, firmata, servo
+from helpers.firmata import BOOT, OLD, ScriptedBoard, firmata, servo
 
 from drivers.firmata import identify
 from runtime.contracts.errors import DeviceError, DeviceLostError

@@ -3,8 +3,8 @@
 import pickle
 
 import pytest
-from helpers_firmata import BOOT, UNO
-from helpers_fuzz import fuzz, size_of
+from helpers.firmata import BOOT, UNO
+from helpers.fuzz import fuzz, size_of
 from hypothesis import given
 from hypothesis import strategies as st
 

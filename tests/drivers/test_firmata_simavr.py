@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers_firmata import firmata, servo
+from helpers.firmata import firmata, servo
 
 from drivers.firmata import protocol
 from runtime.contracts.errors import DeviceLostError

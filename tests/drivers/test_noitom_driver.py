@@ -6,8 +6,8 @@ import json
 
 import numpy as np
 import pytest
-from helpers_noitom import MS, PERIOD, START, Make, binary, numbers, opened, steady, text
-from helpers_shared import shared
+from helpers.noitom import MS, PERIOD, START, Make, binary, numbers, opened, steady, text
+from helpers.shared import shared
 from scipy.spatial.transform import Rotation
 
 from drivers.noitom.protocol import encode_binary

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers_noitom import MS, START, Make, Sender, binary, numbers, opened, steady, suit, text
-from helpers_twin import until
+from helpers.noitom import MS, START, Make, Sender, binary, numbers, opened, steady, suit, text
+from helpers.twin import until
 from pydantic import ValidationError
 
 from drivers.noitom import NoitomConfig

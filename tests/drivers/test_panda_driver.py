@@ -6,9 +6,9 @@ import time
 
 import numpy as np
 import pytest
-from helpers_fci import HOME, Robot
-from helpers_fci_pair import MS, VERSIONS, Pair
-from helpers_fuzz import mutations
+from helpers.fci import HOME, Robot
+from helpers.fci_pair import MS, VERSIONS, Pair
+from helpers.fuzz import mutations
 from pydantic import ValidationError
 
 from drivers.panda import Panda

@@ -3,7 +3,7 @@
 import time
 
 import pytest
-from helpers_fci_pair import MS, VERSIONS, Pair
+from helpers.fci_pair import MS, VERSIONS, Pair
 
 from drivers.panda import Panda
 from drivers.panda.config import PandaConfig

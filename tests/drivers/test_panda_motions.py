@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from helpers_fci import HOME
-from helpers_fci_pair import INTERFACES, VERSIONS, Pair
+from helpers.fci import HOME
+from helpers.fci_pair import INTERFACES, VERSIONS, Pair
 
 from drivers.panda.packets import Controller, Generator
 from drivers.panda.protocol import (

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers_run import call, summary
-from helpers_zenoh import Still, bound
+from helpers.run import call, summary
+from helpers.zenoh import Still, bound
 
 from drivers.replay import Replay, ReplayConfig, track
 from runtime.contracts.driver import Driver

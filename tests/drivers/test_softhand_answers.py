@@ -2,7 +2,7 @@
 
 import struct
 
-from helpers_ft import bound
+from helpers.ft import bound
 
 from drivers.softhand import SoftHand, protocol
 from drivers.softhand.config import SoftHandConfig

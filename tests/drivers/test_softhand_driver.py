@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 import pytest
-from helpers_ft import Server, bound, until
+from helpers.ft import Server, bound, until
 
 from drivers.softhand import SoftHand, protocol
 from drivers.softhand.config import SoftHandConfig

@@ -1,7 +1,7 @@
 """The qbrobotics protocol: the sheet's golden vectors, the parser, the parameter list."""
 
 import pytest
-from helpers_fuzz import fuzz, size_of
+from helpers.fuzz import fuzz, size_of
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -7,7 +7,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from helpers_ur import Rig, advance, make_fake, speed
+from helpers.ur import Rig, advance, make_fake, speed
 
 from drivers.ur import Ur, UrConfig, registers
 from drivers.ur.registers import ScriptState

@@ -4,7 +4,7 @@ import struct
 
 import numpy as np
 import pytest
-from helpers_ur import Rig, speed
+from helpers.ur import Rig, speed
 
 from drivers.ur import registers
 from drivers.ur.handshake import Handshake

@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 import pytest
-from helpers_peer import Peer, bound, cycles
+from helpers.peer import Peer, bound, cycles
 
 from drivers.ur import Ur, UrConfig
 from runtime.contracts.errors import DeviceError, DeviceLostError

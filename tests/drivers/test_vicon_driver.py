@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers_vicon_script import ARM, ARM_OPTIONS, MS, Server, frame, open_driver, pose, static, values
+from helpers.vicon_script import ARM, ARM_OPTIONS, MS, Server, frame, open_driver, pose, static, values
 
 from drivers.vicon import Vicon, blocks
 from drivers.vicon.protocol import Block

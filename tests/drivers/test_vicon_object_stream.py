@@ -9,7 +9,7 @@ import time
 
 import numpy as np
 import pytest
-from helpers_twin import bound, until
+from helpers.twin import bound, until
 
 from drivers.vicon import Vicon, object_stream, objects
 from drivers.vicon.objects import TrackedObject

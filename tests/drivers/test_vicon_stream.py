@@ -6,9 +6,9 @@ import struct
 
 import numpy as np
 import pytest
-from helpers_fuzz import fuzz
-from helpers_twin import until
-from helpers_vicon_script import (
+from helpers.fuzz import fuzz
+from helpers.twin import until
+from helpers.vicon_script import (
     ALL,
     ARM,
     ARM_OPTIONS,

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers_bus import JOINTS, Run, spawn
-from helpers_zenoh import bound, certificates, cycles, lost, reopened
+from helpers.bus import JOINTS, Run, spawn
+from helpers.zenoh import bound, certificates, cycles, lost, reopened
 
 from drivers.zenoh import Zenoh, ZenohConfig
 from runtime.contracts.errors import DeviceError

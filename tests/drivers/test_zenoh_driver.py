@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers_zenoh import Served, Still, bound, cycles, lost, reopened
+from helpers.zenoh import Served, Still, bound, cycles, lost, reopened
 from pydantic import ValidationError
 
 from drivers.zenoh import Zenoh, ZenohConfig, driver

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers_zenoh import bound, cycles, lost, reopened
+from helpers.zenoh import bound, cycles, lost, reopened
 
 from drivers.zenoh import Zenoh, ZenohConfig, driver
 from runtime.contracts.errors import DeviceError

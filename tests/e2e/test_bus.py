@@ -7,7 +7,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from helpers_run import Running, call
+from helpers.run import Running, call
 
 from runtime.bus.client import Client, connect
 from runtime.contracts.errors import RequestError

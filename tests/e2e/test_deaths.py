@@ -7,7 +7,7 @@ import signal
 import time
 from pathlib import Path
 
-from helpers_run import Running, alive, call
+from helpers.run import Running, alive, call
 
 from runtime.bus.client import connect
 from runtime.contracts.errors import RequestError

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from helpers_peer import Peer
-from helpers_run import Running
+from helpers.peer import Peer
+from helpers.run import Running
 from ruamel.yaml import YAML
 
 from runtime.bus.client import Client, connect

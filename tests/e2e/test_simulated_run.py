@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers_run import call, summary
+from helpers.run import call, summary
 
 from runtime.loop.replay import perturbed, replay
 from runtime.recording.reader import Recording, read

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers_run import call, summary
+from helpers.run import call, summary
 from ruamel.yaml import YAML
 
 from runtime.contracts.signals import Array

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers_run import Running, alive, call, environment, srl
+from helpers.run import Running, alive, call, environment, srl
 from scipy.spatial import cKDTree
 
 from runtime.ipc.layout import LINK_STALE, Cause, State

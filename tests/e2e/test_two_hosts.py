@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers_run import Running, environment, srl
-from helpers_zenoh import certificates
+from helpers.run import Running, environment, srl
+from helpers.zenoh import certificates
 
 from runtime.ipc.layout import LINK_STALE, Cause, State
 from runtime.ipc.run_folder import RunDir

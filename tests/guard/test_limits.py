@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers_guard import PLACE, guard_of
+from helpers.guard import PLACE, guard_of
 from pydantic import ValidationError
 
 from runtime.contracts.errors import WiringError

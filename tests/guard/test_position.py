@@ -4,7 +4,7 @@ from math import inf, nan, pi
 
 import numpy as np
 import pytest
-from helpers_guard import guard_of
+from helpers.guard import guard_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

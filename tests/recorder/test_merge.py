@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers_recording import make_layout, make_run
-from helpers_segments import expected, make_segments
+from helpers.recording import make_layout, make_run
+from helpers.segments import expected, make_segments
 
 from runtime.contracts.errors import RecordingError
 from runtime.recorder import merge as merging

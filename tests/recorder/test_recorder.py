@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
-from helpers_recording import make_layout, make_run, write_run
-from helpers_segments import expected, make_segments
+from helpers import environment
+from helpers.recording import make_layout, make_run, write_run
+from helpers.segments import expected, make_segments
 
 from runtime.contracts.errors import RecordingError
 from runtime.ipc.ring import RingReader
@@ -24,12 +25,10 @@ from runtime.recorder.process import Recorder, watch
 from runtime.recording.reader import read
 from runtime.recording.segments import folder_of
 
-HELPER = Path(__file__).parents[1] / "helpers_recording.py"
-
 
 def start_writer(folder: Path, rows: int, rate: float, extra: int = 40) -> subprocess.Popen[str]:
-    command = [sys.executable, str(HELPER), str(folder), str(rows), str(rate), str(extra)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    command = [sys.executable, "-m", "helpers.recording", str(folder), str(rows), str(rate), str(extra)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment())
     assert process.stdout is not None
     assert process.stdout.readline() == "ready\n"
     return process

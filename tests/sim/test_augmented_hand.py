@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers_sim import MS, world
+from helpers.sim import MS, world
 from pydantic import ValidationError
 
 from runtime.contracts.signals import Signal

@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
-from helpers_shared import shared
+from helpers.shared import shared
 from ruamel.yaml import YAML
 
 from sim.augmented_hand import AugmentedHandConfig, mjcf

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers_shared import shared
+from helpers.shared import shared
 
 from sim.wearer.forces import ForceRecording, Forces
 from studies.superman import recorded_forces as study

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from helpers_shared import shared
+from helpers.shared import shared
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal

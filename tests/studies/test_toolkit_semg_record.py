@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers_run import call
+from helpers.run import call
 
 from runtime.ipc.layout import Layout
 from runtime.recording.reader import Recording, read

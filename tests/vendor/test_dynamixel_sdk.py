@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers_dynamixel import make_twin
-from helpers_twin import Bench
+from helpers.dynamixel import make_twin
+from helpers.twin import Bench
 
 sdk = pytest.importorskip("dynamixel_sdk")
 

@@ -5,7 +5,7 @@ import os
 
 import numpy as np
 import pytest
-from helpers_ft import Server, at_sensor, cell, push
+from helpers.ft import Server, at_sensor, cell, push
 
 from drivers.ati_netft.config import AtiNetFtConfig
 from sim.devices.ati_netft.fake import FakeAtiNetFt, FakeAtiNetFtOptions

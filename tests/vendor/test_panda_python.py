@@ -5,9 +5,9 @@ from __future__ import annotations
 import importlib.util
 from typing import Any
 
-import helpers_panda
 import numpy as np
 import pytest
+from helpers import panda as helpers_panda
 
 from runtime.control.robots import PANDA
 

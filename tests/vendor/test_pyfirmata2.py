@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pyfirmata2
-from helpers_srl_twin import TwinProcess
+from helpers.srl_twin import TwinProcess
 
 from runtime.profile.profile import find
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import importlib.util
 from typing import Any
 
-import helpers_panda
 import numpy as np
 import pinocchio as pin
 import pytest
+from helpers import panda as helpers_panda
 
 from runtime.control.robots import FR3, Payload
 from runtime.control.robots.pinocchio_model import pinocchio_model

@@ -7,7 +7,7 @@ protocol sheet tells them, sent by an independent serial library.
 import numpy as np
 import pytest
 import serial
-from helpers_twin import Bench, StillWorld
+from helpers.twin import Bench, StillWorld
 
 from drivers.cyberglove.driver import CyberGloveConfig
 from sim.devices.cyberglove.fake import FakeCyberGlove, FakeCyberGloveConfig

@@ -8,7 +8,7 @@ import time
 
 import pytest
 import serial
-from helpers_ft import Server
+from helpers.ft import Server
 
 from drivers.softhand.config import SoftHandConfig
 from sim.devices.softhand.fake import FakeSoftHand, FakeSoftHandOptions

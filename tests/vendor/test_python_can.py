@@ -6,7 +6,7 @@ import struct
 import can
 import numpy as np
 import pytest
-from helpers_ft import Server, at_sensor, cell, push
+from helpers.ft import Server, at_sensor, cell, push
 
 from drivers.can_ft.driver import CanFtConfig
 from sim.devices.can_ft.fake import FakeCanFt, FakeCanFtOptions

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from helpers_peer import Peer
+from helpers.peer import Peer
 from scipy.spatial.transform import Rotation
 
 pv = pytest.importorskip("pyvicon_datastream", reason="pip install pyvicon-datastream (builds with a C++ compiler)")

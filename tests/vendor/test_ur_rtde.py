@@ -10,7 +10,7 @@ import sys
 import textwrap
 
 import pytest
-from helpers_srl_twin import TwinProcess
+from helpers.srl_twin import TwinProcess
 
 pytest.importorskip("rtde_receive", reason="ur-rtde isn't installed")
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers_base import robot
+from helpers.base import robot
 from rosbags.typesys import Stores, get_typestore
 
 sdk = pytest.importorskip("zenoh_ros2_sdk")

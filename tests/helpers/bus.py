@@ -1,0 +1,230 @@
+"""A run without devices: a layout, a ring with rows at a rate, and a loop that takes the mailbox's requests.
+
+`python -m helpers.bus RUNDIR RATE [JOINTS]` runs one until it is killed, to look at and to measure with.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from runtime.bus.client import Client, connect
+from runtime.contracts.errors import RequestError
+from runtime.ipc.events import Level, NotesWriter
+from runtime.ipc.layout import LINK_ACTIVE, LINK_CONNECTED, Board, Cause, Layout, State
+from runtime.ipc.requests import Answer, Ask, MailboxReader, MailboxWriter
+from runtime.ipc.ring import RingWriter
+from runtime.ipc.run_folder import RunDir
+
+JOINTS = ("thumb", "index-1", "index-2")
+
+
+def layout(name: str, rate: int, **bus: Any) -> Layout:
+    """Glove, finger, one of each kind of signal, one parameter, one setpoint."""
+    made = Layout(["glove", "finger", "client"])
+    made.add("glove.position", "state", (3,), "rad", labels=JOINTS)
+    made.add("glove.wrench", "state", (6,), "N", frame="wrist")
+    made.add("glove.pose", "state", (7,), "m", frame="world")
+    made.add("glove.twist", "state", (6,), "m/s", frame="world")
+    made.add("hand.tips", "internal", (5, 3), "m", frame="palm", visual="points")
+    made.add("finger.position_command", "command", (2,), "rad")
+    made.add("finger.position_command.applied", "applied", (2,), "rad")
+    made.add("object-mapping.pull", "parameter", (), "N")
+    made.add("client.force", "setpoint", (3,), "N")
+    made.meta = {
+        "name": name,
+        "rate": [rate, 1],
+        "wall": time.time_ns() - time.monotonic_ns(),
+        "devices": {"glove": {"driver": "cyberglove"}, "finger": {"driver": "firmata"}},
+        "controllers": [{"name": "object-mapping", "use": "object-mapping"}],
+        "emergency": ["panel.buttons[0]"],
+        "parameters": [
+            {
+                "name": "object-mapping.pull",
+                "lower": 0.0,
+                "upper": 5.0,
+                "unit": "N",
+                "text": "pull",
+                "default": 1.0,
+            }
+        ],
+        "setpoints": [{"name": "client.force", "max_age": 0.5}],
+        "bus": {"decimate": 10} | bus,
+    }
+    return made
+
+
+class Run(threading.Thread):
+    """The loop's outside: rows, and requests answered as the machine does.
+
+    Attributes:
+        setpoints: what was taken, with its expiry.
+        fault: a fault that is present, so that a reset is refused.
+        paused: no rows and no sign of life, as a dead loop.
+        started: requests that set in motion, by kind.
+    """
+
+    def __init__(self, rundir: RunDir, rate: int, **bus: Any) -> None:
+        super().__init__(daemon=True)
+        rundir.path.mkdir(parents=True, exist_ok=True)
+        self.rundir, self.rate = rundir, rate
+        self.layout = layout(rundir.path.name, rate, **bus)
+        self.layout.save(rundir.layout)
+        self.ring = RingWriter.create(rundir.rows, self.layout.width, 4096)
+        MailboxWriter.create(rundir.mail)
+        self.mail = MailboxReader(rundir.mail)
+        self.notes = NotesWriter(rundir.notes)
+        self.board = Board(self.layout)
+        self.state, self.cause, self.culprit = State.READY, Cause.NONE, -1
+        self.fault = False
+        self.paused = threading.Event()
+        self.setpoints: list[tuple[int, np.ndarray]] = []
+        self.taken: list[Ask] = []
+        self.ending = threading.Event()
+        self.board.views["object-mapping.pull"][()] = 1.0
+        self.notes.write(time.monotonic_ns(), Level.INFO, 0, "ready")
+
+    def run(self) -> None:
+        start, cycle, waiting = time.monotonic_ns(), 0, []
+        index, words, views = self.board.index, self.board.ints, self.board.views
+        while not self.ending.is_set():
+            if self.paused.is_set():
+                time.sleep(0.01)
+                continue
+            wake = time.monotonic_ns()
+            cycle += 1
+            words[index["cycle"]], words[index["now"]], words[index["wake"]] = cycle, wake, wake
+            for i, phase in enumerate(("read", "control", "guard", "write")):
+                words[index[phase]] = wake + (i + 1) * 20_000
+            words[index["log"]] = 3_000
+            for request in self.mail.take():
+                if request.kind is Ask.SETPOINT:
+                    self.setpoints.append((request.expires, request.values.copy()))
+                else:
+                    waiting.append(request)
+            words[index["request"]] = 0
+            if waiting:
+                request = waiting.pop(0)
+                self.taken.append(request.kind)
+                answer = self._answer(request.kind, request.values)
+                words[index["request"] : index["request_result"] + 1] = (
+                    request.id,
+                    request.kind,
+                    request.target,
+                    answer,
+                )
+            words[index["state"]], words[index["cause"]], words[index["culprit"]] = (
+                self.state,
+                self.cause,
+                self.culprit,
+            )
+            words[index["client.stamp"]], words[index["client.link"]] = -1, LINK_CONNECTED
+            for device in ("glove", "finger"):
+                words[index[f"{device}.stamp"]] = wake - 2_000_000
+                words[index[f"{device}.link"]] = LINK_CONNECTED | (LINK_ACTIVE if device == "finger" else 0)
+                words[index[f"{device}.frames"]] = cycle
+            views["glove.position"][:] = 0.1, 0.2, math.sin(cycle / self.rate)
+            views["glove.wrench"][:] = 1, 2, 3, 4, 5, 6
+            views["glove.pose"][:] = 1, 2, 3, 0.5, -0.5, 0.5, -0.5
+            views["hand.tips"][:] = np.arange(15).reshape(5, 3)
+            views["finger.position_command"][:] = math.sin(cycle / self.rate), 2.0
+            views["finger.position_command.applied"][:] = views["finger.position_command"] / 2
+            self.ring.append(self.board.words)
+            self.ring.touch(time.monotonic_ns())
+            rest = start + cycle * 1_000_000_000 // self.rate - time.monotonic_ns()
+            if rest > 0:
+                time.sleep(rest / 1e9)
+
+    def _answer(self, kind: Ask, values: np.ndarray) -> Answer:
+        if kind is Ask.STOP:
+            self.state, self.cause = State.STOPPED, Cause.REQUEST
+            return Answer.DONE
+        if kind is Ask.PARAMETER:
+            self.board.views["object-mapping.pull"][()] = values[0]
+            return Answer.DONE
+        if self.state is not (State.READY if kind is Ask.START else State.STOPPED):
+            return Answer.REFUSED_STATE
+        if self.fault:
+            self.cause, self.culprit = Cause.DEVICE_LOSS, 1
+            return Answer.REFUSED_FAULT
+        self.state, self.cause, self.culprit = State.ACTIVE, Cause.NONE, -1
+        return Answer.DONE
+
+    def end(self) -> None:
+        self.ending.set()
+        self.join()
+        self.ring.finish()
+
+
+def spawn(rundir: RunDir, **options: Any) -> subprocess.Popen[bytes]:
+    """The bus process, as the supervisor starts it."""
+    return subprocess.Popen([sys.executable, "-m", "runtime.bus", str(rundir.path)], **options)
+
+
+def reach(rundir: RunDir, timeout: float = 10.0) -> Client:
+    """A client, once the bus is there."""
+    until = time.monotonic() + timeout
+    while True:
+        try:
+            return connect(rundir, timeout=1.5)
+        except RequestError:
+            if time.monotonic() > until:
+                raise
+            time.sleep(0.01)
+
+
+class Instance:
+    """A run, its bus process and a client."""
+
+    def __init__(self, path: Path, rate: int = 200, **bus: Any) -> None:
+        self.rundir = RunDir(path)
+        self.run = Run(self.rundir, rate, **bus)
+        self.run.start()
+        self.process = spawn(self.rundir, stderr=subprocess.PIPE)
+        self.client = reach(self.rundir)
+
+    def close(self) -> None:
+        self.client.close()
+        self.run.end()
+        if self.process.poll() is None:
+            self.process.wait(10)
+        assert self.process.stderr is not None
+        self.process.stderr.close()
+
+
+def eventually(true: Callable[[], Any], timeout: float = 10.0) -> Any:
+    until = time.monotonic() + timeout
+    while not (found := true()):
+        assert time.monotonic() < until, "it never came true"
+        time.sleep(0.01)
+    return found
+
+
+def sockets(pid: int) -> set[str]:
+    """What a process listens on, by the kernel's own tables."""
+    links = [os.readlink(path) for path in Path(f"/proc/{pid}/fd").iterdir() if path.is_symlink()]
+    own = {link[8:-1] for link in links if link.startswith("socket:")}
+    found = set()
+    for table in ("tcp", "tcp6", "udp", "udp6"):
+        for line in Path(f"/proc/{pid}/net/{table}").read_text().splitlines()[1:]:
+            words = line.split()
+            if words[9] in own and (words[3] == "0A" or table.startswith("udp")):
+                found.add(f"{table} {words[1]}")
+    for line in Path(f"/proc/{pid}/net/unix").read_text().splitlines()[1:]:
+        words = line.split()
+        if words[6] in own and int(words[3], 16) & 0x10000:  # SO_ACCEPTCON: it listens
+            found.add(f"unix {words[7]}")
+    return found
+
+
+if __name__ == "__main__":
+    Run(RunDir(Path(sys.argv[1])), int(sys.argv[2])).run()

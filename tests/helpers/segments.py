@@ -1,0 +1,33 @@
+"""Recordings in segments, without the recorder's process."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from helpers.recording import make_rows
+from runtime.ipc.layout import Layout
+from runtime.recorder.stream import Stream
+from runtime.recording.framing import HEADER, strip
+from runtime.recording.segments import Segments
+
+
+def expected(layout: Layout, count: int) -> np.ndarray:
+    return np.concatenate([make_rows(layout, min(100, count + 1 - at), at) for at in range(1, count + 1, 100)])
+
+
+def make_segments(folder: Path, layout: Layout, count: int, batch: int = 250) -> None:
+    """Segments as the recorder writes them, without its process."""
+    layout.save(folder.parent / "layout.json")
+    stream = Stream((folder.parent / "layout.json").read_text())
+    binary = stream.recording.binary_stream()
+    stream.prologue(None)
+    head = binary.read()
+    segments = Segments(folder, head[:HEADER] + strip(head))
+    rows = expected(layout, count)
+    for at in range(0, count, batch):
+        part = rows[at : at + batch]
+        stream.rows(np.arange(at + 1, at + 1 + len(part)), part)
+        segments.write(strip(binary.read()))
+    segments.close()

@@ -1,0 +1,56 @@
+"""`srl twin` as a process of its own."""
+
+from __future__ import annotations
+
+import json
+import select
+import subprocess
+import sys
+from typing import Any, Self
+
+from helpers import ROOT
+
+
+class TwinProcess:
+    """Runs until the `with` ends; `figures` are there afterwards.
+
+    Attributes:
+        addresses: by device.
+        run: the arguments for `srl` that were printed.
+    """
+
+    def __init__(self, *arguments: str) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "runtime", "twin", *arguments, "--json"],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT,
+        )  # fmt: skip
+        first = self.line()
+        self.addresses: dict[str, str] = first["twins"]
+        self.run: list[str] = first["run"]
+        self.figures: dict[str, Any] = {}
+        self.said = ""
+
+    def line(self) -> dict[str, Any]:
+        """The next line it prints."""
+        assert self.process.stdout is not None
+        assert select.select([self.process.stdout], [], [], 60)[0], "srl twin is silent"
+        line = self.process.stdout.readline()
+        assert line, self.process.stderr.read() if self.process.stderr else ""
+        found: dict[str, Any] = json.loads(line)
+        return found
+
+    def control(self, text: str) -> dict[str, Any]:
+        """Sends one line and gives the answer."""
+        assert self.process.stdin is not None
+        self.process.stdin.write(text + "\n")
+        self.process.stdin.flush()
+        return self.line()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.process.terminate()
+        out, self.said = self.process.communicate(timeout=60)
+        if self.process.returncode == 0:
+            self.figures = json.loads(out.splitlines()[-1])["figures"]

@@ -1,0 +1,220 @@
+"""Single faults and requests against Cycle, Device and Loop, with a toy arm and no hardware."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.toy import SPEED, Bench, _load
+
+from runtime.contracts import registry
+from runtime.ipc.layout import Cause, State
+from runtime.loop import device as device_module
+from runtime.loop.replay import replay
+
+
+def test_a_stop_begins_in_the_cycle_of_its_fault(tmp_path: Path) -> None:
+    b = Bench(tmp_path)
+
+    def script(k: int) -> None:
+        b.hand.values["position"][:] = 1.5
+        if k == 50:
+            b.panel.values["buttons"][2] = 1
+
+    b.run(120, script)
+    state, sent = b.word("state"), np.array(b.arm.sent)[:, 0]
+    assert state[49] == State.ACTIVE
+    assert state[50] in (State.STOPPING, State.STOPPED)
+    assert abs(np.diff(sent)).max() <= SPEED * 0.01 * (1 + 1e-6)
+    assert np.ptp(sent[-20:]) == 0
+
+
+def test_a_driver_whose_write_fails_stops_the_limb(tmp_path: Path) -> None:
+    b = Bench(tmp_path)
+
+    def script(k: int) -> None:
+        if k == 50:
+            b.arm.defect = ValueError("a defect")
+
+    b.run(100, script)
+    assert b.states[-1][1] is Cause.DRIVER_ERROR
+
+
+def test_a_device_that_refuses_to_move_stops_the_limb_and_recovers_only_when_told(tmp_path: Path) -> None:
+    b = Bench(tmp_path)
+    sent_in_fault = 0
+
+    def script(k: int) -> None:
+        nonlocal sent_in_fault
+        if k == 30:
+            b.arm.health.fault = "protective stop"
+        if k == 31:
+            sent_in_fault = len(b.arm.sent)
+        if k == 60:
+            assert (b.arm.recoveries, len(b.arm.sent)) == (0, sent_in_fault)
+            b.ask("reset")
+        if k == 70:
+            assert b.arm.recoveries == 1
+            b.arm.health.fault = ""
+        if k == 80:
+            assert b.cycle.machine.state is State.STOPPED
+            assert len(b.arm.sent) == sent_in_fault
+            b.ask("reset")
+
+    b.run(100, script)
+    assert b.word("state")[30] in (State.STOPPING, State.STOPPED)
+    assert b.states[50] == (State.STOPPED, Cause.DEVICE_FAULT)
+    assert b.states[-1] == (State.ACTIVE, Cause.NONE)
+    assert b.arm.recoveries == 1
+    assert any("protective stop" in note for note in b.notes)
+    assert any("well again" in note for note in b.notes)
+
+
+def test_a_stop_that_overtakes_a_reset_leaves_it_refused(tmp_path: Path) -> None:
+    b = Bench(tmp_path)
+    b.run(80, _stop_then_both(b))
+    assert (b.word("state")[45:] == State.STOPPED)[:-1].all()
+
+
+def _stop_then_both(b: Bench) -> Callable[[int], None]:
+    def script(k: int) -> None:
+        if k == 20:
+            b.ask("stop")
+        if k == 50:
+            b.ask("reset")
+            b.ask("stop")
+
+    return script
+
+
+def test_a_device_that_came_back_gets_no_command_before_a_reset(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(device_module, "RETRY", 0.01)
+    b = Bench(tmp_path)
+    sent = []
+
+    def script(k: int) -> None:
+        if k == 50:
+            b.arm.gone = True
+        if k == 80:
+            b.arm.gone = False
+            sent.append(len(b.arm.sent))
+        if k == 90:
+            b.until_back(b.arm)
+
+    b.run(160, script)
+    assert any("is back" in note for note in b.notes)
+    assert len(b.arm.sent) == sent[0]
+
+
+def test_a_limp_device_whose_write_failed_once_can_be_reset(tmp_path: Path) -> None:
+    b = Bench(tmp_path, more="stop: {arm: limp}")
+
+    def script(k: int) -> None:
+        b.arm.defect = ValueError("once") if k == 50 else None
+        if k == 100:
+            b.ask("reset")
+
+    b.run(150, script)
+    assert b.states[99][0] is State.STOPPED
+    assert b.states[-1][0] is State.ACTIVE
+
+
+def test_a_loss_in_write_is_seen_however_soon_it_is_back(tmp_path: Path) -> None:
+    b = Bench(tmp_path)
+
+    def script(k: int) -> None:
+        if k == 50:
+            b.arm.gone_in_write = True
+        if k == 51:
+            b.until_back(b.arm)
+
+    b.run(100, script)
+    assert b.states[-1][1] is Cause.DEVICE_LOSS
+
+
+def test_a_pressed_stop_button_refuses_the_reset(tmp_path: Path) -> None:
+    b = Bench(tmp_path)
+
+    def script(k: int) -> None:
+        if k == 50:
+            b.panel.values["buttons"][3] = 1
+        if k == 80:
+            b.ask("reset")
+
+    b.run(100, script)
+    assert {s for s, _ in b.states[60:]} == {State.STOPPED}
+
+
+def test_a_stop_button_that_is_unplugged_stops_the_limb(tmp_path: Path) -> None:
+    b = Bench(tmp_path)
+
+    def script(k: int) -> None:
+        if k == 50:
+            b.panel.gone = True
+
+    b.run(100, script)
+    assert b.states[-1][0] is State.STOPPED
+
+
+@pytest.mark.parametrize("what", ["fault", "stop", "exit"])
+def test_no_datagram_ends_the_loop(tmp_path: Path, what: str) -> None:
+    b = Bench(tmp_path, emergency="")
+    b.run(60, lambda k: b.ask(what, cause="emergency") if k == 50 else None)
+
+
+def test_a_homing_that_was_broken_off_goes_on_without_a_step(tmp_path: Path) -> None:
+    """A servo that was lost goes home slowly after the reset; a loss of intent on the way breaks that off."""
+    b = Bench(tmp_path, arm="servo", emergency="")
+    begun: list[int] = []
+
+    def script(k: int) -> None:
+        if k == 100:
+            b.arm.gone_in_write = True
+        if k == 102:
+            b.until_back(b.arm)
+            begun.append(len(b.arm.sent))
+        if k in (110, 162):
+            b.ask("reset")
+        if k == 115:
+            b.hand.silent = True
+        if k == 160:
+            b.hand.silent = False
+
+    b.run(300, script)
+    assert b.states[105] == (State.STOPPED, Cause.DEVICE_LOSS)
+    assert b.states[112][0] is State.HOMING
+    assert b.states[150] == (State.STOPPED, Cause.INTENT_LOSS)
+    sent = np.array(b.arm.sent)
+    assert np.abs(np.diff(sent, axis=0)).max() <= SPEED * 0.01 * (1 + 1e-6)
+    assert np.abs(np.diff(sent[begun[0] :][:5], axis=0)).max() <= SPEED * 0.01 / 4 * (1 + 1e-6)
+
+
+def test_a_reset_that_was_overtaken_replays_as_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    b = Bench(tmp_path)
+    b.run(80, _stop_then_both(b))
+    monkeypatch.setattr(registry, "load", _load)
+    assert replay(b.graph.layout, b.rows()[:-1], "toy").identical
+
+
+def test_an_exit_always_ends(tmp_path: Path) -> None:
+    b = Bench(tmp_path)
+    b.run(150, lambda k: b.ask("exit", cause="bus_loss") if k == 50 else None)
+    assert len(b.states) < 150
+
+
+def test_a_guard_knows_that_its_measurements_are_old(tmp_path: Path) -> None:
+    b = Bench(tmp_path, emergency="")
+    blind: dict[int, bool] = {}
+
+    def script(k: int) -> None:
+        blind[k] = b.cycle.guards[0].blind
+        if k == 50:
+            b.arm.silent = True
+
+    b.run(80, script)
+    assert b.states[75][1] is Cause.DEVICE_LOSS
+    assert (blind[50], blind[75]) == (False, True)

@@ -1,0 +1,98 @@
+"""Faults, requests and stale samples in any order against Cycle."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from helpers.toy import PERIOD, SPEED, wired
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from runtime.ipc.layout import LINK_ACTIVE, LINK_CONNECTED, Cause, State
+from runtime.ipc.requests import Ask
+from runtime.loop.cycle import Cycle, limits_of
+
+# Any order of events
+
+
+step = st.fixed_dictionaries(
+    {
+        "ask": st.sampled_from([Ask.NONE] * 6 + [Ask.START, Ask.RESET, Ask.RESET, Ask.STOP, Ask.FAULT, Ask.EXIT]),
+        "target": st.sampled_from([Cause.NONE, Cause.BUS_LOSS, Cause.OVERRUN]),
+        "stale": st.sampled_from([""] * 5 + ["hand", "arm", "panel"]),
+        "lost": st.sampled_from([""] * 6 + ["hand", "arm"]),
+        "button": st.sampled_from([0.0] * 6 + [1.0]),
+        "x": st.sampled_from([0.0, 0.5, -3.0, 1.9, np.nan, np.inf, 1e300]),
+        "periods": st.sampled_from([1] * 8 + [2, 7, 40]),
+        "times": st.integers(1, 30),
+    }
+)
+
+
+def _cycles(steps: list[dict[str, Any]], automatic: bool) -> Any:
+    """Runs them; yields what each cycle began with and ended with."""
+    graph = wired(emergency="{signal: panel.buttons, index: 0, category: retract}")
+    cycle = Cycle(graph, limits_of(graph), automatic)
+    ints, index, views = graph.board.ints, graph.board.index, graph.board.views
+    applied, measured = views["arm.command.applied"], views["arm.position"]
+    now, link = 1_000_000_000, index["arm.link"]
+    stamps = dict.fromkeys(("hand", "arm", "panel"), now)
+    for s in steps:
+        for k in range(s["times"]):
+            now += s["periods"] * PERIOD
+            ints[index["now"]], ints[index["dt"]] = now, s["periods"] * PERIOD
+            for name in stamps:
+                stamps[name] = stamps[name] if name == s["stale"] else now
+                word = index[f"{name}.link"]
+                connected = LINK_CONNECTED * (name != s["lost"])
+                ints[index[f"{name}.stamp"]], ints[word] = (
+                    stamps[name],
+                    (int(ints[word]) & LINK_ACTIVE) | connected,
+                )
+            views["panel.buttons"][0], views["hand.position"][:] = s["button"], s["x"]
+            before, was = applied.copy(), cycle.machine.state
+            ask = s["ask"] if k == 0 else Ask.NONE
+            cycle.check(s["periods"] - 1, ask, int(s["target"]))
+            present = cycle._fault
+            cycle.control()
+            cycle.guard()
+            state, active = cycle.machine.state, bool(ints[link] & LINK_ACTIVE)
+            yield SimpleNamespace(
+                was=was, state=state, ask=ask, present=present, active=active, before=before,
+                applied=applied.copy(), measured=measured.copy(), dt=min(s["periods"], 5) * PERIOD * 1e-9,
+                connected=bool(ints[link] & LINK_CONNECTED),
+            )  # fmt: skip
+            if active:
+                measured[:] = applied  # the arm is where it was told to be
+            if state is State.ENDED:
+                return
+
+
+@settings(max_examples=150, deadline=None)
+@given(steps=st.lists(step, min_size=1, max_size=12), automatic=st.booleans())
+def test_no_order_of_events_steps_or_moves_unasked(steps: list[dict[str, Any]], automatic: bool) -> None:
+    for c in _cycles(steps, automatic):
+        assert np.isfinite(c.applied).all()
+        assert (np.abs(c.applied) <= 2 + 1e-9).all()
+        assert (np.abs(c.applied - c.before) <= SPEED * c.dt * (1 + 1e-6) + 1e-9).all()
+        assert c.state is not State.READY or not c.active
+        assert c.state is not State.ACTIVE or c.present is None
+        began = c.was in (State.READY, State.STOPPED) and c.state in (State.HOMING, State.ACTIVE)
+        asked = c.ask is (Ask.START if c.was is State.READY else Ask.RESET)
+        assert not began or (asked or (automatic and c.was is State.READY))
+        assert not began or c.present is None
+
+
+@settings(max_examples=30, deadline=None)
+@given(steps=st.lists(step, min_size=1, max_size=8))
+def test_after_the_end_nothing_changes(steps: list[dict[str, Any]]) -> None:
+    graph = wired()
+    cycle = Cycle(graph, limits_of(graph), True)
+    cycle.machine.state, cycle.machine.exiting = State.ENDED, True
+    for s in steps:
+        cycle.check(s["periods"] - 1, s["ask"], int(s["target"]))
+        cycle.control()
+        cycle.guard()
+        assert cycle.machine.state is State.ENDED
