@@ -23,9 +23,9 @@ import numpy as np
 
 from bench import differential_ik
 from bench.pairs import PAIRS, Pairs, Row, measure
-from runtime.ipc.layout import CYCLE, LINK_ACTIVE, State
-from runtime.ipc.requests import Ask
+from runtime.ipc.requests import RequestKind
 from runtime.ipc.ring import RingWriter
+from runtime.ipc.words import CYCLE, State
 from runtime.loop import realtime
 from runtime.loop.clock import MonotonicClock
 from runtime.loop.cycle import Cycle, limits_of
@@ -37,7 +37,7 @@ SPAN = 1.5  # s of a run
 BLOCK = 200  # cycles measured one after another
 PHASES = ("control", "guard", "log", "whole")
 AIMS = {"control": 60.0, "whole": 150.0}  # us
-_CYCLE, _NOW, _DT = (CYCLE.index(name) for name in ("cycle", "now", "dt"))
+_CYCLE, _NOW, _DT = CYCLE.cycle, CYCLE.now, CYCLE.dt
 
 
 def run() -> list[Row]:
@@ -89,25 +89,24 @@ class Decisions:
         checked, source = profile.load(name)
         graph = wiring.build(checked, source, [])
         assert graph.world is not None
-        self._graph, self._board = graph, graph.board
-        devices = [Device(d, i, graph.board, print) for i, d in enumerate(graph.devices)]
+        self._graph, self._made = graph, graph.row
+        devices = [Device(d, graph.row.devices[i], graph.actuators_of(i), print) for i, d in enumerate(graph.devices)]
         for device in devices:
             device.driver.open()
         self._step = Cycle(graph, limits_of(graph), automatic=True)
-        links = {d: graph.board.index[f"{d.driver.name}.link"] for d in devices if d.driver.commands}
         period = round(1e9 / checked.rate)
-        rows, ints = [], graph.board.ints
+        rows, ints = [], graph.row.ints
         for k in range(1, round(SPAN * 1e9 / period) + 1):
             ints[_CYCLE], ints[_NOW], ints[_DT] = k, k * period, period
             graph.world.advance(k * period)
             for device in devices:
                 device.read(k * period)
-            before = graph.board.words.copy()
-            self._step.check(0, Ask.NONE, 0)
+            before = graph.row.words.copy()
+            self._step.check(0, RequestKind.NONE, 0)
             self._step.control()
             self._step.guard()
-            for device, link in links.items():
-                if ints[link] & LINK_ACTIVE:
+            for device in devices:
+                if device.active:
                     device.write(k * period)
             if self._step.machine.state is State.ACTIVE and k > 100:
                 rows.append(before)
@@ -124,13 +123,13 @@ class Decisions:
     def cycles(self, count: int, each: Callable[[], None] = lambda: None) -> dict[str, float]:
         """us of each phase, p50 of so many cycles; `each` is called before every cycle."""
         took = np.zeros((count, 4))
-        step, words, clock = self._step, self._board.words, time.perf_counter_ns
+        step, words, clock = self._step, self._made.words, time.perf_counter_ns
         for i in range(count):
             each()
             self._at = (self._at + 1) % len(self._rows)
             words[:] = self._rows[self._at]
             begun = clock()
-            step.check(0, Ask.NONE, 0)
+            step.check(0, RequestKind.NONE, 0)
             step.control()
             controlled = clock()
             step.guard()

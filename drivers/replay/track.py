@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.contracts.errors import RecordingError, nearest
+from runtime.contracts.field import Field
 from runtime.contracts.signals import Array, Signal
-from runtime.ipc.layout import LINK_CONNECTED, Field, Layout
+from runtime.ipc.layout import Layout
+from runtime.ipc.words import LINK_CONNECTED
 
 
 class Track:

@@ -1,4 +1,4 @@
-"""`python -m runtime.bus RUNDIR`."""
+"""`python -m runtime.bus RUN_FOLDER`."""
 
 import sys
 

@@ -25,7 +25,7 @@ from runtime.bus import session
 from runtime.bus.status import parse
 from runtime.contracts.errors import RequestError, nearest
 from runtime.contracts.signals import Array
-from runtime.ipc.run_folder import RunDir
+from runtime.ipc.run_folder import RunFolder
 from runtime.messages import cdr, messages
 from runtime.profile.bus import TlsConfig
 from runtime.profile.keys import COMMANDS, Keys, path
@@ -53,7 +53,7 @@ class Update:
     kind: str
 
 
-def connect(target: str | Path | RunDir, tls: TlsConfig | None = None, timeout: float = 2.0) -> Client:
+def connect(target: str | Path | RunFolder, tls: TlsConfig | None = None, timeout: float = 2.0) -> Client:
     """A client of one instance.
 
     Args:
@@ -66,11 +66,13 @@ def connect(target: str | Path | RunDir, tls: TlsConfig | None = None, timeout: 
     if isinstance(target, str) and _ENDPOINT.match(target):
         return Client(target, tls, timeout)
     if isinstance(target, str):
-        target = RunDir(Path(target)) if "/" in target else RunDir.of(target)
-    rundir = target if isinstance(target, RunDir) else RunDir(target)
-    if not rundir.bus_socket.exists():
-        raise RequestError(f"instance '{rundir.path.name}'", f"no bus listens at {rundir.bus_socket}", "Is it running?")
-    return Client(f"unixsock-stream/{rundir.bus_socket}", tls, timeout)
+        target = RunFolder(Path(target)) if "/" in target else RunFolder.of(target)
+    run_folder = target if isinstance(target, RunFolder) else RunFolder(target)
+    if not run_folder.bus_socket.exists():
+        raise RequestError(
+            f"instance '{run_folder.path.name}'", f"no bus listens at {run_folder.bus_socket}", "Is it running?"
+        )
+    return Client(f"unixsock-stream/{run_folder.bus_socket}", tls, timeout)
 
 
 class Client:
@@ -174,10 +176,10 @@ class Client:
         answers = self._get(f"{self.keys.root}/state/{pattern}/meta")
         return {key.removeprefix(f"{self.keys.root}/state/").removesuffix("/meta"): value for key, value in answers}
 
-    def notes(self) -> list[dict[str, Any]]:
-        """The newest remarks of the loop, oldest first: time (Unix, ns), level, cycle, text."""
-        notes: list[dict[str, Any]] = next((value for _, value in self._get(self.keys.notes)), [])
-        return notes
+    def events(self) -> list[dict[str, Any]]:
+        """The newest events of the loop, oldest first: time (Unix, ns), level, cycle, text."""
+        events: list[dict[str, Any]] = next((value for _, value in self._get(self.keys.events)), [])
+        return events
 
     def parameters(self) -> dict[str, dict[str, Any]]:
         """Every live parameter: value, lower, upper, unit, text, default; by its name."""

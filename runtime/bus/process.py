@@ -25,11 +25,13 @@ from runtime.bus import session
 from runtime.bus.requests import Requests, reply
 from runtime.bus.status import Reporter
 from runtime.contracts.errors import SrlError
-from runtime.ipc.events import NotesReader
-from runtime.ipc.layout import CYCLE, DEVICE, FLAG_DEGRADED, Field, Layout
-from runtime.ipc.requests import MailboxWriter
+from runtime.contracts.field import Field
+from runtime.ipc.events import EventReader
+from runtime.ipc.layout import Layout
+from runtime.ipc.requests import RequestWriter
 from runtime.ipc.ring import RingReader
-from runtime.ipc.run_folder import RunDir
+from runtime.ipc.run_folder import RunFolder
+from runtime.ipc.words import CYCLE, DEVICE, FLAG_DEGRADED
 from runtime.loop.realtime import die_with_parent
 from runtime.messages import attachment, cdr, messages
 from runtime.profile.bus import BusConfig
@@ -42,27 +44,27 @@ MOST = 16  # rows published a turn: a simulation ahead of real time isn't follow
 ARRIVALS = 1024  # queries that may wait
 SAMPLES = 64  # what may wait when a sample comes, and what is worked on a turn: more would make a stop wait
 NOTES_KEPT = 20
-_NOW, _STATE, _CAUSE, _FLAGS = (CYCLE.index(n) for n in ("now", "state", "cause", "flags"))
+_NOW, _STATE, _CAUSE, _FLAGS = CYCLE.now, CYCLE.state, CYCLE.cause, CYCLE.flags
 
 
 class Bus:
     """See the module's text."""
 
-    def __init__(self, rundir: RunDir) -> None:
+    def __init__(self, run_folder: RunFolder) -> None:
         """Opens everything. Raises SrlError."""
-        self._ring = RingReader(rundir.rows)
-        self._layout = Layout.load(rundir.layout)
+        self._ring = RingReader(run_folder.rows)
+        self._layout = Layout.load(run_folder.layout)
         meta = self._layout.meta
         config = BusConfig.model_validate(meta["bus"] or {})
-        self._name = rundir.path.name
+        self._name = run_folder.path.name
         self._keys = Keys(self._name)
         self._fields = [f for f in self._layout.fields.values() if f.role in PUBLISHED and f.size]
         check((f.name for f in self._fields), "signal")
         check((p["name"] for p in meta.get("parameters", [])), "parameter")
         check((s["name"] for s in meta.get("setpoints", [])), "setpoint")
         self._ring.sequence = self._ring.head  # what was written before is the recorder's
-        self._mail = MailboxWriter(rundir.mail)
-        self._notes = NotesReader(rundir.notes)
+        self._mail = RequestWriter(run_folder.requests)
+        self._events = EventReader(run_folder.events)
         self._remembered: deque[dict[str, Any]] = deque(maxlen=NOTES_KEPT)
         self._wall = int(meta["wall"])
         period = 1e9 * meta["rate"][1] / meta["rate"][0]
@@ -78,7 +80,7 @@ class Bus:
         self._silent = False
         self._ending = False
         self._sent, self._sender = 0, os.urandom(16)  # samples, for their attachments
-        self._session = session.serve(rundir.bus_socket, config, self._keys)
+        self._session = session.serve(run_folder.bus_socket, config, self._keys)
         try:
             self._declare()
         except BaseException:
@@ -106,15 +108,15 @@ class Bus:
             )
             for f in self._fields
         ]
-        self._status = publisher(self._keys.status, messages.DIAGNOSTICS)
-        self._remarks = publisher(self._keys.notes, messages.STRING)
+        self._status_out = publisher(self._keys.status, messages.DIAGNOSTICS)
+        self._events_out = publisher(self._keys.events, messages.STRING)
         self._declared: list[Any] = []
         for key, answer in self._requests.handlers().items():
             self._declared.append(s.declare_queryable(key, self._into(answer)))
         for key, take in self._requests.subscribers().items():
             self._declared.append(s.declare_subscriber(key, self._into(take)))
         self._declared.append(s.declare_queryable(self._keys.states, self._into(self._describe)))
-        self._declared.append(s.declare_queryable(self._keys.notes, self._into(self._recall)))
+        self._declared.append(s.declare_queryable(self._keys.events, self._into(self._recall)))
         # Last: whoever sees it finds everything else declared.
         self._declared.append(s.liveliness().declare_token(self._keys.alive))
 
@@ -146,7 +148,7 @@ class Bus:
         finally:
             self._session.close()
             self._mail.close()
-            self._notes.close()
+            self._events.close()
             self._ring.close()
 
     def _end(self, *_: object) -> None:
@@ -181,7 +183,7 @@ class Bus:
         if now >= self._status_due:
             self._status_due = now + STATUS_PERIOD
             self._say_status()
-            self._say_notes()
+            self._say_events()
 
     def _publish(self, rows: NDArray[np.int64]) -> None:
         every = np.where(rows[:, _FLAGS] & FLAG_DEGRADED, 2 * self._decimate, self._decimate)
@@ -203,7 +205,7 @@ class Bus:
         device = field.name.partition(".")[0]
         if field.role != "state" or device not in self._layout.devices:
             return _NOW
-        return len(CYCLE) + self._layout.devices.index(device) * len(DEVICE) + DEVICE.index("stamp")
+        return self._layout.device(self._layout.devices.index(device)).start + DEVICE.stamp
 
     def _changes(self, rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
         """The rows that begin a state or have another cause."""
@@ -217,15 +219,15 @@ class Bus:
 
     def _say_status(self) -> None:
         message = self._reporter.message(self._row, time.time_ns(), self._silent)
-        self._status.put(cdr.encode(messages.DIAGNOSTICS, message))
+        self._status_out.put(cdr.encode(messages.DIAGNOSTICS, message))
 
-    def _say_notes(self) -> None:
-        for note in self._notes.take():
+    def _say_events(self) -> None:
+        for event in self._events.take():
             self._remembered.append(
-                asdict(note) | {"level": note.level.name.lower(), "time": note.time + self._wall_now()}
+                asdict(event) | {"level": event.level.name.lower(), "time": event.time + self._wall_now()}
             )
-            text = f"{note.level.name.lower()}: {note.text}"
-            self._remarks.put(cdr.encode(messages.STRING, {"data": text}))
+            text = f"{event.level.name.lower()}: {event.text}"
+            self._events_out.put(cdr.encode(messages.STRING, {"data": text}))
 
     @staticmethod
     def _wall_now() -> int:
@@ -240,7 +242,7 @@ class Bus:
         query.drop()
 
     def _recall(self, query: zenoh.Query) -> None:
-        reply(query, self._keys.notes, list(self._remembered))
+        reply(query, self._keys.events, list(self._remembered))
         query.drop()
 
 
@@ -258,7 +260,7 @@ def main(arguments: list[str]) -> int:
         print("usage: python -m runtime.bus RUNDIR", file=sys.stderr)
         return 2
     try:
-        Bus(RunDir(Path(arguments[0]))).run()
+        Bus(RunFolder(Path(arguments[0]))).run()
     except (SrlError, OSError) as error:
         print(f"bus: {error}", file=sys.stderr)
         return 2

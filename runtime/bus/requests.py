@@ -23,18 +23,20 @@ from numpy.typing import NDArray
 
 from runtime.bus.status import CAUSES, Counts
 from runtime.contracts.errors import RequestError
+from runtime.contracts.field import Field
 from runtime.contracts.signals import Array
-from runtime.ipc.layout import CYCLE, Cause, Field, Layout, State
-from runtime.ipc.requests import Answer, Ask, MailboxWriter
+from runtime.ipc.layout import Layout
+from runtime.ipc.requests import Answer, RequestKind, RequestWriter
+from runtime.ipc.words import CYCLE, Cause, State
 from runtime.messages import messages
 from runtime.profile.keys import COMMANDS, Keys
 
 PATIENCE = 1_000_000_000  # ns until a request that the loop didn't take is given up
 UNDERWAY = 4  # requests in the mailbox at a time, stops not counted: the loop takes one a cycle
 WAITING = 64
-_ASKS = {"start": Ask.START, "stop": Ask.STOP, "reset": Ask.RESET}
-_REQUEST, _KIND, _RESULT, _STATE = (CYCLE.index(n) for n in ("request", "request_kind", "request_result", "state"))
-_CAUSE, _CULPRIT = CYCLE.index("cause"), CYCLE.index("culprit")
+_ASKS = {"start": RequestKind.START, "stop": RequestKind.STOP, "reset": RequestKind.RESET}
+_REQUEST, _KIND, _RESULT, _STATE = CYCLE.request, CYCLE.request_kind, CYCLE.request_result, CYCLE.state
+_CAUSE, _CULPRIT = CYCLE.cause, CYCLE.culprit
 
 
 @dataclass(slots=True)
@@ -43,7 +45,7 @@ class Pending:
 
     query: zenoh.Query
     place: str
-    kind: Ask
+    kind: RequestKind
     target: int
     values: Array | None
     until: int  # CLOCK_MONOTONIC ns
@@ -56,7 +58,7 @@ class Requests:
         busy: someone waits for the loop.
     """
 
-    def __init__(self, layout: Layout, keys: Keys, mail: MailboxWriter, counts: Counts) -> None:
+    def __init__(self, layout: Layout, keys: Keys, mail: RequestWriter, counts: Counts) -> None:
         self._layout, self._keys, self._mail, self._counts = layout, keys, mail, counts
         self._parameters: list[dict[str, Any]] = layout.meta.get("parameters", [])
         self._setpoints: list[dict[str, Any]] = layout.meta.get("setpoints", [])
@@ -115,7 +117,7 @@ class Requests:
         except RequestError as error:
             self._refuse(query, key, error)
             return
-        self._ask(Pending(query, key, Ask.PARAMETER, index, values, time.monotonic_ns() + PATIENCE))
+        self._ask(Pending(query, key, RequestKind.PARAMETER, index, values, time.monotonic_ns() + PATIENCE))
 
     def _value(self, row: NDArray[np.int64], index: int) -> float:
         return float(self._layout.value(row[np.newaxis], self._parameters[index]["name"])[0])
@@ -163,7 +165,7 @@ class Requests:
         """
         problem = None
         if str(query.key_expr) != key:
-            problem = "what changes something takes its exact key, not a wildcard", f"Ask {key} itself"
+            problem = "what changes something takes its exact key, not a wildcard", f"RequestKind {key} itself"
         elif self.silent:
             problem = (
                 "the loop gives no sign of life",
@@ -178,8 +180,8 @@ class Requests:
     # The way to the loop and back
 
     def _ask(self, pending: Pending) -> None:
-        if pending.kind is Ask.STOP:
-            for other in [p for p in self._waiting if p.kind in (Ask.START, Ask.RESET)]:
+        if pending.kind is RequestKind.STOP:
+            for other in [p for p in self._waiting if p.kind in (RequestKind.START, RequestKind.RESET)]:
                 self._waiting.remove(other)  # it would set in motion what was stopped after it
                 self._refuse(other.query, other.place, RequestError(other.place, "a stop came after it", "Ask again"))
             self._send(pending)
@@ -218,7 +220,7 @@ class Requests:
         if self._newest and row is not None and row[0] != self._cycle:
             self._cycle = int(row[0])
             for index, (expires, values) in self._newest.items():
-                self._mail.send(Ask.SETPOINT, expires, index, values)
+                self._mail.send(RequestKind.SETPOINT, expires, index, values)
             self._newest.clear()
 
     def _answer(self, row: NDArray[np.int64]) -> None:
@@ -228,7 +230,7 @@ class Requests:
         answer, state = Answer(int(row[_RESULT])), State(int(row[_STATE])).name.lower()
         if answer is Answer.DONE:
             content: dict[str, Any] = {"ok": True, "state": state}
-            if pending.kind is Ask.PARAMETER:
+            if pending.kind is RequestKind.PARAMETER:
                 content["value"] = self._value(row, pending.target)
             self._reply(pending.query, pending.place, content)
             return
@@ -238,9 +240,10 @@ class Requests:
         problem, remedy = {
             Answer.REFUSED_STATE: (
                 f"not possible while {state}",
-                {Ask.START: "Start is for the state ready", Ask.RESET: "Reset is for the state stopped"}.get(
-                    pending.kind, "Look at the status"
-                ),
+                {
+                    RequestKind.START: "Start is for the state ready",
+                    RequestKind.RESET: "Reset is for the state stopped",
+                }.get(pending.kind, "Look at the status"),
             ),
             Answer.REFUSED_FAULT: (
                 f"what caused the stop is still there: {why}",

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.ipc.layout import (
+from runtime.ipc.layout import Layout
+from runtime.ipc.words import (
     CYCLE,
     DEVICE,
     FLAG_DEGRADED,
@@ -21,7 +22,6 @@ from runtime.ipc.layout import (
     LINK_ERROR,
     LINK_STALE,
     Cause,
-    Layout,
     State,
 )
 from runtime.messages import cdr
@@ -30,7 +30,7 @@ from runtime.messages.messages import time_of
 OK, WARN, ERROR, STALE = range(4)  # levels of diagnostic_msgs/DiagnosticStatus
 WINDOW = 1_000_000_000  # ns
 _TIMES = ("wake", "read", "control", "guard", "write", "log")
-_COLUMNS = [CYCLE.index(name) for name in _TIMES]
+_COLUMNS = [getattr(CYCLE, name) for name in _TIMES]
 
 CAUSES = {
     Cause.NONE: "",
@@ -128,7 +128,7 @@ class Reporter:
         return float(numerator / denominator)
 
     def _instance(self, row: NDArray[np.int64], own: dict[str, Any], silent: bool) -> cdr.Message:
-        ints = dict(zip(CYCLE, row[: len(CYCLE)].tolist(), strict=True))
+        ints = dict(zip(CYCLE._fields, row[: len(CYCLE)].tolist(), strict=True))
         state, cause = State(ints["state"]), Cause(ints["cause"])
         who = self._layout.culprit(cause, ints["culprit"])
         level = OK if state in (State.ACTIVE, State.READY, State.HOMING) else WARN
@@ -153,11 +153,10 @@ class Reporter:
 
 def _device(name: str, layout: Layout, row: NDArray[np.int64], index: int) -> cdr.Message:
     device = layout.devices[index]
-    start = len(CYCLE) + index * len(DEVICE)
-    words = dict(zip(DEVICE, row[start : start + len(DEVICE)].tolist(), strict=True))
+    words = dict(zip(DEVICE._fields, row[layout.device(index)].tolist(), strict=True))
     link = words.pop("link")
     stamp = words.pop("stamp")
-    age = (int(row[CYCLE.index("now")]) - stamp) / 1e6 if stamp >= 0 else -1.0
+    age = (int(row[CYCLE.now]) - stamp) / 1e6 if stamp >= 0 else -1.0
     bits = [
         "connected" if link & LINK_CONNECTED else "lost",
         *(["stale"] if link & LINK_STALE else []),

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from runtime.contracts.errors import RequestError, nearest
-from runtime.ipc.run_folder import RunDir, base, running
+from runtime.ipc.run_folder import RunFolder, base, running
 
 
-def choose(name: str | None) -> RunDir:
+def choose(name: str | None) -> RunFolder:
     """The instance called `name`, or the only one. Raises RequestError."""
-    found = {rundir.path.name: rundir for rundir in running()}
+    found = {run_folder.path.name: run_folder for run_folder in running()}
     if name is not None:
         if name not in found:
             raise RequestError(f"instance '{name}'", f"it isn't running (looked in {base()})", nearest(name, found))

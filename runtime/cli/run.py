@@ -16,11 +16,12 @@ from runtime.cli.check import check_guards
 from runtime.cli.console import Console
 from runtime.cli.status import Status
 from runtime.contracts.errors import HostError, RequestError
-from runtime.ipc import run_folder as rundir
-from runtime.ipc.events import NotesReader
-from runtime.ipc.launch import Order
-from runtime.ipc.layout import Cause, Layout
+from runtime.ipc.events import EventReader
+from runtime.ipc.launch import Launch
+from runtime.ipc.layout import Layout
 from runtime.ipc.ring import RingReader
+from runtime.ipc.run_folder import RunFolder
+from runtime.ipc.words import Cause
 from runtime.profile import profile, wiring
 from runtime.profile.graph import Graph
 from runtime.service.summary import Summary
@@ -68,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     state = state_dir(name)
     automatic, advice = _automatic(args, graph)
     cycles = round(args.duration * float(checked.rate)) if args.duration is not None else _wearers_end(graph)
-    where = rundir.RunDir.of(name)
+    where = RunFolder.of(name)
     where.claim()
     # A run that doesn't end well leaves its mark, over a reboot, too. Only a real limb needs the stop after it.
     mark = state / "running"
@@ -81,13 +82,13 @@ def run(args: argparse.Namespace) -> int:
         if args.figure is not None and record is None:
             record = where.path / "figure.rrd"
             record.unlink(missing_ok=True)
-        order = Order(
+        launch = Launch(
             source.label, source.text, list(source.overrides), args.sim, args.fast, cycles, automatic, crashed,
             record is not None,
         )  # fmt: skip
         console = Console(sys.stderr)
         telemetry = helpers(where, checked.bus is not None, record, args.view)
-        supervisor = Supervisor(where, order, state, telemetry, console.say)
+        supervisor = Supervisor(where, launch, state, telemetry, console.say)
         result = _supervise(supervisor, args, advice, console)
         if supervisor.error is not None:
             if not crashed:
@@ -121,27 +122,27 @@ def _supervise(supervisor: Supervisor, args: argparse.Namespace, advice: str, co
         signal.signal(number, lambda *_: supervisor.end())
     status = Status(console, quiet=args.json)
     summary: Summary | None = None
-    notes: NotesReader | None = None
+    events: EventReader | None = None
     next_look = 0.0
     supervisor.start()
     while supervisor.step():
         if not supervisor.running or time.monotonic() < next_look:
             continue
         next_look = time.monotonic() + REFRESH
-        if summary is None or notes is None:
-            summary = Summary(Layout.load(supervisor.rundir.layout), RingReader(supervisor.rundir.rows))
-            notes = NotesReader(supervisor.rundir.notes)
+        if summary is None or events is None:
+            summary = Summary(Layout.load(supervisor.run_folder.layout), RingReader(supervisor.run_folder.rows))
+            events = EventReader(supervisor.run_folder.events)
             if advice:
                 console.say(advice)
         summary.update()
-        _pass_on(notes, status)
+        _pass_on(events, status)
         status.show(summary)
-    if summary is None and supervisor.error is None and supervisor.rundir.rows.exists():
-        summary = Summary(Layout.load(supervisor.rundir.layout), RingReader(supervisor.rundir.rows))
-        notes = NotesReader(supervisor.rundir.notes)
-    if summary is not None and notes is not None:
+    if summary is None and supervisor.error is None and supervisor.run_folder.rows.exists():
+        summary = Summary(Layout.load(supervisor.run_folder.layout), RingReader(supervisor.run_folder.rows))
+        events = EventReader(supervisor.run_folder.events)
+    if summary is not None and events is not None:
         summary.update()
-        _pass_on(notes, status)
+        _pass_on(events, status)
         status.show(summary)
     status.end()
     failed = supervisor.finish()
@@ -153,7 +154,7 @@ def _supervise(supervisor: Supervisor, args: argparse.Namespace, advice: str, co
 def _report(supervisor: Supervisor, result: dict[str, Any], args: argparse.Namespace, console: Console) -> int:
     cause = Cause[result.get("cause", "none").upper()]
     code = 0 if cause in (Cause.NONE, Cause.REQUEST, Cause.END) and result["recording_complete"] else 1
-    result["instance"] = supervisor.rundir.path.name
+    result["instance"] = supervisor.run_folder.path.name
     result["restarts"] = {h.name: h.restarts for h in supervisor.helpers}
     result["result"] = supervisor.figures
     result["recording"] = str(args.record) if args.record is not None else None
@@ -234,9 +235,9 @@ def _check_names() -> None:
             )  # fmt: skip
 
 
-def _pass_on(notes: NotesReader, status: Status) -> None:
-    for note in notes.take():
-        status.line(f"cycle {note.cycle}: {note.text}", note.level)
+def _pass_on(events: EventReader, status: Status) -> None:
+    for event in events.take():
+        status.line(f"cycle {event.cycle}: {event.text}", event.level)
 
 
 def _draw(record: Path, figure: Path) -> None:

@@ -7,7 +7,7 @@ import time
 
 from runtime.cli.console import Console
 from runtime.ipc.events import Level
-from runtime.ipc.layout import Cause
+from runtime.ipc.words import Cause
 from runtime.service.summary import Summary
 
 _EVERY = 10.0  # s between lines where there is no terminal

@@ -9,8 +9,8 @@ import time
 from runtime.cli import add_command
 from runtime.cli.instance import choose
 from runtime.contracts.errors import RequestError
-from runtime.ipc.run_folder import RunDir
-from runtime.loop.request_queue import ask
+from runtime.ipc.control_socket import send_request
+from runtime.ipc.run_folder import RunFolder
 
 _TEXTS = {
     "stop": "puts the limb into its safe stop",
@@ -32,29 +32,31 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> int:
     """Asks and prints the answer."""
-    rundir = choose(args.instance)
-    answer = ask(rundir, "exit" if args.exit else args.command)
+    run_folder = choose(args.instance)
+    answer = send_request(run_folder, "exit" if args.exit else args.command)
     if answer is None:
         raise RequestError(
-            f"instance '{rundir.path.name}'", "the loop didn't answer within 2 s",
+            f"instance '{run_folder.path.name}'", "the loop didn't answer within 2 s",
             "Use the hardware stop; then look at `srl top` and the journal",
         )  # fmt: skip
     if args.exit:
-        _wait_for_end(rundir)
+        _wait_for_end(run_folder)
     if args.json:
         print(json.dumps(answer))
     elif answer["ok"]:
-        print(f"{rundir.path.name}: {answer['state']}")
+        print(f"{run_folder.path.name}: {answer['state']}")
     if answer["ok"]:
         return 0
     why = f" ({answer['cause']} {answer['culprit']})".replace(" )", ")") if answer["cause"] != "none" else ""
     remedy = "Mend its cause, then reset" if "cause" in str(answer["error"]) else "See `srl top` for what it does"
     raise RequestError(
-        f"instance '{rundir.path.name}'", f"{args.command} refused, {answer['state']}{why}: {answer['error']}", remedy
+        f"instance '{run_folder.path.name}'",
+        f"{args.command} refused, {answer['state']}{why}: {answer['error']}",
+        remedy,
     )
 
 
-def _wait_for_end(rundir: RunDir) -> None:
+def _wait_for_end(run_folder: RunFolder) -> None:
     deadline = time.monotonic() + 10
-    while rundir.is_claimed() and time.monotonic() < deadline:
+    while run_folder.is_claimed() and time.monotonic() < deadline:
         time.sleep(0.02)

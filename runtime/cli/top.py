@@ -24,7 +24,7 @@ from runtime.profile.keys import path
 REFRESH = 5.0  # Hz
 GONE = 5.0  # s without a status until we ask whether the instance is still there
 BAR = 15  # characters
-SHOWN_NOTES = 6
+SHOWN_EVENTS = 6
 SHOWN_COMMANDS = 24
 _LEVELS = ("green", "yellow", "bold red", "magenta")  # of diagnostic_msgs/DiagnosticStatus
 _PHASES = ("read", "control", "guard", "write", "log")
@@ -72,7 +72,7 @@ def _live(view: View, client: Client) -> None:
         with Live(view.frame(), refresh_per_second=REFRESH, screen=True) as live:
             while True:
                 time.sleep(1 / REFRESH)
-                view.refresh_notes()
+                view.refresh_events()
                 live.update(view.frame())
                 if view.silence() > GONE and not client.alive():
                     break
@@ -92,8 +92,8 @@ class View:
         self._heard = time.monotonic()
         self._updates: dict[str, Update] = {}
         self._span: dict[str, float] = {}  # the largest value seen, by signal: the bars' scale
-        self._notes = client.notes()
-        self._notes_at = time.monotonic()
+        self._events = client.events()
+        self._events_at = time.monotonic()
         client.subscribe_status(self._take_status)
         client.subscribe(self._take)
 
@@ -117,14 +117,14 @@ class View:
         """Seconds since the last status."""
         return time.monotonic() - self._heard
 
-    def refresh_notes(self) -> None:
-        """Asks for the newest remarks, once a second."""
-        if time.monotonic() - self._notes_at > 1.0:
-            self._notes_at = time.monotonic()
-            self._notes = self._client.notes() or self._notes
+    def refresh_events(self) -> None:
+        """Asks for the newest events, once a second."""
+        if time.monotonic() - self._events_at > 1.0:
+            self._events_at = time.monotonic()
+            self._events = self._client.events() or self._events
 
     def content(self) -> dict[str, Any]:
-        """For `--json`: the status, every signal's values, the remarks."""
+        """For `--json`: the status, every signal's values, the events."""
         with self._lock:
             signals = {
                 name: {
@@ -134,7 +134,7 @@ class View:
                 }
                 for name, u in self._updates.items()
             }
-            return {**self._status, "signals": signals, "notes": self._notes}
+            return {**self._status, "signals": signals, "events": self._events}
 
     def frame(self) -> Group:
         """The whole picture."""
@@ -146,9 +146,9 @@ class View:
         commands = self._commands(updates)
         if commands.row_count:
             parts.append(commands)
-        if self._notes:
-            lines = [f"{time.strftime('%H:%M:%S', time.localtime(n['time'] / 1e9))}  {n['text']}" for n in self._notes]
-            parts.append(Panel(Text("\n".join(lines[-SHOWN_NOTES:])), title="notes", title_align="left"))
+        if self._events:
+            lines = [f"{time.strftime('%H:%M:%S', time.localtime(n['time'] / 1e9))}  {n['text']}" for n in self._events]
+            parts.append(Panel(Text("\n".join(lines[-SHOWN_EVENTS:])), title="events", title_align="left"))
         return Group(*parts)
 
     def _head(self, status: dict[str, Any]) -> Panel:

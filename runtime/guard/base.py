@@ -16,7 +16,7 @@ LONGEST = 5  # periods: a longer pause is not made up for, the motion goes on wh
 SHORTEST = 1e-3  # periods: a clock that stands still must not divide by zero
 RETRACT_SPEED = 0.25  # of the velocity limit
 RATES = ("velocity", "acceleration", "jerk", "effort", "effort_rate", "inertia")
-MINUTE, MOST = 1e-9, 1e9  # limits that a device gives are numbers in between, in any unit
+SMALLEST, LARGEST = 1e-9, 1e9  # limits that a device gives are numbers in between, in any unit
 
 
 class CommandGuard(ABC):
@@ -81,8 +81,8 @@ class CommandGuard(ABC):
         for name in RATES:
             values = self._flat(name, getattr(limits, name), inf)
             # Zero would divide; a joint that can't accelerate can't brake. NaN compares as no limit at all.
-            least = 0.0 if name in self.may_be_zero else MINUTE
-            most = MOST if name in self.needs else inf
+            least = 0.0 if name in self.may_be_zero else SMALLEST
+            most = LARGEST if name in self.needs else inf
             wrong = [value for value in values if not least <= value <= most]
             if wrong:
                 raise WiringError(

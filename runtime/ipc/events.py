@@ -1,4 +1,4 @@
-"""Remarks in words from the loop, for people: a ring beside the rows, as the loop itself must not print.
+"""Events in words, from the loop for people: a ring beside the rows, as the loop itself must not print.
 
 Record (64 int64 words): CLOCK_MONOTONIC ns, level, cycle, then up to 488 bytes of UTF-8 text, zero-padded.
 """
@@ -27,8 +27,8 @@ class Level(IntEnum):
 
 
 @dataclass(slots=True)
-class Note:
-    """One remark."""
+class Event:
+    """One event."""
 
     time: int
     level: Level
@@ -36,7 +36,7 @@ class Note:
     text: str
 
 
-class NotesWriter:
+class EventWriter:
     """The loop's end."""
 
     def __init__(self, path: Path) -> None:
@@ -45,7 +45,7 @@ class NotesWriter:
         self._bytes = self._words[3:].view(np.uint8)
 
     def write(self, time: int, level: Level, cycle: int, text: str) -> None:
-        """Appends a remark; a long one is cut."""
+        """Appends an event; a long text is cut."""
         content = text.encode(errors="replace")[:_TEXT]
         self._words[:3] = time, level, cycle
         self._bytes[:] = 0
@@ -57,7 +57,7 @@ class NotesWriter:
         self._ring.close()
 
 
-class NotesReader:
+class EventReader:
     """Any other process's end."""
 
     def __init__(self, path: Path, after: int = 0) -> None:
@@ -65,13 +65,13 @@ class NotesReader:
 
     @property
     def sequence(self) -> int:
-        """Sequence number of the last note taken."""
+        """Sequence number of the last event taken."""
         return self._ring.sequence
 
-    def take(self) -> list[Note]:
-        """The remarks since the last call."""
+    def take(self) -> list[Event]:
+        """The events since the last call."""
         return [
-            Note(int(r[0]), Level(int(r[1])), int(r[2]), r[3:].tobytes().rstrip(b"\0").decode(errors="replace"))
+            Event(int(r[0]), Level(int(r[1])), int(r[2]), r[3:].tobytes().rstrip(b"\0").decode(errors="replace"))
             for r in self._ring.take()
         ]
 

@@ -1,4 +1,4 @@
-"""What the supervisor orders its loop process to run: written beside the ring, read by the loop and by people."""
+"""The launch file: what the supervisor starts its loop process with, for the loop and for people to read."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 
 @dataclass
-class Order:
+class Launch:
     """One run.
 
     Attributes:
@@ -36,6 +36,6 @@ class Order:
         path.write_text(json.dumps(asdict(self)))
 
     @classmethod
-    def load(cls, path: Path) -> Order:
+    def load(cls, path: Path) -> Launch:
         """Reads what `save` wrote."""
         return cls(**json.loads(path.read_text()))

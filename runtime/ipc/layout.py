@@ -1,95 +1,22 @@
 """What a row holds and where: one description, written beside the ring, that every reader shares.
 
-A row's payload is `Layout.ints` int64 words (the cycle's own, then six a device), then float64 words (every
-signal's values). All signal arrays of drivers, controllers and guard are views into one such row, the board:
-logging a cycle is one copy.
+A row's payload is `Layout.ints` int64 words (the cycle's own, then six a device: `runtime.ipc.words`), then
+float64 words (every signal's values).
 """
 
 from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass, field
-from enum import IntEnum
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.contracts.field import Field
 from runtime.contracts.signals import Array
-
-# The cycle's own int64 words. Times are ns: `now`, `deadline` and the ends of the phases on the loop's clock
-# and CLOCK_MONOTONIC respectively; `log` is how long appending the row before took.
-CYCLE = (
-    "cycle", "now", "dt", "deadline", "wake", "read", "control", "guard", "write", "log",
-    "state", "cause", "culprit", "category", "overruns", "flags",
-    "request", "request_kind", "request_target", "request_result",
-)  # fmt: skip
-# The words of each device, named `<device>.<word>`.
-DEVICE = ("stamp", "link", "frames", "errors", "resyncs", "reconnects")
-
-# Bits of `flags`.
-FLAG_LATE = 1  # this cycle began after its deadline by more than a period
-FLAG_DEGRADED = 2  # overruns: telemetry is asked to take less
-FLAG_REJECTED = 4  # the guard refused a non-finite command
-FLAG_FALLBACK = 8  # the guard braked because its trajectory generator failed
-FLAG_LIMITED = 16  # the guard changed a command
-# Bits of `<device>.link`.
-LINK_CONNECTED = 1
-LINK_STALE = 2
-LINK_ACTIVE = 4  # commands reach it
-LINK_ERROR = 8  # its driver failed in a way it should not
-LINK_FAULT = 16  # it is connected and refuses to move, until it has recovered
-
-
-class State(IntEnum):
-    """The state machine."""
-
-    STARTING = 0
-    READY = 1  # devices open, nothing moves
-    ACTIVE = 2
-    STOPPING = 3  # a stop is under way
-    STOPPED = 4  # at rest in the stop; waits for a reset
-    ENDED = 5
-    HOMING = 6  # a device without feedback goes to its home slowly
-
-
-class Cause(IntEnum):
-    """Why it stopped."""
-
-    NONE = 0
-    REQUEST = 1  # a client, `srl stop`, SIGTERM
-    INTENT_LOSS = 2  # a sensor that the motion follows is stale or gone
-    DEVICE_LOSS = 3  # an actuator is stale or gone
-    OVERRUN = 4
-    DRIVER_ERROR = 5
-    CONTROLLER_ERROR = 6
-    EMERGENCY = 7  # an e-stop or enabling input
-    BUS_LOSS = 8  # the bus died where the profile depends on it
-    SUPERVISOR_LOSS = 9
-    RESTART = 10  # started again after a crash
-    END = 11  # the run's duration is over
-    DEVICE_FAULT = 12  # a device refuses to move: protective stop, reflex, hardware error
-
-
-@dataclass(frozen=True)
-class Field:
-    """One signal's place in the row's float words."""
-
-    name: str
-    role: str  # state, command (as the controller asked), applied, internal, parameter, setpoint, truth
-    offset: int
-    shape: tuple[int, ...]
-    unit: str
-    frame: str | None = None
-    labels: tuple[str, ...] = ()
-    visual: str = ""
-    links: tuple[tuple[int, ...], ...] = ()
-
-    @property
-    def size(self) -> int:
-        """Number of float64 words."""
-        return int(np.prod(self.shape, dtype=int))
+from runtime.ipc.words import CYCLE, DEVICE, Cause
 
 
 @dataclass
@@ -112,12 +39,17 @@ class Layout:
     @property
     def int_names(self) -> list[str]:
         """Names of the int64 words in their order."""
-        return [*CYCLE, *(f"{device}.{word}" for device in self.devices for word in DEVICE)]
+        return [*CYCLE._fields, *(f"{device}.{word}" for device in self.devices for word in DEVICE._fields)]
 
     @property
     def ints(self) -> int:
         """Number of int64 words."""
         return len(CYCLE) + len(DEVICE) * len(self.devices)
+
+    def device(self, index: int) -> slice:
+        """The words of the device at `index` in `devices`; `DEVICE` names them in their order."""
+        first = len(CYCLE) + index * len(DEVICE)
+        return slice(first, first + len(DEVICE))
 
     @property
     def floats(self) -> int:
@@ -181,17 +113,3 @@ class Layout:
             }
             fields[item["name"]] = Field(**item)
         return cls(content["devices"], fields, content["meta"])
-
-
-class Board:
-    """The row being made: named views into one array of words."""
-
-    def __init__(self, layout: Layout) -> None:
-        self.layout = layout
-        self.words = np.zeros(layout.width, np.int64)
-        self.ints = self.words[: layout.ints]
-        self.floats = self.words[layout.ints :].view(np.float64)
-        self.index = {name: i for i, name in enumerate(layout.int_names)}
-        self.views: dict[str, Array] = {
-            f.name: self.floats[f.offset : f.offset + f.size].reshape(f.shape) for f in layout.fields.values()
-        }

@@ -1,4 +1,4 @@
-"""Requests from clients to the loop: fixed-size records in a ring, written by the bus, read by the loop.
+"""Requests of bus clients to the loop: fixed-size records in a ring, written by the bus, read by the loop.
 
 The bus checks a request before it writes one; the loop checks again what concerns safety (finite, in bounds,
 not expired). The answer needs no channel of its own: the loop leaves the request's number and its result in
@@ -23,7 +23,7 @@ WIDTH = 5 + VALUES
 CAPACITY = 1024
 
 
-class Ask(IntEnum):
+class RequestKind(IntEnum):
     """What is asked."""
 
     NONE = 0
@@ -33,10 +33,10 @@ class Ask(IntEnum):
     PARAMETER = 4  # target: the parameter's index in meta["parameters"], one value
     SETPOINT = 5  # target: index in meta["setpoints"], as many values as the signal has
     EXIT = 6  # safe stop, then end
-    FAULT = 7  # target: a `layout.Cause` seen outside the loop (the bus died, the duration is over)
+    FAULT = 7  # target: a `words.Cause` seen outside the loop (the bus died, the duration is over)
 
 
-_KINDS = frozenset(Ask)
+_KINDS = frozenset(RequestKind)
 
 
 class Answer(IntEnum):
@@ -55,13 +55,13 @@ class Request:
     """One record."""
 
     id: int
-    kind: Ask
+    kind: RequestKind
     target: int
     expires: int
     values: Array
 
 
-class MailboxWriter:
+class RequestWriter:
     """The bus process's end."""
 
     def __init__(self, path: Path) -> None:
@@ -74,7 +74,7 @@ class MailboxWriter:
         """Makes the file; the supervisor does, once a run."""
         RingWriter.create(path, WIDTH, CAPACITY).close()
 
-    def send(self, kind: Ask, expires: int, target: int = 0, values: Array | None = None) -> int:
+    def send(self, kind: RequestKind, expires: int, target: int = 0, values: Array | None = None) -> int:
         """Appends a record; returns its id (the ring's sequence number)."""
         count = 0 if values is None else values.size
         if count > VALUES:
@@ -91,7 +91,7 @@ class MailboxWriter:
         self._ring.close()
 
 
-class MailboxReader:
+class RequestReader:
     """The loop's end."""
 
     def __init__(self, path: Path) -> None:
@@ -104,7 +104,13 @@ class MailboxReader:
             return []
         rows = [row for row in self._ring.take(most) if int(row[1]) in _KINDS]
         return [
-            Request(int(row[0]), Ask(int(row[1])), int(row[2]), int(row[3]), row[5 : 5 + int(row[4])].view(np.float64))
+            Request(
+                int(row[0]),
+                RequestKind(int(row[1])),
+                int(row[2]),
+                int(row[3]),
+                row[5 : 5 + int(row[4])].view(np.float64),
+            )
             for row in rows
         ]
 

@@ -1,4 +1,4 @@
-"""The folder of one running instance: ring, mailbox, sockets. In memory (tmpfs) where the host has it."""
+"""The folder of one running instance: rings, sockets, launch file. In memory (tmpfs) where the host has it."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ _SOCKET_PATH = 107  # bytes, sun_path less its terminator
 MODE = 0o750  # the service's user moves limbs; its group may look and ask
 
 
-class RunDir:
+class RunFolder:
     """Paths of an instance's files; `claim` makes it this process's."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.rows = path / "rows.ring"
-        self.notes = path / "notes.ring"
-        self.mail = path / "mail.ring"
-        self.order = path / "order.json"
+        self.events = path / "events.ring"
+        self.requests = path / "requests.ring"
+        self.launch = path / "launch.json"
         self.layout = path / "layout.json"
         self.loop_socket = path / "loop.sock"
         self.bus_socket = path / "zenoh.sock"
@@ -32,7 +32,7 @@ class RunDir:
         self._lock: int | None = None
 
     @classmethod
-    def of(cls, name: str) -> RunDir:
+    def of(cls, name: str) -> RunFolder:
         """The folder of the instance called `name`."""
         return cls(base() / name)
 
@@ -108,12 +108,12 @@ def _is_tmpfs(mount: str) -> bool:
     return any(line.split()[1:3] == [mount, "tmpfs"] for line in Path("/proc/mounts").read_text().splitlines())
 
 
-def running() -> list[RunDir]:
+def running() -> list[RunFolder]:
     """Every instance that runs now and that this user may see: one's own, and the host's services."""
     folders = {
         p.parent for root in (base(), SERVICES) for pattern in ("*/lock", "*/*/lock") for p in root.glob(pattern)
     }
-    return [rundir for rundir in map(RunDir, sorted(folders)) if rundir.is_claimed()]
+    return [run_folder for run_folder in map(RunFolder, sorted(folders)) if run_folder.is_claimed()]
 
 
 def free_bytes(path: Path) -> int:

@@ -1,6 +1,6 @@
 """One cycle's decisions: check -> control -> guard. No I/O, no clock: the loop and the replay both run it.
 
-All it reads and writes is the board, so a recorded row holds everything a replay needs.
+All it reads and writes is the row, so a recorded one holds everything a replay needs.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from runtime.contracts.errors import DeviceError
 from runtime.contracts.signals import Kind, Limits, Stop
 from runtime.guard import CommandGuard, make_guard
 from runtime.guard.limits import merge
-from runtime.ipc.layout import (
+from runtime.ipc.requests import Answer, RequestKind
+from runtime.ipc.words import (
     CYCLE,
     DEVICE,
     FLAG_DEGRADED,
@@ -29,14 +30,14 @@ from runtime.ipc.layout import (
     Cause,
     State,
 )
-from runtime.ipc.requests import Answer, Ask
 from runtime.loop.machine import Fault, Ladder, Machine
 from runtime.profile.graph import Actuator, Graph
 
 PATIENCE = 5_000_000_000  # ns that a stop may take on the way out: a limb that can't come to rest mustn't keep the run
 _CATEGORIES = {category: i for i, category in enumerate(Stop)}
-_NOW, _DT, _STATE, _CAUSE = (CYCLE.index(n) for n in ("now", "dt", "state", "cause"))
-_CULPRIT, _CATEGORY, _OVERRUNS, _FLAGS = (CYCLE.index(n) for n in ("culprit", "category", "overruns", "flags"))
+_NOW, _DT, _STATE, _CAUSE = CYCLE.now, CYCLE.dt, CYCLE.state, CYCLE.cause
+_CULPRIT, _CATEGORY, _FLAGS = CYCLE.culprit, CYCLE.category, CYCLE.flags
+_LINK = DEVICE.link
 
 
 class Cycle:
@@ -48,7 +49,7 @@ class Cycle:
         limits: dict[str, Limits],
         automatic: bool,
         stopped_by: Cause = Cause.NONE,
-        note: Callable[[str], None] = lambda text: None,
+        report: Callable[[str], None] = lambda text: None,
     ) -> None:
         """Builds the guards.
 
@@ -57,20 +58,20 @@ class Cycle:
             limits: by command name: the narrower of the profile's and the device's own.
             automatic: READY goes on by itself.
             stopped_by: begin in the stop, for this reason.
-            note: takes a remark for people; called rarely.
+            report: takes an event in words; called rarely.
         """
         self.graph = graph
         self.machine = Machine(graph.profile.faults, graph.profile.emergency, automatic, stopped_by)
         overrun = graph.profile.faults.overrun
         self.ladder = Ladder(overrun.tolerate, overrun.window, overrun.stop)
-        self.note = note
+        self.report = report
         self.guards = [self._make_guard(a, limits[a.name]) for a in graph.actuators]
-        self._ints = graph.board.ints
-        self._first = len(CYCLE)
+        self._ints = graph.row.ints
+        self._devices = graph.row.devices
         self._max_age = self._ages()
         self._count = len(graph.devices)
         self._emergency = [
-            (graph.board.views[e.signal].reshape(-1)[e.index : e.index + 1], e.when, self._device_of(e.signal))
+            (graph.row.views[e.signal].reshape(-1)[e.index : e.index + 1], e.when, self._device_of(e.signal))
             for e in graph.profile.emergency
         ]
         # Without feedback, the limb is where a person put it (home) before the first start and after it hung
@@ -94,7 +95,7 @@ class Cycle:
             ages.append(round(min(e.max_age for n, e in entries if n.startswith(f"{owner}.")) * 1e9))
         return ages
 
-    def check(self, missed: int, kind: Ask, target: int) -> Answer:
+    def check(self, missed: int, kind: RequestKind, target: int) -> Answer:
         """Finds what is amiss, then lets faults and the request act on the state.
 
         Args:
@@ -105,6 +106,7 @@ class Cycle:
         ints, machine = self._ints, self.machine
         now = int(ints[_NOW])
         self._fault = self._find_fault(now)
+        machine.recover = False
         degraded, too_many = self.ladder.count(now, missed)
         ints[_FLAGS] = FLAG_LATE * (missed > 0) + FLAG_DEGRADED * degraded
         if self._fault is not None:
@@ -112,24 +114,23 @@ class Cycle:
         elif too_many:
             machine.stop(Fault(Cause.OVERRUN))
         answer = Answer.NONE
-        if kind is not Ask.NONE:
+        if kind is not RequestKind.NONE:
             # A client that fell silent mustn't keep the limb from being started again without it.
             answer = machine.request(kind, target, None if self._client_is_silent() else self._fault)
         machine.start_if_ready(self._fault)
         return answer
 
     def _find_fault(self, now: int) -> Fault | None:
-        words = self._ints[self._first :].tolist()  # plain integers: a tenth of numpy's price each
+        words = self._devices.tolist()  # plain integers: a tenth of numpy's price each
         fault: Fault | None = None
         for i, max_age in enumerate(self._max_age):
-            at = i * len(DEVICE)
-            stamp, link = words[at], words[at + 1]
+            stamp, link, *_ = words[i]
             client = i >= self._count
             # A client that hasn't spoken yet isn't late; a device is.
             stale = max_age > 0 and (abs(now - stamp) > max_age if stamp >= 0 else not client)
             if stale != bool(link & LINK_STALE):
                 link ^= LINK_STALE
-                self._ints[self._first + at + 1] = link
+                self._devices[i, _LINK] = link
             if link & LINK_ACTIVE and (not link & LINK_CONNECTED or link & LINK_FAULT):
                 self._lost(i)
             if fault is not None:
@@ -146,14 +147,14 @@ class Cycle:
         for i, (element, when, device) in enumerate(self._emergency):
             if element[0] == when or not isfinite(element[0]):
                 return Fault(Cause.EMERGENCY, i)
-            link = int(self._ints[self._first + device * len(DEVICE) + 1]) if device >= 0 else LINK_CONNECTED
+            link = self._devices.item(device, _LINK) if device >= 0 else LINK_CONNECTED
             if fault is None and (not link & LINK_CONNECTED or link & LINK_STALE):
                 fault = Fault(Cause.DEVICE_LOSS, device)  # a switch that can't be read can't stop anything
         return fault
 
     def _lost(self, device: int) -> None:
         """No command may reach a device that comes back, or recovers, before the next start."""
-        self._ints[self._first + device * len(DEVICE) + 1] &= ~LINK_ACTIVE
+        self._devices[device, _LINK] &= ~LINK_ACTIVE
         for i, actuator in enumerate(self.graph.actuators):
             if actuator.device == device and actuator.command.feedback is None:
                 self._homed[i] = False
@@ -175,7 +176,7 @@ class Cycle:
                     controller.reset()
                 controller.update(dt)
             except Exception:
-                self.note(f"controller '{controller.name}' failed: {traceback.format_exc(limit=-3)}")
+                self.report(f"controller '{controller.name}' failed: {traceback.format_exc(limit=-3)}")
                 self.machine.stop(Fault(Cause.CONTROLLER_ERROR, i))
                 return
 
@@ -187,8 +188,7 @@ class Cycle:
         state = machine.state
         at_rest, flags = True, 0
         for i, (actuator, guard) in enumerate(zip(self.graph.actuators, self.guards, strict=True)):
-            at = self._first + actuator.device * len(DEVICE) + 1
-            link = ints.item(at)
+            link = self._devices.item(actuator.device, _LINK)
             if not link & LINK_ACTIVE:
                 continue
             category = self.category(actuator)
@@ -201,7 +201,8 @@ class Cycle:
                 self._homed[i] |= guard.at_rest
                 at_rest &= guard.at_rest
             elif category is Stop.LIMP and actuator.command.kind is Kind.POSITION:
-                ints[at] &= ~LINK_ACTIVE  # the loop tells the device to let go; no command follows
+                # The loop tells the device to let go; no command follows.
+                self._devices[actuator.device, _LINK] &= ~LINK_ACTIVE
                 self._put_home[i] = actuator.command.feedback is None
             else:
                 guard.stop(category, dt)
@@ -233,10 +234,10 @@ class Cycle:
             try:
                 guard.reset(start)
             except DeviceError as error:
-                self.note(str(error))
+                self.report(str(error))
                 self.machine.stop(Fault(Cause.DRIVER_ERROR, actuator.device))
                 continue
-            self._ints[self._first + actuator.device * len(DEVICE) + 1] |= LINK_ACTIVE
+            self._devices[actuator.device, _LINK] |= LINK_ACTIVE
 
     def _make_guard(self, a: Actuator, limits: Limits) -> CommandGuard:
         profile = self.graph.profile

@@ -12,11 +12,15 @@ import traceback
 from collections import deque
 from collections.abc import Callable
 
+import numpy as np
+from numpy.typing import NDArray
+
 from runtime.contracts.driver import Driver
 from runtime.contracts.errors import DeviceLostError, SrlError
 from runtime.contracts.signals import Stop
 from runtime.contracts.world import Fake
-from runtime.ipc.layout import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, LINK_ERROR, LINK_FAULT, LINK_STALE, Board
+from runtime.ipc.words import DEVICE, LINK_ACTIVE, LINK_CONNECTED, LINK_ERROR, LINK_FAULT, LINK_STALE
+from runtime.profile.graph import Actuator
 
 RETRY = 0.5  # s between attempts to open a lost device
 _KEPT = ~(LINK_CONNECTED | LINK_ERROR | LINK_STALE | LINK_FAULT)
@@ -27,25 +31,33 @@ class Device:
 
     Attributes:
         driver: the driver.
+        actuators: its commands, as the guard bounds them; empty for a sensor.
+        words: (6,) int64, its words in the row (`DEVICE`).
         lost: it is away.
         on_loss, on_return: called in the loop's thread.
     """
 
-    def __init__(self, driver: Driver, index: int, board: Board, note: Callable[[str], None]) -> None:
-        self.driver = driver
+    def __init__(
+        self, driver: Driver, words: NDArray[np.int64], actuators: list[Actuator], report: Callable[[str], None]
+    ) -> None:
+        """`report` takes an event in words; the rest is described above."""
+        self.driver, self.words, self.actuators = driver, words, actuators
         self.lost = False
         self.on_loss: Callable[[Device], None] = lambda device: None
         self.on_return: Callable[[Device], None] = lambda device: None
-        first = len(CYCLE) + index * len(DEVICE)
-        self._words = board.ints[first : first + len(DEVICE)]
-        self._words[0] = -1
-        self._note = note
+        self.words[DEVICE.stamp] = -1
+        self._report = report
         self._failing: set[str] = set()  # which of read, write and stop failed when last called
-        self._remarks: deque[str] = deque()  # the reopening thread's: only the loop writes notes
+        self._events: deque[str] = deque()  # the reopening thread's: only the loop writes events
         self._wanted, self._back, self._closing = threading.Event(), threading.Event(), threading.Event()
         self._reopener: threading.Thread | None = None
         self._next_try = 0
-        self._fault = ""  # the newest that was noted
+        self._fault = ""  # the newest that was reported
+
+    @property
+    def active(self) -> bool:
+        """Commands reach it."""
+        return bool(self.words.item(DEVICE.link) & LINK_ACTIVE)
 
     def watch(self) -> None:
         """Starts the thread that will open the device again; before the loop, as starting one takes milliseconds."""
@@ -60,8 +72,8 @@ class Device:
             self._await_return(now)
         else:
             self._call("read", self.driver.read, now)
-        health, words = self.driver.health, self._words
-        link = int(words[1]) & _KEPT
+        health, words = self.driver.health, self.words
+        link = words.item(DEVICE.link) & _KEPT
         # A return shows one cycle late, so that every loss is seen, however short.
         if not was_lost and not self.lost and health.connected:
             link |= LINK_CONNECTED
@@ -69,7 +81,7 @@ class Device:
                 link |= LINK_FAULT
         if health.fault != self._fault:
             self._fault = health.fault
-            self._note(
+            self._report(
                 f"'{self.driver.name}': {health.fault}" if health.fault else f"'{self.driver.name}' is well again"
             )
         if self._failing:
@@ -94,7 +106,7 @@ class Device:
     def recover(self, now: int) -> None:
         """Starts the recovery of a device that refuses to move; not while the device is away."""
         if not self.lost and self.driver.health.fault:
-            self._note(f"'{self.driver.name}' is told to recover from: {self.driver.health.fault}")
+            self._report(f"'{self.driver.name}' is told to recover from: {self.driver.health.fault}")
             self._call("recover", self.driver.recover, now)
 
     def _call(self, what: str, function: Callable[[int], None], now: int) -> None:
@@ -107,14 +119,14 @@ class Device:
         except Exception:
             # A driver's defect must not end the loop while a person wears the limb.
             if what not in self._failing:
-                self._note(f"driver '{self.driver.name}' failed to {what}: {traceback.format_exc(limit=-3)}")
+                self._report(f"driver '{self.driver.name}' failed to {what}: {traceback.format_exc(limit=-3)}")
             self._failing.add(what)
 
     def _lose(self, reason: str, now: int) -> None:
         self.lost = True
         self._failing.clear()
         self._next_try = now + round(RETRY * 1e9)
-        self._note(f"lost {reason}")
+        self._report(f"lost {reason}")
         self.on_loss(self)
         self._back.clear()
         self._wanted.set()
@@ -135,14 +147,14 @@ class Device:
             except SrlError as error:
                 if str(error) != said:
                     said = str(error)
-                    self._remarks.append(f"still away: {said}")
+                    self._events.append(f"still away: {said}")
             except Exception:
-                self._remarks.append(f"driver '{self.driver.name}' failed to open: {traceback.format_exc(limit=-3)}")
+                self._events.append(f"driver '{self.driver.name}' failed to open: {traceback.format_exc(limit=-3)}")
             self._closing.wait(RETRY)
 
     def _await_return(self, now: int) -> None:
-        while self._remarks:
-            self._note(self._remarks.popleft())
+        while self._events:
+            self._report(self._events.popleft())
         if isinstance(self.driver, Fake):
             if now < self._next_try:
                 return
@@ -155,7 +167,7 @@ class Device:
         elif not self._back.is_set():
             return
         self.lost = False
-        self._note(f"'{self.driver.name}' is back")
+        self._report(f"'{self.driver.name}' is back")
         self.on_return(self)
 
     def close(self) -> None:

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from runtime.contracts.signals import Stop
-from runtime.ipc.layout import Cause, State
-from runtime.ipc.requests import Answer, Ask
+from runtime.ipc.requests import Answer, RequestKind
+from runtime.ipc.words import Cause, State
 from runtime.profile.profile import EmergencyInput, Faults
 
 # What a fault leads to: a category for every actuator, or "stop", each actuator's own.
@@ -34,6 +34,8 @@ class Machine:
         cause, culprit: why it stopped last; NONE while all is well.
         override: the category that stops every actuator; None: each its own.
         exiting: the run ends once it is at rest.
+        recover: a person asked for motion while a fault stands, and was refused: the devices are told to recover.
+            They ask again once the devices are well. True for the cycle of the request.
     """
 
     def __init__(
@@ -45,6 +47,7 @@ class Machine:
         self.culprit = -1
         self.override: Stop | None = None
         self.exiting = False
+        self.recover = False
         self._automatic = automatic
         self._emergency = emergency
         self._reactions = {
@@ -77,18 +80,19 @@ class Machine:
             reaction = self._reactions.get(fault.cause, _OWN)
         self.override = reaction if isinstance(reaction, Stop) else None
 
-    def request(self, kind: Ask, target: int, present: Fault | None) -> Answer:
+    def request(self, kind: RequestKind, target: int, present: Fault | None) -> Answer:
         """A client's request; `present` is a fault that is there in this cycle."""
-        if kind in (Ask.STOP, Ask.EXIT, Ask.FAULT):
-            self.exiting |= kind is Ask.EXIT
+        if kind in (RequestKind.STOP, RequestKind.EXIT, RequestKind.FAULT):
+            self.exiting |= kind is RequestKind.EXIT
             fault = Fault(Cause(target) if target else Cause.REQUEST)
-            if kind is not Ask.FAULT or self._reactions.get(fault.cause) != "ignore":
+            if kind is not RequestKind.FAULT or self._reactions.get(fault.cause) != "ignore":
                 self.stop(fault)
             return Answer.DONE
-        wanted = State.READY if kind is Ask.START else State.STOPPED
+        wanted = State.READY if kind is RequestKind.START else State.STOPPED
         if self.state is not wanted or self.exiting:
             return Answer.REFUSED_STATE
         if present is not None:
+            self.recover = True
             return Answer.REFUSED_FAULT
         self._begin()
         return Answer.DONE

@@ -1,4 +1,4 @@
-"""The loop's process: `python -m runtime.loop.process RUNDIR CHANNEL`, started by the supervisor.
+"""The loop's process: `python -m runtime.loop RUN_FOLDER CHANNEL`, started by the supervisor.
 
 Opens the devices, hands the actuators' descriptors to the supervisor, becomes a real-time process, runs the
 loop, and lets the devices go.
@@ -23,19 +23,19 @@ from runtime.contracts.errors import DeviceError, ProfileError, SrlError, neares
 from runtime.contracts.signals import Limits, Stop
 from runtime.contracts.world import Fake
 from runtime.ipc.channel import Channel
-from runtime.ipc.events import Level, NotesWriter
-from runtime.ipc.launch import Order
-from runtime.ipc.layout import Cause, State
+from runtime.ipc.events import EventWriter, Level
+from runtime.ipc.launch import Launch
 from runtime.ipc.notify import Notifier
 from runtime.ipc.ring import RingWriter
-from runtime.ipc.run_folder import RunDir
+from runtime.ipc.run_folder import RunFolder
 from runtime.ipc.stop_slots import StopSlots
+from runtime.ipc.words import CYCLE, Cause, State
 from runtime.loop import realtime
 from runtime.loop.clock import Clock, DeviceClock, MonotonicClock, SimClock
 from runtime.loop.cycle import Cycle, limits_of
 from runtime.loop.device import Device
 from runtime.loop.loop import Loop
-from runtime.loop.request_queue import Inbox
+from runtime.loop.request_queue import RequestQueue
 from runtime.profile import profile, wiring
 from runtime.profile.graph import Graph
 
@@ -47,24 +47,26 @@ READS = 16  # before the first cycle: more than any buffer holds
 class Process:
     """What belongs to one run; see the module's text."""
 
-    def __init__(self, rundir: RunDir, channel: Channel) -> None:
-        self.rundir, self.channel = rundir, channel
-        self.order = Order.load(rundir.order)
-        self.notes = NotesWriter(rundir.notes)
+    def __init__(self, run_folder: RunFolder, channel: Channel) -> None:
+        self.run_folder, self.channel = run_folder, channel
+        self.launch = Launch.load(run_folder.launch)
+        self.events = EventWriter(run_folder.events)
         self.graph: Graph | None = None
         self.devices: list[Device] = []
 
-    def note(self, text: str, level: Level = Level.WARNING) -> None:
-        """A remark for people."""
-        cycle = int(self.graph.board.ints[0]) if self.graph is not None else 0
-        self.notes.write(time.monotonic_ns(), level, cycle, text)
+    def report(self, text: str, level: Level = Level.WARNING) -> None:
+        """An event, for people to read."""
+        cycle = int(self.graph.row.ints[CYCLE.cycle]) if self.graph is not None else 0
+        self.events.write(time.monotonic_ns(), level, cycle, text)
 
     def run(self) -> None:
         """The whole run. Raises SrlError for what the user can mend."""
-        order = self.order
-        checked, source = profile.parse(order.label, order.text, order.overrides)
-        graph = self.graph = wiring.build(checked, source, order.sim)
-        self.devices = [Device(d, i, graph.board, self.note) for i, d in enumerate(graph.devices)]
+        launch = self.launch
+        checked, source = profile.parse(launch.label, launch.text, launch.overrides)
+        graph = self.graph = wiring.build(checked, source, launch.sim)
+        self.devices = [
+            Device(d, graph.row.devices[i], graph.actuators_of(i), self.report) for i, d in enumerate(graph.devices)
+        ]
         try:
             for device in self.devices:
                 device.driver.open()
@@ -80,39 +82,39 @@ class Process:
         limits = limits_of(graph)
         clock = self._clock(graph)
         cycle = Cycle(
-            graph, limits, self.order.automatic, Cause.RESTART if self.order.crashed else Cause.NONE, self.note
+            graph, limits, self.launch.automatic, Cause.RESTART if self.launch.crashed else Cause.NONE, self.report
         )
         meta = graph.layout.meta
         meta["limits"] = {name: _plain(value) for name, value in limits.items()}
         meta["clock"] = type(clock).__name__
-        meta["automatic"], meta["crashed"] = self.order.automatic, self.order.crashed
-        unpaced = isinstance(clock, SimClock) and self.order.fast
+        meta["automatic"], meta["crashed"] = self.launch.automatic, self.launch.crashed
+        unpaced = isinstance(clock, SimClock) and self.launch.fast
         meta["unpaced"] = unpaced
         if unpaced:
             meta["wall"] = time.time_ns()  # simulated time begins at 0
-        graph.layout.save(self.rundir.layout)
+        graph.layout.save(self.run_folder.layout)
         capacity = max(LEAST, KEPT * round(float(graph.profile.rate)))
-        ring = RingWriter.create(self.rundir.rows, graph.layout.width, capacity)
-        inbox = Inbox(self.rundir, graph)
+        ring = RingWriter.create(self.run_folder.rows, graph.layout.width, capacity)
+        requests = RequestQueue(self.run_folder, graph)
         self._ring = ring
-        loop = Loop(graph, self.devices, clock, cycle, inbox, ring)
+        loop = Loop(graph, self.devices, clock, cycle, requests, ring)
         self._watch(loop, graph)
         if not unpaced:
             for refused in realtime.enter():
-                self.note(refused)
-        signal.signal(signal.SIGTERM, lambda *_: setattr(inbox, "end_asked", True))
+                self.report(refused)
+        signal.signal(signal.SIGTERM, lambda *_: setattr(requests, "end_asked", True))
         ring.touch(time.monotonic_ns())
         if not unpaced:
             self._catch_up()
         self.channel.send({"say": "running", "period": clock.period, "unpaced": unpaced})
         try:
-            loop.run(self.order.cycles)
+            loop.run(self.launch.cycles)
             ring.finish()
         finally:
-            for device in loop.actuators:
+            for device in loop.commanded:
                 device.stop(self._category(loop, device), 0)
-            inbox.close()
-        self.rundir.result.write_text(json.dumps(self._figures(loop)))
+            requests.close()
+        self.run_folder.result.write_text(json.dumps(self._figures(loop)))
 
     def _catch_up(self) -> None:
         """Reads what came from the first device while the last was opened.
@@ -136,9 +138,9 @@ class Process:
                 pace = DeviceClock(rate, lambda: None if robot.lost else robot.driver.fileno())
         if graph.world is None:
             return pace
-        if not self.order.fast:
+        if not self.launch.fast:
             return SimClock(rate, graph.world, pace)
-        return SimClock(rate, graph.world, None, self._throttle if self.order.recorded else None)
+        return SimClock(rate, graph.world, None, self._throttle if self.launch.recorded else None)
 
     def _throttle(self) -> None:
         """Simulation ahead of its recorder waits: nothing recorded is ever lost."""
@@ -149,16 +151,15 @@ class Process:
 
     def _watch(self, loop: Loop, graph: Graph) -> None:
         """Keeps the supervisor able to stop the actuators, and systemd content."""
-        slots = StopSlots(self.rundir.stops, len(loop.actuators), create=True)
+        slots = StopSlots(self.run_folder.stops, len(loop.commanded), create=True)
         notifier = Notifier()
 
+        numbers = {d: i for i, d in enumerate(loop.commanded)}
+
         def hand_over(device: Device) -> None:
-            number = loop.actuators.index(device)
             fileno = device.driver.fileno()
             if fileno is not None:
-                self.channel.send({"say": "actuator", "slot": number, "name": device.driver.name}, fileno)
-
-        numbers = {d: i for i, d in enumerate(loop.actuators)}
+                self.channel.send({"say": "actuator", "slot": numbers[device], "name": device.driver.name}, fileno)
 
         def lost(device: Device) -> None:
             slots.clear(numbers[device])
@@ -167,7 +168,7 @@ class Process:
         def after_write(device: Device) -> None:
             slots.write(numbers[device], device.driver.stop_frame(self._category(loop, device)))
 
-        for device in loop.actuators:
+        for device in loop.commanded:
             hand_over(device)
             device.on_loss, device.on_return = lost, hand_over
 
@@ -181,7 +182,7 @@ class Process:
                 cause = loop.cycle.machine.cause
                 level = Level.INFO if cause in (Cause.NONE, Cause.END) else Level.WARNING
                 why = f" ({cause.name.lower()} {loop.culprit()})".replace(" )", ")") if cause else ""
-                self.note(f"{state.name.lower()}{why}", level)
+                self.report(f"{state.name.lower()}{why}", level)
                 if said is State.STARTING:
                     notifier.ready()
                 said = state
@@ -190,8 +191,7 @@ class Process:
 
     def _category(self, loop: Loop, device: Device) -> Stop:
         """How the device stops without the loop: retracting needs the loop, so it holds."""
-        own = next(a for a in loop.graph.actuators if loop.graph.devices[a.device] is device.driver)
-        category = loop.cycle.category(own)
+        category = loop.cycle.category(device.actuators[0])
         return Stop.HOLD if category is Stop.RETRACT else category
 
     def _figures(self, loop: Loop) -> dict[str, Any]:
@@ -228,7 +228,7 @@ def main() -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the supervisor, which asks for the safe stop
     channel = Channel(socket.socket(fileno=int(sys.argv[2])))
     os.set_inheritable(channel.socket.fileno(), False)
-    process = Process(RunDir(Path(sys.argv[1])), channel)
+    process = Process(RunFolder(Path(sys.argv[1])), channel)
     try:
         process.run()
     except SrlError as error:
@@ -238,10 +238,3 @@ def main() -> int:
         )
         return 2
     return 0
-
-
-if __name__ == "__main__":
-    code = main()
-    sys.stderr.flush()
-    # Garbage collection is frozen here: an orderly teardown would only complain about what it can't free.
-    os._exit(code)

@@ -16,17 +16,18 @@ from numpy.typing import NDArray
 from runtime.contracts import provenance
 from runtime.contracts.errors import RecordingError
 from runtime.contracts.signals import Limits
-from runtime.ipc.layout import CYCLE, DEVICE, LINK_ACTIVE, LINK_STALE, Cause, Layout
-from runtime.ipc.requests import Answer, Ask
+from runtime.ipc.layout import Layout
+from runtime.ipc.requests import Answer, RequestKind
+from runtime.ipc.words import CYCLE, DEVICE, LINK_ACTIVE, LINK_STALE, Cause
 from runtime.loop.cycle import Cycle
 from runtime.profile import profile, wiring
 from runtime.profile.graph import Graph
 
 _INPUT = ("state", "setpoint", "parameter", "truth")
 _OUTPUT = ("command", "applied", "internal")
-_DECIDED = ("state", "cause", "culprit", "category", "flags")
-_COPIED = ("cycle", "now", "dt", "overruns")
-_STATE_REQUESTS = (Ask.START, Ask.STOP, Ask.RESET, Ask.EXIT, Ask.FAULT)
+_DECIDED = [CYCLE.state, CYCLE.cause, CYCLE.culprit, CYCLE.category, CYCLE.flags]
+_COPIED = [CYCLE.cycle, CYCLE.now, CYCLE.dt, CYCLE.overruns]
+_STATE_REQUESTS = (RequestKind.START, RequestKind.STOP, RequestKind.RESET, RequestKind.EXIT, RequestKind.FAULT)
 
 
 @dataclass
@@ -81,24 +82,22 @@ def replay(layout: Layout, rows: NDArray[np.int64], place: str) -> Comparison:
         )  # fmt: skip
     graph, cycle = _rebuild(layout, place)
     comparison = Comparison(warnings=_other_versions(layout))
-    board, words = graph.board, graph.board.index
-    inputs = [(board.views[f.name], layout.value(rows, f.name)) for f in layout.fields.values() if f.role in _INPUT]
+    made = graph.row
+    inputs = [(made.views[f.name], layout.value(rows, f.name)) for f in layout.fields.values() if f.role in _INPUT]
     outputs = [
-        (f.name, board.views[f.name], layout.value(rows, f.name)) for f in layout.fields.values() if f.role in _OUTPUT
+        (f.name, made.views[f.name], layout.value(rows, f.name)) for f in layout.fields.values() if f.role in _OUTPUT
     ]
-    copied = [words[n] for n in _COPIED]
-    decided = [words[n] for n in _DECIDED]
     differences = {name: 0.0 for name, _, _ in outputs}
     overruns = 0
     for k, row in enumerate(rows):
-        ints = board.ints
-        ints[copied] = row[copied]
-        _copy_devices(ints, row, layout)
+        ints = made.ints
+        ints[_COPIED] = row[_COPIED]
+        _copy_devices(made.devices, row, layout)
         for view, values in inputs:
             view[...] = values[k]
-        missed = int(ints[words["overruns"]]) - overruns
+        missed = int(ints[CYCLE.overruns]) - overruns
         overruns += missed
-        _decide(cycle, row, words, missed)
+        _decide(cycle, row, missed)
         for name, view, values in outputs:
             if view.tobytes() != values[k].tobytes():
                 comparison.identical = False
@@ -107,31 +106,30 @@ def replay(layout: Layout, rows: NDArray[np.int64], place: str) -> Comparison:
                 if largest > differences[name]:
                     differences[name] = largest
                     if largest > comparison.largest:
-                        comparison.largest, comparison.where = largest, (name, int(row[words["cycle"]]))
-        if (ints[decided] != row[decided]).any():
+                        comparison.largest, comparison.where = largest, (name, int(row[CYCLE.cycle]))
+        if (ints[_DECIDED] != row[_DECIDED]).any():
             comparison.identical = False
             comparison.states_differ += 1
     comparison.cycles, comparison.signals = len(rows), differences
     return comparison
 
 
-def _decide(cycle: Cycle, row: NDArray[np.int64], words: dict[str, int], missed: int) -> None:
-    kind = Ask(int(row[words["request_kind"]]))
-    if kind not in _STATE_REQUESTS or row[words["request_result"]] != Answer.DONE:
-        kind = Ask.NONE
-    cycle.check(missed, kind, int(row[words["request_target"]]))
+def _decide(cycle: Cycle, row: NDArray[np.int64], missed: int) -> None:
+    kind = RequestKind(int(row[CYCLE.request_kind]))
+    if kind not in _STATE_REQUESTS or row[CYCLE.request_result] != Answer.DONE:
+        kind = RequestKind.NONE
+    cycle.check(missed, kind, int(row[CYCLE.request_target]))
     cycle.control()
     cycle.guard()
 
 
-def _copy_devices(ints: NDArray[np.int64], row: NDArray[np.int64], layout: Layout) -> None:
+def _copy_devices(made: NDArray[np.int64], row: NDArray[np.int64], layout: Layout) -> None:
     """Stamps and links as the drivers gave them; staleness and activity are the cycle's own findings."""
     own = LINK_ACTIVE | LINK_STALE
-    for i in range(len(layout.devices)):
-        at = len(CYCLE) + i * len(DEVICE)
-        link = (int(row[at + 1]) & ~own) | (int(ints[at + 1]) & own)
-        ints[at : at + len(DEVICE)] = row[at : at + len(DEVICE)]
-        ints[at + 1] = link
+    for i, words in enumerate(made):
+        link = words.item(DEVICE.link)
+        words[:] = row[layout.device(i)]
+        words[DEVICE.link] = (words.item(DEVICE.link) & ~own) | (link & own)
 
 
 def _rebuild(layout: Layout, place: str) -> tuple[Graph, Cycle]:

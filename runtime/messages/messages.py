@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from runtime.contracts.errors import RequestError
+from runtime.contracts.field import Field
 from runtime.contracts.signals import Array
-from runtime.ipc.layout import Field
 from runtime.messages import cdr
 
 JOINT_STATE = "sensor_msgs/msg/JointState"

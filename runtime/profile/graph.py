@@ -9,7 +9,8 @@ from runtime.contracts.driver import Driver
 from runtime.contracts.frames import Frames
 from runtime.contracts.signals import Array, Command, Signal, Stop
 from runtime.contracts.world import World
-from runtime.ipc.layout import Board, Layout
+from runtime.ipc.layout import Layout
+from runtime.ipc.row import Row
 from runtime.profile.profile import Profile, Source
 
 
@@ -36,7 +37,7 @@ class Graph:
     profile: Profile
     source: Source
     layout: Layout
-    board: Board
+    row: Row
     devices: list[Driver]
     controllers: list[Controller]
     actuators: list[Actuator]
@@ -44,6 +45,10 @@ class Graph:
     frames: Frames
     simulated: list[str]
     intent: list[bool]  # by device index (setpoint owners included): a loss of it is a loss of intent
+
+    def actuators_of(self, device: int) -> list[Actuator]:
+        """The commands of the device at this index; none for a sensor."""
+        return [a for a in self.actuators if a.device == device]
 
     def wiring(self) -> list[tuple[str, str, str]]:
         """(from, signal, to) of every connection, for `srl check`."""

@@ -26,7 +26,7 @@ class Keys:
     def __init__(self, instance: str) -> None:
         self.root = f"srl/{slug(instance)}"
         self.status = f"{self.root}/status"
-        self.notes = f"{self.root}/notes"
+        self.events = f"{self.root}/events"
         self.alive = f"{self.root}/alive"
         self.states = f"{self.root}/state/**"
 

@@ -19,7 +19,8 @@ from runtime.contracts.errors import ProfileError, WiringError, nearest
 from runtime.contracts.frames import Frames
 from runtime.contracts.signals import Command, Kind, Signal
 from runtime.contracts.world import World
-from runtime.ipc.layout import Board, Layout
+from runtime.ipc.layout import Layout
+from runtime.ipc.row import Row
 from runtime.profile import keys
 from runtime.profile.graph import Actuator, Graph, form
 from runtime.profile.meta import describe
@@ -60,7 +61,7 @@ class _Builder:
             raise first_error(error, self.source, path, model) from None
 
     def add(self, name: str, signal: Signal, role: str, writer: str, place: str) -> None:
-        """Puts a signal on the board."""
+        """Gives a signal its place in the row."""
         if name in self.writers:
             raise WiringError(
                 self.source.place(place),
@@ -132,13 +133,13 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
     scenery = world.scenery if world is not None else []
     layout.meta = describe(b.profile, b.source, b.signals, b.simulated, devices, controllers, parameters, scenery)
     keys.check(layout.fields, f"{b.source.label}: signal")
-    board = Board(layout)
+    row = Row(layout)
     for item in layout.meta["parameters"]:
-        board.views[item["name"]][()] = item["default"]
+        row.views[item["name"]][()] = item["default"]
     for entry in layout.meta["setpoints"]:
-        board.views[entry["name"]][...] = np.nan  # none yet
+        row.views[entry["name"]][...] = np.nan  # none yet
     graph = Graph(
-        profile, source, layout, board, devices, controllers, _actuators(b, devices, board), world, b.frames,
+        profile, source, layout, row, devices, controllers, _actuators(b, devices, row), world, b.frames,
         b.simulated, [_is_intent(name, devices, fed) for name in names],
     )  # fmt: skip
     _bind(graph)
@@ -329,7 +330,7 @@ def _unused(b: _Builder, devices: list[Driver]) -> None:
                 )  # fmt: skip
 
 
-def _actuators(b: _Builder, devices: list[Driver], board: Board) -> list[Actuator]:
+def _actuators(b: _Builder, devices: list[Driver], row: Row) -> list[Actuator]:
     actuators = []
     for i, device in enumerate(devices):
         category = b.profile.stop.get(device.name)
@@ -353,11 +354,11 @@ def _actuators(b: _Builder, devices: list[Driver], board: Board) -> list[Actuato
                     name,
                     i,
                     command,
-                    board.views[name],
-                    board.views.get(f"{name}.velocity"),
-                    board.views[f"{name}.applied"],
-                    board.views[state] if state else None,
-                    board.views.get(f"{device.name}.velocity"),
+                    row.views[name],
+                    row.views.get(f"{name}.velocity"),
+                    row.views[f"{name}.applied"],
+                    row.views[state] if state else None,
+                    row.views.get(f"{device.name}.velocity"),
                     category or command.stops[0],
                     device.home.get(command.name),
                 )
@@ -380,7 +381,7 @@ def _is_intent(name: str, devices: list[Driver], fed: set[str]) -> bool:
 
 
 def _bind(graph: Graph) -> None:
-    views = graph.board.views
+    views = graph.row.views
     for device in graph.devices:
         device.bind(
             {s.name: views[f"{device.name}.{s.name}"] for s in device.states},

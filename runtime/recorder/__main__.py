@@ -1,4 +1,4 @@
-"""`python -m runtime.recorder RUNDIR --out FILE.rrd [--view]`; `--view` alone shows the run and keeps nothing.
+"""`python -m runtime.recorder RUN_FOLDER --out FILE.rrd [--view]`; `--view` alone shows the run and keeps nothing.
 
 The supervisor starts it, and starts it again with the same arguments if it dies.
 
@@ -14,14 +14,14 @@ import sys
 from pathlib import Path
 
 from runtime.contracts.errors import SrlError
-from runtime.ipc.run_folder import RunDir
+from runtime.ipc.run_folder import RunFolder
 from runtime.loop.realtime import die_with_parent
 
 
 def main() -> int:
     """Runs the recorder."""
     parser = argparse.ArgumentParser(prog="python -m runtime.recorder")
-    parser.add_argument("rundir", type=Path)
+    parser.add_argument("run_folder", type=Path)
     parser.add_argument("--out", type=Path)
     parser.add_argument("--view", action="store_true")
     options = parser.parse_args()
@@ -31,7 +31,7 @@ def main() -> int:
     try:
         from runtime.recorder.process import Recorder, watch
 
-        run = RunDir(options.rundir)
+        run = RunFolder(options.run_folder)
         return watch(run) if options.out is None else Recorder(run, options.out, options.view).run()
     except SrlError as error:
         print(f"recorder: {error}", file=sys.stderr)

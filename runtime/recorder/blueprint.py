@@ -1,4 +1,4 @@
-"""The viewer's arrangement, made from a layout: 3D, commands, the profile's plots, timing, states, notes."""
+"""The viewer's arrangement, made from a layout: 3D, commands, the profile's plots, timing, states, events."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ def make(layout: Layout, row: Words | None, live: bool) -> rrb.Blueprint:
     }
     tabs = [_stack(name, views) for name, views in groups.items() if views]
     tabs.append(rrb.TextDocumentView(name="Profile", contents=["/profile"]))
-    notes = rrb.TextLogView(
-        name="Notes",
-        contents=["/notes"],
+    events = rrb.TextLogView(
+        name="Events",
+        contents=["/events"],
         columns=rrb.TextLogColumns(timeline_columns=["time", "cycle"], text_log_columns=["LogLevel", "Body"]),
     )
-    left = [notes]
+    left = [events]
     if shapes := visuals(layout):
         view = rrb.Spatial3DView(
             name="3D",
             contents=[*(entity(f.name) for f in shapes), "/frames/**", "/axes/**"],
             eye_controls=None if row is None else look(layout, row, shapes),
         )
-        left = [view, notes]
+        left = [view, events]
     return rrb.Blueprint(
         rrb.Vertical(
             rrb.Horizontal(

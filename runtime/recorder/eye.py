@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import rerun.blueprint as rrb
 
+from runtime.contracts.field import Field
 from runtime.contracts.frames import FrameEntry, from_pose, transform
 from runtime.contracts.signals import Array
-from runtime.ipc.layout import Field, Layout
+from runtime.ipc.layout import Layout
 from runtime.recording.columns import Words
 
 # From the thumb's side of a right hand (-x), from behind the wrist (-y) and from its back (+z); as good for a robot.

@@ -16,7 +16,7 @@ from matplotlib.ticker import LogLocator, NullLocator
 from numpy.typing import NDArray
 
 from runtime.contracts.errors import RecordingError
-from runtime.ipc.layout import Cause, State
+from runtime.ipc.words import Cause, State
 from runtime.profile.plots import Plot, command_plots, profile_plots
 from runtime.recording.reader import Recording
 

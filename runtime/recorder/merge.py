@@ -54,7 +54,7 @@ def merge(target: Path) -> int:
         found = Sum()
         for sequence, rows in copy.blocks():
             found.add(sequence, rows)
-        if found != written or copy.notes != source.notes or copy.text != source.text or copy.cut:
+        if found != written or copy.events != source.events or copy.text != source.text or copy.cut:
             problem = f"the merged recording isn't complete ({found.rows} of {written.rows} rows)"
             raise RecordingError(str(target), problem, kept)
         part.rename(target)
@@ -93,20 +93,20 @@ def _write(source: Source, part: Path) -> Sum:
         written.add(sequence, rows)
         stream.rows(sequence, rows)
         cycle = int(stream.layout.word(rows, "cycle")[-1])
-        _notes(stream, source, sent, cycle)
+        _events(stream, source, sent, cycle)
         stream.recording.flush()  # bounds what waits in memory
     if stream is None:
         raise RecordingError(str(part.with_suffix("")), "no row was recorded", "The run ended before its first cycle")
-    _notes(stream, source, sent, None)
+    _events(stream, source, sent, None)
     stream.recording.flush()
     stream.recording.disconnect()  # writes the manifest and closes the file
     return written
 
 
-def _notes(stream: Stream, source: Source, sent: set[int], cycle: int | None) -> None:
-    """Sends the remarks up to `cycle` that weren't sent yet."""
-    new = sorted(n for n, note in source.notes.items() if n not in sent and (cycle is None or note.cycle <= cycle))
-    stream.notes(new, [source.notes[n] for n in new])
+def _events(stream: Stream, source: Source, sent: set[int], cycle: int | None) -> None:
+    """Sends the events up to `cycle` that weren't sent yet."""
+    new = sorted(n for n, event in source.events.items() if n not in sent and (cycle is None or event.cycle <= cycle))
+    stream.events(new, [source.events[n] for n in new])
     sent.update(new)
 
 

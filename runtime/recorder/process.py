@@ -1,4 +1,4 @@
-"""The recorder's loop: rows and remarks from the rings to segments, and at the end to one file.
+"""The recorder's loop: rows and events from the rings to segments, and at the end to one file.
 
 It can be killed at any moment and started again: the ring's `consumed` moves only over rows that have left this
 process, and what follows it is still in the ring. Rows that were written twice around a kill are dropped on reading.
@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 from runtime.contracts.errors import RecordingError
-from runtime.ipc.run_folder import RunDir
+from runtime.ipc.run_folder import RunFolder
 from runtime.recorder.merge import covers, merge, remove
 from runtime.recorder.stream import Stream
 from runtime.recorder.tail import Batch, Tail
@@ -29,7 +29,7 @@ WELL, INCOMPLETE = 0, 1
 class Recorder:
     """One run's recorder."""
 
-    def __init__(self, run: RunDir, target: Path, view: bool) -> None:
+    def __init__(self, run: RunFolder, target: Path, view: bool) -> None:
         """Opens the rings and finds where to begin, or to go on.
 
         Raises:
@@ -89,7 +89,7 @@ class Recorder:
             if not batch:
                 continue
             self._stream.rows(batch.sequence, batch.rows)
-            self._stream.notes(batch.numbers, batch.notes)
+            self._stream.events(batch.numbers, batch.events)
             self._show(batch)
             if not self._store(strip(self._binary.read())):
                 return False
@@ -133,7 +133,7 @@ class Recorder:
         return WELL
 
 
-def watch(run: RunDir) -> int:
+def watch(run: RunFolder) -> int:
     """Shows a run live until it ends and keeps nothing; returns the exit code: no run fails for want of a viewer.
 
     Raises:

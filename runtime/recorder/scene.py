@@ -13,8 +13,10 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from runtime.contracts.field import Field
 from runtime.contracts.frames import FrameEntry, transform
-from runtime.ipc.layout import Cause, Field, Layout, State
+from runtime.ipc.layout import Layout
+from runtime.ipc.words import Cause, State
 from runtime.profile.plots import Plot, command_plots, profile_plots, series_names
 from runtime.recording.columns import Columns, Words, entity
 

@@ -13,7 +13,7 @@ os.environ.pop("RERUN", None)  # RERUN=off would make a recorder that records no
 import pyarrow as pa
 import rerun as rr
 
-from runtime.ipc.events import Level, Note
+from runtime.ipc.events import Event, Level
 from runtime.ipc.layout import Layout
 from runtime.recorder import blueprint
 from runtime.recorder.scene import Scene
@@ -31,7 +31,7 @@ def recording_id(text: str) -> str:
 
 
 class Stream:
-    """Rows and notes into rerun's data model; the caller attaches a file or a viewer."""
+    """Rows and events into rerun's data model; the caller attaches a file or a viewer."""
 
     def __init__(self, text: str) -> None:
         """`text` is the layout's JSON."""
@@ -63,21 +63,21 @@ class Stream:
             self._scene.send(self.recording, rows)
             self._newest = rows
 
-    def notes(self, sequence: Sequence[int], notes: Sequence[Note]) -> None:
-        """Sends remarks; they show at the time of their cycle's row, or of the newest row before."""
-        if not notes:
+    def events(self, sequence: Sequence[int], events: Sequence[Event]) -> None:
+        """Sends events; they show at the time of their cycle's row, or of the newest row before."""
+        if not events:
             return
         cycles = self.layout.word(self._newest, "cycle")
-        at = np.searchsorted(cycles, [n.cycle for n in notes], side="right") - 1
+        at = np.searchsorted(cycles, [n.cycle for n in events], side="right") - 1
         _, time = self._columns.times(self._newest[np.clip(at, 0, len(cycles) - 1)])
         exact = {
             "sequence": pa.array(np.asarray(sequence, np.int64)),
-            "time": pa.array(np.asarray([n.time for n in notes], np.int64)),
+            "time": pa.array(np.asarray([n.time for n in events], np.int64)),
         }
         columns = [
-            rr.ComponentColumn(rr.ComponentDescriptor(name).with_builtin_archetype("srl.Note"), ArrowBatch(array))
+            rr.ComponentColumn(rr.ComponentDescriptor(name).with_builtin_archetype("srl.Event"), ArrowBatch(array))
             for name, array in exact.items()
         ]
-        columns += rr.TextLog.columns(text=[n.text for n in notes], level=[LEVELS[n.level] for n in notes])
-        indexes = [rr.TimeColumn("cycle", sequence=[n.cycle for n in notes]), time]
-        rr.send_columns("/notes", indexes, columns, recording=self.recording, strict=True)
+        columns += rr.TextLog.columns(text=[n.text for n in events], level=[LEVELS[n.level] for n in events])
+        indexes = [rr.TimeColumn("cycle", sequence=[n.cycle for n in events]), time]
+        rr.send_columns("/events", indexes, columns, recording=self.recording, strict=True)

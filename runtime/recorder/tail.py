@@ -1,4 +1,4 @@
-"""Follows a run: the rows and remarks that its rings get, in batches, until no more will come."""
+"""Follows a run: the rows and events that its rings get, in batches, until no more will come."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from runtime.contracts.errors import RecordingError
-from runtime.ipc.events import Note, NotesReader
+from runtime.ipc.events import Event, EventReader
 from runtime.ipc.ring import RingReader
-from runtime.ipc.run_folder import RunDir
+from runtime.ipc.run_folder import RunFolder
 from runtime.recording.columns import Words
 
 BATCH = 4096  # rows at once, at most
@@ -23,15 +23,15 @@ SILENCE = 1.0  # s without a row after which a run that was told to end has ende
 
 @dataclass(frozen=True)
 class Batch:
-    """Rows (k, width) and remarks with their sequence numbers; false if there are neither."""
+    """Rows (k, width) and events with their sequence numbers; false if there are neither."""
 
     sequence: Words
     rows: Words
     numbers: range
-    notes: list[Note]
+    events: list[Event]
 
     def __bool__(self) -> bool:
-        return len(self.rows) > 0 or len(self.notes) > 0
+        return len(self.rows) > 0 or len(self.events) > 0
 
 
 class Tail:
@@ -42,7 +42,7 @@ class Tail:
         ring: the rows; `ring.lost` counts those that were overwritten before they were taken.
     """
 
-    def __init__(self, run: RunDir, recorder: bool) -> None:
+    def __init__(self, run: RunFolder, recorder: bool) -> None:
         """Opens the rings; `recorder`: this reader says what is safe on disk.
 
         Raises:
@@ -51,7 +51,7 @@ class Tail:
         try:
             self.text = run.layout.read_text()
             self.ring = RingReader(run.rows, recorder=recorder)
-            self._notes = NotesReader(run.notes)
+            self._events = EventReader(run.events)
         except OSError as error:
             raise RecordingError(str(run.path), f"no run is here: {error.strerror}", "Start it first") from None
         self._due = 0.0
@@ -88,13 +88,13 @@ class Tail:
         return told and time.monotonic() - self._last_row > SILENCE and self.ring.head == self.ring.sequence
 
     def _take(self) -> Batch:
-        notes = self._notes.take()
-        numbers = range(self._notes.sequence - len(notes) + 1, self._notes.sequence + 1)
+        events = self._events.take()
+        numbers = range(self._events.sequence - len(events) + 1, self._events.sequence + 1)
         rows = self.ring.take(BATCH)
         if len(rows):
             self._last_row = time.monotonic()
         sequence = np.arange(self.ring.sequence - len(rows) + 1, self.ring.sequence + 1)
-        return Batch(sequence, rows, numbers, notes)
+        return Batch(sequence, rows, numbers, events)
 
     def _tell(self, *_: object) -> None:
         self._told = True

@@ -63,13 +63,13 @@ class Viewer:
         return self._process.poll() is None
 
     def show(self, batch: Batch) -> None:
-        """Shows the first row of each 1/RATE s, and all remarks."""
+        """Shows the first row of each 1/RATE s, and all events."""
         if len(batch.rows):
             bins = self._stream.layout.word(batch.rows, "now") // self._period
             keep = bins != np.append(self._bin, bins[:-1])
             self._bin = int(bins[-1])
             self._stream.rows(batch.sequence[keep], batch.rows[keep])
-        self._stream.notes(batch.numbers, batch.notes)
+        self._stream.events(batch.numbers, batch.events)
 
     def close(self) -> None:
         """Ends the server, once it has what was sent."""

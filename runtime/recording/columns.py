@@ -14,7 +14,8 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from runtime.contracts.errors import RecordingError
-from runtime.ipc.layout import CYCLE, DEVICE, Layout
+from runtime.ipc.layout import Layout
+from runtime.ipc.words import CYCLE, DEVICE
 
 Words = NDArray[np.int64]
 
@@ -53,8 +54,8 @@ class Columns:
         self.layout = layout
         self._wall = int(layout.meta.get("wall", 0))
         self.entities: dict[str, list[Column]] = {}
-        words = [("/loop/cycle", "srl.Cycle", word) for word in CYCLE]
-        words += [(f"/loop/devices/{d}", "srl.Device", word) for d in layout.devices for word in DEVICE]
+        words = [("/loop/cycle", "srl.Cycle", word) for word in CYCLE._fields]
+        words += [(f"/loop/devices/{d}", "srl.Device", word) for d in layout.devices for word in DEVICE._fields]
         for start, (path, archetype, word) in enumerate(words):
             descriptor = rr.ComponentDescriptor(word).with_builtin_archetype(archetype)
             self.entities.setdefault(path, []).append(Column(descriptor, start, 1, np.int64))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.contracts.errors import RecordingError
-from runtime.ipc.events import Note, NotesReader
+from runtime.ipc.events import Event, EventReader
 from runtime.ipc.layout import Layout
 from runtime.ipc.ring import RingReader
 from runtime.recording.columns import Words
@@ -27,7 +27,7 @@ class Recording:
         sequence: (k,) sequence numbers of the rows, ascending.
         rows: (k, width) int64 words.
         missing: (first, last) of the gaps in the sequence numbers, from 1.
-        notes: remarks in their order.
+        events: events in their order.
         salvaged: bytes of torn tails that were cut off.
     """
 
@@ -36,7 +36,7 @@ class Recording:
     sequence: Words
     rows: Words
     missing: list[tuple[int, int]]
-    notes: list[Note]
+    events: list[Event]
     salvaged: int
 
     def int(self, name: str) -> Words:
@@ -91,8 +91,8 @@ def _files(path: Path, files: list[Path]) -> Recording:
         raise RecordingError(str(path), "the recording is empty", "It was cut before its first row")
     sequence = np.concatenate([s for s, _ in blocks]) if blocks else np.empty(0, np.int64)
     rows = np.concatenate([r for _, r in blocks]) if blocks else np.empty((0, source.layout.width), np.int64)
-    notes = [note for _, note in sorted(source.notes.items(), key=lambda item: item[0])]
-    return Recording(path, source.layout, sequence, rows, gaps(sequence), notes, source.cut)
+    events = [event for _, event in sorted(source.events.items(), key=lambda item: item[0])]
+    return Recording(path, source.layout, sequence, rows, gaps(sequence), events, source.cut)
 
 
 def _black_box(path: Path) -> Recording:
@@ -111,10 +111,11 @@ def _black_box(path: Path) -> Recording:
         while len(rows := ring.take()):
             numbers.append(np.arange(ring.sequence - len(rows) + 1, ring.sequence + 1))
             blocks.append(rows)
-    notes: list[Note] = []
-    if (path / "notes.ring").exists():
-        reader = NotesReader(path / "notes.ring")
-        notes = reader.take()
-        reader.close()
+    events: list[Event] = []
+    for name in ("events.ring", "notes.ring"):  # as it is called now, and as it was before
+        if (path / name).exists():
+            reader = EventReader(path / name)
+            events += reader.take()
+            reader.close()
     sequence = np.concatenate(numbers)
-    return Recording(path, layout, sequence, np.concatenate(blocks), gaps(sequence), notes, 0)
+    return Recording(path, layout, sequence, np.concatenate(blocks), gaps(sequence), events, 0)

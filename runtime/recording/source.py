@@ -13,13 +13,15 @@ import pyarrow as pa
 import rerun as rr
 
 from runtime.contracts.errors import RecordingError
-from runtime.ipc.events import Note
+from runtime.ipc.events import Event
 from runtime.ipc.layout import Layout
 from runtime.recorder.stream import APPLICATION, FORMAT, LEVELS, PROPERTY
 from runtime.recording.columns import Assembler, Columns, Words
 from runtime.recording.framing import copy_prefix, whole
 
 _MUCH = 64 << 20  # bytes of columns before rows are made of them
+# Where the events are, and their archetype: as srl writes them, and as it did before the rooms had their names.
+_EVENTS = {"/events": "srl.Event", "/notes": "srl.Note"}
 _LEVELS = {text: level for level, text in LEVELS.items()}
 Chunk = tuple[str, pa.RecordBatch]
 
@@ -29,7 +31,7 @@ class Source:
 
     Attributes:
         text: the layout's JSON; known once a block has come or all were read, as `layout` is.
-        notes: by sequence number, of what was read so far.
+        events: by sequence number, of what was read so far.
         cut: bytes of torn tails, of what was read so far.
     """
 
@@ -37,7 +39,7 @@ class Source:
         self.files = list(files)
         self.text = ""
         self.layout: Layout | None = None
-        self.notes: dict[int, Note] = {}
+        self.events: dict[int, Event] = {}
         self.cut = 0
         self._assembler: Assembler | None = None
 
@@ -90,8 +92,8 @@ class Source:
     def _take(self, file: Path, path: str, batch: pa.RecordBatch) -> None:
         if path == f"/__properties/{PROPERTY}":
             self._take_layout(file, batch)
-        elif path == "/notes":
-            self._take_notes(batch)
+        elif path in _EVENTS:
+            self._take_events(batch, _EVENTS[path])
         elif self._assembler is not None:
             self._assembler.add(path, batch)
 
@@ -108,11 +110,12 @@ class Source:
         assert self.layout is not None
         self._assembler = Assembler(Columns(self.layout))
 
-    def _take_notes(self, batch: pa.RecordBatch) -> None:
-        words = {n: column(batch, n) for n in ("srl.Note:sequence", "srl.Note:time", "TextLog:text", "TextLog:level")}
+    def _take_events(self, batch: pa.RecordBatch, archetype: str) -> None:
+        names = (f"{archetype}:sequence", f"{archetype}:time", "TextLog:text", "TextLog:level")
+        words = {n: column(batch, n) for n in names}
         cycles = batch.column(batch.schema.names.index("cycle")).to_pylist()
         for number, time, text, level, cycle in zip(*words.values(), cycles, strict=True):
-            self.notes[number] = Note(time, _LEVELS[level], cycle, text)
+            self.events[number] = Event(time, _LEVELS[level], cycle, text)
 
 
 def column(batch: pa.RecordBatch, name: str) -> list[Any]:

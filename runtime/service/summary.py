@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.ipc.layout import FLAG_DEGRADED, LINK_CONNECTED, LINK_STALE, Cause, Layout, State
+from runtime.ipc.layout import Layout
 from runtime.ipc.ring import RingReader
+from runtime.ipc.words import FLAG_DEGRADED, LINK_CONNECTED, LINK_STALE, Cause, State
 
 PHASES = ("read", "control", "guard", "write", "log")
 # Bins a factor 1.01 wide from 10 ns to 100 s: percentiles to one per cent, in bounded memory.

@@ -23,14 +23,14 @@ from typing import Any
 
 from runtime.contracts.errors import DeviceError, SrlError
 from runtime.ipc.channel import Channel
-from runtime.ipc.launch import Order
+from runtime.ipc.control_socket import send_request
+from runtime.ipc.launch import Launch
 from runtime.ipc.notify import Notifier
-from runtime.ipc.requests import MailboxWriter
+from runtime.ipc.requests import RequestWriter
 from runtime.ipc.ring import RingReader
-from runtime.ipc.run_folder import RunDir
+from runtime.ipc.run_folder import RunFolder
 from runtime.ipc.stop_slots import StopSlots
 from runtime.loop.realtime import PARENT
-from runtime.loop.request_queue import ask
 
 POLL = 0.005  # s between looks at the loop's sign of life
 HUNG = 100_000_000  # ns without one, besides two periods, until the loop counts as hung
@@ -73,10 +73,10 @@ class Supervisor:
     """
 
     def __init__(
-        self, rundir: RunDir, order: Order, state: Path, helpers: list[Helper], report: Callable[[str], None]
+        self, run_folder: RunFolder, launch: Launch, state: Path, helpers: list[Helper], report: Callable[[str], None]
     ) -> None:
-        """`rundir` is claimed; `state` is where black boxes go; `report` takes a line for people."""
-        self.rundir, self.order, self.state, self.helpers, self.report = rundir, order, state, helpers, report
+        """`run_folder` is claimed; `state` is where black boxes go; `report` takes a line for people."""
+        self.run_folder, self.launch, self.state, self.helpers, self.report = run_folder, launch, state, helpers, report
         self.loop: subprocess.Popen[bytes] | None = None
         self.running = False
         self.death: Death | None = None
@@ -91,17 +91,17 @@ class Supervisor:
 
     def start(self) -> None:
         """Spawns the loop; the helpers follow once it runs."""
-        rundir = self.rundir
-        for path in (rundir.rows, rundir.layout, rundir.notes, rundir.stops, rundir.result):
+        run_folder = self.run_folder
+        for path in (run_folder.rows, run_folder.layout, run_folder.events, run_folder.stops, run_folder.result):
             path.unlink(missing_ok=True)
         os.environ[PARENT] = str(os.getpid())
-        MailboxWriter.create(self.rundir.mail)
-        self.order.save(self.rundir.order)
+        RequestWriter.create(self.run_folder.requests)
+        self.launch.save(self.run_folder.launch)
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.channel = Channel(ours)
         os.set_inheritable(theirs.fileno(), True)
         self.loop = subprocess.Popen(
-            [sys.executable, "-m", "runtime.loop.process", str(self.rundir.path), str(theirs.fileno())],
+            [sys.executable, "-m", "runtime.loop", str(self.run_folder.path), str(theirs.fileno())],
             pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, start_new_session=True,
         )  # fmt: skip
         theirs.close()
@@ -142,7 +142,7 @@ class Supervisor:
             case "running":
                 self.running = True
                 self._hung_after = HUNG_UNPACED if content["unpaced"] else HUNG + 2 * content["period"]
-                self._ring = RingReader(self.rundir.rows)
+                self._ring = RingReader(self.run_folder.rows)
             case "failed":
                 cls = DeviceError if content["kind"] == "device" else SrlError
                 self.error = cls(content["place"], content["problem"], content["remedy"])
@@ -166,8 +166,8 @@ class Supervisor:
         else:
             self.loop.wait()
             self._notifier.stopping()
-            if self.rundir.result.exists():
-                self.figures = json.loads(self.rundir.result.read_text())
+            if self.run_folder.result.exists():
+                self.figures = json.loads(self.run_folder.result.read_text())
         self.running = False
 
     def _loop_died(self, how: str, kill: bool) -> None:
@@ -188,7 +188,7 @@ class Supervisor:
     def _stop_actuators(self) -> None:
         if not self._actuators:
             return
-        slots = StopSlots(self.rundir.stops, len(self._actuators))
+        slots = StopSlots(self.run_folder.stops, len(self._actuators))
         for slot, descriptor in self._actuators.items():
             frame = slots.read(slot)
             deadline = time.monotonic() + 0.2
@@ -207,13 +207,12 @@ class Supervisor:
         target = self.state / f"blackbox-{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}"
         try:
             target.mkdir(parents=True)
-            for path in (self.rundir.rows, self.rundir.notes, self.rundir.layout, self.rundir.order):
+            for path in (self.run_folder.rows, self.run_folder.events, self.run_folder.layout, self.run_folder.launch):
                 if path.exists():
                     shutil.copyfile(path, target / path.name)
         except OSError as error:
-            self.report(
-                f"the black box can't be saved in {target}: {error.strerror}; the rows are still in {self.rundir.path}"
-            )
+            where = self.run_folder.path
+            self.report(f"the black box can't be saved in {target}: {error.strerror}; the rows are still in {where}")
             return None
         return target
 
@@ -227,8 +226,8 @@ class Supervisor:
             if code == 0 and self._ask_to_end:
                 return
             if helper.name == "bus":
-                ask(self.rundir, "fault", "bus_loss", timeout=0.0)
-            if code == 2:  # it refused its order: the same order would be refused again
+                send_request(self.run_folder, "fault", "bus_loss", timeout=0.0)
+            if code == 2:  # it refused its launch file: the same file would be refused again
                 self.report(f"{helper.name} can't work (its reason is above); the loop goes on without it")
                 helper.not_before = float("inf")
                 return
@@ -250,7 +249,7 @@ class Supervisor:
         if first:
             self._first_asked = now
         if first and self.running:
-            ask(self.rundir, "exit", timeout=0.0)
+            send_request(self.run_folder, "exit", timeout=0.0)
         elif not self.running and now - self._first_asked > OPENING:
             self.loop.kill()  # nothing moves before it runs
         else:
@@ -265,7 +264,7 @@ class Supervisor:
         if self.error is not None or self.death is not None:
             self._mark_closed()
         failed = []
-        if self.rundir.layout.exists():
+        if self.run_folder.layout.exists():
             deadline = time.monotonic() + FINISH
             failed = [h.name for h in self.helpers if not self._finish(h, deadline)]
         for slot in list(self._actuators):
@@ -298,19 +297,19 @@ class Supervisor:
         """Says in the dead loop's place that no row follows."""
         from runtime.ipc.ring import RingWriter
 
-        if self.rundir.rows.exists():
-            writer = RingWriter(self.rundir.rows)
+        if self.run_folder.rows.exists():
+            writer = RingWriter(self.run_folder.rows)
             writer.finish()
             writer.close()
 
 
-def helpers(rundir: RunDir, bus: bool, record: Path | None, view: bool) -> list[Helper]:
+def helpers(run_folder: RunFolder, bus: bool, record: Path | None, view: bool) -> list[Helper]:
     """The telemetry processes of a run."""
     found = []
     if bus:
-        found.append(Helper("bus", [sys.executable, "-m", "runtime.bus", str(rundir.path)]))
+        found.append(Helper("bus", [sys.executable, "-m", "runtime.bus", str(run_folder.path)]))
     if record is not None or view:
-        command = [sys.executable, "-m", "runtime.recorder", str(rundir.path)]
+        command = [sys.executable, "-m", "runtime.recorder", str(run_folder.path)]
         command += ["--out", str(record)] if record is not None else []
         found.append(Helper("recorder", command + (["--view"] if view else [])))
     return found

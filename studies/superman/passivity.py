@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 
 from runtime.contracts.signals import Array
-from runtime.ipc.layout import Cause
+from runtime.ipc.words import Cause
 from studies.result import Claim, Result
 from studies.runs import Run, Task, controller, run_all
 from studies.superman.assumptions import assumed

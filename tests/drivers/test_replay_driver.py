@@ -13,7 +13,8 @@ from helpers.zenoh import Still, bound
 from drivers.replay import Replay, ReplayConfig, track
 from runtime.contracts.driver import Driver
 from runtime.contracts.errors import DeviceError, DeviceLostError, RecordingError
-from runtime.ipc.layout import LINK_CONNECTED, Layout
+from runtime.ipc.layout import Layout
+from runtime.ipc.words import LINK_CONNECTED
 from runtime.recording.reader import read
 from sim.devices.replay.fake import FakeReplay, FakeReplayOptions
 

@@ -14,7 +14,7 @@ from helpers.zenoh import bound, certificates, cycles, lost, reopened
 
 from drivers.zenoh import Zenoh, ZenohConfig
 from runtime.contracts.errors import DeviceError
-from runtime.ipc.run_folder import RunDir
+from runtime.ipc.run_folder import RunFolder
 
 PLACE = "srl/one/state/"
 SIGNALS: dict[str, Any] = {
@@ -34,15 +34,15 @@ class Other:
     """The other runtime: rows, and a bus process."""
 
     def __init__(self, path: Path, **bus: Any) -> None:
-        self.rundir = RunDir(path / "one")
-        self.run = Run(self.rundir, 200, decimate=2, **bus)
+        self.run_folder = RunFolder(path / "one")
+        self.run = Run(self.run_folder, 200, decimate=2, **bus)
         self.run.start()
-        self.process = spawn(self.rundir)
+        self.process = spawn(self.run_folder)
         end = time.monotonic() + 20
-        while not self.rundir.bus_socket.exists():
+        while not self.run_folder.bus_socket.exists():
             assert time.monotonic() < end
             time.sleep(0.01)
-        self.port = f"unixsock-stream/{self.rundir.bus_socket}"
+        self.port = f"unixsock-stream/{self.run_folder.bus_socket}"
 
     def close(self) -> None:
         if not self.run.ending.is_set():

@@ -13,7 +13,7 @@ from helpers.zenoh import bound, cycles, lost, reopened
 
 from drivers.zenoh import Zenoh, ZenohConfig, driver
 from runtime.contracts.errors import DeviceError
-from runtime.ipc.layout import Field
+from runtime.contracts.field import Field
 from runtime.messages import attachment, messages
 from sim.devices.zenoh.twin import ZenohDoor
 

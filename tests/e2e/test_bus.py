@@ -11,14 +11,14 @@ from helpers.run import Running, call
 
 from runtime.bus.client import Client, connect
 from runtime.contracts.errors import RequestError
-from runtime.ipc.layout import Cause, State
+from runtime.ipc.words import Cause, State
 
 
 def test_states_requests_and_parameters(tmp_path: Path) -> None:
     with Running(tmp_path, "sixth-finger", "--sim", "--duration", "60") as run:
         run.started()
-        run.until(run.rundir.bus_socket.exists, "the bus")
-        with connect(run.rundir) as client:
+        run.until(run.run_folder.bus_socket.exists, "the bus")
+        with connect(run.run_folder) as client:
             run.until(client.alive, "the liveliness token")
             run.until(lambda: run.word("state") == State.ACTIVE, "motion")
             assert client.status()["state"] == "active"
@@ -59,8 +59,8 @@ def _only_local(run: Running) -> None:
 def test_setpoints_move_the_finger_and_bad_ones_are_refused(tmp_path: Path) -> None:
     with Running(tmp_path, "finger-jog", "--sim", "--duration", "60", instance="finger-jog") as run:
         run.started()
-        run.until(run.rundir.bus_socket.exists, "the bus")
-        with connect(run.rundir) as client:
+        run.until(run.run_folder.bus_socket.exists, "the bus")
+        with connect(run.run_folder) as client:
             run.until(client.alive, "the liveliness token")
             run.until(lambda: run.word("state") == State.ACTIVE, "motion")
             goal = [0.2, 0.3, 0.6, 0.4]

@@ -11,14 +11,14 @@ from helpers.run import Running, alive, call
 
 from runtime.bus.client import connect
 from runtime.contracts.errors import RequestError
-from runtime.ipc.layout import Cause, State
+from runtime.ipc.words import Cause, State
 from runtime.recording.reader import read
 
 
 def test_killed_telemetry_costs_no_cycle(tmp_path: Path) -> None:
     with Running(tmp_path, "sixth-finger", "--sim", "--duration", "14", "--record", "x.rrd") as run:
         run.started()
-        run.until(lambda: set(run.children()) == {"loop_process", "bus", "recorder"}, "all processes")
+        run.until(lambda: set(run.children()) == {"loop", "bus", "recorder"}, "all processes")
         time.sleep(2)
         back = {}
         for name in ("bus", "recorder"):
@@ -36,7 +36,7 @@ def test_killed_telemetry_costs_no_cycle(tmp_path: Path) -> None:
         found = run.finish()
     print(f"back after {back}")
     assert found["restarts"] == {"bus": 1, "recorder": 1}
-    assert max(back.values()) < 10  # the figure for people is in the closing note; this only catches a hang
+    assert max(back.values()) < 10  # the figure for people is in the closing event; this only catches a hang
     recording = read(tmp_path / "x.rrd")
     assert recording.missing == []
     assert len(recording.rows) == found["cycles"] > 1400
@@ -44,7 +44,7 @@ def test_killed_telemetry_costs_no_cycle(tmp_path: Path) -> None:
 
 def _answers(run: Running) -> bool:
     try:
-        with connect(run.rundir, timeout=0.2) as client:
+        with connect(run.run_folder, timeout=0.2) as client:
             return bool(client.status()["state"])
     except RequestError:
         return False
@@ -72,7 +72,7 @@ def test_a_killed_loop_is_said_and_its_rows_are_kept(tmp_path: Path) -> None:
     with Running(tmp_path, "sixth-finger", "--sim", "--duration", "60", "--record", "x.rrd") as run:
         run.started()
         run.until(lambda: run.reader.head > 300, "three seconds of rows")
-        os.kill(run.children()["loop_process"], signal.SIGKILL)
+        os.kill(run.children()["loop"], signal.SIGKILL)
         found = run.finish(code=1)
     assert "SIGKILL" in found["death"]["how"]
     box = read(Path(found["death"]["black_box"]))

@@ -17,7 +17,7 @@ from ruamel.yaml import YAML
 
 from runtime.bus.client import Client, connect
 from runtime.contracts.errors import SrlError
-from runtime.ipc.layout import Cause, State
+from runtime.ipc.words import Cause, State
 
 PROFILES = Path(__file__).resolve().parents[2] / "profiles"
 HANG = 3.0  # s
@@ -114,8 +114,8 @@ def test_no_burst_no_old_sample_a_safe_stop_and_a_recovery(tmp_path: Path, case:
         ) as run,
     ):
         run.started()
-        run.until(run.rundir.bus_socket.exists, "the bus")
-        with connect(run.rundir) as client, streaming(client, case):
+        run.until(run.run_folder.bus_socket.exists, "the bus")
+        with connect(run.run_folder) as client, streaming(client, case):
             until_moving(run, client, peer, case)
             run.reader.take()
             peer.stop()

@@ -19,7 +19,7 @@ from ruamel.yaml import YAML
 
 from runtime.contracts.signals import Array
 from runtime.control.robots import PANDA, UR16E
-from runtime.ipc.layout import State
+from runtime.ipc.words import State
 from runtime.recording.reader import Recording, read
 
 PROFILES = Path(__file__).parents[2] / "profiles"
@@ -156,8 +156,8 @@ def within_limits(recording: Recording, robot: Any) -> None:
 @pytest.mark.parametrize("body", [MOCA, KAIROS], ids=lambda b: b.profile)
 def test_no_button_at_any_instant_makes_a_step(tmp_path: Path, body: Body, chunk: int) -> None:
     found, recording = run(tmp_path, at_random(tmp_path, body, 100 + chunk), SPAN)
-    notes = [note.text for note in recording.notes]
-    assert found["cause"] == "end", notes
+    events = [event.text for event in recording.events]
+    assert found["cause"] == "end", events
     pressed = found["result"]["keys"]["presses"]
     arm, base = largest_step(recording, body.command), largest_step(recording, "base.twist_command")
     q = recording.value("world.arm_position")
@@ -166,7 +166,7 @@ def test_no_button_at_any_instant_makes_a_step(tmp_path: Path, body: Body, chunk
         f"{body.profile} {chunk}: presses {sum(pressed.values())}, step of the arm's command {arm.max():.4f} of"
         f" {body.step:g}, of the base's {base.max():.5f} of {body.base:g}, least room of a joint {room:.3f} rad,"
         f" speed {np.max(np.abs(recording.value('world.arm_velocity')) / body.robot.dq_max):.2f} of the limit,"
-        f" guard {found['result']['guard']}, {found['result']['guide']}, {found['result']['body']}, {notes}"
+        f" guard {found['result']['guard']}, {found['result']['guide']}, {found['result']['body']}, {events}"
     )
     assert min(pressed.values()) >= 3
     all_finite(recording)

@@ -15,7 +15,7 @@ import pytest
 from helpers.run import Running, alive, call, environment, srl
 from scipy.spatial import cKDTree
 
-from runtime.ipc.layout import LINK_STALE, Cause, State
+from runtime.ipc.words import LINK_STALE, Cause, State
 from runtime.recording.reader import Recording, read
 
 QUIET = "sim.devices.glove={noise: 0.0}"  # so that both runs see the same bytes at the same posture
@@ -199,7 +199,7 @@ def test_the_supervisor_stops_the_servos_when_the_loop_dies(how: signal.Signals,
         with Running(tmp_path, *twins.run_arguments(), "--duration", "60") as run:
             run.started()
             run.until(lambda: run.word("state") == State.ACTIVE and run.reader.head > 250, "two seconds of motion")
-            pid = run.children()["loop_process"]
+            pid = run.children()["loop"]
             moving = np.abs(run.layout.value(run.reader.take()[-30:], "finger.position_command.velocity")).max()
             assert moving > 0.1
             died = time.monotonic_ns()

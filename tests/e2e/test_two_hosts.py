@@ -19,8 +19,8 @@ import pytest
 from helpers.run import Running, environment, srl
 from helpers.zenoh import certificates
 
-from runtime.ipc.layout import LINK_STALE, Cause, State
-from runtime.ipc.run_folder import RunDir
+from runtime.ipc.run_folder import RunFolder
+from runtime.ipc.words import LINK_STALE, Cause, State
 
 GLOVE, FINGER = "10.77.5.1", "10.77.5.2"
 PORT = 7447
@@ -83,7 +83,7 @@ class On(Running):
     def __init__(self, host: str, folder: Path, *arguments: str) -> None:
         folder.mkdir()
         self.folder = folder
-        self.rundir = RunDir(folder / "run" / "sixth-finger")
+        self.run_folder = RunFolder(folder / "run" / "sixth-finger")
         self.process = subprocess.Popen(
             ["ip", "netns", "exec", host, *srl("run", *arguments, "--json")],
             env=environment(folder), cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
@@ -122,7 +122,7 @@ def test_a_cut_cable_stops_the_limb_and_nothing_old_moves_it(
     }
     with glove:
         glove.started()
-        glove.until(glove.rundir.bus_socket.exists, "the bus")
+        glove.until(glove.run_folder.bus_socket.exists, "the bus")
         finger = On(
             hosts.names[1], tmp_path / "b", "sixth-finger", "--sim", "finger", *overrides(devices__glove=remote)
         )

@@ -1,6 +1,6 @@
 """A run without devices: a layout, a ring with rows at a rate, and a loop that takes the mailbox's requests.
 
-`python -m helpers.bus RUNDIR RATE [JOINTS]` runs one until it is killed, to look at and to measure with.
+`python -m helpers.bus RUN_FOLDER RATE [JOINTS]` runs one until it is killed, to look at and to measure with.
 """
 
 from __future__ import annotations
@@ -19,11 +19,13 @@ import numpy as np
 
 from runtime.bus.client import Client, connect
 from runtime.contracts.errors import RequestError
-from runtime.ipc.events import Level, NotesWriter
-from runtime.ipc.layout import LINK_ACTIVE, LINK_CONNECTED, Board, Cause, Layout, State
-from runtime.ipc.requests import Answer, Ask, MailboxReader, MailboxWriter
+from runtime.ipc.events import EventWriter, Level
+from runtime.ipc.layout import Layout
+from runtime.ipc.requests import Answer, RequestKind, RequestReader, RequestWriter
 from runtime.ipc.ring import RingWriter
-from runtime.ipc.run_folder import RunDir
+from runtime.ipc.row import Row
+from runtime.ipc.run_folder import RunFolder
+from runtime.ipc.words import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, Cause, State
 
 JOINTS = ("thumb", "index-1", "index-2")
 
@@ -73,85 +75,85 @@ class Run(threading.Thread):
         started: requests that set in motion, by kind.
     """
 
-    def __init__(self, rundir: RunDir, rate: int, **bus: Any) -> None:
+    def __init__(self, run_folder: RunFolder, rate: int, **bus: Any) -> None:
         super().__init__(daemon=True)
-        rundir.path.mkdir(parents=True, exist_ok=True)
-        self.rundir, self.rate = rundir, rate
-        self.layout = layout(rundir.path.name, rate, **bus)
-        self.layout.save(rundir.layout)
-        self.ring = RingWriter.create(rundir.rows, self.layout.width, 4096)
-        MailboxWriter.create(rundir.mail)
-        self.mail = MailboxReader(rundir.mail)
-        self.notes = NotesWriter(rundir.notes)
-        self.board = Board(self.layout)
+        run_folder.path.mkdir(parents=True, exist_ok=True)
+        self.run_folder, self.rate = run_folder, rate
+        self.layout = layout(run_folder.path.name, rate, **bus)
+        self.layout.save(run_folder.layout)
+        self.ring = RingWriter.create(run_folder.rows, self.layout.width, 4096)
+        RequestWriter.create(run_folder.requests)
+        self.requests = RequestReader(run_folder.requests)
+        self.events = EventWriter(run_folder.events)
+        self.row = Row(self.layout)
         self.state, self.cause, self.culprit = State.READY, Cause.NONE, -1
         self.fault = False
         self.paused = threading.Event()
         self.setpoints: list[tuple[int, np.ndarray]] = []
-        self.taken: list[Ask] = []
+        self.taken: list[RequestKind] = []
         self.ending = threading.Event()
-        self.board.views["object-mapping.pull"][()] = 1.0
-        self.notes.write(time.monotonic_ns(), Level.INFO, 0, "ready")
+        self.row.views["object-mapping.pull"][()] = 1.0
+        self.events.write(time.monotonic_ns(), Level.INFO, 0, "ready")
 
     def run(self) -> None:
         start, cycle, waiting = time.monotonic_ns(), 0, []
-        index, words, views = self.board.index, self.board.ints, self.board.views
+        words, views = self.row.ints, self.row.views
+        client, *others = (self.row.devices[self.layout.devices.index(d)] for d in ("client", "glove", "finger"))
         while not self.ending.is_set():
             if self.paused.is_set():
                 time.sleep(0.01)
                 continue
             wake = time.monotonic_ns()
             cycle += 1
-            words[index["cycle"]], words[index["now"]], words[index["wake"]] = cycle, wake, wake
+            words[CYCLE.cycle], words[CYCLE.now], words[CYCLE.wake] = cycle, wake, wake
             for i, phase in enumerate(("read", "control", "guard", "write")):
-                words[index[phase]] = wake + (i + 1) * 20_000
-            words[index["log"]] = 3_000
-            for request in self.mail.take():
-                if request.kind is Ask.SETPOINT:
+                words[getattr(CYCLE, phase)] = wake + (i + 1) * 20_000
+            words[CYCLE.log] = 3_000
+            for request in self.requests.take():
+                if request.kind is RequestKind.SETPOINT:
                     self.setpoints.append((request.expires, request.values.copy()))
                 else:
                     waiting.append(request)
-            words[index["request"]] = 0
+            words[CYCLE.request] = 0
             if waiting:
                 request = waiting.pop(0)
                 self.taken.append(request.kind)
                 answer = self._answer(request.kind, request.values)
-                words[index["request"] : index["request_result"] + 1] = (
+                words[CYCLE.request : CYCLE.request_result + 1] = (
                     request.id,
                     request.kind,
                     request.target,
                     answer,
                 )
-            words[index["state"]], words[index["cause"]], words[index["culprit"]] = (
+            words[CYCLE.state], words[CYCLE.cause], words[CYCLE.culprit] = (
                 self.state,
                 self.cause,
                 self.culprit,
             )
-            words[index["client.stamp"]], words[index["client.link"]] = -1, LINK_CONNECTED
-            for device in ("glove", "finger"):
-                words[index[f"{device}.stamp"]] = wake - 2_000_000
-                words[index[f"{device}.link"]] = LINK_CONNECTED | (LINK_ACTIVE if device == "finger" else 0)
-                words[index[f"{device}.frames"]] = cycle
+            client[DEVICE.stamp], client[DEVICE.link] = -1, LINK_CONNECTED
+            for device, active in zip(others, (0, LINK_ACTIVE), strict=True):
+                device[DEVICE.stamp], device[DEVICE.link] = wake - 2_000_000, LINK_CONNECTED | active
+                device[DEVICE.frames] = cycle
             views["glove.position"][:] = 0.1, 0.2, math.sin(cycle / self.rate)
             views["glove.wrench"][:] = 1, 2, 3, 4, 5, 6
             views["glove.pose"][:] = 1, 2, 3, 0.5, -0.5, 0.5, -0.5
             views["hand.tips"][:] = np.arange(15).reshape(5, 3)
             views["finger.position_command"][:] = math.sin(cycle / self.rate), 2.0
             views["finger.position_command.applied"][:] = views["finger.position_command"] / 2
-            self.ring.append(self.board.words)
+            self.ring.append(self.row.words)
             self.ring.touch(time.monotonic_ns())
             rest = start + cycle * 1_000_000_000 // self.rate - time.monotonic_ns()
             if rest > 0:
                 time.sleep(rest / 1e9)
 
-    def _answer(self, kind: Ask, values: np.ndarray) -> Answer:
-        if kind is Ask.STOP:
+    def _answer(self, kind: RequestKind, values: np.ndarray) -> Answer:
+        if kind is RequestKind.STOP:
             self.state, self.cause = State.STOPPED, Cause.REQUEST
             return Answer.DONE
-        if kind is Ask.PARAMETER:
-            self.board.views["object-mapping.pull"][()] = values[0]
+        if kind is RequestKind.PARAMETER:
+            self.row.views["object-mapping.pull"][()] = values[0]
             return Answer.DONE
-        if self.state is not (State.READY if kind is Ask.START else State.STOPPED):
+        if self.state is not (State.READY if kind is RequestKind.START else State.STOPPED):
             return Answer.REFUSED_STATE
         if self.fault:
             self.cause, self.culprit = Cause.DEVICE_LOSS, 1
@@ -165,17 +167,17 @@ class Run(threading.Thread):
         self.ring.finish()
 
 
-def spawn(rundir: RunDir, **options: Any) -> subprocess.Popen[bytes]:
+def spawn(run_folder: RunFolder, **options: Any) -> subprocess.Popen[bytes]:
     """The bus process, as the supervisor starts it."""
-    return subprocess.Popen([sys.executable, "-m", "runtime.bus", str(rundir.path)], **options)
+    return subprocess.Popen([sys.executable, "-m", "runtime.bus", str(run_folder.path)], **options)
 
 
-def reach(rundir: RunDir, timeout: float = 10.0) -> Client:
+def reach(run_folder: RunFolder, timeout: float = 10.0) -> Client:
     """A client, once the bus is there."""
     until = time.monotonic() + timeout
     while True:
         try:
-            return connect(rundir, timeout=1.5)
+            return connect(run_folder, timeout=1.5)
         except RequestError:
             if time.monotonic() > until:
                 raise
@@ -186,11 +188,11 @@ class Instance:
     """A run, its bus process and a client."""
 
     def __init__(self, path: Path, rate: int = 200, **bus: Any) -> None:
-        self.rundir = RunDir(path)
-        self.run = Run(self.rundir, rate, **bus)
+        self.run_folder = RunFolder(path)
+        self.run = Run(self.run_folder, rate, **bus)
         self.run.start()
-        self.process = spawn(self.rundir, stderr=subprocess.PIPE)
-        self.client = reach(self.rundir)
+        self.process = spawn(self.run_folder, stderr=subprocess.PIPE)
+        self.client = reach(self.run_folder)
 
     def close(self) -> None:
         self.client.close()
@@ -227,4 +229,4 @@ def sockets(pid: int) -> set[str]:
 
 
 if __name__ == "__main__":
-    Run(RunDir(Path(sys.argv[1])), int(sys.argv[2])).run()
+    Run(RunFolder(Path(sys.argv[1])), int(sys.argv[2])).run()

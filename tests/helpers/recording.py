@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.ipc.events import Level, NotesWriter
+from runtime.ipc.events import EventWriter, Level
 from runtime.ipc.layout import Layout
 from runtime.ipc.ring import RingWriter
-from runtime.ipc.run_folder import RunDir
+from runtime.ipc.run_folder import RunFolder
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 
@@ -133,31 +133,31 @@ def make_rows(layout: Layout, count: int, first: int = 1) -> NDArray[np.int64]:
     return rows
 
 
-def make_run(path: Path, layout: Layout, capacity: int = 8192) -> tuple[RunDir, RingWriter, NotesWriter]:
+def make_run(path: Path, layout: Layout, capacity: int = 8192) -> tuple[RunFolder, RingWriter, EventWriter]:
     """A run's folder with its rings."""
     path.mkdir(parents=True, exist_ok=True)
-    run = RunDir(path)
+    run = RunFolder(path)
     layout.save(run.layout)
-    return run, RingWriter.create(run.rows, layout.width, capacity), NotesWriter(run.notes)
+    return run, RingWriter.create(run.rows, layout.width, capacity), EventWriter(run.events)
 
 
 def write_run(
-    run: RunDir,
+    run: RunFolder,
     ring: RingWriter,
-    notes: NotesWriter,
+    events: EventWriter,
     layout: Layout,
     count: int,
     rate: float,
     *,
     first: int = 1,
 ) -> None:
-    """Appends `count` rows at `rate` rows/s, a remark every 500; 0: as fast as the recorder consumes them."""
+    """Appends `count` rows at `rate` rows/s, a event every 500; 0: as fast as the recorder consumes them."""
     start = time.monotonic()
     for at in range(first, first + count, 100):
         rows = make_rows(layout, min(100, first + count - at), at)
         for i, row in enumerate(rows):
             if (at + i) % 500 == 0:
-                notes.write(time.monotonic_ns(), Level.WARNING, at + i + 41, f"row {at + i}: Grüße")
+                events.write(time.monotonic_ns(), Level.WARNING, at + i + 41, f"row {at + i}: Grüße")
             while not rate and ring.head - ring.consumed >= ring.capacity:
                 time.sleep(0.001)
             ring.append(row)
@@ -173,7 +173,7 @@ if __name__ == "__main__":
         int(sys.argv[4]),
     )
     the_layout = make_layout(extra=more)
-    the_run, the_ring, the_notes = make_run(folder, the_layout)
+    the_run, the_ring, the_events = make_run(folder, the_layout)
     print("ready", flush=True)
-    write_run(the_run, the_ring, the_notes, the_layout, total, per_second)
+    write_run(the_run, the_ring, the_events, the_layout, total, per_second)
     the_ring.finish()

@@ -14,7 +14,7 @@ from typing import Any
 
 from runtime.ipc.layout import Layout
 from runtime.ipc.ring import RingReader
-from runtime.ipc.run_folder import RunDir
+from runtime.ipc.run_folder import RunFolder
 
 
 def srl(*arguments: str) -> list[str]:
@@ -62,8 +62,8 @@ class Running:
 
     def __init__(self, folder: Path, *arguments: str, instance: str = "sixth-finger") -> None:
         self.folder = folder
-        self.rundir = RunDir(folder / "run" / instance)
-        for old in (self.rundir.layout, self.rundir.rows):
+        self.run_folder = RunFolder(folder / "run" / instance)
+        for old in (self.run_folder.layout, self.run_folder.rows):
             old.unlink(missing_ok=True)  # a crash before left them: they aren't this run's
         self.process = subprocess.Popen(
             srl("run", *arguments, "--json"), env=environment(folder), cwd=folder,
@@ -97,21 +97,22 @@ class Running:
     def started(self) -> None:
         """Waits for the first rows."""
         self.until(
-            lambda: self.rundir.layout.exists() and self.rundir.rows.exists() and self.reader.head > 0, "the first row"
+            lambda: self.run_folder.layout.exists() and self.run_folder.rows.exists() and self.reader.head > 0,
+            "the first row",
         )
 
     @property
     def layout(self) -> Layout:
         """The rows' layout."""
         if self._layout is None:
-            self._layout = Layout.load(self.rundir.layout)
+            self._layout = Layout.load(self.run_folder.layout)
         return self._layout
 
     @property
     def reader(self) -> RingReader:
         """A reader of the rows."""
         if self._reader is None:
-            self._reader = RingReader(self.rundir.rows)
+            self._reader = RingReader(self.run_folder.rows)
         return self._reader
 
     def word(self, name: str) -> int:
@@ -124,7 +125,7 @@ class Running:
         found = {}
         for path in Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split():
             line = Path(f"/proc/{path}/cmdline").read_bytes().decode().split("\0")
-            for name in ("loop_process", "bus", "recorder"):
+            for name in ("loop", "bus", "recorder"):
                 if f"runtime.{name}" in line:
                     found[name] = int(path)
         return found

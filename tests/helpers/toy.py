@@ -18,16 +18,16 @@ from runtime.contracts.controller import Controller, ControllerConfig
 from runtime.contracts.driver import DeviceConfig, Driver
 from runtime.contracts.errors import DeviceError, DeviceLostError
 from runtime.contracts.signals import Array, Command, Kind, Signal, Stop
-from runtime.ipc.layout import Cause, State
-from runtime.ipc.requests import MailboxWriter
+from runtime.ipc.requests import RequestWriter
 from runtime.ipc.ring import RingReader, RingWriter
-from runtime.ipc.run_folder import RunDir
+from runtime.ipc.run_folder import RunFolder
+from runtime.ipc.words import Cause, State
 from runtime.loop.clock import Clock, Tick
 from runtime.loop.cycle import Cycle, limits_of
 from runtime.loop.device import Device
 from runtime.loop.loop import Loop
 from runtime.loop.process import _plain
-from runtime.loop.request_queue import Inbox
+from runtime.loop.request_queue import RequestQueue
 from runtime.profile import profile, wiring
 from runtime.profile.graph import Graph
 
@@ -149,20 +149,23 @@ class Bench:
 
     def __init__(self, folder: Path, automatic: bool = True, **options: Any) -> None:
         graph = self.graph = wired(**options)
-        self.notes: list[str] = []
-        devices = [Device(d, i, graph.board, self.notes.append) for i, d in enumerate(graph.devices)]
+        self.events: list[str] = []
+        devices = [
+            Device(d, graph.row.devices[i], graph.actuators_of(i), self.events.append)
+            for i, d in enumerate(graph.devices)
+        ]
         self.hand, self.arm, self.panel = (d.driver for d in devices)
         for d in devices:
             d.driver.open()
             d.watch()
-        self.rundir = RunDir(folder)
-        MailboxWriter.create(self.rundir.mail)
-        ring = RingWriter.create(self.rundir.rows, graph.layout.width, 4096)
+        self.run_folder = RunFolder(folder)
+        RequestWriter.create(self.run_folder.requests)
+        ring = RingWriter.create(self.run_folder.rows, graph.layout.width, 4096)
         limits = limits_of(graph)
         meta = graph.layout.meta
         meta["limits"] = {n: _plain(v) for n, v in limits.items()}
         meta["automatic"], meta["crashed"] = automatic, False
-        self.cycle = Cycle(graph, limits, automatic, note=self.notes.append)
+        self.cycle = Cycle(graph, limits, automatic, report=self.events.append)
         self.states: list[tuple[State, Cause]] = []
         bench = self
 
@@ -181,7 +184,7 @@ class Bench:
                 self.count += 1
                 return tick
 
-        self.loop = Loop(graph, devices, Steps(Fraction(100)), self.cycle, Inbox(self.rundir, graph), ring)
+        self.loop = Loop(graph, devices, Steps(Fraction(100)), self.cycle, RequestQueue(self.run_folder, graph), ring)
 
     def run(self, cycles: int, script: Callable[[int], None]) -> Bench:
         self.cycles, self.script = cycles, script
@@ -191,7 +194,7 @@ class Bench:
     def ask(self, what: str, **more: str) -> None:
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as asker:
             asker.bind("")
-            asker.sendto(json.dumps({"ask": what} | more).encode(), str(self.rundir.loop_socket))
+            asker.sendto(json.dumps({"ask": what} | more).encode(), str(self.run_folder.loop_socket))
 
     def until_back(self, driver: Driver) -> None:
         """Waits until the thread that opens it again is done."""
@@ -201,7 +204,7 @@ class Bench:
         time.sleep(0.05)
 
     def rows(self) -> Any:
-        return RingReader(self.rundir.rows).take()
+        return RingReader(self.run_folder.rows).take()
 
     def word(self, name: str) -> Any:
         return self.graph.layout.word(self.rows(), name)

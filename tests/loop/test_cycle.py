@@ -10,7 +10,7 @@ import pytest
 from helpers.toy import SPEED, Bench, _load
 
 from runtime.contracts import registry
-from runtime.ipc.layout import Cause, State
+from runtime.ipc.words import Cause, State
 from runtime.loop import device as device_module
 from runtime.loop.replay import replay
 
@@ -68,8 +68,8 @@ def test_a_device_that_refuses_to_move_stops_the_limb_and_recovers_only_when_tol
     assert b.states[50] == (State.STOPPED, Cause.DEVICE_FAULT)
     assert b.states[-1] == (State.ACTIVE, Cause.NONE)
     assert b.arm.recoveries == 1
-    assert any("protective stop" in note for note in b.notes)
-    assert any("well again" in note for note in b.notes)
+    assert any("protective stop" in event for event in b.events)
+    assert any("well again" in event for event in b.events)
 
 
 def test_a_stop_that_overtakes_a_reset_leaves_it_refused(tmp_path: Path) -> None:
@@ -106,7 +106,7 @@ def test_a_device_that_came_back_gets_no_command_before_a_reset(
             b.until_back(b.arm)
 
     b.run(160, script)
-    assert any("is back" in note for note in b.notes)
+    assert any("is back" in event for event in b.events)
     assert len(b.arm.sent) == sent[0]
 
 

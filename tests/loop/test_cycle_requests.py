@@ -10,8 +10,8 @@ from helpers.toy import PERIOD, SPEED, wired
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.ipc.layout import LINK_ACTIVE, LINK_CONNECTED, Cause, State
-from runtime.ipc.requests import Ask
+from runtime.ipc.requests import RequestKind
+from runtime.ipc.words import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, Cause, State
 from runtime.loop.cycle import Cycle, limits_of
 
 # Any order of events
@@ -19,7 +19,17 @@ from runtime.loop.cycle import Cycle, limits_of
 
 step = st.fixed_dictionaries(
     {
-        "ask": st.sampled_from([Ask.NONE] * 6 + [Ask.START, Ask.RESET, Ask.RESET, Ask.STOP, Ask.FAULT, Ask.EXIT]),
+        "ask": st.sampled_from(
+            [RequestKind.NONE] * 6
+            + [
+                RequestKind.START,
+                RequestKind.RESET,
+                RequestKind.RESET,
+                RequestKind.STOP,
+                RequestKind.FAULT,
+                RequestKind.EXIT,
+            ]
+        ),
         "target": st.sampled_from([Cause.NONE, Cause.BUS_LOSS, Cause.OVERRUN]),
         "stale": st.sampled_from([""] * 5 + ["hand", "arm", "panel"]),
         "lost": st.sampled_from([""] * 6 + ["hand", "arm"]),
@@ -35,34 +45,32 @@ def _cycles(steps: list[dict[str, Any]], automatic: bool) -> Any:
     """Runs them; yields what each cycle began with and ended with."""
     graph = wired(emergency="{signal: panel.buttons, index: 0, category: retract}")
     cycle = Cycle(graph, limits_of(graph), automatic)
-    ints, index, views = graph.board.ints, graph.board.index, graph.board.views
+    ints, views = graph.row.ints, graph.row.views
+    devices = dict(zip(graph.layout.devices, graph.row.devices, strict=True))
     applied, measured = views["arm.command.applied"], views["arm.position"]
-    now, link = 1_000_000_000, index["arm.link"]
+    now = 1_000_000_000
     stamps = dict.fromkeys(("hand", "arm", "panel"), now)
     for s in steps:
         for k in range(s["times"]):
             now += s["periods"] * PERIOD
-            ints[index["now"]], ints[index["dt"]] = now, s["periods"] * PERIOD
+            ints[CYCLE.now], ints[CYCLE.dt] = now, s["periods"] * PERIOD
             for name in stamps:
                 stamps[name] = stamps[name] if name == s["stale"] else now
-                word = index[f"{name}.link"]
-                connected = LINK_CONNECTED * (name != s["lost"])
-                ints[index[f"{name}.stamp"]], ints[word] = (
-                    stamps[name],
-                    (int(ints[word]) & LINK_ACTIVE) | connected,
-                )
+                words, connected = devices[name], LINK_CONNECTED * (name != s["lost"])
+                words[DEVICE.stamp] = stamps[name]
+                words[DEVICE.link] = (words.item(DEVICE.link) & LINK_ACTIVE) | connected
             views["panel.buttons"][0], views["hand.position"][:] = s["button"], s["x"]
             before, was = applied.copy(), cycle.machine.state
-            ask = s["ask"] if k == 0 else Ask.NONE
+            ask = s["ask"] if k == 0 else RequestKind.NONE
             cycle.check(s["periods"] - 1, ask, int(s["target"]))
             present = cycle._fault
             cycle.control()
             cycle.guard()
-            state, active = cycle.machine.state, bool(ints[link] & LINK_ACTIVE)
+            state, active = cycle.machine.state, bool(devices["arm"][DEVICE.link] & LINK_ACTIVE)
             yield SimpleNamespace(
                 was=was, state=state, ask=ask, present=present, active=active, before=before,
                 applied=applied.copy(), measured=measured.copy(), dt=min(s["periods"], 5) * PERIOD * 1e-9,
-                connected=bool(ints[link] & LINK_CONNECTED),
+                connected=bool(devices["arm"][DEVICE.link] & LINK_CONNECTED),
             )  # fmt: skip
             if active:
                 measured[:] = applied  # the arm is where it was told to be
@@ -80,7 +88,7 @@ def test_no_order_of_events_steps_or_moves_unasked(steps: list[dict[str, Any]], 
         assert c.state is not State.READY or not c.active
         assert c.state is not State.ACTIVE or c.present is None
         began = c.was in (State.READY, State.STOPPED) and c.state in (State.HOMING, State.ACTIVE)
-        asked = c.ask is (Ask.START if c.was is State.READY else Ask.RESET)
+        asked = c.ask is (RequestKind.START if c.was is State.READY else RequestKind.RESET)
         assert not began or (asked or (automatic and c.was is State.READY))
         assert not began or c.present is None
 

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from runtime.contracts.signals import Stop
-from runtime.ipc.layout import Cause, State
-from runtime.ipc.requests import Answer, Ask
+from runtime.ipc.requests import Answer, RequestKind
+from runtime.ipc.words import Cause, State
 from runtime.loop.machine import Fault, Ladder, Machine
 from runtime.profile.profile import EmergencyInput, Faults
 
@@ -39,7 +39,7 @@ def test_without_being_asked_a_manual_profile_stays_ready() -> None:
     m = machine(automatic=False)
     m.start_if_ready(None)
     assert m.state is State.READY
-    assert m.request(Ask.START, 0, None) is Answer.DONE
+    assert m.request(RequestKind.START, 0, None) is Answer.DONE
     assert m.state is State.HOMING
 
 
@@ -47,7 +47,7 @@ def test_a_run_after_a_crash_begins_in_the_stop() -> None:
     m = machine(stopped_by=Cause.RESTART)
     m.start_if_ready(None)
     assert (m.state, m.cause) == (State.STOPPED, Cause.RESTART)
-    assert m.request(Ask.RESET, 0, None) is Answer.DONE
+    assert m.request(RequestKind.RESET, 0, None) is Answer.DONE
 
 
 @pytest.mark.parametrize("cause", [Cause.INTENT_LOSS, Cause.DEVICE_LOSS, Cause.OVERRUN, Cause.DRIVER_ERROR])
@@ -61,8 +61,8 @@ def test_a_fault_stops_and_stays_until_a_reset(cause: Cause) -> None:
     assert m.state is State.STOPPED
     m.start_if_ready(None)
     assert m.state is State.STOPPED
-    assert m.request(Ask.RESET, 0, Fault(cause, 3)) is Answer.REFUSED_FAULT
-    assert m.request(Ask.RESET, 0, None) is Answer.DONE
+    assert m.request(RequestKind.RESET, 0, Fault(cause, 3)) is Answer.REFUSED_FAULT
+    assert m.request(RequestKind.RESET, 0, None) is Answer.DONE
     assert (m.state, m.cause) == (State.HOMING, Cause.NONE)
 
 
@@ -78,22 +78,22 @@ def test_the_first_cause_stands_but_an_emergency_overrules() -> None:
 
 def test_what_the_profile_ignores_does_not_stop() -> None:
     m = active()
-    m.request(Ask.FAULT, Cause.BUS_LOSS, None)
+    m.request(RequestKind.FAULT, Cause.BUS_LOSS, None)
     assert m.state is State.ACTIVE  # bus-loss is ignored by default
 
 
 def test_exit_ends_after_the_stop() -> None:
     m = active()
-    assert m.request(Ask.EXIT, Cause.END, None) is Answer.DONE
+    assert m.request(RequestKind.EXIT, Cause.END, None) is Answer.DONE
     assert m.state is State.STOPPING
-    assert m.request(Ask.RESET, 0, None) is Answer.REFUSED_STATE
+    assert m.request(RequestKind.RESET, 0, None) is Answer.REFUSED_STATE
     m.settle(True)
     assert (m.state, m.cause) == (State.ENDED, Cause.END)
 
 
 events = st.one_of(
     st.tuples(st.just("fault"), st.sampled_from([c for c in Cause if c not in (Cause.NONE, Cause.EMERGENCY)])),
-    st.tuples(st.just("ask"), st.sampled_from([Ask.START, Ask.STOP, Ask.RESET])),
+    st.tuples(st.just("ask"), st.sampled_from([RequestKind.START, RequestKind.STOP, RequestKind.RESET])),
     st.tuples(st.just("settle"), st.booleans()),
 )
 
@@ -111,7 +111,7 @@ def test_no_way_into_motion_but_an_explicit_one(events: list[tuple[str, object]]
             m.settle(bool(value))
         m.start_if_ready(None)
         began = m.state is State.HOMING and before is not State.HOMING
-        assert not began or (what == "ask" and value in (Ask.START, Ask.RESET))
+        assert not began or (what == "ask" and value in (RequestKind.START, RequestKind.RESET))
         assert m.state is not State.ACTIVE or before in (State.ACTIVE, State.HOMING)
 
 

@@ -10,16 +10,9 @@ import numpy as np
 from runtime.contracts.driver import DeviceConfig, Driver
 from runtime.contracts.signals import Stop
 from runtime.contracts.world import Fake
-from runtime.ipc.layout import CYCLE, DEVICE, LINK_ERROR
+from runtime.ipc.words import DEVICE, LINK_ERROR
 from runtime.loop.device import Device
 from runtime.loop.process import Process
-
-
-class Words:
-    """Enough of a board for one device."""
-
-    def __init__(self) -> None:
-        self.ints = np.zeros(len(CYCLE) + len(DEVICE), np.int64)
 
 
 class Counted(Driver):
@@ -55,8 +48,8 @@ class Simulated(Fake, Counted):
     open, read, write, stop, close = Counted.open, Counted.read, Counted.write, Counted.stop, Counted.close
 
 
-def device(driver: Any, notes: list[str]) -> Device:
-    return Device(driver, 0, Words(), notes.append)  # type: ignore[arg-type]
+def device(driver: Any, events: list[str]) -> Device:
+    return Device(driver, np.zeros(len(DEVICE), np.int64), [], events.append)
 
 
 def test_what_waited_while_others_were_opened_is_read_before_the_first_cycle() -> None:
@@ -70,15 +63,15 @@ def test_what_waited_while_others_were_opened_is_read_before_the_first_cycle() -
 
 def test_a_recovery_that_failed_is_over_once_the_device_is_well() -> None:
     """Else the driver's error would stand for ever, as `recover` is only called while there is a fault."""
-    notes: list[str] = []
+    events: list[str] = []
     driver = Counted()
-    made = device(driver, notes)
+    made = device(driver, events)
     driver.health.fault = "reflex"
     made.read(time.monotonic_ns())
     made.recover(0)
     made.read(time.monotonic_ns())
-    assert int(made._words[1]) & LINK_ERROR
-    assert any("failed to recover" in note for note in notes)
+    assert int(made.words[DEVICE.link]) & LINK_ERROR
+    assert any("failed to recover" in event for event in events)
     driver.health.fault = ""
     made.read(time.monotonic_ns())
-    assert not int(made._words[1]) & LINK_ERROR
+    assert not int(made.words[DEVICE.link]) & LINK_ERROR

@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 from rosbags.typesys import Stores, get_typestore
 
 from runtime.contracts.errors import RequestError
-from runtime.ipc.layout import Field
+from runtime.contracts.field import Field
 from runtime.messages import cdr, messages
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)

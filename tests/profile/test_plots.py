@@ -13,7 +13,8 @@ from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
 from runtime.contracts.errors import RecordingError
-from runtime.ipc.layout import Cause, Layout, State
+from runtime.ipc.layout import Layout
+from runtime.ipc.words import Cause, State
 from runtime.profile.plots import Plot, command_plots, series_names
 from runtime.recorder import figure
 from runtime.recorder.eye import look

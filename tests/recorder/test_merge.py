@@ -89,7 +89,7 @@ def test_a_black_box_is_read(tmp_path: Path) -> None:
     assert recording.sequence[-1] == 400
     assert np.array_equal(recording.rows, expected(layout, 400)[recording.sequence - 1])
     assert len(recording.rows) >= 255
-    assert recording.notes == []
+    assert recording.events == []
 
 
 def test_what_is_not_a_recording_is_refused_with_its_reason(tmp_path: Path) -> None:

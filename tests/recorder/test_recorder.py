@@ -79,8 +79,8 @@ def test_rows_survive_kill_9_and_merge_bit_for_bit(tmp_path: Path, count: int, k
     assert np.array_equal(recording.rows, expected(recording.layout, count))
     assert np.array_equal(recording.sequence, np.arange(1, count + 1))
     assert (recording.missing, recording.salvaged) == ([], 0)
-    assert [n.text for n in recording.notes] == [f"row {i}: Grüße" for i in range(500, count + 1, 500)]
-    assert recording.notes[3].cycle == 2041
+    assert [n.text for n in recording.events] == [f"row {i}: Grüße" for i in range(500, count + 1, 500)]
+    assert recording.events[3].cycle == 2041
     verified = rerun("rrd", "verify", str(out))
     assert verified.returncode == 0, verified.stderr
     shown = rerun("rrd", "print", str(out)).stdout
@@ -91,7 +91,7 @@ def test_rows_survive_kill_9_and_merge_bit_for_bit(tmp_path: Path, count: int, k
         "/scenery/box",
         "/scenery/capsule",
         "/hand/tips",
-        "/notes",
+        "/events",
     ):
         assert f" - {path} - " in shown
 
@@ -107,12 +107,12 @@ def test_a_full_disk_is_waited_out_and_harms_nothing(tmp_path: Path) -> None:
     try:
         ballast.write_bytes(bytes(2 << 20))
         layout = make_layout()
-        run, ring, notes = make_run(tmp_path / "run", layout)
+        run, ring, events = make_run(tmp_path / "run", layout)
         out = disk / "out.rrd"
         recorder = start_recorder(run.path, out)
-        write_run(run, ring, notes, layout, 500, 2500.0)
+        write_run(run, ring, events, layout, 500, 2500.0)
         wait_for(lambda: ring.consumed == 500)
-        write_run(run, ring, notes, layout, 2000, 2500.0, first=501)  # in all 2.7 MB
+        write_run(run, ring, events, layout, 2000, 2500.0, first=501)  # in all 2.7 MB
         complaint = recorder.stderr.readline()
         assert 0 < ring.consumed < 2500
         assert recorder.poll() is None
@@ -141,10 +141,10 @@ def test_a_full_disk_is_waited_out_and_harms_nothing(tmp_path: Path) -> None:
 
 def test_the_viewer_listens_on_loopback_only_and_dies_with_the_recorder(tmp_path: Path) -> None:
     layout = make_layout()
-    run, ring, notes = make_run(tmp_path / "run", layout)
+    run, ring, events = make_run(tmp_path / "run", layout)
     recorder = start_recorder(run.path, tmp_path / "out.rrd", "--view")
     try:
-        write_run(run, ring, notes, layout, 500, 1000.0)
+        write_run(run, ring, events, layout, 500, 1000.0)
         assert recorder.stderr is not None
         line = recorder.stderr.readline()
         assert "viewer: http://127.0.0.1:" in line
@@ -166,13 +166,13 @@ def test_the_viewer_listens_on_loopback_only_and_dies_with_the_recorder(tmp_path
 @pytest.mark.slow
 def test_a_stop_signal_is_outlived_until_the_loop_is_silent(tmp_path: Path) -> None:
     layout = make_layout()
-    run, ring, notes = make_run(tmp_path / "run", layout)
+    run, ring, events = make_run(tmp_path / "run", layout)
     recorder = start_recorder(run.path, tmp_path / "out.rrd")
     try:
-        write_run(run, ring, notes, layout, 200, 0)
+        write_run(run, ring, events, layout, 200, 0)
         wait_for(lambda: ring.consumed == 200)
         recorder.send_signal(signal.SIGTERM)
-        write_run(run, ring, notes, layout, 300, 500.0, first=201)
+        write_run(run, ring, events, layout, 300, 500.0, first=201)
         assert recorder.wait(30) == 0
         assert len(read(tmp_path / "out.rrd").rows) == 500
     finally:
@@ -215,7 +215,7 @@ def test_a_viewer_that_does_not_start_costs_no_recording(tmp_path: Path, monkeyp
 
 def test_watching_keeps_nothing_and_leaves_the_recorders_mark(tmp_path: Path) -> None:
     layout = make_layout()
-    run, ring, notes = make_run(tmp_path / "run", layout)
+    run, ring, events = make_run(tmp_path / "run", layout)
     watcher = subprocess.Popen(
         [sys.executable, "-m", "runtime.recorder", str(run.path), "--view"], stderr=subprocess.PIPE, text=True
     )
@@ -223,7 +223,7 @@ def test_watching_keeps_nothing_and_leaves_the_recorders_mark(tmp_path: Path) ->
         assert watcher.stderr is not None
         assert "viewer: http://127.0.0.1:" in watcher.stderr.readline()
         before = sorted(p.name for p in tmp_path.rglob("*"))
-        write_run(run, ring, notes, layout, 500, 2500.0)
+        write_run(run, ring, events, layout, 500, 2500.0)
         ring.finish()
         assert watcher.wait(30) == 0
         assert watcher.stderr.read() == ""

@@ -21,14 +21,15 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from helpers import ROOT
 from helpers.run import Running, environment, srl
 
-from runtime.ipc.layout import State
+from runtime.ipc.words import State
 from runtime.loop import realtime
 from runtime.recording.reader import read
 from runtime.service import supervisor
 
-DEPLOY = Path(__file__).parents[2] / "deploy"
+DEPLOY = ROOT / "deploy"
 UNIT = DEPLOY / "srl@.service"
 RULES = DEPLOY / "99-srl.rules"
 LONGEST_EXPOSURE = 2.5
@@ -154,8 +155,8 @@ def test_the_watchdog_falls_silent_with_the_loop(tmp_path: Path, monkeypatch: py
     arguments = ("sixth-finger", "--sim", "--duration", "60", "--set", "bus=null")
     with listening(tmp_path, monkeypatch) as ours, Running(tmp_path, *arguments) as run:
         run.started()
-        run.until(lambda: "loop_process" in run.children(), "the loop")
-        loop = run.children()["loop_process"]
+        run.until(lambda: "loop" in run.children(), "the loop")
+        loop = run.children()["loop"]
         os.kill(run.process.pid, signal.SIGSTOP)
         os.kill(loop, signal.SIGSTOP)
         ours.setblocking(False)
@@ -173,8 +174,8 @@ def test_a_stop_signal_to_all_processes_is_a_safe_stop(tmp_path: Path) -> None:
     """What `systemctl stop` does with KillMode=control-group."""
     with Running(tmp_path, "sixth-finger", "--sim", "--duration", "60", "--record", "x.rrd") as run:
         run.started()
-        run.until(lambda: set(run.children()) == {"loop_process", "bus", "recorder"}, "all processes")
-        run.until(run.rundir.bus_socket.exists, "the bus's socket")
+        run.until(lambda: set(run.children()) == {"loop", "bus", "recorder"}, "all processes")
+        run.until(run.run_folder.bus_socket.exists, "the bus's socket")
         run.until(lambda: run.reader.consumed > 0, "recorded rows")
         run.until(lambda: run.word("state") == State.ACTIVE, "motion")
         for pid in (run.process.pid, *run.children().values()):
@@ -246,7 +247,7 @@ def confine() -> None:
 
 CONFINED = """
 import mmap, os, socket, sys
-sys.path.insert(0, sys.argv.pop(1))
+sys.path[:0] = [sys.argv.pop(1), sys.argv.pop(1)]
 import test_deployment
 test_deployment.confine()
 refused = 0
@@ -272,7 +273,7 @@ def test_a_run_lives_within_the_units_syscall_rules(tmp_path: Path) -> None:
         pytest.skip("no libseccomp")
     arguments = ("run", "sixth-finger", "--sim", "--duration", "1.5", "--record", "x.rrd", "--json")
     done = subprocess.run(
-        [sys.executable, "-c", CONFINED, str(Path(__file__).parent), *arguments],
+        [sys.executable, "-c", CONFINED, str(Path(__file__).parent), str(ROOT / "tests"), *arguments],
         env=environment(tmp_path), cwd=tmp_path, capture_output=True, text=True, timeout=100, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr

@@ -14,9 +14,9 @@ import zenoh
 from drivers.zenoh import ZenohConfig
 from drivers.zenoh.config import SignalEntry
 from runtime.contracts.errors import HostError, WiringError
+from runtime.contracts.field import Field
 from runtime.contracts.signals import Signal
 from runtime.contracts.world import Fake
-from runtime.ipc.layout import Field
 from runtime.messages import attachment, messages
 from sim.devices.shared.sockets import SocketTwin
 from sim.devices.zenoh.fake import FakeZenoh

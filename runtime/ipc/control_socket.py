@@ -1,0 +1,37 @@
+"""The loop's Unix socket as its callers see it: `srl stop` and the supervisor reach the loop without the bus.
+
+Datagrams are JSON: {"ask": "stop"}, with a "cause" for "exit" and "fault". The loop answers to the sender's
+own address. `runtime.loop.request_queue` is the loop's end.
+"""
+
+from __future__ import annotations
+
+import json
+import socket
+
+from runtime.ipc.run_folder import RunFolder
+
+
+def send_request(
+    run_folder: RunFolder, what: str, cause: str | None = None, timeout: float = 2.0
+) -> dict[str, object] | None:
+    """Sends a request to a running loop.
+
+    Args:
+        run_folder: the instance's.
+        what: "start", "stop", "reset", "exit" or "fault".
+        cause: for "exit" and "fault": a `Cause`'s name.
+        timeout: s.
+    Returns:
+        The loop's answer; None if it gave none in time.
+    """
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as sender:
+        sender.bind("")  # an abstract address of its own, to be answered at
+        sender.settimeout(timeout)
+        message = {"ask": what} | ({"cause": cause} if cause else {})
+        try:
+            sender.sendto(json.dumps(message).encode(), str(run_folder.loop_socket))
+            answer: dict[str, object] = json.loads(sender.recv(2048))
+        except (OSError, ValueError):
+            return None
+        return answer

@@ -1,0 +1,97 @@
+"""The int64 words of a row: their places by name, and what their numbers mean.
+
+`CYCLE.now` is the place of the word `now` among a row's words; `DEVICE.link` the place of the word `link`
+among the words of one device (`runtime.ipc.row.Row.devices`, `runtime.ipc.layout.Layout.device`).
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import Final, NamedTuple
+
+
+class CycleWords(NamedTuple):
+    """Words of the cycle itself.
+
+    Times are ns: `now` and `deadline` on the loop's clock; `wake` and the ends of the phases on
+    CLOCK_MONOTONIC; `log` is how long appending the row before took.
+    """
+
+    cycle: int
+    now: int
+    dt: int
+    deadline: int
+    wake: int
+    read: int
+    control: int
+    guard: int
+    write: int
+    log: int
+    state: int
+    cause: int
+    culprit: int
+    category: int
+    overruns: int
+    flags: int
+    request: int
+    request_kind: int
+    request_target: int
+    request_result: int
+
+
+class DeviceWords(NamedTuple):
+    """Words of one device, as its driver's `Health` gives them; a row has them once a device."""
+
+    stamp: int
+    link: int
+    frames: int
+    errors: int
+    resyncs: int
+    reconnects: int
+
+
+CYCLE: Final = CycleWords(*range(len(CycleWords._fields)))
+DEVICE: Final = DeviceWords(*range(len(DeviceWords._fields)))
+
+# Bits of `flags`.
+FLAG_LATE = 1  # this cycle began after its deadline by more than a period
+FLAG_DEGRADED = 2  # overruns: telemetry is asked to take less
+FLAG_REJECTED = 4  # the guard refused a non-finite command
+FLAG_FALLBACK = 8  # the guard braked because its trajectory generator failed
+FLAG_LIMITED = 16  # the guard changed a command
+# Bits of a device's `link`.
+LINK_CONNECTED = 1
+LINK_STALE = 2
+LINK_ACTIVE = 4  # commands reach it
+LINK_ERROR = 8  # its driver failed in a way it should not
+LINK_FAULT = 16  # it is connected and refuses to move, until it has recovered
+
+
+class State(IntEnum):
+    """The state machine."""
+
+    STARTING = 0
+    READY = 1  # devices open, nothing moves
+    ACTIVE = 2
+    STOPPING = 3  # a stop is under way
+    STOPPED = 4  # at rest in the stop; waits for a reset
+    ENDED = 5
+    HOMING = 6  # a device without feedback goes to its home slowly
+
+
+class Cause(IntEnum):
+    """Why it stopped."""
+
+    NONE = 0
+    REQUEST = 1  # a client, `srl stop`, SIGTERM
+    INTENT_LOSS = 2  # a sensor that the motion follows is stale or gone
+    DEVICE_LOSS = 3  # an actuator is stale or gone
+    OVERRUN = 4
+    DRIVER_ERROR = 5
+    CONTROLLER_ERROR = 6
+    EMERGENCY = 7  # an e-stop or enabling input
+    BUS_LOSS = 8  # the bus died where the profile depends on it
+    SUPERVISOR_LOSS = 9
+    RESTART = 10  # started again after a crash
+    END = 11  # the run's duration is over
+    DEVICE_FAULT = 12  # a device refuses to move: protective stop, reflex, hardware error
