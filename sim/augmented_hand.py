@@ -14,8 +14,9 @@ from pydantic import Field, model_validator
 
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.world import World, WorldConfig
+from runtime.control.hand.human_hand import FINGERS, JOINTS
 from sim.parts.hand.finger import FINGER_JOINTS, FingerConfig, add_finger
-from sim.parts.hand.hand import FINGERS, JOINTS, add_hand
+from sim.parts.hand.hand import add_hand
 from sim.parts.hand.objects import ObjectConfig, add_object
 from sim.parts.hand.servo import ServoBank
 from sim.wearer import Wearer, WearerConfig, make_wearer

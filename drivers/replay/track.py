@@ -6,13 +6,11 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from runtime.contracts.errors import RecordingError, nearest
 from runtime.contracts.field import Field
 from runtime.contracts.signals import Array, Signal
-from runtime.ipc.layout import Layout
-from runtime.ipc.words import LINK_CONNECTED
+from runtime.recording.reader import Recording, read
 
 
 class Track:
@@ -25,35 +23,33 @@ class Track:
         length: ns until the track begins anew when it is repeated.
     """
 
-    def __init__(self, layout: Layout, rows: NDArray[np.int64], device: str, start: float, place: str) -> None:
+    def __init__(self, recording: Recording, device: str, start: float, place: str) -> None:
         """
         Args:
-            layout: the recording's.
-            rows: its rows.
+            recording: where they are.
             device: whose states.
             start: s from the recording's first row, before which nothing counts.
             place: the recording's name, for errors.
         Raises:
             RecordingError: no such device, it has no states, or no sample after `start`.
         """
-        fields = _states(layout, device)
-        if device not in layout.devices or not fields:
-            have = sorted({name.partition(".")[0] for name, f in layout.fields.items() if f.role == "state"})
+        fields = recording.states(device)
+        if not fields:
+            have = [name for name in recording.layout.devices if recording.states(name)]
             raise RecordingError(place, f"it has no states of a device '{device}'", nearest(device, have))
         self.signals = tuple(_signal(field, device) for field in fields)
-        now, stamp = layout.word(rows, "now"), layout.word(rows, f"{device}.stamp")
+        now, stamp = recording.int("now"), recording.int(f"{device}.stamp")
         begin = int(now[0]) + round(start * 1e9)
         new = np.diff(stamp, prepend=-1) > 0
-        new &= (now >= begin) & (layout.word(rows, f"{device}.link") & LINK_CONNECTED > 0)
+        new &= (now >= begin) & recording.connected(device)
         if not new.any():
             seconds = (int(now[-1]) - int(now[0])) / 1e9
             raise RecordingError(
                 place, f"'{device}' gave no sample after {start:g} s of {seconds:.1f} s", "Choose another `start`"
             )
-        chosen = rows[new]
         self.arrived = now[new] - int(now[new][0])
         self.age = now[new] - stamp[new]
-        self._values = [np.ascontiguousarray(layout.value(chosen, field.name)) for field in fields]
+        self._values = [recording.value(field.name)[new] for field in fields]
         gaps = np.diff(self.arrived)
         self.length = int(self.arrived[-1]) + (int(np.median(gaps)) if gaps.size else 10**9)
 
@@ -67,10 +63,6 @@ class Track:
     def values(self, number: int) -> list[Array]:
         """A sample's values, by signal."""
         return [values[number] for values in self._values]
-
-
-def _states(layout: Layout, device: str) -> list[Field]:
-    return [f for f in layout.fields.values() if f.role == "state" and f.name.partition(".")[0] == device]
 
 
 def _signal(field: Field, device: str) -> Signal:
@@ -88,7 +80,4 @@ def _signal(field: Field, device: str) -> Signal:
 @lru_cache(maxsize=8)
 def load(path: str, device: str, start: float) -> Track:
     """A device's track of a recording. Raises RecordingError."""
-    from runtime.recording.reader import read
-
-    recording = read(Path(path))
-    return Track(recording.layout, recording.rows, device, start, path)
+    return Track(read(Path(path)), device, start, path)

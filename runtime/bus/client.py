@@ -25,9 +25,9 @@ from runtime.bus import session
 from runtime.bus.status import parse
 from runtime.contracts.errors import RequestError, nearest
 from runtime.contracts.signals import Array
+from runtime.contracts.tls import TlsConfig
 from runtime.ipc.run_folder import RunFolder
 from runtime.messages import cdr, messages
-from runtime.profile.bus import TlsConfig
 from runtime.profile.keys import COMMANDS, Keys, path
 
 _ENDPOINT = re.compile(r"^(tcp|tls|unixsock-stream)/")

@@ -13,7 +13,8 @@ from typing import Any
 import zenoh
 
 from runtime.contracts.errors import HostError, RequestError
-from runtime.profile.bus import BusConfig, TlsConfig
+from runtime.contracts.tls import TlsConfig
+from runtime.profile.bus import BusConfig
 from runtime.profile.keys import Keys
 
 LONGEST_PATH = 107  # bytes of a Unix socket's path, Linux

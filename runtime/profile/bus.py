@@ -4,28 +4,12 @@ from __future__ import annotations
 
 import ipaddress
 import re
-from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from runtime.contracts.tls import TlsConfig
+
 _ENDPOINT = re.compile(r"^(?P<protocol>tcp|tls)/(?P<host>\[[0-9a-fA-F:]+\]|[^:/\[\]?#]+):(?P<port>\d{1,5})$")
-
-
-class TlsConfig(BaseModel):
-    """`bus.tls`: both sides show a certificate signed by `ca`. Paths of PEM files, absolute."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    ca: str = Field(description="certificate of the authority that signs this service and its clients")
-    certificate: str = Field(description="this side's certificate")
-    key: str = Field(description="this side's private key")
-
-    @model_validator(mode="after")
-    def _absolute(self) -> TlsConfig:
-        for name in ("ca", "certificate", "key"):
-            if not Path(getattr(self, name)).is_absolute():
-                raise ValueError(f"'{name}' must be an absolute path, as the service has no folder of its own")
-        return self
 
 
 class BusConfig(BaseModel):

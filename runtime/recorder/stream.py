@@ -13,16 +13,12 @@ os.environ.pop("RERUN", None)  # RERUN=off would make a recorder that records no
 import pyarrow as pa
 import rerun as rr
 
-from runtime.ipc.events import Event, Level
+from runtime.ipc.events import Event
 from runtime.ipc.layout import Layout
 from runtime.recorder import blueprint
 from runtime.recorder.scene import Scene
 from runtime.recording.columns import ArrowBatch, Columns, Words
-
-APPLICATION = "srl"
-FORMAT = 1
-PROPERTY = "srl"
-LEVELS = {Level.INFO: "INFO", Level.WARNING: "WARN", Level.ERROR: "ERROR"}
+from runtime.recording.format import APPLICATION, FORMAT, LEVELS, PROPERTY
 
 
 def recording_id(text: str) -> str:

@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.contracts.errors import RecordingError
+from runtime.contracts.field import Field
 from runtime.ipc.events import Event, EventReader
 from runtime.ipc.layout import Layout
 from runtime.ipc.ring import RingReader
+from runtime.ipc.words import LINK_CONNECTED
 from runtime.recording.columns import Words
 from runtime.recording.segments import folder_of, listed
 from runtime.recording.source import Source, gaps
@@ -42,6 +44,15 @@ class Recording:
     def int(self, name: str) -> Words:
         """The word `name` of every row, (k,)."""
         return self.layout.word(self.rows, name)
+
+    def states(self, device: str) -> list[Field]:
+        """The signals that a device gave; none for one that isn't there or gives none."""
+        fields = self.layout.fields.values() if device in self.layout.devices else ()
+        return [f for f in fields if f.role == "state" and f.name.partition(".")[0] == device]
+
+    def connected(self, device: str) -> NDArray[np.bool_]:
+        """Whether a device was connected, (k,)."""
+        return self.int(f"{device}.link") & LINK_CONNECTED > 0
 
     def value(self, name: str) -> NDArray[np.float64]:
         """The signal `name` of every row, (k, *shape)."""

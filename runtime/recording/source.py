@@ -15,8 +15,8 @@ import rerun as rr
 from runtime.contracts.errors import RecordingError
 from runtime.ipc.events import Event
 from runtime.ipc.layout import Layout
-from runtime.recorder.stream import APPLICATION, FORMAT, LEVELS, PROPERTY
 from runtime.recording.columns import Assembler, Columns, Words
+from runtime.recording.format import APPLICATION, FORMAT, LEVELS, PROPERTY
 from runtime.recording.framing import copy_prefix, whole
 
 _MUCH = 64 << 20  # bytes of columns before rows are made of them

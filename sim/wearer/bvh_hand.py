@@ -9,7 +9,7 @@ import numpy as np
 
 from runtime.contracts.errors import RecordingError
 from runtime.contracts.signals import Array
-from sim.parts.hand.hand import FINGERS, JOINTS
+from runtime.control.hand.human_hand import FINGERS, JOINTS
 from sim.wearer import bvh
 
 _BONES: Final = {"thumb": "Thumb", "index": "Index", "middle": "Middle", "ring": "Ring", "little": "Pinky"}

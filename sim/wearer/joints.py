@@ -9,7 +9,7 @@ import numpy as np
 
 from drivers.cyberglove.protocol import LABELS, LABELS_22
 from runtime.contracts.signals import Array
-from sim.parts.hand.hand import JOINTS
+from runtime.control.hand.human_hand import JOINTS
 
 Terms = tuple[tuple[str, float], ...]
 

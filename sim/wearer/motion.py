@@ -8,7 +8,7 @@ from typing import Final, Protocol, TypeVar
 import numpy as np
 
 from runtime.contracts.signals import Array
-from sim.parts.hand.hand import RANGES
+from runtime.control.hand.human_hand import RANGES
 
 BLEND: Final = 0.5  # s, from the end of one stretch of a recording to the beginning of the next
 Number = TypeVar("Number", float, Array)

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from runtime.contracts.signals import Array
-from sim.parts.hand.hand import RANGES
+from runtime.control.hand.human_hand import RANGES
 from sim.wearer.motion import quintic
 
 _OPEN: Final[Array] = np.deg2rad(

@@ -12,7 +12,7 @@ import numpy as np
 from drivers.cyberglove.protocol import LABELS_22
 from runtime.contracts.errors import RecordingError
 from runtime.contracts.signals import Array
-from sim.parts.hand.hand import JOINTS
+from runtime.control.hand.human_hand import JOINTS
 from sim.wearer.checks import check_samples
 from sim.wearer.joints import SCHEMES, to_model
 

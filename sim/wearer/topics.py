@@ -10,7 +10,7 @@ import numpy as np
 
 from runtime.contracts.errors import RecordingError
 from runtime.contracts.signals import Array
-from sim.parts.hand.hand import JOINTS
+from runtime.control.hand.human_hand import JOINTS
 from sim.wearer.checks import check_samples
 from sim.wearer.motion import Curve
 from sim.wearer.tables import read_rows

@@ -10,7 +10,7 @@ from helpers.bus import Instance, sockets
 
 from runtime.bus.client import Client, connect
 from runtime.contracts.errors import RequestError
-from runtime.profile.bus import TlsConfig
+from runtime.contracts.tls import TlsConfig
 
 
 def _certificates(folder: Path) -> dict[str, TlsConfig]:

@@ -15,7 +15,7 @@ from runtime.contracts.driver import Driver
 from runtime.contracts.errors import DeviceError, DeviceLostError, RecordingError
 from runtime.ipc.layout import Layout
 from runtime.ipc.words import LINK_CONNECTED
-from runtime.recording.reader import read
+from runtime.recording.reader import Recording, read
 from sim.devices.replay.fake import FakeReplay, FakeReplayOptions
 
 MS = 1_000_000
@@ -49,9 +49,10 @@ def made_up() -> tuple[Layout, np.ndarray]:
 @pytest.fixture
 def made(monkeypatch: pytest.MonkeyPatch) -> None:
     layout, rows = made_up()
+    recording = Recording(Path("made.rrd"), layout, np.arange(1, len(rows) + 1), rows, [], [], 0)
 
     def load(path: str, device: str, start: float) -> track.Track:
-        return track.Track(layout, rows, device, start, path)
+        return track.Track(recording, device, start, path)
 
     monkeypatch.setattr("drivers.replay.driver.load", load)
 

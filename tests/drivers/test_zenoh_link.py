@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from drivers.zenoh_link import Link, Outlet, PeerConfig, wire
 from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.profile.bus import TlsConfig
+from runtime.contracts.tls import TlsConfig
 from sim.devices.zenoh.twin import Arrival, ZenohDoor
 
 INT64 = st.integers(-(2**63), 2**63 - 1)

@@ -13,8 +13,8 @@ import numpy as np
 
 from runtime.contracts.driver import Driver
 from runtime.contracts.errors import DeviceLostError
+from runtime.contracts.tls import TlsConfig
 from runtime.contracts.world import Twin, World, WorldConfig
-from runtime.profile.bus import TlsConfig
 
 
 class Still(World):

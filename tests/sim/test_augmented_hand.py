@@ -6,8 +6,8 @@ from helpers.sim import MS, world
 from pydantic import ValidationError
 
 from runtime.contracts.signals import Signal
+from runtime.control.hand.human_hand import FINGERS
 from sim.augmented_hand import AugmentedHandConfig
-from sim.parts.hand.hand import FINGERS
 
 BALL = {"shape": "sphere", "size": [0.07], "mass": 0.1, "position": [0, 0.085, -0.055], "held_until": None}
 CAN = {

@@ -6,8 +6,8 @@ import pytest
 from helpers.shared import shared
 from ruamel.yaml import YAML
 
+from runtime.control.hand.human_hand import FINGERS, JOINTS, RANGES
 from sim.augmented_hand import AugmentedHandConfig, mjcf
-from sim.parts.hand.hand import FINGERS, JOINTS, RANGES
 
 
 @pytest.fixture(scope="module")

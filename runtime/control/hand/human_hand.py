@@ -51,7 +51,7 @@ _ROWS: Final = np.array(
     ]
 )
 
-_RANGES: Final = np.deg2rad(
+RANGES: Final[Array] = np.deg2rad(
     [
         *([-60, 30], [-15, 105], [-30, 80], [-10, 80]),
         *([-20, 25], [-30, 90], [0, 110], [-5, 80]),
@@ -60,10 +60,12 @@ _RANGES: Final = np.deg2rad(
         *([-35, 15], [-30, 90], [0, 125], [-5, 80]),
     ]
 )
-# Our choice after Cobos et al. (2008, 2010) and MyoHand; contains the mean posture of Santello et al. (1998).
-LOWER: Final[Array] = np.ascontiguousarray(_RANGES[:, 0])
-UPPER: Final[Array] = np.ascontiguousarray(_RANGES[:, 1])
-"""(20,) rad, limits of the joints in the order of JOINTS."""
+"""(20, 2) rad: lower and upper limit of each joint, in the order of JOINTS. Our choice after Cobos et al. (2008, 2010)
+and MyoHand; contains the mean posture of Santello et al. (1998)."""
+RANGES.setflags(write=False)
+LOWER: Final[Array] = np.ascontiguousarray(RANGES[:, 0])
+UPPER: Final[Array] = np.ascontiguousarray(RANGES[:, 1])
+"""(20,) rad, their columns."""
 LOWER.setflags(write=False)
 UPPER.setflags(write=False)
 

@@ -2,7 +2,8 @@
 
 The geometry is the SynGrasp "paradigmatic" hand (sheet human_hand): a right hand, frame `hand` with its
 origin at the wrist centre, x toward the little finger, y distal, z dorsal (the palm looks to -z).
-It is written here a second time on purpose, so that the simulation can judge the control law's kinematics.
+Names and ranges of the joints are the law's description (`runtime.control.hand.human_hand`). The geometry is written
+here a second time on purpose, so that the simulation can judge the control law's kinematics.
 """
 
 from __future__ import annotations
@@ -12,28 +13,8 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from runtime.contracts.signals import Array
+from runtime.control.hand.human_hand import FINGERS, JOINTS, RANGES
 from sim.world.mjcf import CONTACT, add
-
-FINGERS: Final = ("thumb", "index", "middle", "ring", "little")
-_THUMB: Final = ("tm_abduction", "tm_flexion", "mcp_flexion", "ip_flexion")
-_FINGER: Final = ("mcp_abduction", "mcp_flexion", "pip_flexion", "dip_flexion")
-
-JOINTS: Final = tuple(f"{finger}_{joint}" for finger in FINGERS for joint in (_THUMB if finger == "thumb" else _FINGER))
-"""Names of the 20 joints in the model's order. Positive flexion curls toward the palm; positive abduction
-turns toward the thumb's side (-x)."""
-
-RANGES: Final[Array] = np.deg2rad(
-    [
-        *([-60, 30], [-15, 105], [-30, 80], [-10, 80]),
-        *([-20, 25], [-30, 90], [0, 110], [-5, 80]),
-        *([-15, 15], [-30, 90], [0, 110], [-5, 80]),
-        *([-20, 15], [-30, 90], [0, 120], [-5, 80]),
-        *([-35, 15], [-30, 90], [0, 125], [-5, 80]),
-    ]
-)
-"""(20, 2) rad: lower and upper limit of each joint (`recommended_20dof` of the sheet)."""
-RANGES.setflags(write=False)
 
 _BASES: Final = {  # m
     "thumb": (-0.037, 0.045, 0.0),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from math import pi
 
+import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -18,6 +19,7 @@ from runtime.contracts.signals import Array
 from runtime.control.hand.human_hand import FINGERS, JOINTS, LOWER, UPPER, hand_geometry
 from runtime.control.hand.point_series import PointSeries
 from runtime.control.shared.kinematics import Chain
+from sim.augmented_hand import AugmentedHandConfig, mjcf
 
 angle = st.floats(-3.2, 3.2)
 
@@ -109,7 +111,9 @@ def test_hand_scales_with_its_length() -> None:
 
 
 def test_simulated_hand_agrees() -> None:
-    """The simulation wrote the same hand a second time: names, ranges."""
-    hand = pytest.importorskip("sim.parts.hand.hand")
-    assert hand.JOINTS == JOINTS
-    np.testing.assert_allclose(hand.RANGES, np.stack([LOWER, UPPER], axis=1))
+    """The simulated hand has the joints of the law's, in their order, with their ranges."""
+    model = mujoco.MjModel.from_xml_string(mjcf(AugmentedHandConfig()))
+    names = [model.joint(i).name for i in range(model.njnt)]
+    assert [name for name in names if name.startswith("hand/")] == [f"hand/{joint}" for joint in JOINTS]
+    ranges = [model.joint(f"hand/{joint}").range for joint in JOINTS]
+    np.testing.assert_allclose(ranges, np.stack([LOWER, UPPER], axis=1))

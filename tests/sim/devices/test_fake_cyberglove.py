@@ -12,8 +12,8 @@ from drivers.cyberglove import CyberGlove, calibration
 from drivers.cyberglove.protocol import LABELS
 from runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
 from runtime.contracts.world import World
+from runtime.control.hand.human_hand import RANGES
 from sim.devices.cyberglove.fake import FakeCyberGlove
-from sim.parts.hand.hand import RANGES
 from sim.wearer.joints import to_glove, to_model
 
 EXACT = {"noise": 0.0, "delay": 0.0, "quantise": False}

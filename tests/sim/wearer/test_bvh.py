@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from runtime.contracts.errors import RecordingError
-from sim.parts.hand.hand import FINGERS, JOINTS
+from runtime.control.hand.human_hand import FINGERS, JOINTS
 from sim.wearer import bvh, load_wearer
 from sim.wearer.bvh_hand import _knuckle, hand_angles
 

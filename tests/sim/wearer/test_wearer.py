@@ -9,7 +9,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.interpolate import PchipInterpolator
 
 from runtime.contracts.errors import RecordingError
-from sim.parts.hand.hand import JOINTS, RANGES
+from runtime.control.hand.human_hand import JOINTS, RANGES
 from sim.wearer import ScriptedWearer, WearerConfig, load_wearer, make_wearer
 from sim.wearer.motion import Curve, SampledWearer, join, minimum_jerk
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from drivers.transport import Transport
+from drivers.transport.base import Transport
 from runtime.contracts.errors import DeviceError
 
 

@@ -1,0 +1,158 @@
+"""The contract of a byte link: what `drivers.transport` opens, whatever it is made of."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import select
+import struct
+import termios
+import time
+from abc import ABC, abstractmethod
+from typing import NoReturn
+
+from runtime.contracts.errors import DeviceError, DeviceLostError
+
+CHUNK = 65536
+CHUNKS = 16  # in one read, so that a flood can't hold the loop
+LINGER = 0.1  # s, what `close` gives the last bytes to leave
+
+
+class Transport(ABC):
+    """One open link.
+
+    Attributes:
+        url: as it was opened.
+        place: the device's name for errors.
+    """
+
+    def __init__(self, url: str, place: str) -> None:
+        self.url = url
+        self.place = place
+        self._rest = b""  # of a frame of which the kernel took only part
+
+    def read(self) -> bytes:
+        """Everything that is there, b"" if nothing; never blocks.
+
+        Raises:
+            DeviceLostError: the other end hung up, even where no bytes were expected.
+        """
+        chunks: list[bytes] = []
+        for _ in range(CHUNKS):
+            try:
+                chunk = self._take()
+            except BlockingIOError:
+                break
+            except OSError as error:
+                if chunks:
+                    break
+                self._lost(error.strerror or str(error))
+            if not chunk:
+                if chunks:
+                    break  # the next read finds the end again
+                self._lost("the other end hung up")
+            chunks.append(chunk)
+        return chunks[0] if len(chunks) == 1 else b"".join(chunks)
+
+    def write(self, data: bytes) -> bool:
+        """Hands one command to the kernel; never blocks.
+
+        Returns:
+            True if the command is on its way (a part the kernel didn't take leaves before anything else);
+            False if earlier bytes are still unsent: nothing of `data` was kept.
+        Raises:
+            DeviceLostError: the other end hung up.
+        """
+        try:
+            if self._rest:
+                self._rest = self._rest[self._give(self._rest) :]
+            if self._rest or self._queued():
+                return False
+            taken = self._give(data)
+        except OSError as error:
+            self._lost(error.strerror or str(error))
+        if taken or not data:
+            self._rest = data[taken:]
+            return True
+        return False
+
+    def unsent(self) -> int:
+        """Bytes written but not yet sent (TCP: not acknowledged). Raises DeviceLostError."""
+        try:
+            return self._queued() + len(self._rest)
+        except OSError as error:
+            self._lost(error.strerror or str(error))
+
+    def read_wait(self, timeout_s: float) -> bytes:
+        """Like `read`, but waits up to `timeout_s` for the first byte. Blocks: for `open` only."""
+        poll = select.poll()
+        poll.register(self._read_fileno(), select.POLLIN)
+        poll.poll(max(0, timeout_s) * 1000)
+        return self.read()
+
+    def write_all(self, data: bytes, timeout_s: float) -> None:
+        """Writes all of `data`. Blocks: for `open` only. Raises DeviceError after `timeout_s`."""
+        deadline = time.monotonic() + timeout_s
+        accepted = self.write(data)
+        while not accepted or self._rest:
+            if time.monotonic() > deadline:
+                raise DeviceError(
+                    self.place,
+                    f"{self.url} took no {len(data)} bytes within {timeout_s:g} s",
+                    "Check that the device has power and isn't held by flow control; plug it in again",
+                )
+            time.sleep(0.001)
+            if accepted:
+                self.write(b"")
+            else:
+                accepted = self.write(data)
+
+    def flush_input(self) -> None:
+        """Throws away what has arrived. Raises DeviceLostError."""
+        while self.read():
+            pass
+
+    def close(self) -> None:
+        """Closes; gives the last bytes 0.1 s to leave, then discards them. Always succeeds."""
+        deadline = time.monotonic() + LINGER
+        with contextlib.suppress(OSError, ValueError, DeviceError):
+            while time.monotonic() < deadline and self.unsent():
+                self.write(b"")
+                time.sleep(0.001)
+        self._rest = b""
+        with contextlib.suppress(OSError, ValueError, termios.error):
+            self._shut()
+
+    @abstractmethod
+    def fileno(self) -> int:
+        """The descriptor that `write` writes to; -1 once closed."""
+
+    def _read_fileno(self) -> int:
+        return self.fileno()
+
+    @abstractmethod
+    def _take(self) -> bytes:
+        """One read; BlockingIOError where there is nothing, b"" at the end, other OSErrors for a loss."""
+
+    @abstractmethod
+    def _give(self, data: bytes) -> int:
+        """One write; the number of bytes taken, 0 where there is no room."""
+
+    @abstractmethod
+    def _queued(self) -> int:
+        """Bytes the kernel still holds."""
+
+    @abstractmethod
+    def _shut(self) -> None:
+        """Discards what is unsent and closes."""
+
+    def _lost(self, why: str) -> NoReturn:
+        raise DeviceLostError(self.place, f"the link {self.url} is gone ({why})", "Check its cable and its power")
+
+
+def ioctl_int(fd: int, request: int) -> int:
+    """The integer that an ioctl of a descriptor gives. Raises OSError, also for one that is closed."""
+    if fd < 0:
+        raise OSError(errno.EBADF, "closed")
+    return int(struct.unpack("i", fcntl.ioctl(fd, request, b"\0\0\0\0"))[0])

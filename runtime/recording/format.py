@@ -1,0 +1,10 @@
+"""What makes a .rrd file a recording of srl: the writer's and the readers' common names."""
+
+from __future__ import annotations
+
+from runtime.ipc.events import Level
+
+APPLICATION = "srl"  # rerun's application id
+FORMAT = 1
+PROPERTY = "srl"  # the property that holds format and layout
+LEVELS = {Level.INFO: "INFO", Level.WARNING: "WARN", Level.ERROR: "ERROR"}  # rerun's names of the events' levels
