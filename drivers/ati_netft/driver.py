@@ -15,9 +15,9 @@ from drivers.ati_netft.protocol import Parser, Record, Request, request
 from drivers.ati_netft.settings import Settings
 from drivers.datagram import Datagrams, open_datagrams
 from drivers.devicetime import DeviceTime
-from runtime.contracts.driver import Driver
+from runtime.contracts.driver import Sensor
 from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Array, Signal, Stop
+from runtime.contracts.signals import Array, Signal
 
 LABELS: Final = ("fx", "fy", "fz", "tx", "ty", "tz")
 TRIES: Final = 10  # requests may get lost; public drivers ask as often (1.1)
@@ -33,7 +33,7 @@ _STEADY: Final = np.array([2.0] * 3 + [0.2] * 3)  # N, N m: where the ranges are
 _REMEDY: Final = "Check the address, the cable and the power, and that no other program reads this sensor"
 
 
-class AtiNetFt(Driver):
+class AtiNetFt(Sensor):
     """State `wrench` (6,): force (N), then torque (N m), in the frame of the options.
 
     A sample's stamp comes from the sensor's own sample counter where its rate is known. A record with a
@@ -65,7 +65,7 @@ class AtiNetFt(Driver):
         self._missed = 0
         self._asks = 0
         self._latched = False
-        self._biased = self._opened = False
+        self._biased = False
 
     # -- life
 
@@ -89,9 +89,7 @@ class AtiNetFt(Driver):
             self.close()
             raise
         self._heard = self._asked = -1
-        self.health.connected = True
-        self.health.reconnects += self._opened
-        self._opened = True
+        self.health.opened()
 
     def read(self, now: int) -> None:
         link = self._link
@@ -114,12 +112,6 @@ class AtiNetFt(Driver):
             self.health.connected = False
             self.health.message = error.problem
             raise
-
-    def write(self, now: int) -> None:
-        """A sensor takes no commands."""
-
-    def stop(self, category: Stop) -> None:
-        """A sensor moves nothing."""
 
     def recover(self, now: int) -> None:
         """Resets the latch of the monitor conditions, and asks for the stream, which that request ends."""

@@ -25,9 +25,9 @@ from drivers.can_ft.protocol import (
 )
 from drivers.canbus import CanLink, open_can
 from drivers.devicetime import DeviceTime
-from runtime.contracts.driver import DeviceConfig, Driver
+from runtime.contracts.driver import DeviceConfig, Sensor
 from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Array, Signal, Stop
+from runtime.contracts.signals import Array, Signal
 
 LABELS: Final = ("fx", "fy", "fz", "tx", "ty", "tz")
 TRIES: Final = 3
@@ -81,7 +81,7 @@ class CanFtConfig(DeviceConfig):
         return value
 
 
-class CanFt(Driver):
+class CanFt(Sensor):
     """State `wrench` (6,): force (N), then torque (N m), in the frame of the options.
 
     The sensor has neither a counter nor a clock on the wire. A sample's stamp comes from the interface's own
@@ -109,7 +109,6 @@ class CanFt(Driver):
         self._heard = self._asked = -1
         self._overloads = 0
         self._asks = 0
-        self._opened = False
         period = 1_000_000_000 // config.rate
         self._patience = max(ASK_AGAIN, PERIODS * period)
         # What a loss of power makes it forget is sent along whenever the stream is asked for again.
@@ -142,10 +141,8 @@ class CanFt(Driver):
             raise
         self._time.restart()
         self._heard = self._asked = -1
-        self.health.connected = True
+        self.health.opened()
         self.health.message = self._names["model"]
-        self.health.reconnects += self._opened
-        self._opened = True
 
     def read(self, now: int) -> None:
         link = self._link
@@ -168,12 +165,6 @@ class CanFt(Driver):
             self.health.connected = False
             self.health.message = error.problem
             raise
-
-    def write(self, now: int) -> None:
-        """A sensor takes no commands."""
-
-    def stop(self, category: Stop) -> None:
-        """A sensor moves nothing."""
 
     def close(self) -> None:
         link, self._link = self._link, None

@@ -12,9 +12,9 @@ from pydantic import Field
 from drivers.cyberglove import calibration
 from drivers.cyberglove.protocol import BAUDRATE, LABELS, START, STOP, Parser, Record, Reply, assign, query
 from drivers.transport import Transport, open_transport
-from runtime.contracts.driver import DeviceConfig, Driver
+from runtime.contracts.driver import DeviceConfig, Sensor
 from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Signal, Stop
+from runtime.contracts.signals import Signal
 
 TRIES: Final = 3  # after power-up the first answer can fail (§7)
 ANSWER: Final = 1.0  # s for an answer or the first record; the sheet's drivers wait 0.1 to 2 s
@@ -32,7 +32,7 @@ class CyberGloveConfig(DeviceConfig):
     hand: Literal["right", "left"] = "right"
 
 
-class CyberGlove(Driver):
+class CyberGlove(Sensor):
     """States: `position` (n,), rad, joint angles by sensor name; `buttons` (1,), the wrist switch, 0 or 1.
 
     Angles are anatomical (flexion and spreading positive), so both hands read alike. A sample's `stamp` is
@@ -59,7 +59,6 @@ class CyberGlove(Driver):
         self._calibration: calibration.Calibration | None = None
         self._parser = Parser(config.sensors)
         self._link: Transport | None = None
-        self._opened = False
         # After a power-cycle a glove has forgotten all of it, so a stream that stops is asked for with it.
         self._settings = (assign("N", config.sensors), assign("D", 0), assign("U", 1))
         self._since = -1  # ns: the newest record of any kind, or the newest request to stream
@@ -80,10 +79,8 @@ class CyberGlove(Driver):
             self.close()
             raise
         self._since = -1
-        self.health.connected = True
+        self.health.opened()
         self.health.message = self._calibration.note
-        self.health.reconnects += self._opened
-        self._opened = True
 
     def read(self, now: int) -> None:
         if self._link is None:
@@ -104,12 +101,6 @@ class CyberGlove(Driver):
             self.health.connected = False
             self.health.message = error.problem
             raise
-
-    def write(self, now: int) -> None:
-        """A glove takes no commands."""
-
-    def stop(self, category: Stop) -> None:
-        """A glove moves nothing."""
 
     def close(self) -> None:
         link, self._link = self._link, None

@@ -60,7 +60,6 @@ class Dynamixel(Driver):
         self._link: Transport | None = None
         self._line: Line | None = None
         self._bus: Bus | None = None
-        self._opened = False
         self._number = {id: i for i, id in enumerate(config.ids)}
         self._tolerance = config.start_tolerance * np.abs([motor.scale for motor in motors.values()])
         self._suspect_after = round(_SUSPECT * config.watchdog * 1e9)
@@ -99,7 +98,7 @@ class Dynamixel(Driver):
         link = open_transport(self.config.port, place=self.name, baudrate=self.config.baudrate)
         try:
             session = Session(link, self._family, self.name)
-            bus = set_up(session, scan=not self._opened)
+            bus = set_up(session, scan=not self.health.was_open)
         except BaseException:
             link.close()
             raise
@@ -113,10 +112,8 @@ class Dynamixel(Driver):
         self._name_faults()
         self.limits = {self.config.command: bus.limits}
         self._keep(session.parser.frames, session.parser.errors, session.parser.resyncs)
-        self.health.connected = True
+        self.health.opened()
         self.health.message = f"firmware {', '.join(map(str, bus.firmware))}"
-        self.health.reconnects += self._opened
-        self._opened = True
 
     def read(self, now: int) -> None:
         """See `Driver.read`."""

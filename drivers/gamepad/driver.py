@@ -9,9 +9,9 @@ from pydantic import Field
 
 from drivers.evdev import AxisInfo, Description, Event, EventSource, discover, open_source
 from drivers.evdev.records import EV_ABS, EV_KEY
-from runtime.contracts.driver import DeviceConfig, Driver
+from runtime.contracts.driver import DeviceConfig, Sensor
 from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Signal, Stop
+from runtime.contracts.signals import Signal
 
 VENDOR, X_MODE, D_MODE = 0x046D, 0xC21D, 0xC216
 STICKS: Final = (0x00, 0x01, 0x03, 0x04)  # ABS_X, ABS_Y, ABS_RX, ABS_RY: right and down are positive
@@ -34,7 +34,7 @@ class GamepadConfig(DeviceConfig):
     grab: bool = Field(True, description="no other program gets its events")
 
 
-class Gamepad(Driver):
+class Gamepad(Sensor):
     """States: `axes` (6,) and `dpad` (2,), 1; `buttons` (11,), 0 or 1.
 
     Sticks are -1 to 1 with right and up positive, triggers 0 (released) to 1, d-pad -1, 0, 1. A dead zone
@@ -61,7 +61,6 @@ class Gamepad(Driver):
         self._axes: dict[int, float] = {}
         self._keys: dict[int, float] = {}
         self._seen = (0, 0, 0)  # the parser's counts when last copied
-        self._opened = False
 
     def open(self) -> None:
         self.close()
@@ -77,10 +76,8 @@ class Gamepad(Driver):
         self._axes = {code: axis.value for code, axis in described.axes.items()}
         self._keys = {code: float(code in described.pressed) for code in described.keys}
         self._seen = (0, 0, 0)
-        self.health.connected = True
+        self.health.opened()
         self.health.message = described.name
-        self.health.reconnects += self._opened
-        self._opened = True
 
     def read(self, now: int) -> None:
         source = self._source
@@ -104,12 +101,6 @@ class Gamepad(Driver):
         health.errors += counts[1] - self._seen[1]
         health.resyncs += counts[2] - self._seen[2]
         self._seen = counts
-
-    def write(self, now: int) -> None:
-        """A gamepad takes no commands."""
-
-    def stop(self, category: Stop) -> None:
-        """A gamepad moves nothing."""
 
     def close(self) -> None:
         source, self._source = self._source, None

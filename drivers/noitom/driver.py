@@ -12,9 +12,8 @@ from drivers.noitom.protocol import BinaryParser, Frame, Parser, TextParser
 from drivers.noitom.skeleton import Skeleton
 from drivers.streamtime import StreamTime
 from drivers.transport import Transport, open_transport
-from runtime.contracts.driver import Driver
+from runtime.contracts.driver import Sensor
 from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Stop
 
 FIRST: Final = 3.0  # s for the first frame
 MEASURE: Final = 0.5  # s of frames from which the rate is taken at first
@@ -22,7 +21,7 @@ USELESS: Final = 65536  # bytes without a frame after which the stream's form is
 NEW_HEADER: Final = "Tick 'BVH', 'use old header format', and binary or string, in the software's broadcast settings"
 
 
-class Noitom(Driver):
+class Noitom(Sensor):
     """States: `rotation` (59, 4), unit quaternions w x y z, of each joint relative to its parent;
     `translation` (59, 3) m, of each joint in its parent's frame; both of the hips in the software's world,
     y up, z forward in the T-pose, x to the left. A quaternion may change its sign from frame to frame.
@@ -52,7 +51,6 @@ class Noitom(Driver):
         self._number = -1
         self._gaps = 0
         self._seen = (0, 0, 0)
-        self._opened = False
 
     # -- life
 
@@ -69,9 +67,7 @@ class Noitom(Driver):
         except DeviceError:
             self.close()
             raise
-        self.health.connected = True
-        self.health.reconnects += self._opened
-        self._opened = True
+        self.health.opened()
 
     def read(self, now: int) -> None:
         if self._link is None:
@@ -97,12 +93,6 @@ class Noitom(Driver):
             self.health.connected = False
             self.health.message = "what comes is no frame any more"
             raise DeviceLostError(self._place, "what comes is no frame any more", "It is looked at anew")
-
-    def write(self, now: int) -> None:
-        """A suit takes no commands."""
-
-    def stop(self, category: Stop) -> None:
-        """A suit moves nothing."""
 
     def close(self) -> None:
         link, self._link = self._link, None

@@ -69,7 +69,7 @@ class Panda(Driver):
         self._time = DeviceTime(_TICK)
         self._settings: list[Body] = []  # that the robot hasn't taken yet
         self._lost = self._moves = 0
-        self._opened = self._gone = False
+        self._gone = False
         self._forget()
 
     def _forget(self) -> None:
@@ -112,10 +112,9 @@ class Panda(Driver):
                 channel.close()
             raise
         self.limits[self._command.name] = BY_VERSION[version].of(self._command.kind)
-        self.health.connected = True
+        self.health.opened()
         self.health.message = f"{BY_VERSION[version].name}, FCI protocol {version}"
-        self.health.reconnects += self._opened
-        self._opened, self._gone = True, False
+        self._gone = False
 
     def _await_states(self, link: Datagrams) -> None:
         """Waits for the first state and ties the link to where it came from."""

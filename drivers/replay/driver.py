@@ -7,9 +7,9 @@ from typing import Literal
 from pydantic import Field
 
 from drivers.replay.track import load
-from runtime.contracts.driver import DeviceConfig, Driver
+from runtime.contracts.driver import DeviceConfig, Sensor
 from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Array, Stop
+from runtime.contracts.signals import Array
 
 
 class ReplayConfig(DeviceConfig):
@@ -79,7 +79,7 @@ class Player:
         return track.values(number)
 
 
-class Replay(Driver):
+class Replay(Sensor):
     """States as the recording has them; read when the profile is, since the recording decides the signals.
 
     The first sample comes at once after `open`, the others at the recorded intervals, each as old as it was.
@@ -95,15 +95,12 @@ class Replay(Driver):
         super().__init__(name, config)
         self._player = Player(config, name)
         self.states = self._player.signals
-        self._opened = False
 
     def open(self) -> None:
         """See `Driver.open`. Raises DeviceError once the recording is over."""
         self.close()
         self._player.rewind()
-        self.health.connected = True
-        self.health.reconnects += self._opened
-        self._opened = True
+        self.health.opened()
 
     def read(self, now: int) -> None:
         """See `Driver.read`."""
@@ -118,12 +115,6 @@ class Replay(Driver):
         if values is not None:
             for signal, array in zip(self.states, values, strict=True):
                 self.state_arrays[signal.name][...] = array
-
-    def write(self, now: int) -> None:
-        """It takes no commands."""
-
-    def stop(self, category: Stop) -> None:
-        """It moves nothing."""
 
     def close(self) -> None:
         """See `Driver.close`."""

@@ -19,9 +19,9 @@ from drivers.evdev.records import EV_KEY
 from drivers.evdev.source import NODES
 from drivers.ring.serial_ring import ASK, BAUDRATE, Parser
 from drivers.transport import Transport, open_transport
-from runtime.contracts.driver import DeviceConfig, Driver
+from runtime.contracts.driver import DeviceConfig, Sensor
 from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Signal, Stop
+from runtime.contracts.signals import Signal
 
 KEYS: Final = (115, 28)  # KEY_VOLUMEUP, KEY_ENTER: what shutter remotes send
 LOOK: Final = 1_000_000_000  # ns between looks for a ring that sleeps
@@ -49,7 +49,7 @@ class RingConfig(DeviceConfig):
         return text
 
 
-class Ring(Driver):
+class Ring(Sensor):
     """States: `buttons` (1,), 1 while pressed; `presses` (1,), how often it was pressed since the start.
 
     A Bluetooth remote sleeps when it isn't used: its nodes vanish. That is no loss: the button reads
@@ -80,7 +80,6 @@ class Ring(Driver):
         self._link: Transport | None = None
         self._parser = Parser()
         self._clock = DeviceTime(1_000_000, bits=32)
-        self._opened = False
 
     def open(self) -> None:
         self.close()
@@ -98,9 +97,7 @@ class Ring(Driver):
         else:
             self._open_serial()
         self._switch.start(0.0)
-        self.health.connected = True
-        self.health.reconnects += self._opened
-        self._opened = True
+        self.health.opened()
 
     def read(self, now: int) -> None:
         if not self.health.connected:
@@ -112,12 +109,6 @@ class Ring(Driver):
         self._switch.settle(now)
         self.state_arrays["buttons"][0] = self._switch.pressed
         self.state_arrays["presses"][0] = self._switch.presses + self._presses
-
-    def write(self, now: int) -> None:
-        """A ring takes no commands."""
-
-    def stop(self, category: Stop) -> None:
-        """A ring moves nothing."""
 
     def close(self) -> None:
         sources, self._sources = self._sources, []

@@ -95,7 +95,7 @@ class SoftHand(Driver):
         self._doubts = 0  # answers one after another that the motor is off, while it should be on
         self._surely_off = False  # the hand has said that its motor is off, and hasn't been told anything else since
         self._asks: deque[int] = deque()  # ns: questions for the position that may still be answered
-        self._switched_off, self._opened = 0, False
+        self._switched_off = 0
 
     # -- life
 
@@ -115,10 +115,8 @@ class SoftHand(Driver):
         self._parser.reset()
         self._count()
         self.health.fault = ""
-        self.health.connected = True
+        self.health.opened()
         self.health.message = self._told
-        self.health.reconnects += self._opened
-        self._opened = True
 
     def read(self, now: int) -> None:
         """See `Driver.read`; also carries on with switching on or off."""

@@ -13,9 +13,9 @@ from drivers.streamtime import StreamTime
 from drivers.transport import Transport, open_transport
 from drivers.trigno.envelope import Envelope
 from drivers.trigno.protocol import COMMAND_PORT, EMG_OFFSET, RATE, SLOTS, Answers, Samples, command, refused
-from runtime.contracts.driver import DeviceConfig, Driver
+from runtime.contracts.driver import DeviceConfig, Sensor
 from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Array, Signal, Stop
+from runtime.contracts.signals import Array, Signal
 
 ANSWER: Final = 3.0  # s for an answer
 FIRST: Final = 3.0  # s for the first sample after START (§2: data begin within about 2 s)
@@ -45,7 +45,7 @@ class TrignoConfig(DeviceConfig):
         return channels
 
 
-class Trigno(Driver):
+class Trigno(Sensor):
     """States: `emg` (n,) V, the newest sample; `envelope` (n,) V, RMS of the window; `present` (n,), 0 or 1.
 
     With `block: k` also `samples` (k, n) V, the newest k samples, oldest first, and `count` (1,), how many
@@ -88,7 +88,6 @@ class Trigno(Driver):
         self._clock = StreamTime(RATE)
         self._count = self._wrong = 0
         self._heard_at = -1  # ns: the newest data
-        self._opened = False
 
     # -- life
 
@@ -110,10 +109,8 @@ class Trigno(Driver):
         self._count = self._wrong = 0
         self._heard_at = -1
         self._zeros[:] = 0
-        self.health.connected = True
+        self.health.opened()
         self.health.message = ""
-        self.health.reconnects += self._opened
-        self._opened = True
 
     def read(self, now: int) -> None:
         if self._emg is None or self._control is None:
@@ -146,12 +143,6 @@ class Trigno(Driver):
             self.health.connected = False
             self.health.message = "the stream is out of step"
             raise DeviceLostError(self._place, "what it sends are no electrode's voltages", "It is connected anew")
-
-    def write(self, now: int) -> None:
-        """A base station takes no commands."""
-
-    def stop(self, category: Stop) -> None:
-        """A base station moves nothing."""
 
     def close(self) -> None:
         control, self._control = self._control, None

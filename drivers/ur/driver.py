@@ -72,7 +72,6 @@ class Ur(Driver):
         self._time = DeviceTime(1)
         self._now = 0
         self._heard = -1  # ns, the newest data
-        self._opened = False
         self._recipe = 0  # number of the inputs' recipe
         self._nonce = 0
         self._sequence = 1
@@ -109,9 +108,7 @@ class Ur(Driver):
             raise
         self._time.restart()
         self._heard = self._sent = -1  # the loop's clock may be another than that of `open`
-        self.health.connected = True
-        self.health.reconnects += self._opened
-        self._opened = True
+        self.health.opened()
 
     def read(self, now: int) -> None:
         """See `Driver.read`. Raises DeviceLostError also after 2 s without data."""

@@ -13,16 +13,16 @@ from drivers.vicon.datastream import DataStream
 from drivers.vicon.object_stream import ObjectStream
 from drivers.vicon.source import Frame, Source
 from drivers.vicon.view import GIVES, View, signals
-from runtime.contracts.driver import Driver
+from runtime.contracts.driver import Sensor
 from runtime.contracts.errors import DeviceLostError
-from runtime.contracts.signals import Array, Stop
+from runtime.contracts.signals import Array
 
 _BITS: Final = 32  # of the frame number
 _GAP: Final = 10_000  # frames; a longer one is a count that began anew
 _LATE: Final = 2  # frames that a datagram may be overtaken by
 
 
-class Vicon(Driver):
+class Vicon(Sensor):
     """Poses of segments and positions of markers, in the server's origin, z up.
 
     States, those that the profile asks for, k rows in the profile's order:
@@ -55,7 +55,6 @@ class Vicon(Driver):
         self._pause = Pause()
         self._period = self._source.period
         self._number: int | None = None
-        self._opened = False
         self._is_open = False
         self._taken = 0  # the source's count of frames at the newest one
         self._missed = self._repeated = self._hidden = 0
@@ -72,9 +71,7 @@ class Vicon(Driver):
             self._count()
         self._new_time(self._source.period)
         self._is_open = True
-        self.health.connected = True
-        self.health.reconnects += self._opened
-        self._opened = True
+        self.health.opened()
 
     def read(self, now: int) -> None:
         if not self._is_open:
@@ -89,12 +86,6 @@ class Vicon(Driver):
             self._count()
         if frame is not None:
             self._take(frame, now)
-
-    def write(self, now: int) -> None:
-        """Cameras take no commands."""
-
-    def stop(self, category: Stop) -> None:
-        """Cameras move nothing."""
 
     def close(self) -> None:
         self._is_open = False

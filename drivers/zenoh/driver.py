@@ -15,9 +15,9 @@ from drivers.zenoh.config import SignalEntry, ZenohConfig
 from drivers.zenoh.values import TYPES, Values, type_of
 from drivers.zenoh_link import Link, wire
 from drivers.zenoh_link.stamps import SourceTime
-from runtime.contracts.driver import Driver
+from runtime.contracts.driver import Sensor
 from runtime.contracts.errors import DeviceError, DeviceLostError, RequestError, nearest
-from runtime.contracts.signals import Array, Signal, Stop
+from runtime.contracts.signals import Array, Signal
 
 FIRST = 4.0  # s that two samples of each signal may take
 _KEY = "Correct the key or the signal's lines in the profile"
@@ -67,7 +67,7 @@ class _Source:
         return True
 
 
-class Zenoh(Driver):
+class Zenoh(Sensor):
     """States as the profile lists them. `health.stamp` is the oldest of the signals' newest samples.
 
     Source: docs/bus.md (keys, messages, metadata); protocol sheet summit-xl-zenoh, sections 2 and 3.
@@ -129,12 +129,6 @@ class Zenoh(Driver):
             if source.newest is not None:
                 self.state_arrays[source.signal.name].reshape(-1)[:] = source.newest
         self.health.stamp = min(source.stamp for source in self._sources)
-
-    def write(self, now: int) -> None:
-        """It takes no commands."""
-
-    def stop(self, category: Stop) -> None:
-        """It moves nothing."""
 
     def close(self) -> None:
         """See `Driver.close`."""

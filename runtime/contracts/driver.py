@@ -36,6 +36,7 @@ class Health:
         message: the newest remark in words, for people.
         fault: what keeps a connected device from moving (protective stop, reflex, hardware error), in words;
             "" while it is well. It stops the limb, and `recover` may mend it.
+        was_open: it has been open before.
     """
 
     stamp: int = -1
@@ -47,6 +48,13 @@ class Health:
     unsent: int = 0
     message: str = ""
     fault: str = ""
+    was_open: bool = False
+
+    def opened(self) -> None:
+        """The device is open; every time but the first counts as a reconnect."""
+        self.connected = True
+        self.reconnects += self.was_open
+        self.was_open = True
 
 
 class Driver(ABC):
@@ -54,7 +62,7 @@ class Driver(ABC):
 
     Life: `__init__` (declares, touches nothing outside) -> `bind` -> `open` -> cycles of `read`, `write`
     -> `stop` -> `close`. After `DeviceLostError` the runtime calls `close` and then `open` again, away from
-    the loop's path, until it succeeds; `open` counts it in `health.reconnects`.
+    the loop's path, until it succeeds; `open` ends with `health.opened()`, which counts it.
 
     Attributes:
         states: signals the device gives; known after `__init__`.
@@ -147,3 +155,13 @@ class Driver(ABC):
     def figures(self) -> dict[str, object]:
         """Figures of its own for the run's summary."""
         return {}
+
+
+class Sensor(Driver):
+    """A driver that takes no commands, so it has nothing to write and nothing to say about stopping."""
+
+    def write(self, now: int) -> None:
+        """Nothing to send."""
+
+    def stop(self, category: Stop) -> None:
+        """Nothing moves."""

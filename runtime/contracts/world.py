@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,14 +72,29 @@ class World(ABC):
 
 
 class Fake(Driver):
-    """A driver whose device is simulated: same states, same commands, same units as the real driver's."""
+    """A driver whose device is simulated: same states, same commands, same units as the real driver's.
+
+    Attributes:
+        real: the driver whose device it simulates. What that one declares before it is opened (options, summary,
+            `max_age`, states, commands, home, limits) is the fake's, too; None: the fake declares it itself.
+    """
 
     Options: type[FakeConfig] = FakeConfig
+    real: ClassVar[type[Driver] | None] = None
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if cls.real is not None:
+            for name in ("Config", "summary", "gives", "takes", "max_age"):
+                setattr(cls, name, getattr(cls.real, name))
 
     def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
         super().__init__(name, config)
         self.world = world
         self.options = options
+        if self.real is not None:
+            real = self.real(name, config)
+            self.states, self.commands, self.home, self.limits = real.states, real.commands, real.home, real.limits
 
 
 class Twin(ABC):

@@ -26,19 +26,16 @@ class FakeAtiNetFtOptions(ForceTorqueOptions):
 class FakeAtiNetFt(ForceTorqueFake):
     """See `ForceTorqueFake`; resolves a count."""
 
-    Config = AtiNetFtConfig
     Options = FakeAtiNetFtOptions
-    summary = AtiNetFt.summary
-    max_age = AtiNetFt.max_age
+    real = AtiNetFt
 
     def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
         super().__init__(name, config, world, options)
         assert isinstance(config, AtiNetFtConfig)
-        self.states = AtiNetFt(name, config).states
         self._biases = config.bias
 
     def open(self) -> None:
-        first = not self._opened
+        first = not self.health.was_open
         super().open()
         if self._biases and first:
             self.bias()

@@ -13,7 +13,7 @@ from drivers.base.driver import COMMAND, FARTHEST, PRESSED
 from runtime.contracts.driver import DeviceConfig
 from runtime.contracts.signals import Array, Stop
 from runtime.contracts.world import FakeConfig, World
-from sim.devices.shared.sensor import SensorFake, SensorOptions
+from sim.devices.shared.sensor import SampledFake, SensorOptions
 from sim.devices.shared.windows import Windows, inside, rising
 from sim.parts.robots.summit_xl import SummitXlPart
 
@@ -33,23 +33,19 @@ class FakeBaseOptions(SensorOptions):
     )
 
 
-class FakeBase(SensorFake):
+class FakeBase(SampledFake):
     """Odometry of the part's wheels; a command stays in force until the next, or for half a second.
 
     `state` and `obey` are the base itself, for both doors.
     """
 
-    Config = BaseConfig
     Options = FakeBaseOptions
-    summary = MobileBase.summary
-    max_age = MobileBase.max_age
+    real = MobileBase
 
     def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
         super().__init__(name, config, world, options)
         assert isinstance(config, BaseConfig)
         assert isinstance(options, FakeBaseOptions)
-        real = MobileBase(name, config)
-        self.states, self.commands, self.limits = real.states, real.commands, real.limits
         self._config, self._options = config, options
         self.clock = options.clock
         top = self.limits[COMMAND].velocity

@@ -39,16 +39,13 @@ class FakeCanFtOptions(ForceTorqueOptions):
 class FakeCanFt(ForceTorqueFake):
     """See `ForceTorqueFake`; samples at the device's `rate`, filters and quantises as the sensor does."""
 
-    Config = CanFtConfig
     Options = FakeCanFtOptions
-    summary = CanFt.summary
-    max_age = CanFt.max_age
+    real = CanFt
 
     def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
         assert isinstance(config, CanFtConfig)
         assert isinstance(options, FakeCanFtOptions)
         super().__init__(name, config, world, options.model_copy(update={"rate": float(config.rate)}))
-        self.states = CanFt(name, config).states
         self.model, self.serial = options.model, options.serial
         per_force, per_torque = DIVISORS[options.model]
         if config.counts is not None:
@@ -60,7 +57,7 @@ class FakeCanFt(ForceTorqueFake):
         self._biases = config.bias
 
     def open(self) -> None:
-        first = not self._opened
+        first = not self.health.was_open
         super().open()
         if self._biases and first:
             self.bias()
@@ -97,5 +94,5 @@ class FakeCanFt(ForceTorqueFake):
     def _before_filter(self, number: int) -> Array:
         values = self.samples[number] + self._offset
         if self._sensor_options.noise:
-            values = values + self._chance.noise(number) * self.noise_scale
+            values = values + self._noise.noise(number) * self.noise_scale
         return np.clip(values, -self.range, self.range) - self._bias

@@ -12,11 +12,11 @@ from pydantic import AfterValidator, Field
 from drivers.cyberglove import CyberGlove, calibration
 from drivers.cyberglove.driver import CyberGloveConfig
 from drivers.cyberglove.protocol import LABELS, LABELS_22
-from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.driver import DeviceConfig, Sensor
 from runtime.contracts.errors import DeviceLostError
-from runtime.contracts.signals import Array, Stop
+from runtime.contracts.signals import Array
 from runtime.contracts.world import Fake, FakeConfig, World
-from sim.devices.shared.noise import Chance
+from sim.devices.shared.noise import SampleNoise
 from sim.devices.shared.windows import Windows, inside, refuse_while_gone, require, rising
 from sim.wearer.joints import GLOVE_OF_HAND
 
@@ -49,41 +49,35 @@ class FakeCyberGloveConfig(FakeConfig):
     )
 
 
-class FakeCyberGlove(Fake):
+class FakeCyberGlove(Sensor, Fake):
     """Sample k is taken at k / rate of world time; noise and drop-outs depend on seed, name and k alone.
 
     So the fake has no state of its own that a restored world would have to bring back. `health.stamp` is when
     the sample was taken.
     """
 
-    Config = CyberGloveConfig
     Options = FakeCyberGloveConfig
-    summary = CyberGlove.summary
-    max_age = CyberGlove.max_age
+    real = CyberGlove
 
     def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
         super().__init__(name, config, world, options)
         assert isinstance(config, CyberGloveConfig)
         assert isinstance(options, FakeCyberGloveConfig)
-        self.states = CyberGlove(name, config).states
         self.hand: Hand = require(world, "hand_position", name)
         self._config, self._options = config, options
         self._of_hand = GLOVE_OF_HAND[[LABELS_22.index(label) for label in LABELS[config.sensors]]]
         self._delay = round(options.delay * 1e9)
         self.set_period(Fraction(10**9) / Fraction(options.rate).limit_denominator(10**6))
-        self._chance = Chance(world.seed, name, config.sensors, options.noise)
+        self._noise = SampleNoise(world.seed, name, config.sensors, options.noise)
         self._calibration: calibration.Calibration | None = None
-        self._opened = False
 
     def open(self) -> None:
         self.close()
         refuse_while_gone(self.name, self._options.loss, self.world.time)
         self.calibration()
         self._last = self.newest() - 1
-        self.health.connected = True
+        self.health.opened()
         self.health.message = self.calibration().note
-        self.health.reconnects += self._opened
-        self._opened = True
 
     def read(self, now: int) -> None:
         if not self.health.connected or inside(self._options.loss, self.world.time):
@@ -111,12 +105,6 @@ class FakeCyberGlove(Fake):
             self.state_arrays["position"][:] = angles
         self.state_arrays["buttons"][0] = self.switch(taken)
         self.health.stamp = now - (self.world.time - taken)
-
-    def write(self, now: int) -> None:
-        """A glove takes no commands."""
-
-    def stop(self, category: Stop) -> None:
-        """A glove moves nothing."""
 
     def close(self) -> None:
         self.health.connected = False
@@ -166,11 +154,11 @@ class FakeCyberGlove(Fake):
 
     def _is_lost(self, number: int) -> bool:
         dropout = self._options.dropout
-        return dropout > 0.0 and self._chance.luck(number) < dropout
+        return dropout > 0.0 and self._noise.uniform(number) < dropout
 
     def _measured(self, number: int) -> Array:
         """(n,) rad, with noise."""
         angles = self._of_hand.dot(self.hand.hand_position(self.taken_at(number)))
         if self._options.noise:
-            angles += self._chance.noise(number)
+            angles += self._noise.noise(number)
         return angles

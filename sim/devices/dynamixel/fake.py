@@ -7,7 +7,7 @@ from typing import Annotated, Final
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from drivers.dynamixel import Dynamixel, declare
+from drivers.dynamixel import Dynamixel
 from drivers.dynamixel.config import DynamixelConfig
 from drivers.dynamixel.family import Family, Family2, family
 from drivers.dynamixel.faults import BEYOND, FAR, Faults
@@ -16,7 +16,7 @@ from runtime.contracts.driver import DeviceConfig
 from runtime.contracts.errors import DeviceLostError, WiringError, nearest
 from runtime.contracts.signals import Array, Kind, Stop
 from runtime.contracts.world import Fake, FakeConfig, World
-from sim.devices.shared.noise import Chance
+from sim.devices.shared.noise import SampleNoise
 from sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
 from sim.parts.dynamixel.chain import DynamixelChain
 from sim.parts.dynamixel.motors import Motors
@@ -46,10 +46,8 @@ class FakeDynamixel(Fake):
     seed, the name and the number of the exchange alone; exchanges are counted from the world's start by its time.
     """
 
-    Config = DynamixelConfig
     Options = FakeDynamixelConfig
-    summary = Dynamixel.summary
-    max_age = Dynamixel.max_age
+    real = Dynamixel
 
     def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
         super().__init__(name, config, world, options)
@@ -61,21 +59,16 @@ class FakeDynamixel(Fake):
                 f"the world {type(world).__name__} has no servos for this fake",
                 "Set 'world: cell' and list a part of kind dynamixel-chain",
             )
-        self.states, self.commands = declare.states(config), (declare.command(config),)
         self._config, self._options = config, options
         self._kind = self.commands[0].kind
-        homes = [motor.home for motor in config.motors.values() if motor.home is not None]
-        if homes and self._kind is not Kind.TORQUE:
-            self.home[config.command] = np.array(homes)
         self.chain = world.part(DynamixelChain, name, options.part)
         self.numbers = _numbers(self.chain, config, name)
         self._of = np.array(self.numbers)
         self.family: Family = family(config)
         self._fresh = [self._memory(i) for i in range(len(config.motors))]
-        self._chance = Chance(world.seed, name, len(self.numbers), options.noise)
+        self._noise = SampleNoise(world.seed, name, len(self.numbers), options.noise)
         self._tolerance = config.start_tolerance * np.abs([motor.scale for motor in config.motors.values()])
         self._faults = Faults(tuple(config.motors))
-        self._opened = False
         self._sample: tuple[int, Array] | None = None  # when it was taken; (5, n) what it found
         self._sampled = self._wrote = False
         self._back_at: dict[int, int] = {}  # motors that reboot; ns of world time
@@ -104,10 +97,8 @@ class FakeDynamixel(Fake):
         self.limits = {self._config.command: self.family.set_limits(self._fresh)}
         self._sample, self._sampled = None, False
         self._faults.clear()
-        self.health.connected = True
+        self.health.opened()
         self.health.message = "simulated servos"
-        self.health.reconnects += self._opened
-        self._opened = True
         self._find_faults()
 
     def read(self, now: int) -> None:
@@ -119,7 +110,7 @@ class FakeDynamixel(Fake):
         if self._sample is not None and time >= self._sample[0] + round(self._options.delay * 1e9):
             taken, found = self._sample
             self._sample = None
-            if self._options.dropout and self._chance.luck(self._exchange(taken)) < self._options.dropout:
+            if self._options.dropout and self._noise.uniform(self._exchange(taken)) < self._options.dropout:
                 self.health.errors += 1
             else:
                 self._deliver(found, taken)
@@ -214,7 +205,7 @@ class FakeDynamixel(Fake):
         counts, velocity, current, temperature, voltage = found
         f, out = self.family, self.state_arrays
         if self._options.noise:
-            counts = counts + np.rint(self._chance.noise(self._exchange(taken)))
+            counts = counts + np.rint(self._noise.noise(self._exchange(taken)))
         speed, amps, volts = velocity / f.velocity_unit, current / f.current_unit, voltage / 0.1
         if self._options.quantise:
             speed, amps, volts, temperature = (np.rint(x) for x in (speed, amps, volts, temperature))

@@ -66,22 +66,14 @@ class FakeFirmata(Fake):
     `button` are the board itself, for a twin to use as well.
     """
 
-    Config = FirmataConfig
     Options = FakeFirmataConfig
-    summary = Firmata.summary
-    max_age = Firmata.max_age
+    real = Firmata
 
     def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
         super().__init__(name, config, world, options)
         assert isinstance(config, FirmataConfig)
         assert isinstance(options, FakeFirmataConfig)
         real = Firmata(name, config)
-        self.states, self.commands, self.limits, self.home = (
-            real.states,
-            real.commands,
-            real.limits,
-            real.home,
-        )
         self._options = options
         self._calibrations = real.calibrations
         self._joints, self._buttons = tuple(config.servos), tuple(config.buttons)
@@ -106,7 +98,6 @@ class FakeFirmata(Fake):
         self._delay = round(options.delay * 1e9)
         frame = Fraction(10**9) / Fraction(options.frame_rate).limit_denominator(10**6)
         self._frame = frame.as_integer_ratio()  # ns, as a rational
-        self._opened = False
 
     def _mount(self, world: World) -> None:
         """Finds the world's servos; a panel of buttons needs none."""
@@ -138,10 +129,8 @@ class FakeFirmata(Fake):
         self.close()
         refuse_while_gone(self.name, self._options.loss, self.world.time)
         self.reset()
-        self.health.connected = True
+        self.health.opened()
         self.health.message = "simulated StandardFirmata"
-        self.health.reconnects += self._opened
-        self._opened = True
 
     def read(self, now: int) -> None:
         self._check()

@@ -9,9 +9,9 @@ from pydantic import AfterValidator, Field, field_validator
 
 from drivers.gamepad import Gamepad, GamepadConfig
 from drivers.gamepad.driver import AXES, BUTTONS
-from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.driver import DeviceConfig, Sensor
 from runtime.contracts.errors import DeviceLostError
-from runtime.contracts.signals import Array, Stop
+from runtime.contracts.signals import Array
 from runtime.contracts.world import Fake, FakeConfig, World
 from sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
 
@@ -43,29 +43,23 @@ class FakeGamepadConfig(FakeConfig):
         return value
 
 
-class FakeGamepad(Fake):
+class FakeGamepad(Sensor, Fake):
     """Says what the script says, through the pad's own resolution and the driver's dead zone."""
 
-    Config = GamepadConfig
     Options = FakeGamepadConfig
-    summary = Gamepad.summary
-    max_age = Gamepad.max_age
+    real = Gamepad
 
     def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
         super().__init__(name, config, world, options)
         assert isinstance(config, GamepadConfig)
         assert isinstance(options, FakeGamepadConfig)
-        self.states = Gamepad(name, config).states
         self._dead_zone, self.script = config.dead_zone, options
         # A worn stick rests somewhere near its centre, always at the same place.
         self._rest = np.random.default_rng(world.seed).uniform(-options.noise, options.noise, 4)
-        self._opened = False
 
     def open(self) -> None:
         refuse_while_gone(self.name, self.script.loss, self.world.time)
-        self.health.connected = True
-        self.health.reconnects += self._opened
-        self._opened = True
+        self.health.opened()
 
     def read(self, now: int) -> None:
         if not self.health.connected or inside(self.script.loss, self.world.time):
@@ -84,12 +78,6 @@ class FakeGamepad(Fake):
         self.state_arrays["buttons"][:] = self.buttons()
         self.health.frames += 1
         self.health.stamp = now
-
-    def write(self, now: int) -> None:
-        """A gamepad takes no commands."""
-
-    def stop(self, category: Stop) -> None:
-        """A gamepad moves nothing."""
 
     def close(self) -> None:
         self.health.connected = False

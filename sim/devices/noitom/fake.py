@@ -12,11 +12,11 @@ from drivers.noitom.pose import Pose
 from drivers.noitom.protocol import Frame
 from drivers.noitom.rotations import angles_of
 from drivers.noitom.skeleton import JOINTS, is_finger
-from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.driver import DeviceConfig, Sensor
 from runtime.contracts.errors import WiringError
 from runtime.contracts.signals import Array
 from runtime.contracts.world import FakeConfig, World
-from sim.devices.shared.sensor import SensorFake, SensorOptions
+from sim.devices.shared.sensor import SampledFake, SensorOptions
 from sim.parts.body.body import BodyPart
 
 _SIZE: Final = 3 + 4 * JOINTS  # the hips' place, every joint's rotation; bones don't change
@@ -36,23 +36,20 @@ class FakeNoitomConfig(SensorOptions):
     others: int = Field(default=0, ge=0, le=7, description="further avatars in the stream, in the T-pose")
 
 
-class FakeNoitom(SensorFake):
+class FakeNoitom(Sensor, SampledFake):
     """Its values are those of the wire: cm and degrees, of four decimals as text and float32 as binary.
 
     Rotations are noisy. Translations aren't: bones are what the software believes them to be.
     """
 
-    Config = NoitomConfig
     Options = FakeNoitomConfig
-    summary = Noitom.summary
-    max_age = Noitom.max_age
+    real = Noitom
 
     def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
         super().__init__(name, config, world, options)
         assert isinstance(config, NoitomConfig)
         assert isinstance(options, FakeNoitomConfig)
         self.suit, self.broadcast = config, options
-        self.states = Noitom(name, config).states
         self.body = self.cell.part(BodyPart, name, options.part)
         if self.body.skeleton.kind != config.skeleton:
             raise WiringError(

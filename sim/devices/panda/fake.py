@@ -35,23 +35,18 @@ class FakePanda(Fake):
         robot: the robot itself, for a twin to use as well.
     """
 
-    Config = Panda.Config
     Options = FakePandaConfig
-    summary = Panda.summary
-    max_age = Panda.max_age
+    real = Panda
 
     def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
         super().__init__(name, config, world, options)
         assert isinstance(config, PandaConfig)
         assert isinstance(options, FakePandaConfig)
-        real = Panda(name, config)
-        self.states, self.commands = real.states, real.commands
         self.robot = PandaRobot(name, world, options)
         self._config, self._options = config, options
         self._reader = StateReader(self.robot.version)
         self._motion = Motion(self.robot.version, config.kind, self._reader)
         self._command = self.commands[0].name
-        self._opened = False
         self._data = self._tail = b""
         self._forget()
 
@@ -68,10 +63,8 @@ class FakePanda(Fake):
                     problem = f"the robot refuses {type(request).__name__}: {status}"
                     raise DeviceError(self.name, problem, "Correct the option in the profile")
         self.limits[self._command] = known.of(self._config.kind)
-        self.health.connected = True
+        self.health.opened()
         self.health.message = f"simulated {known.name}, FCI protocol {robot.version}"
-        self.health.reconnects += self._opened
-        self._opened = True
         self._judge()
 
     def read(self, now: int) -> None:

@@ -93,7 +93,7 @@ class PandaRobot:
         self.writer = StateWriter(self.controller, self.sensors, self.version)
         self._key = [*key, 1]
         self._block = -1
-        self._luck: list[float] = []
+        self._uniform: list[float] = []
         self._line: deque[tuple[int, Setpoint]] = deque(maxlen=64)  # by the tick at which they arrive
         self._last = world.time // TICK
         self.write()
@@ -123,7 +123,7 @@ class PandaRobot:
     def deliver(self, setpoint: Setpoint) -> None:
         """A command has been sent to the robot."""
         options, tick = self.options, self.controller.ticks + 1
-        if inside(options.deaf, self.world.time) or (options.dropout and self._chance(tick) < options.dropout):
+        if inside(options.deaf, self.world.time) or (options.dropout and self._draw(tick) < options.dropout):
             return
         self._line.append((tick + options.delay, setpoint))
 
@@ -150,9 +150,9 @@ class PandaRobot:
     def _stopped(self) -> bool:
         return inside(self.options.user_stop, self.world.time)
 
-    def _chance(self, tick: int) -> float:
+    def _draw(self, tick: int) -> float:
         block, row = divmod(tick, _BLOCK)
         if block != self._block:
-            self._luck = np.random.default_rng([*self._key, block]).random(_BLOCK).tolist()
+            self._uniform = np.random.default_rng([*self._key, block]).random(_BLOCK).tolist()
             self._block = block
-        return self._luck[row]
+        return self._uniform[row]

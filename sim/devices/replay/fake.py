@@ -8,9 +8,8 @@ from pydantic import AfterValidator, Field
 
 from drivers.replay import Replay, ReplayConfig
 from drivers.replay.driver import Player
-from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.driver import DeviceConfig, Sensor
 from runtime.contracts.errors import DeviceLostError
-from runtime.contracts.signals import Stop
 from runtime.contracts.world import Fake, FakeConfig, World
 from sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
 
@@ -23,13 +22,11 @@ class FakeReplayOptions(FakeConfig):
     )
 
 
-class FakeReplay(Fake):
+class FakeReplay(Sensor, Fake):
     """Plays the recording on world time: it begins with the world, also after a loss."""
 
-    Config = ReplayConfig
     Options = FakeReplayOptions
-    summary = Replay.summary
-    max_age = Replay.max_age
+    real = Replay
 
     def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
         super().__init__(name, config, world, options)
@@ -37,17 +34,13 @@ class FakeReplay(Fake):
         assert isinstance(options, FakeReplayOptions)
         self._options = options
         self._player = Player(config, name)
-        self.states = self._player.signals
-        self._opened = False
 
     def open(self) -> None:
         self.close()
         refuse_while_gone(self.name, self._options.loss, self.world.time)
         if self._player.over:
             self._player.rewind()  # says that it is over
-        self.health.connected = True
-        self.health.reconnects += self._opened
-        self._opened = True
+        self.health.opened()
 
     def read(self, now: int) -> None:
         if not self.health.connected or inside(self._options.loss, self.world.time):
@@ -66,12 +59,6 @@ class FakeReplay(Fake):
         if values is not None:
             for signal, array in zip(self.states, values, strict=True):
                 self.state_arrays[signal.name][...] = array
-
-    def write(self, now: int) -> None:
-        """It takes no commands."""
-
-    def stop(self, category: Stop) -> None:
-        """It moves nothing."""
 
     def close(self) -> None:
         self.health.connected = False

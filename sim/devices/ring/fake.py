@@ -8,9 +8,8 @@ from pydantic import AfterValidator, Field
 
 from drivers.debounce import Debounced
 from drivers.ring import Ring, RingConfig
-from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.driver import DeviceConfig, Sensor
 from runtime.contracts.errors import DeviceLostError
-from runtime.contracts.signals import Stop
 from runtime.contracts.world import Fake, FakeConfig, World
 from sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
 
@@ -31,29 +30,23 @@ class FakeRingConfig(FakeConfig):
     loss: _Windows = Field(default=(), description="s, pairs during which a serial ring is unplugged")
 
 
-class FakeRing(Fake):
+class FakeRing(Sensor, Fake):
     """The switch of the script, bouncing, through the driver's own debouncing."""
 
-    Config = RingConfig
     Options = FakeRingConfig
-    summary = Ring.summary
-    max_age = Ring.max_age
+    real = Ring
 
     def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
         super().__init__(name, config, world, options)
         assert isinstance(config, RingConfig)
         assert isinstance(options, FakeRingConfig)
-        self.states = Ring(name, config).states
         self.script, self.hold = options, config.hold
         self._switch = Debounced(config.debounce)
-        self._opened = False
 
     def open(self) -> None:
         refuse_while_gone(self.name, self.script.loss, self.world.time)
         self._switch.start(0.0)
-        self.health.connected = True
-        self.health.reconnects += self._opened
-        self._opened = True
+        self.health.opened()
 
     def read(self, now: int) -> None:
         if not self.health.connected or inside(self.script.loss, self.world.time):
@@ -70,12 +63,6 @@ class FakeRing(Fake):
         self.state_arrays["presses"][0] = self._switch.presses
         self.health.frames += 1
         self.health.stamp = now
-
-    def write(self, now: int) -> None:
-        """A ring takes no commands."""
-
-    def stop(self, category: Stop) -> None:
-        """A ring moves nothing."""
 
     def close(self) -> None:
         self.health.connected = False

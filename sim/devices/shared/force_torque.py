@@ -7,10 +7,10 @@ from typing import Annotated
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.driver import DeviceConfig, Sensor
 from runtime.contracts.signals import Array
 from runtime.contracts.world import FakeConfig, World
-from sim.devices.shared.sensor import SensorFake, SensorOptions
+from sim.devices.shared.sensor import SampledFake, SensorOptions
 from sim.parts.things.ft_sensor import FtSensorPart, Vector6
 
 
@@ -34,7 +34,7 @@ class ForceTorqueOptions(SensorOptions):
 TORQUE_NOISE = 0.02  # m
 
 
-class ForceTorqueFake(SensorFake):
+class ForceTorqueFake(Sensor, SampledFake):
     """State `wrench` (6,) in the sensor's frame. A saturated sample doesn't arrive, as with the drivers."""
 
     Options = ForceTorqueOptions
@@ -64,12 +64,12 @@ class ForceTorqueFake(SensorFake):
             return None
         values = self.samples[number].copy()
         if self._sensor_options.noise:
-            values += self._chance.noise(number) * self.noise_scale
+            values += self._noise.noise(number) * self.noise_scale
         clipped = np.clip(values + self._offset, -self.range, self.range)
         return self.quantise(clipped - self._bias)
 
     def sample(self, number: int) -> Array | None:
-        """See `SensorFake.sample`; None if it is saturated."""
+        """See `SampledFake.sample`; None if it is saturated."""
         return None if self._is_lost(number) else self.measured(number)
 
     def bias(self) -> None:

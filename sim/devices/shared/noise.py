@@ -1,4 +1,4 @@
-"""What chance does to a sensor's samples: it depends on seed, device and the sample's number alone."""
+"""Noise and losses of a sensor's samples: it depends on seed, device and the sample's number alone."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from runtime.contracts.signals import Array
 _BLOCK: Final = 128  # samples whose random numbers are drawn at once
 
 
-class Chance:
+class SampleNoise:
     """A fake without a state of its own needs randomness without one: drawn anew for any sample, in any order."""
 
     def __init__(self, seed: int, name: str, size: int, noise: float) -> None:
@@ -26,13 +26,13 @@ class Chance:
         self._key = [seed, zlib.crc32(name.encode())]
         self._size, self._sigma = size, noise
         self._block = -1
-        self._luck: list[float] = []
+        self._uniform: list[float] = []
         self._noise = np.empty((0, 0))
 
-    def luck(self, number: int) -> float:
+    def uniform(self, number: int) -> float:
         """From 0 to 1: decides whether sample `number` gets lost."""
         row = self._row(number)
-        return self._luck[row]
+        return self._uniform[row]
 
     def noise(self, number: int) -> Array:
         """The noise (size,) of sample `number`; a view."""
@@ -45,7 +45,7 @@ class Chance:
         block, row = divmod(number, _BLOCK)
         if block != self._block:
             rng = np.random.default_rng([*self._key, block])
-            self._luck = rng.random(_BLOCK).tolist()
+            self._uniform = rng.random(_BLOCK).tolist()
             self._noise = rng.normal(0.0, self._sigma, (_BLOCK, self._size))
             self._block = block
         return row

@@ -11,9 +11,9 @@ from pydantic import AfterValidator, Field
 
 from runtime.contracts.driver import DeviceConfig
 from runtime.contracts.errors import DeviceLostError, WiringError
-from runtime.contracts.signals import Array, Stop
+from runtime.contracts.signals import Array
 from runtime.contracts.world import Fake, FakeConfig, World
-from sim.devices.shared.noise import Chance
+from sim.devices.shared.noise import SampleNoise
 from sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
 from sim.world.cell import Cell
 from sim.world.samples import Samples
@@ -34,7 +34,7 @@ class SensorOptions(FakeConfig):
     )
 
 
-class SensorFake(Fake):
+class SampledFake(Fake):
     """Sample k is taken at k / rate of world time; its noise and loss depend on seed, name and k alone.
 
     A subclass calls `sampled` in `__init__` and implements `fill`. Both doors, the fake and its twin, take
@@ -60,9 +60,8 @@ class SensorFake(Fake):
         self._sensor_options = options
         self._delay = round(options.delay * 1e9)
         self._samples: Samples | None = None
-        self._chance = Chance(world.seed, name, 0, 0.0)
+        self._noise = SampleNoise(world.seed, name, 0, 0.0)
         self._last = -1  # newest sample counted
-        self._opened = False
 
     @property
     def cell(self) -> Cell:
@@ -74,7 +73,7 @@ class SensorFake(Fake):
         """Says what is measured: `take` gives the true values (size,) of the world now. Once, in `__init__`."""
         rate = Fraction(self._sensor_options.rate).limit_denominator(10**6)
         self._samples = self.cell.sample(rate, take, size)
-        self._chance = Chance(self.world.seed, self.name, size, self._sensor_options.noise)
+        self._noise = SampleNoise(self.world.seed, self.name, size, self._sensor_options.noise)
 
     @abstractmethod
     def fill(self, values: Array, number: int) -> None:
@@ -90,9 +89,7 @@ class SensorFake(Fake):
         self.close()
         refuse_while_gone(self.name, self._sensor_options.loss, self.world.time)
         self._last = self.newest() - 1
-        self.health.connected = True
-        self.health.reconnects += self._opened
-        self._opened = True
+        self.health.opened()
 
     def read(self, now: int) -> None:
         if not self.health.connected or inside(self._sensor_options.loss, self.world.time):
@@ -118,12 +115,6 @@ class SensorFake(Fake):
         self.fill(values, arrived)
         self.health.stamp = now - (self.world.time - self.taken_at(arrived))
 
-    def write(self, now: int) -> None:
-        """A sensor takes no commands."""
-
-    def stop(self, category: Stop) -> None:
-        """A sensor moves nothing."""
-
     def close(self) -> None:
         self.health.connected = False
 
@@ -143,7 +134,7 @@ class SensorFake(Fake):
             return None
         measured = self.samples[number].copy()
         if self._sensor_options.noise:
-            measured += self._chance.noise(number) * self.noise_scale
+            measured += self._noise.noise(number) * self.noise_scale
         return self.quantise(measured)
 
     @property
@@ -154,4 +145,4 @@ class SensorFake(Fake):
 
     def _is_lost(self, number: int) -> bool:
         dropout = self._sensor_options.dropout
-        return number < 0 or (dropout > 0.0 and self._chance.luck(number) < dropout)
+        return number < 0 or (dropout > 0.0 and self._noise.uniform(number) < dropout)

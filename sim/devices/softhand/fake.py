@@ -14,7 +14,7 @@ from runtime.contracts.driver import DeviceConfig
 from runtime.contracts.errors import DeviceLostError
 from runtime.contracts.signals import Array, Stop
 from runtime.contracts.world import FakeConfig, World
-from sim.devices.shared.sensor import SensorFake, SensorOptions
+from sim.devices.shared.sensor import SampledFake, SensorOptions
 from sim.devices.shared.windows import inside
 from sim.parts.robots.softhand import CLOSED, SoftHandPart
 
@@ -29,23 +29,19 @@ class FakeSoftHandOptions(SensorOptions):
     delay: float = Field(default=0.002, ge=0, le=0.5, description="s, from a measurement to its arrival")
 
 
-class FakeSoftHand(SensorFake):
+class FakeSoftHand(SampledFake):
     """The driver's states and command; the motor is off until the first command.
 
     `read`, `write` and `stop` are one door; `activate`, `refer` and `measured` are the electronics, for the
     twin as well. What the motor is doing is kept by the cell's part, so a restored world brings it back.
     """
 
-    Config = SoftHandConfig
     Options = FakeSoftHandOptions
-    summary = SoftHand.summary
-    max_age = SoftHand.max_age
+    real = SoftHand
 
     def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
         super().__init__(name, config, world, options)
         assert isinstance(config, SoftHandConfig)
-        real = SoftHand(name, config)
-        self.states, self.commands, self.limits = real.states, real.commands, real.limits
         low, high = config.limits or USUAL
         self.open_ticks, self.closed_ticks = low, high
         self._span = float(high - low)
@@ -73,7 +69,7 @@ class FakeSoftHand(SensorFake):
 
     def close(self) -> None:
         """The motor is switched off, as by the driver; a hand that is lost goes off by its watchdog."""
-        if self.health.connected or (self._opened and self._config_watchdog):
+        if self.health.connected or (self.health.was_open and self._config_watchdog):
             self.activate(False)
         super().close()
 

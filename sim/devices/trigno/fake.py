@@ -11,9 +11,9 @@ from pydantic import AfterValidator, Field
 from drivers.trigno import Trigno, TrignoConfig
 from drivers.trigno.envelope import Envelope
 from drivers.trigno.protocol import FRAME, RANGE, RATE, SLOTS
-from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.driver import DeviceConfig, Sensor
 from runtime.contracts.errors import DeviceLostError, WiringError
-from runtime.contracts.signals import Array, Stop
+from runtime.contracts.signals import Array
 from runtime.contracts.world import Fake, FakeConfig, World
 from sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
 from sim.world.cell import Cell
@@ -53,23 +53,20 @@ class FakeTrignoConfig(FakeConfig):
     loss: _Windows = Field(default=(), description="s, pairs during which the server is gone")
 
 
-class FakeTrigno(Fake):
+class FakeTrigno(Sensor, Fake):
     """EMG: noise of the muscle's band, as strong as the muscle's activation; 16 bits over +-11 mV.
 
     Radio frame j has 27 samples, begins at 13.5 j ms of world time, and depends on seed, name, j and the
     activation alone.
     """
 
-    Config = TrignoConfig
     Options = FakeTrignoConfig
-    summary = Trigno.summary
-    max_age = Trigno.max_age
+    real = Trigno
 
     def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
         super().__init__(name, config, world, options)
         assert isinstance(config, TrignoConfig)
         assert isinstance(options, FakeTrignoConfig)
-        self.states = Trigno(name, config).states
         self.channels, self.script = config.channels, options
         self._block_size, self._latency = config.block, round(config.latency * 1e9)
         self._muscles = self._find()
@@ -80,14 +77,11 @@ class FakeTrigno(Fake):
         self._zeros = np.zeros(len(config.channels), int)
         self._next = 0  # frame
         self._count = 0
-        self._opened = False
 
     def open(self) -> None:
         refuse_while_gone(self.name, self.script.loss, self.world.time)
         self._next = max(self.newest() + 1, 0)
-        self.health.connected = True
-        self.health.reconnects += self._opened
-        self._opened = True
+        self.health.opened()
 
     def read(self, now: int) -> None:
         if not self.health.connected or inside(self.script.loss, self.world.time):
@@ -106,12 +100,6 @@ class FakeTrigno(Fake):
                 taken = round((number + 1) * FRAME * 1e9)
                 self.health.stamp = now - (self.world.time - taken) - self._latency
         self._next = newest + 1
-
-    def write(self, now: int) -> None:
-        """A base station takes no commands."""
-
-    def stop(self, category: Stop) -> None:
-        """A base station moves nothing."""
 
     def close(self) -> None:
         self.health.connected = False

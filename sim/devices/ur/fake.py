@@ -10,7 +10,6 @@ import numpy as np
 from pydantic import AfterValidator, Field
 
 from drivers.ur import Ur, UrConfig
-from drivers.ur.declaration import command, limits, states
 from drivers.ur.declaration import fault as fault_of
 from drivers.ur.registers import CYCLE, ScriptState
 from drivers.ur.sample import Words, fill_pose
@@ -19,7 +18,7 @@ from runtime.contracts.driver import DeviceConfig
 from runtime.contracts.errors import DeviceError, WiringError
 from runtime.contracts.signals import Array, Stop
 from runtime.contracts.world import FakeConfig, World
-from sim.devices.shared.sensor import SensorFake, SensorOptions
+from sim.devices.shared.sensor import SampledFake, SensorOptions
 from sim.devices.shared.windows import Windows, inside, rising
 from sim.devices.ur.controller import UrController
 from sim.parts.robots.arm import ArmPart
@@ -96,7 +95,7 @@ class _Stream:
         return True
 
 
-class FakeUr(SensorFake):
+class FakeUr(SampledFake):
     """The arm of the cell's part `ur16e`, with the driver's states, commands, faults and recovery.
 
     Sample k is the controller's cycle k, at k / 500 s of world time. `controller` is the arm itself, for a
@@ -107,11 +106,8 @@ class FakeUr(SensorFake):
         after_cycle: called at the end of each of the controller's cycles; a twin's.
     """
 
-    Config = UrConfig
     Options = FakeUrConfig
-    summary = Ur.summary
-    gives, takes = Ur.gives, Ur.takes
-    max_age = Ur.max_age
+    real = Ur
     noise_scale = np.concatenate([_NOISE, np.zeros(SIZE - MEASURED)])
 
     def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
@@ -119,9 +115,6 @@ class FakeUr(SensorFake):
         assert isinstance(config, UrConfig)
         assert isinstance(options, FakeUrConfig)
         self._config, self._options = config, options
-        self.states = states(config)
-        self.commands = (command(config),)
-        self.limits = {self.commands[0].name: limits(config)}
         arm = self.cell.part(ArmPart, name, options.part)
         if arm.n != 6:
             raise WiringError(f"sim.devices.{name}.part", f"'{arm.name}' has {arm.n} joints, a UR has 6", "Use a ur16e")

@@ -13,13 +13,13 @@ from pydantic import AfterValidator, Field
 from drivers.vicon import Vicon
 from drivers.vicon.config import ViconConfig
 from drivers.vicon.selection import refuse, select
-from drivers.vicon.view import View, signals
-from runtime.contracts.driver import DeviceConfig
+from drivers.vicon.view import View
+from runtime.contracts.driver import DeviceConfig, Sensor
 from runtime.contracts.errors import DeviceError, WiringError, nearest
 from runtime.contracts.signals import Array
 from runtime.contracts.world import FakeConfig, World
-from sim.devices.shared.noise import Chance
-from sim.devices.shared.sensor import SensorFake, SensorOptions
+from sim.devices.shared.noise import SampleNoise
+from sim.devices.shared.sensor import SampledFake, SensorOptions
 from sim.devices.shared.windows import Windows, inside, rising
 from sim.devices.vicon.scene import Scene
 from sim.parts.body.mocap_body import MocapBody
@@ -45,16 +45,14 @@ class FakeViconConfig(SensorOptions):
     y_up: bool = Field(default=False, description="the twin's server has its y axis up")
 
 
-class FakeVicon(SensorFake):
+class FakeVicon(Sensor, SampledFake):
     """Sees every mocap-body of the cell, and what `bodies` names. A segment takes three visible markers to be found.
 
     Orientations are as noisy as markers 5 cm apart make them.
     """
 
-    Config = ViconConfig
     Options = FakeViconConfig
-    summary = Vicon.summary
-    max_age = Vicon.max_age
+    real = Vicon
 
     def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
         super().__init__(name, config, world, options)
@@ -72,9 +70,8 @@ class FakeVicon(SensorFake):
         self.noise_scale = np.array(per_pose * len(scene.segments) + [1.0] * 3 * len(scene.markers))
         self._windows = [(self._masks(scene, hidden, place), w) for hidden, w in options.occlusion.items()]
         dropout = options.marker_dropout
-        self._marker_chance = Chance(world.seed, f"{name}/markers", len(scene.markers), 1.0)
-        self._unlucky = NormalDist().inv_cdf(dropout) if 0.0 < dropout < 1.0 else np.inf  # of a normal draw
-        self.states = signals(config)
+        self._marker_noise = SampleNoise(world.seed, f"{name}/markers", len(scene.markers), 1.0)
+        self._drop_below = NormalDist().inv_cdf(dropout) if 0.0 < dropout < 1.0 else np.inf  # of a normal draw
         self._view = View(config)
         self._segments: list[tuple[int, int]] = []  # row of the states, row of the scene
         self._markers: list[tuple[int, int]] = []
@@ -128,7 +125,7 @@ class FakeVicon(SensorFake):
                 segments &= ~hidden_segments
                 markers &= ~hidden_markers
         if self.seen_by.marker_dropout > 0.0:
-            markers &= self._marker_chance.noise(number) >= self._unlucky
+            markers &= self._marker_noise.noise(number) >= self._drop_below
         for row, (subject, _) in enumerate(scene.segments):
             own = scene.owner_of_marker == subject
             if int(own.sum()) >= _ENOUGH and int((own & markers).sum()) < _ENOUGH:

@@ -11,12 +11,12 @@ import numpy as np
 from pydantic import Field
 
 from drivers.zenoh import Zenoh, ZenohConfig
-from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.driver import DeviceConfig, Sensor
 from runtime.contracts.errors import WiringError, nearest
 from runtime.contracts.signals import Array
 from runtime.contracts.world import FakeConfig, World
-from sim.devices.shared.noise import Chance
-from sim.devices.shared.sensor import SensorFake, SensorOptions
+from sim.devices.shared.noise import SampleNoise
+from sim.devices.shared.sensor import SampledFake, SensorOptions
 from sim.world.samples import Samples
 
 
@@ -31,20 +31,17 @@ class FakeZenohOptions(SensorOptions):
     period: float = Field(default=4.0, gt=0, description="s, of the sines")
 
 
-class FakeZenoh(SensorFake):
+class FakeZenoh(Sensor, SampledFake):
     """Samples of all signals at once, each `rate`; the truth is sampled when the world comes past an instant."""
 
-    Config = ZenohConfig
     Options = FakeZenohOptions
-    summary = Zenoh.summary
-    max_age = Zenoh.max_age
+    real = Zenoh
     needs: ClassVar[type[World]] = World  # type: ignore[type-abstract]  # any will do
 
     def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:
         super().__init__(name, config, world, options)
         assert isinstance(config, ZenohConfig)
         assert isinstance(options, FakeZenohOptions)
-        self.states = config.states()
         self._options = options
         self._check()
         self._seen = 0
@@ -54,7 +51,7 @@ class FakeZenoh(SensorFake):
         """Of any world: the instants are found when the fake is read."""
         rate = Fraction(self._options.rate).limit_denominator(10**6)
         self._samples = Samples(rate, take, size)
-        self._chance = Chance(self.world.seed, self.name, size, self._options.noise)
+        self._noise = SampleNoise(self.world.seed, self.name, size, self._options.noise)
 
     def newest(self) -> int:
         samples, time = self.samples, self.world.time

@@ -1,4 +1,4 @@
-"""A simulated person's will: where the tool is meant to be, step by step of a plan."""
+"""A simulated person's intention: where the tool is meant to be, step by step of a plan."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Aim:
     spin: Vector = _ZERO
 
 
-class Will:
+class Intention:
     """Runs a plan. Reaching is minimum-jerk (Flash and Hogan 1985), at most as fast as the person likes.
 
     Attributes:

@@ -1,4 +1,4 @@
-"""What a simulated person doesn't will: tremor, noise of the force, a wandering idea of where things are."""
+"""What a simulated person doesn't intend: tremor, noise of the force, a wandering idea of where things are."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A simulated person's arm at a handle, or with a tool in the hand: impedance, will, sight, delay and noise."""
+"""A simulated person's arm at a handle, or with a tool in the hand: impedance, intention, sight, delay and noise."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from runtime.contracts.rotation import (
 )
 from runtime.contracts.signals import Array, Signal
 from sim.parts.person.config import PersonConfig
-from sim.parts.person.intention import Will, buttons
+from sim.parts.person.intention import Intention, buttons
 from sim.parts.person.memory import flat, refill
 from sim.parts.person.muscles import PULLS, Muscles
 from sim.parts.person.noise import Tremor, Wander
@@ -48,7 +48,7 @@ _ZERO: Final = (0.0, 0.0, 0.0)
 
 @dataclass
 class _Body:
-    """What is remembered between two instants besides the will, and of the instant before."""
+    """What is remembered between two instants besides the intention, and of the instant before."""
 
     begun: float = 0.0
     place: Vector = _ZERO  # the hand's, m
@@ -58,7 +58,7 @@ class _Body:
     pace: Vector = _ZERO  # m/s and rad/s of the aim, after the lag
     spin: Vector = _ZERO
     twist: Vector = _ZERO  # N m about the tool that turn what is known of it
-    luck: tuple[float, ...] = (0.0,) * 6
+    wander: tuple[float, ...] = (0.0,) * 6
     capacity: float = 1.0
     effort: float = 0.0  # N, the force over the last tenths of a second
     beyond: float = 0.0  # s, for how long more was wanted than there is strength
@@ -158,7 +158,7 @@ class PersonPart(Part):
         self._sight = Sight(config.sight, config.bandwidth, config.correction, self._dt)
         self._lag = 1.0 - decay(-self._dt / config.activation) if config.activation else 1.0
         self._body = _Body(turn=_four(self._turn.tolist()), place=_three(self._place.tolist()))
-        self.will = Will(
+        self.intention = Intention(
             config.plan,
             speed=config.speed,
             turn_speed=config.turn_speed,
@@ -194,16 +194,16 @@ class PersonPart(Part):
         vx, vy, vz = ((place[i] - body.place[i]) / dt for i in range(3))
         wx, wy, wz = (v / dt for v in error(turn, body.turn))
         body.place, body.turn = place, turn
-        body.luck = luck = self._wander.next(body.luck, number)
+        body.wander = wander = self._wander.next(body.wander, number)
 
         # What was seen `sight` ago decides what the will does, and corrects what the muscles do.
         seen, off = self._sight.seen(number)
-        self.will.update(step * self._timestep, dt, seen, tool, sqrt(off[0] ** 2 + off[1] ** 2 + off[2] ** 2))
+        self.intention.update(step * self._timestep, dt, seen, tool, sqrt(off[0] ** 2 + off[1] ** 2 + off[2] ** 2))
         meant = self._lagged()
-        ex, ey, ez = (meant[i] - tool[i] + config.drift * luck[3 + i] for i in range(3))
+        ex, ey, ez = (meant[i] - tool[i] + config.drift * wander[3 + i] for i in range(3))
         rx, ry, rz = error(meant[3:], grip)
         self._sight.take(number, tool, (ex, ey, ez, rx, ry, rz))
-        pushing = self.will.pushing
+        pushing = self.intention.pushing
         shift = self._sight.correction(off, None if pushing is None else pushing.direction)
 
         # Where the hand would have to be for the tool to be where it is meant to.
@@ -253,12 +253,12 @@ class PersonPart(Part):
         body = self._body
         body.begun = 1.0
         body.place, body.turn, body.meant = place, turn, tool
-        self.will.begin(tool)
+        self.intention.begin(tool)
         self._sight.begin(tool)
 
     def _lagged(self) -> Pose:
         """The aim, its motion and the force for it, as the muscles bring them about; gives the aim."""
-        aim, body, k = self.will.aim, self._body, self._lag
+        aim, body, k = self.intention.aim, self._body, self._lag
         x, y, z, *q = body.meant
         gx, gy, gz, *_ = aim.pose
         held: Quaternion = (q[0], q[1], q[2], q[3])
@@ -278,7 +278,7 @@ class PersonPart(Part):
 
     def _exert(self, force: Vector, torque: Vector, t: float) -> None:
         """Adds what isn't willed, limits by strength, tires."""
-        body, config, luck = self._body, self._config, self._body.luck
+        body, config, wander = self._body, self._config, self._body.wander
         size = sqrt(force[0] ** 2 + force[1] ** 2 + force[2] ** 2)
         body.effort += self._dt / _STIFFENS * (size - body.effort)
         noise = config.noise * size / sqrt(3.0)
@@ -287,9 +287,9 @@ class PersonPart(Part):
         body.beyond = body.beyond + self._dt if scale < 1.0 else 0.0
         shake = self._tremor.at(t)
         force = (
-            scale * force[0] + noise * luck[0] + shake[0],
-            scale * force[1] + noise * luck[1] + shake[1],
-            scale * force[2] + noise * luck[2] + shake[2],
+            scale * force[0] + noise * wander[0] + shake[0],
+            scale * force[1] + noise * wander[1] + shake[1],
+            scale * force[2] + noise * wander[2] + shake[2],
         )
         size = sqrt(force[0] ** 2 + force[1] ** 2 + force[2] ** 2)
         if size > most:
@@ -301,7 +301,7 @@ class PersonPart(Part):
             body.capacity = self._muscles.tired(body.capacity, force, self._dt)
             if body.beyond > _GIVES_UP and not body.gave_up:
                 body.gave_up = 1.0
-                self.will.quit()
+                self.intention.quit()
 
     def _replay(self, t: float, turn: Quaternion) -> None:
         forces = self._forces
@@ -338,15 +338,15 @@ class PersonPart(Part):
 
     def pressed(self, button: str) -> bool:
         """Whether the person presses a button of the panel now."""
-        return self.will.pressed(button)
+        return self.intention.pressed(button)
 
     @property
     def done(self) -> bool:
         """Whether the plan is at its end, or was given up."""
-        return self.will.step is None
+        return self.intention.step is None
 
     def fill(self, truth: Mapping[str, Array]) -> None:
-        name, body, aim = self.name, self._body, self.will.aim
+        name, body, aim = self.name, self._body, self.intention.aim
         truth[f"{name}_wrench"][:] = body.wrench
         truth[f"{name}_push"][0], truth[f"{name}_push"][1] = self._place, body.wrench[:3]
         truth[f"{name}_balance"][:] = body.balance
@@ -360,12 +360,12 @@ class PersonPart(Part):
         truth[f"{name}_progress"][:] = aim.step, aim.missed, body.gave_up
 
     def save(self) -> Array:
-        return np.array([*flat(self._body), *flat(self.will.aim), *self._sight.save()])
+        return np.array([*flat(self._body), *flat(self.intention.aim), *self._sight.save()])
 
     def restore(self, state: Array) -> None:
         values = iter(state.tolist())
         refill(self._body, values)
-        refill(self.will.aim, values)
+        refill(self.intention.aim, values)
         self._sight.restore(values)
 
 

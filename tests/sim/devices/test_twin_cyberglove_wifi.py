@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 from helpers.twin import StillWorld, bound, until
 
-from drivers import listening
 from drivers.cyberglove import CyberGlove
 from drivers.cyberglove.driver import CyberGloveConfig
-from drivers.transport import open_transport
+from drivers.transport import listening, open_transport
 from runtime.contracts.errors import DeviceError, DeviceLostError
 from sim.devices.cyberglove.fake import FakeCyberGlove, FakeCyberGloveConfig
 from sim.devices.cyberglove.twin import CyberGloveTwin

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from runtime.contracts.errors import RecordingError, WiringError
 from runtime.control.cobot.admittance import Admittance, AdmittanceConfig
-from sim.parts.person.intention import Will
+from sim.parts.person.intention import Intention
 from sim.parts.person.path import ArcPath
 from sim.parts.person.person import PersonConfig, PersonPart
 from sim.parts.person.plans import Follow, GoTo, Wait, carrying, drilling, peg_in_hole, wire_path
@@ -24,8 +24,8 @@ from sim.world.cell import Cell, CellConfig
 STILL = (0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0)
 
 
-def will(plan: Any, **options: Any) -> Will:
-    made = Will(
+def intention(plan: Any, **options: Any) -> Intention:
+    made = Intention(
         plan,
         **{"speed": 0.25, "turn_speed": 1.0, "reaction": 0.25, "stiffness": 200.0} | options,
         find=lambda name: STILL,
@@ -39,7 +39,7 @@ def will(plan: Any, **options: Any) -> Will:
 
 
 def test_reaching_has_the_minimum_jerk_profile():
-    mind = will((go_to(0.4, 0.0, 1.0),))
+    mind = intention((go_to(0.4, 0.0, 1.0),))
     time = np.arange(0.0, 5.0, 0.001)
     place, speed = [], []
     for t in time:
@@ -74,7 +74,7 @@ def test_a_curve_is_followed_by_arc_length_with_pauses_and_back():
     step = Follow(
         do="follow", points=((0, 0, 1), (0.3, 0, 1), (0.3, 0.3, 1)), speed=0.1, pauses=(0.5,), pause=2.0, back=True
     )
-    mind = will((step,))
+    mind = intention((step,))
     time = np.arange(0.0, 60.0, 0.002)
     places = []
     for t in time:
@@ -96,7 +96,7 @@ def test_a_curve_is_followed_by_arc_length_with_pauses_and_back():
 
 def test_a_person_who_is_off_waits_on_the_curve():
     step = Follow(do="follow", points=((0, 0, 1), (1, 0, 1)), speed=0.1, caution=0.01)
-    mind = will((step,))
+    mind = intention((step,))
     for t in np.arange(0.0, 5.0, 0.002):
         mind.update(t, 0.002, mind.aim.pose, mind.aim.pose, 0.02)
     assert mind.aim.pose[0] < 1e-3

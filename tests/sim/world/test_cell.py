@@ -12,11 +12,11 @@ import pytest
 from pydantic import ValidationError
 
 from runtime.contracts import registry
-from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.driver import DeviceConfig, Sensor
 from runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.world import FakeConfig, World
-from sim.devices.shared.sensor import SensorFake, SensorOptions
+from sim.devices.shared.sensor import SampledFake, SensorOptions
 from sim.world.cell import Cell, CellConfig
 from sim.world.mjcf import add
 from sim.world.part import Mjcf, Part, PartConfig
@@ -174,7 +174,7 @@ def test_the_part_of_a_fake_is_found_or_its_lack_is_named() -> None:
         two.part(Pendulum, "gauge", "rigth")
 
 
-class Gauge(SensorFake):
+class Gauge(Sensor, SampledFake):
     """Measures the pendulum's angle."""
 
     noise_scale = 2.0
