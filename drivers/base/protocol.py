@@ -9,6 +9,7 @@ import math
 import struct
 from dataclasses import dataclass
 
+from runtime.contracts import rotation
 from runtime.contracts.errors import RequestError
 from runtime.contracts.signals import Array
 from runtime.messages import cdr
@@ -100,7 +101,7 @@ def read_odometry(payload: bytes) -> Odometry:
         raise ValueError("its orientation isn't a unit quaternion")
     if max(abs(qx), abs(qy)) > TILT:
         raise ValueError("its orientation isn't a turn about the vertical")
-    yaw = math.atan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz))
+    yaw = rotation.yaw(qw, qx, qy, qz)
     return Odometry(seconds * 10**9 + nanoseconds, frame, child, (x, y, yaw), (vx, vy, wz))
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from drivers.noitom.rotations import Order
 from drivers.noitom.skeleton import JOINTS, Kind, Skeleton
 from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.rotation import Order
 from runtime.contracts.signals import Signal
 
 

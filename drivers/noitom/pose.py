@@ -8,8 +8,8 @@ import numpy as np
 
 from drivers.noitom.config import NoitomConfig
 from drivers.noitom.protocol import Frame
-from drivers.noitom.rotations import Quaternions
 from drivers.noitom.skeleton import JOINTS, Skeleton
+from runtime.contracts.rotation import EulerQuaternions
 from runtime.contracts.signals import Array
 
 
@@ -18,7 +18,7 @@ class Pose:
 
     def __init__(self, config: NoitomConfig, skeleton: Skeleton) -> None:
         self._offsets = skeleton.offsets * config.scale
-        self._quaternions = Quaternions(config.order, JOINTS)
+        self._quaternions = EulerQuaternions(config.order, JOINTS)
         self._angles = np.empty((JOINTS, 3))
 
     def fill(self, frame: Frame, states: Mapping[str, Array]) -> None:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import isfinite, sqrt
+from math import isfinite
 from struct import Struct
 
 from drivers.panda.packets import RobotMode, error_names, state_dtype
+from runtime.contracts import rotation
+from runtime.contracts.rotation import Quaternion
 from runtime.contracts.signals import Array
 
 _ID = Struct("<Q")
@@ -94,26 +96,11 @@ class StateReader:
         return True
 
 
-def quaternion(T: tuple[float, ...], near: tuple[float, ...]) -> tuple[float, float, float, float]:
+def quaternion(T: tuple[float, ...], near: Quaternion) -> Quaternion:
     """The unit quaternion (w, x, y, z) of a 4x4 transform's rotation, column by column; of the two, that near `near`.
 
-    It is taken from the largest of the four squares, so that nothing small is divided by.
+    `near` itself where the transform has no numbers.
     """
     a, d, g, b, e, h, c, f, i = T[0], T[1], T[2], T[4], T[5], T[6], T[8], T[9], T[10]  # rows abc, def, ghi
-    squares = (1 + a + e + i, 1 + a - e - i, 1 - a + e - i, 1 - a - e + i)
-    largest = squares.index(max(squares))
-    s = squares[largest]
-    if largest == 0:
-        w, x, y, z = s, h - f, c - g, d - b
-    elif largest == 1:
-        w, x, y, z = h - f, s, b + d, c + g
-    elif largest == 2:
-        w, x, y, z = c - g, b + d, s, f + h
-    else:
-        w, x, y, z = d - b, c + g, f + h, s
-    norm = sqrt(w * w + x * x + y * y + z * z)
-    if not norm > 0:
-        return near[0], near[1], near[2], near[3]
-    if w * near[0] + x * near[1] + y * near[2] + z * near[3] < 0:
-        norm = -norm
-    return w / norm, x / norm, y / norm, z / norm
+    q = rotation.of_rows(a, b, c, d, e, f, g, h, i)
+    return rotation.nearer(q, near) if isfinite(sum(q)) else near

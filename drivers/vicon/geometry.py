@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import cos, isfinite, sin, sqrt
+from math import isfinite
 from typing import Final
 
-Quaternion = tuple[float, float, float, float]
+from runtime.contracts import rotation
+from runtime.contracts.rotation import Quaternion
+
 _CLOSE: Final = 1e-2  # how far a matrix may be from a rotation; f32 or a rounded text isn't further
 
 
@@ -17,35 +19,14 @@ def from_matrix(r: Sequence[float]) -> Quaternion | None:
     lengths = (a * a + b * b + c * c, d * d + e * e + f * f, g * g + h * h + i * i)
     if not abs(determinant - 1.0) < _CLOSE or not all(abs(length - 1.0) < _CLOSE for length in lengths):
         return None  # also for NaN
-    # Four times the products of one element of q with all four: of the largest, so that nothing cancels.
-    products = (
-        (1.0 + a + e + i, h - f, c - g, d - b),
-        (h - f, 1.0 + a - e - i, b + d, c + g),
-        (c - g, b + d, 1.0 - a + e - i, f + h),
-        (d - b, c + g, f + h, 1.0 - a - e + i),
-    )
-    return unit(products[max(range(4), key=lambda k: products[k][k])])
+    return rotation.of_rows(a, b, c, d, e, f, g, h, i)
 
 
 def from_euler_xyz(x: float, y: float, z: float) -> Quaternion | None:
     """Of Rx(x) Ry(y) Rz(z), rad; None if one isn't finite."""
     if not (isfinite(x) and isfinite(y) and isfinite(z)):
         return None
-    cx, cy, cz = cos(x / 2), cos(y / 2), cos(z / 2)
-    sx, sy, sz = sin(x / 2), sin(y / 2), sin(z / 2)
-    return (
-        cx * cy * cz - sx * sy * sz,
-        sx * cy * cz + cx * sy * sz,
-        cx * sy * cz - sx * cy * sz,
-        cx * cy * sz + sx * sy * cz,
-    )
-
-
-def unit(q: Sequence[float]) -> Quaternion:
-    """Normalised; `q` isn't zero."""
-    w, x, y, z = q
-    length = sqrt(w * w + x * x + y * y + z * z)
-    return w / length, x / length, y / length, z / length
+    return rotation.from_euler_xyz(x, y, z)
 
 
 def z_up_point(p: Sequence[float]) -> tuple[float, float, float]:

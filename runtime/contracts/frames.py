@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from runtime.contracts.errors import ProfileError, nearest
+from runtime.contracts.rotation import from_pose, from_rpy, transform
 from runtime.contracts.signals import Array
 
 
@@ -25,31 +26,9 @@ class FrameEntry(BaseModel):
     rpy: tuple[float, float, float] = Field((0.0, 0.0, 0.0), description="rad, fixed axes x, y, z of the parent")
     pose: str | None = Field(None, description="signal (x, y, z, qw, qx, qy, qz) that measures it")
 
-
-def transform(xyz: tuple[float, float, float], rpy: tuple[float, float, float]) -> Array:
-    """The 4 x 4 transform T with p_parent = T p_child, rotation Rz(yaw) Ry(pitch) Rx(roll)."""
-    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
-    T = np.eye(4)
-    T[:3, :3] = [
-        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-        [-sp, cp * sr, cp * cr],
-    ]
-    T[:3, 3] = xyz
-    return T
-
-
-def from_pose(pose: Array) -> Array:
-    """The 4 x 4 transform of (x, y, z, qw, qx, qy, qz); the quaternion is normalised first."""
-    w, x, y, z = pose[3:] / np.linalg.norm(pose[3:])
-    T = np.eye(4)
-    T[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    T[:3, 3] = pose[:3]
-    return T
+    def fixed(self) -> Array:
+        """The 4 x 4 transform T with p_parent = T p_child, without what is measured."""
+        return transform(self.xyz, from_rpy(self.rpy))
 
 
 class Frames:
@@ -58,7 +37,7 @@ class Frames:
     def __init__(self, entries: Mapping[str, FrameEntry], label: str) -> None:
         """Raises ProfileError for an unknown parent or a circle; `label` names the profile."""
         self.entries = dict(entries)
-        self._fixed = {name: transform(e.xyz, e.rpy) for name, e in entries.items()}
+        self._fixed = {name: e.fixed() for name, e in entries.items()}
         self._measured: dict[str, Array] = {}
         for name, entry in entries.items():
             if entry.parent is not None and entry.parent not in entries:

@@ -1,11 +1,13 @@
-"""Rotations as unit quaternions (w, x, y, z) and rotation vectors (axis times angle, rad).
+"""Rotations: unit quaternions (w, x, y, z), rotation vectors (axis times angle, rad), matrices, Euler angles.
 
-Plain numbers instead of arrays: for four values numpy's own overhead is most of the price.
+What is done once a cycle takes plain numbers instead of arrays: for four values numpy's own overhead is most
+of the price. What is done to many at once takes arrays.
 """
 
 from __future__ import annotations
 
 from math import atan2, cos, sin, sqrt
+from typing import Final, Literal, TypeVar
 
 import numpy as np
 
@@ -13,6 +15,10 @@ from runtime.contracts.signals import Array
 
 Quaternion = tuple[float, float, float, float]
 Vector = tuple[float, float, float]
+Order = Literal["XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX"]  # of Euler angles: R = R_first(r1) R_second(r2) R_third(r3)
+T = TypeVar("T", float, Array)
+
+_AXES: Final = {"X": 1, "Y": 2, "Z": 3}
 
 
 def product(a: Quaternion, b: Quaternion) -> Quaternion:
@@ -70,35 +76,151 @@ def turned(q: Quaternion, v: Vector) -> Vector:
     return (a + w * tx + y * tz - z * ty, b + w * ty + z * tx - x * tz, c + w * tz + x * ty - y * tx)
 
 
-def from_matrix(R: Array) -> Quaternion:
-    """Of a rotation matrix (3, 3), with w >= 0."""
-    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
+def of_rows(a: float, b: float, c: float, d: float, e: float, f: float, g: float, h: float, i: float) -> Quaternion:
+    """Of a rotation matrix by rows, ((a, b, c), (d, e, f), (g, h, i)); either of the two that mean it."""
     # The largest of the four is found first; dividing by a small one would lose digits.
     trace = a + e + i
     if trace >= max(a, e, i):
-        q = (1 + trace, h - f, c - g, d - b)
-    elif a >= max(e, i):
-        q = (h - f, 1 + a - e - i, b + d, c + g)
-    elif e >= i:
-        q = (c - g, b + d, 1 + e - a - i, f + h)
-    else:
-        q = (d - b, c + g, f + h, 1 + i - a - e)
-    q = normalised(q)
+        return normalised((1 + trace, h - f, c - g, d - b))
+    if a >= max(e, i):
+        return normalised((h - f, 1 + a - e - i, b + d, c + g))
+    if e >= i:
+        return normalised((c - g, b + d, 1 + e - a - i, f + h))
+    return normalised((d - b, c + g, f + h, 1 + i - a - e))
+
+
+def from_matrix(R: Array) -> Quaternion:
+    """Of a rotation matrix (3, 3), with w >= 0."""
+    q = of_rows(*R.ravel().tolist())
     return q if q[0] >= 0 else (-q[0], -q[1], -q[2], -q[3])
+
+
+def nearer(q: Quaternion, to: Quaternion) -> Quaternion:
+    """q or -q, which mean the same rotation: the one nearer to `to`."""
+    return q if q[0] * to[0] + q[1] * to[1] + q[2] * to[2] + q[3] * to[3] >= 0 else (-q[0], -q[1], -q[2], -q[3])
+
+
+def rows(w: T, x: T, y: T, z: T) -> list[list[T]]:
+    """The matrix of a unit quaternion by rows; of numbers, or of arrays of them."""
+    return [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
 
 
 def matrix(q: Quaternion) -> Array:
     """(3, 3)."""
-    w, x, y, z = q
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    return np.array(rows(*q))
+
+
+def matrices(quaternions: Array) -> Array:
+    """(k, 3, 3) of unit quaternions (k, 4)."""
+    return np.moveaxis(np.array(rows(*quaternions.T)), 2, 0)
+
+
+def yaw(w: float, x: float, y: float, z: float) -> float:
+    """rad, of a unit quaternion's rotation as seen from above: the angle of its x axis in the x-y plane."""
+    return atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 def error(desired: Quaternion, actual: Quaternion) -> Vector:
     """The rotation vector, in the common frame's axes, that turns `actual` into `desired`."""
     return log(product(desired, conjugate(actual)))
+
+
+def from_euler_xyz(x: float, y: float, z: float) -> Quaternion:
+    """Of Rx(x) Ry(y) Rz(z), rad."""
+    cx, cy, cz = cos(x / 2), cos(y / 2), cos(z / 2)
+    sx, sy, sz = sin(x / 2), sin(y / 2), sin(z / 2)
+    return (
+        cx * cy * cz - sx * sy * sz,
+        sx * cy * cz + cx * sy * sz,
+        cx * sy * cz - sx * cy * sz,
+        cx * cy * sz + sx * sy * cz,
+    )
+
+
+class EulerQuaternions:
+    """(k, 3) Euler angles in an order to (k, 4) unit quaternions, without allocating."""
+
+    def __init__(self, order: Order, count: int) -> None:
+        i, j, k = (_AXES[axis] for axis in order)
+        # sin sin sin and the like enter with the sign of the permutation.
+        e = 1.0 if (j - i) % 3 == 1 else -1.0
+        # Of the eight products of three, by bits (1: the sine): those of w, x, y, z, and what is added to each.
+        first, second, sign = np.empty(4, np.intp), np.empty(4, np.intp), np.empty((4, 1))
+        first[[0, i, j, k]] = 0b000, 0b100, 0b010, 0b001
+        second[:] = 0b111 - first
+        sign[[0, i, j, k], 0] = -e, e, -e, e
+        self._first, self._second, self._sign = first, second, sign
+        self._half, self._each = np.empty((3, count)), np.empty((3, 2, count))
+        self._two, self._three = np.empty((2, 2, 1, count)), np.empty((2, 2, 2, count))
+        self._sum, self._added = np.empty((4, count)), np.empty((4, count))
+
+    def fill(self, angles: Array, out: Array) -> None:
+        """
+        Args:
+            angles: (k, 3) rad, in the order's sequence.
+            out: (k, 4).
+        """
+        each = self._each
+        np.multiply(angles.T, 0.5, out=self._half)
+        np.cos(self._half, out=each[:, 0])
+        np.sin(self._half, out=each[:, 1])
+        np.multiply(each[0, :, None, None], each[1, None, :, None], out=self._two)
+        np.multiply(self._two, each[2], out=self._three)
+        products = self._three.reshape(8, -1)
+        products.take(self._first, axis=0, out=self._sum, mode="clip")
+        products.take(self._second, axis=0, out=self._added, mode="clip")
+        self._added *= self._sign
+        np.add(self._sum, self._added, out=out.T)
+
+
+def euler_angles(R: Array, order: Order) -> Array:
+    """(k, 3) rad in the order's sequence, of rotation matrices (k, 3, 3); at gimbal lock the third is 0."""
+    i, j, k = (_AXES[axis] - 1 for axis in order)
+    e = 1.0 if (j - i) % 3 == 1 else -1.0
+    second = np.arcsin(np.clip(e * R[:, i, k], -1, 1))
+    first = np.arctan2(-e * R[:, j, k], R[:, k, k])
+    third = np.arctan2(-e * R[:, i, j], R[:, i, i])
+    locked = np.abs(R[:, i, k]) > 1 - 1e-12
+    first = np.where(locked, np.arctan2(e * R[:, k, j], R[:, j, j]), first)
+    third = np.where(locked, 0.0, third)
+    return np.stack([first, second, third], axis=1)
+
+
+def about_axis(axis: int, angle: Array) -> Array:
+    """(k, 3, 3): right-handed rotations by angles (k,), rad, about coordinate axis 0, 1 or 2."""
+    c, s = np.cos(angle), np.sin(angle)
+    R = np.zeros((angle.size, 3, 3))
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    R[:, axis, axis] = 1.0
+    R[:, i, i], R[:, i, j], R[:, j, i], R[:, j, j] = c, -s, s, c
+    return R
+
+
+def from_rpy(rpy: Vector) -> Array:
+    """(3, 3): Rz(yaw) Ry(pitch) Rx(roll), rad, about fixed axes."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def transform(position: Vector | Array, R: Array) -> Array:
+    """The 4 x 4 transform with p_parent = R p_child + position."""
+    made = np.eye(4)
+    made[:3, :3] = R
+    made[:3, 3] = position
+    return made
+
+
+def from_pose(pose: Array) -> Array:
+    """The 4 x 4 transform of a pose (x, y, z, qw, qx, qy, qz); the quaternion is normalised first."""
+    w, x, y, z = pose[3:] / np.linalg.norm(pose[3:])
+    return transform(pose[:3], matrix((w, x, y, z)))

@@ -6,7 +6,8 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from runtime.contracts.field import Field
-from runtime.contracts.frames import FrameEntry, from_pose, transform
+from runtime.contracts.frames import FrameEntry
+from runtime.contracts.rotation import from_pose
 from runtime.contracts.signals import Array
 from runtime.ipc.layout import Layout
 from runtime.recording.columns import Words
@@ -51,7 +52,7 @@ def _to_root(layout: Layout, row: Words, frame: str | None) -> Array:
     T = np.eye(4)
     while frame in entries:
         entry = entries[frame]
-        own = transform(entry.xyz, entry.rpy)
+        own = entry.fixed()
         if entry.pose in layout.fields:
             with np.errstate(invalid="ignore", divide="ignore"):
                 own = own @ from_pose(layout.value(row, entry.pose))

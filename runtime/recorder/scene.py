@@ -13,8 +13,9 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from runtime.contracts import rotation
 from runtime.contracts.field import Field
-from runtime.contracts.frames import FrameEntry, transform
+from runtime.contracts.frames import FrameEntry
 from runtime.ipc.layout import Layout
 from runtime.ipc.words import Cause, State
 from runtime.profile.plots import Plot, command_plots, profile_plots, series_names
@@ -82,7 +83,7 @@ class Scene:
             labels = list(plot.curves(self._layout, np.zeros((1, self._layout.width), np.int64)))
             log(plot_path(plot), lines(labels))
         for name, frame in self._frames.items():
-            T = transform(frame.xyz, frame.rpy)
+            T = frame.fixed()
             child = f"{name} mount" if frame.pose else name
             fixed = rr.Transform3D(
                 translation=T[:3, 3], mat3x3=T[:3, :3], parent_frame=frame.parent or ROOT, child_frame=child
@@ -225,7 +226,7 @@ def _scenery(shapes: Sequence[Mapping[str, Any]]) -> list[tuple[str, Any]]:
             found.append((kind, rr.Cylinders3D(lengths=2 * size[:, 1], radii=size[:, 0], centers=at, **place)))
         elif kind == "capsule":
             # The viewer's begin at their centre and go along z.
-            along = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=1)
+            along = np.stack([row[2] for row in rotation.rows(w, x, y, z)], axis=1)
             start = at - along * size[:, 1:2]
             found.append((kind, rr.Capsules3D(lengths=2 * size[:, 1], radii=size[:, 0], translations=start, **place)))
         else:

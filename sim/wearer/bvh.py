@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.contracts.errors import RecordingError
+from runtime.contracts.rotation import about_axis
 from runtime.contracts.signals import Array
 
 _AXES: Final = {"X": 0, "Y": 1, "Z": 2}
@@ -48,7 +49,7 @@ class Bvh:
         """(n, 3, 3): a joint's rotation relative to its parent, the product of its channels in file order."""
         R = np.broadcast_to(np.eye(3), (len(self.frames), 3, 3))
         for axis, column in self.joints[index].rotations:
-            R = R @ _rotation(axis, np.deg2rad(self.frames[:, column]))
+            R = R @ about_axis(axis, np.deg2rad(self.frames[:, column]))
         return R
 
     def translation(self, index: int) -> Array:
@@ -165,13 +166,3 @@ class _Parser:
 
     def _fail(self, problem: str, remedy: str) -> NoReturn:
         raise RecordingError(f"{self._path}, line {self._at}", problem, remedy)
-
-
-def _rotation(axis: int, angle: Array) -> Array:
-    """(n, 3, 3): right-handed rotations about a coordinate axis, rad."""
-    c, s = np.cos(angle), np.sin(angle)
-    R = np.zeros((angle.size, 3, 3))
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    R[:, axis, axis] = 1.0
-    R[:, i, i], R[:, i, j], R[:, j, i], R[:, j, j] = c, -s, s, c
-    return R

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from runtime.contracts.errors import ProfileError
-from runtime.contracts.frames import FrameEntry, Frames, from_pose, transform
+from runtime.contracts.frames import FrameEntry, Frames
+from runtime.contracts.rotation import from_pose
 
 numbers = st.floats(-3.0, 3.0)
 triples = st.tuples(numbers, numbers, numbers)
@@ -19,7 +20,7 @@ triples = st.tuples(numbers, numbers, numbers)
 def test_a_fixed_transform_is_yaw_after_pitch_after_roll(
     xyz: tuple[float, float, float], rpy: tuple[float, float, float]
 ) -> None:
-    T = transform(xyz, rpy)
+    T = FrameEntry(xyz=xyz, rpy=rpy).fixed()
     assert T[:3, :3] == pytest.approx(Rotation.from_euler("xyz", rpy).as_matrix(), abs=1e-12)
     assert T[:3, 3] == pytest.approx(xyz)
 

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from drivers.noitom.protocol import COUNTS, BinaryParser, TextParser, encode_binary, encode_text
-from drivers.noitom.rotations import Quaternions, angles_of
 from drivers.noitom.skeleton import Skeleton
+from runtime.contracts.rotation import EulerQuaternions, euler_angles, matrices
 
 HEADER = (
     "ffdd0000010162010100000000004368617230300000000000000000000000000000000000000000000000000000"
@@ -133,22 +133,22 @@ def test_rotations_agree_with_an_independent_library(order: Any) -> None:
     rng = np.random.default_rng(3)
     angles = rng.uniform(-np.pi, np.pi, (59, 3))
     out = np.empty((59, 4))
-    Quaternions(order, 59).fill(angles, out)
+    EulerQuaternions(order, 59).fill(angles, out)
     expected = Rotation.from_euler(order, angles).as_quat()[:, [3, 0, 1, 2]]
     np.testing.assert_allclose(np.abs((out * expected).sum(axis=1)), 1.0, atol=1e-12)
     back = np.empty((59, 4))
-    Quaternions(order, 59).fill(angles_of(out, order), back)
+    EulerQuaternions(order, 59).fill(euler_angles(matrices(out), order), back)
     np.testing.assert_allclose(np.abs((out * back).sum(axis=1)), 1.0, atol=1e-12)
     locked = np.array([[0.3, np.pi / 2, 0.4], [0.3, -np.pi / 2, -0.2]])
     one, two = np.empty((2, 4)), np.empty((2, 4))
-    Quaternions(order, 2).fill(locked, one)
-    Quaternions(order, 2).fill(angles_of(one, order), two)
+    EulerQuaternions(order, 2).fill(locked, one)
+    EulerQuaternions(order, 2).fill(euler_angles(matrices(one), order), two)
     np.testing.assert_allclose(np.abs((one * two).sum(axis=1)), 1.0, atol=1e-9)
 
 
 def test_the_vendors_library_reads_the_rotation_so() -> None:
     out = np.empty((1, 4))
-    Quaternions("YXZ", 1).fill(np.deg2rad([[10.0, 20.0, 30.0]]), out)
+    EulerQuaternions("YXZ", 1).fill(np.deg2rad([[10.0, 20.0, 30.0]]), out)
     np.testing.assert_allclose(out[0], [0.95155, 0.18931, 0.03813, 0.23930], atol=1e-5)
 
 

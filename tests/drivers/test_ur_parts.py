@@ -17,7 +17,7 @@ from drivers.ur.models import same
 from drivers.ur.sample import TYPES, Sample, fill_pose, names, pose
 from drivers.ur.script import program
 from drivers.ur.status import SafetyBits, safety_words
-from sim.devices.ur.controller import rotation_vector
+from runtime.contracts import rotation
 
 
 @pytest.mark.parametrize(
@@ -117,7 +117,7 @@ def test_a_rotation_becomes_its_vector_also_near_a_half_turn(vector):
     length = np.linalg.norm(vector)
     for scale in (1.0, (np.pi - 1e-9) / length if length > 1e-3 else 1.0):
         turn = Rotation.from_rotvec(vector * scale).as_matrix()
-        again = Rotation.from_rotvec(rotation_vector(turn)).as_matrix()
+        again = Rotation.from_rotvec(rotation.log(rotation.from_matrix(turn))).as_matrix()
         np.testing.assert_allclose(again, turn, atol=2e-6)
 
 

@@ -12,6 +12,7 @@ from typing import Final, cast
 
 import numpy as np
 
+from runtime.contracts.rotation import matrix
 from runtime.contracts.signals import Array
 from runtime.control.shared.symmetric import FIRM, Symmetric, Vector, gram, inverse, is_above, times
 
@@ -292,14 +293,7 @@ def _any_rotation(K: Array) -> tuple[Array, float]:
     if lack > 0.0:
         Q = np.linalg.eigh(N + 0.5 * lack * (first + second) * _IDENTITY)[1]
         first = float(Q[:, 3] @ N @ Q[:, 3])
-    w, x, y, z = Q[:, 3].tolist()
-    R = np.array(
-        [
-            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-        ]
-    )
+    R = matrix(Q[:, 3].tolist())
     return R, first
 
 

@@ -10,10 +10,10 @@ from pydantic import Field
 from drivers.noitom import Noitom, NoitomConfig
 from drivers.noitom.pose import Pose
 from drivers.noitom.protocol import Frame
-from drivers.noitom.rotations import angles_of
 from drivers.noitom.skeleton import JOINTS, is_finger
 from runtime.contracts.driver import DeviceConfig, Sensor
 from runtime.contracts.errors import WiringError
+from runtime.contracts.rotation import euler_angles, matrices
 from runtime.contracts.signals import Array
 from runtime.contracts.world import FakeConfig, World
 from sim.devices.shared.sensor import SampledFake, SensorOptions
@@ -73,7 +73,7 @@ class FakeNoitom(Sensor, SampledFake):
         rotations = values[3:].reshape(JOINTS, 4)
         rotations = rotations / np.linalg.norm(rotations, axis=1)[:, None]
         self._translations[0] = values[:3]
-        return self.frame(self._translations, np.degrees(angles_of(rotations, self.suit.order)))
+        return self.frame(self._translations, np.degrees(euler_angles(matrices(rotations), self.suit.order)))
 
     def fill(self, values: Array, number: int) -> None:
         options = self.broadcast

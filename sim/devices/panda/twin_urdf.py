@@ -8,9 +8,9 @@ Source: protocol sheet franka-fci, section 5.
 from __future__ import annotations
 
 from functools import cache
-from math import atan2, hypot
 from xml.etree.ElementTree import Element, tostring
 
+from runtime.contracts.rotation import euler_angles
 from runtime.contracts.signals import Array
 from runtime.control.robots import FR3, PANDA
 from runtime.control.robots.description import Inertial
@@ -46,8 +46,7 @@ def urdf(robot: str) -> str:
 
 def _joint(root: Element, number: int, kind: str, placement: Array) -> Element:
     joint = add(root, "joint", name=f"joint{number}", type=kind)
-    R = placement[:3, :3]
-    rpy = (atan2(R[2, 1], R[2, 2]), atan2(-R[2, 0], hypot(R[2, 1], R[2, 2])), atan2(R[1, 0], R[0, 0]))
+    rpy = euler_angles(placement[None, :3, :3], "ZYX")[0, ::-1]
     add(joint, "origin", xyz=placement[:3, 3].tolist(), rpy=rpy)
     add(joint, "parent", link=f"link{number - 1}")
     add(joint, "child", link=f"link{number}")

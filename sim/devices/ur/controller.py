@@ -9,6 +9,7 @@ import numpy as np
 from drivers.ur.models import REACH
 from drivers.ur.registers import CYCLE
 from drivers.ur.status import RobotBits, RobotMode, RuntimeState, SafetyBits, SafetyMode
+from runtime.contracts import rotation
 from runtime.contracts.signals import Array
 from sim.devices.ur.motion import Motion
 from sim.parts.robots.arm import ArmPart
@@ -215,7 +216,7 @@ class UrController:
     def tool(self) -> Array:
         """(6,) m and rotation vector, rad, of the flange in `base`."""
         turn, at = self.arm.flange()
-        return np.concatenate([at, rotation_vector(turn)])
+        return np.concatenate([at, rotation.log(rotation.from_matrix(turn))])
 
     def _feel(self) -> Array:
         turn, _ = self.arm.flange()
@@ -251,21 +252,3 @@ class _Paused:
 
     def cycle(self) -> bool:
         return True
-
-
-def rotation_vector(turn: Array) -> Array:
-    """(3,) axis times angle, rad, of a rotation (3, 3); the angle is at most pi."""
-    cosine = min(max((float(np.trace(turn)) - 1) / 2, -1.0), 1.0)
-    angle = float(np.arccos(cosine))
-    skew = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-    if angle < 1e-6:
-        return np.asarray(skew / 2)
-    if angle < np.pi - 1e-4:
-        return np.asarray(skew * (angle / (2 * np.sin(angle))))
-    # Near a half turn the antisymmetric part vanishes: the axis is in the symmetric part's largest column.
-    symmetric = (turn + turn.T) / 2 - cosine * np.eye(3)
-    column = int(np.argmax(np.diag(symmetric)))
-    axis = symmetric[:, column] / np.linalg.norm(symmetric[:, column])
-    if skew @ axis < 0:
-        axis = -axis
-    return np.asarray(axis * angle)

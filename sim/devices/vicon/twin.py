@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from drivers.vicon import objects
 from drivers.vicon.objects import TrackedObject
 from drivers.vicon.selection import root_of
+from runtime.contracts.rotation import euler_angles
 from runtime.contracts.world import Fake
 from sim.devices.shared.sockets import Client, SocketTwin, TcpDoor, UdpDoor
 from sim.devices.vicon.fake import FakeVicon
@@ -115,7 +116,7 @@ class ViconTwin(SocketTwin):
             root = root_of(subject)
             row = scene.segments.index((subject.id, root.id)) if root is not None else -1
             if row >= 0 and visible[row]:
-                found.append(TrackedObject(subject.name, (*t[row].tolist(), *_euler_xyz(R[row]))))
+                found.append(TrackedObject(subject.name, (*t[row].tolist(), *euler_angles(R[row][None], "XYZ")[0])))
         return found
 
     def _note(self, numbers: list[int], now: int) -> None:
@@ -123,12 +124,6 @@ class ViconTwin(SocketTwin):
         if self.keep_log:
             offset = self.maker.offset
             self._log += [(now, self.vicon.taken_at(n), (n + offset) % (1 << 32)) for n in numbers]
-
-
-def _euler_xyz(R: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Angles of R = Rx Ry Rz, rad."""
-    y = float(np.arcsin(np.clip(R[0, 2], -1.0, 1.0)))
-    return float(np.arctan2(-R[1, 2], R[2, 2])), y, float(np.arctan2(-R[0, 1], R[0, 0]))
 
 
 def _free_port() -> int:

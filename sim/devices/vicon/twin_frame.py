@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 
 from drivers.vicon.blocks import Subject
-from drivers.vicon.geometry import from_matrix
 from drivers.vicon.protocol import Block, packet
+from runtime.contracts import rotation
 from runtime.contracts.signals import Array
 from sim.devices.vicon import twin_blocks as encode
 from sim.devices.vicon.fake import FakeVicon
@@ -58,7 +58,7 @@ class FrameMaker:
     def poses(self, values: Array) -> tuple[Array, Array, Array]:
         """Segments' t (s, 3), mm, and R (s, 3, 3), and markers' p (m, 3), mm, in the server's axes."""
         poses, points = self.fake.scene.split(values)
-        t, p, R = poses[:, :3] * 1e3, points * 1e3, _matrices(poses[:, 3:])
+        t, p, R = poses[:, :3] * 1e3, points * 1e3, rotation.matrices(poses[:, 3:])
         if self.fake.seen_by.y_up:
             t, p, R = t @ _Y_UP.T, p @ _Y_UP.T, _Y_UP @ R @ _Y_UP.T
         return t, R, p
@@ -145,7 +145,7 @@ class FrameMaker:
                 t0, R0 = poses.get(segment.parent, _ORIGIN)
                 local[segment.id] = R0.T @ (t - t0), R0.T @ R
         quality = len(poses) / len(subject.segments)
-        turned = np.array([_axis_angle(R) for _, R in local.values()]).reshape(-1, 3)
+        turned = np.array([rotation.log(rotation.from_matrix(R)) for _, R in local.values()]).reshape(-1, 3)
         return [
             (kind, encode.segments(kind, subject.id, list(found), *_stacked(found)))
             for kind, found in ((Block.LOCAL_SEGMENTS, local), (Block.GLOBAL_SEGMENTS, poses))
@@ -159,26 +159,3 @@ class FrameMaker:
 def _stacked(poses: Mapping[int, _Pose]) -> tuple[Array, Array]:
     t = np.array([pose[0] for pose in poses.values()]).reshape(-1, 3)
     return t, np.array([pose[1] for pose in poses.values()]).reshape(-1, 3, 3)
-
-
-def _matrices(q: Array) -> Array:
-    """(n, 3, 3) of unit quaternions (n, 4), w first."""
-    w, x, y, z = q.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0)
-
-
-def _axis_angle(R: Array) -> Array:
-    """(3,): axis times angle, rad, of a rotation matrix."""
-    q = from_matrix(R.ravel().tolist())
-    assert q is not None
-    w, *rest = q if q[0] >= 0 else [-v for v in q]
-    v = np.array(rest)
-    length = float(np.linalg.norm(v))
-    angle = 2.0 * np.arctan2(length, w)
-    turned: Array = 2.0 * v if length < 1e-12 else v * (angle / length)
-    return turned

@@ -12,9 +12,9 @@ from typing import Final, Literal, Protocol, cast
 
 import numpy as np
 
-from drivers.noitom.rotations import Order, Quaternions
 from drivers.noitom.skeleton import JOINTS, Skeleton
 from runtime.contracts.errors import RecordingError
+from runtime.contracts.rotation import EulerQuaternions, Order
 from runtime.contracts.signals import Array
 from sim.wearer import bvh
 from sim.wearer.motion import minimum_jerk
@@ -69,7 +69,7 @@ class Recorded:
                     "Expected X, Y and Z, each once",
                 )
             angles = np.deg2rad(file.frames[:, [column for _, column in channels]])
-            Quaternions(cast(Order, order), len(angles)).fill(angles, self._rotations[:, i])
+            EulerQuaternions(cast(Order, order), len(angles)).fill(angles, self._rotations[:, i])
         flip = np.sum(self._rotations[1:] * self._rotations[:-1], axis=2) < 0.0
         self._rotations[1:][np.cumsum(flip, axis=0) % 2 == 1] *= -1.0
         self._period, self._loop = file.frame_time, loop
@@ -96,7 +96,7 @@ class Scripted:
         self._index = {joint: i for i, joint in enumerate(skeleton.names)}
         self._key = [seed, zlib.crc32(name.encode())]
         self._phases = np.random.default_rng(self._key).uniform(0.0, 2.0 * np.pi, 4)
-        self._quaternions = Quaternions("YXZ", JOINTS)
+        self._quaternions = EulerQuaternions("YXZ", JOINTS)
         self._goals: dict[int, Array] = {}
         self._ease = np.zeros((JOINTS, 3))  # degrees about Y, X, Z
         for side, sign in (("Left", 1.0), ("Right", -1.0)):
