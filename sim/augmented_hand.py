@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from runtime.contracts.gravity import DOWN
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.world import World, WorldConfig
 from runtime.control.hand.human_hand import FINGERS, JOINTS
@@ -30,7 +31,7 @@ class AugmentedHandConfig(WorldConfig):
     """Options of the world."""
 
     timestep: float = Field(default=0.001, ge=1e-5, le=0.005, description="s, of the physics")
-    gravity: tuple[float, float, float] = Field(default=(0.0, 0.0, -9.81), description="m/s^2, in frame hand")
+    gravity: tuple[float, float, float] = Field(default=DOWN, description="m/s^2, in frame hand")
     strength: float = Field(default=1.0, gt=0, description="multiplies the greatest torque of every joint of the hand")
     fingers: tuple[FingerConfig, ...] = Field(default=(FingerConfig(),), min_length=1)
     objects: tuple[ObjectConfig, ...] = ()

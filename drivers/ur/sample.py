@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import struct
-from math import cos, isfinite, sin, sqrt
+from math import isfinite
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from drivers.ur.registers import OUTPUTS
+from runtime.contracts import rotation
 from runtime.contracts.signals import Array
 
 _EFFORT: Final = {"target": "target_moment", "measured": "actual_current_as_torque"}
 _WORDS: Final = struct.Struct(">iIIIiiiQ")
 _DOUBLES: Final = 32
 _BIG: Final = np.dtype(">f8")
-_TINY: Final = 1e-6  # rad, below which a rotation vector's quaternion is taken to first order
 
 
 def names(effort: str) -> tuple[str, ...]:
@@ -90,20 +90,14 @@ def fill_pose(tool: list[float], out: Array) -> None:
 
     Of the two quaternions, the one nearer to what `out` held, so that a sequence doesn't jump.
     """
-    found = pose(tool)
-    if found[3] * out[3] + found[4] * out[4] + found[5] * out[5] + found[6] * out[6] < 0:
-        found = (*found[:3], -found[3], -found[4], -found[5], -found[6])
-    out[:] = found
+    w, x, y, z = out[3:].tolist()
+    out[:] = (*tool[:3], *rotation.nearer(_quaternion(tool), (w, x, y, z)))
 
 
-def pose(tool: list[float]) -> tuple[float, float, float, float, float, float, float]:
+def pose(tool: list[float]) -> tuple[float, ...]:
     """(x, y, z, qw, qx, qy, qz) of a position and a rotation vector; qw >= 0."""
-    x, y, z, rx, ry, rz = tool
-    angle = sqrt(rx * rx + ry * ry + rz * rz)
-    if angle < _TINY:
-        w, s = 1.0 - angle * angle / 8, 0.5
-    else:
-        w, s = cos(angle / 2), sin(angle / 2) / angle
-    if w < 0:
-        w, s = -w, -s
-    return x, y, z, w, rx * s, ry * s, rz * s
+    return (*tool[:3], *rotation.nearer(_quaternion(tool), (1.0, 0.0, 0.0, 0.0)))
+
+
+def _quaternion(tool: list[float]) -> rotation.Quaternion:
+    return rotation.exp(*tool[3:])

@@ -9,7 +9,7 @@ from typing import Any
 from runtime.cli import add_command
 from runtime.contracts import registry
 from runtime.contracts.errors import WiringError
-from runtime.guard import make_guard
+from runtime.guard import GUARDS
 from runtime.profile import profile, wiring
 from runtime.profile.graph import Graph
 
@@ -71,7 +71,7 @@ def check_guards(graph: Graph) -> dict[str, str]:
     for actuator in graph.actuators:
         limits = limits_of(graph)[actuator.name]
         try:
-            make_guard(
+            GUARDS[actuator.command.kind](
                 graph.source.place(f"guard.{actuator.name}"), actuator.command, limits,
                 float(1 / graph.profile.rate), rest=actuator.home,
             )  # fmt: skip

@@ -112,6 +112,10 @@ class CommandGuard(ABC):
         self._velocity: Array | None = None
         self._ready = False
         self.blind = False
+        self._prepare(limits)
+
+    def _prepare(self, limits: Limits) -> None:
+        """What a kind of guard makes of the limits besides; raises WiringError as `__init__` does."""
 
     def bind(self, applied: Array, position: Array | None = None, velocity: Array | None = None) -> None:
         """Takes the arrays, made once by the runtime.

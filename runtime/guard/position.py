@@ -6,7 +6,7 @@ from math import copysign, inf, isfinite, isinf, sqrt
 
 import ruckig
 
-from runtime.contracts.signals import Array, Command, Limits, Stop
+from runtime.contracts.signals import Array, Limits, Stop
 from runtime.guard.base import RETRACT_SPEED, CommandGuard
 from runtime.guard.braking import Bounds, State, brake, stop_range, stoppable
 
@@ -35,17 +35,7 @@ class PositionGuard(CommandGuard):
 
     needs = ("velocity", "acceleration")
 
-    def __init__(
-        self,
-        place: str,
-        command: Command,
-        limits: Limits,
-        dt: float,
-        *,
-        rest: Array | None = None,
-        tolerance: float = 1e-3,
-    ) -> None:
-        super().__init__(place, command, limits, dt, rest=rest, tolerance=tolerance)
+    def _prepare(self, limits: Limits) -> None:
         bounds = zip(self.max_velocity, self.max_acceleration, self.max_jerk, strict=True)
         self._bounds = [Bounds(V, A, J) for V, A, J in bounds]
         self._slow = [Bounds(RETRACT_SPEED * V, A, J) for V, A, J in self._bounds]

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from runtime.contracts.errors import WiringError
-from runtime.contracts.signals import Array, Command, Limits, Stop
+from runtime.contracts.signals import Array, Limits, Stop
 from runtime.guard.base import CommandGuard, finite
 
 ZONE = 0.05  # of a joint's range: where the barrier's spring reaches the effort limit
@@ -66,23 +66,13 @@ class TorqueGuard(CommandGuard):
     needs = ("velocity", "effort", "effort_rate", "inertia")
     may_be_zero = ("effort", "effort_rate")
 
-    def __init__(
-        self,
-        place: str,
-        command: Command,
-        limits: Limits,
-        dt: float,
-        *,
-        rest: Array | None = None,
-        tolerance: float = 1e-3,
-    ) -> None:
-        super().__init__(place, command, limits, dt, rest=rest, tolerance=tolerance)
+    def _prepare(self, limits: Limits) -> None:
         if (limits.lower is None) != (limits.upper is None):
             missing = "lower" if limits.lower is None else "upper"
             raise WiringError(
-                place,
+                self.place,
                 f"the joint-limit barrier needs both position limits, and {missing} is missing",
-                f"Add {missing} to {place} in the profile",
+                f"Add {missing} to {self.place} in the profile",
             )
         self._gravity: Array | None = None
         self._g = [0.0] * self.size  # the newest that was finite

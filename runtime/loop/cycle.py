@@ -11,7 +11,7 @@ from math import isfinite
 
 from runtime.contracts.errors import DeviceError
 from runtime.contracts.signals import Kind, Limits, Stop
-from runtime.guard import CommandGuard, make_guard
+from runtime.guard import GUARDS, CommandGuard
 from runtime.guard.limits import merge
 from runtime.ipc.requests import Answer, RequestKind
 from runtime.ipc.words import (
@@ -244,7 +244,8 @@ class Cycle:
         entry = profile.guard.get(a.name)
         place = self.graph.source.place(f"guard.{a.name}")
         tolerance = entry.tolerance if entry is not None else 1e-3
-        guard = make_guard(place, a.command, limits, float(1 / profile.rate), rest=a.home, tolerance=tolerance)
+        make, dt = GUARDS[a.command.kind], float(1 / profile.rate)
+        guard = make(place, a.command, limits, dt, rest=a.home, tolerance=tolerance)
         guard.bind(a.applied, a.measured, a.measured_velocity)
         return guard
 

@@ -15,6 +15,7 @@ from pydantic import Field, PlainValidator
 
 from runtime.contracts import registry
 from runtime.contracts.errors import WiringError, nearest
+from runtime.contracts.gravity import DOWN
 from runtime.contracts.signals import Array
 from runtime.contracts.world import World, WorldConfig
 from sim.world.mjcf import add
@@ -37,7 +38,7 @@ class CellConfig(WorldConfig):
     """Options of the world."""
 
     timestep: float = Field(default=0.001, ge=1e-5, le=0.005, description="s, of the physics; a whole number of ns")
-    gravity: tuple[float, float, float] = Field(default=(0.0, 0.0, -9.81), description="m/s^2")
+    gravity: tuple[float, float, float] = Field(default=DOWN, description="m/s^2")
     floor: bool = Field(default=False, description="a floor at z = 0 that parts touch")
     duration: float | None = Field(default=None, gt=0, description="s until the run ends by itself")
     ends_with: str | None = Field(default=None, description="a person: the run ends when the plan does")

@@ -16,6 +16,7 @@ from typing import Any, Final, cast
 import numpy as np
 from matplotlib.figure import Figure
 
+from runtime.contracts.gravity import GRAVITY
 from runtime.contracts.signals import Array
 from runtime.control.cobot.guide_buttons import MODES
 from studies.result import Claim, Result
@@ -208,7 +209,7 @@ def outcome(done: Run, setup: dict[str, Any]) -> Outcome:
     x, y, *_ = pose[-1]
     goal = np.array(setup["place"])
     qx, qy = pose[-1, 3], pose[-1, 4]
-    weight = 9.81 * setup["mass"]
+    weight = GRAVITY * setup["mass"]
     bears = -done.value("world.to_contact_force")[-1, 2]
     moved = np.linalg.norm(np.diff(pose[:, :3], axis=0), axis=1)
     times = np.flatnonzero(held), np.flatnonzero(carried)
@@ -240,7 +241,7 @@ def _at(t: Array, where: Any, which: int) -> float | None:
 
 def claims(found: Outcome, setup: dict[str, Any]) -> list[Claim]:
     """The paper's statements, and whether they held."""
-    tolerance, expected, within = setup["tolerance"], -9.81 * setup["mass"], setup["force_within"]
+    tolerance, expected, within = setup["tolerance"], -GRAVITY * setup["mass"], setup["force_within"]
     carried = found.placed is not None and found.lifted is not None
     f_z = None if found.force is None else float(found.force[2])
     return [

@@ -13,6 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from runtime.contracts.gravity import GRAVITY
 from runtime.contracts.signals import Array
 from runtime.ipc.words import Cause
 from sim.parts.person.plans import peg_in_hole
@@ -21,7 +22,6 @@ from studies.runs import Run, Task, controller, largest, run_all
 from studies.superman.assumptions import assumed
 
 STUDY: Final = "peg-in-hole"
-_G: Final = 9.81  # m/s^2
 _BUTTONS: Final = {"admittance": "A"}
 # Hand, sensor and handle of the profiles: kg, and m in the flange's frame.
 _FLANGE: Final = (0.88, (0.05, 0.003, 0.065))
@@ -201,7 +201,7 @@ def run(folder: Path, quick: bool) -> Result:
 
 def line(condition: Condition, a: dict[str, Any]) -> float:
     """N, the robot's payload."""
-    return float(a[f"payload_{condition.robot}"] * _G)
+    return float(a[f"payload_{condition.robot}"] * GRAVITY)
 
 
 def row(o: Outcome, a: dict[str, Any]) -> dict[str, Any]:

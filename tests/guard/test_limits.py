@@ -7,7 +7,7 @@ from pydantic import ValidationError
 
 from runtime.contracts.errors import WiringError
 from runtime.contracts.signals import Command, Kind, Limits
-from runtime.guard import GuardLimits, PositionGuard, TorqueGuard, VelocityGuard, make_guard, merge
+from runtime.guard import GUARDS, GuardLimits, PositionGuard, TorqueGuard, VelocityGuard, merge
 
 
 def test_a_number_is_for_every_joint_a_list_has_one_each():
@@ -102,7 +102,7 @@ def test_a_device_whose_own_limit_is_nonsense_is_refused(kind, name, wrong):
     given = {each: np.array([value, value]) for each, value in given.items()}
     given[name][1] = wrong
     with pytest.raises(WiringError, match=f"the {name} limit"):
-        make_guard(PLACE, Command(name="c", shape=(2,), unit="1", kind=kind, feedback="p"), Limits(**given), 0.01)
+        GUARDS[kind](PLACE, Command(name="c", shape=(2,), unit="1", kind=kind, feedback="p"), Limits(**given), 0.01)
 
 
 @pytest.mark.parametrize(
@@ -112,14 +112,14 @@ def test_a_limit_that_would_divide_by_zero_in_the_loop_is_refused_before_it(kind
     given = {each: np.full(2, 5.0) for each in ("velocity", "acceleration", "effort", "effort_rate", "inertia")}
     given[name][0] = 0.0
     with pytest.raises(WiringError, match=f"the {name} limit 0"):
-        make_guard(PLACE, Command(name="c", shape=(2,), unit="1", kind=kind, feedback="p"), Limits(**given), 0.01)
+        GUARDS[kind](PLACE, Command(name="c", shape=(2,), unit="1", kind=kind, feedback="p"), Limits(**given), 0.01)
 
 
 def test_an_axis_that_may_not_move_is_none():
     """A base without mecanum wheels."""
     limits = Limits(velocity=np.array([1.0, 0.0]), acceleration=np.array([2.0, 2.0]))
     command = Command(name="c", shape=(2,), unit="1", kind=Kind.VELOCITY, feedback="p")
-    guard = make_guard(PLACE, command, limits, 0.01)
+    guard = GUARDS[command.kind](PLACE, command, limits, 0.01)
     guard.reset(np.zeros(2))
     guard.step(np.array([1.0, 1.0]), None, 0.01)
     assert guard.applied[0] > 0

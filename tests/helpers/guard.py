@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from runtime.contracts.signals import Array, Command, Kind
-from runtime.guard import CommandGuard, GuardLimits, make_guard
+from runtime.guard import GUARDS, CommandGuard, GuardLimits
 
 PLACE = "guard.finger.command"
 
@@ -13,4 +13,4 @@ PLACE = "guard.finger.command"
 def guard_of(kind: Kind, joints: int = 1, dt: float = 0.01, rest: Array | None = None, **limits: Any) -> CommandGuard:
     """A guard with `applied` bound; velocity and torque guards need a `bind` of their measurements."""
     command = Command(name="command", shape=(joints,), unit="rad", kind=kind)
-    return make_guard(PLACE, command, GuardLimits(**limits).to_limits((joints,), PLACE), dt, rest=rest)
+    return GUARDS[command.kind](PLACE, command, GuardLimits(**limits).to_limits((joints,), PLACE), dt, rest=rest)

@@ -20,9 +20,9 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from runtime.contracts import rotation
 from runtime.contracts.controller import Controller, ControllerConfig, Parameter
+from runtime.contracts.gravity import GRAVITY
 from runtime.contracts.signals import Signal
 
-GRAVITY: Final = 9.81  # m/s^2
 _FULL: Final = 0.25  # of the tank: above it there is no brake
 _DEBT: Final = 5.0  # tanks that may be owed at most; what is beyond is forgiven, and the brake stays on
 _RELEASE: Final = 2.0  # s, in which the brake goes: a swing that it let fill the tank would begin again

@@ -11,7 +11,7 @@ from runtime.contracts.signals import Signal
 
 BUTTONS: Final = ("A", "M", "G", "P")
 MODES: Final = ("admittance", "rotation", "gripper_closed", "locomotion")
-GRIPPER: Final = 2
+ADMITTANCE, ROTATION, GRIPPER, LOCOMOTION = range(4)  # their places
 
 
 class GuideButtonsConfig(ControllerConfig):

@@ -16,6 +16,7 @@ from runtime.contracts import rotation
 from runtime.contracts.controller import Controller, ControllerConfig
 from runtime.contracts.signals import Array, Signal
 from runtime.control.cobot.contact_compliance import ComplianceConfig, ContactCompliance
+from runtime.control.cobot.guide_buttons import GRIPPER, LOCOMOTION
 from runtime.control.cobot.whole_body import BASE, RobotName, add_base
 from runtime.control.robots import ARMS
 from runtime.control.shared.priority import Priority
@@ -24,7 +25,6 @@ from runtime.control.shared.spd6 import Equations
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 _Six = tuple[_Positive, _Positive, _Positive, _Positive, _Positive, _Positive]
 _Three = tuple[_Positive, _Positive, _Positive]
-_CLOSED, _LOCOMOTION = 2, 3  # of the modes
 
 
 class KairosPriority(BaseModel):
@@ -112,14 +112,14 @@ class KairosClik(Controller):
 
     def reset(self) -> None:
         modes = self.input["modes"]
-        self._priority.reset(modes[_LOCOMOTION] > 0.5, self.input["q"])
+        self._priority.reset(modes[LOCOMOTION] > 0.5, self.input["q"])
         if self._compliance is not None:
-            self._compliance.reset(bool(modes[_CLOSED] > 0.5))
+            self._compliance.reset(bool(modes[GRIPPER] > 0.5))
         self._step(0.0)
 
     def update(self, dt: float) -> None:
         self._cycles += 1
-        self._priority.update(self.input["modes"].item(_LOCOMOTION) > 0.5, self.input["q"], dt)
+        self._priority.update(self.input["modes"].item(LOCOMOTION) > 0.5, self.input["q"], dt)
         self._step(dt)
 
     def figures(self) -> dict[str, object]:
@@ -215,7 +215,7 @@ class KairosClik(Controller):
                 twist,
                 actual,
                 self.input["base_pose"].item(2),
-                self.input["modes"].item(_CLOSED) > 0.5,
+                self.input["modes"].item(GRIPPER) > 0.5,
                 dt,
             )
             self.output["contact"][:] = compliance.contact

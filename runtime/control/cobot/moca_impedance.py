@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from runtime.contracts import rotation
 from runtime.contracts.controller import Controller, ControllerConfig
 from runtime.contracts.signals import Array, Signal
+from runtime.control.cobot.guide_buttons import GRIPPER, LOCOMOTION
 from runtime.control.cobot.whole_body import BASE, ArmDynamics, LoadConfig, RobotName, add_base
 from runtime.control.robots import ARMS
 from runtime.control.shared.priority import Priority
@@ -24,7 +25,6 @@ from runtime.control.shared.spd6 import NEAR, Equations
 
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 _Six = tuple[_Positive, _Positive, _Positive, _Positive, _Positive, _Positive]
-_CLOSED, _LOCOMOTION = 2, 3  # of the modes
 _FIRM: Final = 1e-6 * np.eye(6)  # 1/kg, 1/(kg m^2): makes the mobility invertible in singular postures, too
 _SELDOM: Final = 10  # cycles after which the masses are worked out anew: they change with the posture only
 _HEAVIEST: Final = 20.0  # kg, kg m^2: near singular postures they grow without bounds
@@ -168,9 +168,9 @@ class MocaImpedance(Controller):
 
     def reset(self) -> None:
         modes = self.input["modes"]
-        self._priority.reset(modes[_LOCOMOTION] > 0.5, self.input["q"])
+        self._priority.reset(modes[LOCOMOTION] > 0.5, self.input["q"])
         # What is held now is held by somebody: its weight comes in at once, like the arm's.
-        self._dynamics.carry(float(modes[_CLOSED] > 0.5))
+        self._dynamics.carry(float(modes[GRIPPER] > 0.5))
         self.output["base_twist"][:] = self.applied.get("base_twist", 0.0)
         self._age = 0
         self._step(0.0)
@@ -178,8 +178,8 @@ class MocaImpedance(Controller):
     def update(self, dt: float) -> None:
         self._watch()
         modes = self.input["modes"]
-        self._priority.update(modes.item(_LOCOMOTION) > 0.5, self.input["q"], dt)
-        self._carry(modes.item(_CLOSED) > 0.5, dt)
+        self._priority.update(modes.item(LOCOMOTION) > 0.5, self.input["q"], dt)
+        self._carry(modes.item(GRIPPER) > 0.5, dt)
         self._step(dt)
 
     def figures(self) -> dict[str, object]:

@@ -14,9 +14,10 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from runtime.contracts import rotation
 from runtime.contracts.errors import nearest
+from runtime.contracts.gravity import DOWN
 from runtime.contracts.signals import Array
 from runtime.control.robots import ARMS, SUMMIT_XL, Payload, RobotDescription
-from runtime.control.robots.pinocchio_model import FLANGE, GRAVITY, mobile_model, pinocchio_model
+from runtime.control.robots.pinocchio_model import FLANGE, mobile_model, pinocchio_model
 
 BASE: Final = 3  # the base's coordinates
 
@@ -114,7 +115,7 @@ class ArmDynamics:
         load: None: never any.
         mount: turns the arm's base axes into upright ones; None: the arm stands upright.
         """
-        gravity = rotation.turned(rotation.conjugate(rotation.normalised(mount or (1.0, 0.0, 0.0, 0.0))), GRAVITY)
+        gravity = rotation.turned(rotation.conjugate(rotation.normalised(mount or (1.0, 0.0, 0.0, 0.0))), DOWN)
         self._bare = pinocchio_model(robot, gravity=gravity)
         self._model = pinocchio_model(robot, gravity=gravity)
         self._bare_data, self._data = self._bare.createData(), self._model.createData()

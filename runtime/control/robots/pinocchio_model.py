@@ -7,19 +7,19 @@ from typing import Any, Final
 import numpy as np
 import pinocchio as pin
 
+from runtime.contracts.gravity import DOWN
 from runtime.contracts.signals import Array
 from runtime.control.robots.description import Inertial, Payload, RobotDescription
 from runtime.control.robots.mecanum import MecanumBase
 
 FLANGE: Final = "flange"
-GRAVITY: Final = (0.0, 0.0, -9.81)  # m/s^2, the value all sheets' references use
 
 
 def pinocchio_model(
     robot: RobotDescription,
     *,
     payload: Payload | None = None,
-    gravity: tuple[float, float, float] = GRAVITY,
+    gravity: tuple[float, float, float] = DOWN,
     rotors: bool = False,
 ) -> Any:
     """A `pinocchio.Model` with the arm's n joints and the frame `flange`.
@@ -47,7 +47,7 @@ def mobile_model(
     mount: Array,
     *,
     payload: Payload | None = None,
-    gravity: tuple[float, float, float] = GRAVITY,
+    gravity: tuple[float, float, float] = DOWN,
 ) -> Any:
     """An arm on a mobile base: q = (x, y, yaw, arm's joints), m and rad; frames `base` and `flange`.
 

@@ -7,6 +7,7 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from drivers.panda.packets import RobotMode, state_record
+from runtime.contracts.gravity import DOWN
 from runtime.contracts.signals import Array
 from sim.devices.panda.controller import FLIP, PandaController
 from sim.devices.panda.motion import DT
@@ -82,7 +83,7 @@ class StateWriter:
         self.record: Any = state_record(version)
         self._controller, self._sensors = controller, sensors
         self._revision = -1
-        self.record["O_ddP_O"] = (0.0, 0.0, -9.81)
+        self.record["O_ddP_O"] = DOWN
 
     def write(self, message_id: int) -> None:
         """Takes over the controller's present state."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from drivers.ur.recipe import register
 from drivers.ur.status import RobotMode, SafetyMode
+from runtime.contracts.gravity import DOWN
 from runtime.contracts.signals import Array
 from sim.devices.ur import fake
 from sim.devices.ur.controller import UrController
@@ -155,9 +156,7 @@ class Registers:
             "joint_mode": lambda values: (_JOINT_MODE.get(RobotMode(int(values[fake.ROBOT])), 239),) * 6,
             "payload": lambda values: controller.payload[0],
             "payload_cog": lambda values: controller.payload[1],
-            "actual_tool_accelerometer": lambda values: (
-                controller.arm.flange()[0].T @ np.array([0, 0, 9.81])
-            ).tolist(),
+            "actual_tool_accelerometer": lambda values: (controller.arm.flange()[0].T @ -np.array(DOWN)).tolist(),
             "payload_inertia": lambda values: (0.0,) * 6,
         }
         return readers.get(name, lambda values: 0)

@@ -12,6 +12,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from pydantic import Field
 
+from runtime.contracts.gravity import GRAVITY
 from runtime.contracts.signals import Array, Signal
 from runtime.control.robots import SUMMIT_XL, MecanumBase
 from sim.world.mjcf import add
@@ -19,7 +20,6 @@ from sim.world.part import Mjcf, Part, PartConfig
 from sim.world.robot_mjcf import ROBOT_CONTACT
 
 _CONTROL: Final = 0.002  # s, period of the wheels' own control
-_GRAVITY: Final = 9.81
 _WAITING: Final = 64  # commands on their way that are remembered
 _JOINTS: Final = ("x", "y", "yaw")
 _CORNERS: Final = tuple(product((-1.0, 1.0), repeat=3))  # of a box
@@ -125,7 +125,7 @@ class SummitXlPart(Part):
         self.every = max(1, round(_CONTROL / self._timestep))
         mass = float(model.body_subtreemass[model.body(f"{self.name}/base").id])
         # A roller pushes along its axis, at 45 degrees; all four carry the same weight.
-        self._grip = self._config.friction * mass * _GRAVITY / 4
+        self._grip = self._config.friction * mass * GRAVITY / 4
         self._per_slip = _ROLLS * self.robot.wheel_radius / 2**0.5
 
     def drive(self, step: int) -> None:

@@ -14,7 +14,7 @@ from runtime.contracts import registry
 from runtime.contracts.controller import Controller, ControllerConfig
 from runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
 from runtime.contracts.signals import Signal, Stop
-from runtime.guard import make_guard
+from runtime.guard import GUARDS
 from runtime.ipc.requests import RequestKind
 from runtime.ipc.words import CYCLE, State
 from runtime.loop.cycle import Cycle, limits_of
@@ -117,7 +117,7 @@ def test_commands_are_cut_and_nonsense_is_ignored() -> None:
 def test_behind_the_guard_it_brakes_within_its_limits() -> None:
     drive = Drive(noise=0.0)
     fake = drive.fake
-    guard = make_guard("guard.base", fake.commands[0], fake.limits[COMMAND], STEP * 1e-9)
+    guard = GUARDS[fake.commands[0].kind]("guard.base", fake.commands[0], fake.limits[COMMAND], STEP * 1e-9)
     guard.bind(drive.command, drive.pose)
     guard.reset(np.zeros(3))
     last = drive.command.copy()
