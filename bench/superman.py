@@ -28,8 +28,7 @@ from runtime.ipc.ring import RingWriter
 from runtime.ipc.words import CYCLE, State
 from runtime.loop import realtime
 from runtime.loop.clock import MonotonicClock
-from runtime.loop.cycle import Cycle, limits_of
-from runtime.loop.device import Device
+from runtime.loop.lockstep import Lockstep
 from runtime.profile import profile, wiring
 
 RATE = 1000
@@ -90,25 +89,13 @@ class Decisions:
         graph = wiring.build(checked, source, [])
         assert graph.world is not None
         self._graph, self._made = graph, graph.row
-        devices = [Device(d, graph.row.devices[i], graph.actuators_of(i), print) for i, d in enumerate(graph.devices)]
-        for device in devices:
-            device.driver.open()
-        self._step = Cycle(graph, limits_of(graph), automatic=True)
-        period = round(1e9 / checked.rate)
-        rows, ints = [], graph.row.ints
-        for k in range(1, round(SPAN * 1e9 / period) + 1):
-            ints[_CYCLE], ints[_NOW], ints[_DT] = k, k * period, period
-            graph.world.advance(k * period)
-            for device in devices:
-                device.read(k * period)
+        self._lockstep = lockstep = Lockstep(graph)
+        self._step = lockstep.cycle
+        rows = []
+        for _ in range(round(SPAN * 1e9 / lockstep.period)):
+            lockstep.sense()
             before = graph.row.words.copy()
-            self._step.check(0, RequestKind.NONE, 0)
-            self._step.control()
-            self._step.guard()
-            for device in devices:
-                if device.active:
-                    device.write(k * period)
-            if self._step.machine.state is State.ACTIVE and k > 100:
+            if lockstep.act() is State.ACTIVE and lockstep.count > 100:
                 rows.append(before)
         self._rows, self._at = rows, 0
         self._folder = tempfile.TemporaryDirectory()

@@ -225,7 +225,7 @@ def _check_names() -> None:
     import importlib.util
 
     ours = Path(__file__).parents[2]
-    for name in ("runtime", "drivers", "sim", "profiles"):
+    for name in ("runtime", "drivers", "sim", "profiles", "srl"):
         spec = importlib.util.find_spec(name)
         origin = Path(spec.origin).parents[1] if spec is not None and spec.origin else None
         if origin != ours:

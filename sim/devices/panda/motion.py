@@ -11,15 +11,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.panda import limits
+from drivers.panda.limits import DT, FR3, PANDA, TORQUE_RATE
 from drivers.panda.packets import Generator
 from runtime.contracts.signals import Array
-from runtime.control.robots import FR3, PANDA
 
-DT: Final = 1e-3  # s between packets
 LOST_IN_A_ROW: Final = 20  # packets
 WINDOW: Final = 100  # packets that the success rate looks back on
-TORQUE_STEP: Final = 1.0  # N m from one packet to the next: 1000 N m/s
+TORQUE_STEP: Final = TORQUE_RATE * DT  # N m from one packet to the next
 # Differences of setpoints are divided by DT up to three times: rounding errors must not look like jerk. A client
 # that starts from the float32 state of protocol 10 is off by up to 1.2e-7 rad.
 _ROUNDING: Final = 1.001
@@ -176,7 +174,7 @@ class Reception:
 
 def limits_of(robot: str) -> JointLimits:
     """What a `panda` or an `fr3` enforces."""
-    arm = FR3 if robot == "fr3" else PANDA
-    wire = limits.FR3 if robot == "fr3" else limits.PANDA
-    narrowing = [None if values is None else np.array(values) for values in (wire.offset, wire.deceleration)]
-    return JointLimits(arm.q_lower, arm.q_upper, arm.dq_max, arm.ddq_max, arm.dddq_max, arm.tau_max, *narrowing)
+    known = FR3 if robot == "fr3" else PANDA
+    narrowing = [None if values is None else np.array(values) for values in (known.offset, known.deceleration)]
+    enforced = (known.lower, known.upper, known.velocity, known.acceleration, known.jerk, known.effort)
+    return JointLimits(*map(np.array, enforced), *narrowing)

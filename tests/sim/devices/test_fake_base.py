@@ -16,9 +16,8 @@ from runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
 from runtime.contracts.signals import Signal, Stop
 from runtime.guard import GUARDS
 from runtime.ipc.requests import RequestKind
-from runtime.ipc.words import CYCLE, State
-from runtime.loop.cycle import Cycle, limits_of
-from runtime.loop.device import Device
+from runtime.ipc.words import State
+from runtime.loop.lockstep import Lockstep
 from runtime.profile import profile, wiring
 from sim.devices.base.fake import FakeBase, FakeBaseOptions
 from sim.world.cell import Cell, CellConfig
@@ -196,23 +195,11 @@ def test_a_profile_wires_it_and_its_fault_stops_it(monkeypatch: pytest.MonkeyPat
     load = registry.load
     monkeypatch.setattr(registry, "load", lambda g, n, p: Cruise if n == "cruise" else load(g, n, p))
     graph = wiring.build(*profile.parse("cruise.yaml", PROFILE), [])
-    cycle = Cycle(graph, limits_of(graph), True)
-    row, world = graph.row, graph.world
-    assert world is not None
-    device = Device(graph.devices[0], row.devices[0], graph.actuators, print)
-    device.driver.open()
+    lockstep = Lockstep(graph)
     seen: dict[int, tuple[State, float]] = {}
     for k in range(1, 601):
-        now = k * STEP
-        world.advance(now)
-        row.ints[CYCLE.now], row.ints[CYCLE.dt] = now, STEP
-        device.read(now)
-        cycle.check(0, RequestKind.RESET if k == 550 else RequestKind.NONE, 0)
-        cycle.control()
-        cycle.guard()
-        if device.active:
-            device.write(now)
-        seen[k] = cycle.machine.state, float(row.views["base.twist"][0])
+        state = lockstep.step(RequestKind.RESET if k == 550 else RequestKind.NONE)
+        seen[k] = state, float(graph.row.views["base.twist"][0])
     assert seen[390][0] is State.ACTIVE
     assert seen[390][1] == pytest.approx(0.5, abs=0.03)
     assert seen[540][0] is State.STOPPED

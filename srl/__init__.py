@@ -1,0 +1,49 @@
+"""The public face for packages that extend srl: drivers, control laws, simulated devices and worlds.
+
+What stands here stays where it is when the runtime's own modules move:
+
+    from srl import Controller, ControllerConfig, Driver, DeviceConfig, Sensor, Signal, Command
+
+`srl.links` opens serial ports and sockets, `srl.simulation` has what fakes, twins, worlds and their parts need,
+`srl.testing` what their tests need. docs/extending.md is a whole package written with them.
+"""
+
+from runtime import __version__
+from runtime.contracts.controller import Controller, ControllerConfig, Parameter
+from runtime.contracts.driver import DeviceConfig, Driver, Health, Sensor
+from runtime.contracts.errors import (
+    DeviceError,
+    DeviceLostError,
+    HostError,
+    ProfileError,
+    RecordingError,
+    RequestError,
+    SrlError,
+    WiringError,
+)
+from runtime.contracts.signals import Array, Command, Kind, Limits, Signal, Stop
+
+__all__ = [
+    "Array",
+    "Command",
+    "Controller",
+    "ControllerConfig",
+    "DeviceConfig",
+    "DeviceError",
+    "DeviceLostError",
+    "Driver",
+    "Health",
+    "HostError",
+    "Kind",
+    "Limits",
+    "Parameter",
+    "ProfileError",
+    "RecordingError",
+    "RequestError",
+    "Sensor",
+    "Signal",
+    "SrlError",
+    "Stop",
+    "WiringError",
+    "__version__",
+]

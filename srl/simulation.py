@@ -1,0 +1,8 @@
+"""What simulated devices and worlds are made of: fakes, twins, worlds, and parts of the composed world."""
+
+from runtime.contracts.world import Fake, FakeConfig, Twin, World, WorldConfig
+from runtime.control.hand.human_hand import JOINTS as HAND_JOINTS
+from sim.world.mjcf import add
+from sim.world.part import Mjcf, Part, PartConfig
+
+__all__ = ["HAND_JOINTS", "Fake", "FakeConfig", "Mjcf", "Part", "PartConfig", "Twin", "World", "WorldConfig", "add"]

@@ -1,0 +1,163 @@
+"""What tests of drivers, control laws and profiles need; no pytest in here.
+
+driver = bound(Lever("lever", LeverConfig(port="loop://a")))   # arrays of its own, as the runtime gives them
+check_driver(Lever("lever", LeverConfig(port="loop://b")))     # what every driver must declare and survive
+run = simulate(PROFILE, seconds=5)                             # a whole profile, simulated, in this process
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TypeVar, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.contracts.controller import Controller
+from runtime.contracts.driver import Driver
+from runtime.contracts.errors import DeviceLostError
+from runtime.contracts.signals import Array, Stop
+from runtime.ipc.layout import Layout
+from runtime.ipc.words import State
+from runtime.loop.lockstep import Lockstep
+from runtime.profile import profile, wiring
+
+D = TypeVar("D", bound=Driver)
+C = TypeVar("C", bound=Controller)
+
+
+@overload
+def bound(part: D) -> D: ...
+@overload
+def bound(part: C) -> C: ...
+def bound(part: Driver | Controller) -> Driver | Controller:
+    """The driver or controller with arrays of its own: zeros, and the parameters' defaults.
+
+    Every output of a controller counts as wired to a device: `applied` has an array for it.
+    """
+    if isinstance(part, Driver):
+        part.bind({s.name: np.zeros(s.shape) for s in part.states}, {c.name: np.zeros(c.shape) for c in part.commands})
+    else:
+        part.bind(
+            {s.name: np.zeros(s.shape) for s in part.inputs},
+            {s.name: np.zeros(s.shape) for s in part.outputs},
+            {s.name: np.zeros(s.shape) for s in part.outputs},
+            {p.name: np.array(p.default) for p in part.parameters},
+        )
+    return part
+
+
+def check_driver(driver: Driver) -> None:
+    """What every driver must declare before it is opened, and survive while it isn't. It must not be open.
+
+    Raises:
+        AssertionError: saying what is wrong.
+    """
+    name = type(driver).__name__
+    assert driver.summary, f"{name}: `srl list` wants a line of text in `summary`"
+    assert driver.states or driver.commands, f"{name} declares neither states nor commands"
+    assert not driver.states or driver.max_age > 0, f"{name} gives samples, so `max_age` must say when they are stale"
+    for signal in (*driver.states, *driver.commands):
+        fits = not signal.labels or len(signal.labels) == signal.shape[0]
+        assert fits, f"{name}.{signal.name} has {len(signal.labels)} labels for {signal.shape[:1]} rows"
+    states = {s.name: s for s in driver.states}
+    for command in driver.commands:
+        assert command.stops, f"{name}.{command.name} can't be stopped: `stops` is empty"
+        if command.feedback is None:
+            assert command.name in driver.home, f"{name}.{command.name} has no feedback, so it needs a `home`"
+        else:
+            measured = states.get(command.feedback)
+            assert measured is not None, f"{name}.{command.name}: there is no state '{command.feedback}'"
+            assert measured.shape == command.shape, f"{name}.{command.name} and its feedback differ in shape"
+    bound(driver)
+    driver.close()
+    driver.stop(Stop.HOLD)
+    assert isinstance(driver.stop_frame(Stop.HOLD), bytes), f"{name}.stop_frame must give bytes"
+    assert driver.fileno() in (None, -1), f"{name} isn't open and has a descriptor"
+    for what in (driver.read, driver.write) if driver.commands else (driver.read,):
+        try:
+            what(time.monotonic_ns())
+        except DeviceLostError:
+            continue
+        raise AssertionError(f"{name} isn't open: {what.__name__} must raise DeviceLostError")
+    driver.close()
+    assert not driver.health.connected, f"{name} is closed and says that it is connected"
+
+
+def check_controller(controller: Controller, inputs: Mapping[str, Array], start: Mapping[str, Array]) -> None:
+    """What every control law must do: start without a jump, stay finite, keep its shapes, and do it again.
+
+    Args:
+        controller: bound, see `bound`.
+        inputs: values for its inputs, by name.
+        start: where the commanded outputs are at the reset, by output name.
+    Raises:
+        AssertionError: saying what is wrong.
+    """
+    name = type(controller).__name__
+
+    def run() -> list[bytes]:
+        for key, value in inputs.items():
+            controller.input[key][...] = value
+        for key, value in start.items():
+            controller.applied[key][...] = value
+        controller.reset()
+        controller.update(1e-9)
+        for key, value in start.items():
+            jump = float(np.max(np.abs(controller.output[key] - value), initial=0.0))
+            assert jump < 1e-6, f"{name}.{key} jumps by {jump:g} at its reset"
+        made = []
+        for _ in range(100):
+            controller.update(0.01)
+            for key, output in controller.output.items():
+                assert np.isfinite(output).all(), f"{name}.{key} isn't finite for finite inputs"
+                made.append(output.tobytes())
+                if key in controller.applied:
+                    controller.applied[key][...] = output
+        return made
+
+    assert run() == run(), f"{name} isn't pure: the same inputs gave other outputs after a reset"
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """What a simulated run made, row by row.
+
+    Attributes:
+        layout: the signals' names, shapes and units.
+        rows: (k, width) int64, as a recording holds them.
+        events: what the loop said in words.
+    """
+
+    layout: Layout
+    rows: NDArray[np.int64]
+    events: list[str]
+
+    def value(self, signal: str) -> Array:
+        """(k, *shape): a signal of every cycle, e.g. "finger.position_command.applied"."""
+        return self.layout.value(self.rows, signal)
+
+    def states(self) -> list[State]:
+        """The state machine's state of every cycle."""
+        return [State(int(state)) for state in self.layout.word(self.rows, "state")]
+
+
+def simulate(text: str, seconds: float) -> Simulated:
+    """Runs a profile with all its devices simulated: no service, no clock, as fast as it goes.
+
+    Args:
+        text: the profile's YAML.
+        seconds: of world time.
+    Raises:
+        ProfileError, WiringError: as `srl check` says it.
+    """
+    checked, source = profile.parse("profile.yaml", text, [])
+    events: list[str] = []
+    lockstep = Lockstep(wiring.build(checked, source, []), events.append)
+    rows = []
+    for _ in range(round(seconds * 1e9 / lockstep.period)):
+        lockstep.step()
+        rows.append(lockstep.graph.row.words.copy())
+    return Simulated(lockstep.graph.layout, np.array(rows), events)
