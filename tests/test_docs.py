@@ -261,7 +261,7 @@ def test_the_examples_own_tests_pass(installed: Path) -> None:
         cwd=installed, env=os.environ, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout
-    assert "4 passed" in done.stdout
+    assert "7 passed" in done.stdout
 
 
 @pytest.mark.slow
@@ -295,3 +295,19 @@ def test_the_example_runs_moves_and_replays(installed: Path) -> None:
     assert moved == pytest.approx(0.5 * lever, rel=0.2)
     assert jump < 0.05  # the first command is what was applied
     assert json.loads(call(installed, "replay", "l.rrd", "--json").stdout)["identical"] is True
+
+
+# The rooms
+
+
+def test_every_path_a_page_names_is_there() -> None:
+    """Paths of modules and folders, as `runtime/loop/loop.py` or `drivers/zenoh_link`."""
+    path = re.compile(r"`((?:runtime|drivers|sim|srl|studies|bench|tests|deploy|profiles)/[\w./-]*)`")
+    pages = [ROOT / "README.md", *DOCS.rglob("*.md")]
+    wrong = [
+        f"{page.name}: {name}"
+        for page in pages
+        for name in path.findall(page.read_text())
+        if not (ROOT / name).exists()
+    ]
+    assert wrong == []

@@ -63,7 +63,7 @@ class Bus:
         check((p["name"] for p in meta.get("parameters", [])), "parameter")
         check((s["name"] for s in meta.get("setpoints", [])), "setpoint")
         self._ring.sequence = self._ring.head  # what was written before is the recorder's
-        self._mail = RequestWriter(run_folder.requests)
+        self._request_ring = RequestWriter(run_folder.requests)
         self._events = EventReader(run_folder.events)
         self._remembered: deque[dict[str, Any]] = deque(maxlen=NOTES_KEPT)
         self._wall = int(meta["wall"])
@@ -72,7 +72,7 @@ class Bus:
         self._decimate = config.decimate
         self._pause = min(max(config.decimate * period / 2e9, 0.002), 0.02)
         self._reporter = Reporter(self._name, self._layout)
-        self._requests = Requests(self._layout, self._keys, self._mail, self._reporter.counts)
+        self._requests = Requests(self._layout, self._keys, self._request_ring, self._reporter.counts)
         self._arrivals: queue.SimpleQueue[tuple[Callable[[Any], None], Any]] = queue.SimpleQueue()
         self._row = self._ring.newest()
         self._said: tuple[int, int] | None = None  # state and cause of the last status
@@ -147,7 +147,7 @@ class Bus:
             self._say_status()
         finally:
             self._session.close()
-            self._mail.close()
+            self._request_ring.close()
             self._events.close()
             self._ring.close()
 

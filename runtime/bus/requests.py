@@ -1,4 +1,4 @@
-"""Clients' requests: checked here, handed to the loop by the mailbox, answered from the rows.
+"""Clients' requests: checked here, handed to the loop by the request ring, answered from the rows.
 
 Every query gets one JSON object: {"ok": true, "state": ...} or {"ok": false, "state": ..., "error": "place:
 problem. Remedy."}. A stop goes to the loop at once; of the others only a few are on their way at a time, so
@@ -32,9 +32,9 @@ from runtime.messages import messages
 from runtime.profile.keys import COMMANDS, Keys
 
 PATIENCE = 1_000_000_000  # ns until a request that the loop didn't take is given up
-UNDERWAY = 4  # requests in the mailbox at a time, stops not counted: the loop takes one a cycle
+UNDERWAY = 4  # requests in the ring at a time, stops not counted: the loop takes one a cycle
 WAITING = 64
-_ASKS = {"start": RequestKind.START, "stop": RequestKind.STOP, "reset": RequestKind.RESET}
+_KINDS = {"start": RequestKind.START, "stop": RequestKind.STOP, "reset": RequestKind.RESET}
 _REQUEST, _KIND, _RESULT, _STATE = CYCLE.request, CYCLE.request_kind, CYCLE.request_result, CYCLE.state
 _CAUSE, _CULPRIT = CYCLE.cause, CYCLE.culprit
 
@@ -58,8 +58,8 @@ class Requests:
         busy: someone waits for the loop.
     """
 
-    def __init__(self, layout: Layout, keys: Keys, mail: RequestWriter, counts: Counts) -> None:
-        self._layout, self._keys, self._mail, self._counts = layout, keys, mail, counts
+    def __init__(self, layout: Layout, keys: Keys, ring: RequestWriter, counts: Counts) -> None:
+        self._layout, self._keys, self._ring, self._counts = layout, keys, ring, counts
         self._parameters: list[dict[str, Any]] = layout.meta.get("parameters", [])
         self._setpoints: list[dict[str, Any]] = layout.meta.get("setpoints", [])
         self._underway: dict[int, Pending] = {}
@@ -96,7 +96,7 @@ class Requests:
         key = self._keys.command(name)
         crowd = len(self._underway if name == "stop" else self._waiting)
         if self._answerable(query, key, crowd):
-            self._ask(Pending(query, key, _ASKS[name], 0, None, time.monotonic_ns() + PATIENCE))
+            self._ask(Pending(query, key, _KINDS[name], 0, None, time.monotonic_ns() + PATIENCE))
 
     def _parameter(self, index: int, query: zenoh.Query) -> None:
         parameter = self._parameters[index]
@@ -161,11 +161,11 @@ class Requests:
     def _answerable(self, query: zenoh.Query, key: str, crowd: int) -> bool:
         """Refuses what came by a wildcard: a look at `srl/**` must not move or stop anything.
 
-        `crowd` is how many requests are before it: a full mailbox would lose the oldest.
+        `crowd` is how many requests are before it: a full ring would lose the oldest.
         """
         problem = None
         if str(query.key_expr) != key:
-            problem = "what changes something takes its exact key, not a wildcard", f"RequestKind {key} itself"
+            problem = "what changes something takes its exact key, not a wildcard", f"Ask {key} itself"
         elif self.silent:
             problem = (
                 "the loop gives no sign of life",
@@ -190,7 +190,7 @@ class Requests:
             self._fill()
 
     def _send(self, pending: Pending) -> None:
-        number = self._mail.send(pending.kind, pending.until, pending.target, pending.values)
+        number = self._ring.send(pending.kind, pending.until, pending.target, pending.values)
         self._underway[number] = pending
 
     def _fill(self) -> None:
@@ -220,7 +220,7 @@ class Requests:
         if self._newest and row is not None and row[0] != self._cycle:
             self._cycle = int(row[0])
             for index, (expires, values) in self._newest.items():
-                self._mail.send(RequestKind.SETPOINT, expires, index, values)
+                self._ring.send(RequestKind.SETPOINT, expires, index, values)
             self._newest.clear()
 
     def _answer(self, row: NDArray[np.int64]) -> None:

@@ -1,4 +1,4 @@
-"""What reaches the mailbox, and in which order."""
+"""What reaches the request ring, and in which order."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def test_a_stop_overtakes_and_cancels_what_would_move(desk: Desk) -> None:
     assert [len(p.answers) for p in parameters] == [1] * UNDERWAY + [0, 0]
 
 
-def test_a_flood_is_refused_before_the_mailbox_is_full(desk: Desk) -> None:
+def test_a_flood_is_refused_before_the_ring_is_full(desk: Desk) -> None:
     queries = [desk.ask(desk.keys.command("stop")) for _ in range(WAITING + 10)]
     queries += [desk.ask(desk.keys.command("start")) for _ in range(WAITING + 10)]
     refused = [q for q in queries if q.answers]

@@ -1,4 +1,4 @@
-"""A run without devices: a layout, a ring with rows at a rate, and a loop that takes the mailbox's requests.
+"""A run without devices: a layout, a ring with rows at a rate, and a loop that takes the ring's requests.
 
 `python -m helpers.bus RUN_FOLDER RATE [JOINTS]` runs one until it is killed, to look at and to measure with.
 """
