@@ -2,6 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+PYTEST := $(BIN)/python -m pytest
 OUT := out
 
 .PHONY: setup demo test slow lint bench clean
@@ -21,11 +22,14 @@ demo: setup
 	@echo "recording: $(OUT)/demo/sixth-finger.rrd (open it: $(BIN)/rerun $(OUT)/demo/sixth-finger.rrd)"
 	@echo "picture:   $(OUT)/demo/sixth-finger.png"
 
+# Two workers; the tests of a file share fixtures that take seconds, so they stay together. What measures time comes
+# after the others, one test at a time.
 test: setup
-	$(BIN)/python -m pytest -m "not slow"
+	$(PYTEST) -n 2 --dist loadfile -m "not slow and not serial"
+	$(PYTEST) -m "not slow and serial"
 
 slow: setup
-	$(BIN)/python -m pytest -m slow
+	$(PYTEST) -m slow
 
 lint: setup
 	$(BIN)/ruff check .

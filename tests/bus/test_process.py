@@ -14,7 +14,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.bus import JOINTS, Instance, Run, eventually, reach, sockets, spawn
+from helpers.bus import JOINTS, Instance, Run, reach, sockets, spawn
+from helpers.run import alive
+from helpers.wait import until
 
 from runtime.bus import session
 from runtime.bus.client import connect
@@ -122,7 +124,7 @@ def test_a_change_of_state_is_told_at_once(one: Instance) -> None:
     subscriber = one.client.subscribe_status(lambda s: told.append(s["message"]))
     for name in ("start", "stop", "reset"):
         one.client.command(name)
-    eventually(lambda: told and told[-1] == "active")
+    until(lambda: told and told[-1] == "active")
     subscriber.undeclare()
     assert "stopped: stopped on request" in told
 
@@ -179,19 +181,19 @@ def test_setpoints_reach_the_loop(one: Instance) -> None:
 
     asked = time.monotonic_ns()
     one.client.setpoint("client.force", [1.0, 2.0, 3.0], answer=True)
-    eventually(lambda: last() == [1, 2, 3])
+    until(lambda: last() == [1, 2, 3])
     expires = one.run.setpoints[-1][0]
     assert asked + 500_000_000 <= expires <= time.monotonic_ns() + 500_000_000
     one.client.setpoint("client.force", np.array([4.0, 5, 6]))
-    eventually(lambda: last() == [4, 5, 6])
+    until(lambda: last() == [4, 5, 6])
     header = {"stamp": messages.time_of(0), "frame_id": ""}
     joints = {"header": header, "name": [], "position": [7, 8, 9], "velocity": [], "effort": []}
     with session.join(f"unixsock-stream/{one.run_folder.bus_socket}") as stranger:
         key = "srl/sixth_finger/setpoint/client/force"
         stranger.put(key, cdr.encode(messages.JOINT_STATE, joints), encoding=messages.encoding(messages.JOINT_STATE))
-        eventually(lambda: last() == [7, 8, 9])
+        until(lambda: last() == [7, 8, 9])
         stranger.put(key, "[0, 1, 2]")
-        eventually(lambda: last() == [0, 1, 2])
+        until(lambda: last() == [0, 1, 2])
 
 
 def test_bad_setpoints_are_refused_and_counted(one: Instance) -> None:
@@ -199,7 +201,7 @@ def test_bad_setpoints_are_refused_and_counted(one: Instance) -> None:
     with pytest.raises(RequestError, match="NaN or infinite"):
         one.client.setpoint("client.force", [1, float("nan"), 3], answer=True)
     one.client.setpoint("client.force", [1, 2])
-    status = eventually(lambda: (s := one.client.status())["rejected_setpoints"] == before + 2 and s)
+    status = until(lambda: (s := one.client.status())["rejected_setpoints"] == before + 2 and s)
     assert "2 values came where the signal has 3" in status["last_rejection"]
     assert one.run.setpoints == []
 
@@ -209,13 +211,13 @@ def test_nobody_else_speaks_for_the_instance(one: Instance) -> None:
     endpoint = f"unixsock-stream/{one.run_folder.bus_socket}"
     with session.join(endpoint) as listener, session.join(endpoint) as forger:
         subscriber = listener.declare_subscriber("srl/**", lambda s: heard.append(s.payload.to_bytes()))
-        eventually(lambda: heard)
+        until(lambda: heard)
         forger.put("srl/sixth_finger/state/glove/position", b"forged")
         forger.put("srl/sixth_finger/status", b"forged")
         forger.put("srl/sixth_finger/setpoint/client/force", "[1, 1, 1]")
-        eventually(lambda: one.run.setpoints)
+        until(lambda: one.run.setpoints)
         count = len(heard)
-        eventually(lambda: len(heard) > count + 5)
+        until(lambda: len(heard) > count + 5)
         subscriber.undeclare()
     assert b"forged" not in heard
 
@@ -227,17 +229,18 @@ def test_it_listens_on_its_unix_socket_and_nowhere_else(one: Instance) -> None:
 
 def test_two_instances_do_not_see_each_other(one: Instance, own: Instance) -> None:
     for mine, other in ((one, own), (own, one)):
-        names: set[str] = set()
+        names: list[str] = []
         with session.join(f"unixsock-stream/{mine.run_folder.bus_socket}") as listener:
             subscriber = listener.declare_subscriber(
-                "srl/**", lambda s, names=names: names.add(str(s.key_expr).split("/")[1])
+                "srl/**", lambda s, names=names: names.append(str(s.key_expr).split("/")[1])
             )
-            eventually(lambda names=names: names)
+            until(lambda names=names: names)
             own_state = mine.run.cause, other.run.taken.copy()
             mine.client.command("stop")
-            time.sleep(0.3)
+            heard = len(names)
+            until(lambda names=names, heard=heard: len(names) > heard + 50)
             subscriber.undeclare()
-            assert names == {mine.client.keys.root.split("/")[1]}
+            assert set(names) == {mine.client.keys.root.split("/")[1]}
             assert list(listener.get(f"{other.client.keys.root}/cmd/stop", timeout=1)) == []
             assert other.run.taken == own_state[1]
 
@@ -245,7 +248,7 @@ def test_two_instances_do_not_see_each_other(one: Instance, own: Instance) -> No
 def test_a_killed_bus_comes_back(own: Instance) -> None:
     updates: list[float] = []
     own.client.subscribe(lambda u: updates.append(u.values[2]), "glove/position")
-    eventually(lambda: updates)
+    until(lambda: updates)
     head = own.run.ring.head
     own.process.kill()
     own.process.wait()
@@ -254,8 +257,8 @@ def test_a_killed_bus_comes_back(own: Instance) -> None:
     replaced, own.process = own.process, spawn(own.run_folder, stderr=subprocess.PIPE)
     assert replaced.stderr is not None
     replaced.stderr.close()
-    eventually(own.client.alive)
-    eventually(lambda: len(updates) > count)  # the same subscription, on the same client
+    until(own.client.alive)
+    until(lambda: len(updates) > count)  # the same subscription, on the same client
     assert own.client.command("start") == {"ok": True, "state": "active"}
     assert own.client.set_param(PULL, 3.0)["value"] == 3.0
     assert own.run.taken == [RequestKind.START, RequestKind.PARAMETER]
@@ -265,7 +268,7 @@ def test_a_killed_bus_comes_back(own: Instance) -> None:
 
 def test_a_dead_loop_is_said_clearly(own: Instance) -> None:
     own.run.paused.set()
-    status = eventually(lambda: (s := own.client.status())["level"] == 3 and s)
+    status = until(lambda: (s := own.client.status())["level"] == 3 and s)
     assert status["message"] == "the loop gives no sign of life (last: ready)"
     with pytest.raises(RequestError, match="no sign of life"):
         own.client.command("stop")
@@ -273,7 +276,7 @@ def test_a_dead_loop_is_said_clearly(own: Instance) -> None:
         own.client.setpoint("client.force", [1, 2, 3], answer=True)
     assert own.client.get_param(PULL)["value"] == 1.0
     own.run.paused.clear()
-    eventually(lambda: own.client.status()["level"] == 0)
+    until(lambda: own.client.status()["level"] == 0)
     assert own.client.command("stop")["ok"]
 
 
@@ -306,14 +309,7 @@ def test_it_does_not_outlive_its_supervisor(tmp_path: Path) -> None:
     supervisor.kill()
     supervisor.wait()
     supervisor.stdout.close()
-
-    def gone() -> bool:
-        try:  # without a reaper above us it stays as a zombie
-            return Path(f"/proc/{pid}/stat").read_text().rpartition(") ")[2][0] in "ZX"
-        except FileNotFoundError:
-            return True
-
-    eventually(gone)
+    until(lambda: not alive(pid), what="the bus's end")
     run.end()
 
 

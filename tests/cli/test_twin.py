@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.srl_twin import ROOT, TwinProcess
-from helpers.twin import bound, until
+from helpers.twin import bound
+from helpers.wait import until
 
 from drivers.cyberglove import CyberGlove
 from drivers.firmata import Firmata

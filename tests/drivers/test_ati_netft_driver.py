@@ -6,7 +6,8 @@ import time
 
 import numpy as np
 import pytest
-from helpers.ft import Server, at_sensor, bound, cell, push, read, until
+from helpers.ft import Server, at_sensor, bound, cell, push, read
+from helpers.wait import until
 
 from drivers.ati_netft import AtiNetFt
 from drivers.ati_netft.config import AtiNetFtConfig, address
@@ -42,8 +43,14 @@ def opened(server):
 
 def fresh(ft):
     """Reads until one more sample was taken."""
+    until(lambda: newer(ft))
+
+
+def newer(ft):
+    """Reads; whether that was a newer sample."""
     before = ft.health.stamp
-    until(lambda: ft.health.stamp > before, lambda: read(ft))
+    read(ft)
+    return ft.health.stamp > before
 
 
 def settled(ft, wrench, within=1e-3):
@@ -63,8 +70,7 @@ def test_the_wrench_is_what_pushes_the_handle(server, opened):
 def test_without_records_the_sample_grows_old(server, opened):
     fresh(opened)
     with server.paused():
-        time.sleep(0.1)
-        read(opened)  # what was under way before the pause
+        until(lambda: not newer(opened), what="the last record that was under way before the pause", pause=0.05)
         newest = opened.health.stamp
         opened.read(time.monotonic_ns() + 500_000_000)
         assert opened.health.stamp == newest
@@ -74,9 +80,9 @@ def test_without_records_the_sample_grows_old(server, opened):
 
 def test_a_backlog_is_drained_to_the_newest_and_an_old_record_isn_t_fresh(server, opened):
     until(lambda: opened.health.frames > 200, lambda: read(opened))
-    time.sleep(0.15)
+    time.sleep(0.15)  # the backlog
     with server.paused():
-        time.sleep(0.05)
+        time.sleep(0.05)  # the age of its newest
         now = time.monotonic_ns()
         opened.read(now)
         assert now - opened.health.stamp >= 40_000_000  # the newest waited at least for the pause
@@ -112,7 +118,7 @@ def test_the_latch_is_a_remark_and_recover_resets_it(server, opened):
     fresh(opened)  # it still counts as good
     with server.paused():
         push(server.world, 1.0, 0, 0, 0, 0, 0)
-    time.sleep(0.05)
+    until(lambda: server.twin.counts_now()[0] < 2e6)
     opened.recover(time.monotonic_ns())
     until(lambda: not opened.figures()["latched"], lambda: read(opened))
     fresh(opened)
@@ -125,7 +131,7 @@ def test_the_latch_is_reset_at_opening_where_the_profile_says_so(server):
     until(server.twin.status)
     with server.paused():
         push(server.world, 1.0, 0, 0, 0, 0, 0)
-    time.sleep(0.05)
+    until(lambda: server.twin.counts_now()[0] < 2e6)
     for reset in (False, True):
         ft = driver(server, reset_latch=reset)
         ft.open()

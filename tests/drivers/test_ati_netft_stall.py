@@ -3,8 +3,8 @@
 import time
 
 import pytest
-from helpers.ft import until
 from helpers.peer import Peer, bound, cycles
+from helpers.wait import until
 
 from drivers.ati_netft import AtiNetFt
 from drivers.ati_netft.config import AtiNetFtConfig

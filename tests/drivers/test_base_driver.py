@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from helpers.base import robot
+from helpers.wait import until
 from helpers.zenoh import cycles
 from pydantic import ValidationError
 
@@ -71,10 +72,7 @@ def test_the_process_stops_it_when_the_driver_is_gone() -> None:
         process = r.base._link._process
         assert process is not None
         r.base._link._end.close()  # type: ignore[union-attr]  # as the kernel does when the loop is killed
-        end = time.monotonic() + 20
-        while r.speed() > 0.01:
-            assert time.monotonic() < end
-            time.sleep(0.01)
+        until(lambda: r.speed() < 0.01)
         assert r.served.do(lambda: r.twin.taken[-1][1]) == (0.0, 0.0, 0.0)
         assert process.wait(20) == 0
 
@@ -93,13 +91,10 @@ def test_a_process_that_hung_delivers_nothing_old() -> None:
                 r.base.write(time.monotonic_ns())
                 time.sleep(0.005)
             assert r.base._link.untaken
-            end = time.monotonic() + 20
-            while r.speed() > 0.01:  # the robot's own time-out has stopped it
-                assert time.monotonic() < end
-                time.sleep(0.01)
+            until(lambda: r.speed() < 0.01, what="the robot's own time-out")
         finally:
             os.kill(pid, signal.SIGCONT)
-        time.sleep(0.3)
+        time.sleep(0.3)  # in which nothing old may come
         assert all(velocity[0] >= 0.0 for _, velocity in r.served.do(lambda: list(r.twin.taken)))
 
 
@@ -112,10 +107,7 @@ def test_stop_and_close_stop_it() -> None:
         r.drive()
         r.base.close()
         r.base.close()
-        end = time.monotonic() + 20
-        while r.speed() > 0.01:
-            assert time.monotonic() < end
-            time.sleep(0.01)
+        until(lambda: r.speed() < 0.01)
         assert r.served.do(lambda: r.twin.taken[-1][1]) == (0.0, 0.0, 0.0)
 
 

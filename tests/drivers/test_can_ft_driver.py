@@ -7,7 +7,8 @@ import time
 import can
 import numpy as np
 import pytest
-from helpers.ft import Server, at_sensor, bound, cell, push, read, until
+from helpers.ft import Server, at_sensor, bound, cell, push, read
+from helpers.wait import until
 
 from drivers.can_ft import CanFt
 from drivers.can_ft.driver import CanFtConfig

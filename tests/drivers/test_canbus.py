@@ -14,8 +14,9 @@ from drivers.canbus import open_can
 from runtime.contracts.errors import DeviceError, DeviceLostError
 
 
-@pytest.mark.parametrize("url", ["can://virtual/one", "can://udp_multicast/239.74.163.77?port=43177"])
+@pytest.mark.parametrize("url", ["can://virtual/one", "can://udp_multicast/239.74.163.77?port={port}"])
 def test_frames_go_both_ways(url: str) -> None:
+    url = url.format(port=20000 + os.getpid() % 10000)  # its own, beside another suite on this host
     one, other = open_can(url, place="one"), open_can(url, place="other")
     assert one.read() == []
     assert one.write(can.Message(arbitration_id=0x64, data=[1, 2, 3], is_extended_id=False))

@@ -12,6 +12,8 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from helpers.dynamixel import waiting
+from helpers.wait import until
 
 from drivers.cyberglove import CyberGlove, calibration, driver
 from runtime.contracts.errors import DeviceError, DeviceLostError, ProfileError
@@ -127,27 +129,18 @@ def driver_of(glove: ScriptedGlove | str, **options) -> CyberGlove:
 
 def read_until(device: CyberGlove, done: Callable[[], bool], now: int, step: int = 10 * MS) -> int:
     """Cycles until `done`; returns the loop time after it."""
-    deadline = time.monotonic() + 3
-    while time.monotonic() < deadline:
-        device.read(now)
-        if done():
-            return now
+
+    def later() -> None:
+        nonlocal now
         now += step
-        time.sleep(0.003)
-    pytest.fail(f"nothing came: {device.health}")
+
+    until(lambda: (device.read(now), done())[1], later, what=lambda: str(device.health), pause=0.003)
+    return now
 
 
-def eventually(true: Callable[[], bool]) -> bool:
-    deadline = time.monotonic() + 3
-    while not true() and time.monotonic() < deadline:
-        time.sleep(0.002)
-    return true()
-
-
-def arrived(device: CyberGlove) -> None:
-    """Waits until there is something to read."""
-    assert select.select([device._link], [], [], 3)[0]
-    time.sleep(0.01)
+def arrived(device: CyberGlove, size: int) -> None:
+    """Waits until there are so many bytes to read."""
+    until(lambda: waiting(device._link.fileno()) >= size)
 
 
 def still(make_glove) -> tuple[ScriptedGlove, CyberGlove]:
@@ -191,7 +184,7 @@ def test_it_identifies_itself_and_streams(make_glove, sensors):
     assert (device.health.errors, device.health.resyncs) == (0, 0)
     device.close()
     assert not device.health.connected
-    assert eventually(lambda: not glove.streaming)
+    until(lambda: not glove.streaming)
 
 
 def test_a_persons_calibration_is_used(make_glove, tmp_path):
@@ -231,7 +224,7 @@ def test_a_backlog_is_drained_to_the_newest(make_glove):
     frames = device.health.frames
     for value in range(1, 101):
         glove.send(b"S" + bytes([value] * 22) + b"\x01\0")
-    arrived(device)
+    arrived(device, 2500)
     device.read(2 * MS)
     assert device.health.frames == frames + 100
     np.testing.assert_array_equal(device.state_arrays["position"], expected(bytes([100] * 22)))
@@ -244,7 +237,7 @@ def test_half_records_and_garbage_in_mid_stream(make_glove):
     for now, part in ((2 * MS, record[:10]), (3 * MS, record[10:])):
         assert device.health.stamp == MS
         glove.send(part)
-        arrived(device)
+        arrived(device, len(part))
         device.read(now)
     assert device.health.stamp == 3 * MS
     np.testing.assert_array_equal(device.state_arrays["position"], expected(bytes([99] * 22)))
@@ -259,9 +252,10 @@ def test_half_records_and_garbage_in_mid_stream(make_glove):
 @pytest.mark.parametrize("unplugged", [b"\x00\0", b"\x01eg\0"], ids=["status", "remark"])
 def test_a_glove_pulled_from_its_interface_goes_stale_until_it_is_back(make_glove, unplugged):
     glove, device = still(make_glove)
+    record = b"S" + bytes([50] * 22) + unplugged
     for now in (2 * MS, 3 * MS):
-        glove.send(b"S" + bytes([50] * 22) + unplugged)
-        arrived(device)
+        glove.send(record)
+        arrived(device, len(record))
         device.read(now)
         assert "plugged" in device.health.message
     assert device.health.stamp == MS
@@ -280,7 +274,7 @@ def test_a_glove_that_lost_its_settings_is_asked_again_once_a_second(make_glove)
     for later in range(0, 2500, 10):  # 2.5 s of the loop's time
         device.read((1 + later) * MS)
     request = b"N\x16D\0U\x01S"
-    assert eventually(lambda: len(glove.seen) - asked >= 2 * len(request))
+    until(lambda: len(glove.seen) - asked >= 2 * len(request))
     assert glove.seen[asked:] == 2 * request
     assert device.figures()["restarts"] == 2
     assert "asked for again 2 times" in device.health.message

@@ -7,6 +7,7 @@ import pytest
 from helpers.dynamixel import THREE, config
 from helpers.peer import Peer
 from helpers.twin import bound
+from helpers.wait import until
 
 from drivers.dynamixel import Dynamixel
 from drivers.dynamixel.config import DynamixelConfig
@@ -29,23 +30,17 @@ def cycle(driver, command=None):
     time.sleep(PERIOD)
 
 
-def until(condition, step):
-    deadline = time.monotonic() + 30
-    while not condition():
-        assert time.monotonic() < deadline
-        step()
-
-
 def opened(driver):
     """Opens it, as the runtime does: again and again."""
-    deadline = time.monotonic() + 30
-    while True:
+
+    def is_open():
         try:
             driver.open()
-            return
         except DeviceError:
-            assert time.monotonic() < deadline
-            time.sleep(0.2)
+            return False
+        return True
+
+    until(is_open, pause=0.2)
 
 
 @pytest.mark.parametrize("protocol", [2, 1])

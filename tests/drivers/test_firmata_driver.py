@@ -1,12 +1,15 @@
 """The Firmata driver against a scripted board on a pty."""
 
 import os
+import select
 import threading
 import time
 
 import numpy as np
 import pytest
+from helpers.dynamixel import waiting
 from helpers.firmata import BOOT, OLD, ScriptedBoard, firmata, servo
+from helpers.wait import until
 
 from drivers.firmata import identify
 from runtime.contracts.errors import DeviceError, DeviceLostError
@@ -50,11 +53,7 @@ class Loop:
             self.driver.write(self.now)
 
     def until(self, condition, *angles):
-        deadline = time.monotonic() + 10
-        while not condition():
-            assert time.monotonic() < deadline
-            self.cycle(*angles)
-            time.sleep(0.001)
+        until(condition, lambda: self.cycle(*angles))
 
 
 def test_opening_resets_the_board_attaches_nothing_and_takes_the_buttons_as_they_are(board):
@@ -155,9 +154,9 @@ def test_a_board_that_stops_reading_gets_one_command_and_then_the_newest(board, 
     loop = Loop(opened)
     loop.until(lambda: any(message[0] == 0xEA for message in board.seen), 1.0, 1.0)
     loop.until(lambda: opened.health.unsent == 0, 1.0, 1.0)
-    board.reading.clear()
-    time.sleep(0.03)
-    loop.cycle()  # takes what the board said before
+    board.pause()
+    while select.select([opened.fileno()], [], [], 0.03)[0]:  # takes what the board said before
+        loop.cycle()
     board.seen.clear()
     stamp = opened.health.stamp
     for step in range(300):  # 3 s of the loop
@@ -246,7 +245,7 @@ def test_a_bouncing_button(board, opened):
         if step in (5, 6, 7, 8, 9, 35, 36, 37):  # ends pressed, then released
             board.pressed ^= {2}
             board.say(board.port_message(0))
-            time.sleep(0.002)
+            until(lambda: waiting(opened.fileno()) >= 3)
         loop.cycle()
         seen.append(opened.state_arrays["buttons"][0])
     edges = np.flatnonzero(np.diff(seen))

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.noitom import MS, START, Make, Sender, binary, numbers, opened, steady, suit, text
-from helpers.twin import until
+from helpers.wait import until
 from pydantic import ValidationError
 
 from drivers.noitom import NoitomConfig

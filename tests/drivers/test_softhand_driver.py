@@ -5,7 +5,8 @@ import time
 
 import numpy as np
 import pytest
-from helpers.ft import Server, bound, until
+from helpers.ft import Server, bound
+from helpers.wait import until
 
 from drivers.softhand import SoftHand, protocol
 from drivers.softhand.config import SoftHandConfig
@@ -213,7 +214,7 @@ def test_a_stalled_hand_never_has_two_commands_waiting(server, opened):
             opened.command_arrays["position_command"][:] = 0.2 + 0.005 * k
             opened.write(at + k * 4 * MS)
         assert opened.health.unsent > 0
-    time.sleep(0.1)
+    until(lambda: opened.health.unsent == 0, lambda: idle(opened))
     assert len(server.twin.log()["reference"]) - before <= 1
 
 

@@ -3,8 +3,8 @@
 import time
 
 import pytest
-from helpers.ft import until
 from helpers.peer import Peer, bound, cycles
+from helpers.wait import until
 
 from drivers.softhand import SoftHand
 from drivers.softhand.config import SoftHandConfig
@@ -60,7 +60,7 @@ def test_a_stall_leaves_at_most_one_command(peer, hand):
         cycles(hand, 0.3, 100, ramp)
     finally:
         peer.cont()
-    time.sleep(0.2)
+    until(lambda: hand.health.unsent == 0, lambda: hand.read(time.monotonic_ns()))
     assert inputs(peer) - before <= 2  # one that was under way when it was counted, one that waited
 
 

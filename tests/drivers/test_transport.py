@@ -14,6 +14,7 @@ import tty
 from typing import BinaryIO
 
 import pytest
+from helpers.wait import until
 
 from drivers.transport import Transport, open_transport
 from runtime.contracts.errors import DeviceError, DeviceLostError
@@ -53,12 +54,10 @@ def blackhole(peer: socket.socket) -> ctypes.Array[ctypes.c_char]:
     return drop
 
 
-def arrived(link: Transport, count: int, timeout_s: float = 2.0) -> bytes:
-    data = b""
-    deadline = time.monotonic() + timeout_s
-    while len(data) < count and time.monotonic() < deadline:
-        data += link.read_wait(0.05)
-    return data
+def arrived(link: Transport, count: int) -> bytes:
+    data = bytearray()
+    until(lambda: len(data) >= count, lambda: data.extend(link.read_wait(0.05)), what=lambda: f"more than {data!r}")
+    return bytes(data)
 
 
 def drain(end: BinaryIO, wait_s: float = 0.1) -> bytes:
@@ -209,9 +208,7 @@ def test_a_dead_tcp_link_holds_back_one_command_only(tcp_pair):
     assert taken == [True] + [False] * 49
     peer.setsockopt(socket.SOL_SOCKET, SO_DETACH_FILTER, 0)
     assert peer.recv(4096) == bytes(20)  # the one command, and none of the 49 that were refused
-    deadline = time.monotonic() + 2
-    while link.unsent() and time.monotonic() < deadline:
-        time.sleep(0.01)
+    until(lambda: not link.unsent())
     assert link.write(COMMAND)
     assert peer.recv(4096) == COMMAND
     assert kept
@@ -233,18 +230,8 @@ def test_a_dead_tcp_link_is_lost_after_two_seconds(tcp_pair):
     link, peer = tcp_pair
     kept = blackhole(peer)
     assert link.write(COMMAND)
-
-    def lost_within(seconds: float) -> bool:
-        deadline = time.monotonic() + seconds
-        while time.monotonic() < deadline:
-            try:
-                link.read()
-            except DeviceLostError:
-                return True
-            time.sleep(0.05)
-        return False
-
-    assert lost_within(10)
+    with pytest.raises(DeviceLostError):
+        until(lambda: False, link.read, what="the loss", timeout=10.0, pause=0.05)
     assert kept
 
 

@@ -5,16 +5,17 @@ import time
 import numpy as np
 import pytest
 from helpers.peer import Peer, bound, cycles
+from helpers.wait import until
+from helpers.zenoh import reopened
 
 from drivers.ur import Ur, UrConfig
-from runtime.contracts.errors import DeviceError, DeviceLostError
+from runtime.contracts.errors import DeviceLostError
 from runtime.contracts.signals import Stop
 
 V = np.array([0.2, 0.0, 0.0, 0.0, 0.0, -0.2])
 CELL = {"world": "cell", "parts": {"device": {"part": "ur16e"}}}
 # What an arm at 0.2 rad/s travels until its time-out and while it ramps down, and as much again.
 OVERSHOOT = 2 * (0.2 * 0.2 + 0.2**2 / (2 * 5.0))
-PATIENCE = 30.0  # s
 
 
 @pytest.fixture
@@ -37,10 +38,11 @@ def following(driver):
 
 def moving(driver, peer):
     """Commands `V` until the arm does it; a busy host starves the program on the controller at times."""
-    deadline = time.monotonic() + PATIENCE
-    while np.abs(truth(peer)[1] - V).max() > 0.02:
-        assert time.monotonic() < deadline
-        cycles(driver, 0.5, 500, following(driver))
+    until(lambda: np.abs(truth(peer)[1] - V).max() < 0.02, lambda: cycles(driver, 0.5, 500, following(driver)))
+
+
+def still(peer):
+    return np.abs(truth(peer)[1]).max() < 0.01
 
 
 def truth(peer):
@@ -66,10 +68,7 @@ def test_a_hung_controller_plays_nothing_back_when_it_goes_on(peer):
     assert np.abs(position - before).max() < OVERSHOOT
     assert "no command came" in driver.health.fault
     driver.recover(time.monotonic_ns())
-    deadline = time.monotonic() + PATIENCE
-    while driver.health.fault:
-        assert time.monotonic() < deadline
-        cycles(driver, 0.05, 500)
+    until(lambda: not driver.health.fault, lambda: cycles(driver, 0.05, 500))
     moving(driver, peer)
     driver.close()
 
@@ -79,16 +78,9 @@ def test_a_controller_that_hangs_for_long_is_lost_and_opened_again(peer):
     cycles(driver, 0.5, 500, following(driver))
     peer.stop()
     with pytest.raises(DeviceLostError):
-        cycles(driver, PATIENCE, 500, following(driver))
+        cycles(driver, 30.0, 500, following(driver))
     peer.cont()
-    deadline = time.monotonic() + PATIENCE
-    while True:  # the old program ends first
-        try:
-            driver.close()
-            driver.open()
-            break
-        except DeviceError:
-            assert time.monotonic() < deadline
+    reopened(driver)  # the old program ends first
     assert driver.health.reconnects == 1
     moving(driver, peer)
     driver.close()
@@ -109,11 +101,9 @@ def test_a_killed_client_leaves_an_arm_that_stops_and_a_controller_that_takes_th
     driver = opened(peer)
     cycles(driver, 0.5, 500, following(driver))
     driver._link.close()  # no farewell
-    time.sleep(1.0)
-    assert np.abs(truth(peer)[1]).max() < 0.01
+    until(lambda: still(peer))
     again = opened(peer)
     moving(again, peer)
     again.stop(Stop.HOLD)
     again.close()
-    time.sleep(0.5)
-    assert np.abs(truth(peer)[1]).max() < 0.01
+    until(lambda: still(peer))

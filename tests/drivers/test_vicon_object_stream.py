@@ -9,7 +9,8 @@ import time
 
 import numpy as np
 import pytest
-from helpers.twin import bound, until
+from helpers.twin import bound
+from helpers.wait import until
 
 from drivers.vicon import Vicon, object_stream, objects
 from drivers.vicon.objects import TrackedObject

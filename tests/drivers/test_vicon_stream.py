@@ -7,7 +7,6 @@ import struct
 import numpy as np
 import pytest
 from helpers.fuzz import fuzz
-from helpers.twin import until
 from helpers.vicon_script import (
     ALL,
     ARM,
@@ -22,6 +21,7 @@ from helpers.vicon_script import (
     static,
     values,
 )
+from helpers.wait import until
 from pydantic import ValidationError
 
 from drivers.transport import open_transport

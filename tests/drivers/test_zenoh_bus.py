@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from helpers.bus import JOINTS, Run, spawn
+from helpers.wait import until
 from helpers.zenoh import bound, certificates, cycles, lost, reopened
 
 from drivers.zenoh import Zenoh, ZenohConfig
@@ -38,10 +39,7 @@ class Other:
         self.run = Run(self.run_folder, 200, decimate=2, **bus)
         self.run.start()
         self.process = spawn(self.run_folder)
-        end = time.monotonic() + 20
-        while not self.run_folder.bus_socket.exists():
-            assert time.monotonic() < end
-            time.sleep(0.01)
+        until(self.run_folder.bus_socket.exists, what="the bus's socket")
         self.port = f"unixsock-stream/{self.run_folder.bus_socket}"
 
     def close(self) -> None:

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from helpers.wait import until
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -58,24 +59,21 @@ def opened(door: ZenohDoor) -> Link:
     return link
 
 
-def taken(door: ZenohDoor, count: int, timeout: float = 20.0) -> list[Arrival]:
+def taken(door: ZenohDoor, count: int) -> list[Arrival]:
     """At least `count` samples."""
     found: list[Arrival] = []
-    end = time.monotonic() + timeout
-    while len(found) < count:
-        assert time.monotonic() < end
-        found += door.read()
-        time.sleep(0.002)
+    until(lambda: len(found) >= count, lambda: found.extend(door.read()))
     return found
+
+
+def subscribed(link: Link, door: ZenohDoor, payload: bytes) -> list[wire.Event]:
+    """Writes until the first of it arrives: then the subscription is known."""
+    return until(lambda: link.wait(0.02), lambda: door.write("robot/state", payload), what="the subscription")
 
 
 def published(link: Link, payload: bytes, lasts: float) -> None:
     """Hands a command over, once the one before was taken."""
-    end = time.monotonic() + 20
-    while not link.publish(0, payload, time.monotonic_ns() + round(lasts * 1e9)):
-        assert time.monotonic() < end
-        link.read()
-        time.sleep(0.001)
+    until(lambda: link.publish(0, payload, time.monotonic_ns() + round(lasts * 1e9)), link.read)
 
 
 def test_a_command_and_the_stop_that_follows(door: ZenohDoor) -> None:
@@ -83,7 +81,7 @@ def test_a_command_and_the_stop_that_follows(door: ZenohDoor) -> None:
     published(link, b"go", 0.1)
     payloads = [arrival.payload for arrival in taken(door, 21)]
     assert payloads == [b"go"] + [b"stop"] * 20
-    time.sleep(0.2)
+    time.sleep(0.2)  # in which nothing more may come
     assert door.read() == []  # then the peer's own time-out has the word
     link.close()
 
@@ -92,7 +90,7 @@ def test_nothing_is_published_before_the_first_command(door: ZenohDoor) -> None:
     link = opened(door)
     link.stop()
     link.close()
-    time.sleep(0.3)
+    time.sleep(0.3)  # in which nothing may come
     assert door.read() == []
 
 
@@ -104,7 +102,7 @@ def test_a_process_that_hung_drops_what_has_expired(door: ZenohDoor) -> None:
     try:
         assert link.publish(0, b"old", time.monotonic_ns() + 50_000_000)
         assert not link.publish(0, b"older", time.monotonic_ns() + 50_000_000)  # at most one is on its way
-        time.sleep(0.1)
+        time.sleep(0.1)  # past what both last
     finally:
         os.kill(pid, signal.SIGCONT)
     published(link, b"new", 5.0)
@@ -114,33 +112,23 @@ def test_a_process_that_hung_drops_what_has_expired(door: ZenohDoor) -> None:
 
 def test_a_session_gets_nothing_of_the_one_before(door: ZenohDoor) -> None:
     link = opened(door)
-    end = time.monotonic() + 20
-    while not link.wait(0.02):  # until the subscription is known
-        door.write("robot/state", b"one")
-        assert time.monotonic() < end
+    subscribed(link, door, b"one")
     for _ in range(50):
         door.write("robot/state", b"one")
-    time.sleep(0.2)
+    time.sleep(0.2)  # the process hands them to a loop that doesn't read
     first = link.pid()
     link.close()
     link.open(PeerConfig(port=door.address), ["robot/state"], [], [])
     assert link.pid() == first  # the process stays
     assert link.read() == []
-    events: list[wire.Event] = []
-    while not events:
-        door.write("robot/state", b"two")
-        events = link.wait(0.05)
-        assert time.monotonic() < end
+    events = subscribed(link, door, b"two")
     assert {e.payload for e in events if isinstance(e, wire.Sample)} == {b"two"}
     link.close()
 
 
 def test_a_loop_that_does_not_read_costs_nobody_anything(door: ZenohDoor) -> None:
     link = opened(door)
-    end = time.monotonic() + 20
-    while not link.wait(0.02):
-        door.write("robot/state", bytes(1000))
-        assert time.monotonic() < end
+    subscribed(link, door, bytes(1000))
     for _ in range(3000):  # more than the socket holds
         door.write("robot/state", bytes(1000))
     while events := link.read():
@@ -164,13 +152,10 @@ def test_nobody_there_is_said(door: ZenohDoor) -> None:
 
 def test_a_command_taken_while_the_socket_was_full_holds_up_none_after_it(door: ZenohDoor) -> None:
     link = opened(door)
-    end = time.monotonic() + 20
-    while not link.wait(0.02):
-        door.write("robot/state", bytes(1000))
-        assert time.monotonic() < end
+    subscribed(link, door, bytes(1000))
     for _ in range(3000):  # the loop hangs between read and write
         door.write("robot/state", bytes(1000))
-    time.sleep(0.5)
+    time.sleep(0.5)  # the process hands them over until its socket is full
     assert link.publish(0, b"one", time.monotonic_ns() + 10**10)
     assert [arrival.payload for arrival in taken(door, 1)] == [b"one"]
     published(link, b"two", 5.0)
@@ -198,10 +183,7 @@ def test_a_process_that_hangs_is_replaced(door: ZenohDoor, monkeypatch: pytest.M
 def test_what_comes_while_an_answer_is_awaited_is_read_next(door: ZenohDoor) -> None:
     """An emergency stop, say, which the robot reports once."""
     link = opened(door)
-    end = time.monotonic() + 20
-    while not link.wait(0.02):
-        door.write("robot/state", b"before")
-        assert time.monotonic() < end
+    subscribed(link, door, b"before")
     door.write("robot/state", b"pressed")
     assert link.tokens("robot/*", timeout=0.5) == []
     last = [event for event in link.read() if isinstance(event, wire.Sample)]

@@ -75,7 +75,7 @@ def test_setpoints_move_the_finger_and_bad_ones_are_refused(tmp_path: Path) -> N
             # The client falls silent: a loss of intent; a reset is granted, and nothing old is obeyed.
             run.until(lambda: run.word("cause") == Cause.INTENT_LOSS, "the loss of intent")
             assert client.command("reset")["ok"] is True
-            time.sleep(0.3)
+            time.sleep(0.3)  # in which it could stop again
             assert run.word("state") == State.ACTIVE
             _stream(client, [0.0, 0.7, 0.5, 0.5], 1.0)
             client.command("stop")

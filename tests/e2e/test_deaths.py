@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 from helpers.run import Running, alive, call
+from helpers.wait import until
 
 from runtime.bus.client import connect
 from runtime.contracts.errors import RequestError
@@ -19,7 +20,7 @@ def test_killed_telemetry_costs_no_cycle(tmp_path: Path) -> None:
     with Running(tmp_path, "sixth-finger", "--sim", "--duration", "14", "--record", "x.rrd") as run:
         run.started()
         run.until(lambda: set(run.children()) == {"loop", "bus", "recorder"}, "all processes")
-        time.sleep(2)
+        run.until(lambda: run.reader.head > 200, "two seconds of rows")
         back = {}
         for name in ("bus", "recorder"):
             old = run.children()[name]
@@ -32,7 +33,8 @@ def test_killed_telemetry_costs_no_cycle(tmp_path: Path) -> None:
             else:
                 run.until(lambda: _answers(run), "an answer from the bus")
             back[name] = time.monotonic() - killed
-            time.sleep(1)
+            mark = run.reader.head
+            run.until(lambda mark=mark: run.reader.head > mark + 100, "another second of rows")
         found = run.finish()
     print(f"back after {back}")
     assert found["restarts"] == {"bus": 1, "recorder": 1}
@@ -58,14 +60,10 @@ def test_a_killed_supervisor_takes_the_limb_into_its_stop(tmp_path: Path) -> Non
         reader = run.reader
         os.kill(run.process.pid, signal.SIGKILL)
         run.process.wait()
-        end = time.monotonic() + 10
-        while not reader.closed and time.monotonic() < end:
-            time.sleep(0.02)
-        assert reader.closed, "the loop must end by itself"
+        until(lambda: reader.closed, what="the loop's own end")
         assert run.word("state") == State.ENDED
         assert run.word("cause") == Cause.REQUEST
-        time.sleep(1.0)
-        assert not any(alive(pid) for pid in children.values()), "nothing may be left behind"
+        until(lambda: not any(alive(pid) for pid in children.values()), what="the end of all it started")
 
 
 def test_a_killed_loop_is_said_and_its_rows_are_kept(tmp_path: Path) -> None:

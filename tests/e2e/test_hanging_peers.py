@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from helpers.peer import Peer
 from helpers.run import Running
+from helpers.wait import until
 from ruamel.yaml import YAML
 
 from runtime.bus.client import Client, connect
@@ -95,13 +96,19 @@ def moved(peer: Peer, case: Case) -> np.ndarray:
 def until_moving(run: Running, client: Client, peer: Peer, case: Case) -> None:
     """Asks again whenever it stands in a stop: a host under load may be late enough for one at any time."""
     begin = moved(peer, case)
-    end = time.monotonic() + 40
-    while run.word("state") != State.ACTIVE or np.abs(moved(peer, case) - begin).max() < 0.05:
-        assert time.monotonic() < end, f"it doesn't move: {client.status()}"
+
+    def ask() -> None:
         if run.word("state") != State.ACTIVE:
             with suppress(SrlError):  # refused while the device is away or recovers
                 client.command("reset")
-        time.sleep(0.1)
+
+    until(
+        lambda: run.word("state") == State.ACTIVE and np.abs(moved(peer, case) - begin).max() >= 0.05,
+        ask,
+        what=lambda: f"motion; {client.status()}",
+        timeout=40.0,
+        pause=0.1,
+    )
 
 
 @pytest.mark.parametrize("case", CASES, ids=[case.profile for case in CASES])

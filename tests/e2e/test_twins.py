@@ -165,11 +165,12 @@ def test_a_glove_that_falls_out_in_motion(fault: str, tmp_path: Path) -> None:
         assert call(tmp_path, "reset", code=2).stderr.count("still there") == 1
         twins.do(("open" if fault == "close" else "unmute") + " glove")
         run.until(lambda: run.word("glove.link") & LINK_STALE == 0 and run.word("glove.link") & 1, "the glove again")
-        time.sleep(0.3)
+        time.sleep(0.3)  # in which it could move
         assert run.word("state") == State.STOPPED, "it must not move by itself"
         call(tmp_path, "reset")
         run.until(lambda: run.word("state") == State.ACTIVE, "motion again")
-        time.sleep(1.0)
+        mark = run.reader.head
+        run.until(lambda: run.reader.head > mark + 100, "a second of motion")
         call(tmp_path, "stop", "--exit")
         found = run.finish()
     assert found["devices"]["glove"]["reconnects"] == (1 if fault == "close" else 0)
@@ -206,7 +207,7 @@ def test_the_supervisor_stops_the_servos_when_the_loop_dies(how: signal.Signals,
             os.kill(pid, how)
             found = run.finish(code=1)
             assert not alive(pid)
-        time.sleep(0.7)
+        time.sleep(0.7)  # the finger comes to rest
         twins.end()
     log = np.load(tmp_path / "log.npz")
     after = log["finger.servo_ns"] > died
@@ -231,7 +232,7 @@ def test_the_supervisor_stops_the_servos_when_the_loop_dies(how: signal.Signals,
         run.started()
         assert (run.word("state"), run.word("cause")) == (State.STOPPED, Cause.RESTART)
         run.until(lambda: run.word("glove.stamp") > 0, "the glove's first sample")
-        time.sleep(0.2)
+        run.until(lambda: run.word("glove.link") & LINK_STALE == 0, "the glove's freshness")
         call(tmp_path, "reset")
         run.until(lambda: run.word("state") == State.ACTIVE, "motion after the reset")
         call(tmp_path, "stop", "--exit")
@@ -244,7 +245,7 @@ def test_without_a_confirmation_nothing_moves(tmp_path: Path) -> None:
         arguments = [a for a in twins.run_arguments() if a != "--confirm"]
         with Running(tmp_path, *arguments, "--duration", "60") as run:
             run.started()
-            time.sleep(1.5)
+            time.sleep(1.5)  # in which it could move
             assert run.word("state") == State.READY
             call(tmp_path, "start")
             run.until(lambda: run.word("state") == State.ACTIVE, "motion")

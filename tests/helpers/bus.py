@@ -11,12 +11,12 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from helpers.wait import until
 from runtime.bus.client import Client, connect
 from runtime.contracts.errors import RequestError
 from runtime.ipc.events import EventWriter, Level
@@ -172,16 +172,18 @@ def spawn(run_folder: RunFolder, **options: Any) -> subprocess.Popen[bytes]:
     return subprocess.Popen([sys.executable, "-m", "runtime.bus", str(run_folder.path)], **options)
 
 
-def reach(run_folder: RunFolder, timeout: float = 10.0) -> Client:
+def reach(run_folder: RunFolder) -> Client:
     """A client, once the bus is there."""
-    until = time.monotonic() + timeout
-    while True:
+
+    def client() -> Client | None:
         try:
             return connect(run_folder, timeout=1.5)
         except RequestError:
-            if time.monotonic() > until:
-                raise
-            time.sleep(0.01)
+            return None
+
+    found = until(client, what="the bus", pause=0.01)
+    assert found is not None
+    return found
 
 
 class Instance:
@@ -201,14 +203,6 @@ class Instance:
             self.process.wait(10)
         assert self.process.stderr is not None
         self.process.stderr.close()
-
-
-def eventually(true: Callable[[], Any], timeout: float = 10.0) -> Any:
-    until = time.monotonic() + timeout
-    while not (found := true()):
-        assert time.monotonic() < until, "it never came true"
-        time.sleep(0.01)
-    return found
 
 
 def sockets(pid: int) -> set[str]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import fcntl
 import struct
 import termios
-import time
 from typing import Any, Self
 
 import numpy as np
@@ -14,6 +13,7 @@ import pytest
 from drivers.dynamixel import Dynamixel
 from drivers.dynamixel.config import DynamixelConfig
 from helpers.twin import Bench, bound
+from helpers.wait import until
 from runtime.contracts.signals import Array
 from sim.devices.dynamixel.fake import FakeDynamixel, FakeDynamixelConfig
 from sim.devices.dynamixel.twin import DynamixelTwin
@@ -100,10 +100,8 @@ class Rig:
             array[:] = self.state["position"] if isinstance(command, str) else command
             self.driver.write(self.now)
         sent = self._written()
-        deadline = time.monotonic() + 10
-        while self._taken() < sent:  # a pty delivers in its own time
-            self.twin.service(self.now)
-            assert time.monotonic() < deadline
+        # A pty delivers in its own time.
+        until(lambda: self._taken() >= sent, lambda: self.twin.service(self.now), pause=0.0)
         self.bench.run(self.PERIOD / 1e9)
         self._await_answers()
 
@@ -150,10 +148,8 @@ class Rig:
     def _await_answers(self) -> None:
         """A pty hands bytes over in its own time: waits until the driver could read all that the twin has sent."""
         link = self._link
-        deadline = time.monotonic() + 10
-        while link is not None and link.received + waiting(link.fileno()) < self.twin.door.bytes_out:
-            assert time.monotonic() < deadline
-            time.sleep(0)
+        if link is not None:
+            until(lambda: link.received + waiting(link.fileno()) >= self.twin.door.bytes_out, pause=0.0)
 
 
 def waiting(fd: int) -> int:

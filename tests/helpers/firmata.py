@@ -7,7 +7,6 @@ import os
 import pty
 import select
 import threading
-import time
 import tty
 from pathlib import Path
 from typing import Any, Self
@@ -15,6 +14,7 @@ from typing import Any, Self
 import numpy as np
 
 from drivers.firmata import Firmata
+from helpers.wait import until
 
 # An Uno's capabilities, from the protocol sheet: serial pins, digital and PWM pins, analog pins.
 _DIGITAL = bytes.fromhex("00 01 0b 01 01 01 04 0e 7f")
@@ -48,6 +48,7 @@ class ScriptedBoard:
         self.pressed: set[int] = set()
         self.reading = threading.Event()
         self.reading.set()
+        self._turn = threading.Lock()
         self.chatter = chatter
         self._capabilities = capabilities
         self._master = -1
@@ -94,10 +95,16 @@ class ScriptedBoard:
 
     def wait_for(self, message: bytes) -> None:
         """Returns once the message was received."""
-        deadline = time.monotonic() + 10
-        while message not in self.seen:
-            assert time.monotonic() < deadline, f"no {message.hex(' ')} among {[m.hex(' ') for m in self.seen]}"
-            time.sleep(0.001)
+        until(
+            lambda: message in self.seen,
+            what=lambda: f"{message.hex(' ')} among {[m.hex(' ') for m in self.seen]}",
+        )
+
+    def pause(self) -> None:
+        """Reads nothing more, until `reading` is set again."""
+        self.reading.clear()
+        with self._turn:  # what it was about to read, it has read
+            pass
 
     def _run(self) -> None:
         pending = b""
@@ -105,10 +112,9 @@ class ScriptedBoard:
             if not self.reading.wait(0.01):
                 continue
             ready, _, _ = select.select([self._master], [], [], 0.01)
-            if not ready or not self.reading.is_set():
-                continue
-            with contextlib.suppress(OSError):
-                pending = self._take(pending + os.read(self._master, 4096))
+            with self._turn, contextlib.suppress(OSError):
+                if ready and self.reading.is_set():
+                    pending = self._take(pending + os.read(self._master, 4096))
 
     def _take(self, data: bytes) -> bytes:
         """Obeys whole messages and returns the rest."""

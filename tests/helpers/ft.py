@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -14,8 +14,6 @@ from runtime.contracts.driver import Driver
 from runtime.contracts.world import Twin
 from sim.parts.things.ft_sensor import FtSensorConfig, FtSensorPart, HandleConfig, HandlePart
 from sim.world.cell import Cell, CellConfig
-
-PATIENCE = 20.0  # s of real time
 
 
 def cell(gravity: bool = False, handle: dict[str, Any] | None = None, sensor: dict[str, Any] | None = None) -> Cell:
@@ -86,15 +84,6 @@ def bound(driver: Driver) -> Driver:
         {signal.name: np.zeros(signal.shape) for signal in driver.commands},
     )
     return driver
-
-
-def until(condition: Callable[[], Any], step: Callable[[], Any] = lambda: None) -> None:
-    """Steps until the condition holds."""
-    deadline = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < deadline
-        step()
-        time.sleep(0.001)
 
 
 def read(driver: Driver) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from drivers.panda import Panda
+from helpers.wait import until
 from sim.devices.panda.controller import PandaController
 from sim.devices.panda.fake import FakePanda
 from sim.devices.panda.motion import Setpoint
@@ -93,10 +94,13 @@ def serve(served: PandaTwin, program: str, timeout: float = 60.0) -> dict[str, A
         [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
     try:
-        deadline = time.monotonic() + timeout
-        while client.poll() is None and time.monotonic() < deadline:
-            turn(served)
-        assert client.poll() is not None, f"the client hangs; {served.figures()}"
+        until(
+            lambda: client.poll() is not None,
+            lambda: turn(served),
+            what=lambda: f"the client's end; {served.figures()}",
+            timeout=timeout,
+            pause=0.0,
+        )
         out, complaints = client.communicate()
     finally:
         client.kill()

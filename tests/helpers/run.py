@@ -7,11 +7,11 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from helpers.wait import until
 from runtime.ipc.layout import Layout
 from runtime.ipc.ring import RingReader
 from runtime.ipc.run_folder import RunFolder
@@ -85,14 +85,14 @@ class Running:
                 self.process.communicate()
 
     def until(self, condition: Callable[[], bool], what: str, timeout: float = 40.0) -> None:
-        """Waits for a condition."""
-        end = time.monotonic() + timeout
-        while not condition():
+        """Waits for a condition while it runs."""
+
+        def lives() -> None:
             if self.process.poll() is not None:
                 out, err = self.process.communicate()
                 raise AssertionError(f"the run ended before {what}:\n{out}\n{err}")
-            assert time.monotonic() < end, f"not in {timeout} s: {what}"
-            time.sleep(0.02)
+
+        until(condition, lives, what=what, timeout=timeout, pause=0.02)
 
     def started(self) -> None:
         """Waits for the first rows."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import socket
-import time
 from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from helpers.wait import until
 from runtime.contracts import registry
 from runtime.contracts.controller import Controller, ControllerConfig
 from runtime.contracts.driver import DeviceConfig, Driver
@@ -198,10 +198,8 @@ class Bench:
 
     def until_back(self, driver: Driver) -> None:
         """Waits until the thread that opens it again is done."""
-        end = time.monotonic() + 5
-        while not driver.health.connected and time.monotonic() < end:
-            time.sleep(0.001)
-        time.sleep(0.05)
+        (device,) = (each for each in self.loop.devices if each.driver is driver)
+        until(device._back.is_set)
 
     def rows(self) -> Any:
         return RingReader(self.run_folder.rows).take()

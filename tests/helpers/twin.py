@@ -8,12 +8,13 @@ import select
 import threading
 import time
 import tty
-from collections.abc import Callable, Iterator, Mapping
-from typing import Any, Self
+from collections.abc import Iterator, Mapping
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from helpers.wait import until
 from runtime.contracts.driver import Driver
 from runtime.contracts.signals import Array
 from runtime.contracts.world import Twin, World, WorldConfig
@@ -66,10 +67,12 @@ class Bench:
     def take(self, count: int) -> None:
         """Services, at the same instant, until `count` more bytes than ever before have come in."""
         goal = self._taken() + count
-        deadline = time.monotonic() + PATIENCE
-        while self._taken() < goal:
-            self.twin.service(self.now)
-            assert time.monotonic() < deadline, f"{goal - self._taken()} bytes never came"
+        until(
+            lambda: self._taken() >= goal,
+            lambda: self.twin.service(self.now),
+            what=lambda: f"{goal - self._taken()} more bytes",
+            pause=0.0,
+        )
 
     def _taken(self) -> int:
         count = self.twin.figures()["bytes_in"]
@@ -156,11 +159,3 @@ def bound(driver: Driver, commands: Mapping[str, Array] | None = None) -> Driver
         {signal.name: (commands or {}).get(signal.name, np.zeros(signal.shape)).copy() for signal in driver.commands},
     )
     return driver
-
-
-def until(condition: Callable[[], Any], step: Callable[[], Any]) -> None:
-    """Steps until the condition holds, at most for PATIENCE."""
-    deadline = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < deadline
-        step()

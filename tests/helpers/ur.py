@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -10,12 +9,11 @@ import numpy as np
 
 from drivers.ur import Ur, UrConfig
 from helpers.twin import Bench, bound
+from helpers.wait import until
 from runtime.contracts.driver import Driver
 from sim.devices.ur.fake import FakeUr, FakeUrConfig
 from sim.devices.ur.twin import UrTwin
 from sim.world.cell import Cell, CellConfig
-
-PATIENCE = 20.0  # s of real time
 
 
 def make_fake(config: dict[str, Any] | None = None, parts: dict[str, Any] | None = None, **options: Any) -> FakeUr:
@@ -70,13 +68,12 @@ class Rig:
         """One control cycle of 2 ms: the world steps, the driver reads its sample and, if asked, writes."""
         frames = self.driver.health.frames
         self.bench.run(0.002)
-        deadline = time.monotonic() + PATIENCE
-        while True:
+
+        def sampled() -> bool:
             self.driver.read(self.now)
-            if self.driver.health.frames > frames:
-                break
-            assert time.monotonic() < deadline, "no sample came"
-            self.twin.service(self.now)
+            return self.driver.health.frames > frames
+
+        until(sampled, lambda: self.twin.service(self.now), what="a sample", pause=0.0)
         if write:
             sequence = self.driver._sequence
             self.driver.write(self.now)
@@ -85,10 +82,7 @@ class Rig:
     def settle(self, commands: int = 1) -> None:
         """Waits until the twin has taken so many more commands of the driver's."""
         goal = self.taken() + commands
-        deadline = time.monotonic() + PATIENCE
-        while self.taken() < goal:
-            self.twin.service(self.now)
-            assert time.monotonic() < deadline, "the command never came"
+        until(lambda: self.taken() >= goal, lambda: self.twin.service(self.now), what="the command", pause=0.0)
 
     def taken(self) -> int:
         """Commands that the twin has taken so far."""

@@ -11,8 +11,9 @@ from typing import Any, Self
 
 import numpy as np
 
+from helpers.wait import PATIENCE, until
 from runtime.contracts.driver import Driver
-from runtime.contracts.errors import DeviceLostError
+from runtime.contracts.errors import DeviceError, DeviceLostError
 from runtime.contracts.tls import TlsConfig
 from runtime.contracts.world import Twin, World, WorldConfig
 
@@ -78,44 +79,47 @@ def bound(driver: Driver) -> Driver:
     return driver
 
 
-def cycles(driver: Driver, until: Callable[[], bool], what: str, write: bool = False, timeout: float = 20.0) -> None:
+def cycles(driver: Driver, done: Callable[[], bool], what: str, write: bool = False) -> None:
     """Reads (and writes) at some 200 Hz until a condition holds."""
-    end = time.monotonic() + timeout
-    while not until():
-        assert time.monotonic() < end, f"not in {timeout:g} s: {what}"
+
+    def cycle() -> None:
         now = time.monotonic_ns()
         driver.read(now)
         if write:
             driver.write(now)
-        time.sleep(0.005)
+
+    until(done, cycle, what=what, pause=0.005)
 
 
-def lost(driver: Driver, timeout: float = 20.0) -> str:
+def lost(driver: Driver, timeout: float = PATIENCE) -> str:
     """Reads until the device is lost; the reason."""
-    end = time.monotonic() + timeout
-    while time.monotonic() < end:
+
+    def reason() -> str:
         try:
             driver.read(time.monotonic_ns())
         except DeviceLostError as error:
             assert not driver.health.connected
             return str(error)
-        time.sleep(0.005)
-    raise AssertionError(f"not lost in {timeout:g} s")
+        return ""
+
+    return until(reason, what="the loss", timeout=timeout, pause=0.005)
 
 
-def reopened(driver: Driver, timeout: float = 30.0) -> None:
+def reopened(driver: Driver) -> None:
     """Opens again until it succeeds, as the runtime does."""
-    from runtime.contracts.errors import DeviceError
+    said = ""
 
-    end = time.monotonic() + timeout
-    while True:
+    def is_open() -> bool:
+        nonlocal said
         try:
             driver.close()
             driver.open()
-            return
-        except DeviceError:
-            assert time.monotonic() < end
-            time.sleep(0.1)
+        except DeviceError as error:
+            said = str(error)
+            return False
+        return True
+
+    until(is_open, what=lambda: f"it opens again; {said}", pause=0.1)
 
 
 def certificates(folder: Path, names: Sequence[str], addresses: Sequence[str] = ("127.0.0.1",)) -> dict[str, TlsConfig]:

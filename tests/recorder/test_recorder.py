@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -16,6 +15,7 @@ import pytest
 from helpers import environment
 from helpers.recording import make_layout, make_run, write_run
 from helpers.segments import expected, make_segments
+from helpers.wait import until
 
 from runtime.contracts.errors import RecordingError
 from runtime.ipc.ring import RingReader
@@ -39,13 +39,6 @@ def start_recorder(folder: Path, out: Path, *more: str) -> subprocess.Popen[str]
     return subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
 
 
-def wait_for(condition, seconds: float = 30.0) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "waited too long"
-        time.sleep(0.01)
-
-
 def rerun(*arguments: str) -> subprocess.CompletedProcess[str]:
     spec = find_spec("rerun_cli")
     assert spec is not None
@@ -66,7 +59,7 @@ def test_rows_survive_kill_9_and_merge_bit_for_bit(tmp_path: Path, count: int, k
         ring = RingReader(run / "rows.ring")
         for goal in kills:
             recorder = start_recorder(run, out)
-            wait_for(lambda goal=goal: ring.consumed >= goal)
+            until(lambda goal=goal: ring.consumed >= goal)
             recorder.send_signal(signal.SIGKILL)
             recorder.wait()
         recorder = start_recorder(run, out)
@@ -111,7 +104,7 @@ def test_a_full_disk_is_waited_out_and_harms_nothing(tmp_path: Path) -> None:
         out = disk / "out.rrd"
         recorder = start_recorder(run.path, out)
         write_run(run, ring, events, layout, 500, 2500.0)
-        wait_for(lambda: ring.consumed == 500)
+        until(lambda: ring.consumed == 500)
         write_run(run, ring, events, layout, 2000, 2500.0, first=501)  # in all 2.7 MB
         complaint = recorder.stderr.readline()
         assert 0 < ring.consumed < 2500
@@ -120,7 +113,7 @@ def test_a_full_disk_is_waited_out_and_harms_nothing(tmp_path: Path) -> None:
         assert np.array_equal(before.rows, expected(layout, len(before.rows)))
         assert len(before.rows) == ring.consumed
         ballast.unlink()
-        wait_for(lambda: ring.consumed == 2500)
+        until(lambda: ring.consumed == 2500)
         ring.finish()
         # No room for the merged file beside the segments: they are kept, and it is said.
         assert recorder.wait(30) == 1
@@ -153,7 +146,7 @@ def test_the_viewer_listens_on_loopback_only_and_dies_with_the_recorder(tmp_path
         ears = [c for p in [me, *servers] for c in p.net_connections("inet") if c.status == psutil.CONN_LISTEN]
         assert len(ears) >= 2
         assert {c.laddr.ip for c in ears} == {"127.0.0.1"}
-        wait_for(lambda: ring.consumed == 500)
+        until(lambda: ring.consumed == 500)
         recorder.send_signal(signal.SIGKILL)
         recorder.wait()
         _, alive = psutil.wait_procs(servers, 5)
@@ -170,7 +163,7 @@ def test_a_stop_signal_is_outlived_until_the_loop_is_silent(tmp_path: Path) -> N
     recorder = start_recorder(run.path, tmp_path / "out.rrd")
     try:
         write_run(run, ring, events, layout, 200, 0)
-        wait_for(lambda: ring.consumed == 200)
+        until(lambda: ring.consumed == 200)
         recorder.send_signal(signal.SIGTERM)
         write_run(run, ring, events, layout, 300, 500.0, first=201)
         assert recorder.wait(30) == 0

@@ -1,12 +1,12 @@
 """dynamixel-sdk, unchanged, on the twin's pty: both protocols, and a motion that is physics."""
 
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers.dynamixel import make_twin
 from helpers.twin import Bench
+from helpers.wait import until
 
 sdk = pytest.importorskip("dynamixel_sdk")
 
@@ -47,12 +47,6 @@ class Bus:
     def truth(self) -> np.ndarray:
         return self.twin.bus.world.truth_arrays["arm_position"].copy()
 
-    def wait(self, condition) -> None:
-        deadline = time.monotonic() + 20
-        while not condition():
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
-
 
 def good(answer: tuple) -> object:
     """The value of (value, result, error) or (result, error), which must be well."""
@@ -78,10 +72,10 @@ def test_protocol_2_single_packets():
         good(p.regWriteTxRx(port, 1, 116, 4, [0, 9, 0, 0]))
         assert good(p.read4ByteTxRx(port, 1, 116)) == 2048
         p.action(port, 254)
-        bus.wait(lambda: good(p.read4ByteTxRx(port, 1, 116)) == 0x900)
+        until(lambda: good(p.read4ByteTxRx(port, 1, 116)) == 0x900)
         assert p.factoryReset(port, 1, 0xFF) == (sdk.COMM_SUCCESS, 1)
         good(p.reboot(port, 1))
-        bus.wait(lambda: p.ping(port, 1)[1] == sdk.COMM_SUCCESS)
+        until(lambda: p.ping(port, 1)[1] == sdk.COMM_SUCCESS)
         assert good(p.read1ByteTxRx(port, 1, 64)) == 0
 
 
@@ -105,7 +99,7 @@ def test_protocol_2_groups_and_a_motion():
             seen.append([state.getData(id, 132, 4) for id in wanted])
             return all(abs(a - b) < 12 for a, b in zip(seen[-1], wanted.values(), strict=True))
 
-        bus.wait(arrived)
+        until(arrived)
         between = [row[0] for row in seen]
         assert any(2060 < place < 2300 for place in between)  # it took its way, and time for it
         np.testing.assert_allclose(bus.truth()[:2], np.array([300, -200]) * 2 * np.pi / 4096, atol=0.02)
@@ -118,7 +112,7 @@ def test_protocol_2_groups_and_a_motion():
         write.addParam(1, 116, 4, [0, 8, 0, 0])
         write.addParam(2, 104, 4, [100, 0, 0, 0])
         assert write.txPacket() == sdk.COMM_SUCCESS
-        bus.wait(lambda: abs(bus.truth()[0]) < 0.02)
+        until(lambda: abs(bus.truth()[0]) < 0.02)
         assert good(p.read4ByteTxRx(port, 2, 104)) == 100
 
 
@@ -142,7 +136,7 @@ def test_protocol_1():
         goals.addParam(1, list((2348).to_bytes(2, "little")))
         goals.addParam(3, list((2000).to_bytes(2, "little")))
         assert goals.txPacket() == sdk.COMM_SUCCESS
-        bus.wait(lambda: abs(good(p.read2ByteTxRx(port, 1, 36)) - 2348) < 12)
+        until(lambda: abs(good(p.read2ByteTxRx(port, 1, 36)) - 2348) < 12)
         np.testing.assert_allclose(bus.truth()[0], 300 * 2 * np.pi / 4096, atol=0.02)
         # Its own GroupBulkRead.txRxPacket() raises a TypeError in protocol 1 (sheet, §6): its two halves work.
         bulk = sdk.GroupBulkRead(port, p)

@@ -17,11 +17,12 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from helpers.wait import until
+from helpers.zenoh import reopened
 
 from drivers.panda import Panda
 from drivers.panda.config import PandaConfig
 from drivers.panda.packets import decode_state
-from runtime.contracts.errors import DeviceError
 from runtime.contracts.signals import Stop
 from runtime.control.robots import FR3
 
@@ -105,14 +106,14 @@ def server(python, model):
             port = free.getsockname()[1]
         order = [python, "-c", SERVE, str(port), *enforced]
         running.append(subprocess.Popen(order, env=os.environ | {"FR3_MJCF": str(model)}, stdout=subprocess.DEVNULL))
-        deadline = time.monotonic() + 60
-        while time.monotonic() < deadline:
+
+        def listens():
             assert running[-1].poll() is None, "franka-sim didn't start"
             with socket.socket() as probe:
                 probe.settimeout(1)
-                if probe.connect_ex(("127.0.0.1", port)) == 0:
-                    break
-            time.sleep(0.2)
+                return probe.connect_ex(("127.0.0.1", port)) == 0
+
+        until(listens, what="franka-sim's port", timeout=60.0, pause=0.2)
         return f"tcp://127.0.0.1:{port}"
 
     yield start
@@ -131,15 +132,7 @@ class Client:
         self.command = np.zeros(command.shape)
         self.driver.bind(self.state, {command.name: self.command})
         self.worst = 1.0  # success rate in a motion: less than 1 where this machine had no time for a packet
-        deadline = time.monotonic() + 20
-        while True:
-            try:
-                self.driver.open()
-                break
-            except DeviceError:  # it has just let the probe go
-                if time.monotonic() > deadline:
-                    raise
-                time.sleep(0.5)
+        reopened(self.driver)  # it has just let the probe go
 
     def desired(self):
         """The joint angles that the robot itself says it is to have, rad (7,)."""
@@ -284,20 +277,13 @@ def test_a_pause_of_ours_is_a_fault_that_a_person_recovers_from(server, client):
         c.run(0.05)
         if c.driver.figures()["moves"]:
             break
-    time.sleep(3.0)
+    time.sleep(3.0)  # the pause
     c.driver.read(time.monotonic_ns())
     c.driver.write(time.monotonic_ns())
-    deadline = time.monotonic() + 10
-    while not c.driver.health.fault.startswith("reflex") and time.monotonic() < deadline:
-        c.driver.read(time.monotonic_ns())
-        time.sleep(0.001)
+    until(lambda: c.driver.health.fault.startswith("reflex"), lambda: c.driver.read(time.monotonic_ns()))
     assert c.driver.health.fault == "reflex: communication_constraints_violation"
     c.driver.recover(time.monotonic_ns())
-    deadline = time.monotonic() + 10
-    while c.driver.health.fault and time.monotonic() < deadline:
-        c.driver.read(time.monotonic_ns())
-        time.sleep(0.001)
-    assert c.driver.health.fault == ""
+    until(lambda: not c.driver.health.fault, lambda: c.driver.read(time.monotonic_ns()))
     moves = c.driver.figures()["moves"]
     c.run(0.3)
     assert (c.driver.health.fault, c.driver.figures()["moves"]) == ("", moves + 1)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pyfirmata2
 from helpers.srl_twin import TwinProcess
+from helpers.wait import until
 
 from runtime.profile.profile import find
 
@@ -46,14 +47,14 @@ def test_servos_move_and_buttons_are_heard(tmp_path):
         wanted = {9: 100, 10: 120, 11: 70, 6: 95}  # degrees of the servo
         for pin, angle in wanted.items():
             servos[pin].write(angle)
-        time.sleep(1.0)
+        time.sleep(1.0)  # the servos turn
         held = time.monotonic_ns()
         servos[9].write(80)
         time.sleep(1.0)
-        deadline = time.monotonic() + 30
-        while not all(len(levels) > 2 and levels[-1] and not all(levels) for levels in heard.values()):
-            assert time.monotonic() < deadline, heard
-            time.sleep(0.01)
+        until(
+            lambda: all(len(levels) > 2 and levels[-1] and not all(levels) for levels in heard.values()),
+            what=lambda: str(heard),
+        )
         board.exit()
     assert twin.process.returncode == 0, twin.said
     figures = twin.figures["finger"]

@@ -4,11 +4,11 @@ The public Python utilities for these hands aren't on PyPI; the order here is th
 """
 
 import struct
-import time
 
 import pytest
 import serial
 from helpers.ft import Server
+from helpers.wait import until
 
 from drivers.softhand.config import SoftHandConfig
 from sim.devices.softhand.fake import FakeSoftHand, FakeSoftHandOptions
@@ -54,12 +54,12 @@ def test_the_order_of_the_public_utilities(server, port):
     assert ask(port, "3a3a01028181", 7) == b"\x03"
     port.write(bytes.fromhex("3a3a0106821f400000dd"))
     assert struct.unpack(">2h", ask(port, "3a3a01028383", 10)) == (8000, 0)
-    for _ in range(3000):
+
+    def reached() -> int:
         (ticks, *_) = struct.unpack(">3h", ask(port, "3a3a01028484", 12))
-        if ticks > 6000:
-            break
-        time.sleep(0.002)
-    assert ticks > 6000
+        return ticks if ticks > 6000 else 0
+
+    ticks = until(reached)
     milliamperes, _, again, *_ = struct.unpack(">5h", ask(port, "3a3a01028686", 16))
     assert milliamperes > 0
     assert abs(again - ticks) < 4000
@@ -80,10 +80,7 @@ def test_the_watchdog_acknowledges_and_bites(server, port):
     assert ask(port, "3a3a01038f7df2", 8) == b"\1\1"
     port.write(bytes.fromhex("3a3a0103800383"))
     assert ask(port, "3a3a01028181", 7) == b"\x03"
-    for _ in range(2000):
-        if ask(port, "3a3a01028181", 7) == b"\0":
-            break
-        time.sleep(0.002)
+    until(lambda: ask(port, "3a3a01028181", 7) == b"\0")
     assert server.twin.figures()["watchdog_trips"] == 1
 
 

@@ -3,12 +3,12 @@
 The package has no wheels: pip builds it with a C++ compiler, and gets Boost from GitHub meanwhile.
 """
 
-import time
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from helpers.peer import Peer
+from helpers.wait import until
 from scipy.spatial.transform import Rotation
 
 pv = pytest.importorskip("pyvicon_datastream", reason="pip install pyvicon-datastream (builds with a C++ compiler)")
@@ -27,7 +27,6 @@ PARTS = {
     "hidden": {"part": "mocap-body", "subject": "Hidden", "position": [1.0, 0.0, 1.0]},
 }
 EXACT = {"noise": 0.0, "delay": 0.004, "occlusion": {"Hidden": [[0.0, 1e6]], "Tool/D": [[0.0, 1e6]]}}
-PATIENCE = 30.0  # s
 
 
 class Vendor:
@@ -43,17 +42,12 @@ class Vendor:
 
     def frame(self) -> int:
         """The next frame's number."""
-        deadline = time.monotonic() + PATIENCE
-        while self.client.get_frame() != pv.Result.Success:
-            assert time.monotonic() < deadline
+        until(lambda: self.client.get_frame() == pv.Result.Success, pause=0.0)
         number: int = self.client.get_frame_number()
         return number
 
     def until(self, condition) -> None:
-        deadline = time.monotonic() + PATIENCE
-        while not condition():
-            self.frame()
-            assert time.monotonic() < deadline
+        until(condition, self.frame, pause=0.0)
 
 
 MODES = [("ClientPull", False), ("ServerPush", False), ("ClientPullPreFetch", False), ("ServerPush", True)]

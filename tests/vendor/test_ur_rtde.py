@@ -10,6 +10,7 @@ import sys
 import textwrap
 
 import pytest
+from helpers import environment
 from helpers.srl_twin import TwinProcess
 
 pytest.importorskip("rtde_receive", reason="ur-rtde isn't installed")
@@ -48,19 +49,18 @@ def twin(tmp_path_factory):
 
 PRELUDE = f"""
 import json, time
+from helpers.wait import until
 HOST = {HOST!r}
 out = {{}}
-def until(condition):
-    end = time.monotonic() + 20
-    while not condition() and time.monotonic() < end:
-        time.sleep(0.02)
 """
 
 
 def client(text):
     """Runs a client; what it leaves in `out`."""
     text = PRELUDE + textwrap.dedent(text) + "\nprint('OUT' + json.dumps(out))"
-    done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", text], env=environment(), capture_output=True, text=True, timeout=60, check=False
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     return json.loads(done.stdout.rpartition("OUT")[2])
 
@@ -71,8 +71,7 @@ def test_receive_gets_every_default_variable(twin):
         from rtde_receive import RTDEReceiveInterface
         r = RTDEReceiveInterface(HOST)
         first = r.getTimestamp()
-        while r.getTimestamp() < first + 0.5:
-            time.sleep(0.01)
+        until(lambda: r.getTimestamp() >= first + 0.5)
         out = {"q": r.getActualQ(), "pose": r.getActualTCPPose(), "mode": r.getRobotMode(), "safety": r.getSafetyMode(),
                "joints": r.getJointMode(), "scaling": r.getSpeedScaling(), "connected": r.isConnected()}
         r.disconnect()
@@ -202,7 +201,7 @@ def test_a_script_client_runs_urscript(twin):
         s.connect()
         goal = [start[0] - 0.1, *start[1:]]
         s.sendScriptCommand(f"def go():\\n  movej({goal}, a=2, v=1)\\nend\\n")
-        time.sleep(1.5)
+        until(lambda: abs(r.getActualQ()[0] - goal[0]) < 4e-3)
         out = {"moved": r.getActualQ()[0] - start[0]}
         """
     )

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import threading
-import time
 from typing import Any
 
 import numpy as np
 import pytest
 from helpers.base import robot
+from helpers.wait import until
 from rosbags.typesys import Stores, get_typestore
 
 sdk = pytest.importorskip("zenoh_ros2_sdk")
@@ -49,11 +49,8 @@ def test_a_strangers_client_drives_the_twin() -> None:
         publisher = sdk.ROS2Publisher(topic="/robot/cmd_vel", **place("geometry_msgs/msg/Twist"))
         try:
             assert arrived.wait(20)
-            end = time.monotonic() + 20
-            while r.speed() < 0.35:
-                assert time.monotonic() < end
-                publisher.publish(linear=vector(x=0.4, y=0.0, z=0.0), angular=vector(x=0.0, y=0.0, z=0.0))
-                time.sleep(0.02)
+            linear, angular = vector(x=0.4, y=0.0, z=0.0), vector(x=0.0, y=0.0, z=0.0)
+            until(lambda: r.speed() >= 0.35, lambda: publisher.publish(linear=linear, angular=angular), pause=0.02)
             assert r.twin.refused == 0
             message = seen[-1]
             assert message.child_frame_id == "robot_base_footprint"

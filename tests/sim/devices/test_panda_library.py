@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import shutil
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from xml.etree.ElementTree import fromstring
 import numpy as np
 import pinocchio as pin
 import pytest
+from helpers.wait import until
 
 from runtime.control.robots import FR3, PANDA
 from runtime.control.robots.pinocchio_model import FLANGE, pinocchio_model
@@ -29,10 +29,8 @@ def call(tmp_path_factory: pytest.TempPathFactory) -> Call:
     """Calls one of the library's functions: name, size of its result, arguments."""
     if shutil.which("gcc") is None:
         pytest.skip("there is no gcc")
-    build, deadline = Build(), time.monotonic() + 60
-    while not build.poll():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    build = Build()
+    until(build.poll, what="gcc", timeout=60.0, pause=0.01)
     assert build.shared_object is not None
     file = Path(tmp_path_factory.mktemp("model")) / "model.so"
     file.write_bytes(build.shared_object)

@@ -5,21 +5,20 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, Self
 
 import numpy as np
 import pytest
 from helpers import panda as helpers_panda
 from helpers.panda import QUIET
+from helpers.wait import until
 
 from drivers.panda import Panda
 from drivers.panda.packets import RobotMode
 from runtime.contracts.errors import DeviceError, DeviceLostError
 from runtime.contracts.signals import Array, Stop
 from runtime.control.robots import PANDA
-
-WAIT = 20.0  # s of real time
 
 
 class Pair:
@@ -64,21 +63,22 @@ class Pair:
     def run(self, cycles: int, wanted: Array | float | None = None, write: bool = True) -> None:
         """So many of the driver's cycles, each with a new state."""
         for _ in range(cycles):
-            frames, deadline = self.driver.health.frames, time.monotonic() + WAIT
-            while self.driver.health.frames == frames:
-                helpers_panda.turn(self.twin, pause=False)
-                self.driver.read(time.monotonic_ns())
-                assert time.monotonic() < deadline, self.twin.figures()
+            until(self._newer(), self._turn, what=lambda: f"a state; {self.twin.figures()}", pause=0.0)
             if wanted is not None:
                 self.wanted[:] = wanted
             if write:
                 self.driver.write(time.monotonic_ns())
 
+    def _newer(self) -> Callable[[], bool]:
+        frames = self.driver.health.frames
+        return lambda: self.driver.health.frames > frames
+
+    def _turn(self) -> None:
+        helpers_panda.turn(self.twin, pause=False)
+        self.driver.read(time.monotonic_ns())
+
     def until(self, condition: Any) -> None:
-        deadline = time.monotonic() + WAIT
-        while not condition():
-            self.run(1)
-            assert time.monotonic() < deadline, (self.driver.health, self.twin.figures())
+        until(condition, lambda: self.run(1), what=lambda: f"{self.driver.health} {self.twin.figures()}", pause=0.0)
 
     @property
     def fault(self) -> str:
@@ -207,10 +207,7 @@ def test_a_stop_brings_the_arm_to_rest() -> None:
         pair.until(lambda: pair.mode is RobotMode.MOVE)
         pair.run(100, np.array([0.4, 0, 0, 0.6, 0, 0, 0]))
         pair.driver.stop(Stop.HOLD)
-        deadline = time.monotonic() + WAIT
-        while pair.mode is RobotMode.MOVE:
-            pair.run(1, write=False)
-            assert time.monotonic() < deadline
+        until(lambda: pair.mode is not RobotMode.MOVE, lambda: pair.run(1, write=False), pause=0.0)
         pair.run(100, write=False)
         assert np.abs(pair.state["velocity"]).max() < 0.01
         assert pair.fault == ""

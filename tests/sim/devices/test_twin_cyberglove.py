@@ -4,7 +4,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.twin import Bench, Client, StillWorld, bound, until
+from helpers.twin import Bench, Client, StillWorld, bound
+from helpers.wait import until
 
 from drivers.cyberglove import CyberGlove
 from drivers.cyberglove.driver import CyberGloveConfig

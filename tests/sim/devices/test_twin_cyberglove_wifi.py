@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.twin import StillWorld, bound, until
+from helpers.twin import StillWorld, bound
+from helpers.wait import until
 
 from drivers.cyberglove import CyberGlove
 from drivers.cyberglove.driver import CyberGloveConfig

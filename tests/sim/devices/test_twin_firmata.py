@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.twin import Bench, Client, bound, until
+from helpers.twin import Bench, Client, bound
+from helpers.wait import until
 
 from drivers.firmata import Firmata
 from drivers.firmata.config import FirmataConfig

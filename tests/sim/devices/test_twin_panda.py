@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import socket
-import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -11,6 +10,7 @@ import numpy as np
 import pytest
 from helpers import panda as helpers_panda
 from helpers.panda import MS
+from helpers.wait import until
 
 from drivers.panda.packets import Generator, RobotMode, command_record, decode_state, state_dtype
 from drivers.panda.protocol import (
@@ -94,14 +94,13 @@ class Bare:
 
     def reply(self, number: int) -> Reply:
         """The next reply to a request."""
-        deadline = time.monotonic() + PATIENCE
-        while True:
-            for reply in self.replies:
-                if reply.number == number:
-                    self.replies.remove(reply)
-                    return reply
-            self.turn()
-            assert time.monotonic() < deadline, f"no reply to {number}"
+
+        def found() -> list[Reply]:
+            return [reply for reply in self.replies if reply.number == number]
+
+        reply = until(found, self.turn, what=f"a reply to {number}", pause=0.0)[0]
+        self.replies.remove(reply)
+        return reply
 
     def ask(self, body: Body) -> Reply:
         return self.reply(self.send(body))
@@ -115,10 +114,11 @@ class Bare:
             command[name] = value
         before = self.twin.setpoints
         self.udp.sendto(command.tobytes(), self.sender)
-        deadline = time.monotonic() + PATIENCE
-        while self.twin.setpoints == before and self.twin.robot.controller.mode is RobotMode.MOVE:
-            self.turn()
-            assert time.monotonic() < deadline
+        until(
+            lambda: self.twin.setpoints > before or self.twin.robot.controller.mode is not RobotMode.MOVE,
+            self.turn,
+            pause=0.0,
+        )
 
     def run(self, count: int, **fields: Any) -> None:
         for _ in range(count):
@@ -321,10 +321,7 @@ def test_old_and_foreign_datagrams_move_nothing(client: Bare) -> None:
     command["tau_J_d"] = 1.0
     client.udp.sendto(command.tobytes(), client.sender)
     client.udp.sendto(b"hello", client.sender)
-    deadline = time.monotonic() + PATIENCE
-    while client.twin.late + client.twin.wrong < 2:
-        client.twin.service(client.now)
-        assert time.monotonic() < deadline
+    until(lambda: client.twin.late + client.twin.wrong >= 2, lambda: client.twin.service(client.now))
     client.run(5)
     assert not client.state["tau_J_d"].any()
     figures = client.twin.figures()

@@ -5,7 +5,7 @@ import select
 from pathlib import Path
 
 import pytest
-from helpers.twin import until
+from helpers.wait import until
 
 from runtime.contracts.errors import HostError
 from sim.devices.shared.pty import PtyDoor

@@ -3,20 +3,12 @@
 from __future__ import annotations
 
 import socket
-import time
-from collections.abc import Callable
 
 import pytest
+from helpers.wait import until
 
 from runtime.contracts.errors import HostError
 from sim.devices.shared.sockets import TcpDoor, UdpDoor
-
-
-def until(condition: Callable[[], object]) -> None:
-    end = time.monotonic() + 5
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.001)
 
 
 def test_clients_come_and_go_and_come_back() -> None:

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.fuzz import fuzz, size_of
-from helpers.twin import StillWorld, bound, until
+from helpers.twin import StillWorld, bound
+from helpers.wait import until
 
 from drivers.trigno import Trigno, TrignoConfig
 from drivers.trigno.envelope import Envelope

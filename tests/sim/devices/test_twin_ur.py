@@ -3,12 +3,12 @@
 import select
 import socket
 import struct
-import time
 
 import numpy as np
 import pytest
 from helpers.twin import Bench
 from helpers.ur import make_fake, speed
+from helpers.wait import until
 
 from drivers.ur import UrConfig, rtde
 from drivers.ur.config import address
@@ -34,15 +34,17 @@ class Peer:
     def heard(self, enough):
         """Serves the twin until `enough` of the bytes that came."""
         found = b""
-        deadline = time.monotonic() + 10
-        while not enough(found):
+
+        def turn():
+            nonlocal found
             self.bench.twin.service(self.bench.now)
             if select.select([self.link], [], [], 0.001)[0]:
                 chunk = self.link.recv(65536)
                 if not chunk:
                     raise ConnectionError
                 found += chunk
-            assert time.monotonic() < deadline, found
+
+        until(lambda: enough(found), turn, what=lambda: f"more than {found!r}", pause=0.0)
         return found
 
     def line(self, command=b""):
@@ -148,10 +150,7 @@ def test_inputs_act(bench, ports):
     got = stream(peer, ["input_int_register_40", "actual_digital_output_bits", "target_speed_fraction"])
     peer.send(rtde.message(Kind.DATA, b"\x01" + recipe.pack([-7, 0b1100, 0b0100, 1, 0.25])))
     bench.take(0)
-    deadline = time.monotonic() + 10
-    while bench.twin.registers.inputs.ints[40] != -7:
-        bench.twin.service(bench.now)
-        assert time.monotonic() < deadline
+    until(lambda: bench.twin.registers.inputs.ints[40] == -7, lambda: bench.twin.service(bench.now))
     bench.run(0.004)
     last = samples(peer, got, 2)[-1]
     assert last == {"input_int_register_40": -7, "actual_digital_output_bits": 4, "target_speed_fraction": 0.25}
@@ -210,10 +209,7 @@ def send_program(bench, ports, text):
     peer = Peer(bench, ports.script)
     peer.send(text.encode())
     started = len(bench.twin.programs) + len(bench.twin.errors)
-    deadline = time.monotonic() + 10
-    while len(bench.twin.programs) + len(bench.twin.errors) == started:
-        bench.twin.service(bench.now)
-        assert time.monotonic() < deadline
+    until(lambda: len(bench.twin.programs) + len(bench.twin.errors) > started, lambda: bench.twin.service(bench.now))
     return peer
 
 
@@ -279,13 +275,14 @@ def test_a_client_that_doesnt_read_is_hung_up_on_and_holds_nobody_back(bench, po
     stream(idle, names)
     recipe = stream(good, ["timestamp"])
     values = bench.twin.arm.sample(bench.twin.arm.newest())
-    deadline = time.monotonic() + 30
-    while bench.twin.rtde.dropped == 0:
+
+    def flood():
         for _ in range(100):
             for connection in bench.twin.rtde._connections[:1]:
                 connection.send(0, values)
         bench.twin.rtde.receive()
-        assert time.monotonic() < deadline
+
+    until(lambda: bench.twin.rtde.dropped, flood)
     bench.run(0.002)
     assert samples(good, recipe, 1)
 

@@ -8,8 +8,9 @@ import socket
 import numpy as np
 import pytest
 from helpers.peer import Peer, cycles
-from helpers.twin import Bench, bound, until
+from helpers.twin import Bench, bound
 from helpers.vicon import PARTS, WANTED, config, driver, live, twin
+from helpers.wait import until
 
 from drivers.transport import open_transport
 from drivers.vicon import blocks, protocol
