@@ -16,7 +16,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -94,16 +94,14 @@ class Supervisor:
         run_folder = self.run_folder
         for path in (run_folder.rows, run_folder.layout, run_folder.events, run_folder.stops, run_folder.result):
             path.unlink(missing_ok=True)
-        os.environ[PARENT] = str(os.getpid())
         RequestWriter.create(self.run_folder.requests)
         self.launch.save(self.run_folder.launch)
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.channel = Channel(ours)
         os.set_inheritable(theirs.fileno(), True)
-        self.loop = subprocess.Popen(
-            [sys.executable, "-m", "runtime.loop", str(self.run_folder.path), str(theirs.fileno())],
-            pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, start_new_session=True,
-        )  # fmt: skip
+        end = theirs.fileno()
+        command = [sys.executable, "-m", "runtime.loop", str(self.run_folder.path), str(end)]
+        self.loop = _spawn(command, pass_fds=[end])
         theirs.close()
 
     def end(self) -> None:
@@ -237,7 +235,7 @@ class Supervisor:
             how = f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
             self.report(f"{helper.name} ended ({how}); it is started again, the loop goes on")
         if helper.process is None and now >= helper.not_before:
-            helper.process = subprocess.Popen(helper.command, stdin=subprocess.DEVNULL, start_new_session=True)
+            helper.process = _spawn(helper.command)
 
     def _pass_on_end(self) -> None:
         """The safe stop, by the socket; asked again each second, and by signal where nobody answers."""
@@ -277,7 +275,7 @@ class Supervisor:
         while time.monotonic() < deadline and attempts:
             if helper.process is None:
                 attempts -= 1
-                helper.process = subprocess.Popen(helper.command, stdin=subprocess.DEVNULL, start_new_session=True)
+                helper.process = _spawn(helper.command)
             code = helper.process.poll()
             if code == 0 or (code is not None and helper.name == "bus"):
                 return True
@@ -301,6 +299,14 @@ class Supervisor:
             writer = RingWriter(self.run_folder.rows)
             writer.finish()
             writer.close()
+
+
+def _spawn(command: list[str], pass_fds: Sequence[int] = ()) -> subprocess.Popen[bytes]:
+    """Starts a process that ends with this one; this process's own environment stays as it is."""
+    environment = os.environ | {PARENT: str(os.getpid())}
+    return subprocess.Popen(
+        command, stdin=subprocess.DEVNULL, start_new_session=True, pass_fds=pass_fds, env=environment
+    )
 
 
 def helpers(run_folder: RunFolder, bus: bool, record: Path | None, view: bool) -> list[Helper]:
