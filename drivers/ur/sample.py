@@ -94,10 +94,6 @@ def fill_pose(tool: list[float], out: Array) -> None:
     out[:] = (*tool[:3], *rotation.nearer(_quaternion(tool), (w, x, y, z)))
 
 
-def pose(tool: list[float]) -> tuple[float, ...]:
-    """(x, y, z, qw, qx, qy, qz) of a position and a rotation vector; qw >= 0."""
-    return (*tool[:3], *rotation.nearer(_quaternion(tool), (1.0, 0.0, 0.0, 0.0)))
-
-
 def _quaternion(tool: list[float]) -> rotation.Quaternion:
-    return rotation.exp(*tool[3:])
+    """With w >= 0, which is how a sequence begins."""
+    return rotation.nearer(rotation.exp(*tool[3:]), (1.0, 0.0, 0.0, 0.0))

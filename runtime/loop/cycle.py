@@ -37,7 +37,6 @@ PATIENCE = 5_000_000_000  # ns that a stop may take on the way out: a limb that 
 _CATEGORIES = {category: i for i, category in enumerate(Stop)}
 _NOW, _DT, _STATE, _CAUSE = CYCLE.now, CYCLE.dt, CYCLE.state, CYCLE.cause
 _CULPRIT, _CATEGORY, _FLAGS = CYCLE.culprit, CYCLE.category, CYCLE.flags
-_LINK = DEVICE.link
 
 
 class Cycle:
@@ -67,7 +66,7 @@ class Cycle:
         self.report = report
         self.guards = [self._make_guard(a, limits[a.name]) for a in graph.actuators]
         self._ints = graph.row.ints
-        self._devices = graph.row.devices
+        self._stamps, self._links = graph.row.devices[:, DEVICE.stamp], graph.row.devices[:, DEVICE.link]
         self._max_age = self._ages()
         self._count = len(graph.devices)
         self._emergency = [
@@ -121,16 +120,16 @@ class Cycle:
         return answer
 
     def _find_fault(self, now: int) -> Fault | None:
-        words = self._devices.tolist()  # plain integers: a tenth of numpy's price each
+        stamps, links = self._stamps.tolist(), self._links.tolist()  # plain integers: a tenth of numpy's price each
         fault: Fault | None = None
         for i, max_age in enumerate(self._max_age):
-            stamp, link, *_ = words[i]
+            stamp, link = stamps[i], links[i]
             client = i >= self._count
             # A client that hasn't spoken yet isn't late; a device is.
             stale = max_age > 0 and (abs(now - stamp) > max_age if stamp >= 0 else not client)
             if stale != bool(link & LINK_STALE):
                 link ^= LINK_STALE
-                self._devices[i, _LINK] = link
+                self._links[i] = link
             if link & LINK_ACTIVE and (not link & LINK_CONNECTED or link & LINK_FAULT):
                 self._lost(i)
             if fault is not None:
@@ -147,14 +146,14 @@ class Cycle:
         for i, (element, when, device) in enumerate(self._emergency):
             if element[0] == when or not isfinite(element[0]):
                 return Fault(Cause.EMERGENCY, i)
-            link = self._devices.item(device, _LINK) if device >= 0 else LINK_CONNECTED
+            link = self._links.item(device) if device >= 0 else LINK_CONNECTED
             if fault is None and (not link & LINK_CONNECTED or link & LINK_STALE):
                 fault = Fault(Cause.DEVICE_LOSS, device)  # a switch that can't be read can't stop anything
         return fault
 
     def _lost(self, device: int) -> None:
         """No command may reach a device that comes back, or recovers, before the next start."""
-        self._devices[device, _LINK] &= ~LINK_ACTIVE
+        self._links[device] &= ~LINK_ACTIVE
         for i, actuator in enumerate(self.graph.actuators):
             if actuator.device == device and actuator.command.feedback is None:
                 self._homed[i] = False
@@ -188,7 +187,7 @@ class Cycle:
         state = machine.state
         at_rest, flags = True, 0
         for i, (actuator, guard) in enumerate(zip(self.graph.actuators, self.guards, strict=True)):
-            link = self._devices.item(actuator.device, _LINK)
+            link = self._links.item(actuator.device)
             if not link & LINK_ACTIVE:
                 continue
             category = self.category(actuator)
@@ -202,7 +201,7 @@ class Cycle:
                 at_rest &= guard.at_rest
             elif category is Stop.LIMP and actuator.command.kind is Kind.POSITION:
                 # The loop tells the device to let go; no command follows.
-                self._devices[actuator.device, _LINK] &= ~LINK_ACTIVE
+                self._links[actuator.device] &= ~LINK_ACTIVE
                 self._put_home[i] = actuator.command.feedback is None
             else:
                 guard.stop(category, dt)
@@ -237,7 +236,7 @@ class Cycle:
                 self.report(str(error))
                 self.machine.stop(Fault(Cause.DRIVER_ERROR, actuator.device))
                 continue
-            self._devices[actuator.device, _LINK] |= LINK_ACTIVE
+            self._links[actuator.device] |= LINK_ACTIVE
 
     def _make_guard(self, a: Actuator, limits: Limits) -> CommandGuard:
         profile = self.graph.profile
