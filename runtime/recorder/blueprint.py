@@ -9,6 +9,7 @@ from runtime.profile.plots import Plot, command_plots, profile_plots
 from runtime.recorder.eye import look
 from runtime.recorder.scene import plot_path, visuals
 from runtime.recording.columns import Words, entity
+from runtime.recording.format import EVENTS
 
 STACKED = 5  # curves' views one above the other; more go side by side
 
@@ -32,7 +33,7 @@ def make(layout: Layout, row: Words | None, live: bool) -> rrb.Blueprint:
     tabs.append(rrb.TextDocumentView(name="Profile", contents=["/profile"]))
     events = rrb.TextLogView(
         name="Events",
-        contents=["/events"],
+        contents=[EVENTS],
         columns=rrb.TextLogColumns(timeline_columns=["time", "cycle"], text_log_columns=["LogLevel", "Body"]),
     )
     left = [events]

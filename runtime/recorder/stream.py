@@ -18,7 +18,7 @@ from runtime.ipc.layout import Layout
 from runtime.recorder import blueprint
 from runtime.recorder.scene import Scene
 from runtime.recording.columns import ArrowBatch, Columns, Words
-from runtime.recording.format import APPLICATION, FORMAT, LEVELS, PROPERTY
+from runtime.recording.format import APPLICATION, EVENT, EVENTS, FORMAT, LEVELS, PROPERTY
 
 
 def recording_id(text: str) -> str:
@@ -71,9 +71,9 @@ class Stream:
             "time": pa.array(np.asarray([n.time for n in events], np.int64)),
         }
         columns = [
-            rr.ComponentColumn(rr.ComponentDescriptor(name).with_builtin_archetype("srl.Event"), ArrowBatch(array))
+            rr.ComponentColumn(rr.ComponentDescriptor(name).with_builtin_archetype(EVENT), ArrowBatch(array))
             for name, array in exact.items()
         ]
         columns += rr.TextLog.columns(text=[n.text for n in events], level=[LEVELS[n.level] for n in events])
         indexes = [rr.TimeColumn("cycle", sequence=[n.cycle for n in events]), time]
-        rr.send_columns("/events", indexes, columns, recording=self.recording, strict=True)
+        rr.send_columns(EVENTS, indexes, columns, recording=self.recording, strict=True)

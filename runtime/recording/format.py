@@ -8,3 +8,5 @@ APPLICATION = "srl"  # rerun's application id
 FORMAT = 1
 PROPERTY = "srl"  # the property that holds format and layout
 LEVELS = {Level.INFO: "INFO", Level.WARNING: "WARN", Level.ERROR: "ERROR"}  # rerun's names of the events' levels
+EVENTS, EVENT = "/events", "srl.Event"  # the entity of the loop's events, and its archetype
+OLD_EVENTS, OLD_EVENT = "/notes", "srl.Note"  # the same in recordings of srl 0.1.0

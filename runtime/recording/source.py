@@ -16,12 +16,11 @@ from runtime.contracts.errors import RecordingError
 from runtime.ipc.events import Event
 from runtime.ipc.layout import Layout
 from runtime.recording.columns import Assembler, Columns, Words
-from runtime.recording.format import APPLICATION, FORMAT, LEVELS, PROPERTY
+from runtime.recording.format import APPLICATION, EVENT, EVENTS, FORMAT, LEVELS, OLD_EVENT, OLD_EVENTS, PROPERTY
 from runtime.recording.framing import copy_prefix, whole
 
 _MUCH = 64 << 20  # bytes of columns before rows are made of them
-# Where the events are, and their archetype: as srl writes them, and as it did before the rooms had their names.
-_EVENTS = {"/events": "srl.Event", "/notes": "srl.Note"}
+_ARCHETYPES = {EVENTS: EVENT, OLD_EVENTS: OLD_EVENT}
 _LEVELS = {text: level for level, text in LEVELS.items()}
 Chunk = tuple[str, pa.RecordBatch]
 
@@ -92,8 +91,8 @@ class Source:
     def _take(self, file: Path, path: str, batch: pa.RecordBatch) -> None:
         if path == f"/__properties/{PROPERTY}":
             self._take_layout(file, batch)
-        elif path in _EVENTS:
-            self._take_events(batch, _EVENTS[path])
+        elif path in _ARCHETYPES:
+            self._take_events(batch, _ARCHETYPES[path])
         elif self._assembler is not None:
             self._assembler.add(path, batch)
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from helpers.recording import make_rows
+from runtime.ipc.events import Event
 from runtime.ipc.layout import Layout
 from runtime.recorder.stream import Stream
 from runtime.recording.framing import HEADER, strip
@@ -17,7 +19,7 @@ def expected(layout: Layout, count: int) -> np.ndarray:
     return np.concatenate([make_rows(layout, min(100, count + 1 - at), at) for at in range(1, count + 1, 100)])
 
 
-def make_segments(folder: Path, layout: Layout, count: int, batch: int = 250) -> None:
+def make_segments(folder: Path, layout: Layout, count: int, batch: int = 250, events: Sequence[Event] = ()) -> None:
     """Segments as the recorder writes them, without its process."""
     layout.save(folder.parent / "layout.json")
     stream = Stream((folder.parent / "layout.json").read_text())
@@ -29,5 +31,7 @@ def make_segments(folder: Path, layout: Layout, count: int, batch: int = 250) ->
     for at in range(0, count, batch):
         part = rows[at : at + batch]
         stream.rows(np.arange(at + 1, at + 1 + len(part)), part)
+        if at == 0:
+            stream.events(range(1, len(events) + 1), events)
         segments.write(strip(binary.read()))
     segments.close()

@@ -11,7 +11,9 @@ from helpers.recording import make_layout, make_run
 from helpers.segments import expected, make_segments
 
 from runtime.contracts.errors import RecordingError
+from runtime.ipc.events import Event, Level
 from runtime.recorder import merge as merging
+from runtime.recorder import stream
 from runtime.recorder.process import Recorder
 from runtime.recorder.stream import Stream
 from runtime.recording.framing import HEADER, whole
@@ -76,6 +78,17 @@ def test_a_missing_segment_shows_as_a_gap_and_duplicates_vanish(tmp_path: Path) 
     recording = read(folder)
     assert recording.missing == [(301, 400)]
     assert np.array_equal(recording.rows[300:], expected(layout, 450)[400:])
+
+
+@pytest.mark.parametrize("names", [("/events", "srl.Event"), ("/notes", "srl.Note")])
+def test_events_are_read_as_they_are_called_now_and_as_they_were_in_0_1_0(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, names: tuple[str, str]
+) -> None:
+    monkeypatch.setattr(stream, "EVENTS", names[0])
+    monkeypatch.setattr(stream, "EVENT", names[1])
+    said = [Event(5, Level.INFO, 1, "ready"), Event(7, Level.WARNING, 3, "stopped")]
+    make_segments(tmp_path / "seg", make_layout(), 10, events=said)
+    assert read(tmp_path / "seg").events == said
 
 
 def test_a_black_box_is_read(tmp_path: Path) -> None:
