@@ -9,11 +9,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from bench.devices import DEVICES
 from bench.pairs import Row
 from runtime.contracts import registry
 from runtime.contracts.driver import Driver
 from runtime.contracts.world import Fake, Twin, World
+from sim.devices.examples import DEVICES
 
 FRAMES: Final = 1500
 LEAST: Final = 100

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from helpers.peer import bound, make
 
-from bench.devices import DEVICES
 from runtime.contracts import registry
 from runtime.contracts.driver import Driver
 from runtime.contracts.errors import DeviceError, DeviceLostError
 from runtime.contracts.signals import Stop
 from runtime.contracts.world import Fake
+from sim.devices.examples import DEVICES
 
 OWN = [name for name in registry.names("drivers") if name not in ("replay", "lever")]  # a recording is no wire
 
