@@ -1,4 +1,4 @@
-"""The world `augmented-hand`: a person's hand, extra fingers worn at the wrist, things to grasp."""
+"""The world `augmented-hand`: a person's hand, extra fingers worn at the wrist, objects to grasp."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from sim.parts.hand.servo import ServoBank
 from sim.wearer import Wearer, WearerConfig, make_wearer
 from sim.world.mjcf import add
 
-_TICK: Final = 10_000_000  # ns; how often the wearer's will is asked for and the hand's motion is remembered
-_MEMORY: Final = 64  # ticks of the hand's past that a slow sensor may still ask for
+_TICK: Final = 10_000_000  # ns; period at which the wearer's intention is read and the hand's motion is stored
+_MEMORY: Final = 64  # ticks of the hand's past motion that are stored for slow sensors
 
 
 class AugmentedHandConfig(WorldConfig):
@@ -46,10 +46,11 @@ class AugmentedHandConfig(WorldConfig):
 
 
 class AugmentedHand(World):
-    """Hand joints follow the wearer with limited torque, servos follow their pulses; contacts stop both.
+    """Simulates the hand and the extra fingers.
 
-    Joint targets of the hand change every 10 ms and move evenly in between. Servo `i` is joint `i % 4` of
-    finger `i // 4`. The frame `hand` is the world's frame: the wrist doesn't move.
+    Hand joints follow the wearer with limited torque; servos follow their pulses. Contacts can stop both.
+    Joint targets of the hand change every 10 ms and are interpolated linearly in between. Servo `i` is joint
+    `i % 4` of finger `i // 4`. The frame `hand` is the world's frame: the wrist doesn't move.
     """
 
     Config = AugmentedHandConfig
@@ -64,10 +65,10 @@ class AugmentedHand(World):
         self._data = data = mujoco.MjData(model)
         self._step_ns = round(config.timestep * 1e9)
         self._tick = max(1, _TICK // self._step_ns)  # steps
-        self._step = 0  # steps done
+        self._step = 0  # number of steps done
         n = 4 * len(config.fingers)
         hand, servos = slice(0, 20), slice(20, 20 + n)
-        # Views of MuJoCo's own arrays; joints and actuators are in the order hand, fingers, objects.
+        # Views of MuJoCo's own arrays; joints and actuators are ordered: hand, fingers, objects.
         self._hand_qpos, self._servo_qpos, self._servo_qvel = (
             data.qpos[hand],
             data.qpos[servos],
@@ -82,9 +83,9 @@ class AugmentedHand(World):
         bands = np.repeat([finger.servo.dead_band for finger in config.fingers], 4)
         self._bank, self._servos = ServoBank(bands), range(n)
         self._gain, self._bias = self._servo_gain.copy(), self._servo_bias.copy()
-        self._powered = [True] * n  # the servos that have these gains at present
+        self._powered = [True] * n  # which servos have these gains at present
         self._drag = model.dof_damping[servos].reshape(n, -1)[:, 0].copy()
-        # Sites are in the order of the bodies: the hand's five fingertips, then the extra fingers'.
+        # Sites are in the order of the bodies: the hand's five fingertips, then those of the extra fingers.
         self._hand_sites, self._finger_sites = data.site_xpos[:5], data.site_xpos[5:]
         self._bodies, self._weld_active = data.xpos, data.eq_active
         self._object_bodies = np.array(
@@ -97,7 +98,7 @@ class AugmentedHand(World):
             if item.held_until
         ]
         self._hand_qpos[:] = self._set_points[:] = self.wearer.target(0.0)
-        self._past = np.tile(self._hand_qpos, (_MEMORY, 1))  # (64, 20), row k % 64 is tick k
+        self._past = np.tile(self._hand_qpos, (_MEMORY, 1))  # (64, 20); row k % 64 holds tick k
         self._drive_servos()
         self.truth = _truth(config)
         self.bind({signal.name: np.zeros(signal.shape) for signal in self.truth})
@@ -139,8 +140,8 @@ class AugmentedHand(World):
         """Joint angles of the hand (20,), rad.
 
         Args:
-            at: ns of world time, at most 0.6 s ago; now, if omitted. Between instants 10 ms apart the
-                motion is interpolated.
+            at: world time, ns, at most 0.6 s ago; default: now. The motion is stored every 10 ms and
+                interpolated in between.
         """
         now = self._step * self._step_ns
         if at is None or at >= now:
@@ -165,39 +166,39 @@ class AugmentedHand(World):
         return self._servo_qpos.copy()
 
     def set_servo(self, servo: int, target: float | None, at: int = 0) -> None:
-        """As `set_servos`, for one."""
+        """Sets one servo's target; see `set_servos`."""
         self.set_servos({servo: target}, at)
 
     def set_servos(self, targets: Mapping[int, float | None], at: int = 0) -> None:
-        """Gives servos' pulses a new meaning from `at` on.
+        """Sets the targets that the servos' pulses encode from `at` on.
 
         Args:
-            targets: rad, by the servo's number, 4 times the finger plus the joint; None ends its pulses,
-                which leaves it limp.
-            at: ns of world time; in the past means from now on.
+            targets: target angles, rad, by servo number (4 times the finger plus the joint). None ends the
+                servo's pulses, which leaves it limp.
+            at: world time, ns; a time in the past means from now on.
         """
         step, servos = max(-(-at // self._step_ns), self._step), self._servos
         for servo, target in targets.items():
             self._bank.command(servos[servo], np.nan if target is None else target, step)
 
     def place_servos(self, first: int, angles: Array) -> None:
-        """Where a person put a finger before the run: servos from number `first` on stand at `angles`, rad.
+        """Places servos, from number `first` on, at `angles` (rad): where the user has put a finger before the run.
 
-        Only before the first step.
+        Has an effect only before the first step.
         """
         if self._step == 0:
             self._servo_qpos[first : first + angles.size] = angles
             self._fill()
 
     def servo_targets(self) -> Array:
-        """(4 k,) rad: what each servo holds at present; NaN for one without pulses."""
+        """(4 k,) rad: the target that each servo holds at present; NaN for a servo without pulses."""
         return self._bank.held.copy()
 
     def save(self) -> NDArray[np.float64]:
         kind = mujoco.mjtState.mjSTATE_INTEGRATION
         physics = np.empty(mujoco.mj_stateSize(self._model, kind))
         mujoco.mj_getState(self._model, self._data, physics, kind)
-        # Effort and contact force belong to the step before the state and can't be found again from it.
+        # Effort and contact force belong to the step before the saved state and can't be recomputed from it.
         truth = [self.truth_arrays[signal.name].ravel() for signal in self.truth]
         head = [float(self.time), float(self._step)]
         return np.concatenate([head, physics, *truth, self._past.ravel(), self._bank.save()])
@@ -215,14 +216,14 @@ class AugmentedHand(World):
         self._drive_servos()
 
     def _will(self, step: int) -> None:
-        """Sets off the hand's set-points toward where the wearer wants them one tick from now."""
+        """Starts moving the hand's set-points to the wearer's target one tick from now."""
         span = self._tick * self._config.timestep
         goal = self.wearer.target(step * self._config.timestep + span)
         goal -= self._set_points
         np.divide(goal, span, out=self._hand_rate)
 
     def _drive_servos(self) -> None:
-        """Sets targets, and takes the gains from servos without pulses."""
+        """Sets the servos' targets and sets the gains of servos without pulses to 0."""
         held = self._bank.held.tolist()
         self._servo_ctrl[:] = [0.0 if isnan(target) else target for target in held]
         if (powered := [not isnan(target) for target in held]) != self._powered:
@@ -232,7 +233,7 @@ class AugmentedHand(World):
 
     def _fill(self) -> None:
         data, out = self._data, self.truth_arrays
-        mujoco.mj_kinematics(self._model, data)  # a step leaves positions one step behind the angles
+        mujoco.mj_kinematics(self._model, data)  # after a step, positions are one step behind the joint angles
         for copy, original in self._copies:
             copy[...] = original
         effort = out["finger_effort"]
@@ -245,7 +246,7 @@ class AugmentedHand(World):
             self._bodies.take(self._object_bodies, axis=0, out=out["object_position"], mode="clip")
 
     def _contact_force(self, out: Array) -> None:
-        """Adds up, into `out` (k,), N, the normal forces of each extra finger's contacts."""
+        """Adds the normal forces of each extra finger's contacts to `out` (k,), N."""
         force = np.empty(6)
         for number, pair in enumerate(self._finger_of_geom[self._data.contact.geom].tolist()):
             for finger in pair:
@@ -255,7 +256,7 @@ class AugmentedHand(World):
 
 
 def mjcf(config: AugmentedHandConfig) -> str:
-    """The world as an MJCF document; joints, actuators and sites are in the order hand, fingers, objects."""
+    """The world as an MJCF document; joints, actuators and sites are ordered: hand, fingers, objects."""
     root = Element("mujoco", model="augmented-hand")
     add(root, "compiler", angle="radian")
     option = {"timestep": config.timestep, "gravity": config.gravity}
@@ -296,6 +297,6 @@ def _points(name: str, labels: tuple[str, ...]) -> Signal:
 
 
 def _finger_of_geom(model: mujoco.MjModel, config: AugmentedHandConfig) -> NDArray[np.int64]:
-    """(ngeom,): the extra finger a geom belongs to, or -1."""
+    """(ngeom,): number of the extra finger to which each geom belongs, or -1."""
     numbers = {finger.name: number for number, finger in enumerate(config.fingers)}
     return np.array([numbers.get(model.geom(i).name.split("/")[0], -1) for i in range(model.ngeom)])

@@ -1,4 +1,4 @@
-"""The world `cell`: a scene composed of parts, as the profile lists them."""
+"""The world `cell`: a scene composed of the parts that the profile lists."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 def _part_entry(entry: Any) -> tuple[type[Part], PartConfig]:
-    """`{part: KIND, ...}` as the part's class and its checked options."""
+    """Converts a profile entry `{part: KIND, ...}` into the part's class and its checked options."""
     if not isinstance(entry, Mapping) or not isinstance(entry.get("part"), str):
         raise ValueError(f"needs 'part: KIND'; kinds: {', '.join(registry.names('parts'))}")
     cls: type[Part] = registry.load("parts", entry["part"], "sim.parts")
@@ -46,13 +46,13 @@ class CellConfig(WorldConfig):
 
 
 class Cell(World):
-    """Steps MuJoCo; calls parts before their steps and takes sensors' samples at their instants.
+    """Steps MuJoCo, calls the parts before their steps and takes the sensors' samples when they are due.
 
     Attributes:
-        parts: by name, in the profile's order.
-        model, data: MuJoCo's; positions in `data` belong to the present step.
-        step: physics steps done.
-        timestep: ns of a physics step.
+        parts: the parts by name, in the order of the profile.
+        model, data: the MuJoCo model and data; positions in `data` belong to the present step.
+        step: number of physics steps done.
+        timestep: length of a physics step, ns.
     """
 
     Config = CellConfig
@@ -84,10 +84,12 @@ class Cell(World):
             part.fill(truth)
 
     def part(self, kind: type[P], device: str, named: str | None = None) -> P:
-        """The part that simulates a device: `named`, else the one called like it, else the only one of its kind.
+        """Returns the part that simulates a device.
+
+        That is the part `named`, if given; else the part with the device's name; else the only part of this kind.
 
         Raises:
-            WiringError: there is none, or more than one.
+            WiringError: there is no such part, or there is more than one.
         """
         place = f"sim.devices.{device}.part"
         fitting = {name: part for name, part in self.parts.items() if isinstance(part, kind)}
@@ -107,12 +109,12 @@ class Cell(World):
         return next(iter(fitting.values()))
 
     def sample(self, rate: Fraction, take: Callable[[], Array], size: int) -> Samples:
-        """Samples a sensor from now on at multiples of 1 / rate; the values are kept for a second.
+        """Starts sampling a sensor at multiples of 1 / rate; the values are kept for a second.
 
         Args:
-            rate: Hz.
-            take: gives the true values now, (size,).
-            size: values in a sample.
+            rate: sampling rate, Hz.
+            take: returns the present true values, (size,).
+            size: number of values in a sample.
         """
         samples = Samples(rate, take, size)
         while samples.taken_at(samples.taken + 1) < self.time:
@@ -143,7 +145,7 @@ class Cell(World):
             self.finished = self._planner.done
 
     def _ending(self, name: str | None) -> Any:
-        """The part whose plan's end is the run's."""
+        """The part whose plan ends the run."""
         if name is None:
             return None
         planners = {key: part for key, part in self.parts.items() if hasattr(part, "done")}
@@ -170,7 +172,7 @@ class Cell(World):
         mujoco.mj_setState(self.model, self.data, physics, _STATE)  # forward has changed the solver's warm start
         for signal, values in zip(self.truth, rest, strict=False):
             self.truth_arrays[signal.name][...] = values.reshape(signal.shape)
-        # Last: forces of the step before the state can't be found again, so parts bring back theirs.
+        # Last: the forces of the step before the state can't be recomputed, so the parts restore their own.
         for keeper, values in zip(keepers, rest[len(self.truth) :], strict=True):
             keeper.restore(values)
 
@@ -187,12 +189,12 @@ class Cell(World):
                 samples.take()
 
     def _settle(self) -> None:
-        """A step leaves positions of bodies and sites one step behind the joints."""
+        """Recomputes positions: after a step, those of bodies and sites are one step behind the joints."""
         mujoco.mj_kinematics(self.model, self.data)
 
 
 def _scenery(model: Any, data: Any) -> list[dict[str, Any]]:
-    """The geoms of bodies that nothing moves, without planes."""
+    """The geoms of all fixed bodies, without planes."""
     kinds = {mujoco.mjtGeom.mjGEOM_BOX: "box", mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder",
              mujoco.mjtGeom.mjGEOM_CAPSULE: "capsule", mujoco.mjtGeom.mjGEOM_SPHERE: "sphere"}  # fmt: skip
     found = []
@@ -213,7 +215,7 @@ def _document(config: CellConfig, parts: dict[str, Part]) -> str:
     mjcf = Mjcf()
     root = Element("mujoco", model="cell")
     add(root, "compiler", angle="radian", autolimits=True)
-    physics = {"integrator": "implicitfast", "cone": "elliptic", "impratio": 10.0}  # a low ratio lets held things creep
+    physics = {"integrator": "implicitfast", "cone": "elliptic", "impratio": 10.0}  # low ratios let held objects creep
     add(root, "option", timestep=config.timestep, gravity=config.gravity, **physics)
     size = SubElement(root, "visual")
     add(size, "map", znear=0.01)

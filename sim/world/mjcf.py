@@ -1,4 +1,4 @@
-"""Small help for writing MJCF: elements from numbers, at full precision."""
+"""Helpers for writing MJCF: elements with numbers at full precision."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ FINGER_BIT: Final = 2
 OBJECT_BIT: Final = 4
 
 CONTACT: Final = {
-    # Parts of one hand never touch each other, nor do those of fingers: neighbours overlap at the joints.
+    # Parts of one hand never touch each other, and fingers never touch fingers: neighbours overlap at the joints.
     "hand": {"contype": HAND_BIT, "conaffinity": FINGER_BIT | OBJECT_BIT},
     "finger": {"contype": FINGER_BIT, "conaffinity": HAND_BIT | OBJECT_BIT},
     "object": {"contype": OBJECT_BIT, "conaffinity": HAND_BIT | FINGER_BIT | OBJECT_BIT},
@@ -20,7 +20,7 @@ CONTACT: Final = {
 
 
 def add(parent: Element, tag: str, **attributes: object) -> Element:
-    """A child element; numbers and sequences of numbers are written so that they read back bit for bit.
+    """Adds a child element; numbers and sequences of numbers are written so that they read back bit for bit.
 
     A trailing underscore of a keyword is dropped (`class_`).
     """
@@ -28,7 +28,7 @@ def add(parent: Element, tag: str, **attributes: object) -> Element:
 
 
 def text(value: object) -> str:
-    """One attribute's value as MJCF spells it."""
+    """Formats one attribute's value as MJCF text."""
     if isinstance(value, str):
         return value
     if isinstance(value, bool):

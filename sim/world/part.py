@@ -1,4 +1,4 @@
-"""The contract of a part of the world `cell`: a robot, a sensor's mount, a person, a thing."""
+"""The contract of a part of the world `cell`: a robot, a sensor's mount, a person or an object."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from sim.world.mjcf import add
 
 
 class PartConfig(BaseModel):
-    """A part's options, under `sim.parts.<name>` beside `part`. Unknown keys are errors."""
+    """A part's options, under `sim.parts.<name>` next to the key `part`. Unknown keys are errors."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -27,10 +27,10 @@ class PartConfig(BaseModel):
 
 
 class Mjcf:
-    """The document under construction: its sections, to which parts add their elements.
+    """The MJCF document under construction: its sections, to which parts add their elements.
 
     Attributes:
-        bodies: every body added by name, so that others can be mounted on it.
+        bodies: every body added with `body`, by name, so that other parts can be mounted on it.
     """
 
     def __init__(self) -> None:
@@ -40,18 +40,20 @@ class Mjcf:
         self.bodies: dict[str, Element] = {}
 
     def body(self, parent: Element, name: str, **attributes: object) -> Element:
-        """Adds a body on which other parts can be mounted by its name."""
+        """Adds a body on which other parts can be mounted by name."""
         self.bodies[name] = body = add(parent, "body", name=name, **attributes)
         return body
 
 
 class Part(ABC):
-    """One part. Life: `__init__` -> `build` -> `bind` -> steps of `drive`; `fill` after each advance.
+    """One part of the world.
+
+    Order of calls: `__init__`, `build`, `bind`, then `drive` before steps; `fill` follows each advance.
 
     Attributes:
-        name: its name in the profile; all MJCF names begin with `<name>/`.
-        truth: what really is, recorded as `world.<signal>`; names begin with `<name>_`.
-        every: physics steps between two calls of `drive`; 0: never.
+        name: its name in the profile; all its MJCF names begin with `<name>/`.
+        truth: the true values, recorded as `world.<signal>`; their names begin with `<name>_`.
+        every: number of physics steps between two calls of `drive`; 0: never called.
     """
 
     Config: ClassVar[type[PartConfig]] = PartConfig
@@ -64,27 +66,27 @@ class Part(ABC):
 
     @abstractmethod
     def build(self, mjcf: Mjcf, parent: Element) -> None:
-        """Adds its elements; `parent` is the body (or worldbody) it is mounted on."""
+        """Adds its elements; `parent` is the body (or worldbody) on which it is mounted."""
 
     def bind(self, model: Any, data: Any) -> None:
-        """Finds its addresses in the compiled `mujoco.MjModel` and sets its start in `mujoco.MjData`.
+        """Looks up its addresses in the compiled `mujoco.MjModel` and sets its start values in `mujoco.MjData`.
 
-        Called in the order of the profile; afterwards the cell runs `mj_forward` once.
+        Parts are bound in the order of the profile. Afterwards the cell runs `mj_forward` once.
         """
 
     def drive(self, step: int) -> None:
         """Acts before physics step number `step`: sets `ctrl`, `qfrc_applied`, `xfrc_applied`, mocap poses."""
 
     def fill(self, truth: Mapping[str, Array]) -> None:
-        """Fills its truth signals from the world as it is now."""
+        """Fills its truth signals from the present state of the world."""
 
     def save(self) -> Array:
-        """Own state besides MuJoCo's (what electronics remember, commands on their way); fixed size."""
+        """Its own state besides MuJoCo's (memory of the electronics, commands in transit), of fixed size."""
         return np.empty(0)
 
     def restore(self, state: Array) -> None:
-        """Goes back to what `save` gave."""
+        """Restores a state returned by `save`."""
 
     def at(self) -> dict[str, object]:
-        """Attributes that put its base body where the profile mounts it."""
+        """Attributes that place its base body where the profile mounts it."""
         return {"pos": self.config.position, "quat": self.config.quaternion}

@@ -1,4 +1,4 @@
-"""MJCF of an arm from its description: bodies, joints, drives, touchable shapes, flange."""
+"""MJCF of an arm from its description: bodies, joints, drives, contact shapes, flange."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from sim.world.mjcf import FINGER_BIT, HAND_BIT, OBJECT_BIT, add
 from sim.world.part import Mjcf
 
 ROBOT_BIT: Final = 8
-SPECK: Final = 1e-12  # kg and kg m^2, of a body that has none
-# Robots touch people and things, not each other nor themselves.
+SPECK: Final = 1e-12  # kg and kg m^2, of a body without mass or inertia of its own
+# Robots touch people and objects, but neither each other nor themselves.
 ROBOT_CONTACT: Final = {"contype": ROBOT_BIT, "conaffinity": HAND_BIT | FINGER_BIT | OBJECT_BIT}
 
 
 def add_arm(
     mjcf: Mjcf, parent: Element, robot: RobotDescription, name: str, damping: float, friction: float, **at: object
 ) -> Element:
-    """Adds an arm; gives its body `<name>/flange`.
+    """Adds an arm; returns its body `<name>/flange`.
 
     Bodies are `<name>/base`, `<name>/<joint>` and `<name>/flange`; joints and drives are `<name>/<joint>`. A drive
-    is a general actuator of gain 1 whose bias is the part's to set. Gravity of the arm's own links is compensated
-    by the drives, within the joint's greatest torque.
+    is a general actuator of gain 1; the part sets its bias. The drives compensate the gravity of the arm's own
+    links, within each joint's greatest torque.
 
     Args:
-        damping: N m s/rad of each joint.
-        friction: share of the joints' dry friction that is left.
+        damping: damping of each joint, N m s/rad.
+        friction: remaining share of the joints' dry friction.
         at: attributes that place the base.
     """
     body = mjcf.body(parent, f"{name}/base", **at)
@@ -64,19 +64,19 @@ def add_arm(
             forcerange=effort,
         )
     flange = mjcf.body(body, f"{name}/flange", **placed(robot.flange))
-    # Without any mass, MuJoCo would apply outer forces elsewhere than at the flange's origin.
+    # If the flange had no mass, MuJoCo would apply external forces at a point other than its origin.
     add(flange, "inertial", pos=(0, 0, 0), mass=SPECK, diaginertia=(SPECK, SPECK, SPECK))
     return flange
 
 
 def add_inertial(body: Element, inertial: Inertial) -> None:
-    """Mass, centre of mass and inertia in the body's frame."""
+    """Adds mass, centre of mass and inertia, in the body's frame."""
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertial.inertia.tolist()
     add(body, "inertial", pos=inertial.com, mass=inertial.mass, fullinertia=(xx, yy, zz, xy, xz, yz))
 
 
 def add_shape(body: Element, shape: tuple[Capsule, ...]) -> None:
-    """Capsules without mass that can be touched."""
+    """Adds massless capsules that take part in contacts."""
     for capsule in shape:
         ends = (*capsule.start, *capsule.end)
         add(
@@ -92,7 +92,7 @@ def add_shape(body: Element, shape: tuple[Capsule, ...]) -> None:
 
 
 def placed(placement: Array) -> dict[str, object]:
-    """Attributes that place a body at (4, 4) in its parent."""
+    """Attributes that give a body the placement (4, 4) in its parent."""
     quaternion = np.zeros(4)
     mujoco.mju_mat2Quat(quaternion, placement[:3, :3].ravel())
     return {"pos": placement[:3, 3], "quat": quaternion}
