@@ -1,4 +1,4 @@
-"""A door of a device that dials in: it connects to the host by TCP, and tries again when the host is gone."""
+"""The door of a device that connects to the host by TCP and tries again when the connection is lost."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from typing import Final
 from urllib.parse import urlsplit
 
 CHUNK: Final = 65536
-_EVERY: Final = 50  # looks between two tries
+_EVERY: Final = 50  # calls of `connected` between two attempts
 
 
 class DialingDoor:
-    """As `PtyDoor`, with a client that listens.
+    """Like `PtyDoor`, but the client listens and the device connects.
 
     Attributes:
         address: the host's `tcp-listen://...`; "" while closed.
-        link: has no meaning here.
-        connects: times it got through.
-        bytes_in, bytes_out, lost: bytes, as `PtyDoor` counts them.
+        link: not used here.
+        connects: number of successful connections.
+        bytes_in, bytes_out, lost: numbers of bytes, counted as in `PtyDoor`.
     """
 
     def __init__(self, url: str) -> None:
-        """`url`: where the host listens; always dialled on loopback."""
+        """`url`: where the host listens; the device always connects on loopback."""
         parts = urlsplit(url)
         host = parts.hostname or ""
         self._target = (host if host.startswith("127.") else "127.0.0.1", parts.port or 0)
@@ -41,12 +41,12 @@ class DialingDoor:
         return bool(self.address)
 
     def open(self) -> None:
-        """Switches it on."""
+        """Switches the device on."""
         self.close()
         self.address, self._looks = self._url, 0
 
     def close(self) -> None:
-        """Takes it off the air: the host sees a reset. Always succeeds."""
+        """Disconnects the device: the host sees a reset. Always succeeds."""
         link, self._socket = self._socket, None
         self.address = ""
         if link is not None:
@@ -55,7 +55,7 @@ class DialingDoor:
             link.close()
 
     def connected(self) -> bool:
-        """Whether the host has taken the call; tries now and then if not."""
+        """Whether the connection is up; if not, tries to connect at every 50th call."""
         if self._socket is None and self.address:
             self._looks += 1
             if self._looks % _EVERY == 1:
@@ -63,7 +63,7 @@ class DialingDoor:
         return self._socket is not None
 
     def read(self) -> bytes:
-        """What the host has sent, b"" if nothing; never blocks."""
+        """Bytes that the host has sent, b"" if none; never blocks."""
         chunks: list[bytes] = []
         while self._socket is not None:
             try:
@@ -81,7 +81,7 @@ class DialingDoor:
         return b"".join(chunks)
 
     def write(self, data: bytes) -> None:
-        """Sends, and loses what there is no room for; never blocks."""
+        """Sends without blocking; bytes for which there is no room are lost."""
         if not data or self._socket is None:
             return
         try:
@@ -97,7 +97,7 @@ class DialingDoor:
 
     def _dial(self) -> None:
         link = socket.socket(socket.AF_INET, socket.SOCK_STREAM | socket.SOCK_CLOEXEC)
-        link.settimeout(0.05)  # on loopback a call is answered or refused at once
+        link.settimeout(0.05)  # on loopback a connection is accepted or refused at once
         try:
             link.connect(self._target)
         except OSError:

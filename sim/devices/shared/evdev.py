@@ -1,7 +1,7 @@
-"""Input devices as twins: the kernel's records on a Unix socket, with a line that stands for the ioctls.
+"""Twins of input devices: the kernel's records on a Unix socket, with a text line that replaces the ioctls.
 
-Without a kernel that lends input devices this is as near as a twin comes: the records and their meaning are
-the kernel's, the description and the reading of the whole state go another way (drivers/evdev/source.py).
+Without a kernel that provides input devices, a twin can't come closer. The records and their meaning are the
+kernel's; the description and the reading of the whole state use another path (drivers/evdev/source.py).
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from sim.devices.shared.windows import Windows, inside
 
 
 class EventTwin(Twin):
-    """A device that sends what has changed since its last report, to one client.
+    """A device that sends the changes since its last report to one client.
 
     Attributes:
-        muted: it says nothing; the kernel would not notice.
+        muted: it sends nothing; the kernel would not notice.
     """
 
     def __init__(self, fake: Fake) -> None:
@@ -40,10 +40,10 @@ class EventTwin(Twin):
 
     @abstractmethod
     def describe(self) -> Description:
-        """The device with its state now."""
+        """The device with its present state."""
 
     def present(self) -> bool:
-        """Whether its node is there now."""
+        """Whether its device node exists now."""
         return True
 
     def open(self) -> None:
@@ -65,7 +65,7 @@ class EventTwin(Twin):
         self.address = str(path)
 
     def close_node(self) -> None:
-        """Unplugs it: the client sees the end, the path is gone; `open` plugs it in again."""
+        """Unplugs the device: the client sees the end of the stream, the path is removed. `open` plugs it in again."""
         for end in (self._client, self._listener):
             if end is not None:
                 end.close()
@@ -108,7 +108,7 @@ class EventTwin(Twin):
             self._sent = state
 
     def figures(self) -> dict[str, object]:
-        """Clients so far, reports sent, overflows."""
+        """Number of clients so far, of reports sent and of overflows."""
         return {"connects": self.connects, "reports": self.reports, "drops": self.drops}
 
     def _accept(self) -> None:
@@ -118,7 +118,7 @@ class EventTwin(Twin):
             if self._client is not None:
                 self._client.close()
             client.setblocking(False)
-            # A kernel's event buffer is small, too: 64 packets and more.
+            # A kernel's event buffer is small, too: it holds 64 packets and more.
             client.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 64 * RECORD.size)
             self._client = client
             self.connects += 1

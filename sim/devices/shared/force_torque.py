@@ -1,4 +1,4 @@
-"""What the fakes of force/torque sensors have in common: offset, range, saturation, bias."""
+"""What the fakes of force/torque sensors share: offset, range, saturation, bias."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from sim.parts.things.ft_sensor import FtSensorPart, Vector6
 
 
 def positive(values: Vector6) -> Vector6:
-    """Refuses a range that isn't one."""
+    """Raises `ValueError` for a range that isn't positive."""
     if min(values) <= 0:
         raise ValueError("each range must be positive")
     return values
 
 
 class ForceTorqueOptions(SensorOptions):
-    """Options of the fake; `noise` is in N, torques have TORQUE_NOISE of it in N m."""
+    """Options of the fake; `noise` is in N, the noise of torques is `noise` times TORQUE_NOISE, in N m."""
 
     noise: float = Field(default=0.02, ge=0, description="N, standard deviation of each force")
     offset: Vector6 = Field(default=(0.0,) * 6, description="N, N m, what it reads without any load")
@@ -35,7 +35,10 @@ TORQUE_NOISE = 0.02  # m
 
 
 class ForceTorqueFake(Sensor, SampledFake):
-    """State `wrench` (6,) in the sensor's frame. A saturated sample doesn't arrive, as with the drivers."""
+    """The common base of force/torque fakes.
+
+    Its state is `wrench` (6,) in the sensor's frame. A saturated sample doesn't arrive, as with the real drivers.
+    """
 
     Options = ForceTorqueOptions
     noise_scale = np.array([1.0] * 3 + [TORQUE_NOISE] * 3)
@@ -52,14 +55,14 @@ class ForceTorqueFake(Sensor, SampledFake):
     def fill(self, values: Array, number: int) -> None:
         self.state_arrays["wrench"][:] = values
 
-    # -- the sensor itself, for both doors
+    # -- the sensor itself, used by the fake and the twin
 
     def overload(self, number: int) -> tuple[bool, ...]:
-        """Which of the six axes are beyond their range in a sample."""
+        """For each of the six axes, whether a sample exceeds the range."""
         return tuple((np.abs(self.samples[number] + self._offset) > self.range).tolist())
 
     def measured(self, number: int) -> Array | None:
-        """(6,) N, N m, also of a saturated sample, which stops at the range; None if it got lost."""
+        """The measured wrench (6,), N and N m, clipped to the range if saturated; None if the sample is lost."""
         if super()._is_lost(number):
             return None
         values = self.samples[number].copy()
@@ -69,17 +72,17 @@ class ForceTorqueFake(Sensor, SampledFake):
         return self.quantise(clipped - self._bias)
 
     def sample(self, number: int) -> Array | None:
-        """See `SampledFake.sample`; None if it is saturated."""
+        """See `SampledFake.sample`; None also for a saturated sample."""
         return None if self._is_lost(number) else self.measured(number)
 
     def bias(self) -> None:
-        """Takes the present reading for zero."""
+        """Takes the present reading as zero."""
         newest = self.samples.newest()
         if newest >= 0:
             self._bias = np.clip(self.samples[newest] + self._offset, -self.range, self.range)
 
     def unbias(self) -> None:
-        """Forgets the bias, as a loss of power does."""
+        """Clears the bias, as a loss of power does."""
         self._bias = np.zeros(6)
 
     def _is_lost(self, number: int) -> bool:

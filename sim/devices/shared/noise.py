@@ -1,4 +1,4 @@
-"""Noise and losses of a sensor's samples: it depends on seed, device and the sample's number alone."""
+"""Noise and losses of a sensor's samples; they depend only on the seed, the device and the sample's number."""
 
 from __future__ import annotations
 
@@ -9,19 +9,22 @@ import numpy as np
 
 from runtime.contracts.signals import Array
 
-_BLOCK: Final = 128  # samples whose random numbers are drawn at once
+_BLOCK: Final = 128  # number of samples whose random numbers are drawn together
 
 
 class SampleNoise:
-    """A fake without a state of its own needs randomness without one: drawn anew for any sample, in any order."""
+    """Random numbers of a sensor's samples, drawn again for any sample, in any order.
+
+    A fake without a state of its own needs randomness without a state.
+    """
 
     def __init__(self, seed: int, name: str, size: int, noise: float) -> None:
         """
         Args:
-            seed: the world's.
-            name: the device's.
-            size: values in a sample.
-            noise: their standard deviation.
+            seed: the world's seed.
+            name: the device's name.
+            size: number of values in a sample.
+            noise: standard deviation of the values' noise.
         """
         self._key = [seed, zlib.crc32(name.encode())]
         self._size, self._sigma = size, noise
@@ -30,18 +33,18 @@ class SampleNoise:
         self._noise = np.empty((0, 0))
 
     def uniform(self, number: int) -> float:
-        """From 0 to 1: decides whether sample `number` gets lost."""
+        """A number from 0 to 1 that decides whether sample `number` is lost."""
         row = self._row(number)
         return self._uniform[row]
 
     def noise(self, number: int) -> Array:
-        """The noise (size,) of sample `number`; a view."""
+        """The noise (size,) of sample `number`, as a view."""
         row = self._row(number)
         noise: Array = self._noise[row]
         return noise
 
     def _row(self, number: int) -> int:
-        # Drawn in blocks: a generator of its own for each sample would cost more than all else a fake does.
+        # Drawn in blocks: a separate generator for each sample would cost more than the rest of a fake's work.
         block, row = divmod(number, _BLOCK)
         if block != self._block:
             rng = np.random.default_rng([*self._key, block])

@@ -1,4 +1,4 @@
-"""A pty as a twin's door: what the device's end of a serial line sees of its client."""
+"""The door of a twin behind a pty: the device's end of a serial line."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ CHUNK = 4096
 
 
 class PtyDoor:
-    """The device's end of a pty; a client may open, leave and open the other end again.
+    """The device's end of a pty; clients may open, close and reopen the other end.
 
-    Like a UART it has no memory of its own: bytes the client doesn't take once the kernel's buffer is full
-    are lost, and bytes sent while nobody has the port open are never seen.
+    Like a UART it has no memory of its own. When the kernel's buffer is full, bytes that the client doesn't read
+    are lost. Bytes sent while no client has the port open are never received.
 
     Attributes:
-        address: the client's end, a path: `link`, or /dev/pts/N; "" while closed.
-        connects: times a client opened the port that nobody had open. Seen by looking: one that leaves and
-            comes back between two calls of `connected` counts as the same.
-        bytes_in: bytes taken from clients.
-        bytes_out: bytes handed to clients.
-        lost: bytes a client was too slow to take.
+        address: the path of the client's end: `link`, or /dev/pts/N; "" while closed.
+        connects: how often a client opened the port while no other had it open. This is polled: a client that
+            closes and reopens the port between two calls of `connected` is counted once.
+        bytes_in: number of bytes received from clients.
+        bytes_out: number of bytes passed to clients.
+        lost: number of bytes that a client was too slow to read.
     """
 
     def __init__(self, link: Path | None = None) -> None:
-        """`link`: a symlink to keep pointing at the client's end, whose own number changes."""
+        """`link`: a symlink that is kept pointing at the client's end, whose own number changes."""
         self.link = link
         self.address = ""
         self.connects = 0
@@ -45,14 +45,14 @@ class PtyDoor:
 
     @property
     def is_open(self) -> bool:
-        """Whether there is a port for clients to open."""
+        """Whether there is a port that clients can open."""
         return self._fd >= 0
 
     def open(self) -> None:
-        """Makes the port.
+        """Creates the port.
 
         Raises:
-            HostError: no pty to be had, or `link` is in the way.
+            HostError: no pty is available, or `link` can't be created because something else has that path.
         """
         self.close()
         try:
@@ -60,7 +60,7 @@ class PtyDoor:
         except OSError as error:
             raise HostError("pty", f"the system gives none: {error.strerror}", "Close other terminals") from None
         try:
-            tty.setraw(client)  # stays so while the device's end is open
+            tty.setraw(client)  # raw mode lasts as long as the device's end is open
             os.set_blocking(master, False)
             path = os.ttyname(client)
             self._point(path)
@@ -68,7 +68,7 @@ class PtyDoor:
             os.close(master)
             raise
         finally:
-            os.close(client)  # from here on the poll tells whether somebody has it open
+            os.close(client)  # from here on, poll reports whether a client has it open
         self._fd = master
         self._path = path
         self._there = False
@@ -77,7 +77,7 @@ class PtyDoor:
         self.address = str(self.link) if self.link else path
 
     def close(self) -> None:
-        """Takes the port away, as a pulled cable does: the client's descriptor hangs up. Always succeeds."""
+        """Removes the port, as unplugging the cable does: the client's descriptor hangs up. Always succeeds."""
         if self._fd < 0:
             return
         if self.link is not None:
@@ -100,19 +100,19 @@ class PtyDoor:
         return self._there
 
     def read(self) -> bytes:
-        """What the client has sent, b"" if nothing; never blocks."""
+        """Bytes that the client has sent, b"" if none; never blocks."""
         chunks = []
         while self._fd >= 0:
             try:
                 chunk = os.read(self._fd, CHUNK)
-            except OSError:  # EAGAIN: nothing there; EIO: nobody there
+            except OSError:  # EAGAIN: no data; EIO: no client
                 break
             chunks.append(chunk)
             self.bytes_in += len(chunk)
         return b"".join(chunks)
 
     def write(self, data: bytes) -> None:
-        """Sends, and loses what the client's side has no room for; never blocks."""
+        """Sends without blocking; bytes for which the client's side has no room are lost."""
         if not data or not self._there:
             return
         try:
@@ -123,9 +123,9 @@ class PtyDoor:
         self.lost += len(data) - taken
 
     def _forget_unread(self) -> None:
-        """Throws away what the client that left hasn't read; the next one must not get it."""
+        """Discards what the last client hasn't read, so that the next one doesn't receive it."""
         with contextlib.suppress(OSError, termios.error):
-            termios.tcflush(self._fd, termios.TCOFLUSH)  # on its way; what has arrived is the other end's
+            termios.tcflush(self._fd, termios.TCOFLUSH)  # bytes in transit; arrived ones belong to the client's end
             end = os.open(self._path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
             try:
                 termios.tcflush(end, termios.TCIFLUSH)

@@ -1,4 +1,4 @@
-"""What fakes of sensors have in common: they sample, are noisy, late, and at times gone."""
+"""What the fakes of sensors share: sampling, noise, delay and loss of the device."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from sim.devices.shared.windows import Windows, inside, refuse_while_gone, risin
 from sim.world.cell import Cell
 from sim.world.samples import Samples
 
-_CATCH_UP: Final = 100  # samples counted at most in one read
+_CATCH_UP: Final = 100  # most samples counted in one read
 
 
 class SensorOptions(FakeConfig):
-    """Options of every fake of a sensor; a subclass sets its own defaults."""
+    """Options of every sensor's fake; a subclass sets its own defaults."""
 
     part: str | None = Field(default=None, description="the cell's part it measures; None: the one that fits")
     rate: float = Field(default=100.0, gt=0, le=4000, description="Hz, samples it takes")
@@ -35,13 +35,14 @@ class SensorOptions(FakeConfig):
 
 
 class SampledFake(Fake):
-    """Sample k is taken at k / rate of world time; its noise and loss depend on seed, name and k alone.
+    """The common base of sampling fakes.
 
-    A subclass calls `sampled` in `__init__` and implements `fill`. Both doors, the fake and its twin, take
-    samples by `sample`, so they show the same. `health.stamp` is when the sample was taken.
+    Sample k is taken at world time k / rate. Its noise and loss depend only on seed, name and k.
+    A subclass calls `sampled` in `__init__` and implements `fill`. The fake and its twin both take samples with
+    `sample`, so they give the same values. `health.stamp` is the time at which the sample was taken.
 
     Attributes:
-        noise_scale: what `options.noise` is multiplied by for each value of a sample: a number or (size,).
+        noise_scale: factor of `options.noise` for each value of a sample: a number or (size,).
     """
 
     Options = SensorOptions
@@ -61,7 +62,7 @@ class SampledFake(Fake):
         self._delay = round(options.delay * 1e9)
         self._samples: Samples | None = None
         self._noise = SampleNoise(world.seed, name, 0, 0.0)
-        self._last = -1  # newest sample counted
+        self._last = -1  # number of the newest sample counted
 
     @property
     def cell(self) -> Cell:
@@ -70,20 +71,20 @@ class SampledFake(Fake):
         return self.world
 
     def sampled(self, size: int, take: Callable[[], Array]) -> None:
-        """Says what is measured: `take` gives the true values (size,) of the world now. Once, in `__init__`."""
+        """Sets what is measured; called once, in `__init__`. `take` returns the present true values (size,)."""
         rate = Fraction(self._sensor_options.rate).limit_denominator(10**6)
         self._samples = self.cell.sample(rate, take, size)
         self._noise = SampleNoise(self.world.seed, self.name, size, self._sensor_options.noise)
 
     @abstractmethod
     def fill(self, values: Array, number: int) -> None:
-        """Puts sample `number` into the state arrays."""
+        """Writes sample `number` into the state arrays."""
 
     def quantise(self, values: Array) -> Array:
-        """What the device's resolution leaves of `values` (size,); may change them in place."""
+        """Rounds `values` (size,) to the device's resolution; may change them in place."""
         return values
 
-    # -- life
+    # -- life cycle
 
     def open(self) -> None:
         self.close()
@@ -98,7 +99,7 @@ class SampledFake(Fake):
                 self.name, "the simulated device is gone", "It comes back at the end of its 'loss' window"
             )
         newest = self.newest()
-        if newest < self._last:  # the world went back to a saved state
+        if newest < self._last:  # the world was restored to an earlier state
             self._last = newest - 1
         arrived = -1
         for number in range(max(self._last + 1, newest - _CATCH_UP, 0), newest + 1):
@@ -108,7 +109,7 @@ class SampledFake(Fake):
                 self.health.frames += 1
                 arrived = number
         self._last = newest
-        # Of what came, the newest counts; after a pause it may be older than what is kept.
+        # The newest sample that arrived is used; after a pause it may no longer be kept.
         values = self.sample(arrived) if arrived >= 0 and self.samples.keeps(arrived) else None
         if values is None:
             return
@@ -118,18 +119,18 @@ class SampledFake(Fake):
     def close(self) -> None:
         self.health.connected = False
 
-    # -- the sensor itself, for both doors
+    # -- the sensor itself, used by the fake and the twin
 
     def newest(self) -> int:
-        """Number of the newest sample that has arrived by now, -1 before the first."""
+        """Number of the newest sample that has arrived by now; -1 before the first."""
         return self.samples.newest(self.world.time - self._delay)
 
     def taken_at(self, number: int) -> int:
-        """ns of world time at which a sample is taken."""
+        """World time at which a sample is taken, ns."""
         return self.samples.taken_at(number)
 
     def sample(self, number: int) -> Array | None:
-        """The measured values (size,) of a sample that is at most a second old; None if it got lost."""
+        """The measured values (size,) of a sample at most a second old; None if it is lost."""
         if self._is_lost(number):
             return None
         measured = self.samples[number].copy()
@@ -139,7 +140,7 @@ class SampledFake(Fake):
 
     @property
     def samples(self) -> Samples:
-        """The true values at the sensor's instants."""
+        """The true values at the sensor's sampling times."""
         assert self._samples is not None, "the fake didn't call `sampled`"
         return self._samples
 

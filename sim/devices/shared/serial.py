@@ -1,4 +1,4 @@
-"""What twins of serial devices have in common: the door, the cable that falls out, the log of bytes."""
+"""What the twins of serial devices share: the door, the loss of the cable, the log of bytes."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from sim.devices.shared.windows import Windows, inside
 class SerialTwin(Twin):
     """A twin behind a pty.
 
-    During the `loss` windows of the fake's options the port is gone, as with a pulled cable; `muted` leaves
-    it open and swallows what is sent, as a device whose program hangs.
+    During the `loss` windows of the fake's options the port is removed, as with an unplugged cable. `muted` leaves
+    it open and discards what is sent, like a device whose program hangs.
 
     Attributes:
-        link: a symlink that follows the port's changing path; to be set before `open`.
+        link: a symlink that follows the port's changing path; set it before `open`.
         muted: the device neither obeys nor answers.
-        keep_log: remember every byte received and its time, for `log`.
+        keep_log: whether to store every byte received and its time, for `log`.
     """
 
     def __init__(self, fake: Fake) -> None:
@@ -52,7 +52,7 @@ class SerialTwin(Twin):
         self.address = self.door.address
 
     def close(self) -> None:
-        """See `Twin.close`; a client that has the port open sees it hang up. `open` puts the port back."""
+        """See `Twin.close`; a client that has the port open sees it hang up. `open` creates the port again."""
         self.door.close()
         self.address = ""
 
@@ -63,7 +63,7 @@ class SerialTwin(Twin):
             self.work(now)
             return
         connects = self.door.connects
-        data = self.door.read()  # first: who has sent something is there, also who has just come
+        data = self.door.read()  # first: a client that has sent something is there, even if it has just connected
         there = self.door.connected()
         if self.door.connects > connects and not self.muted:
             self.connected(now)
@@ -78,18 +78,18 @@ class SerialTwin(Twin):
         self.door.write(answer if there else b"")
 
     def connected(self, now: int) -> None:
-        """A client has opened the port."""
+        """Called when a client has opened the port."""
 
     @abstractmethod
     def receive(self, data: bytes, now: int) -> bytes:
-        """Obeys the client's bytes and gives what the device answers."""
+        """Carries out the client's bytes and returns the device's answer."""
 
     @abstractmethod
     def work(self, now: int) -> bytes:
-        """What the device does and sends by itself at `now`, whether someone listens or not."""
+        """Does what the device does by itself at `now`, with or without a client; returns what it sends."""
 
     def figures(self) -> dict[str, object]:
-        """See `Twin.figures`: connections, bytes each way, bytes lost, when the last ones came (ns)."""
+        """See `Twin.figures`: connections, bytes in each direction and lost, time of the last bytes received (ns)."""
         return {
             "connects": self.door.connects,
             "bytes_in": self.door.bytes_in,
@@ -99,7 +99,7 @@ class SerialTwin(Twin):
         }
 
     def log(self) -> dict[str, NDArray[Any]]:
-        """`rx` (k,) the bytes received, and `rx_ns` (k,) when each was taken (ns of the twin's clock)."""
+        """`rx` (k,): the bytes received. `rx_ns` (k,): when each was received (ns of the twin's clock)."""
         times = [at for at, data in self._chunks for _ in data]
         return {
             "rx": np.frombuffer(b"".join(data for _, data in self._chunks), np.uint8),

@@ -1,4 +1,4 @@
-"""Sockets as a twin's doors: what the device's end of a network link sees of its clients. Loopback only."""
+"""The doors of twins behind sockets: the device's end of network links to its clients. Loopback only."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from runtime.contracts.world import Fake, Twin
 from sim.devices.shared.windows import Windows, inside
 
 CHUNK: Final = 65536
-CHUNKS: Final = 64  # in one read
+CHUNKS: Final = 64  # most chunks in one read
 _BACKLOG: Final = 8
 
 
@@ -24,8 +24,8 @@ class Client:
 
     Attributes:
         peer: (host, port) of the client.
-        gone: it has hung up.
-        lost: bytes it was too slow to take.
+        gone: whether the connection has ended.
+        lost: number of bytes that the client was too slow to take.
     """
 
     def __init__(self, link: socket.socket, door: TcpDoor) -> None:
@@ -38,7 +38,7 @@ class Client:
         self._kept = b""
 
     def read(self) -> bytes:
-        """What it has sent, b"" if nothing; never blocks."""
+        """Bytes that the client has sent, b"" if none; never blocks."""
         chunks: list[bytes] = []
         for _ in range(CHUNKS):
             try:
@@ -57,9 +57,10 @@ class Client:
         return data
 
     def write(self, data: bytes, keep: bool = False) -> None:
-        """Sends; never blocks. A frame that the kernel has no room for at all is lost and counted.
+        """Sends without blocking.
 
-        The rest of a frame that was begun is kept and sent first. With `keep` whole frames are kept, too.
+        If the kernel has no room at all for a frame, the frame is lost and counted. The rest of a frame that was
+        begun is kept and sent first. With `keep`, whole frames are kept, too.
         """
         if self.gone:
             return
@@ -80,19 +81,19 @@ class Client:
             self._door.lost += len(data)
 
     def unsent(self) -> int:
-        """Bytes that the client's kernel hasn't acknowledged."""
+        """Number of bytes not yet acknowledged by the client's kernel."""
         with contextlib.suppress(OSError):
             return len(self._kept) + int(struct.unpack("i", fcntl.ioctl(self._link, termios.TIOCOUTQ, b"\0" * 4))[0])
         return len(self._kept)
 
     def close(self) -> None:
-        """Hangs up."""
+        """Closes the connection."""
         self.gone = True
         with contextlib.suppress(OSError):
             self._link.close()
 
     def reset(self) -> None:
-        """Hangs up as a device without power does: the client sees a reset."""
+        """Closes the connection as a device that loses power does: the client sees a reset."""
         with contextlib.suppress(OSError):
             self._link.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         self.close()
@@ -116,16 +117,17 @@ class TcpDoor:
 
     Attributes:
         address: `tcp://HOST:PORT`; "" while closed.
-        clients: those that are connected.
-        connects: clients so far.
-        bytes_in, bytes_out, lost: bytes of all clients; lost: they were too slow to take them.
+        clients: the connected clients.
+        connects: number of clients so far.
+        bytes_in, bytes_out: bytes received from and sent to all clients.
+        lost: bytes that clients were too slow to take.
     """
 
     def __init__(self, host: str = "127.0.0.1", most: int = 4) -> None:
         """
         Args:
             host: a loopback address; 127.0.0.2 and so on are loopback, too.
-            most: clients at once; more are turned away.
+            most: most clients at a time; further ones are rejected.
         """
         if not host.startswith("127."):
             raise HostError(host, "a twin listens on loopback only", "Use 127.0.0.1")
@@ -138,7 +140,7 @@ class TcpDoor:
 
     @property
     def port(self) -> int:
-        """The port; the same again after close and open."""
+        """The port number; it stays the same after close and open."""
         return self._port
 
     @property
@@ -147,10 +149,10 @@ class TcpDoor:
         return self._listener is not None
 
     def open(self, port: int = 0) -> None:
-        """Listens; at the port it had before, if it had one.
+        """Listens; uses the previous port again, if there was one.
 
         Raises:
-            HostError: the port is taken.
+            HostError: the port is already in use.
         """
         self.close()
         listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM | socket.SOCK_NONBLOCK | socket.SOCK_CLOEXEC)
@@ -170,7 +172,7 @@ class TcpDoor:
         self.address = f"tcp://{self.host}:{self._port}"
 
     def accept(self) -> list[Client]:
-        """Takes new clients in and forgets those that have gone; gives the new ones."""
+        """Accepts new clients and removes those that have disconnected; returns the new ones."""
         self.clients = [client for client in self.clients if not client.gone]
         new: list[Client] = []
         while self._listener is not None:
@@ -180,7 +182,7 @@ class TcpDoor:
                 break
             try:
                 client = Client(link, self)
-            except OSError:  # it hung up before it was let in
+            except OSError:  # it disconnected before it was accepted
                 link.close()
                 continue
             if len(self.clients) >= self.most:
@@ -192,7 +194,7 @@ class TcpDoor:
         return new
 
     def close(self) -> None:
-        """Closes; clients see a reset, as when the cable or the power goes. Always succeeds."""
+        """Closes the socket; clients see a reset, as when the cable or the power fails. Always succeeds."""
         for client in self.clients:
             client.reset()
         self.clients = []
@@ -207,7 +209,8 @@ class UdpDoor:
 
     Attributes:
         address: `udp://HOST:PORT`; "" while closed.
-        bytes_in, bytes_out, lost: bytes; lost: the kernel had no room.
+        bytes_in, bytes_out: bytes received and sent.
+        lost: bytes for which the kernel had no room.
     """
 
     def __init__(self, host: str = "127.0.0.1") -> None:
@@ -221,19 +224,19 @@ class UdpDoor:
 
     @property
     def port(self) -> int:
-        """The port; the same again after close and open."""
+        """The port number; it stays the same after close and open."""
         return self._port
 
     @property
     def is_open(self) -> bool:
-        """Whether it can be reached."""
+        """Whether the socket is bound."""
         return self._socket is not None
 
     def open(self, port: int = 0) -> None:
-        """Binds; to the port it had before, if it had one.
+        """Binds the socket; uses the previous port again, if there was one.
 
         Raises:
-            HostError: the port is taken.
+            HostError: the port is already in use.
         """
         self.close()
         link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK | socket.SOCK_CLOEXEC)
@@ -248,7 +251,7 @@ class UdpDoor:
         self.address = f"udp://{self.host}:{self._port}"
 
     def read(self) -> list[tuple[bytes, tuple[str, int]]]:
-        """Datagrams and who sent them, oldest first; never blocks."""
+        """Received datagrams and their senders, oldest first; never blocks."""
         found: list[tuple[bytes, tuple[str, int]]] = []
         for _ in range(256):
             if self._socket is None:
@@ -257,14 +260,14 @@ class UdpDoor:
                 data, peer = self._socket.recvfrom(CHUNK)
             except BlockingIOError:
                 break
-            except OSError:  # an earlier datagram found nobody: that is the sender's business, not the device's
+            except OSError:  # an earlier datagram had no receiver; that doesn't concern the device
                 continue
             self.bytes_in += len(data)
             found.append((data, peer))
         return found
 
     def write(self, data: bytes, peer: tuple[str, int]) -> None:
-        """Sends one datagram; never blocks, loses it where there is no room."""
+        """Sends one datagram without blocking; if there is no room, it is lost."""
         if self._socket is None:
             return
         try:
@@ -274,7 +277,7 @@ class UdpDoor:
             self.lost += len(data)
 
     def close(self) -> None:
-        """Closes. Always succeeds."""
+        """Closes the socket. Always succeeds."""
         link, self._socket = self._socket, None
         self.address = ""
         if link is not None:
@@ -282,14 +285,14 @@ class UdpDoor:
 
 
 class SocketTwin(Twin):
-    """A twin behind sockets: its subclass owns the doors.
+    """A twin behind sockets; the subclass owns the doors.
 
-    During the `loss` windows of the fake's options the doors are closed, as with a pulled cable; `muted`
-    leaves them open and swallows what is sent, as a device whose program hangs.
+    During the `loss` windows of the fake's options the doors are closed, as with an unplugged cable. `muted`
+    leaves them open and discards what is sent, like a device whose program hangs.
 
     Attributes:
         muted: the device neither obeys nor answers.
-        keep_log: remember what `log` gives.
+        keep_log: whether to store what `log` returns.
     """
 
     def __init__(self, fake: Fake) -> None:
@@ -301,18 +304,18 @@ class SocketTwin(Twin):
 
     @abstractmethod
     def doors(self) -> list[TcpDoor | UdpDoor]:
-        """All doors; the first one's address is the twin's, unless `describe` says otherwise."""
+        """All doors; the twin's address is that of the first, unless `describe` is overridden."""
 
     def describe(self) -> str:
-        """What goes into the profile's `port`, once the doors are open."""
+        """The value for the profile's `port`, once the doors are open."""
         return self.doors()[0].address
 
     def opened(self) -> None:
-        """The doors were opened (again): a device that has just been switched on or plugged in."""
+        """Called when the doors were opened (again): the device has just been switched on or plugged in."""
 
     @abstractmethod
     def work(self, now: int) -> None:
-        """Takes new clients in, obeys, answers, sends what is due at `now`; not called while muted."""
+        """Accepts new clients, obeys, answers and sends what is due at `now`; not called while muted."""
 
     def open(self) -> None:
         """See `Twin.open`."""
@@ -322,7 +325,7 @@ class SocketTwin(Twin):
         self.opened()
 
     def close(self) -> None:
-        """See `Twin.close`; clients see the link go. `open` brings it back, at the same ports."""
+        """See `Twin.close`; clients see the link fail. `open` restores it at the same ports."""
         for door in self.doors():
             door.close()
         self.address = ""
@@ -337,7 +340,7 @@ class SocketTwin(Twin):
             else:
                 self.open()
         if self.muted:
-            for door in self.doors():  # the kernel of a hung device still takes what comes
+            for door in self.doors():  # the kernel of a hung device still receives
                 if isinstance(door, TcpDoor):
                     for client in door.clients:
                         client.read()
@@ -347,7 +350,7 @@ class SocketTwin(Twin):
         self.work(now)
 
     def figures(self) -> dict[str, object]:
-        """See `Twin.figures`: connections, bytes each way, bytes lost."""
+        """See `Twin.figures`: connections, bytes in each direction, bytes lost."""
         doors: list[Any] = list(self.doors())
         return {
             "connects": sum(door.connects for door in doors if isinstance(door, TcpDoor)),

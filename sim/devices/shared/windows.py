@@ -1,4 +1,4 @@
-"""Stretches of world time written into a fake's options, and what fakes do while their device is gone."""
+"""Windows of world time in a fake's options, and what fakes do while their device is gone."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Windows = tuple[tuple[float, float], ...]
 
 
 def rising(windows: Windows) -> Windows:
-    """Refuses windows that end before they begin, or begin before the last one has ended."""
+    """Raises `ValueError` for windows that end before they begin, or begin before the previous one has ended."""
     times = [t for window in windows for t in window]
     if any(a >= b for a, b in pairwise(times)):
         raise ValueError("the times must rise: [[from, to], [from, to], ...]")
@@ -31,7 +31,11 @@ def refuse_while_gone(name: str, loss: Windows, at: int) -> None:
 
 
 def require(world: World, method: str, name: str) -> Any:
-    """The world, if it offers `method`."""
+    """Returns the world if it has `method`.
+
+    Raises:
+        WiringError: it has not.
+    """
     if not hasattr(world, method):
         raise WiringError(
             f"sim.devices.{name}",
