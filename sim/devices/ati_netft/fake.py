@@ -1,4 +1,4 @@
-"""An ATI Net F/T in the simulated world."""
+"""An ATI Net F/T sensor in the simulated world."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from runtime.contracts.signals import Array
 from runtime.contracts.world import FakeConfig, World
 from sim.devices.shared.force_torque import ForceTorqueFake, ForceTorqueOptions
 
-COUNTS = 1_000_000  # per N and per N m, the usual ones
+COUNTS = 1_000_000  # per N and per N m, the usual values
 
 
 class FakeAtiNetFtOptions(ForceTorqueOptions):
@@ -24,7 +24,7 @@ class FakeAtiNetFtOptions(ForceTorqueOptions):
 
 
 class FakeAtiNetFt(ForceTorqueFake):
-    """See `ForceTorqueFake`; resolves a count."""
+    """See `ForceTorqueFake`; the resolution is one count."""
 
     Options = FakeAtiNetFtOptions
     real = AtiNetFt

@@ -1,4 +1,4 @@
-"""The Net F/T's other door: RDT over UDP, its web page and its TCP commands."""
+"""The twin of an ATI Net F/T: RDT over UDP, its web page and its TCP commands."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from sim.devices.ati_netft.fake import COUNTS, FakeAtiNetFt, FakeAtiNetFtOptions
 from sim.devices.ati_netft.twin_pages import Commands, Pages
 from sim.devices.shared.sockets import Client, SocketTwin, TcpDoor, UdpDoor
 
-_CATCH_UP = 0.5  # s of records sent at most at once; older ones were never sampled in time
+_CATCH_UP = 0.5  # s; most records sent at once. Older samples were never taken in time.
 _SUMMARY = 1 << 31
-_LINGER = 32  # samples that an Axia's saturation bits stay on (1.5)
+_LINGER = 32  # samples for which an Axia's saturation bits stay set (1.5)
 
 
 class AtiNetFtTwin(SocketTwin):
-    """Record of sample k leaves when the fake's sample k would arrive; a dropped one leaves a gap.
+    """Sends the record of sample k when the fake's sample k would arrive; a dropped sample leaves a gap.
 
-    One client is served, the one that asked last; any request ends the stream before it.
+    Only one client is served: the one that sent the last request. Any request ends the stream before it.
 
     Attributes:
-        trouble: status bits to show on top, for tests.
+        trouble: additional status bits to report, for tests.
         threshold: N; a larger force sets the latch. None: never.
     """
 
@@ -65,32 +65,32 @@ class AtiNetFtTwin(SocketTwin):
         self._stream()
 
     def power_cycle(self) -> None:
-        """Off and on: the stream, the bias, the latch and the sample counter are gone."""
+        """Switches the sensor off and on: the stream, the bias, the latch and the sample counter are reset."""
         self._start()
         self.sensor.unbias()
         self._first = max(self.sensor.newest(), 0)
 
     def figures(self) -> dict[str, object]:
-        """Those of every socket twin, requests by name, datagrams that were none, records sent."""
+        """Adds to the socket twin's figures: requests by name, unknown datagrams, records sent."""
         return super().figures() | {"requests": dict(self._seen), "unknown": self._unknown, "records": self._count}
 
-    # -- what the pages ask
+    # -- what the pages use
 
     def status(self) -> int:
-        """The status word now."""
+        """The present status word."""
         bits = self.trouble | LATCHED * self._latched
         if 0 <= self.sensor.newest() - self._saturated <= (_LINGER if self._family == "axia" else 0):
             bits |= SATURATED[self._family]
         return bits | _SUMMARY * bool(bits)
 
     def counts_now(self) -> list[int]:
-        """The newest sample."""
+        """The newest sample, in counts."""
         newest = self.sensor.newest()
         values = self.sensor.measured(newest) if newest >= 0 else None
         return [0] * 6 if values is None else _counts(values)
 
     def bias(self) -> None:
-        """Takes the present load for zero."""
+        """Takes the present load as zero."""
         self.sensor.bias()
 
     def reset_latch(self) -> None:
@@ -101,12 +101,12 @@ class AtiNetFtTwin(SocketTwin):
 
     def _start(self) -> None:
         self._client: tuple[str, int] | None = None
-        self._left: int | None = 0  # records still wanted; None: without end
+        self._left: int | None = 0  # records still to be sent; None: without end
         self._sequence = 0
-        self._batch: list[bytes] | None = None  # of the buffered mode
-        self._sent = self.sensor.newest()  # newest sample that was looked at
-        self._first = 0  # sample that the counter began with
-        self._saturated = -(1 << 40)  # newest saturated sample
+        self._batch: list[bytes] | None = None  # records collected in buffered mode
+        self._sent = self.sensor.newest()  # number of the newest sample handled
+        self._first = 0  # sample at which the counter began
+        self._saturated = -(1 << 40)  # number of the newest saturated sample
         self._latched = False
         self._count = 0
 
@@ -123,7 +123,7 @@ class AtiNetFtTwin(SocketTwin):
             self._sent = self.sensor.newest()
             if command is Request.START_BUFFERED:
                 self._batch = []
-            if count == 1:  # the polled mode: at once
+            if count == 1:  # polled mode: answers at once
                 self._send(self.sensor.newest())
         elif command is Request.BIAS:
             self.bias()

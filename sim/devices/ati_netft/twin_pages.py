@@ -11,7 +11,7 @@ from drivers.ati_netft import settings
 from runtime.contracts.signals import Array
 
 COMMAND: Final = 20  # bytes of each TCP request
-_LONGEST: Final = 8192  # bytes of a request's head
+_LONGEST: Final = 8192  # bytes of a request's header
 _READ_FT: Final = struct.Struct(">HH6h")
 
 
@@ -35,7 +35,7 @@ class Sensor(Protocol):
 
 
 def page(sensor: Sensor) -> bytes:
-    """netftapi2.xml."""
+    """Returns the page netftapi2.xml."""
     root = Element("netft")
     entries: dict[str, object] = {
         "prodname": sensor.product,
@@ -58,14 +58,14 @@ def page(sensor: Sensor) -> bytes:
 
 
 class Pages:
-    """One HTTP connection: a GET, its answer, the end."""
+    """One HTTP connection: one GET request, its answer, then the end of the connection."""
 
     def __init__(self, sensor: Sensor) -> None:
         self._sensor = sensor
         self._head = b""
 
     def feed(self, data: bytes) -> bytes | None:
-        """The answer, after which the connection ends; None until the request is complete."""
+        """Returns the answer, after which the connection ends; None until the request is complete."""
         self._head += data[:_LONGEST]
         if b"\r\n\r\n" not in self._head and b"\n\n" not in self._head:
             return _answer("400 Bad Request") if len(self._head) >= _LONGEST else None
@@ -99,7 +99,7 @@ class Pages:
 
 
 class Commands:
-    """One TCP connection: requests of 20 bytes. Counts: `unknown` requests."""
+    """One TCP connection with requests of 20 bytes; counts `unknown` requests."""
 
     def __init__(self, sensor: Sensor) -> None:
         self.unknown = 0
@@ -107,7 +107,7 @@ class Commands:
         self._rest = b""
 
     def feed(self, data: bytes) -> bytes:
-        """The answers to the requests that `data` completes."""
+        """Returns the answers to the requests that `data` completes."""
         data = self._rest + data
         answers = [self._obey(data[at : at + COMMAND]) for at in range(0, len(data) - COMMAND + 1, COMMAND)]
         self._rest = data[len(answers) * COMMAND :]
@@ -131,7 +131,7 @@ class Commands:
         return b""
 
     def factors(self) -> list[int]:
-        """The scale factors, with which the whole range fits into 16 bits."""
+        """The scale factors with which the whole range fits into 16 bits."""
         return [max(1, -(-int(limit * self._sensor.counts) // 32767)) for limit in self._sensor.range]
 
 

@@ -1,4 +1,4 @@
-"""A mobile base in the cell: it drives on the floor, and its wheels' odometry isn't the truth."""
+"""A mobile base in the cell; it drives on the floor, and its wheel odometry differs from the true pose."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from sim.devices.shared.sensor import SampledFake, SensorOptions
 from sim.devices.shared.windows import Windows, inside, rising
 from sim.parts.robots.summit_xl import SummitXlPart
 
-WATCHDOG: Final = 500_000_000  # ns without a command until the robot stops (protocol sheet, section 1)
-WATCH: Final = 50_000_000  # ns of world time between two looks at it
+WATCHDOG: Final = 500_000_000  # ns without a command after which the robot stops (protocol sheet, section 1)
+WATCH: Final = 50_000_000  # ns of world time between two checks of the watchdog
 
 
 class FakeBaseOptions(SensorOptions):
@@ -34,9 +34,10 @@ class FakeBaseOptions(SensorOptions):
 
 
 class FakeBase(SampledFake):
-    """Odometry of the part's wheels; a command stays in force until the next, or for half a second.
+    """Measures the odometry of the part's wheels and drives the base.
 
-    `state` and `obey` are the base itself, for both doors.
+    A command stays in force until the next one, or for half a second. `obey` and `watch` are the base itself, used
+    by the fake and the twin.
     """
 
     Options = FakeBaseOptions
@@ -53,7 +54,7 @@ class FakeBase(SampledFake):
         self._top = top
         self.base = self.cell.part(SummitXlPart, name, options.part)
         self.noise_scale = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
-        self._obeyed = -WATCHDOG  # ns of world time of the newest command
+        self._obeyed = -WATCHDOG  # world time of the newest command, ns
         self._pose, self._twist = np.zeros(3), np.zeros(3)
         self._taken = 0
         self.sampled(6, self._measure)
@@ -85,7 +86,7 @@ class FakeBase(SampledFake):
     # -- the base itself
 
     def obey(self, vx: float, vy: float, wz: float) -> None:
-        """A velocity command (m/s, m/s, rad/s) has arrived; the robot's controller cuts it to its limits."""
+        """Takes a velocity command (m/s, m/s, rad/s); the robot's controller limits it."""
         self._obeyed = self.world.time
         if self.pressed():
             vx = vy = wz = 0.0
@@ -93,12 +94,12 @@ class FakeBase(SampledFake):
         self.base.command(vx, vy, min(max(wz, -TOP_TURN), TOP_TURN))
 
     def watch(self) -> None:
-        """The robot's own time-out and its e-stop; to be called often."""
+        """Applies the robot's own time-out and its emergency stop; must be called often."""
         if self.pressed() or self.world.time - self._obeyed > WATCHDOG:
             self.base.command(0.0, 0.0, 0.0)
 
     def pressed(self) -> bool:
-        """Whether its e-stop is pressed now."""
+        """Whether the emergency stop is pressed now."""
         return inside(self._options.pressed, self.world.time)
 
     def _measure(self) -> Array:

@@ -1,4 +1,4 @@
-"""A mobile base behind its zenoh bridge, or with zenoh as its own middleware: topics as ROS 2 CDR."""
+"""The twin of a mobile base behind a zenoh bridge, or with zenoh as its middleware: topics as ROS 2 CDR."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from sim.devices.base.fake import FakeBase
 from sim.devices.shared.sockets import SocketTwin
 from sim.devices.zenoh.twin import Arrival, ZenohDoor
 
-LATE: Final = 500_000_000  # ns; a stamped command that is older, or that far ahead, is refused
-EMERGENCY_PERIOD: Final = 100_000_000  # ns between reports of the e-stop
-# Type hashes that rmw_zenoh has in its keys (protocol sheet, section 4).
+LATE: Final = 500_000_000  # ns; a command whose stamp is older, or that far in the future, is refused
+EMERGENCY_PERIOD: Final = 100_000_000  # ns between reports of the emergency stop
+# Type hashes that rmw_zenoh puts into its keys (protocol sheet, section 4).
 _HASHES = {
     protocol.TWIST: "9c45bf16fe0983d80e3cfe750d6835843d265a9a6c46bd2e609fcddde6fb8d2a",
     protocol.TWIST_STAMPED: "5f0fcd4f81d5d06ad9b4c4c63e3ea51b82d6ae4d0558f1d475229b1121db6f64",
@@ -27,10 +27,11 @@ _QOS = "::,10:,:,:,,"
 
 
 class BaseTwin(SocketTwin):
-    """Publishes odometry and the e-stop, obeys velocities until half a second after the last.
+    """Publishes odometry and the emergency stop; a velocity command stays in force for half a second.
 
-    Refused and counted: what isn't the message it takes, a stamp that is too old, with rmw_zenoh a missing
-    attachment. Velocities beyond the controller's limits are cut.
+    These commands are refused and counted: a message of another type, a stamp that is too old or too far in the
+    future, a velocity that isn't finite, and with rmw_zenoh a missing attachment. Velocities beyond the
+    controller's limits are clipped.
     """
 
     def __init__(self, fake: Fake) -> None:
@@ -45,7 +46,7 @@ class BaseTwin(SocketTwin):
         self.door = ZenohDoor("router", [self._command], [], [self._token()])
         self.child_frame = fake.config.child_frame or "robot_base_footprint"
         self.refused = 0
-        self.taken: list[tuple[int, tuple[float, float, float]]] = []  # (ns of world time, velocity), with keep_log
+        self.taken: list[tuple[int, tuple[float, float, float]]] = []  # (world time in ns, velocity), with keep_log
         self.commands = 0
         self._ahead = round(fake.clock * 1e9)
         self._wall = 0
@@ -64,7 +65,7 @@ class BaseTwin(SocketTwin):
         self._last = self._fake.newest()
 
     def service(self, now: int) -> None:
-        """See `Twin.service`. The base's own time-out works without its network, too."""
+        """See `Twin.service`. The base's own time-out also works without its network."""
         super().service(now)
         self._fake.watch()
 
@@ -89,7 +90,7 @@ class BaseTwin(SocketTwin):
             self._send(self._emergency, cdr.encode(protocol.BOOL, {"data": self._fake.pressed()}), now + self._wall)
 
     def figures(self) -> dict[str, object]:
-        """See `Twin.figures`: commands obeyed and refused besides."""
+        """See `Twin.figures`; adds the numbers of commands obeyed and refused."""
         return super().figures() | {"commands": self.commands, "refused": self.refused}
 
     def _obey(self, arrival: Arrival, now: int) -> None:
@@ -123,7 +124,7 @@ class BaseTwin(SocketTwin):
         return f"{self._config.domain}/{full}/{_mangled(kind)}/RIHS01_{_HASHES[kind]}"
 
     def _token(self) -> str:
-        """The token by which the robot says that it takes commands (protocol sheet, sections 2 and 4)."""
+        """The token with which the robot declares that it takes commands (protocol sheet, sections 2 and 4)."""
         topic = self._config.topic(self._config.command)
         if self._config.middleware == "bridge":
             return f"@/ZID/@ros2_lv/MS/{topic.replace('/', '§')}/{self._kind.replace('/', '§')}/{_QOS}"

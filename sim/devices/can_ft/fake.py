@@ -1,4 +1,4 @@
-"""A Robotous RFT in the simulated world."""
+"""A Robotous RFT force/torque sensor in the simulated world."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from runtime.contracts.world import FakeConfig, World
 from sim.devices.shared.force_torque import ForceTorqueFake, ForceTorqueOptions, positive
 from sim.parts.things.ft_sensor import Vector6
 
-_REMEMBERED = 0.9  # s of samples that the filter looks back at; a sample is kept for 1 s
+_REMEMBERED = 0.9  # s of past samples that the filter uses; a sample is kept for 1 s
 Model = Literal["RFT40-SA01", "RFT44-SB01", "RFT60-HA01", "RFT64-SB01", "RFT76-HA01", "RFT82-HA02", "RFT80-6A01"]
 
 
 class FakeCanFtOptions(ForceTorqueOptions):
-    """Options of the fake; the device's own `rate` decides how often it samples."""
+    """Options of the fake; the device's own `rate` sets the sample rate."""
 
     rate: float = Field(default=200.0, gt=0, le=1000, description="not used: the device's own 'rate' decides")
     delay: float = Field(default=0.001, ge=0, le=0.5, description="s, from sampling to arrival")
@@ -37,7 +37,7 @@ class FakeCanFtOptions(ForceTorqueOptions):
 
 
 class FakeCanFt(ForceTorqueFake):
-    """See `ForceTorqueFake`; samples at the device's `rate`, filters and quantises as the sensor does."""
+    """See `ForceTorqueFake`; samples at the device's `rate`, and filters and quantises as the sensor does."""
 
     Options = FakeCanFtOptions
     real = CanFt
@@ -65,14 +65,14 @@ class FakeCanFt(ForceTorqueFake):
     def quantise(self, values: Array) -> Array:
         return self.raw(values) / self.counts
 
-    # -- the sensor itself, for both doors
+    # -- the sensor itself, used by the fake and the twin
 
     def raw(self, values: Array) -> Array:
-        """(6,) counts, whole numbers that fit into 16 bits."""
+        """(6,) counts: whole numbers that fit into 16 bits."""
         return np.clip(np.rint(values * self.counts), -32768, 32767)
 
     def set_rate(self, rate: int) -> None:
-        """Samples at another rate (Hz) from now on."""
+        """Changes the sample rate (Hz) from now on."""
         if rate != self.rate:
             self.rate = rate
             self._sensor_options = self._sensor_options.model_copy(update={"rate": float(Fraction(rate))})
@@ -80,11 +80,11 @@ class FakeCanFt(ForceTorqueFake):
             self._last = self.newest()
 
     def measured(self, number: int) -> Array | None:
-        """See `ForceTorqueFake.measured`; behind the low-pass of first order."""
+        """See `ForceTorqueFake.measured`; filtered with a first-order low-pass."""
         now = super().measured(number)
         if now is None or self.cutoff == 0:
             return now
-        # Computed anew from the samples that are kept, so that the filter has no state to save.
+        # Computed again from the stored samples, so that the filter has no state to save.
         keep = np.exp(-2 * np.pi * self.cutoff / self.rate)
         length = min(number + 1, int(_REMEMBERED * self.rate), int(7 / -np.log(keep)) + 1)
         weights = keep ** np.arange(length)

@@ -1,4 +1,4 @@
-"""The RFT's other door: its frames on a CAN bus of python-can."""
+"""The twin of a Robotous RFT: its frames on a CAN bus of python-can."""
 
 from __future__ import annotations
 
@@ -15,22 +15,21 @@ from runtime.contracts.world import Fake, Twin
 from sim.devices.can_ft.fake import FakeCanFt, FakeCanFtOptions
 from sim.devices.shared.windows import inside
 
-GROUP = "239.74.163.2"  # python-can's own for its multicast bus
-_CATCH_UP = 0.5  # s of records sent at most at once
+GROUP = "239.74.163.2"  # python-can's default group for its multicast bus
+_CATCH_UP = 0.5  # s; most records sent at once
 _FIRMWARE = "SIM 1.0"
 _OK, _FAILED = b"\1\0", b"\0\2"  # result; result and "out of range"
 
 
 class CanFtTwin(Twin):
-    """Answers the sheet's commands and streams the fake's samples at the instants at which they'd arrive.
+    """Answers the sheet's commands and streams the fake's samples when they would arrive.
 
-    During the `loss` windows of the fake's options it is off the bus and, back on it, has forgotten what a
-    loss of power takes: the stream, the rate, the filter, the bias. While it streams it obeys STOP, READ_RATE
-    and BIAS only.
+    During the `loss` windows of the fake's options it is off the bus. Afterwards it has lost what a loss of power
+    clears: the stream, the rate, the filter, the bias. While it streams, it obeys only STOP, READ_RATE and BIAS.
 
     Attributes:
         muted: the sensor neither obeys nor sends.
-        bus: can://... that it joins; by default a multicast bus whose frames don't leave this host.
+        bus: the can://... URL of its bus; by default a multicast bus whose frames don't leave this host.
     """
 
     def __init__(self, fake: Fake) -> None:
@@ -68,13 +67,13 @@ class CanFtTwin(Twin):
         }
         self._pending = self._ids
 
-    # -- life
+    # -- life cycle
 
     def open(self) -> None:
-        """See `Twin.open`. Raises DeviceError where the bus isn't to be had."""
+        """See `Twin.open`. Raises DeviceError if the bus isn't available."""
         self.close()
         if self.bus is None:
-            # hop_limit 0: the frames stay on this host. A port of its own: several twins, several buses.
+            # hop_limit 0: the frames stay on this host. A separate port for each twin allows several buses.
             self.bus = f"can://udp_multicast/{GROUP}?port={_free_port()}&hop_limit=0"
         self._link = open_can(self.bus, place=f"twin of {self.sensor.name}")
         self.address = self.bus
@@ -88,7 +87,7 @@ class CanFtTwin(Twin):
             link.close()
 
     def power_up(self) -> None:
-        """As after a loss of power: changed ids count, everything else is forgotten."""
+        """Sets the state after a loss of power: changed ids take effect, everything else is reset."""
         self._ids = self._pending
         self._streaming = False
         self._rate_code, self._filter = 0, (0, 0)
@@ -119,7 +118,7 @@ class CanFtTwin(Twin):
         self._stream()
 
     def figures(self) -> dict[str, object]:
-        """Commands by name, frames that were none, records sent, frames the bus had no room for."""
+        """Commands by name, unknown frames, records sent, frames for which the bus had no room."""
         return {
             "commands": dict(self._seen),
             "unknown": self._unknown,
@@ -165,7 +164,7 @@ class CanFtTwin(Twin):
                 self._send_record(number, polled=False)
 
     def _watch(self, number: int) -> None:
-        """Counts the overloads that begin."""
+        """Counts how often an overload begins."""
         bits = self._overload(number)
         for axis in range(len(AXES)):
             bit = 1 << 5 - axis

@@ -1,4 +1,4 @@
-"""A CyberGlove on the simulated hand: it samples, is noisy, late, coarse, and at times gone."""
+"""A CyberGlove on the simulated hand, with sampling, noise, delay, resolution and loss of the device."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from sim.devices.shared.noise import SampleNoise
 from sim.devices.shared.windows import Windows, inside, refuse_while_gone, require, rising
 from sim.wearer.joints import GLOVE_OF_HAND
 
-_CATCH_UP: Final = 100  # samples counted at most in one read
-_LOOK_BACK: Final = 10  # samples; more than drop out one after another
+_CATCH_UP: Final = 100  # most samples counted in one read
+_LOOK_BACK: Final = 10  # samples; more than are lost in a row
 
 
 class Hand(Protocol):
-    """What this fake asks of its world."""
+    """What this fake needs from its world."""
 
     time: int
     seed: int
@@ -50,10 +50,11 @@ class FakeCyberGloveConfig(FakeConfig):
 
 
 class FakeCyberGlove(Sensor, Fake):
-    """Sample k is taken at k / rate of world time; noise and drop-outs depend on seed, name and k alone.
+    """Samples the joint angles of the simulated hand.
 
-    So the fake has no state of its own that a restored world would have to bring back. `health.stamp` is when
-    the sample was taken.
+    Sample k is taken at world time k / rate. Noise and losses depend only on seed, name and k. So the fake has no
+    state of its own that a restored world would have to restore. `health.stamp` is the time at which the sample
+    was taken.
     """
 
     Options = FakeCyberGloveConfig
@@ -86,7 +87,7 @@ class FakeCyberGlove(Sensor, Fake):
                 self.name, "the simulated glove is gone", "It comes back at the end of its 'loss' window"
             )
         newest = self.newest()
-        if newest < self._last:  # the world went back to a saved state: to what had arrived by then
+        if newest < self._last:  # the world was restored: back to what had arrived by then
             self._last = newest - _LOOK_BACK
         arrived = -1
         for number in range(max(self._last + 1, newest - _CATCH_UP, 0), newest + 1):
@@ -109,40 +110,40 @@ class FakeCyberGlove(Sensor, Fake):
     def close(self) -> None:
         self.health.connected = False
 
-    # -- the glove itself, for both doors
+    # -- the glove itself, used by the fake and the twin
 
     def newest(self) -> int:
-        """The number of the newest sample that has arrived by now, -1 before the first."""
+        """Number of the newest sample that has arrived by now; -1 before the first."""
         return (self.world.time - self._delay) * self._per // self._ns
 
     @property
     def period(self) -> Fraction:
-        """ns of world time between samples."""
+        """World time between samples, ns."""
         return Fraction(self._ns, self._per)
 
     def set_period(self, period: Fraction) -> None:
-        """Takes samples at whole multiples of `period` (ns) from now on, as the glove's command T says."""
+        """Takes samples at whole multiples of `period` (ns) from now on, as the glove's command T sets it."""
         self._ns, self._per = period.as_integer_ratio()
-        self._last = self.newest()  # newest sample counted
+        self._last = self.newest()  # number of the newest sample counted
 
     def taken_at(self, number: int) -> int:
-        """ns of world time at which a sample is taken."""
+        """World time at which a sample is taken, ns."""
         return number * self._ns // self._per
 
     def sample(self, number: int) -> Array | None:
-        """The sensors' angles (n,), rad, with noise; None if the sample got lost. At most 0.6 s old."""
+        """The sensors' angles (n,), rad, with noise; None if the sample is lost. It must be at most 0.6 s old."""
         return None if number < 0 or self._is_lost(number) else self._measured(number)
 
     def raw(self, angles: Array) -> NDArray[np.uint8]:
-        """(n,) bytes 1..255, as the calibration turns them; beyond its ends a sensor saturates."""
+        """(n,) bytes 1..255, converted with the calibration; beyond its ends a sensor saturates."""
         return self.calibration().raw(angles)
 
     def switch(self, at: int) -> bool:
-        """Whether the wrist switch is on at `at` (ns of world time)."""
+        """Whether the wrist switch is on at world time `at` (ns)."""
         return inside(self._options.switch, at)
 
     def calibration(self) -> calibration.Calibration:
-        """That of the device's options.
+        """The calibration set in the device's options.
 
         Raises:
             ProfileError: its file can't be read.
@@ -157,7 +158,7 @@ class FakeCyberGlove(Sensor, Fake):
         return dropout > 0.0 and self._noise.uniform(number) < dropout
 
     def _measured(self, number: int) -> Array:
-        """(n,) rad, with noise."""
+        """The measured angles (n,), rad, with noise."""
         angles = self._of_hand.dot(self.hand.hand_position(self.taken_at(number)))
         if self._options.noise:
             angles += self._noise.noise(number)

@@ -1,4 +1,4 @@
-"""The CyberGlove's other door: a simulated glove that speaks the real one's serial protocol."""
+"""The twin of a CyberGlove: a simulated glove with the real one's serial protocol."""
 
 from __future__ import annotations
 
@@ -14,17 +14,18 @@ from sim.devices.cyberglove.twin_commands import Commands
 from sim.devices.shared.dialing import DialingDoor
 from sim.devices.shared.serial import SerialTwin
 
-_CATCH_UP = 50  # records sent at most at once; older ones were never sampled in time
+_CATCH_UP = 50  # most records sent at once; older samples were never taken in time
 
 
 class CyberGloveTwin(SerialTwin):
-    """Answers all commands of the sheet's table and streams the fake's samples, at the instants of the fake.
+    """Answers all commands of the sheet's table and streams the fake's samples at the fake's sampling times.
 
-    Record k leaves when sample k would reach a client of the fake, so both doors show the same at the same
-    world time. A sample that the fake drops is never sent.
+    Record k is sent when sample k would reach a client of the fake. So the fake and the twin give the same values
+    at the same world time. A sample that the fake drops is never sent.
 
     Attributes:
-        unplugged: the glove is off its interface, which goes on answering and says so (`eg`, status bit 0).
+        unplugged: the glove is disconnected from its interface, which still answers and reports it (`eg`, status
+            bit 0).
     """
 
     def __init__(self, fake: Fake) -> None:
@@ -34,9 +35,9 @@ class CyberGloveTwin(SerialTwin):
         if fake.config.port.startswith("tcp-listen://"):  # type: ignore[attr-defined]
             self.door = DialingDoor(fake.config.port)  # type: ignore[attr-defined]
         self.unplugged = False
-        self._flipped = False  # `W` has set the switch to the opposite of what it is
+        self._flipped = False  # whether `W` has inverted the switch
         self._bytes = b""
-        self._sent = -1  # number of the newest sample that was streamed
+        self._sent = -1  # number of the newest streamed sample
         self._streamed: list[tuple[int, int]] = []
         self.commands = Commands(self)
 
@@ -46,7 +47,7 @@ class CyberGloveTwin(SerialTwin):
         self._sent = self.glove.newest()
 
     def connected(self, now: int) -> None:
-        """Over Wi-Fi it says so first (sheet, 1)."""
+        """Over Wi-Fi, the glove announces itself first (sheet, 1)."""
         if isinstance(self.door, DialingDoor):
             self.door.write(b"o")
 
@@ -76,15 +77,15 @@ class CyberGloveTwin(SerialTwin):
         return b"".join(records)
 
     def figures(self) -> dict[str, object]:
-        """Those of every serial twin, commands by letter, bytes that were no command."""
+        """Adds to the serial twin's figures: commands by letter, unknown bytes."""
         return super().figures() | {"commands": dict(self.commands.seen), "unknown": self.commands.unknown}
 
     def log(self) -> dict[str, NDArray[Any]]:
-        """Those of every serial twin, `sent_ns` (k,) when a record left, `taken_ns` (k,) its world time."""
+        """Adds to the serial twin's log: `sent_ns` (k,), when each record was sent; `taken_ns` (k,), its world time."""
         sent, taken = np.array(self._streamed, np.int64).reshape(-1, 2).T
         return super().log() | {"sent_ns": sent, "taken_ns": taken}
 
-    # -- what the command interpreter asks
+    # -- what the command interpreter uses
 
     @property
     def count(self) -> int:
@@ -93,12 +94,12 @@ class CyberGloveTwin(SerialTwin):
 
     @property
     def right(self) -> bool:
-        """A right hand's glove."""
+        """Whether it is a right-hand glove."""
         return bool(self.glove.config.hand == "right")  # type: ignore[attr-defined]
 
     @property
     def period(self) -> Fraction:
-        """ns between samples."""
+        """Time between samples, ns."""
         return self.glove.period
 
     @period.setter
@@ -107,24 +108,24 @@ class CyberGloveTwin(SerialTwin):
         self._sent = self.glove.newest()
 
     def newest(self) -> bytes:
-        """The newest sample that wasn't lost, a byte for each sensor."""
+        """The newest sample that wasn't lost, one byte for each sensor."""
         angles = self.glove.sample(max(self.glove.newest(), 0))
         if angles is not None:
             self._bytes = self.glove.raw(angles).tobytes()
         return self._bytes or b"\x01" * self.count
 
     def plugged(self) -> bool:
-        """Whether the glove is on its interface."""
+        """Whether the glove is connected to its interface."""
         return not self.unplugged
 
     def switch(self) -> bool:
-        """The wrist switch."""
+        """Whether the wrist switch is on."""
         return self.glove.switch(self.glove.world.time) != self._flipped
 
     def set_switch(self, on: bool) -> None:
-        """`W`: what the switch is now counts as `on`."""
+        """Command `W`: the switch's present state counts as `on`."""
         self._flipped = self.glove.switch(self.glove.world.time) != on
 
     def milliseconds(self) -> int:
-        """The glove's own clock; when the newest sample was taken."""
+        """The glove's own clock, ms: the time of the newest sample."""
         return self.glove.taken_at(max(self.glove.newest(), 0)) // 1_000_000

@@ -1,8 +1,8 @@
-"""A CyberGlove's command interpreter: what it answers to each byte, and how it writes its records. No I/O.
+"""A CyberGlove's command interpreter: its answer to each byte, and the format of its records. No I/O.
 
-Source: protocol sheet cyberglove, §2 and §3; its golden vectors (§8) are this module's tests. Where the sheet
-leaves a choice open (bit order of masks, unit of the time stamp, text answers) docs/twins.md says what is
-chosen here.
+Source: protocol sheet cyberglove, §2 and §3; its golden vectors (§8) are this module's tests. The sheet leaves
+some choices open (bit order of masks, unit of the time stamp, text answers). docs/twins.md lists what is chosen
+here.
 """
 
 from __future__ import annotations
@@ -11,16 +11,16 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Final, Protocol
 
-TICK: Final = Fraction(10**9, 115200)  # ns; the sample period is two words multiplied, in this unit
+TICK: Final = Fraction(10**9, 115200)  # ns; the sample period is the product of two words, in this unit
 FASTEST: Final = Fraction(10**9, 150)  # ns between samples, "as fast as possible"
 _NOT_KNOWN: Final = b"e?\0"
-_SIZES: Final = {  # bytes behind a command's letter
+_SIZES: Final = {  # bytes after a command's letter
     **dict.fromkeys(b"GS", 0),
     **dict.fromkeys(b"NDUFQWLJB", 1),
     **dict.fromkeys(b"MP", 3),
     ord("T"): 4,
 }
-_KEPT: Final = {  # settings that are remembered and asked for, and change nothing else
+_KEPT: Final = {  # settings that are stored and can be queried, but change nothing else
     "F": b"\0",
     "Q": b"\0",
     "L": b"\0",
@@ -32,7 +32,7 @@ _KEPT: Final = {  # settings that are remembered and asked for, and change nothi
 
 
 class Sensors(Protocol):
-    """What the interpreter asks of the glove."""
+    """What the interpreter uses of the glove."""
 
     period: Fraction  # ns between samples; set by `T`
 
@@ -43,7 +43,7 @@ class Sensors(Protocol):
     def right(self) -> bool: ...
 
     def newest(self) -> bytes:
-        """The newest sample, a byte of 1..255 for each sensor."""
+        """The newest sample, one byte of 1..255 for each sensor."""
 
     def plugged(self) -> bool: ...
 
@@ -52,18 +52,18 @@ class Sensors(Protocol):
     def set_switch(self, on: bool) -> None: ...
 
     def milliseconds(self) -> int:
-        """The glove's own clock."""
+        """The glove's own clock, ms."""
 
 
 @dataclass
 class Commands:
-    """One glove's settings; `feed` obeys and answers.
+    """One glove's settings; `feed` carries out commands and answers.
 
     Attributes:
-        streaming: records are sent by themselves.
-        slow: a shorter period was asked for than the glove manages; its records say so.
-        seen: commands by letter, for tests.
-        unknown: bytes that were no command.
+        streaming: whether records are sent without a request.
+        slow: a period shorter than the glove's shortest was requested; the records report it.
+        seen: numbers of commands by letter, for tests.
+        unknown: number of bytes that belong to no command.
     """
 
     glove: Sensors
@@ -77,7 +77,7 @@ class Commands:
         self.restart()
 
     def restart(self) -> None:
-        """The state after power-up."""
+        """Sets the state after power-up."""
         n = self.glove.count
         self.streaming = self.slow = False
         self.glove.period = self._initial
@@ -90,7 +90,7 @@ class Commands:
         self._buffer = bytearray()
 
     def feed(self, data: bytes) -> bytes:
-        """Obeys all whole commands and gives the answers."""
+        """Carries out all complete commands and returns the answers."""
         self._buffer += data
         answer = bytearray()
         while self._buffer and (size := self._size(self._buffer)) <= len(self._buffer):
@@ -100,7 +100,7 @@ class Commands:
         return bytes(answer)
 
     def record(self, head: bytes, sensors: bytes) -> bytes:
-        """A sample as it goes over the wire (§3), with what D and U have switched on."""
+        """A sample as it is sent (§3), with what D and U have enabled."""
         parts = [head, sensors[: self._sampled]]
         if self._stamp:
             stamp = (self.glove.milliseconds() & 0xFFFFFFFF).to_bytes(4, "big")
@@ -114,7 +114,7 @@ class Commands:
         return b"".join((*parts, b"\0"))
 
     def _size(self, buffer: bytearray) -> int:
-        """Bytes of the command that the buffer begins with; more than there are while it can't be told."""
+        """Bytes of the command at the start of the buffer; more than the buffer holds while it is unknown."""
         head, many = buffer[0], len(buffer) + 1
         if head in b"?^":
             return 2
@@ -170,7 +170,7 @@ class Commands:
             case "A":
                 self._vibrate(value)
             case "P":
-                pass  # which of these flags a client may set isn't known; they are told, not taken
+                pass  # which of these flags a client may set isn't known; they are reported, but not set
             case _:
                 self._kept[head] = value
 
@@ -235,7 +235,10 @@ class Commands:
         return command + value + b"\0"
 
     def _text(self, command: bytes) -> bytes:
-        """`t WORD WORD` or `u FLAG`, decimal, up to a CR; the answer's form isn't known: like that to ^I."""
+        """Carries out `t WORD WORD` or `u FLAG`, decimal, up to a CR.
+
+        The form of the answer isn't known; it is like the answer to ^I.
+        """
         head, *words = command.decode("ascii", "replace").split()
         limits = {"t": (0xFFFF, 0xFFFF), "u": (1,)}
         values = [int(word) for word in words if word.isdecimal()]
@@ -257,11 +260,11 @@ class Commands:
         return self.glove.plugged() | self.glove.switch() << 1 | self._light() << 2
 
     def _light(self) -> bool:
-        """The wrist light shows the switch, unless the host has taken it over (J) and sets it (L)."""
+        """The wrist light shows the switch, unless the host controls it (J) and sets it (L)."""
         return self._kept["L"] != b"\0" if self._kept["J"] != b"\0" else self.glove.switch()
 
     def _flags(self) -> bytes:
-        """The parameter flags (§2): what is plugged in and what is switched on."""
+        """The parameter flags (§2): what is connected and what is enabled."""
         on = {name: int(self._kept[name] != b"\0") for name in "FQJ"}
         second = self._status << 2 | on["J"] << 3 | on["F"] << 4 | self._stamp << 5 | self.glove.right << 6
         return bytes((self._status_byte(), second | 1 << 7, on["Q"]))

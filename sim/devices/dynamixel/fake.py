@@ -1,4 +1,4 @@
-"""A Dynamixel bus in the simulated world: the servos of a chain, as their driver would see them."""
+"""A Dynamixel bus in the simulated world: the servos of a chain, as their driver sees them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from sim.parts.dynamixel.chain import DynamixelChain
 from sim.parts.dynamixel.motors import Motors
 from sim.world.cell import Cell
 
-REBOOT: Final = 300_000_000  # ns a servo takes to come back
+REBOOT: Final = 300_000_000  # ns that a servo takes to reboot
 _MODES: Final = {"position": POSITION, "extended": EXTENDED, "velocity": VELOCITY, "effort": CURRENT}
 
 
@@ -40,10 +40,11 @@ class FakeDynamixelConfig(FakeConfig):
 
 
 class FakeDynamixel(Fake):
-    """As on the real bus, a sample is asked for in one cycle and there in a later one; goals leave in between.
+    """The servos of one bus of the chain.
 
-    Servos go on when the bus is lost, until their watchdog stops them. Options' noise and drop-outs depend on the
-    seed, the name and the number of the exchange alone; exchanges are counted from the world's start by its time.
+    As on the real bus, a sample is requested in one cycle and arrives in a later one; goals are sent in between.
+    When the bus is lost, servos continue until their watchdog stops them. Noise and drop-outs of the options depend
+    only on the seed, the name and the number of the exchange. Exchanges are counted by world time from its start.
     """
 
     Options = FakeDynamixelConfig
@@ -69,16 +70,16 @@ class FakeDynamixel(Fake):
         self._noise = SampleNoise(world.seed, name, len(self.numbers), options.noise)
         self._tolerance = config.start_tolerance * np.abs([motor.scale for motor in config.motors.values()])
         self._faults = Faults(tuple(config.motors))
-        self._sample: tuple[int, Array] | None = None  # when it was taken; (5, n) what it found
+        self._sample: tuple[int, Array] | None = None  # (time of the sample, its values (5, n))
         self._sampled = self._wrote = False
-        self._back_at: dict[int, int] = {}  # motors that reboot; ns of world time
+        self._back_at: dict[int, int] = {}  # world time, ns, at which each rebooting motor is back
 
     @property
     def motors(self) -> Motors:
-        """The servos, encoders read now; those of this bus are `numbers`."""
+        """The servos, with encoders read now; `numbers` are those of this bus."""
         return self.chain.measure()
 
-    # -- life
+    # -- life cycle
 
     def open(self) -> None:
         self.close()
@@ -106,7 +107,7 @@ class FakeDynamixel(Fake):
         self._come_back()
         time = self.world.time
         if self._sample is not None and self._sample[0] > time:
-            self._sample = None  # the world went back to a saved state
+            self._sample = None  # the world was restored to an earlier state
         if self._sample is not None and time >= self._sample[0] + round(self._options.delay * 1e9):
             taken, found = self._sample
             self._sample = None
@@ -144,7 +145,7 @@ class FakeDynamixel(Fake):
         self._find_faults()
 
     def stop(self, category: Stop) -> None:
-        """LIMP switches the torque off; goals of velocity and effort become 0."""
+        """LIMP switches the torque off; velocity and effort goals become 0."""
         if not self.health.connected:
             return
         if category is Stop.LIMP:
@@ -154,7 +155,7 @@ class FakeDynamixel(Fake):
             self._zero()
 
     def close(self) -> None:
-        """Servos hold their last position; velocity and effort become 0; the watchdogs rest."""
+        """Servos hold their last position; velocity and effort goals become 0; the watchdogs are switched off."""
         if self.health.connected:
             for i in self.numbers:
                 self.chain.motors.watchdog[i] = 0.0
@@ -163,7 +164,7 @@ class FakeDynamixel(Fake):
         self.health.connected = False
 
     def recover(self, now: int) -> None:
-        """Restarts servos with hardware errors, clears tripped watchdogs."""
+        """Reboots servos with hardware errors and clears tripped watchdogs."""
         motors, faults = self.motors, self._faults
         for k in faults.tripped:
             motors.stopped[self.numbers[k]] = 0.0
@@ -177,7 +178,7 @@ class FakeDynamixel(Fake):
     # -- an exchange
 
     def _give(self, motors: Motors, i: int, goal: int) -> None:
-        """A goal in the register's units."""
+        """Sets a goal, given in the register's units."""
         if self._kind is Kind.POSITION:
             motors.goal_position[i] = goal
         elif self._kind is Kind.VELOCITY:
@@ -186,12 +187,12 @@ class FakeDynamixel(Fake):
             motors.goal_current[i] = goal * self.family.current_unit
 
     def _zero(self) -> None:
-        """Velocity and effort end."""
+        """Sets velocity and effort goals to 0."""
         for i in self.numbers:
             self._give(self.chain.motors, i, 0)
 
     def _talk(self, time: int) -> None:
-        """Asks for the next sample, which keeps the watchdogs content (protocol 2)."""
+        """Requests the next sample, which also resets the watchdogs (protocol 2)."""
         motors = self.motors
         if isinstance(self.family, Family2):
             for i in self.numbers:
@@ -219,7 +220,7 @@ class FakeDynamixel(Fake):
         self._sampled = True
 
     def _exchange(self, time: int) -> int:
-        """A number for what happens at `time`, ns."""
+        """The number of the exchange at `time`, ns."""
         return time // 1_000_000
 
     def _find_faults(self) -> None:
@@ -243,7 +244,7 @@ class FakeDynamixel(Fake):
                 self._faults.errors.pop(k, None)
 
     def _memory(self, k: int) -> bytes:
-        """A delivered servo's registers from address 0 on, as far as limits are in them."""
+        """The registers of a servo in its delivery state, from address 0 up to the last one with limits."""
         motor = list(self._config.motors.values())[k]
         registers = table(motor.facts, self._config.protocol)
         memory = bytearray(147)
@@ -261,7 +262,7 @@ class FakeDynamixel(Fake):
 
 
 def _numbers(chain: DynamixelChain, config: DynamixelConfig, name: str) -> tuple[int, ...]:
-    """Which of the chain's axes the bus' motors are, by name; they must be built alike."""
+    """For each motor of the bus, the number of the chain's axis with its name; both must have the same construction."""
     found = []
     for axis, motor in config.motors.items():
         if axis not in chain.names:

@@ -1,4 +1,4 @@
-"""The Dynamixel bus' other door: simulated MX servos that speak the real ones' protocol on a half-duplex line."""
+"""The twin of a Dynamixel bus: simulated MX servos with the real protocol on a half-duplex line."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ _SPEEDS: Final = {
 
 
 class DynamixelTwin(SerialTwin):
-    """Each servo obeys what is addressed to it and answers `return_delay` later, one after another.
+    """Servos obey instructions addressed to them and answer `return_delay` later, one after another.
 
-    A client at another baud rate is not understood. Servos behind one that is missing don't answer a group read.
-    A packet that comes while an answer is on its way collides with it: both are lost.
+    A client at another baud rate is not understood. In a group read, servos after a missing one don't answer.
+    A packet that comes while an answer is being sent collides with it: both are lost.
 
     Attributes:
         servos: in the order of the profile's motors.
         absent: ids of servos that are unplugged.
-        twice: ids that two servos have: their answers come garbled.
-        corrupt: so many of the next statuses are damaged on their way.
+        twice: ids shared by two servos, whose answers arrive garbled.
+        corrupt: number of following status packets that are damaged in transit.
         echo: the adapter returns the host's own bytes.
-        fast: answer fast sync reads, as other families do; an MX stays silent.
-        collisions: packets lost so.
+        fast: whether fast sync reads are answered, as other families do; an MX doesn't answer.
+        collisions: number of packets lost in collisions.
     """
 
     def __init__(self, fake: Fake) -> None:
@@ -69,7 +69,7 @@ class DynamixelTwin(SerialTwin):
         self._deaf_until = [-1] * len(self.servos)
         self._restarting = [False] * len(self.servos)
         self._registered: dict[int, tuple[int, bytes]] = {}
-        self._answers: list[tuple[int, bytes]] = []  # when due, ns; what
+        self._answers: list[tuple[int, bytes]] = []  # (due time in ns, packet)
         self._now = 0
         self._goals: list[tuple[int, int, int]] = []
 
@@ -115,7 +115,7 @@ class DynamixelTwin(SerialTwin):
         return out
 
     def _client_rate(self) -> int | None:
-        """bit/s that the client has set on its end of the pty; None where it can't be told."""
+        """The baud rate (bit/s) that the client has set on its end of the pty; None if it is unknown."""
         try:
             return _SPEEDS.get(termios.tcgetattr(getattr(self.door, "_fd", -1))[5])
         except (termios.error, ValueError):  # a socket, or closed
@@ -153,7 +153,7 @@ class DynamixelTwin(SerialTwin):
                 servo.write(int.from_bytes(instruction.data[:2], "little"), instruction.data[2:], volatile_only=True)
 
     def _single(self, servo: Registers, name: str, data: bytes, everyone: bool) -> None:
-        width = self.protocol  # bytes of an address
+        width = self.protocol  # bytes in an address
         address, rest = int.from_bytes(data[:width], "little"), data[width:]
         level = servo.get("status_return_level")
         answer: tuple[int, bytes] | None = None
@@ -214,7 +214,7 @@ class DynamixelTwin(SerialTwin):
         for servo_id, address, size in wanted:
             servo = present.get(servo_id)
             if servo is None:
-                break  # those behind it wait for its answer
+                break  # the servos after it wait for its answer
             if servo.get("status_return_level") >= 1:
                 self._answer(servo, *servo.read(address, size))
 
@@ -266,8 +266,10 @@ class DynamixelTwin(SerialTwin):
         self._answers.append((max(before, self._now) + delay, packet))
 
     def figures(self) -> dict[str, object]:
-        """Those of every serial twin, instructions by name, packets damaged, collided or at a wrong baud rate,
-        and by motor whether its torque is on."""
+        """Adds to the serial twin's figures: instructions by name, lost packets and the state of the torque.
+
+        Lost packets are those damaged, collided or sent at a wrong baud rate. The torque is given for each motor.
+        """
         motors = self.bus.chain.motors
         return super().figures() | {
             "instructions": dict(self.seen),

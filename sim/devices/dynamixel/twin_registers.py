@@ -1,4 +1,4 @@
-"""The registers of one simulated servo: what may be written, what follows from it, what is read back."""
+"""The registers of one simulated servo: which values may be written, their effects, and what is read back."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from sim.parts.dynamixel.motors import Motors
 
 
 class Registers(ABC):
-    """One servo's control table on top of its motor. Errors are numbers of the servo's protocol, 0: done.
+    """One servo's control table on top of its motor. Errors are numbers of the servo's protocol; 0: no error.
 
     Attributes:
-        model: the servo's.
-        protocol: of its firmware.
-        by_name: its registers.
-        motors: the chain's, `i` is this one's number.
-        now: ns of the twin's clock, set by the bus before anything is asked.
+        model: the servo's model.
+        protocol: the protocol of its firmware.
+        by_name: its registers by name.
+        motors: the chain's motors; `i` is the number of this one.
+        now: ns of the twin's clock; the bus sets it before each access.
     """
 
     protocol: int
@@ -46,25 +46,25 @@ class Registers(ABC):
         self.now = 0
 
     def get(self, name: str) -> int:
-        """A register's value."""
+        """The value of a register."""
         return self.by_name[name].decode(self.memory)
 
     def put(self, name: str, value: int) -> None:
-        """Sets a register, as the firmware itself does; what doesn't fit is cut to what does."""
+        """Sets a register as the firmware does; the value is clipped to the register's size."""
         register = self.by_name[name]
         bits = 8 * register.size
         low, high = (-(1 << bits - 1), (1 << bits - 1) - 1) if register.signed else (0, (1 << bits) - 1)
         self.memory[register.address : register.end] = register.encode(int(min(max(value, low), high)))
 
     def read(self, address: int, size: int) -> tuple[int, bytes]:
-        """Error, and the bytes."""
+        """Reads `size` bytes from `address` on; returns the error and the bytes."""
         if size <= 0 or address + size > self.size:
             return self.access_error, b""
         self.refresh()
         return 0, bytes(self.memory[address : address + size])
 
     def write(self, address: int, data: bytes, volatile_only: bool = False) -> int:
-        """Writes whole registers from `address` on, all or none; gives the error."""
+        """Writes whole registers from `address` on, all or none; returns the error."""
         if not data:
             return self.length_error
         locked = volatile_only or bool(self.motors.torque[self.i])
@@ -96,27 +96,27 @@ class Registers(ABC):
 
     @abstractmethod
     def refresh(self) -> None:
-        """Puts what is measured into its registers."""
+        """Writes the measured values into their registers."""
 
     @abstractmethod
     def refuses(self, name: str, value: int) -> int:
-        """The error with which a value within its register's range is refused, else 0."""
+        """The error with which a value within its register's range is refused; 0 if it is accepted."""
 
     @abstractmethod
     def take_effect(self, name: str, value: int) -> None:
-        """What a new value means for the motor."""
+        """Applies a new register value to the motor."""
 
     @abstractmethod
     def restart(self) -> None:
-        """Power-up: volatile registers at their defaults, the motor limp."""
+        """Powers up: volatile registers at their defaults, the motor limp."""
 
     @abstractmethod
     def instruction_taken(self) -> None:
-        """Any instruction came to the bus."""
+        """Called when any instruction arrives on the bus."""
 
     @abstractmethod
     def tick(self) -> None:
-        """Time has passed: the watchdog may have run out."""
+        """Called as time passes; checks whether the watchdog has run out."""
 
     def _volatile_defaults(self) -> None:
         for name, register in self.by_name.items():

@@ -1,4 +1,4 @@
-"""A simulated MX servo with firmware of protocol 1."""
+"""A simulated MX servo with protocol 1 firmware."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from sim.devices.dynamixel.twin_registers import Registers, whole
 from sim.parts.dynamixel.motors import HEAT_BIT, OVERLOAD_BIT, VOLTAGE_BIT
 
 FULL_PWM: Final = 1023
-_ACCELERATION: Final = np.radians(8.583)  # rad/s^2 a unit
+_ACCELERATION: Final = np.radians(8.583)  # rad/s^2 per unit
 
 
 class Servo1(Registers):
-    """See `Registers`. Not imitated: the resolution divider, the multi-turn offset, the lock, slaves."""
+    """See `Registers`. Not simulated: the resolution divider, the multi-turn offset, the lock, slaves."""
 
     protocol = 1
     size = 74
-    # The angle error is for goals beyond the angle limits alone.
+    # The angle error is only for goals beyond the angle limits.
     access_error = length_error = range_error = protocol1.RANGE
 
     def refresh(self) -> None:
@@ -41,7 +41,7 @@ class Servo1(Registers):
 
     @property
     def error_bits(self) -> int:
-        """Those that every status carries."""
+        """The error bits that every status packet contains."""
         return int(self.motors.errors[self.i]) & (VOLTAGE_BIT | HEAT_BIT | OVERLOAD_BIT)
 
     def refuses(self, name: str, value: int) -> int:
@@ -91,12 +91,12 @@ class Servo1(Registers):
         self.put("goal_position", int(m.counts[i]))
 
     def instruction_taken(self) -> None:
-        """This firmware doesn't watch the bus."""
+        """Does nothing: this firmware doesn't watch the bus."""
 
     def tick(self) -> None:
         m, i = self.motors, self.i
         if int(m.errors[i]) & int(m.shutdown[i]) and m.pwm_cap[i]:
-            self.put("torque_limit", 0)  # which is how this firmware lets go
+            self.put("torque_limit", 0)  # how this firmware releases the motor
             m.pwm_cap[i] = 0.0
 
     def _set_mode(self) -> None:
@@ -126,11 +126,11 @@ class Servo1(Registers):
 
 
 def magnitude(raw: int) -> int:
-    """A signed number from magnitude and direction (bit 10 set: clockwise, negative)."""
+    """Converts magnitude and direction to a signed number (bit 10 set: clockwise, negative)."""
     return -(raw & 0x3FF) if raw & 0x400 else raw & 0x3FF
 
 
 def with_sign(value: float) -> int:
-    """The reverse."""
+    """Converts a signed number to magnitude and direction."""
     size = min(abs(whole(value)), 0x3FF)
     return size | 0x400 if value < 0 and size else size

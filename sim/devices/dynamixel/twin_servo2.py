@@ -1,4 +1,4 @@
-"""A simulated MX servo with firmware of protocol 2."""
+"""A simulated MX servo with protocol 2 firmware."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from drivers.dynamixel.table import CURRENT, CURRENT_POSITION, EXTENDED, POSITIO
 from sim.devices.dynamixel.twin_registers import RPM, Registers
 
 FULL_PWM: Final = 885
-_ACCELERATION: Final = 214.577 * RPM / 60  # rad/s^2 a unit
+_ACCELERATION: Final = 214.577 * RPM / 60  # rad/s^2 per unit
 _GOALS: Final = {
     "goal_pwm",
     "goal_current",
@@ -19,11 +19,11 @@ _GOALS: Final = {
     "profile_velocity",
     "profile_acceleration",
 }
-_INDIRECT: Final = ((168, 224, 28), (578, 634, 28))  # addresses, data, how many
+_INDIRECT: Final = ((168, 224, 28), (578, 634, 28))  # addresses, data, number
 
 
 class Servo2(Registers):
-    """See `Registers`. Not imitated: the reversed drive mode, slaves, time-based profiles, feed-forward."""
+    """See `Registers`. Not simulated: the reversed drive mode, slaves, time-based profiles, feed-forward."""
 
     protocol = 2
     size = 662
@@ -147,7 +147,7 @@ class Servo2(Registers):
             self.motors.halt(self.i)
 
     def _target(self, address: int) -> int:
-        """Where an indirect address leads; any other, and one without a meaning, to itself."""
+        """The address to which an indirect address points; other and invalid addresses point to themselves."""
         for addresses, data, count in _INDIRECT:
             if data <= address < data + count:
                 at = addresses + 2 * (address - data)

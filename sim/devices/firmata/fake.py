@@ -1,4 +1,4 @@
-"""An Arduino with StandardFirmata in the simulated world: servos on the extra finger, buttons by script."""
+"""An Arduino with StandardFirmata in the simulated world: servos on the extra finger, scripted buttons."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from runtime.contracts.signals import Array, Stop
 from runtime.contracts.world import Fake, FakeConfig, World
 from sim.devices.shared.windows import Windows, inside, refuse_while_gone, require, rising
 
-_NEUTRAL: Final = 1500  # us, what an attached servo gets until it is told better
+_NEUTRAL: Final = 1500  # us, pulse width of an attached servo before its first command
 
 
 class Servos(Protocol):
-    """What this fake asks of its world."""
+    """What this fake needs from its world."""
 
     time: int
 
@@ -61,9 +61,9 @@ class Presser(Protocol):
 class FakeFirmata(Fake):
     """Servos get whole microseconds, `delay` later, at the next pulse; detached servos are limp.
 
-    As on the real board, opening resets it, which detaches the servos, and a board that is lost goes on with
-    its last pulses. `read`, `write` and `stop` are one door; the methods `attach`, `set_pulse`, `detach` and
-    `button` are the board itself, for a twin to use as well.
+    As on the real board, opening resets it, which detaches the servos. A board that is lost continues with its last
+    pulses. `read`, `write` and `stop` are the driver's interface. The methods `attach`, `set_pulse`, `detach` and
+    `button` are the board itself; a twin uses them, too.
     """
 
     Options = FakeFirmataConfig
@@ -90,17 +90,17 @@ class FakeFirmata(Fake):
         ]
         self._person = self._find(options.person)
         self._waits = [round(config.buttons[button].debounce * 1e9) for button in self._buttons]
-        self._seen = [(False, 0)] * len(self._buttons)  # level of the person's finger, and since when, ns
+        self._seen = [(False, 0)] * len(self._buttons)  # (state of the person's finger, since when in ns)
         self._steady = [False] * len(self._buttons)
         self._bounds = [(544, 2400)] * n
         self._pulses: list[int | None] = [None] * n
-        self._widths = [_NEUTRAL] * n  # the last pulse width, which a servo attached again begins with
+        self._widths = [_NEUTRAL] * n  # the last pulse widths; an attached servo starts with its own
         self._delay = round(options.delay * 1e9)
         frame = Fraction(10**9) / Fraction(options.frame_rate).limit_denominator(10**6)
         self._frame = frame.as_integer_ratio()  # ns, as a rational
 
     def _mount(self, world: World) -> None:
-        """Finds the world's servos; a panel of buttons needs none."""
+        """Finds the world's servos; a board with buttons only needs none."""
         self.servos: Servos = require(world, "set_servos", self.name)
         n, there = len(self._joints), self.servos.servo_targets().size - self._first
         if n > there:
@@ -112,7 +112,7 @@ class FakeFirmata(Fake):
         self.servos.place_servos(self._first, self.home[COMMAND])
 
     def _find(self, named: str | None) -> Presser | None:
-        """The simulated person, whose buttons must be the board's."""
+        """Finds the simulated person; the person's buttons must be on the board."""
         if named is None:
             return None
         place, parts = f"sim.devices.{self.name}.person", getattr(self.world, "parts", {})
@@ -160,23 +160,23 @@ class FakeFirmata(Fake):
         self._send(targets)
 
     def stop(self, category: Stop) -> None:
-        """LIMP detaches the servos; any other category leaves them their last pulse."""
+        """LIMP detaches the servos; any other category keeps their last pulse."""
         if category is Stop.LIMP and self.health.connected:
             for i in range(len(self._joints)):
                 self.detach(i)
 
     def close(self) -> None:
-        """Servos that weren't made limp go on with their last pulse."""
+        """Servos that weren't made limp continue with their last pulse."""
         self.health.connected = False
 
     def figures(self) -> dict[str, object]:
         """Pulse widths (us, None while detached) by joint."""
         return {"pulses_us": dict(zip(self._joints, self._pulses, strict=True))}
 
-    # -- the board itself, for both doors; joints and buttons by their number in the profile
+    # -- the board itself, used by the fake and the twin; joints and buttons by their number in the profile
 
     def attach(self, joint: int, min_us: int, max_us: int) -> None:
-        """Starts pulses of the last width, at first 1500 us, clipped to the bounds like all later ones."""
+        """Starts pulses with the last width (1500 us at first), clipped to the bounds like all later ones."""
         self._bounds[joint] = (min_us, max_us)
         self.set_pulse(joint, self._widths[joint])
 
@@ -191,19 +191,19 @@ class FakeFirmata(Fake):
             self._send({self._first + joint: None})
 
     def reset(self) -> None:
-        """The board starts anew: its servos are detached and their last widths forgotten."""
+        """Resets the board: its servos are detached and their last widths are cleared."""
         for joint in range(len(self._joints)):
             self.detach(joint)
         self._widths = [_NEUTRAL] * len(self._joints)
 
     def button(self, number: int) -> bool:
-        """Whether a button is pressed now; not debounced, which is the driver's work."""
+        """Whether a button is pressed now; debouncing is left to the driver."""
         if self._person is not None and self._person.pressed(self._buttons[number]):
             return True
         return inside(self._options.presses.get(self._buttons[number], ()), self.world.time)
 
     def _pressed(self, number: int) -> bool:
-        """The person's finger on a button, debounced as the real driver does, by what the reads see."""
+        """The state of the person's finger on a button, debounced at each read as the real driver does."""
         if self._person is None:
             return False
         now, down = self.world.time, self._person.pressed(self._buttons[number])
@@ -214,14 +214,14 @@ class FakeFirmata(Fake):
         return self._steady[number]
 
     def _angle(self, joint: int, us: int) -> float:
-        """The angle (rad) that a servo's new pulse width means, clipped to the servo's bounds."""
+        """The angle (rad) for a servo's new pulse width, which is stored and clipped to the servo's bounds."""
         low, high = self._bounds[joint]
         pulse = low if us < low else high if us > high else us
         self._pulses[joint] = self._widths[joint] = pulse
         return self._calibrations[joint].angle(pulse)
 
     def _send(self, targets: Mapping[int, float | None]) -> None:
-        """Targets by the world's number of the servo, from the next pulse after the delay on."""
+        """Sends targets, by the world's servo number, that apply from the first pulse after the delay."""
         ns, per = self._frame
         frame = -(-(self.world.time + self._delay) * per // ns)
         self.servos.set_servos(targets, frame * ns // per)
@@ -235,7 +235,7 @@ class FakeFirmata(Fake):
 
 
 def _settled(presses: Windows, wait: float) -> list[tuple[float, float]]:
-    """(since s, level) as the real driver debounces them: a level counts once it has lasted for `wait` s."""
+    """(since s, level), debounced as the real driver does: a level counts once it has lasted for `wait` s."""
     edges = [edge for press in presses for edge in press]
     ends = [*edges[1:], math.inf]
     return [

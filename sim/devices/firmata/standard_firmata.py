@@ -1,6 +1,6 @@
-"""StandardFirmata 2.5 on an Arduino Uno: what it does with pins and what it answers. No I/O.
+"""StandardFirmata 2.5 on an Arduino Uno: its effect on the pins and its answers. No I/O.
 
-Source: protocol sheet firmata, §2 and §3; compared in the tests with the real firmware running in simavr.
+Source: protocol sheet firmata, §2 and §3; the tests compare it with the real firmware running in simavr.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from sim.devices.firmata.twin_input import Input, Received
 
 PINS: Final = 20
 MAX_SERVOS: Final = 12
-NEUTRAL_US: Final = 1500  # what a servo gets after power-up until it is told better
+NEUTRAL_US: Final = 1500  # pulse width of a servo after power-up until its first command
 SHORTEST_US, LONGEST_US = 544, 2400  # the Servo library's own bounds
 INTERVAL_MS: Final = 19
 
@@ -30,26 +30,26 @@ BOOT: Final = VERSION + FIRMWARE
 
 
 class Wires(Protocol):
-    """What hangs on the board's pins. Pins are Arduino numbers, pulse widths whole microseconds."""
+    """What is connected to the board's pins. Pins are Arduino numbers, pulse widths whole microseconds."""
 
     def servo_attached(self, pin: int, min_us: int, max_us: int, pulse_us: int) -> None:
-        """Pulses begin, of width `pulse_us`; from now on the firmware keeps them within the bounds."""
+        """Called when pulses begin, of width `pulse_us`; from now on the firmware keeps them within the bounds."""
 
     def servo_pulse(self, pin: int, pulse_us: int) -> None:
-        """Pulses have this width from now on."""
+        """Called when the pulse width changes to `pulse_us`."""
 
     def servo_detached(self, pin: int) -> None:
-        """Pulses end."""
+        """Called when pulses end."""
 
     def level(self, pin: int, pull_up: bool) -> bool:
-        """What a digital input reads."""
+        """The level that a digital input reads."""
 
 
 class _Slot:
     """One servo of the Servo library; it keeps its last width while it is detached.
 
-    Its bounds are stored as one signed byte each, in units of 4 us from 544 and from 2400, so that bounds
-    above 1056 or below 1892 wrap around.
+    Its bounds are stored as one signed byte each, in units of 4 us, relative to 544 and to 2400. So bounds above
+    1056 or below 1892 wrap around.
     """
 
     def __init__(self) -> None:
@@ -62,20 +62,20 @@ class _Slot:
         self.high = LONGEST_US - 4 * _signed_byte(int((LONGEST_US - high) / 4))
 
     def pulse(self, value: int) -> int:
-        """Sets the width from a value that is degrees below 544 and microseconds from there on."""
+        """Sets the width from a value, which is in degrees if below 544 and in microseconds otherwise."""
         if value < SHORTEST_US:
             degrees = min(max(value, 0), 180)
             value = int(degrees * (self.high - self.low) / 180) + self.low
-        # In this order, which matters where the bounds have wrapped around and crossed.
+        # The order matters if the bounds have wrapped around and crossed.
         self.width = self.low if value < self.low else min(value, self.high)
         return self.width
 
 
 class StandardFirmata:
-    """One board from power-up on. `receive` and `loop` give what it answers.
+    """One board from power-up on; `receive` and `loop` return its answers.
 
     Attributes:
-        seen: commands received, by kind, for tests.
+        seen: numbers of commands received, by kind, for tests.
         input: the parser, with its counts.
     """
 
@@ -93,13 +93,13 @@ class StandardFirmata:
         self._reset()
 
     def receive(self, data: bytes) -> bytes:
-        """Obeys what came in."""
+        """Carries out the received bytes and returns the answers."""
         for command in self.input.feed(data):
             self._obey(command)
         return self._flush()
 
     def loop(self, milliseconds: int) -> bytes:
-        """One pass of the main loop at `milliseconds` of the board's time: changed inputs, analog reports."""
+        """Runs the main loop once, at `milliseconds` of the board's time; returns changed inputs and analog reports."""
         for port, reported in enumerate(self._reported):
             if reported:
                 self._report_port(port, always=False)
@@ -165,7 +165,7 @@ class StandardFirmata:
             self._state[pin] = 0
             if pin not in _SERIAL_PINS:
                 self._mode[pin] = ANALOG if pin >= _FIRST_ANALOG else OUTPUT
-        self._used = 0  # slots ever taken since; one given back is taken again, the count never falls
+        self._used = 0  # slots taken so far; slots given back are reused, and this count never falls
         self._free: list[int] = []
 
     def _set_mode(self, pin: int, mode: int) -> None:
@@ -233,7 +233,7 @@ class StandardFirmata:
         if pin >= PINS:
             return
         if self._mode[pin] == SERVO:
-            if pin in self._slot_of:  # if not, the firmware writes somewhere into its memory
+            if pin in self._slot_of:  # otherwise the firmware writes to an arbitrary place in its memory
                 self._wires.servo_pulse(pin, self._slots[self._slot_of[pin]].pulse(value))
             self._state[pin] = value
         elif self._mode[pin] == PWM:
@@ -246,7 +246,7 @@ class StandardFirmata:
     def _write_port(self, port: int, mask: int) -> None:
         for pin in range(8 * port, min(8 * port + 8, PINS)):
             if self._mode[pin] in (INPUT, OUTPUT) and pin not in _SERIAL_PINS:
-                self._state[pin] = mask >> pin % 8 & 1  # a 1 written to an input is the old way to its pull-up
+                self._state[pin] = mask >> pin % 8 & 1  # writing 1 to an input is the old way to enable its pull-up
 
     # -- inputs
 
@@ -287,7 +287,7 @@ class StandardFirmata:
             if state & 0xFF80:
                 self._out.append(state >> 7 & 0x7F)
             if state & 0xC000:
-                self._out.append(self._state[pin] >> 14 & 0x7F)  # with its sign, as the firmware does
+                self._out.append(self._state[pin] >> 14 & 0x7F)  # with its sign, like the firmware
         self._out.append(0xF7)
 
     def _text(self, text: str) -> None:

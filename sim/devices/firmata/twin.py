@@ -1,4 +1,4 @@
-"""The Firmata board's other door: a simulated Uno that behaves as StandardFirmata 2.5 on a serial line."""
+"""The twin of a Firmata board: a simulated Uno with StandardFirmata 2.5 on a serial line."""
 
 from __future__ import annotations
 
@@ -15,8 +15,10 @@ from sim.devices.shared.serial import SerialTwin
 
 
 class FirmataTwin(SerialTwin):
-    """Opening the port resets the board, as it does on an Uno: servos go limp, and after `boot_delay` it says
-    who it is. What a client sends before that is lost.
+    """A simulated board; opening the port resets it, as on an Uno.
+
+    At a reset servos go limp. The board identifies itself after `boot_delay`. What a client sends before that is
+    lost.
 
     Attributes:
         boot_delay: s of the twin's clock; a real Uno takes 1.6 to 3.
@@ -33,14 +35,14 @@ class FirmataTwin(SerialTwin):
         self._servo_of = {servo.pin: i for i, servo in enumerate(config.servos.values())}
         self._buttons = {button.pin: (i, button.pull_up) for i, button in enumerate(config.buttons.values())}
         self._now = 0
-        self._booted_at: int | None = None  # when the boot now under way ends
+        self._booted_at: int | None = None  # time at which the present boot ends
         self._commanded: int | None = None
         self._pulses: list[int | None] = [None] * len(self._joints)
         self._log: list[tuple[int, int, float]] = []
         self.firmware = StandardFirmata(self)
 
     def restart(self) -> None:
-        """The board resets by itself, as after a dip of its supply."""
+        """Resets the board without a client, as after a dip of its supply voltage."""
         for pin in self._servo_of:
             self.servo_detached(pin)
         self.board.reset()
@@ -67,8 +69,10 @@ class FirmataTwin(SerialTwin):
         return BOOT
 
     def figures(self) -> dict[str, object]:
-        """Those of every serial twin, messages by kind, pulse widths (us, None without pulses) by joint, and
-        when a servo's last command came (ns of the twin's clock)."""
+        """Adds to the serial twin's figures: messages by kind, pulse widths, time of a servo's last command.
+
+        Pulse widths are in us by joint, None without pulses. The time is in ns of the twin's clock.
+        """
         return super().figures() | {
             "messages": dict(self.firmware.seen),
             "too_long": self.firmware.input.too_long,
@@ -77,8 +81,11 @@ class FirmataTwin(SerialTwin):
         }
 
     def log(self) -> dict[str, NDArray[Any]]:
-        """Those of every serial twin, and for each servo command, repetitions too: `servo_ns` (k,) when,
-        `servo` (k,) the joint's number, `pulse_us` (k,), NaN where pulses ended."""
+        """Adds the servo commands to the serial twin's log, repetitions included.
+
+        `servo_ns` (k,): when each command came. `servo` (k,): the joint's number. `pulse_us` (k,): NaN where pulses
+        ended.
+        """
         rows = self._log
         return super().log() | {
             "servo_ns": np.array([at for at, _, _ in rows], np.int64),
@@ -86,14 +93,14 @@ class FirmataTwin(SerialTwin):
             "pulse_us": np.array([us for _, _, us in rows], np.float64),
         }
 
-    # -- what hangs on the board's pins
+    # -- what is connected to the board's pins
 
     def servo_attached(self, pin: int, min_us: int, max_us: int, pulse_us: int) -> None:
-        """See `Wires`. A pin without a servo of the profile drives nothing."""
+        """See `Wires`. A pin that isn't a servo of the profile drives nothing."""
         joint = self._servo_of.get(pin)
         if joint is not None:
             self.board.attach(joint, min_us, max_us)
-            # The firmware's memory of widths is by slot, not by pin, so it may be another servo's last one.
+            # The firmware stores widths by slot, not by pin, so this may be the last width of another servo.
             self.board.set_pulse(joint, pulse_us)
             self._note(joint, pulse_us)
 
@@ -112,7 +119,7 @@ class FirmataTwin(SerialTwin):
             self._note(joint, None)
 
     def level(self, pin: int, pull_up: bool) -> bool:
-        """See `Wires`. A button shorts its pin to ground; a pin that nothing pulls up reads 0."""
+        """See `Wires`. A button connects its pin to ground; a pin without a pull-up reads 0."""
         if pin not in self._buttons:
             return pull_up
         number, board_pulls = self._buttons[pin]

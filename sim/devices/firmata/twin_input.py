@@ -1,13 +1,13 @@
-"""How StandardFirmata cuts what it receives into commands. No I/O.
+"""How StandardFirmata splits received bytes into commands. No I/O.
 
-Source: firmata/protocol and the behaviour of StandardFirmata 2.5, compared in the tests with the real
-firmware running in simavr. Its quirks matter to a driver that ends a cut-short frame and begins a new one:
+Source: firmata/protocol and the behaviour of StandardFirmata 2.5; the tests compare it with the real firmware
+running in simavr. These details matter to a driver that abandons an incomplete frame and begins a new one:
 
-* Outside sysex a data byte that nobody waits for is skipped.
-* A command without data (F9) or a sysex message between a command and its data doesn't cancel it: the data
-  that follow still complete it. Another command with data, or FF, does.
-* Inside sysex every byte but F7 is data, command bytes and FF too; what exceeds the buffer is lost.
-* An empty sysex message (F0 F7) is read as whatever the buffer still holds.
+* Outside sysex, a data byte that no command expects is skipped.
+* A command without data (F9) or a sysex message between a command and its data doesn't cancel the command: the
+  data that follow still complete it. Another command with data, or FF, cancels it.
+* Inside sysex every byte except F7 is data, including command bytes and FF. Bytes beyond the buffer are lost.
+* An empty sysex message (F0 F7) is read as what the buffer still holds.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
-MAX_SYSEX: Final = 64  # bytes of one message that the firmware keeps
+MAX_SYSEX: Final = 64  # bytes of one message that the firmware stores
 _DATA: Final = {0xE0: 2, 0x90: 2, 0xF4: 2, 0xF5: 2, 0xC0: 1, 0xD0: 1}
 
 
@@ -27,7 +27,7 @@ class Received:
     Attributes:
         kind: E0, 90, C0, D0 (without the channel), F4, F5, F9, FF, or F0 for sysex.
         channel: port, pin or analog channel of the first four.
-        data: data bytes in the order they were sent; of sysex all between F0 and F7.
+        data: data bytes in the order they were sent; for sysex, all bytes between F0 and F7.
     """
 
     kind: int
@@ -36,10 +36,10 @@ class Received:
 
 
 class Input:
-    """Feeds on bytes, yields commands.
+    """Takes bytes and yields commands.
 
     Attributes:
-        too_long: sysex messages of more than 64 bytes.
+        too_long: number of sysex messages longer than 64 bytes.
     """
 
     def __init__(self) -> None:
@@ -48,12 +48,12 @@ class Input:
         self.clear()
 
     def clear(self) -> None:
-        """Forgets what is half read."""
+        """Discards an incomplete command."""
         self._kind = self._channel = self._waiting = self._length = 0
         self._sysex = False
 
     def feed(self, data: bytes) -> Iterator[Received]:
-        """The commands that `data` completes, one at a time: obey each before taking the next."""
+        """Yields the commands that `data` completes; obey each one before taking the next."""
         for byte in data:
             command = self._take(byte)
             if command is not None:

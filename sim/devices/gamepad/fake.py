@@ -1,4 +1,4 @@
-"""A gamepad in the hands of a scripted person."""
+"""A gamepad used by a scripted person."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class FakeGamepadConfig(FakeConfig):
 
 
 class FakeGamepad(Sensor, Fake):
-    """Says what the script says, through the pad's own resolution and the driver's dead zone."""
+    """Gives the script's values, with the pad's own resolution and the driver's dead zone."""
 
     Options = FakeGamepadConfig
     real = Gamepad
@@ -54,7 +54,7 @@ class FakeGamepad(Sensor, Fake):
         assert isinstance(config, GamepadConfig)
         assert isinstance(options, FakeGamepadConfig)
         self._dead_zone, self.script = config.dead_zone, options
-        # A worn stick rests somewhere near its centre, always at the same place.
+        # A worn stick rests near its centre, always at the same place.
         self._rest = np.random.default_rng(world.seed).uniform(-options.noise, options.noise, 4)
 
     def open(self) -> None:
@@ -82,21 +82,21 @@ class FakeGamepad(Sensor, Fake):
     def close(self) -> None:
         self.health.connected = False
 
-    # -- the pad itself, for both doors: what its hardware measures now
+    # -- the pad itself, used by the fake and the twin: what its hardware measures now
 
     def axes(self) -> Array:
-        """(6,) sticks, right and up positive, as measured in 16 bits; triggers in 8 bits."""
+        """(6,) sticks, right and up positive, measured in 16 bits; triggers, in 8 bits."""
         wanted = np.array([_at(self.script.axes.get(name, ()), self.world.time) for name in AXES])
         wanted[:4] = np.round(np.clip(wanted[:4] + self._rest, -1, 1) * 32767) / 32767
         wanted[4:] = np.round(np.clip(wanted[4:], 0, 1) * 255) / 255
         return wanted
 
     def dpad(self) -> Array:
-        """(2,) -1, 0 or 1; right and up positive."""
+        """(2,) values -1, 0 or 1; right and up positive."""
         return np.round([_at(self.script.dpad.get(axis, ()), self.world.time) for axis in ("x", "y")])
 
     def buttons(self) -> Array:
-        """(11,) 0 or 1."""
+        """(11,) values 0 or 1."""
         return np.array([float(inside(self.script.buttons.get(name, ()), self.world.time)) for name in BUTTONS])
 
 

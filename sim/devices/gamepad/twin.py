@@ -1,4 +1,4 @@
-"""The gamepad's other door: the events of an F310 in X mode, as Linux's xpad driver sends them."""
+"""The twin of a gamepad: the events of an F310 in X mode, as Linux's xpad driver sends them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _STICK: Final = (-32768, 32767, 16, 128)  # minimum, maximum, fuzz, flat
 
 
 class GamepadTwin(EventTwin):
-    """Attributes: `d_mode`, the switch on its back is at D."""
+    """Sends the pad's events. Attribute `d_mode`: the switch on its back is at D."""
 
     def __init__(self, fake: Fake) -> None:
         assert isinstance(fake, FakeGamepad)
@@ -23,11 +23,11 @@ class GamepadTwin(EventTwin):
         self.d_mode = False
 
     def describe(self) -> Description:
-        """See `EventTwin`; in D mode only its numbers are imitated."""
+        """See `EventTwin`; in D mode only its numbers are simulated."""
         sticks, dpad, pressed = self.pad.axes(), self.pad.dpad(), self.pad.buttons()
         axes = {}
         for i, code in enumerate(STICKS):
-            # The y axes are the complement of what USB sends, so a centred stick reads -1.
+            # The y axes are the bitwise complement of what USB sends, so a centred stick reads -1.
             count = round(sticks[i] * 32767)
             axes[code] = AxisInfo(~count if i % 2 else count, *_STICK)
         for i, code in enumerate(TRIGGERS):

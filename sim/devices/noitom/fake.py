@@ -1,4 +1,4 @@
-"""A capture suit on a simulated person: what Axis Neuron broadcasts of the cell's part `body`."""
+"""A motion-capture suit on a simulated person: what Axis Neuron broadcasts of the cell's part `body`."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from runtime.contracts.world import FakeConfig, World
 from sim.devices.shared.sensor import SampledFake, SensorOptions
 from sim.parts.body.body import BodyPart
 
-_SIZE: Final = 3 + 4 * JOINTS  # the hips' place, every joint's rotation; bones don't change
-DECIMALS: Final = 4  # of the text form
+_SIZE: Final = 3 + 4 * JOINTS  # position of the hips and the rotation of every joint; bones don't change
+DECIMALS: Final = 4  # of the text format
 
 
 class FakeNoitomConfig(SensorOptions):
@@ -37,9 +37,9 @@ class FakeNoitomConfig(SensorOptions):
 
 
 class FakeNoitom(Sensor, SampledFake):
-    """Its values are those of the wire: cm and degrees, of four decimals as text and float32 as binary.
+    """Gives the values that are sent: cm and degrees, with four decimals as text and as float32 in binary.
 
-    Rotations are noisy. Translations aren't: bones are what the software believes them to be.
+    Rotations are noisy. Translations aren't, because the software uses fixed bone lengths.
     """
 
     Options = FakeNoitomConfig
@@ -60,7 +60,7 @@ class FakeNoitom(Sensor, SampledFake):
         self._pose = Pose(config, self.body.skeleton)
         self._fingers = np.array([is_finger(joint) for joint in self.body.skeleton.names])
         self._at_start = self.body.pose()[self._fingers, 3:].copy()
-        # Half an angle in each of a quaternion's values; the part along the quaternion itself is normalised away.
+        # Each value of a quaternion gets half an angle of noise; normalising removes the part along the quaternion.
         scale = np.full((JOINTS, 4), 0.5)
         if not options.gloves:
             scale[self._fingers] = 0.0
@@ -81,7 +81,7 @@ class FakeNoitom(Sensor, SampledFake):
         self._pose.fill(frame, self.state_arrays)
 
     def frame(self, translations: Array, degrees: Array) -> Array:
-        """The numbers that are sent of a pose: (59, 3) m and (59, 3) degrees in the configured order."""
+        """The numbers that are sent for a pose: (59, 3) m and (59, 3) degrees in the configured order."""
         options = self.broadcast
         numbers: Array
         if options.displacement:
@@ -95,7 +95,7 @@ class FakeNoitom(Sensor, SampledFake):
         return numbers.astype(np.float32).astype(np.float64)
 
     def figures(self) -> dict[str, object]:
-        """The rate, as the driver gives it."""
+        """The frame rate, under the same key as the driver's."""
         return {"rate_hz": self.broadcast.rate}
 
     def _measure(self) -> Array:

@@ -1,4 +1,4 @@
-"""The software of a Perception Neuron suit as a twin: it broadcasts BVH frames (sheet noitom_perception_neuron)."""
+"""The twin of a Perception Neuron suit's software: it broadcasts BVH frames (sheet noitom_perception_neuron)."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from runtime.contracts.world import Fake
 from sim.devices.noitom.fake import FakeNoitom
 from sim.devices.shared.sockets import SocketTwin, TcpDoor, UdpDoor
 
-_KEPT: Final = 0.4  # s of frames that are sent at once after the software has been busy; older ones are dropped
+_KEPT: Final = 0.4  # s of frames sent together after the software has been busy; older ones are dropped
 
 
 class NoitomTwin(SocketTwin):
-    """Sends each sample of the fake when it reaches a client of the fake; every avatar's frame by itself.
+    """Sends each sample of the fake when it reaches a client of the fake, with a separate frame for each avatar.
 
-    Four clients at most by TCP, as Axis Neuron; where the device's `port` is `udp://...`, datagrams to that port
-    of this host (port 0: to a free one), as Axis Studio. It takes no commands and greets nobody.
+    By TCP it serves at most four clients, like Axis Neuron. If the device's `port` is `udp://...`, it sends datagrams
+    to that port of this host (port 0: to a free one), like Axis Studio. It takes no commands and sends no greeting.
     """
 
     def __init__(self, fake: Fake) -> None:
@@ -56,10 +56,10 @@ class NoitomTwin(SocketTwin):
         for client in self._tcp.accept():
             client.read()
         for client in self._tcp.clients:
-            client.read()  # nobody says anything; this finds out who has gone
+            client.read()  # clients send nothing; reading detects closed connections
         self._udp.read()
         newest = self.software.newest()
-        if newest < self._last:  # the world went back to a saved state
+        if newest < self._last:  # the world was restored to an earlier state
             self._last = newest - 1
         kept = int(_KEPT * self.software.broadcast.rate)
         for number in range(max(self._last, newest - kept, -1) + 1, newest + 1):
@@ -69,11 +69,11 @@ class NoitomTwin(SocketTwin):
         self._last = newest
 
     def figures(self) -> dict[str, object]:
-        """Those of every twin behind sockets, and frames sent."""
+        """Adds to the socket twin's figures: number of frames sent."""
         return super().figures() | {"frames": self._frames}
 
     def log(self) -> dict[str, NDArray[Any]]:
-        """`sent_ns` (k,) when a frame left, `taken_ns` (k,) its world time, `frame` (k,) its number."""
+        """`sent_ns` (k,): when each frame was sent. `taken_ns` (k,): its world time. `frame` (k,): its number."""
         sent, taken, frame = np.array(self._log, np.int64).reshape(-1, 3).T
         return {"sent_ns": sent, "taken_ns": taken, "frame": frame}
 

@@ -1,7 +1,7 @@
-"""The control cabinet of a simulated Franka robot: modes, motions, reflexes, one millisecond at a time. No wire.
+"""The controller of a simulated Franka robot: modes, motions, reflexes, in steps of one millisecond. No wire.
 
-Source: protocol sheet franka-fci, sections 4 to 7. `sim.devices.panda.twin` lists what the sheet doesn't
-tell and is our choice.
+Source: protocol sheet franka-fci, sections 4 to 7. `sim.devices.panda.twin` lists the facts that the sheet leaves
+open and this simulation chooses.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from runtime.control.robots.pinocchio_model import FLANGE, pinocchio_model
 from sim.devices.panda.motion import DT, LOST_IN_A_ROW, JointGenerator, Reception, Setpoint, limits_of, torque_error
 from sim.devices.panda.settings import Settings
 
-RECOVERY: Final = 20  # ms that automatic error recovery takes
-START: Final = 500  # ms that a client has for its first packet before lost ones count
+RECOVERY: Final = 20  # ms, duration of automatic error recovery
+START: Final = 500  # ms in which a client must send its first packet before lost packets count
 FILTER: Final = 1 - np.exp(-2 * np.pi * 50.0 * DT)  # of the external torques: 50 Hz
-OVERSPEED: Final = 0.05  # share of the greatest velocity that the measured one may be beyond its limit
-BEYOND: Final = 0.01  # rad, likewise for the position
-DAMPING: Final = 0.7  # of the joint impedance
-FLIP: Final = -0.467002423653011  # rad of joint 4, where the elbow's sign changes
+OVERSPEED: Final = 0.05  # share of the greatest velocity by which the measured one may exceed its limit
+BEYOND: Final = 0.01  # rad, the same for the position
+DAMPING: Final = 0.7  # damping ratio of the joint impedance
+FLIP: Final = -0.467002423653011  # rad, angle of joint 4 at which the elbow's sign changes
 _JOINT: Final = (Generator.JOINT_POSITION, Generator.JOINT_VELOCITY)
 
 
 class Arm(Protocol):
-    """What the cabinet asks of the arm: measured values, (7,) each, of the present millisecond.
+    """What the controller uses of the arm: measured values of the present millisecond, (7,) each.
 
-    `stiffness`: N m/rad (7,), of its position servo.
+    `stiffness`: N m/rad (7,), stiffness of its position servo.
     """
 
     position: Array
@@ -51,19 +51,20 @@ class Arm(Protocol):
 
 
 class PandaController:
-    """One robot. `tick` is called each millisecond of its time, after the physics.
+    """The controller of one robot; `tick` is called each millisecond of its time, after the physics.
 
     Attributes:
-        mode, generator, controller: as a state reports them.
+        mode, generator, controller: as reported in the robot's state.
         motion: the desired joint motion.
         tau_d: N m (7,), the external controller's last torques.
-        errors: (41,), what is wrong now. reflex_reason: what ended the last motion.
+        errors: (41,), the present errors. reflex_reason: the errors that ended the last motion.
         outcome: how the last motion ended, until `take_outcome`.
         contact, collision: (7,), 1 where the external torque is above its threshold; likewise (6,) `cartesian_...`.
-        external: N m (7,), filtered. wrench: (6,) N, N m, acting on the robot at frame K, base axes.
-        torque: N m (7,), what the controller asked of the drives last, gravity excluded.
+        external: N m (7,), external torques, filtered.
+        wrench: (6,) N, N m, acting on the robot at frame K, base axes.
+        torque: N m (7,), the last torques requested from the drives, gravity excluded.
         pose, desired_pose: (4, 4), the end effector in the base frame, measured and desired.
-        revision: counts changes of the settings.
+        revision: number of changes of the settings.
         ticks: ms of the robot's time.
     """
 
@@ -72,10 +73,10 @@ class PandaController:
     ) -> None:
         """
         Args:
-            arm: what it drives.
+            arm: the arm that it drives.
             robot: `panda` or `fr3`.
-            tool: the end effector as its web interface knows it: kg, centre in the flange's frame.
-            stopped: whether the user stop is pressed now.
+            tool: the end effector set in the robot's web interface: kg, centre in the flange's frame.
+            stopped: returns whether the user stop is pressed now.
         """
         self.arm, self.robot = arm, robot
         self.tool = tool or Payload()
@@ -96,16 +97,19 @@ class PandaController:
         self.ticks = 0
         self.reflexes = 0
         self._stopped = stopped
-        self._started: int | None = None  # the tick of a motion's start, until its first packet
+        self._started: int | None = None  # tick at which a motion started, until its first packet
         self._recovered_at: int | None = None
         self._carried()
         self._sense()
         self._drive()
 
-    # -- what a client asks
+    # -- a client's requests
 
     def move(self, command: Move) -> Status:
-        """MOTION_STARTED, or why not. Cartesian generators and impedance aren't simulated: NOT_POSSIBLE."""
+        """Starts a motion; returns MOTION_STARTED or the reason for the refusal.
+
+        Cartesian generators and Cartesian impedance aren't simulated: they return NOT_POSSIBLE.
+        """
         if self.mode is not RobotMode.IDLE:
             return Status.NOT_POSSIBLE
         highest = Generator.NONE if self.robot == "fr3" else Generator.CARTESIAN_VELOCITY
@@ -129,7 +133,7 @@ class PandaController:
         return Status.MOTION_STARTED
 
     def stop_move(self) -> Status:
-        """Ends a motion at once; its Move is told PREEMPTED."""
+        """Ends a motion at once; its Move is answered with PREEMPTED."""
         if self.mode in (RobotMode.USER_STOPPED, RobotMode.AUTOMATIC_ERROR_RECOVERY):
             return Status.NOT_POSSIBLE
         if self.mode is RobotMode.MOVE:
@@ -137,7 +141,7 @@ class PandaController:
         return Status.SUCCESS
 
     def recover(self) -> Status | None:
-        """None: recovery has begun, and `recovered` tells its end."""
+        """Starts automatic error recovery; returns None if it has started, else the reason for the refusal."""
         if self.mode in (RobotMode.USER_STOPPED, RobotMode.MOVE):
             return Status.NOT_POSSIBLE
         if self._outside().any():
@@ -147,7 +151,7 @@ class PandaController:
         return None
 
     def apply(self, command: Body) -> Status:
-        """A setter."""
+        """Carries out a setter; returns its status."""
         if self.mode not in (RobotMode.IDLE, RobotMode.GUIDING):
             return Status.NOT_POSSIBLE
         if not self.settings.apply(command):
@@ -159,25 +163,25 @@ class PandaController:
         return Status.SUCCESS
 
     def disconnect(self) -> None:
-        """The client has gone: what it moved stops for want of packets."""
+        """Called when the client has disconnected: its motion stops because packets are missing."""
         if self.mode is RobotMode.MOVE:
             self._reflex("communication_constraints_violation")
             self._drive()
         self.outcome = None
 
     def take_outcome(self) -> Status | None:
-        """How the last motion ended; told once."""
+        """Returns how the last motion ended, once only."""
         outcome, self.outcome = self.outcome, None
         return outcome
 
-    # -- a millisecond
+    # -- one millisecond
 
     def tick(self, setpoint: Setpoint | None, counts: bool = True) -> None:
-        """Goes on by 1 ms.
+        """Advances the robot by 1 ms.
 
         Args:
-            setpoint: the newest that came in time; None: it was lost.
-            counts: False where it isn't the client's fault that there is none.
+            setpoint: the newest one that arrived in time; None: it was lost.
+            counts: False if the missing setpoint isn't the client's fault.
         """
         self.ticks += 1
         self._sense()
@@ -200,11 +204,11 @@ class PandaController:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The errors of now, or what ended the last motion."""
+        """Names of the present errors."""
         return error_names(self.errors.tobytes())
 
     def wait(self) -> bool:
-        """Whether a motion has its first packet, and the next is waited for."""
+        """Whether a motion has had its first packet and now waits for the next."""
         return self.mode is RobotMode.MOVE and self._started is None
 
     def _follow(self, setpoint: Setpoint | None, counts: bool) -> None:
@@ -213,7 +217,7 @@ class PandaController:
             return
         self._started = None
         self.reception.count(True)
-        # The last packet only says that it is the last: clients fill it with zeros.
+        # The last packet only marks the end: clients fill it with zeros.
         if setpoint.finished:
             self._end(Status.SUCCESS)
             return
@@ -228,7 +232,7 @@ class PandaController:
 
     def _missed(self, counts: bool) -> None:
         if not counts:
-            return  # the motion stands still with whoever serves the robot
+            return  # the motion stands still together with the program that serves the robot
         if self._started is None or self.ticks - self._started > START:
             self.reception.count(False)
         if self.reception.lost >= LOST_IN_A_ROW:
@@ -251,7 +255,7 @@ class PandaController:
         jacobian[:3] += (b * z - c * y, c * x - a * z, a * y - b * x)
         if self.external.any():
             square = jacobian @ jacobian.T
-            square.flat[::7] += 1e-4  # near a singularity some forces can't be seen
+            square.flat[::7] += 1e-4  # near a singularity some forces can't be estimated
             self.wrench = np.linalg.solve(square, jacobian @ self.external)
         else:
             self.wrench = np.zeros(6)
@@ -263,7 +267,7 @@ class PandaController:
         self.cartesian_collision = (force > getattr(settings, f"upper_force{kind}")).astype(float)
 
     def _watch(self) -> None:
-        """What ends a motion whatever its setpoints are."""
+        """Checks for the errors that end a motion whatever its setpoints are."""
         q, dq, limits = self.arm.position, self.arm.velocity, self.limits
         slowest, fastest = limits.velocities(q)
         spare = OVERSPEED * limits.velocity
@@ -301,7 +305,7 @@ class PandaController:
         self._hold()
 
     def _end(self, outcome: Status | None) -> None:
-        """Back to holding the position, from whatever motion there is."""
+        """Ends any motion and holds the position."""
         if outcome is not None:
             self.outcome = outcome
         if self.controller is Controller.EXTERNAL or self.mode is not RobotMode.MOVE:
@@ -314,7 +318,7 @@ class PandaController:
 
     def _hold(self) -> None:
         limits = self.limits
-        slack = 1e-3  # rad within the limits, from where a motion may start
+        slack = 1e-3  # rad, distance from the joint limits at which a motion may start
         self.motion.place(np.clip(self.arm.position, limits.lower + slack, limits.upper - slack), self.arm.velocity)
 
     def _drive(self) -> None:
@@ -326,7 +330,7 @@ class PandaController:
             self.torque = self.tau_d.copy()
             arm.command("torque", self.torque, self.torque)
         elif np.array_equal(stiffness, arm.stiffness):
-            # The same spring within the drives: it holds at any rate at which the cabinet is served.
+            # The drives apply the same spring, so it is stable at any rate at which the controller is served.
             self.torque = stiffness * (motion.q - arm.position)
             arm.command("position", motion.q, motion.dq)
         else:
@@ -334,7 +338,7 @@ class PandaController:
             arm.command("torque", self.torque, self.torque)
 
     def _carried(self) -> Payload:
-        """Tool and load together, taken into the model."""
+        """Adds tool and load together and puts them into the model."""
         tool, settings = self.tool, self.settings
         mass = tool.mass + settings.load_mass
         moment = tool.mass * np.array(tool.com) + settings.load_mass * settings.load_centre
@@ -346,10 +350,10 @@ class PandaController:
         return carried
 
     def _impedance(self) -> Array:
-        """N m (7,): a spring and a damper to the desired motion, made of what will be one step on.
+        """N m (7,): the torques of a spring and a damper to the desired motion, from values predicted one step ahead.
 
-        Taken a step ahead a stiff spring on a light joint stays stable (stable PD, Tan, Liu and Turk 2011). What
-        the step will bring depends on the external torques, too: without them the spring would yield more.
+        With the prediction, a stiff spring on a light joint stays stable (stable PD, Tan, Liu and Turk 2011). The
+        predicted step also depends on the external torques: without them the spring would yield more.
         """
         M = pin.crba(self._model, self._work, self.arm.position, pin.Convention.WORLD)
         K = self.settings.stiffness

@@ -1,4 +1,4 @@
-"""A Franka arm in the simulated cell, seen through its driver's contract."""
+"""A Franka arm in the simulated cell, with the driver's interface."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from runtime.contracts.world import Fake, FakeConfig, World
 from sim.devices.panda.robot import TICK, FakePandaConfig, PandaRobot
 from sim.devices.shared.windows import inside, refuse_while_gone
 
-UNWRITTEN: Final = 3  # states without `write` after which the driver ends a motion
+UNWRITTEN: Final = 3  # number of states without `write` after which the driver ends a motion
 _WORDS: Final = {
     RobotMode.USER_STOPPED: "stopped by a person: it goes on at the end of its 'user_stop' window",
     RobotMode.AUTOMATIC_ERROR_RECOVERY: "recovering from errors",
@@ -26,13 +26,13 @@ _WORDS: Final = {
 
 
 class FakePanda(Fake):
-    """The driver's own motions, limiter and decoding against the robot's cabinet: only the wire is missing.
+    """Runs the driver's own motions, limiter and decoding against the simulated controller, without the wire.
 
-    A cycle's command is taken by the robot a millisecond later, as on a good network. Milliseconds that the loop
-    itself missed cost it no packet; a command that is late or lost by the options does.
+    The robot takes a cycle's command one millisecond later, as on a good network. Milliseconds that the loop itself
+    missed don't count as lost packets. A command that is delayed or lost by the fake's options does.
 
     Attributes:
-        robot: the robot itself, for a twin to use as well.
+        robot: the robot itself; a twin uses it, too.
     """
 
     Options = FakePandaConfig
@@ -101,11 +101,11 @@ class FakePanda(Fake):
             self._reply(self.robot.controller.move(motion.ask()))
 
     def stop(self, category: Stop) -> None:
-        """The arm is brought to rest in later `read`s, then the robot's own controller holds it."""
+        """Brings the arm to rest in later `read`s; then the robot's own controller holds it."""
         self._motion.end()
 
     def recover(self, now: int) -> None:
-        """Automatic error recovery, where the robot has errors."""
+        """Starts automatic error recovery if the robot has errors."""
         self._check()
         self._trouble = ""
         modes = self._modes
@@ -114,7 +114,7 @@ class FakePanda(Fake):
         self._judge()
 
     def close(self) -> None:
-        """The robot ends the motion at once and holds its position."""
+        """Ends the motion at once; the robot holds its position."""
         if self.health.connected:
             self.robot.controller.stop_move()
             self.robot.controller.take_outcome()
@@ -123,7 +123,7 @@ class FakePanda(Fake):
         self.health.fault = ""
 
     def figures(self) -> dict[str, object]:
-        """The robot, motions begun, reflexes, and commands that the robot missed."""
+        """The robot's name, motions started, reflexes, and commands that the robot missed."""
         controller = self.robot.controller
         return {
             "robot": BY_VERSION[self.robot.version].name,
@@ -140,7 +140,7 @@ class FakePanda(Fake):
         self._trouble = ""
 
     def _follow(self) -> int:
-        """The robot's time catches up with the world's; gives the number of its ticks."""
+        """Advances the robot's time to the world's; returns the number of its ticks."""
         steps = self.robot.elapsed()
         for step in range(steps):
             self.robot.step(counts=step == 0)
@@ -151,7 +151,7 @@ class FakePanda(Fake):
         if self._answered or not self._motion.shown(self._modes):
             return
         wanted = self.command_arrays[self._command].tolist()
-        # The packet is one object, refilled; what is still on its way must not change.
+        # The packet is one object that is refilled; packets in transit must not change.
         self.robot.receive(bytes(self._motion.packet(self._data, wanted)))
         self._answered = True
 
@@ -160,13 +160,13 @@ class FakePanda(Fake):
         self._trouble = self._trouble or self._motion.outcome
 
     def _judge(self) -> None:
-        """Says in words what keeps the robot from moving."""
+        """Describes in words what keeps the robot from moving."""
         modes = self._modes
         words = _WORDS.get(modes.mode, "")
         if modes.mode is RobotMode.REFLEX:
             words = f"reflex: {', '.join(modes.reasons or modes.errors) or 'no reason given'}"
         if words and self._trouble.startswith("motion "):
-            self._trouble = ""  # the robot says better why it ended the motion
+            self._trouble = ""  # the robot's own words say better why the motion ended
         self.health.fault = ", ".join(filter(None, (words, self._trouble)))
 
     def _check(self) -> None:

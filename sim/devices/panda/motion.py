@@ -1,4 +1,4 @@
-"""What a Franka robot checks in the setpoints it gets: limits, discontinuities, the client's lost packets.
+"""A Franka robot's checks of the setpoints it gets: limits, discontinuities, lost packets of the client.
 
 Source: protocol sheet franka-fci, sections 6 and 7. Every check is written so that a NaN fails it.
 """
@@ -16,19 +16,19 @@ from drivers.panda.packets import Generator
 from runtime.contracts.signals import Array
 
 LOST_IN_A_ROW: Final = 20  # packets
-WINDOW: Final = 100  # packets that the success rate looks back on
+WINDOW: Final = 100  # packets over which the success rate is computed
 TORQUE_STEP: Final = TORQUE_RATE * DT  # N m from one packet to the next
-# Differences of setpoints are divided by DT up to three times: rounding errors must not look like jerk. A client
+# Differences of setpoints are divided by DT up to three times, so rounding errors must not look like jerk. A client
 # that starts from the float32 state of protocol 10 is off by up to 1.2e-7 rad.
 _ROUNDING: Final = 1.001
 
 
 @dataclass(frozen=True, slots=True)
 class JointLimits:
-    """What the robot enforces; arrays (7,). rad, rad/s, rad/s^2, rad/s^3, N m.
+    """Limits that the robot enforces; arrays (7,). rad, rad/s, rad/s^2, rad/s^3, N m.
 
-    `velocity_offset` (rad/s) and `deceleration` (rad/s^2) make the velocity limit of an FR3 shrink towards the
-    ends of a joint; None on a Panda.
+    `velocity_offset` (rad/s) and `deceleration` (rad/s^2) reduce the velocity limit of an FR3 towards the ends of a
+    joint's range; None on a Panda.
     """
 
     lower: Array
@@ -52,12 +52,12 @@ class JointLimits:
 
 @dataclass(slots=True)
 class Setpoint:
-    """One RobotCommand's content.
+    """The content of one RobotCommand.
 
     Attributes:
-        q, dq: the motion generator's, rad and rad/s (7,).
-        tau: the external controller's, N m (7,), gravity excluded.
-        finished: the motion ends with this packet.
+        q, dq: the motion generator's values, rad and rad/s (7,).
+        tau: the external controller's torques, N m (7,), gravity excluded.
+        finished: whether the motion ends with this packet.
     """
 
     q: Array = field(default_factory=lambda: np.zeros(7))
@@ -67,10 +67,10 @@ class Setpoint:
 
 
 class JointGenerator:
-    """The desired joint motion, made from setpoints or, where one is lost, extrapolated at constant acceleration.
+    """The desired joint motion, from setpoints; if one is lost, extrapolated at constant acceleration.
 
     Attributes:
-        q, dq, ddq: desired now (7,): rad, rad/s, rad/s^2.
+        q, dq, ddq: present desired values (7,): rad, rad/s, rad/s^2.
     """
 
     def __init__(self, limits: JointLimits, q: Array) -> None:
@@ -79,21 +79,21 @@ class JointGenerator:
         self._begun = False
 
     def begin(self) -> None:
-        """A motion starts from rest; its first setpoint must fit the present desired position."""
+        """Starts a motion from rest; its first setpoint must fit the present desired position."""
         self.dq[:] = self.ddq[:] = 0.0
         self._begun = True
 
     def place(self, q: Array, dq: Array) -> None:
-        """Desired is what is measured: the end of a motion that the generator didn't make."""
+        """Sets the desired values to the measured ones, after a motion that the generator didn't make."""
         self.q[:], self.dq[:], self.ddq[:] = q, dq, 0.0
 
     def extrapolate(self) -> None:
-        """A setpoint was lost."""
+        """Replaces a lost setpoint."""
         self.dq += self.ddq * DT
         self.q += self.dq * DT
 
     def brake(self) -> None:
-        """Desired velocity goes to zero, at half the greatest acceleration."""
+        """Reduces the desired velocity to zero, at half the greatest acceleration."""
         if not self.dq.any():
             self.ddq[:] = 0.0
             return
@@ -104,7 +104,7 @@ class JointGenerator:
         self.q += dq * DT
 
     def take(self, setpoint: Setpoint, generator: Generator) -> str:
-        """Takes the next setpoint; gives the name of the error it makes, or "". A wrong one isn't taken."""
+        """Takes the next setpoint; returns the name of its error, or "". A faulty setpoint isn't used."""
         first, self._begun = self._begun, False
         bounds = self.limits
         if generator is Generator.JOINT_POSITION:
@@ -131,7 +131,7 @@ class JointGenerator:
 
 
 def torque_error(last: Array, new: Array) -> str:
-    """The error that a torque setpoint makes after the last one, or ""."""
+    """The error of a torque setpoint that follows the last one, or ""."""
     if not (np.abs(new - last) <= TORQUE_STEP + 1e-9).all():
         return "controller_torque_discontinuity"
     return ""
@@ -141,8 +141,8 @@ class Reception:
     """Counts which packets of a motion arrived in time.
 
     Attributes:
-        rate: share of the last 100 that did.
-        lost: packets lost one after another at present.
+        rate: share of the last 100 packets that did.
+        lost: present number of packets lost in a row.
         total: packets lost since the start, over all motions.
     """
 
@@ -152,7 +152,7 @@ class Reception:
         self.begin()
 
     def begin(self) -> None:
-        """A motion starts."""
+        """Starts the count for a new motion."""
         self._arrived[:] = False
         self._number = 0
         self._good = 0
@@ -163,7 +163,7 @@ class Reception:
         return self._good / min(self._number, WINDOW) if self._number else 0.0
 
     def count(self, arrived: bool) -> None:
-        """One millisecond has passed, with or without its packet."""
+        """Counts one millisecond, with or without its packet."""
         place = self._number % WINDOW
         self._good += int(arrived) - int(self._arrived[place])
         self._arrived[place] = arrived
@@ -173,7 +173,7 @@ class Reception:
 
 
 def limits_of(robot: str) -> JointLimits:
-    """What a `panda` or an `fr3` enforces."""
+    """Returns the limits that a `panda` or an `fr3` enforces."""
     known = FR3 if robot == "fr3" else PANDA
     narrowing = [None if values is None else np.array(values) for values in (known.offset, known.deceleration)]
     enforced = (known.lower, known.upper, known.velocity, known.acceleration, known.jerk, known.effort)

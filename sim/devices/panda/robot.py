@@ -1,4 +1,4 @@
-"""A simulated Franka robot as both of its doors see it: arm, sensors, cabinet, and the network before it."""
+"""A simulated Franka robot, shared by the fake and the twin: arm, sensors, controller, network."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from sim.parts.robots.panda import PandaPart
 from sim.world.cell import Cell
 
 TICK: Final = 1_000_000  # ns
-_BLOCK: Final = 128  # ticks whose random numbers are drawn at once
-_CATCH_UP: Final = 100  # ticks made good at most
+_BLOCK: Final = 128  # number of ticks whose random numbers are drawn together
+_CATCH_UP: Final = 100  # most ticks made up for at once
 Times = Annotated[Windows, AfterValidator(rising)]
 
 
@@ -58,7 +58,7 @@ class FakePandaConfig(FakeConfig):
 
 
 class Heard(Enum):
-    """What became of a datagram."""
+    """What happened to a datagram."""
 
     WRONG = "no command"
     IDLE = "no motion wants it"
@@ -67,11 +67,11 @@ class Heard(Enum):
 
 
 class PandaRobot:
-    """The robot. Its time goes on by `step`, a millisecond each; whoever serves it follows the world's.
+    """The robot; each call of `step` advances its time by 1 ms, and its caller keeps it in step with the world.
 
     Attributes:
-        controller: its cabinet.
-        version: of FCI's protocol.
+        controller: the robot's controller.
+        version: version of the FCI protocol.
         writer: its newest state, written by `write`.
     """
 
@@ -94,18 +94,18 @@ class PandaRobot:
         self._key = [*key, 1]
         self._block = -1
         self._uniform: list[float] = []
-        self._line: deque[tuple[int, Setpoint]] = deque(maxlen=64)  # by the tick at which they arrive
+        self._line: deque[tuple[int, Setpoint]] = deque(maxlen=64)  # with the ticks at which they arrive
         self._last = world.time // TICK
         self.write()
 
     def elapsed(self) -> int:
-        """Milliseconds of world time since the last call, at most 100; 0 if the world went back."""
+        """Milliseconds of world time since the last call, at most 100; 0 if the world went back in time."""
         now = self.world.time // TICK
         last, self._last = self._last, now
         return min(max(now - last, 0), _CATCH_UP)
 
     def receive(self, data: bytes) -> Heard:
-        """Takes a RobotCommand."""
+        """Takes a RobotCommand; returns what happened to it."""
         record, controller = decode_command(self.version, data), self.controller
         if record is None:
             return Heard.WRONG
@@ -121,14 +121,14 @@ class PandaRobot:
         return Heard.TAKEN
 
     def deliver(self, setpoint: Setpoint) -> None:
-        """A command has been sent to the robot."""
+        """Sends a command to the robot, with the delay and losses of the options."""
         options, tick = self.options, self.controller.ticks + 1
         if inside(options.deaf, self.world.time) or (options.dropout and self._draw(tick) < options.dropout):
             return
         self._line.append((tick + options.delay, setpoint))
 
     def step(self, counts: bool = True) -> bool:
-        """Goes on by 1 ms with the newest command that has arrived; gives whether there was one.
+        """Advances 1 ms with the newest command that has arrived; returns whether there was one.
 
         `counts`: see `PandaController.tick`.
         """
@@ -139,12 +139,12 @@ class PandaRobot:
         return setpoint is not None
 
     def write(self) -> Any:
-        """The record of the present state."""
+        """Returns the record of the present state."""
         self.writer.write(self.controller.ticks)
         return self.writer.record
 
     def forget(self) -> None:
-        """Commands on their way are lost with their connection."""
+        """Discards commands in transit, which are lost with their connection."""
         self._line.clear()
 
     def _stopped(self) -> bool:

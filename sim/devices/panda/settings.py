@@ -1,8 +1,8 @@
 """What a client may set on a Franka robot, and which values the robot refuses.
 
 Sources: protocol sheet franka-fci, section 3; the ranges of stiffness and filters are those of the vendor's FCI
-documentation. The robot's own defaults of the collision behaviour aren't published; these are the ones that the
-vendor's examples set.
+documentation. The robot's own defaults of the collision behaviour aren't published. The values used here are those
+that the vendor's examples set.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from runtime.contracts.signals import Array
 STIFFEST_JOINT: Final = 14250.0  # N m/rad
 CARTESIAN_STIFFNESS: Final = ((10.0, 3000.0), (1.0, 300.0))  # N/m, N m/rad
 FILTERS: Final = (1.0, 1000.0)  # Hz
-HEAVIEST: Final = 100.0  # kg; beyond any payload, but the robot's model stays sound
+HEAVIEST: Final = 100.0  # kg; beyond any payload, but the robot's model stays valid
 FARTHEST: Final = 10.0  # m, likewise
 LARGEST: Final = 1000.0  # kg m^2, likewise
 _TORQUES: Final = (20.0, 20.0, 18.0, 18.0, 16.0, 14.0, 12.0)
@@ -37,7 +37,7 @@ _FORCES: Final = (20.0, 20.0, 20.0, 25.0, 25.0, 25.0)
 
 @dataclass(slots=True)
 class Settings:
-    """What holds until a client sets it anew. Matrices (4, 4); the load's inertia (3, 3) about its centre."""
+    """Values that stay until a client sets them again. Matrices (4, 4); the load's inertia (3, 3) about its centre."""
 
     lower_torque_acceleration: Array = field(default_factory=lambda: np.array(_TORQUES))
     upper_torque_acceleration: Array = field(default_factory=lambda: np.array(_TORQUES))
@@ -56,7 +56,7 @@ class Settings:
     load_inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
 
     def apply(self, command: Body) -> bool:
-        """Takes a setter's values; False where the robot would call them an invalid argument."""
+        """Takes a setter's values; returns False for values that the robot would call an invalid argument."""
         match command:
             case SetCollisionBehavior():
                 return self._collision(command)
@@ -81,7 +81,7 @@ class Settings:
 
     @property
     def F_T_EE(self) -> Array:
-        """The end effector's frame in the flange's, (4, 4)."""
+        """The end effector's frame in the flange's frame, (4, 4)."""
         return self.F_T_NE @ self.NE_T_EE
 
     def _collision(self, command: SetCollisionBehavior) -> bool:

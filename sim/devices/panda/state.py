@@ -1,4 +1,4 @@
-"""A simulated Franka robot's sensors, and the RobotState it makes of them and of its controller."""
+"""A simulated Franka robot's sensors, and the RobotState made from them and from its controller."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from sim.devices.panda.controller import FLIP, PandaController
 from sim.devices.panda.motion import DT
 from sim.parts.robots.arm import ArmPart
 
-_BLOCK: Final = 128  # ticks whose random numbers are drawn at once
+_BLOCK: Final = 128  # number of ticks whose random numbers are drawn together
 
 
 class Sensors:
-    """The arm as its cabinet knows it: every value is measured once a tick, with noise.
+    """The arm as its controller measures it: every value is measured once a tick, with noise.
 
-    Noise of tick k depends on `key` and k alone.
+    The noise of tick k depends only on `key` and k.
 
     Attributes:
         position, velocity, effort, external_effort: (7,), rad, rad/s, N m, N m.
@@ -29,8 +29,8 @@ class Sensors:
     def __init__(self, arm: ArmPart, key: list[int], noise: tuple[float, float, float]) -> None:
         """
         Args:
-            arm: the true one.
-            key: seeds the noise.
+            arm: the arm with the true values.
+            key: seed of the noise.
             noise: standard deviations of position, velocity, effort: rad, rad/s, N m.
         """
         self.arm = arm
@@ -45,7 +45,7 @@ class Sensors:
         self.stiffness = arm.robot.stiffness
 
     def measure(self) -> None:
-        """Goes on by one tick."""
+        """Measures the values of the next tick."""
         arm, last = self.arm, self.effort
         self.position, self.velocity = arm.position, arm.velocity
         self.effort, self.external_effort = arm.effort, arm.external_effort
@@ -73,7 +73,7 @@ class Sensors:
 
 
 class StateWriter:
-    """Fills one RobotState record, tick after tick.
+    """Fills one RobotState record in every tick.
 
     Attributes:
         record: shape (), of `packets.state_dtype(version)`.
@@ -86,7 +86,7 @@ class StateWriter:
         self.record["O_ddP_O"] = DOWN
 
     def write(self, message_id: int) -> None:
-        """Takes over the controller's present state."""
+        """Copies the controller's present state."""
         control, sensors, record = self._controller, self._sensors, self.record
         if control.revision != self._revision:
             self._settings()

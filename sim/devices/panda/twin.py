@@ -1,17 +1,18 @@
-"""The Panda's other door: a simulated Franka robot that speaks FCI, protocol 5 or 10, on loopback.
+"""The twin of a Panda: a simulated Franka robot that speaks FCI, protocol 5 or 10, on loopback.
 
-All of the protocol sheet franka-fci, sections 2 to 8. Not imitated: Cartesian generators and Cartesian impedance
-(NOT_POSSIBLE), guiding, virtual walls, self-collision, path and goal deviations, filters, the accelerometers, the
-FR3's safety functions, the gripper. What public sources don't tell and the twin chooses:
+It covers sections 2 to 8 of the protocol sheet franka-fci. Not simulated: Cartesian generators and Cartesian
+impedance (NOT_POSSIBLE), guiding, virtual walls, self-collision, path and goal deviations, filters, the
+accelerometers, the FR3's safety functions, the gripper. Public sources leave the following open; the twin chooses:
 
-- A motion's first packet has 500 ms before lost ones count. A packet that doesn't answer the
-  newest state is a lost one.
+- A motion's first packet has 500 ms before lost packets count. A packet that doesn't answer the newest state is
+  lost.
 - A reflex watches the external torques and forces (first-order filter, 50 Hz) only while a motion runs.
-- A measured velocity may be 5 % of the greatest beyond its limit, a measured position 0.01 rad.
-- Setpoints that end a motion are looked at for nothing but their flag. What then moves is braked by the robot.
-- A client that goes away in a motion leaves a reflex (communication constraints) that its successor must clear.
+- A measured velocity may exceed its limit by 5 % of the greatest velocity, a measured position by 0.01 rad.
+- For setpoints that end a motion, only the flag is read. The robot then brakes any remaining motion.
+- A client that disconnects during a motion leaves a reflex (communication constraints) that the next client must
+  clear.
 - Automatic recovery takes 20 ms; outside the joints' limits a person must do it.
-- Setters are taken in idle mode only. A second client is turned away.
+- Setters are accepted in idle mode only. A second client is rejected.
 """
 
 from __future__ import annotations
@@ -26,18 +27,18 @@ from sim.devices.shared.sockets import Client, SocketTwin, TcpDoor, UdpDoor
 
 
 class PandaTwin(SocketTwin):
-    """Commands on TCP from one client, states to it by UDP from the socket that takes its setpoints.
+    """Takes commands over TCP from one client, and sends it states by UDP from the socket that takes its setpoints.
 
-    The robot goes on by one millisecond in each `service` in which the world did. Milliseconds that the twin
-    itself missed (the machine was busy) send no state and cost the client no packet; the motion stands still.
+    The robot advances by one millisecond in each `service` call in which the world did. Milliseconds that the twin
+    itself missed (the machine was busy) send no state and don't count as lost packets; the motion stands still.
 
-    In lockstep (the fake's option) a state of a motion waits for the answer to the one before. `waiting` says so;
-    a caller that steps the world holds it meanwhile. A client that stays silent for longer than `patience` loses
-    a packet at each further millisecond, until it answers again.
+    In lockstep (the fake's option), each state of a motion waits for the answer to the previous one. `waiting` reports
+    this; a caller that steps the world pauses it meanwhile. If a client doesn't answer for longer than `patience`, it
+    loses a packet at each further millisecond, until it answers again.
 
     Attributes:
-        states: sent so far. setpoints: taken. wrong: datagrams that are no command. late: those that answer
-            an older state than the newest.
+        states: number of states sent. setpoints: number taken. wrong: datagrams that are no command. late: those that
+            answer an older state than the newest.
     """
 
     def __init__(self, fake: Fake) -> None:
@@ -51,9 +52,9 @@ class PandaTwin(SocketTwin):
         self._client: Client | None = None
         self._session: Session | None = None
         self._seen: Counter[str] = Counter()
-        self._answered = True  # the newest state of a motion
+        self._answered = True  # whether the newest state of a motion was answered
         self._sent_at = 0
-        self._silent = False  # the client's patience is used up
+        self._silent = False  # whether the client has exceeded `patience`
 
     def doors(self) -> list[TcpDoor | UdpDoor]:
         return [self.commands, self.datagrams]
@@ -70,7 +71,7 @@ class PandaTwin(SocketTwin):
         super().close()
 
     def waiting(self, now: int) -> bool:
-        """Whether, in lockstep, the robot waits for an answer: its time stands still."""
+        """Whether, in lockstep, the robot waits for an answer; its time then stands still."""
         if not self._lockstep or self._answered or not self.robot.controller.wait():
             return False
         return not self._silent and now - self._sent_at < self._patience
@@ -79,13 +80,13 @@ class PandaTwin(SocketTwin):
         """See `Twin.service`."""
         super().service(now)
         if not self.commands.is_open or self.muted:
-            self._go_on()  # without its network the robot lives on
+            self._go_on()  # the robot continues without its network
 
     def work(self, now: int) -> None:
         self._talk()
         self._listen()
         if self.waiting(now):
-            self.robot.elapsed()  # isn't its time
+            self.robot.elapsed()  # discards this time, in which the robot stood still
             return
         if self._lockstep:
             self._silent = not self._answered and self.robot.controller.wait()
@@ -103,8 +104,11 @@ class PandaTwin(SocketTwin):
         self._answered, self._sent_at = False, now
 
     def figures(self) -> dict[str, object]:
-        """Those of every socket's twin; states sent, setpoints taken and datagrams refused; requests by kind; the
-        robot's mode, its errors, packets lost and reflexes."""
+        """Adds to the socket twin's figures: numbers of datagrams and requests, and the robot's condition.
+
+        Datagrams: states sent, setpoints taken, datagrams refused. Requests are counted by kind. Condition: the robot's
+        mode, its errors, packets lost and reflexes.
+        """
         controller = self.robot.controller
         return super().figures() | {
             "states": self.states,
@@ -119,14 +123,14 @@ class PandaTwin(SocketTwin):
         }
 
     def _go_on(self) -> bool:
-        """Makes the robot's time follow the world's; False if it stood still."""
+        """Advances the robot's time to the world's; returns False if it stood still."""
         elapsed = self.robot.elapsed()
         for missed in range(min(elapsed, 1) if self._lockstep else elapsed):
             self.robot.step(counts=missed == 0)
         return elapsed > 0
 
     def _talk(self) -> None:
-        """The command channel."""
+        """Serves the command channel."""
         for new in self.commands.accept():
             self._client, self._session = new, Session(self.robot, self._seen)
         client, session = self._client, self._session
@@ -135,14 +139,14 @@ class PandaTwin(SocketTwin):
         if answers := session.receive(client.read()):
             client.write(answers, keep=True)
         else:
-            client.write(b"")  # the rest of a long answer
+            client.write(b"")  # sends the rest of a long answer
         if session.refused and not client.unsent():
             client.close()
         if client.gone:
             self._leave()
 
     def _listen(self) -> None:
-        """Setpoints, the newest last."""
+        """Takes setpoints, the newest last."""
         for data, _ in self.datagrams.read():
             heard = self.robot.receive(data)
             self.wrong += heard is Heard.WRONG
@@ -154,7 +158,7 @@ class PandaTwin(SocketTwin):
                 self._silent = False
 
     def _leave(self) -> None:
-        """The client has gone."""
+        """Disconnects the client."""
         client, self._client = self._client, None
         if self._session is not None:
             self._session.close()

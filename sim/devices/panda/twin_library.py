@@ -1,7 +1,7 @@
 """The shared object that a simulated Panda gives clients as its model: our kinematics and dynamics, in C.
 
-Clients of protocol 5 load machine code from the robot (protocol sheet franka-fci, section 5.6). It is compiled
-here by gcc from the runtime's own description of the arm. Matrices in its functions are column by column.
+Clients of protocol 5 load machine code from the robot (protocol sheet franka-fci, section 5.6). Here gcc compiles
+it from the runtime's own description of the arm. Its functions use column-major matrices.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from typing import Final
 from runtime.contracts.signals import Array
 from runtime.control.robots import PANDA
 
-_done: dict[str, bytes] = {}  # by source
+_done: dict[str, bytes] = {}  # shared objects by their source
 
 
 class Build:
-    """One compilation, which goes on beside its caller.
+    """One compilation, which runs in parallel with its caller.
 
     Attributes:
-        library: the shared object, once `poll` is true; None where it can't be made.
+        shared_object: the compiled bytes, once `poll` is true; None if they can't be made.
     """
 
     def __init__(self) -> None:
@@ -42,7 +42,7 @@ class Build:
         )
 
     def poll(self) -> bool:
-        """Whether it is over; never blocks."""
+        """Whether the compilation is over; never blocks."""
         process = self._process
         if process is None:
             return True
@@ -55,7 +55,7 @@ class Build:
         return True
 
     def close(self) -> None:
-        """Gives it up."""
+        """Cancels the compilation."""
         if self._process is not None:
             self._process.kill()
             self._process.wait()
@@ -65,7 +65,7 @@ class Build:
 
 @cache
 def source() -> str:
-    """The program in C."""
+    """Returns the C program."""
     arm = PANDA
     links = [joint.link for joint in arm.joints]
     tables = [
@@ -84,12 +84,12 @@ def _table(name: str, rows: list[Array], shape: str) -> str:
 
 
 def _entries() -> list[str]:
-    """The functions that clients look up, a set for each of nine frames: seven joints, flange, end effector."""
+    """The functions that clients look up: one set for each of nine frames (seven joints, flange, end effector)."""
     lines = []
     for i in range(1, 10):
         tool, given = (", const double *F_T_EE", "F_T_EE") if i == 9 else ("", "0")
         alone = "double *out" if i == 1 else f"const double *q{tool}, double *out"
-        q = "ZERO" if i == 1 else "q"  # the first joint's Jacobian is the same everywhere
+        q = "ZERO" if i == 1 else "q"  # the first joint's Jacobian doesn't depend on the joint angles
         lines.append(f"void O_T_J{i}(const double *q{tool}, double *out) {{ pose(q, {given}, {i - 1}, out); }}")
         lines.append(f"void O_J_J{i}({alone}) {{ jacobian({q}, {given}, {i - 1}, 0, out); }}")
         lines.append(f"void Ji_J_J{i}({alone}) {{ jacobian({q}, {given}, {i - 1}, 1, out); }}")

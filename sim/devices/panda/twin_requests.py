@@ -1,4 +1,4 @@
-"""What a simulated Franka robot answers on its command channel: one client's session. No sockets.
+"""A simulated Franka robot's answers on its command channel: one client's session. No sockets.
 
 Source: protocol sheet franka-fci, sections 3 and 5.
 """
@@ -36,29 +36,29 @@ _IDENTITY: Final = (1.0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1)
 
 
 class Session:
-    """One client's requests, answered.
+    """Answers one client's requests.
 
     Attributes:
-        udp_port: where it wants its states; None before Connect.
-        refused: it speaks another version and is to be hung up on, once its answer is sent.
+        udp_port: the port to which states are sent; None before Connect.
+        refused: the client uses another version; it must be disconnected once its answer is sent.
     """
 
     def __init__(self, robot: PandaRobot, seen: Counter[str]) -> None:
-        """`seen`: counts requests by kind."""
+        """`seen`: counter of requests by kind."""
         self.udp_port: int | None = None
         self.refused = False
         self._seen, self._robot, self._version = seen, robot, robot.version
         self._parser = RequestParser(robot.version)
-        self._move: Request | None = None  # under way; its second answer is due
+        self._move: Request | None = None  # in progress; its second answer is still due
         self._recovery: Request | None = None
         self._build: tuple[Request, Build] | None = None
 
     def receive(self, data: bytes) -> bytes:
-        """Obeys, and gives the answers."""
+        """Carries out the requests and returns the answers."""
         return b"".join(self._answer(request) for request in self._parser.feed(data))
 
     def due(self) -> bytes:
-        """Answers that became due meanwhile: a motion has ended, recovery is over."""
+        """Returns answers that have become due: a motion has ended, recovery is over, or the model library is built."""
         answers, controller = b"", self._robot.controller
         if self._move is not None and (outcome := controller.take_outcome()) is not None:
             answers += self._reply(self._move, outcome)
@@ -76,7 +76,7 @@ class Session:
         return answers
 
     def close(self) -> None:
-        """The client has gone."""
+        """Called when the client has disconnected."""
         if self._build is not None:
             self._build[1].close()
             self._build = None
@@ -87,7 +87,7 @@ class Session:
         if isinstance(body, Connect):
             return self._connect(request, body)
         if self.udp_port is None:
-            return b""  # a client introduces itself first
+            return b""  # a client must connect first
         match body:
             case Move():
                 status = controller.move(body)

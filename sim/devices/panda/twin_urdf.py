@@ -1,7 +1,7 @@
 """The URDF that a simulated FR3 gives its clients, made from the runtime's own description of the arm.
 
-Clients want seven joints called joint1 to joint7, `position_based_velocity_limits` beside each `limit`, inertias,
-and a frame called exactly link8, the flange: libfranka 0.21 takes whatever it finds in memory where there is none.
+Clients need seven joints called joint1 to joint7, `position_based_velocity_limits` beside each `limit`, inertias,
+and a frame called exactly link8, the flange. If link8 is missing, libfranka 0.21 reads arbitrary memory.
 Source: protocol sheet franka-fci, section 5.
 """
 
@@ -20,7 +20,7 @@ from sim.world.mjcf import add
 
 @cache
 def urdf(robot: str) -> str:
-    """The description of a `panda` or an `fr3`."""
+    """Returns the description of a `panda` or an `fr3`."""
     arm, limits = (FR3 if robot == "fr3" else PANDA), limits_of(robot)
     root = Element("robot", name=robot)
     _inertial(add(root, "link", name="link0"), arm.base)

@@ -1,4 +1,4 @@
-"""A recorded device in a simulated world: the same driver, as the loop's clock is the world's there."""
+"""A recorded device in a simulated world, with the real driver's player: the loop's clock is the world's there."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class FakeReplayOptions(FakeConfig):
 
 
 class FakeReplay(Sensor, Fake):
-    """Plays the recording on world time: it begins with the world, also after a loss."""
+    """Plays the recording on world time: it starts with the world, also after a loss."""
 
     Options = FakeReplayOptions
     real = Replay
@@ -39,7 +39,7 @@ class FakeReplay(Sensor, Fake):
         self.close()
         refuse_while_gone(self.name, self._options.loss, self.world.time)
         if self._player.over:
-            self._player.rewind()  # says that it is over
+            self._player.rewind()  # raises the error that the recording is over
         self.health.opened()
 
     def read(self, now: int) -> None:

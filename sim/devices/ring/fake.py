@@ -31,7 +31,7 @@ class FakeRingConfig(FakeConfig):
 
 
 class FakeRing(Sensor, Fake):
-    """The switch of the script, bouncing, through the driver's own debouncing."""
+    """The script's switch, with contact bounce, read through the driver's own debouncing."""
 
     Options = FakeRingConfig
     real = Ring
@@ -67,14 +67,14 @@ class FakeRing(Sensor, Fake):
     def close(self) -> None:
         self.health.connected = False
 
-    # -- the ring itself, for both doors
+    # -- the ring itself, used by the fake and the twin
 
     def asleep(self) -> bool:
-        """Whether a Bluetooth ring sleeps now."""
+        """Whether a Bluetooth ring is asleep now."""
         return inside(self.script.asleep, self.world.time)
 
     def contact(self) -> float:
-        """Whether the contact is closed now, 0 or 1; it chatters after each edge."""
+        """Whether the contact is closed now, 0 or 1; it bounces after each edge."""
         now, bounce = self.world.time, round(self.script.bounce * 1e9)
         pressed = inside(self.script.presses, now)
         for edge in (round(t * 1e9) for window in self.script.presses for t in window):

@@ -1,4 +1,4 @@
-"""The ring's other doors: a Bluetooth remote's events, or the lines of a self-made ring."""
+"""The twins of a ring: a Bluetooth remote's events, or the lines of a self-made ring."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _HEARTBEAT = 100_000_000  # ns
 
 
 def ring_twin(fake: Fake) -> Twin:
-    """The door that the profile's `port` asks for: an input device for 'input' and nodes, else a serial line."""
+    """Returns the twin for the profile's `port`: an input device for 'input' and nodes, else a serial line."""
     assert isinstance(fake, FakeRing)
     assert isinstance(fake.config, RingConfig)
     port = fake.config.port
@@ -22,7 +22,7 @@ def ring_twin(fake: Fake) -> Twin:
 
 
 class InputRing(EventTwin):
-    """A shutter remote: its key goes down and up; asleep, its node is gone."""
+    """A shutter remote: its key goes down and up. While it is asleep, its device node doesn't exist."""
 
     def __init__(self, fake: Fake) -> None:
         assert isinstance(fake, FakeRing)
@@ -34,7 +34,7 @@ class InputRing(EventTwin):
         return not self.ring.asleep()
 
     def describe(self) -> Description:
-        """See `EventTwin`. The remote's own chip has debounced the key."""
+        """See `EventTwin`. The remote's own chip has already debounced the key."""
         assert isinstance(self.ring.config, RingConfig)
         key = self.ring.config.keys[0]
         pressed = frozenset([key] if self.ring.contact() else [])
@@ -44,7 +44,7 @@ class InputRing(EventTwin):
 
 
 class SerialRing(SerialTwin):
-    """Lines: each edge of the contact, a heartbeat every 100 ms, its name when asked."""
+    """Sends lines: each edge of the contact, a heartbeat every 100 ms, its name on request."""
 
     def __init__(self, fake: Fake) -> None:
         assert isinstance(fake, FakeRing)

@@ -1,4 +1,4 @@
-"""A SoftHand in the simulated world: its electronics between the command and the cell's hand."""
+"""A SoftHand in the simulated world: its electronics, between the command and the cell's hand."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from sim.devices.shared.sensor import SampledFake, SensorOptions
 from sim.devices.shared.windows import inside
 from sim.parts.robots.softhand import CLOSED, SoftHandPart
 
-CURRENT_NOISE: Final = 0.005  # A for each tick of the encoder's noise
+CURRENT_NOISE: Final = 0.005  # A per encoder tick of noise
 
 
 class FakeSoftHandOptions(SensorOptions):
-    """Options of the fake; `noise` is in ticks of the encoder, the current has 5 mA for each."""
+    """Options of the fake; `noise` is in encoder ticks, the current has 5 mA of noise for each."""
 
     rate: float = Field(default=400.0, gt=0, le=1000, description="Hz of measurements")
     noise: float = Field(default=3.0, ge=0, description="ticks, standard deviation of the position")
@@ -30,10 +30,10 @@ class FakeSoftHandOptions(SensorOptions):
 
 
 class FakeSoftHand(SampledFake):
-    """The driver's states and command; the motor is off until the first command.
+    """Gives the driver's states and takes its command; the motor is off until the first command.
 
-    `read`, `write` and `stop` are one door; `activate`, `refer` and `measured` are the electronics, for the
-    twin as well. What the motor is doing is kept by the cell's part, so a restored world brings it back.
+    `read`, `write` and `stop` are the driver's interface. `activate`, `refer` and `newest_measurement` are the
+    electronics; the twin uses them, too. The cell's part stores the motor's state, so a restored world restores it.
     """
 
     Options = FakeSoftHandOptions
@@ -68,7 +68,7 @@ class FakeSoftHand(SampledFake):
             self.activate(False)
 
     def close(self) -> None:
-        """The motor is switched off, as by the driver; a hand that is lost goes off by its watchdog."""
+        """Switches the motor off, as the driver does; if the hand is lost, its watchdog switches it off."""
         if self.health.connected or (self.health.was_open and self._config_watchdog):
             self.activate(False)
         super().close()
@@ -82,28 +82,28 @@ class FakeSoftHand(SampledFake):
         values[1] = np.rint(values[1] * 1e3) * 1e-3
         return values
 
-    # -- the electronics, for both doors
+    # -- the electronics, used by the fake and the twin
 
     @property
     def active(self) -> bool:
-        """The motor has power."""
+        """Whether the motor has power."""
         return self.part.commanded is not None
 
     def activate(self, on: bool) -> None:
-        """Switches the motor; on, its reference is where it is."""
+        """Switches the motor on or off; when switched on, its reference is its present position."""
         if on and not self.active:
             self.part.command_position(self.part.position)
         elif not on:
             self.part.command_position(None)
 
     def refer(self, ticks: int) -> None:
-        """Sets the motor's reference, within its range; ignored while it is off."""
+        """Sets the motor's reference, within its range; ignored while the motor is off."""
         if self.active:
             inside_range = min(max(ticks, self.open_ticks), self.closed_ticks)
             self.part.command_position((inside_range - self.open_ticks) / self._span * CLOSED)
 
     def newest_measurement(self) -> tuple[int, int]:
-        """The position (ticks) and the current (mA) that have been measured last."""
+        """The position (ticks) and the current (mA) measured last."""
         values = self.sample(max(self.samples.newest(), 0))
         if values is None:
             values = self.samples[max(self.samples.newest(), 0)]

@@ -1,4 +1,4 @@
-"""The SoftHand's other door: the qbrobotics protocol on a serial line."""
+"""The twin of a SoftHand: the qbrobotics protocol on a serial line."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ _TEXT = "qbrobotics SoftHand\nID: {id}\nPosition limits: inf -> {low} sup -> {hi
 
 
 class SoftHandTwin(SerialTwin):
-    """Answers frames for its id whose checksum is right, nothing to activation and references.
+    """Answers frames for its id with a correct checksum; activation and references get no answer.
 
-    Only references and activation feed its watchdog, the stricter reading of the sheet.
+    Only references and activation reset its watchdog; this is the stricter reading of the sheet.
 
     Attributes:
         echo: the adapter sends each byte back, as some RS485 adapters do.
-        deaf: it obeys nothing that isn't acknowledged, as if every such frame were lost.
-        parameters: it answers PARAMETERS; older firmware stays silent.
+        deaf: it obeys no unacknowledged frame, as if every such frame were lost.
+        parameters: whether it answers PARAMETERS; older firmware doesn't.
     """
 
     def __init__(self, fake: Fake) -> None:
@@ -66,12 +66,12 @@ class SoftHandTwin(SerialTwin):
         }
 
     def open(self) -> None:
-        """See `Twin.open`; as after a loss of power."""
+        """See `Twin.open`; the state is that after a loss of power."""
         super().open()
         self.power_up()
 
     def power_up(self) -> None:
-        """The motor is off, the watchdog, too."""
+        """Switches the motor and the watchdog off."""
         self.hand.activate(False)
         self._watchdog = 0
         self._parser.reset()
@@ -94,7 +94,7 @@ class SoftHandTwin(SerialTwin):
         return b""
 
     def figures(self) -> dict[str, object]:
-        """Those of every serial twin, commands by name, frames thrown away, watchdog's trips, the motor's state."""
+        """Adds to the serial twin's figures: commands by name, discarded frames, watchdog trips, the motor's state."""
         return super().figures() | {
             "commands": dict(self._seen),
             "errors": self._parser.errors,
@@ -105,7 +105,7 @@ class SoftHandTwin(SerialTwin):
         }
 
     def log(self) -> dict[str, NDArray[Any]]:
-        """Those of every serial twin, `reference_ns` (k,) when a reference came, `reference` (k,) its ticks."""
+        """Adds to the serial twin's log: `reference_ns` (k,), when each reference came; `reference` (k,), its ticks."""
         at, ticks = np.array(self._references, np.int64).reshape(-1, 2).T
         return super().log() | {"reference_ns": at, "reference": ticks}
 

@@ -1,4 +1,4 @@
-"""Muscles of a simulated person under surface electrodes."""
+"""Surface EMG of a simulated person's muscles."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from runtime.contracts.world import Fake, FakeConfig, World
 from sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
 from sim.world.cell import Cell
 
-IN_FRAME: Final = 27  # samples
-_CATCH_UP: Final = 80  # frames at most in one read
-_BLOCK: Final = 2048  # samples whose noise is made at once
+IN_FRAME: Final = 27  # samples in a frame
+_CATCH_UP: Final = 80  # most frames in one read
+_BLOCK: Final = 2048  # number of samples whose noise is made together
 _TAPS: Final = 101
-_BAND: Final = (20.0, 450.0)  # Hz, where surface EMG has its power
+_BAND: Final = (20.0, 450.0)  # Hz, band that contains the power of surface EMG
 _Windows = Annotated[Windows, AfterValidator(rising)]
 
 
@@ -30,7 +30,7 @@ class Muscles(Protocol):
     """A part of the cell that has muscles."""
 
     def activation(self, muscle: str) -> float:
-        """0 (relaxed) to 1 (greatest voluntary contraction), now."""
+        """The present activation, from 0 (relaxed) to 1 (greatest voluntary contraction)."""
         ...
 
 
@@ -54,10 +54,10 @@ class FakeTrignoConfig(FakeConfig):
 
 
 class FakeTrigno(Sensor, Fake):
-    """EMG: noise of the muscle's band, as strong as the muscle's activation; 16 bits over +-11 mV.
+    """Gives EMG: noise in the muscle's band, scaled with the muscle's activation; 16 bits over +-11 mV.
 
-    Radio frame j has 27 samples, begins at 13.5 j ms of world time, and depends on seed, name, j and the
-    activation alone.
+    Radio frame j has 27 samples and begins at 13.5 j ms of world time. It depends only on seed, name, j and the
+    activation.
     """
 
     Options = FakeTrignoConfig
@@ -75,7 +75,7 @@ class FakeTrigno(Sensor, Fake):
         self._kernel = _band_pass()
         self._envelope = Envelope(len(config.channels), max(round(config.window * RATE), 1))
         self._zeros = np.zeros(len(config.channels), int)
-        self._next = 0  # frame
+        self._next = 0  # number of the next frame
         self._count = 0
 
     def open(self) -> None:
@@ -88,7 +88,7 @@ class FakeTrigno(Sensor, Fake):
             self.health.connected = False
             raise DeviceLostError(self.name, "the simulated server is gone", "It comes back after its 'loss' window")
         newest = self.newest()
-        if newest < self._next - 1:  # the world went back to a saved state
+        if newest < self._next - 1:  # the world was restored to an earlier state
             self._next = newest + 1
         for number in range(max(self._next, newest + 1 - _CATCH_UP, 0), newest + 1):
             frame = self.frame(number)
@@ -118,14 +118,14 @@ class FakeTrigno(Sensor, Fake):
             state["samples"][:] = np.concatenate([state["samples"][len(new) :], new])
             state["count"][0] = self._count
 
-    # -- the base station itself, for both doors
+    # -- the base station itself, used by the fake and the twin
 
     def newest(self) -> int:
         """Number of the newest frame that has arrived; -1 before the first."""
         return int((self.world.time * 1e-9 - self.script.delay) / FRAME + 1e-9) - 1
 
     def frame(self, number: int) -> Array | None:
-        """Samples (27, 16), V, of a frame; None for one that never comes. Slots without a muscle are 0."""
+        """Samples (27, 16), V, of a frame; None if the frame is lost. Slots without a muscle are 0."""
         if self.script.dropout and np.random.default_rng([*self._key, 1, number]).random() < self.script.dropout:
             return None
         first = number * IN_FRAME
@@ -149,8 +149,8 @@ class FakeTrigno(Sensor, Fake):
         return float(np.interp(time, times, values))
 
     def _unit(self, first: int, slot: int) -> tuple[Array, Array]:
-        """Noise of the muscle's band and of the electronics (27,) each, RMS 1, of samples from `first` on."""
-        wanted = np.arange(first - _TAPS + 1, first + IN_FRAME) + _TAPS  # numbers from 1 on
+        """Noise in the muscle's band and noise of the electronics, (27,) each, RMS 1, for samples from `first` on."""
+        wanted = np.arange(first - _TAPS + 1, first + IN_FRAME) + _TAPS  # numbers start at 1
         blocks = {int(block): self._drawn(int(block)) for block in np.unique(wanted // _BLOCK)}
         white = np.array([blocks[n // _BLOCK][slot, n % _BLOCK] for n in wanted.tolist()])
         return np.convolve(white, self._kernel, "valid"), white[-IN_FRAME:]
@@ -176,7 +176,7 @@ class FakeTrigno(Sensor, Fake):
 
 
 def _band_pass() -> Array:
-    """A windowed-sinc band-pass, scaled so that white noise of RMS 1 stays so."""
+    """A windowed-sinc band-pass, scaled so that white noise of RMS 1 keeps this RMS."""
     n = np.arange(_TAPS) - _TAPS // 2
     low, high = (2 * f / RATE * np.sinc(2 * f / RATE * n) for f in _BAND)
     kernel: Array = (high - low) * np.hamming(_TAPS)

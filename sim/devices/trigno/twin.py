@@ -10,7 +10,7 @@ from sim.devices.shared.sockets import Client, SocketTwin, TcpDoor, UdpDoor
 from sim.devices.trigno.fake import FakeTrigno
 
 BANNER: Final = b"Delsys Trigno System Digital Protocol Version 3.6.0 " + END
-_CATCH_UP: Final = 75  # frames sent at most at once: what a server keeps for a second
+_CATCH_UP: Final = 75  # most frames sent at once: the number that a server stores for a second
 _FIXED: Final = {
     "MASTER": "NEW MASTER", "MASTER?": "YES", "VERSION?": "3.6.0", "FRAME INTERVAL?": "0.0135",
     "MAX SAMPLES AUX?": "2", "BASE FIRMWARE?": "1.0", "BASE SERIAL?": "SP-B00-0001",
@@ -25,9 +25,9 @@ _SWITCHES: Final = {
 
 
 class TrignoTwin(SocketTwin):
-    """One master at a time; samples go to whoever has the EMG port open, the old one (+1) and the new one (+3).
+    """Serves one master at a time; samples go to every client of the EMG ports, the old one (+1) and the new one (+3).
 
-    Every sensor is upsampled to 2000 Hz whatever UPSAMPLE says: without it a real one sends 26 samples a frame.
+    Every sensor is upsampled to 2000 Hz whatever UPSAMPLE says: without it, a real one sends 26 samples a frame.
     """
 
     def __init__(self, fake: Fake) -> None:
@@ -61,7 +61,7 @@ class TrignoTwin(SocketTwin):
         for client in self.control.clients:
             *asked, rest = (self._rest.pop(client, b"") + client.read()).split(b"\r\n")
             for text in asked:
-                if text:  # several commands may come in one packet, one line each, with an empty line at its end
+                if text:  # one packet may contain several commands, one line each, followed by an empty line
                     client.write(self._answer(text.decode("ascii", "replace").strip(), client) + END, keep=True)
             if not client.gone:
                 self._rest[client] = rest[-256:]
@@ -70,7 +70,7 @@ class TrignoTwin(SocketTwin):
         self._stream()
 
     def figures(self) -> dict[str, object]:
-        """Those of every socket twin, and the commands by text."""
+        """Adds to the socket twin's figures: the commands by text."""
         return super().figures() | {"commands": dict(self.commands)}
 
     def _stream(self) -> None:
@@ -98,7 +98,7 @@ class TrignoTwin(SocketTwin):
             self._settings[name] = value
             return b"OK"
         if text == "START":
-            # The count of samples begins with the frame after this.
+            # The count of samples begins with the next frame.
             if not (self.emg.clients or self.legacy.clients):
                 return b"CANNOT COMPLETE"
             self.running, self._sent = True, self.station.newest()

@@ -17,11 +17,11 @@ from sim.parts.robots.arm import ArmPart
 
 _PAYLOAD: Final = 30.0  # kg
 _POWERING: Final = 100  # cycles from POWER_OFF to IDLE, and from IDLE to RUNNING; a real arm takes seconds
-_LOCKED: Final = 2500  # cycles that a protective stop lasts at least (5 s)
-_SLIDER: Final = 2.0  # 1/s, how fast the speed scaling follows the slider
+_LOCKED: Final = 2500  # shortest duration of a protective stop, in cycles (5 s)
+_SLIDER: Final = 2.0  # 1/s, rate at which the speed scaling follows the slider
 _PROTECTIVE_STOP: Final = 15.0  # rad/s^2
-_FOLLOWING: Final = 0.1  # rad between target and joint: something holds the arm
-_TOO_FAST: Final = 1.1  # times a joint's greatest velocity
+_FOLLOWING: Final = 0.1  # rad between target and joint; beyond it, something holds the arm
+_TOO_FAST: Final = 1.1  # factor of a joint's greatest velocity
 
 _BITS: Final = {
     SafetyMode.NORMAL: SafetyBits.NORMAL,
@@ -33,30 +33,30 @@ _BITS: Final = {
 
 
 class Program(Protocol):
-    """What runs on the controller."""
+    """A program that runs on the controller."""
 
     name: str
 
     def cycle(self) -> bool:
-        """One control cycle; False once it has ended."""
+        """Runs one control cycle; returns False once the program has ended."""
 
 
 class UrController:
-    """See the module's text.
+    """The simulated controller; see the module's text.
 
     Attributes:
-        robot_mode, safety_mode: as RTDE gives them.
+        robot_mode, safety_mode: as RTDE reports them.
         motion: the joints' targets.
-        program: what runs, or is paused; None: nothing.
+        program: the running or paused program; None: no program.
         slider: 0 to 1.
-        scaling: 0 to 1, how fast motions really run.
+        scaling: 0 to 1, the actual speed of motions.
         inputs, outputs: digital, bit by bit.
         cycles: control cycles since the controller's start.
-        force_limit: N at the flange that bring about a protective stop.
-        why: of the newest protective stop, in words.
+        force_limit: N, force at the flange that causes a protective stop.
+        why: reason of the newest protective stop, in words.
         locked_until: cycle before which a protective stop doesn't end.
-        wrench: (6,) N, N m, on the flange, axes of `base`, without the weight of the payload that was set; of this
-            cycle. `base` stands upright, as set at the pendant.
+        wrench: (6,) N, N m, of this cycle, on the flange, axes of `base`, without the weight of the payload that was
+            set. `base` stands upright, as set at the pendant.
     """
 
     def __init__(self, arm: ArmPart, force_limit: float) -> None:
@@ -68,19 +68,19 @@ class UrController:
         self.inputs = self.outputs = 0
         self.cycles = -1
         self.why = ""
-        self.emergency = self.safeguard = False  # the buttons' and the light curtain's contacts
+        self.emergency = self.safeguard = False  # the contacts of the buttons and of the light curtain
         self.payload = (arm.told.mass, arm.told.com)
-        self._zero = np.zeros(6)  # N, N m, flange frame: what the force sensor is off by since it was zeroed
+        self._zero = np.zeros(6)  # N, N m, flange frame: offset of the force sensor since it was zeroed
         self._fastest = arm.robot.dq_max * _TOO_FAST
-        self._ready_at = -1  # cycle in which the robot mode goes on by itself
+        self._ready_at = -1  # cycle in which the robot mode advances by itself
         self.locked_until = 0
         self.wrench = self._feel()
         self._tell()
 
-    # -- a cycle
+    # -- one cycle
 
     def cycle(self) -> None:
-        """One control cycle, on the world as it is now."""
+        """Runs one control cycle on the present state of the world."""
         self.cycles += 1
         self.wrench = self._feel()
         self._supervise()
@@ -139,25 +139,25 @@ class UrController:
         else:
             self.arm.command("brake")
 
-    # -- what people and the dashboard do
+    # -- actions of users and of the dashboard
 
     def power_on(self) -> None:
-        """Switches the drives on; IDLE follows."""
+        """Switches the drives on; the mode becomes IDLE later."""
         if self.robot_mode is RobotMode.POWER_OFF and not self.emergency:
             self.robot_mode, self._ready_at = RobotMode.POWER_ON, self.cycles + _POWERING
 
     def brake_release(self) -> None:
-        """Releases the brakes, switching on first where that is needed; RUNNING follows."""
+        """Releases the brakes of an IDLE arm; the mode becomes RUNNING later."""
         if self.robot_mode is RobotMode.IDLE and self._ready_at <= self.cycles:
             self._ready_at = self.cycles + _POWERING
 
     def power_off(self) -> None:
-        """Brakes on, drives off."""
+        """Applies the brakes and switches the drives off."""
         self.program = None
         self.robot_mode, self._ready_at = RobotMode.POWER_OFF, -1
 
     def protective_stop(self, why: str) -> None:
-        """Stops the arm; the program is paused, and stays so."""
+        """Stops the arm; the program is paused and stays paused."""
         if self.safety_mode is SafetyMode.PROTECTIVE_STOP:
             return
         self.safety_mode, self.why = SafetyMode.PROTECTIVE_STOP, why
@@ -165,7 +165,7 @@ class UrController:
         self.motion.stop(_PROTECTIVE_STOP)
 
     def unlock(self) -> bool:
-        """Ends a protective stop; False: it isn't 5 s old."""
+        """Ends a protective stop; returns False if the stop isn't 5 s old yet."""
         if self.safety_mode is SafetyMode.PROTECTIVE_STOP:
             if self.cycles < self.locked_until:
                 return False
@@ -176,7 +176,7 @@ class UrController:
         return True
 
     def run(self, program: Program) -> bool:
-        """Runs a program in place of any other; False: the arm isn't ready for one."""
+        """Runs a program in place of any other; returns False if the arm isn't ready for one."""
         if self.robot_mode is not RobotMode.RUNNING or self.safety_bits & SafetyBits.STOPPED:
             return False
         if self.program is not None and self.motion.doing != "hold":
@@ -188,7 +188,7 @@ class UrController:
         """Ends the program; the arm stops."""
         self.program = None
 
-    # -- what RTDE gives
+    # -- values for RTDE
 
     @property
     def safety_bits(self) -> SafetyBits:
@@ -197,7 +197,7 @@ class UrController:
 
     @staticmethod
     def bits_of(mode: SafetyMode) -> SafetyBits:
-        """The bits that go with a safety mode."""
+        """The bits of a safety mode."""
         return _BITS[mode]
 
     @property
@@ -215,7 +215,7 @@ class UrController:
         return RuntimeState.PAUSED if paused else RuntimeState.PLAYING
 
     def tool(self) -> Array:
-        """(6,) m and rotation vector, rad, of the flange in `base`."""
+        """(6,): position, m, and rotation vector, rad, of the flange in `base`."""
         turn, at = self.arm.flange()
         return np.concatenate([at, rotation.log(rotation.from_matrix(turn))])
 
@@ -230,7 +230,7 @@ class UrController:
     def set_payload(self, mass: float, cog: tuple[float, float, float]) -> None:
         """URScript's set_payload: kg, and its centre of mass in the flange's frame, m. Raises ValueError.
 
-        It zeroes the force sensor: whatever is touched at that moment isn't felt, and missed afterwards.
+        It zeroes the force sensor: a contact force present at that moment isn't felt, and is missing afterwards.
         """
         self.know_payload(mass, cog)
         turn, _ = self.arm.flange()
@@ -238,7 +238,7 @@ class UrController:
         self._zero = self._zero + np.concatenate([turn.T @ wrench[:3], turn.T @ wrench[3:]])
 
     def know_payload(self, mass: float, cog: tuple[float, float, float]) -> None:
-        """As set at the pendant, the sensor zeroed with nothing touched. Raises ValueError."""
+        """Sets the payload as at the pendant, with the sensor zeroed without contact. Raises ValueError."""
         if not 0 <= mass <= _PAYLOAD or len(cog) != 3 or not all(abs(x) <= 1 for x in cog):
             raise ValueError(f"a payload is 0 to {_PAYLOAD:g} kg, its centre within 1 m")
         self.payload = (mass, cog)
@@ -246,7 +246,7 @@ class UrController:
 
 
 class _Paused:
-    """A program that a protective stop ended in effect: only `play` at the pendant would resume it."""
+    """A program that a protective stop has in effect ended: only `play` at the pendant would resume it."""
 
     def __init__(self, name: str) -> None:
         self.name = name

@@ -1,4 +1,4 @@
-"""A UR arm in the cell: the controller's cycles run inside the world, the fake shows them as the driver would."""
+"""A UR arm in the cell: the controller's cycles run inside the world; the fake shows them as the driver would."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from sim.devices.shared.windows import Windows, inside, rising
 from sim.devices.ur.controller import UrController
 from sim.parts.robots.arm import ArmPart
 
-# A sample: what is measured, then what the controller wants, then what it remembers, so that a restored world
-# restores it, too.
+# A sample holds the measured values, the controller's targets, and the controller's memory. So a restored world
+# restores the controller, too.
 Q, QD, EFFORT, TORQUE = slice(0, 6), slice(6, 12), slice(12, 18), slice(18, 24)
 WRENCH, TOOL, TWIST = slice(24, 30), slice(30, 36), slice(36, 42)
 MEASURED: Final = 42
@@ -58,14 +58,14 @@ class FakeUrConfig(SensorOptions):
 
 
 class _Stream:
-    """What the control script does, for the fake's own door; see drivers/ur/script."""
+    """What the driver's control script does, for the fake; see drivers/ur/script."""
 
     name = "srl_control"
 
     def __init__(self, controller: UrController, config: UrConfig) -> None:
         self._controller, self._config = controller, config
         self._cycles = max(1, round(config.timeout / CYCLE))
-        self.goal: list[float] | None = None  # None: to stay
+        self.goal: list[float] | None = None  # None: hold still
         self.silent = 0
         self.state = ScriptState.READY
 
@@ -98,12 +98,12 @@ class _Stream:
 class FakeUr(SampledFake):
     """The arm of the cell's part `ur16e`, with the driver's states, commands, faults and recovery.
 
-    Sample k is the controller's cycle k, at k / 500 s of world time. `controller` is the arm itself, for a
-    twin to use as well.
+    Sample k is the controller's cycle k, at k / 500 s of world time. `controller` is the arm itself; a twin uses it,
+    too.
 
     Attributes:
         controller: power, safety, motion.
-        after_cycle: called at the end of each of the controller's cycles; a twin's.
+        after_cycle: called at the end of each of the controller's cycles; set by a twin.
     """
 
     Options = FakeUrConfig
@@ -133,12 +133,12 @@ class FakeUr(SampledFake):
         self._command = self.commands[0].name
         self._recovering = False
         self._failed = ""
-        self._number = -1  # of the newest cycle
+        self._number = -1  # number of the newest cycle
         self.after_cycle: Callable[[], None] = lambda: None
         self._stops = [round(at / CYCLE) for at in options.protective]
         self.sampled(SIZE, self._cycle)
 
-    # -- the driver's door
+    # -- the driver's interface
 
     def open(self) -> None:
         """See `Driver.open`; with `power_on` the arm is on at once."""
@@ -203,7 +203,7 @@ class FakeUr(SampledFake):
     def recover(self, now: int) -> None:
         self._recovering, self._failed = True, ""
 
-    # -- inside
+    # -- internals
 
     def _load(self) -> None:
         self._program = _Stream(self.controller, self._config)
@@ -213,7 +213,7 @@ class FakeUr(SampledFake):
     def _recover(self) -> None:
         controller = self.controller
         if controller.safety_mode is SafetyMode.PROTECTIVE_STOP and not controller.unlock():
-            return  # it isn't 5 s old
+            return  # the stop isn't 5 s old yet
         if controller.robot_mode is not RobotMode.RUNNING:
             if not self._config.power_on or controller.emergency:
                 self._recovering, self._failed = False, "recovery failed: the arm isn't ready to move"
@@ -236,7 +236,7 @@ class FakeUr(SampledFake):
         )  # fmt: skip
 
     def _cycle(self) -> Array:
-        """One cycle of the controller, and what it measured before it."""
+        """Runs one cycle of the controller; returns its sample, with the arm's values before the cycle takes effect."""
         controller, arm, motion = self.controller, self._arm, self.controller.motion
         if self._samples is not None and self._samples.taken != self._number + 1:
             self._restore(self._samples.taken - 1)
@@ -273,7 +273,7 @@ class FakeUr(SampledFake):
             controller.protective_stop("so the profile says")
 
     def _restore(self, number: int) -> None:
-        """The world went back to a saved state: the controller as it was at sample `number`."""
+        """Restores the controller to its state at sample `number`, after the world was restored."""
         self._number = number
         if number < 0:
             return

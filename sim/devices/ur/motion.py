@@ -1,8 +1,8 @@
 """How a UR controller moves its joints' targets: URScript's motions, one control cycle at a time.
 
-speedj and stopj change velocities by an acceleration of the joint that changes most, the others in proportion.
-servoj follows a target through a first-order lag. Source: protocol sheet ur-rtde, section 5.1; what the
-controller does inside isn't public.
+speedj and stopj apply the acceleration to the joint whose velocity changes most; the others change in proportion.
+servoj follows a target through a first-order lag. Source: protocol sheet ur-rtde, section 5.1; the controller's
+internals aren't public.
 """
 
 from __future__ import annotations
@@ -17,15 +17,17 @@ from drivers.ur.registers import CYCLE
 from runtime.contracts.signals import Array
 
 _SERVO_ACCELERATION: Final = 40.0  # rad/s^2
-_SERVO_GAIN: Final = 300.0  # with which servoj lags by its lookahead
+_SERVO_GAIN: Final = 300.0  # gain at which servoj lags by its lookahead
 _AT_REST: Final = 1e-9  # rad/s
 
 Doing = Literal["hold", "speed", "servo", "stop", "move"]
 
 
 class Motion:
-    """Targets of six joints. Motions raise ValueError for what URScript refuses: values that aren't finite or positive,
-    lookahead and gain out of their range.
+    """Targets of six joints.
+
+    Motions raise ValueError for values that URScript refuses: values that aren't finite or positive, lookahead and gain
+    out of their range.
 
     Attributes:
         q, qd, qdd: (6,) targets, rad, rad/s, rad/s^2.
@@ -41,7 +43,7 @@ class Motion:
         self._lag = 0.1
 
     def speed(self, qd: Sequence[float], acceleration: float) -> None:
-        """speedj: to these velocities (rad/s), and on with them."""
+        """speedj: accelerates to these velocities (rad/s) and keeps them."""
         self._aim(qd)
         self.doing, self._a = "speed", _positive(acceleration)
 
@@ -53,27 +55,27 @@ class Motion:
         self.doing, self._lag = "servo", max(lookahead * _SERVO_GAIN / gain, 2 * CYCLE)
 
     def stop(self, deceleration: float) -> None:
-        """stopj: to rest."""
+        """stopj: decelerates to rest."""
         self.doing, self._a = "stop", _positive(deceleration)
 
     def move(self, q: Sequence[float], acceleration: float, speed: float) -> None:
-        """movej: to these angles (rad), and rest there."""
+        """movej: moves to these angles (rad) and rests there."""
         self._aim(q)
         self._a, self._v = _positive(acceleration), _positive(speed)
         self.doing = "move"
 
     def halt(self, q: Array) -> None:
-        """No motion: brakes hold the joints where they are."""
+        """Ends all motion: brakes hold the joints where they are."""
         self.doing = "hold"
         self.q[:], self.qd[:], self.qdd[:] = q, 0.0, 0.0
 
     @property
     def at_rest(self) -> bool:
-        """Whether a motion with an end has come to it."""
+        """Whether a motion that has an end has reached it."""
         return self.doing == "hold"
 
     def cycle(self, scaling: float) -> None:
-        """One control cycle; `scaling` slows all motions but the stop."""
+        """Runs one control cycle; `scaling` slows all motions except the stop."""
         was = self.qd.copy()
         if self.doing == "speed":
             self._towards(self._goal * scaling, self._a)
@@ -104,7 +106,7 @@ class Motion:
 
     def _servo(self, scaling: float) -> None:
         left = self._goal - self.q
-        braking = np.sqrt(2 * _SERVO_ACCELERATION * np.abs(left))  # beyond it the joint would overshoot
+        braking = np.sqrt(2 * _SERVO_ACCELERATION * np.abs(left))  # faster than this, the joint would overshoot
         wanted = np.clip(left / self._lag, -braking, braking) * scaling
         step = _SERVO_ACCELERATION * CYCLE
         self.qd += np.clip(wanted - self.qd, -step, step)

@@ -1,4 +1,4 @@
-"""The UR arm's other doors: RTDE, dashboard and script ports in front of the simulated controller."""
+"""The twin of a UR arm: RTDE, dashboard and script ports in front of the simulated controller."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from sim.devices.ur.twin_registers import Registers
 from sim.devices.ur.twin_rtde import RtdeServer
 from sim.devices.ur.twin_script import Programs, name_of
 
-_CATCH_UP: Final = 50  # samples sent at most at once
+_CATCH_UP: Final = 50  # most samples sent at once
 _SCRIPT_PORTS: Final = (30001, 30002, 30003)
 
 
 class UrTwin(SocketTwin):
-    """Sample k leaves when it would reach a client of the fake, with the registers of its cycle.
+    """Sends sample k when it would reach a client of the fake, with the registers of its cycle.
 
     Attributes:
-        rtde, dashboard: the servers, with what they answer.
+        rtde, dashboard: the servers, with their answers.
         registers: shared by clients and programs.
         programs: names of the programs that were started, the newest hundred.
-        errors: why programs didn't start, or ended before their end.
-        texts: what programs said by textmsg.
+        errors: why programs didn't start or ended early.
+        texts: what programs sent with textmsg.
     """
 
     def __init__(self, fake: Fake) -> None:
@@ -71,7 +71,7 @@ class UrTwin(SocketTwin):
             super().open()
 
     def describe(self) -> str:
-        """The address, with the ports of dashboard and scripts where they aren't the usual ones."""
+        """The address, with the ports of dashboard and scripts if they aren't the usual ones."""
         plain = f"tcp://{self._rtde.host}"
         if self._standard:
             return plain
@@ -100,7 +100,7 @@ class UrTwin(SocketTwin):
         self._sent = newest
 
     def figures(self) -> dict[str, object]:
-        """Those of every socket twin, messages by letter, clients hung up on, programs and what they said."""
+        """Adds to the socket twin's figures: messages by letter, clients disconnected, programs and their texts."""
         ignored = self._running.ignored if isinstance(self._running, RegisterProgram) else {}
         return super().figures() | {
             "messages": dict(self.rtde.seen), "dropped": self.rtde.dropped, "programs": list(self.programs),
@@ -109,7 +109,7 @@ class UrTwin(SocketTwin):
         }  # fmt: skip
 
     def log(self) -> dict[str, NDArray[Any]]:
-        """`sent_ns` (k,) when a sample left, `taken_ns` (k,) its world time."""
+        """`sent_ns` (k,): when each sample was sent. `taken_ns` (k,): its world time."""
         sent, taken = np.array(self._log, np.int64).reshape(-1, 2).T
         return {"sent_ns": sent, "taken_ns": taken}
 
@@ -140,7 +140,7 @@ class UrTwin(SocketTwin):
         self.registers.remember()
 
     def _leave(self) -> None:
-        """The program has ended, or makes room for another."""
+        """Called when the program has ended or is replaced by another."""
         program, self._running = self._running, None
         self.registers.forget_watchdogs()
         if isinstance(program, UrScriptProgram):

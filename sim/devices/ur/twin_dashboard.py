@@ -1,4 +1,4 @@
-"""A controller's dashboard: one line in, one line out. Source: protocol sheet ur-rtde, section 4."""
+"""A controller's dashboard: one answer line for each command line. Source: protocol sheet ur-rtde, section 4."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from sim.devices.ur.controller import UrController
 
 
 class DashboardServer:
-    """See the module's text.
+    """The dashboard server; see the module's text.
 
     Attributes:
-        polyscope: what `PolyscopeVersion` answers.
-        model, serial: who the arm is.
-        remote: remote control was chosen at the pendant.
+        polyscope: the answer to `PolyscopeVersion`.
+        model, serial: the arm's model and serial number.
+        remote: whether remote control was selected at the pendant.
         seen: commands received, in order; the newest hundred.
     """
 
@@ -54,7 +54,7 @@ class DashboardServer:
         }
 
     def serve(self) -> None:
-        """Greets new clients and answers."""
+        """Greets new clients and answers commands."""
         for client in self.door.accept():
             client.write(GREETING.encode() + b"\n", keep=True)
             self._lines[client] = Lines()
@@ -70,7 +70,7 @@ class DashboardServer:
                 del self._lines[client]
 
     def answer(self, line: str) -> str:
-        """The answer to one command."""
+        """Returns the answer to one command."""
         command = line.lower()
         if command in self._answers:
             return self._answers[command]()

@@ -1,4 +1,4 @@
-"""URScript's expressions, read from one line's tokens into closures."""
+"""URScript's expressions, parsed from one line's tokens into closures."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ Expression = Callable[[Scope], Any]
 
 
 class ScriptError(Exception):
-    """The program's text is wrong, or it did something that it can't."""
+    """The program's text is wrong, or the program did something impossible."""
 
 
 class Expressions:
-    """Recursive descent over `_line` from `_column` on."""
+    """A recursive-descent parser of `_line`, from `_column` on."""
 
     def __init__(self, functions: Mapping[str, Callable[..., Any]]) -> None:
         self._functions = functions

@@ -1,4 +1,4 @@
-"""What runs on the twin's controller: programs in URScript, and ur_rtde's own, known by its name."""
+"""Programs that run on the twin's controller: URScript, and ur_rtde's own program, recognised by its name."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from sim.devices.ur.twin_registers import Registers
 from sim.devices.ur.twin_script import Script, Wait
 
 SERVO_GAIN: Final = 300.0
-_LONGEST: Final = 3600.0  # s that a motion with an end may take
+_LONGEST: Final = 3600.0  # s, longest duration of a motion that has an end
 
 
 class UrScriptProgram:
     """A program in the small URScript.
 
     Attributes:
-        name: the program's.
-        error: why it ended before its end.
+        name: the program's name.
+        error: why it ended early.
     """
 
     def __init__(self, text: str, controller: UrController, registers: Registers) -> None:
-        """Raises ScriptError: the text isn't one."""
+        """Raises ScriptError: the text isn't a valid program."""
         self._controller, self._registers = controller, registers
         self.error = ""
         self.texts: list[str] = []
@@ -33,7 +33,7 @@ class UrScriptProgram:
         self.name = self._script.name
 
     def cycle(self) -> bool:
-        """One control cycle; False once it has ended, or its watchdog has bitten."""
+        """Runs one control cycle; returns False once the program has ended or its watchdog has tripped."""
         if name := self._registers.bites():
             self.error = f"no input {name}: its watchdog stopped the program"
             return False
@@ -113,13 +113,14 @@ class UrScriptProgram:
 
 
 class RegisterProgram:
-    """ur_rtde's control program, by its register protocol alone. Source: protocol sheet ur-rtde, sections 5.2, 6.
+    """ur_rtde's control program, known only by its register protocol.
 
-    Output register 0 says 1: ready, 2: done. Motions by joint angles are carried out; what else has a number is
-    answered as done and does nothing.
+    Source: protocol sheet ur-rtde, sections 5.2, 6. Output register 0 is 1: ready, 2: done. Joint motions, stops and
+    the payload are carried out; command 40 sets six output registers to 0. Other commands are answered as done and
+    do nothing.
 
     Attributes:
-        ignored: numbers of commands that did nothing, and how often they came.
+        ignored: how often each command that did nothing came, by its number.
     """
 
     NAME: Final = "rtde_control"
@@ -136,7 +137,7 @@ class RegisterProgram:
         self._answer(self.READY)
 
     def cycle(self) -> bool:
-        """One pass of its loop; False once it has ended."""
+        """Runs its loop once; returns False once the program has ended."""
         try:
             return self._pass()
         except ValueError as error:
@@ -161,7 +162,7 @@ class RegisterProgram:
         return True
 
     def _do(self, number: int) -> bool:
-        """Begins a command, or looks whether it has come to its end."""
+        """Begins a command, or checks whether it has finished; returns whether it is done."""
         motion, doubles = self._controller.motion, self._doubles
         if number == 9:
             motion.speed(doubles(0, 6), doubles(6, 1)[0])

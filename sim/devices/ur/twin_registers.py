@@ -16,9 +16,9 @@ from runtime.contracts.signals import Array
 from sim.devices.ur import fake
 from sim.devices.ur.controller import UrController
 
-_KEPT: Final = 500  # cycles whose registers are remembered, for samples that are sent late
+_KEPT: Final = 500  # cycles whose registers are stored, for samples that are sent late
 _OUTPUTS: Final = {"standard_digital_output": 0, "configurable_digital_output": 8, "tool_digital_output": 16}
-_AMPERES: Final = 0.1  # a N m: invented, the motors' constants aren't public
+_AMPERES: Final = 0.1  # A per N m: invented, because the motors' constants aren't public
 _CONSTANT: Final = {
     "actual_main_voltage": 48.0, "actual_robot_voltage": 48.0, "joint_temperatures": (30.0,) * 6,
     "actual_joint_voltage": (48.0,) * 6,
@@ -47,16 +47,16 @@ class Bank:
 
 
 class Registers:
-    """See the module's text.
+    """The shared registers; see the module's text.
 
     Attributes:
-        inputs, outputs: what clients write, what programs write.
+        inputs, outputs: registers that clients write, and registers that programs write.
     """
 
     def __init__(self, controller: UrController) -> None:
         self.inputs, self.outputs = Bank(), Bank()
         self._controller = controller
-        self._written: dict[str, int] = {}  # cycle of the newest value of an input, by name
+        self._written: dict[str, int] = {}  # cycle in which each input was last written, by name
         self._watchdogs: dict[str, tuple[int, str]] = {}
         self._past: deque[tuple[int, list[int], list[float], int]] = deque(maxlen=_KEPT)
 
@@ -80,11 +80,11 @@ class Registers:
     # -- from programs
 
     def write_int(self, number: int, value: float) -> None:
-        """write_output_integer_register; like a controller's, the value has 32 bits."""
+        """write_output_integer_register; the value has 32 bits, as on a controller."""
         self.outputs.ints[number] = (int(value) + 2**31) % 2**32 - 2**31
 
     def watch(self, name: str, frequency: float, action: str = "pause") -> None:
-        """rtde_set_watchdog: what happens once an input wasn't written for 1 / frequency."""
+        """rtde_set_watchdog: sets the action for an input that isn't written for 1 / frequency."""
         if action == "ignore" or frequency <= 0:
             self._watchdogs.pop(name, None)
         else:
@@ -92,25 +92,25 @@ class Registers:
             self._watchdogs[name] = (round(500 / frequency), action)
 
     def forget_watchdogs(self) -> None:
-        """A program has ended, and its watchdogs with it."""
+        """Removes the watchdogs of a program that has ended."""
         self._watchdogs.clear()
 
     def bites(self) -> str:
-        """The name of an input that is overdue; ""."""
+        """The name of an overdue input; "" if there is none."""
         for name, (cycles, _) in self._watchdogs.items():
             if self._controller.cycles - self._written[name] > cycles:
                 return name
         return ""
 
     def remember(self) -> None:
-        """The end of a control cycle: what RTDE gives of it."""
+        """Stores what RTDE reports of a control cycle, at its end."""
         bank = self.outputs
         self._past.append((self._controller.cycles, bank.ints.copy(), bank.doubles.copy(), self._controller.outputs))
 
     # -- to clients
 
     def reader(self, names: Sequence[str]) -> Callable[[int, Array], list[Any]]:
-        """A function that gives these variables of cycle `number`, whose sample is `values`."""
+        """Returns a function that reads these variables of cycle `number`, whose sample is `values`."""
         readers = [self._reader(name) for name in names]
 
         def read(number: int, values: Array) -> list[Any]:

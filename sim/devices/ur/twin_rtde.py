@@ -1,4 +1,4 @@
-"""A controller's RTDE server: several clients, each with its outputs, its claims on inputs, and its rate."""
+"""A controller's RTDE server: several clients, each with its own outputs, its claims on inputs, and its rate."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ _RATE = 500.0
 
 
 class RtdeServer:
-    """Version 2 only. A client that sends garbage, or is too slow for its data, is hung up on.
+    """The RTDE server, version 2 only; disconnects a client that sends invalid data or reads too slowly.
 
     Attributes:
-        version: what `v` answers.
+        version: the answer to `v`.
         seen: messages received, by their letter.
-        dropped: clients that were hung up on.
+        dropped: number of clients disconnected.
     """
 
     def __init__(self, door: TcpDoor, registers: Registers) -> None:
@@ -34,7 +34,7 @@ class RtdeServer:
         self._connections: list[_Connection] = []
 
     def receive(self) -> None:
-        """Takes new clients in, and what clients have sent."""
+        """Accepts new clients and takes what clients have sent."""
         self._connections += [_Connection(self, client) for client in self.door.accept()]
         for connection in self._connections:
             connection.receive()
@@ -44,12 +44,12 @@ class RtdeServer:
             self.claims = {name: owner for name, owner in self.claims.items() if owner not in gone}
 
     def send(self, number: int, values: Array) -> None:
-        """Sends sample `number` to whom it is due."""
+        """Sends sample `number` to the clients for which it is due."""
         for connection in self._connections:
             connection.send(number, values)
 
     def remark(self, words: str, level: int) -> None:
-        """A text message to all clients."""
+        """Sends a text message to all clients."""
         for connection in self._connections:
             if connection.started:
                 connection.client.write(rtde.remark(words, "twin", level))

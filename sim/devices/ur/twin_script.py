@@ -1,4 +1,4 @@
-"""A small URScript: enough of the language to run the driver's control program and short programs of others.
+"""A small URScript: enough of the language to run the driver's control program and other short programs.
 
 Statements: assignment, `def` with parameters, `if`/`elif`/`else`, `while`, `return`, `break`, `continue`, calls.
 No threads, structures, matrices, or calls that take time within an expression. Source of the language's facts:
@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from sim.devices.ur.twin_expressions import Expression, Expressions, Scope, ScriptError, tokens
 
-BUDGET: Final = 20_000  # statements in one control cycle; a real controller gives up much sooner
+BUDGET: Final = 20_000  # statements in one control cycle; a real controller stops much sooner
 _PROGRAM: Final = re.compile(r"(?:def|sec)\s+(\w+)\s*\(")
 _OPENS: Final = re.compile(r"\s*(?:def|sec|thread|while|for|if|struct)\b")
 _CLOSES: Final = re.compile(r"\s*end\b")
@@ -23,7 +23,7 @@ Statement = Callable[[Scope], Wait]
 
 
 class _Leave(Exception):  # noqa: N818
-    """break, continue and return, on their way out."""
+    """break, continue and return, while they leave their block."""
 
     def __init__(self, kind: str, value: Any = None) -> None:
         super().__init__(kind)
@@ -31,10 +31,10 @@ class _Leave(Exception):  # noqa: N818
 
 
 class Programs:
-    """Bytes of a script port to whole programs: a `def` or `sec` up to its `end`, or a single line.
+    """Splits the bytes of a script port into whole programs: a `def` or `sec` up to its `end`, or a single line.
 
     Attributes:
-        too_long: bytes thrown away because no program is that long.
+        too_long: number of bytes discarded because they exceed the greatest length of a program.
     """
 
     LONGEST: Final = 200_000
@@ -47,7 +47,7 @@ class Programs:
         self.too_long = 0
 
     def feed(self, data: bytes) -> list[str]:
-        """Takes bytes as they come; gives the programs they complete."""
+        """Takes bytes as they arrive; returns the programs that they complete."""
         *lines, self._rest = (self._rest + data.decode("latin-1")).split("\n")
         found = []
         for line in lines:
@@ -76,10 +76,10 @@ def name_of(program: str) -> str:
 
 
 class Script:
-    """One program, read and ready to run.
+    """One parsed program, ready to run.
 
     Attributes:
-        name: the program's.
+        name: the program's name.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class Script:
         """
         Args:
             text: a `def NAME(): ... end`, or single lines.
-            functions: take no time.
+            functions: functions that take no time.
             motions: generators; each `yield` is the end of a control cycle.
         Raises:
             ScriptError: the text isn't a program that this interpreter understands.
@@ -103,10 +103,10 @@ class Script:
         self._budget = reader.budget
 
     def cycle(self) -> bool:
-        """One control cycle; False once the program has ended.
+        """Runs one control cycle; returns False once the program has ended.
 
         Raises:
-            ScriptError: it can't go on.
+            ScriptError: the program can't continue.
         """
         self._budget[0] = BUDGET
         try:
@@ -123,7 +123,7 @@ class Script:
 
 
 class _Reader(Expressions):
-    """Recursive descent over lines; makes closures."""
+    """A recursive-descent parser of lines; it makes closures."""
 
     def __init__(
         self, text: str, functions: Mapping[str, Callable[..., Any]], motions: Mapping[str, Callable[..., Wait]]
@@ -138,14 +138,14 @@ class _Reader(Expressions):
         self.budget = [BUDGET]
 
     def program(self) -> Statement:
-        """All lines."""
+        """Parses all lines."""
         block = self._block(())
         if self._at < len(self._lines):
             raise ScriptError(f"line {self._lines[self._at][0]}: 'end' without a beginning")
         return block
 
     def main(self, name: str) -> Wait:
-        """The program's own function, running."""
+        """Runs the program's own function."""
         return self._call(name, [], {})
 
     # -- statements
@@ -249,7 +249,7 @@ class _Reader(Expressions):
         parameters = [word for kind, word in self._line[2:] if kind == "name"]
         if not name.isidentifier() or self._line[-1][1] != ":":
             raise ScriptError(f"line {self._number}: expected 'def NAME():'")
-        self._own[name] = (parameters, _nothing)  # its body may call it
+        self._own[name] = (parameters, _nothing)  # so that its body may call it
         body = self._block(("end",))
         self._at += 1
         self._own[name] = (parameters, body)

@@ -1,4 +1,4 @@
-"""A Vicon system before a simulated cell: it samples, is noisy and late, loses sight of things."""
+"""A Vicon system that observes a simulated cell, with sampling, noise, delay and occlusion."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from sim.devices.shared.windows import Windows, inside, rising
 from sim.devices.vicon.scene import Scene
 from sim.parts.body.mocap_body import MocapBody
 
-_LEVER: Final = 0.05  # m from marker to marker: noise over it is the noise of an orientation
-_ENOUGH: Final = 3  # markers that a segment is found by
+_LEVER: Final = 0.05  # m between markers: position noise divided by it is the orientation's noise
+_ENOUGH: Final = 3  # markers needed to find a segment
 Vector = tuple[float, float, float]
 
 
@@ -46,9 +46,9 @@ class FakeViconConfig(SensorOptions):
 
 
 class FakeVicon(Sensor, SampledFake):
-    """Sees every mocap-body of the cell, and what `bodies` names. A segment takes three visible markers to be found.
+    """Sees every mocap-body of the cell, and the bodies in the option `bodies`.
 
-    Orientations are as noisy as markers 5 cm apart make them.
+    A segment is found if three of its markers are visible. The noise of orientations is that of markers 5 cm apart.
     """
 
     Options = FakeViconConfig
@@ -71,7 +71,7 @@ class FakeVicon(Sensor, SampledFake):
         self._windows = [(self._masks(scene, hidden, place), w) for hidden, w in options.occlusion.items()]
         dropout = options.marker_dropout
         self._marker_noise = SampleNoise(world.seed, f"{name}/markers", len(scene.markers), 1.0)
-        self._drop_below = NormalDist().inv_cdf(dropout) if 0.0 < dropout < 1.0 else np.inf  # of a normal draw
+        self._drop_below = NormalDist().inv_cdf(dropout) if 0.0 < dropout < 1.0 else np.inf  # for a normal draw
         self._view = View(config)
         self._segments: list[tuple[int, int]] = []  # row of the states, row of the scene
         self._markers: list[tuple[int, int]] = []
@@ -113,11 +113,11 @@ class FakeVicon(Sensor, SampledFake):
 
     @property
     def kept(self) -> int:
-        """How many of the newest samples can surely still be asked for."""
+        """Number of the newest samples that are certainly still available."""
         return max(int(0.4 * self.seen_by.rate), 1)
 
     def visible(self, number: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Which rows of the scene's segments and markers the cameras see in sample `number`; for both doors."""
+        """Which of the scene's segments and markers the cameras see in sample `number`; also used by the twin."""
         scene, at = self.scene, self.taken_at(number)
         segments, markers = np.ones(len(scene.segments), bool), np.ones(len(scene.markers), bool)
         for (hidden_segments, hidden_markers), windows in self._windows:

@@ -1,4 +1,4 @@
-"""What simulated cameras see of a cell: subjects with segments and markers, in the capture system's own terms."""
+"""What simulated cameras see of a cell: subjects with segments and markers, in the capture system's terms."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from sim.world.cell import Cell
 
 
 class Scene:
-    """Subjects numbered from 1, segments and markers of each likewise.
+    """Subjects are numbered from 1, and so are the segments and markers of each subject.
 
     Attributes:
         subjects: names and numbers, as the server streams them.
@@ -72,16 +72,16 @@ class Scene:
 
     @property
     def size(self) -> int:
-        """Values that `take` gives."""
+        """Number of values that `take` returns."""
         return 7 * len(self.segments) + 3 * len(self.markers)
 
     def take(self) -> Array:
-        """(size,): x, y, z (m), w, x, y, z of each segment, then x, y, z of each marker, as they are now."""
+        """(size,): x, y, z (m), w, x, y, z of each segment, then x, y, z of each marker, in the present state."""
         poses = np.hstack([self._data.xpos[self._bodies], self._data.xquat[self._bodies]])
         return np.concatenate([poses.ravel(), self._data.site_xpos[self._sites].ravel()])
 
     def split(self, values: Array) -> tuple[Array, Array]:
-        """Poses (s, 7) with unit quaternions, and points (m, 3), of a sample with noise."""
+        """Splits a noisy sample into poses (s, 7) with unit quaternions and points (m, 3)."""
         count = 7 * len(self.segments)
         poses, points = values[:count].reshape(-1, 7), values[count:].reshape(-1, 3)
         poses = poses.copy()
@@ -89,7 +89,7 @@ class Scene:
         return poses, points
 
     def masks(self, name: str) -> tuple[NDArray[np.bool_], NDArray[np.bool_]] | None:
-        """Which segments and markers `SUBJECT` or `SUBJECT/MARKER` means; None if there is no such name."""
+        """Masks of the segments and markers of `SUBJECT` or `SUBJECT/MARKER`; None if the name is unknown."""
         owner, _, label = name.partition("/")
         subject = next((s for s in self.subjects if s.name == owner), None)
         if subject is None:
@@ -102,5 +102,5 @@ class Scene:
         return np.zeros(len(self.segments), bool), np.array([m == (subject.id, number) for m in self.markers], bool)
 
     def names(self) -> list[str]:
-        """Everything `masks` knows."""
+        """All names that `masks` accepts."""
         return [s.name for s in self.subjects] + [f"{s.name}/{m.name}" for s in self.subjects for m in s.markers]

@@ -1,4 +1,4 @@
-"""Vicon's other door: a simulated DataStream server, or Tracker's UDP object stream."""
+"""The twin of a Vicon system: a simulated DataStream server, or Tracker's UDP object stream."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from sim.devices.vicon.fake import FakeVicon
 from sim.devices.vicon.twin_frame import FrameMaker
 from sim.devices.vicon.twin_session import Session
 
-_MOST: Final = 13  # objects in the largest datagram
+_MOST: Final = 13  # most objects in the largest datagram
 
 
 class ViconTwin(SocketTwin):
-    """Sends the fake's samples at the instants at which they reach a client of the fake.
+    """Sends the fake's samples when they would reach a client of the fake.
 
-    A device whose `port` is `udp://...` gets the object stream, sent to that port of this host (port 0: to a free
-    one); any other a DataStream server for up to four clients.
+    If the device's `port` is `udp://...`, the object stream is sent to that port of this host (port 0: to a free one).
+    Otherwise the twin is a DataStream server for up to four clients.
 
     Attributes:
         maker: makes packets; `maker.offset` is the frame number of the first sample.
@@ -59,12 +59,12 @@ class ViconTwin(SocketTwin):
         self._last = self.vicon.newest()
 
     def disable(self, subject: str) -> None:
-        """The operator switches a subject off: it leaves the stream's lists."""
+        """Switches a subject off, as the operator does: it is removed from the stream's lists."""
         self.maker.disabled.add(subject)
         self._announce()
 
     def enable(self, subject: str) -> None:
-        """The operator switches it on again."""
+        """Switches a subject on again, as the operator does."""
         self.maker.disabled.discard(subject)
         self._announce()
 
@@ -83,11 +83,11 @@ class ViconTwin(SocketTwin):
                 del self._sessions[client]
 
     def figures(self) -> dict[str, object]:
-        """Those of every twin behind sockets, and frames sent."""
+        """Adds to the socket twin's figures: number of frames sent."""
         return super().figures() | {"frames": self._frames}
 
     def log(self) -> dict[str, NDArray[Any]]:
-        """`sent_ns` (k,) when a frame left, `taken_ns` (k,) its world time, `frame` (k,) its number."""
+        """`sent_ns` (k,): when each frame was sent. `taken_ns` (k,): its world time. `frame` (k,): its number."""
         sent, taken, frame = np.array(self._log, np.int64).reshape(-1, 3).T
         return {"sent_ns": sent, "taken_ns": taken, "frame": frame}
 
@@ -107,7 +107,7 @@ class ViconTwin(SocketTwin):
         self._last = newest
 
     def _objects(self, number: int, values: NDArray[np.float64]) -> list[TrackedObject]:
-        """Root segments that are visible, as Tracker's objects; the others are left out."""
+        """The visible root segments as Tracker's objects; the others are left out."""
         scene = self.vicon.scene
         t, R, _ = self.maker.poses(values)
         visible, _ = self.vicon.visible(number)

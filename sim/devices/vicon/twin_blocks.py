@@ -22,30 +22,30 @@ RADIUS: Final = 7.0  # mm, of a marker
 
 
 def text(value: str) -> bytes:
-    """A string."""
+    """Encodes a string."""
     raw = value.encode("utf-8")
     return struct.pack("<I", len(raw)) + raw
 
 
 def contents(counts: Mapping[int, int], unchanged: Iterable[int]) -> bytes:
-    """Contents."""
+    """Encodes Contents."""
     body = struct.pack("<I", len(counts)) + b"".join(struct.pack("<II", *item) for item in sorted(counts.items()))
     same = sorted(unchanged)
     return block(Block.CONTENTS, body + struct.pack(f"<{1 + len(same)}I", len(same), *same))
 
 
 def stream_info(rate: float) -> bytes:
-    """StreamInfo of a frame rate, Hz."""
+    """Encodes StreamInfo of a frame rate, Hz."""
     return block(Block.STREAM_INFO, struct.pack("<q", round(CLOCK / rate)))
 
 
 def application_info(y_up: bool) -> bytes:
-    """ApplicationInfo."""
+    """Encodes ApplicationInfo."""
     return block(Block.APPLICATION_INFO, bytes([y_up]))
 
 
 def number(kind: Block, value: int) -> bytes:
-    """FrameInfo or HardwareFrameInfo."""
+    """Encodes FrameInfo or HardwareFrameInfo."""
     return block(kind, struct.pack("<I", value % (1 << 32)))
 
 
@@ -54,11 +54,11 @@ def subject_info(
     bounds: Mapping[int, Sequence[float]] | None = None,
     attached: Iterable[tuple[int, int]] = (),
 ) -> bytes:
-    """SubjectInfo.
+    """Encodes SubjectInfo.
 
     Args:
         subject: names and numbers.
-        bounds: min x, y, z, max x, y, z (mm) by segment's number; the rest are 0.
+        bounds: min x, y, z, max x, y, z (mm) by segment number; the others are 0.
         attached: (marker's number, segment's number).
     """
     body = struct.pack("<I", subject.id) + text(subject.name) + struct.pack("<I", len(subject.segments))
@@ -75,12 +75,12 @@ def subject_info(
 
 
 def segments(kind: Block, subject: int, numbers: Sequence[int], t: Array, R: Array) -> bytes:
-    """GlobalSegments, LocalSegments or SubjectTopology of one subject.
+    """Encodes GlobalSegments, LocalSegments or SubjectTopology of one subject.
 
     Args:
         kind: which of them.
-        subject: its number.
-        numbers: of the segments, n.
+        subject: the subject's number.
+        numbers: numbers of the segments, n.
         t: (n, 3), mm.
         R: (n, 3, 3), from the segment to the world or to its parent.
     """
@@ -90,20 +90,20 @@ def segments(kind: Block, subject: int, numbers: Sequence[int], t: Array, R: Arr
 
 
 def lightweight(subject: int, numbers: Sequence[int], t: Array, axis_angle: Array) -> bytes:
-    """LightweightSegments: poses in the parents; t (n, 3), mm, axis times angle (n, 3), rad."""
+    """Encodes LightweightSegments: poses relative to the parents; t (n, 3), mm, axis times angle (n, 3), rad."""
     rows = np.zeros(len(numbers), _LIGHT)
     rows["id"], rows["t"], rows["axis_angle"] = numbers, t, axis_angle
     return block(Block.LIGHTWEIGHT_SEGMENTS, struct.pack("<II", subject, len(numbers)) + rows.tobytes())
 
 
 def subject_scale(subject: int, numbers: Sequence[int]) -> bytes:
-    """SubjectScale: nothing is scaled."""
+    """Encodes SubjectScale: nothing is scaled."""
     body = b"".join(struct.pack("<I3d", number, 1.0, 1.0, 1.0) for number in numbers)
     return block(Block.SUBJECT_SCALE, struct.pack("<II", subject, len(numbers)) + body)
 
 
 def labeled(markers: Sequence[tuple[int, int]], p: Array, tracks: Sequence[int], radius: float = RADIUS) -> bytes:
-    """LabeledRecons: (subject's number, marker's number) each, p (n, 3) and the radius in mm, numbers of tracks."""
+    """Encodes LabeledRecons: (subject's, marker's number) each, p (n, 3) and radius in mm, numbers of tracks."""
     rows = np.zeros(len(markers), _LABELED)
     if len(markers):
         rows["subject"], rows["marker"] = np.array(markers).T
@@ -112,31 +112,31 @@ def labeled(markers: Sequence[tuple[int, int]], p: Array, tracks: Sequence[int],
 
 
 def unlabeled(p: Array, tracks: Sequence[int], radius: float = RADIUS) -> bytes:
-    """UnlabeledRecons: p (n, 3) and the radius in mm."""
+    """Encodes UnlabeledRecons: p (n, 3) and the radius in mm."""
     rows = np.zeros(len(p), _UNLABELED)
     rows["p"], rows["track"], rows["radius"] = p, tracks, radius
     return block(Block.UNLABELED_RECONS, struct.pack("<I", len(p)) + rows.tobytes())
 
 
 def latency(stages: Mapping[str, float]) -> bytes:
-    """LatencyInfo: s by the stage's name."""
+    """Encodes LatencyInfo: s by the stage's name."""
     body = b"".join(text(name) + struct.pack("<d", seconds) for name, seconds in stages.items())
     return block(Block.LATENCY_INFO, struct.pack("<I", len(stages)) + body)
 
 
 def frame_rates(rates: Mapping[str, float]) -> bytes:
-    """FrameRateInfo: Hz by name."""
+    """Encodes FrameRateInfo: Hz by name."""
     body = b"".join(text(name) + struct.pack("<d", rate) for name, rate in sorted(rates.items()))
     return block(Block.FRAME_RATE_INFO, struct.pack("<I", len(rates)) + body)
 
 
 def subject_health(subject: int, error: float, health: float) -> bytes:
-    """SubjectHealth: mm, 0 to 1."""
+    """Encodes SubjectHealth: mm, 0 to 1."""
     return block(Block.SUBJECT_HEALTH, struct.pack("<I2d", subject, error, health))
 
 
 def object_quality(subject: int, quality: float) -> bytes:
-    """ObjectQuality: 0 to 1."""
+    """Encodes ObjectQuality: 0 to 1."""
     return block(Block.OBJECT_QUALITY, struct.pack("<Id", subject, quality))
 
 
@@ -144,7 +144,7 @@ def timecode(
     hours: int, minutes: int, seconds: int, frames: int, subframe: int, per_frame: int, standard: int, user: int,
     field: int,
 ) -> bytes:  # fmt: skip
-    """Timecode."""
+    """Encodes Timecode."""
     body = struct.pack(
         "<4B2H2IB", hours, minutes, seconds, frames, subframe, per_frame, standard % (1 << 32), user, field
     )

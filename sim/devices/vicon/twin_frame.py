@@ -31,8 +31,8 @@ OFFERED: Final = frozenset(
         Block.CONTENTS, Block.FILTER, Block.REQUEST_NEXT_FRAME,
     )
 )  # fmt: skip
-_Y_UP: Final = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # of a z-up point: x forward, y up, z right
-_PAL: Final = 25  # frames a second of the time code
+_Y_UP: Final = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # rotates a z-up point: x forward, y up, z right
+_PAL: Final = 25  # frames per second of the time code
 _Made = tuple[Block, bytes]  # a block, and its type
 _Pose = tuple[Array, Array]  # t (3,), R (3, 3)
 _ORIGIN: Final = (np.zeros(3), np.eye(3))
@@ -42,8 +42,8 @@ class FrameMaker:
     """Makes packets from samples.
 
     Attributes:
-        disabled: names of subjects that the operator has switched off.
-        offset: number of the frame that sample 0 is.
+        disabled: names of the subjects that the operator has switched off.
+        offset: frame number of sample 0.
     """
 
     def __init__(self, fake: FakeVicon) -> None:
@@ -52,7 +52,7 @@ class FrameMaker:
         self.offset = 0
 
     def subjects(self) -> list[Subject]:
-        """Those that are switched on."""
+        """The subjects that are switched on."""
         return [subject for subject in self.fake.scene.subjects if subject.name not in self.disabled]
 
     def poses(self, values: Array) -> tuple[Array, Array, Array]:
@@ -66,14 +66,14 @@ class FrameMaker:
     def packet(
         self, number: int, values: Array, wanted: Collection[int], known: set[int], allowed: Mapping[int, set[int]]
     ) -> bytes:
-        """The packet of sample `number`.
+        """Makes the packet of sample `number`.
 
         Args:
-            number: the sample's.
+            number: the sample's number.
             values: the sample.
-            wanted: types of blocks that the client subscribed to.
-            known: static types that the client has; those sent now are added.
-            allowed: the client's filter: numbers of subjects by type of block.
+            wanted: block types to which the client subscribed.
+            known: static types that the client already has; those sent now are added.
+            allowed: the client's filter: numbers of subjects by block type.
         """
         unchanged = {int(kind) for kind in STATIC if kind in wanted and kind in known}
         made = [item for item in self._static() if item[0] not in known] + self._once(number)
@@ -101,7 +101,7 @@ class FrameMaker:
         return [*made, (Block.APPLICATION_INFO, encode.application_info(options.y_up))]
 
     def _once(self, number: int) -> list[_Made]:
-        """What a frame has once, whatever is seen."""
+        """The blocks that a frame has once, whatever the cameras see."""
         options, frame = self.fake.seen_by, number + self.offset
         seconds, rest = divmod(self.fake.taken_at(number), 10**9)
         time = (seconds // 3600 % 24, seconds // 60 % 60, seconds % 60, rest * _PAL // 10**9)
@@ -114,7 +114,7 @@ class FrameMaker:
         ]
 
     def _seen(self, number: int, values: Array, allowed: Mapping[int, set[int]]) -> list[_Made]:
-        """Poses and markers. What is occluded isn't in its block; the block is there all the same."""
+        """Poses and markers; occluded ones are left out of their block, but the block is still sent."""
         scene = self.fake.scene
         t, R, p = self.poses(values)
         segments, markers = self.fake.visible(number)
@@ -137,7 +137,7 @@ class FrameMaker:
         return [*made, (Block.UNLABELED_RECONS, encode.unlabeled(spots, tracks))]
 
     def _subject(self, subject: Subject, poses: Mapping[int, _Pose]) -> list[_Made]:
-        """A subject's blocks, of the visible segments' poses (t, R) in the world by number."""
+        """A subject's blocks, from the visible segments' poses (t, R) in the world by number."""
         local: dict[int, _Pose] = {}
         for segment in subject.segments:
             if segment.id in poses and (segment.parent == 0 or segment.parent in poses):

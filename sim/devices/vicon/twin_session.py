@@ -1,4 +1,4 @@
-"""One client of the simulated DataStream server: its subscription, its mode, what it has been sent."""
+"""One client of the simulated DataStream server: its subscription, its mode, and what was sent to it."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from sim.devices.vicon.twin_frame import OFFERED, FrameMaker
 
 
 class Session:
-    """The server speaks first. A client that sends what is no packet is hung up on (A.6).
+    """One client's session; the server sends first. A client that sends an invalid packet is disconnected (A.6).
 
     Attributes:
-        sent: numbers of the samples sent since the last look.
+        sent: numbers of the samples sent; the caller empties the list.
     """
 
     def __init__(self, client: Client, maker: FrameMaker) -> None:
@@ -27,17 +27,17 @@ class Session:
         self._allowed: dict[int, set[int]] = {}
         self._known: set[int] = set()
         self._streaming = False
-        self._now = False  # the newest frame is asked for
-        self._owed = 0  # next frames that are asked for
-        self._last = self._fake.newest()  # newest sample that was sent or passed over
+        self._now = False  # whether the newest frame is requested
+        self._owed = 0  # number of next frames requested
+        self._last = self._fake.newest()  # newest sample that was sent or skipped
         client.write(protocol.object_enums(OFFERED), keep=True)
 
     def forget(self) -> None:
-        """Static blocks have changed."""
+        """Sends static blocks again, after they have changed."""
         self._known.clear()
 
     def service(self) -> None:
-        """Obeys, and sends what is due."""
+        """Obeys requests and sends what is due."""
         for packet in self._parser.feed(self.client.read()):
             try:
                 self._obey(packet)
@@ -46,7 +46,7 @@ class Session:
         if self._parser.errors:
             self.client.close()
         newest = self._fake.newest()
-        self._last = min(self._last, newest)  # the world went back to a saved state
+        self._last = min(self._last, newest)  # the world was restored to an earlier state
         oldest = newest - self._fake.kept + 1
         if self._streaming:
             self._send(range(max(self._last + 1, oldest), newest + 1))
@@ -92,7 +92,7 @@ class Session:
 
 
 def _filter(body: memoryview) -> dict[int, set[int]]:
-    """Filter: allowed numbers by type of block."""
+    """Decodes Filter: allowed numbers by block type."""
     try:
         (count,), at = struct.unpack_from("<I", body), 4
         found: dict[int, set[int]] = {}

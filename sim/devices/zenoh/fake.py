@@ -1,4 +1,4 @@
-"""A device of another machine in a simulated world: the world's truth under another name, or sines."""
+"""A device of another machine in a simulated world: the world's truth under another name, or sine waves."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class FakeZenohOptions(SensorOptions):
 
 
 class FakeZenoh(Sensor, SampledFake):
-    """Samples of all signals at once, each `rate`; the truth is sampled when the world comes past an instant."""
+    """Samples all signals together at `rate`; the truth is sampled when the world passes a sampling time."""
 
     Options = FakeZenohOptions
     real = Zenoh
@@ -48,14 +48,14 @@ class FakeZenoh(Sensor, SampledFake):
         self.sampled(sum(s.size for s in self.states), self._measure)
 
     def sampled(self, size: int, take: Callable[[], Array]) -> None:
-        """Of any world: the instants are found when the fake is read."""
+        """See `SampledFake.sampled`; works with any world, because sampling times are found when the fake is read."""
         rate = Fraction(self._options.rate).limit_denominator(10**6)
         self._samples = Samples(rate, take, size)
         self._noise = SampleNoise(self.world.seed, self.name, size, self._options.noise)
 
     def newest(self) -> int:
         samples, time = self.samples, self.world.time
-        if time < self._seen:  # the world went back to a saved state
+        if time < self._seen:  # the world was restored to an earlier state
             samples.taken = -1
         self._seen = time
         if samples.taken < 0:

@@ -1,4 +1,4 @@
-"""Another runtime's bus, or a robot's zenoh: a door that speaks zenoh on loopback, and the twin of a remote device."""
+"""Another runtime's bus or a robot's zenoh: a door that speaks zenoh on loopback, and a remote device's twin."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from runtime.messages import attachment, messages
 from sim.devices.shared.sockets import SocketTwin
 from sim.devices.zenoh.fake import FakeZenoh
 
-_WAITING = 4096  # samples and queries that may wait; more are dropped
+_WAITING = 4096  # most samples and queries in the queue; further ones are dropped
 
 
 class Arrival(NamedTuple):
-    """A sample of a client, or its question (then `query` is set)."""
+    """A client's sample, or its query (then `query` is set)."""
 
     key: str
     payload: bytes
@@ -34,21 +34,21 @@ class Arrival(NamedTuple):
 
 
 class ZenohDoor:
-    """A zenoh session that listens on loopback; what clients send waits in a queue.
+    """A zenoh session that listens on loopback and queues what clients send.
 
     Attributes:
-        address: `tcp://127.0.0.1:PORT`; "" while closed. The same port again after close and open.
-        bytes_in, bytes_out: payloads' bytes.
+        address: `tcp://127.0.0.1:PORT`; "" while closed. The port stays the same after close and open.
+        bytes_in, bytes_out: bytes of payloads.
         lost: bytes that came while the queue was full.
     """
 
     def __init__(self, mode: Literal["router", "peer"], subscribe: list[str], answer: list[str], tokens: list[str]):
         """
         Args:
-            mode: zenoh's; a ROS 2 bridge is a router, a runtime a peer.
-            subscribe: keys whose samples are taken.
-            answer: keys at which questions are taken.
-            tokens: liveliness tokens; ZID in one stands for the session's id.
+            mode: zenoh's mode; a ROS 2 bridge is a router, a runtime a peer.
+            subscribe: keys whose samples are received.
+            answer: keys at which queries are received.
+            tokens: liveliness tokens; ZID in a token stands for the session's id.
         """
         self._mode: str = mode
         self._subscribe, self._answer, self._tokens = subscribe, answer, tokens
@@ -66,10 +66,10 @@ class ZenohDoor:
         return self._session is not None
 
     def open(self, port: int = 0) -> None:
-        """Listens; at the port it had before, if it had one.
+        """Listens; uses the previous port again, if there was one.
 
         Raises:
-            HostError: the port is taken.
+            HostError: the port is already in use.
         """
         self.close()
         self._port = port or self._port or _free_port()
@@ -110,7 +110,7 @@ class ZenohDoor:
             self._arrived.put(Arrival(str(query.key_expr), b"", b"", query))
 
     def read(self) -> list[Arrival]:
-        """What clients have sent and asked, oldest first; never blocks. An unanswered question ends unanswered."""
+        """Samples and queries of clients, oldest first; never blocks. An unanswered query ends without an answer."""
         found = []
         while True:
             try:
@@ -119,7 +119,7 @@ class ZenohDoor:
                 return found
 
     def write(self, key: str, payload: bytes, encoding: str = "", extra: bytes | None = None) -> None:
-        """Publishes; drops where a client is too slow. Nothing while closed."""
+        """Publishes; drops the sample if a client is too slow. Does nothing while closed."""
         if self._session is None:
             return
         if key not in self._publishers:
@@ -130,7 +130,7 @@ class ZenohDoor:
         self.bytes_out += len(payload)
 
     def close(self) -> None:
-        """Closes; clients see the connection end. Always succeeds."""
+        """Closes the session; clients see the connection end. Always succeeds."""
         session, self._session = self._session, None
         self._publishers.clear()
         self._declared.clear()
@@ -140,17 +140,18 @@ class ZenohDoor:
 
 
 def _free_port() -> int:
-    """zenoh doesn't tell which port it was given, so one is found first."""
+    """Finds a free port first, because zenoh doesn't report which port it was given."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
 
 
 class ZenohTwin(SocketTwin):
-    """The other machine: publishes the fake's signals at their keys, with stamps of its own clock.
+    """The other machine: publishes the fake's signals at their keys, with time stamps of its own clock.
 
-    Keys of another runtime (`srl/NAME/...`) come with its metadata, liveliness token and attachments, and
-    declare their message; others with neither, as a ROS 2 bridge's.
+    Keys of another runtime (`srl/NAME/...`) have its metadata, liveliness token and attachments, and declare their
+    message. Other keys, like those of a ROS 2 bridge, have no metadata, token or attachments. They declare their
+    message only if the profile gives no `type`.
     """
 
     def __init__(self, fake: Fake) -> None:
@@ -213,7 +214,7 @@ class ZenohTwin(SocketTwin):
         query.drop()
 
 
-_NAME_OF = {  # a signal's name for which the runtime chooses the message
+_NAME_OF = {  # name of a signal for which the runtime chooses each message
     messages.JOINT_STATE: "position",
     messages.POSE: "pose",
     messages.WRENCH: "wrench",
@@ -223,7 +224,7 @@ _NAME_OF = {  # a signal's name for which the runtime chooses the message
 
 
 def _field(device: str, signal: Signal, entry: SignalEntry) -> Field:
-    """The signal as the other side has it: what its key is called decides the message, unless `type` does."""
+    """The signal as the other side has it; the end of its key selects the message, unless `type` does."""
     term = entry.key.rpartition("/")[2]
     if entry.type is not None:
         if entry.type not in _NAME_OF:
