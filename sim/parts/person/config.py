@@ -14,8 +14,8 @@ from sim.world.part import PartConfig
 class PersonConfig(PartConfig):
     """Options. With `on` the hand holds that body, at `position` in it (a handle: half its length along z).
 
-    Without, a free body `<name>/hand` at `position` is the hand, and what is mounted on it is its tool.
-    Each number's source is in docs/simulated-person.md.
+    Without `on`, the hand is a free body `<name>/hand` at `position`, and what is mounted on it is its tool.
+    The source of each number is in docs/simulated-person.md.
     """
 
     plan: Plan = Field(default=(), description="what the person does, one step after another")

@@ -1,4 +1,4 @@
-"""A simulated person's intention: where the tool is meant to be, step by step of a plan."""
+"""A simulated person's intention: where the tool should be at each step of a plan."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from runtime.contracts.signals import Array
 from sim.parts.person.path import ArcPath, Pose, circle, read_path
 from sim.parts.person.plans import Follow, GoTo, Insert, Plan, Press, Step, Wait, Withdraw
 
-_PEAK: Final = 1.875  # greatest over mean speed of a minimum-jerk motion
-_SHORTEST: Final = 0.3  # s, of a reaching motion; ours
-_RUN_UP: Final = 0.5  # s, to the speed along a curve; ours
-_EASE: Final = 0.1  # s, in which a resting hand follows the handle; ours
+_PEAK: Final = 1.875  # greatest velocity of a minimum-jerk motion over its mean velocity
+_SHORTEST: Final = 0.3  # s, shortest duration of a reaching motion; ours
+_RUN_UP: Final = 0.5  # s, from rest to the speed along a curve; ours
+_EASE: Final = 0.1  # s, time constant with which a resting hand follows the handle; ours
 _ZERO: Final = (0.0, 0.0, 0.0)
 
 
 @dataclass
 class Aim:
-    """What is remembered between two instants. Times are s of world time; -1: not yet."""
+    """The state that is kept between two updates. Times are s of world time; -1: not yet."""
 
     step: float = 0.0
-    due: float = 0.0  # the step begins then
+    due: float = 0.0  # when the step begins
     begun: float = -1.0
-    settled: float = -1.0  # within the tolerances since; on a curve: last time not too far off
-    length: float = 0.0  # s, of a reaching motion
+    settled: float = -1.0  # since when within the tolerances; on a curve: last time when the error was small enough
+    length: float = 0.0  # s, duration of a reaching motion
     start: Pose = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
     goal: Pose = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
     turn: Vector = _ZERO  # rotation vector from start to goal
-    way: float = 0.0  # m along a curve or a direction
-    pace: float = 0.0  # m/s along it
+    way: float = 0.0  # m, distance along a curve or a direction
+    pace: float = 0.0  # m/s, speed along it
     stop: float = 0.0  # number of the next stop on a curve
-    paused: float = -1.0  # s, until when
+    paused: float = -1.0  # s, end of the pause
     missed: float = 0.0
     pose: Pose = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
     velocity: Vector = _ZERO
@@ -45,11 +45,11 @@ class Aim:
 
 
 class Intention:
-    """Runs a plan. Reaching is minimum-jerk (Flash and Hogan 1985), at most as fast as the person likes.
+    """Runs a plan; reaching motions are minimum-jerk (Flash and Hogan 1985), limited to the preferred speed.
 
     Attributes:
-        aim: its state; `aim.pose` is where the tool is meant to be, world; `velocity`, `acceleration` and `spin`
-            (rad/s) how that moves.
+        aim: its state. `aim.pose` is the intended pose of the tool, in the world; `velocity`, `acceleration` and `spin`
+            (rad/s) describe how it moves.
     """
 
     def __init__(
@@ -65,11 +65,11 @@ class Intention:
     ) -> None:
         """
         Args:
-            speed, turn_speed: m/s and rad/s, the greatest of a reaching motion.
+            speed, turn_speed: m/s and rad/s, greatest speeds of a reaching motion.
             reaction: s, from the end of a step to the beginning of the next.
-            stiffness: N/m of the hand: how far ahead a push's reference goes.
-            find: the present pose of a site or body.
-            sites: present positions (n, 3) of numbered sites, by their prefix.
+            stiffness: N/m of the hand; it sets how far a push's reference may be ahead.
+            find: returns the present pose of a site or body.
+            sites: returns the present positions (n, 3) of numbered sites, by their prefix.
         """
         self.plan, self.aim = plan, Aim(due=reaction)
         self._speed, self._turn_speed, self._reaction, self._stiffness = speed, turn_speed, reaction, stiffness
@@ -77,23 +77,23 @@ class Intention:
         self._path: tuple[tuple[float, ...], ArcPath, list[float]] | None = None
 
     def begin(self, pose: Pose) -> None:
-        """The first instant: the tool is meant to be where it is."""
+        """Starts with the tool's present pose as the intended one."""
         self.aim.pose = pose
 
     @property
     def step(self) -> Step | None:
-        """The step it is at; None when all are done."""
+        """The present step; None when all are done."""
         k = int(self.aim.step)
         return self.plan[k] if k < len(self.plan) else None
 
     @property
     def acting(self) -> Step | None:
-        """The step it carries out; None before its reaction time is over."""
+        """The step being carried out; None before its reaction time is over."""
         return self.step if self.aim.begun >= 0 else None
 
     @property
     def pushing(self) -> Insert | Withdraw | None:
-        """The step, if it is one along a direction."""
+        """The step being carried out, if it moves along a direction; else None."""
         step = self.acting
         return step if isinstance(step, Insert | Withdraw) else None
 
@@ -103,20 +103,20 @@ class Intention:
         return isinstance(step, Press) and step.button == button
 
     def quit(self) -> None:
-        """Gives the plan up."""
+        """Ends the plan early."""
         self.aim.step = float(len(self.plan))
         self.aim.begun = -1.0
         self._rest()
 
     def update(self, t: float, dt: float, seen: Pose, felt: Pose, off: float) -> None:
-        """One instant.
+        """Advances the plan by one update.
 
         Args:
-            t: s of world time.
-            dt: s since the last one.
-            seen: pose of the tool as it is seen, late.
-            felt: pose of the tool now.
-            off: m, seen distance from where it was meant to be at that time.
+            t: world time, s.
+            dt: s since the last update.
+            seen: pose of the tool as the person sees it, delayed.
+            felt: present pose of the tool.
+            off: m, seen distance from the pose intended at that time.
         """
         aim, step = self.aim, self.step
         if step is None:
@@ -189,7 +189,7 @@ class Intention:
         return self._late(since > aim.length + step.patience)
 
     def _swing(self, s: float) -> None:
-        """The share s of the time of a minimum-jerk motion has passed."""
+        """Sets the aim for the share s of a minimum-jerk motion's duration."""
         aim, T = self.aim, self.aim.length
         share = s * s * s * (10.0 + s * (6.0 * s - 15.0))
         rate = 30.0 * s * s * (1.0 - s) * (1.0 - s) / T
@@ -237,12 +237,12 @@ class Intention:
         aim.pace = 0.0
         if int(aim.stop) == len(stops):
             return True
-        if abs(aim.way - path.length) > 1e-6:  # at the far end one just turns round
+        if abs(aim.way - path.length) > 1e-6:  # no pause at the far end, only a change of direction
             aim.paused = t + step.pause
         return False
 
     def _curve(self, step: Follow) -> tuple[ArcPath, list[float]]:
-        """The step's curve and its stops, m; made once, again after a world was restored."""
+        """The step's curve and its stops, m; computed once, and again after a world was restored."""
         key = (self.aim.step, *self.aim.start)
         if self._path is None or self._path[0] != key:
             start = self.aim.start

@@ -1,4 +1,4 @@
-"""State as a dataclass of numbers, saved and restored as one row."""
+"""Saves and restores a dataclass of numbers as one row."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 
 def flat(state: Any) -> list[float]:
-    """All numbers of a dataclass whose fields are floats or tuples of floats, in their order."""
+    """Returns all numbers of a dataclass whose fields are floats or tuples of floats, in order."""
     out: list[float] = []
     for field in fields(state):
         value = getattr(state, field.name)
@@ -20,7 +20,7 @@ def flat(state: Any) -> list[float]:
 
 
 def refill(state: Any, values: Iterator[float]) -> None:
-    """Puts back what `flat` gave."""
+    """Restores the values returned by `flat`."""
     for field in fields(state):
         value = getattr(state, field.name)
         if isinstance(value, tuple):

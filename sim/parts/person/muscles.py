@@ -1,4 +1,4 @@
-"""Muscles of a simulated person's arm: which are active for a force of the hand, and how they tire."""
+"""Muscles of a simulated person's arm: which are active for a force of the hand, and how they get tired."""
 
 from __future__ import annotations
 
@@ -7,42 +7,42 @@ from typing import Final
 
 from runtime.contracts.rotation import Vector
 
-# The direction, in the person's axes (forward, left, up), in which the hand's force takes each muscle most, for an
-# upper arm that hangs or is half raised and a bent elbow. Ours: a static map, no model of the bones.
+# For each muscle, the direction of the hand's force, in the person's axes (forward, left, up), that uses it most. The
+# upper arm hangs or is half raised, the elbow is bent. Ours: a static map, not a model of the bones.
 PULLS: Final[dict[str, Vector]] = {
     "anterior_deltoid": (0.5, 0.0, 0.866),  # raises the arm forward
-    "posterior_deltoid": (-0.866, 0.0, -0.5),  # draws it back and down
+    "posterior_deltoid": (-0.866, 0.0, -0.5),  # pulls it back and down
     "biceps": (-0.5, 0.0, 0.866),  # bends the elbow
-    "triceps": (0.5, 0.0, -0.866),  # stretches it
+    "triceps": (0.5, 0.0, -0.866),  # extends it
 }
-_TONE: Final = 0.02  # of the greatest contraction, at rest; ours
-_STIFFENING: Final = 0.1  # share of the force that every muscle joins in with; ours
-_TIRING: Final = 1 / 60  # 1/s, k of Ma et al., Int. J. Ind. Ergonomics 39 (2009): 1 a minute
-_RECOVERY: Final = 2.4 / 60  # 1/s, R of the same authors: 2.4 a minute
-_LIGHT: Final = 0.15  # of the strength: below, muscles recover (Rohmert's limit of endless work)
+_TONE: Final = 0.02  # share of the greatest contraction, at rest; ours
+_STIFFENING: Final = 0.1  # share of the force with which every muscle contracts, too; ours
+_TIRING: Final = 1 / 60  # 1/s, k of Ma et al., Int. J. Ind. Ergonomics 39 (2009): 1 per minute
+_RECOVERY: Final = 2.4 / 60  # 1/s, R of the same authors: 2.4 per minute
+_LIGHT: Final = 0.15  # share of the strength; below it muscles recover (Rohmert's endurance limit)
 
 
 class Muscles:
-    """Activation by force, and fatigue."""
+    """Muscle activation as a function of force, and fatigue."""
 
     def __init__(self, strength: float, facing: float, arm: float) -> None:
         """
         Args:
             strength: N, the hand's greatest force when fresh.
             facing: rad, the person's forward direction about the world's z.
-            arm: N at the hand that the weight of the arm itself amounts to.
+            arm: N, the weight of the arm itself as a force at the hand.
         """
         self._strength, self._arm = strength, arm
         self._cos, self._sin = cos(facing), sin(facing)
 
     def activations(self, force: Vector, capacity: float) -> tuple[float, ...]:
-        """0..1 by muscle, in the order of PULLS.
+        """Activations, 0..1, in the order of PULLS.
 
-        A tired muscle has to be driven harder for the same force.
+        A tired muscle must be activated more for the same force.
 
         Args:
-            force: N, what the hand exerts, world axes.
-            capacity: share of the strength that is left.
+            force: N, force that the hand exerts, world axes.
+            capacity: remaining share of the strength.
         """
         x, y, z = force
         forward, left, up = self._cos * x + self._sin * y, self._cos * y - self._sin * x, z + self._arm
@@ -55,9 +55,9 @@ class Muscles:
         return tuple(out)
 
     def tired(self, capacity: float, force: Vector, dt: float) -> float:
-        """The share of the strength that is left after `dt` seconds of a force.
+        """The remaining share of the strength after `dt` seconds of a force.
 
-        d capacity / dt = -k capacity load, load being the share of the fresh strength; light loads let it recover.
+        d capacity / dt = -k capacity load, where load is the share of the fresh strength; with light loads it recovers.
         A steady load f can be held for -ln(f) / (k f).
         """
         x, y, z = force

@@ -1,4 +1,4 @@
-"""Curves that a simulated person leads a tool along, by arc length."""
+"""Curves along which a simulated person moves a tool, by arc length."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ Pose = tuple[float, float, float, float, float, float, float]  # x, y, z, m; w, 
 class ArcPath:
     """A smooth curve through points, as poses over its length.
 
-    With `turning` the orientation is carried along the curve without twist (parallel transport), from `start` at
-    its beginning; else it stays `start`.
+    With `turning`, the orientation is transported along the curve without twist (parallel transport), starting with
+    `start`. Otherwise the orientation stays `start`.
 
     Attributes:
         length: m.
@@ -54,7 +54,7 @@ class ArcPath:
                 self._turns[i] = normalised(product(exp(x, y, z), self._turns[i - 1]))
 
     def at(self, s: float) -> Pose:
-        """The pose at s, m, from its beginning; outside, that of the nearest end."""
+        """The pose at distance s, m, from the beginning; outside the curve, the pose of the nearer end."""
         arc = self._arc
         i = min(max(bisect_right(arc, s) - 1, 0), len(arc) - 2)
         u = min(max((s - arc[i]) / (arc[i + 1] - arc[i]), 0.0), 1.0)
@@ -67,7 +67,7 @@ class ArcPath:
 
 
 def circle(centre_side: Vector, radius: float) -> Array:
-    """(65, 3): once round in the x-y plane, beginning at a point; the centre lies on its -x side."""
+    """(65, 3): one turn in the x-y plane, starting at the given point; the centre is on its -x side."""
     angle = np.linspace(0.0, 2 * pi, 65)
     round_ = np.stack([np.cos(angle) - 1.0, np.sin(angle), np.zeros(65)], axis=1)
     return np.array(centre_side) + radius * round_

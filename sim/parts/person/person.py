@@ -1,4 +1,4 @@
-"""A simulated person's arm at a handle, or with a tool in the hand: impedance, intention, sight, delay and noise."""
+"""A simulated person's arm at a handle or with a tool in the hand: impedance, intention, sight, delay and noise."""
 
 from __future__ import annotations
 
@@ -37,53 +37,54 @@ from sim.world.mjcf import CONTACT, add
 from sim.world.part import Mjcf, Part, PartConfig
 from sim.world.robot_mjcf import SPECK
 
-_UPDATE: Final = 0.002  # s between two instants
-_HAND_INERTIA: Final = 0.004  # kg m^2, of the hand and what of the forearm turns with it; ours
-_NOISE_TIME: Final = 0.03  # s, after which the force's noise has forgotten itself (about 5 Hz); ours
-_DRIFT_TIME: Final = 2.0  # s, the same of the idea where things are; ours
-_STIFFENS: Final = 0.2  # s, in which stiffness follows the force; ours
-_GIVES_UP: Final = 2.0  # s of wanting more than there is strength
+_UPDATE: Final = 0.002  # s between two updates
+_HAND_INERTIA: Final = 0.004  # kg m^2, of the hand and the part of the forearm that turns with it; ours
+_NOISE_TIME: Final = 0.03  # s, correlation time of the force's noise (about 5 Hz); ours
+_DRIFT_TIME: Final = 2.0  # s, correlation time of the error in the perceived position of objects; ours
+_STIFFENS: Final = 0.2  # s, time constant with which stiffness follows the force; ours
+_GIVES_UP: Final = 2.0  # s with too little strength, after which the person gives up
 _ZERO: Final = (0.0, 0.0, 0.0)
 
 
 @dataclass
 class _Body:
-    """What is remembered between two instants besides the intention, and of the instant before."""
+    """The state between two updates, apart from the intention, and values of the previous update."""
 
     begun: float = 0.0
-    place: Vector = _ZERO  # the hand's, m
+    place: Vector = _ZERO  # position of the hand, m
     turn: Quaternion = (1.0, 0.0, 0.0, 0.0)
-    meant: Pose = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # the aim after the muscles' lag
-    drive: Vector = _ZERO  # N, the force that moves what is known of the tool, after the lag
-    pace: Vector = _ZERO  # m/s and rad/s of the aim, after the lag
+    meant: Pose = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # the aim after the muscles' delay
+    drive: Vector = _ZERO  # N, the force that moves the known tool, after the delay
+    pace: Vector = _ZERO  # m/s and rad/s of the aim, after the delay
     spin: Vector = _ZERO
-    twist: Vector = _ZERO  # N m about the tool that turn what is known of it
+    twist: Vector = _ZERO  # N m about the tool that turn the known tool
     wander: tuple[float, ...] = (0.0,) * 6
     capacity: float = 1.0
-    effort: float = 0.0  # N, the force over the last tenths of a second
-    beyond: float = 0.0  # s, for how long more was wanted than there is strength
+    effort: float = 0.0  # N, the force averaged over the last tenths of a second
+    beyond: float = 0.0  # s for which the required force has exceeded the strength
     gave_up: float = 0.0
     wrench: tuple[float, ...] = (0.0,) * 6
-    balance: Vector = _ZERO  # m, where the hand would come to rest
+    balance: Vector = _ZERO  # m, equilibrium position of the hand
     active: tuple[float, ...] = (0.0,) * len(PULLS)
 
 
 class PersonPart(Part):
-    """Bodies `<name>/hand`, in whose frame the person grips.
+    """A person's arm with the body `<name>/hand`, in whose frame the person grips.
 
-    Force of the hand = K (x_e - x) + D (v_e - v) + what moves the known tool and holds its weight + noise + tremor,
-    at most the strength. x_e is where the plan wants the tool, after the muscles' lag, moved on by what is seen to
-    be wrong: late, within a bandwidth, and with a wandering idea of where things are.
+    Force of the hand = K (x_e - x) + D (v_e - v) + the force that moves the known tool and holds its weight + noise +
+    tremor, limited to the strength. x_e is the planned position of the tool, after the muscles' delay, plus the
+    correction of the errors that the person sees. Sight has a delay, a bandwidth, and a drifting error in the perceived
+    position of objects.
 
-    Truth (world axes): `<name>_wrench` (6,) N, N m, of the hand, about it; `<name>_push` (2, 3), where it acts (m) and
-    its force (N); `<name>_balance` (3,) m, x_e of the hand;
-    `<name>_aim` and `<name>_tool` (3,) m, where the tool is meant to be and where it is; `<name>_activation` (4,)
-    0..1; `<name>_capacity` (1,) share of the strength that is left; `<name>_progress` (3,): number of the step, steps
-    missed, whether the plan was given up.
+    Truth (world axes): `<name>_wrench` (6,) N, N m, of the hand, about it; `<name>_push` (2, 3), its point (m) and
+    force (N); `<name>_balance` (3,) m, x_e of the hand;
+    `<name>_aim` and `<name>_tool` (3,) m, intended and actual position of the tool; `<name>_activation` (4,)
+    0..1; `<name>_capacity` (1,) remaining share of the strength; `<name>_progress` (3,): number of the step, steps
+    missed, whether the person gave up the plan.
 
     Attributes:
-        buttons: those that the plan presses.
-        duration: s of the recording; None without.
+        buttons: the buttons that the plan presses.
+        duration: s of the recording; None without a recording.
     """
 
     Config: ClassVar[type[PartConfig]] = PersonConfig
@@ -169,7 +170,7 @@ class PersonPart(Part):
         )
 
     def _carry(self, hand: int) -> None:
-        """What the free hand's tool weighs, and where, in the hand's frame."""
+        """Computes the weight of the free hand's tool and its centre of mass in the hand's frame."""
         model, data, own = self._model, self._data, self._config.hand_mass
         mass = float(model.body_subtreemass[hand])
         tool = mass - own
@@ -178,10 +179,10 @@ class PersonPart(Part):
             self._lever = turned(conjugate(_four(self._turn.tolist())), _three(lever.tolist()))
             self._weight = _three((-tool * model.opt.gravity).tolist())
 
-    # -- acting
+    # -- motion
 
     def drive(self, step: int) -> None:
-        mujoco.mj_kinematics(self._model, self._data)  # a step leaves bodies behind the joints
+        mujoco.mj_kinematics(self._model, self._data)  # after a step, bodies are one step behind the joints
         place, turn = _three(self._place.tolist()), _four(self._turn.tolist())
         if self._forces is not None:
             self._replay(step * self._timestep, turn)
@@ -196,7 +197,7 @@ class PersonPart(Part):
         body.place, body.turn = place, turn
         body.wander = wander = self._wander.next(body.wander, number)
 
-        # What was seen `sight` ago decides what the will does, and corrects what the muscles do.
+        # What the person saw `sight` ago sets the intention and corrects the muscles' action.
         seen, off = self._sight.seen(number)
         self.intention.update(step * self._timestep, dt, seen, tool, sqrt(off[0] ** 2 + off[1] ** 2 + off[2] ** 2))
         meant = self._lagged()
@@ -206,14 +207,14 @@ class PersonPart(Part):
         pushing = self.intention.pushing
         shift = self._sight.correction(off, None if pushing is None else pushing.direction)
 
-        # Where the hand would have to be for the tool to be where it is meant to.
+        # Position of the hand that puts the tool where it should be.
         way = turned(meant[3:], turned(conjugate(self._reach[1]), self._reach[0]))
         bx, by, bz = (meant[i] - way[i] + shift[i] for i in range(3))
         body.balance = (bx, by, bz)
         K, D = self._stiffness()
         Kr, Dr = config.turn_stiffness, config.turn_damping
         (sx, sy, sz), push, weight = body.spin, body.drive, self._weight
-        # The hand's own velocity, beside the tool it turns.
+        # The hand's own velocity, at a distance from the tool that it turns.
         pace = (
             body.pace[0] - sy * way[2] + sz * way[1],
             body.pace[1] - sz * way[0] + sx * way[2],
@@ -226,7 +227,7 @@ class PersonPart(Part):
         ty = Kr * (ry + shift[4]) + Dr * (sy - wy)
         tz = Kr * (rz + shift[5]) + Dr * (sz - wz)
         if config.on is not None:
-            # What moves the known tool acts on it, not on the hand beside it.
+            # The force that moves the known tool acts on the tool, not on the hand beside it.
             px, py, pz = body.twist
             tx += px + reach[1] * push[2] - reach[2] * push[1]
             ty += py + reach[2] * push[0] - reach[0] * push[2]
@@ -244,7 +245,7 @@ class PersonPart(Part):
         self._exert((fx, fy, fz), (tx, ty, tz), step * self._timestep)
 
     def _stiffness(self) -> tuple[float, float]:
-        """N/m and N s/m: an arm that exerts more is stiffer."""
+        """Stiffness and damping, N/m and N s/m; an arm that exerts more force is stiffer."""
         config, f = self._config, self._body.effort
         more = min(1.0 + config.stiffening * f / config.stiffness, 2.0)
         return config.stiffness * more, config.damping * sqrt(more)
@@ -257,7 +258,7 @@ class PersonPart(Part):
         self._sight.begin(tool)
 
     def _lagged(self) -> Pose:
-        """The aim, its motion and the force for it, as the muscles bring them about; gives the aim."""
+        """Applies the muscles' delay to the aim, its motion and its force; returns the delayed aim."""
         aim, body, k = self.intention.aim, self._body, self._lag
         x, y, z, *q = body.meant
         gx, gy, gz, *_ = aim.pose
@@ -277,7 +278,7 @@ class PersonPart(Part):
         return meant
 
     def _exert(self, force: Vector, torque: Vector, t: float) -> None:
-        """Adds what isn't willed, limits by strength, tires."""
+        """Adds unintended forces, limits to the strength, applies the wrench and updates fatigue."""
         body, config, wander = self._body, self._config, self._body.wander
         size = sqrt(force[0] ** 2 + force[1] ** 2 + force[2] ** 2)
         body.effort += self._dt / _STIFFENS * (size - body.effort)
@@ -318,18 +319,18 @@ class PersonPart(Part):
         body.active = self._muscles.activations((wrench[0], wrench[1], wrench[2]), body.capacity)
         self._applied[:] = wrench
 
-    # -- what others ask
+    # -- values for other modules
 
     @property
     def wrench(self) -> Array:
-        """(6,) N, N m, of the hand, world axes, about it."""
+        """(6,) N, N m, wrench of the hand, world axes, about the hand."""
         return np.array(self._body.wrench)
 
     def activation(self, muscle: str) -> float:
-        """0 (relaxed) to 1 (greatest voluntary contraction), now.
+        """The present activation, from 0 (relaxed) to 1 (greatest voluntary contraction).
 
         Raises:
-            WiringError: no such muscle.
+            WiringError: there is no such muscle.
         """
         names = tuple(PULLS)
         if muscle not in names:
@@ -342,7 +343,7 @@ class PersonPart(Part):
 
     @property
     def done(self) -> bool:
-        """Whether the plan is at its end, or was given up."""
+        """Whether the plan has ended or the person gave it up."""
         return self.intention.step is None
 
     def fill(self, truth: Mapping[str, Array]) -> None:

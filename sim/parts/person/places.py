@@ -1,4 +1,4 @@
-"""Where things of a cell are, by the names that a plan uses."""
+"""Positions of objects in a cell, by the names that a plan uses."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from sim.parts.person.path import Pose
 
 
 class Places:
-    """Sites and bodies of a world that has been built. Poses are of the present instant, if it is settled."""
+    """Sites and bodies of a compiled world. Poses are present ones if the world's kinematics are up to date."""
 
     def __init__(self, model: Any, data: Any, part: str) -> None:
         """Args: part, the person's name, for errors."""
         self._model, self._data, self._part = model, data, part
 
     def pose(self, name: str) -> Pose:
-        """Of a site or body.
+        """The pose of a site or body.
 
         Raises:
-            WiringError: there is neither.
+            WiringError: there is no site or body with this name.
         """
         model, data = self._model, self._data
         site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name)
@@ -38,10 +38,10 @@ class Places:
         return (x, y, z, *turn)
 
     def sites(self, prefix: str) -> Array:
-        """(n, 3) m, of the sites PREFIX0, PREFIX1, ...
+        """(n, 3) m, positions of the sites PREFIX0, PREFIX1, ...
 
         Raises:
-            WiringError: fewer than two.
+            WiringError: there are fewer than two.
         """
         model = self._model
         numbers: list[int] = []
@@ -52,10 +52,10 @@ class Places:
         return cast(Array, self._data.site_xpos[numbers].copy())
 
     def fixed_in(self, hand: int, named: str | None) -> tuple[Vector, Quaternion]:
-        """Place and orientation of a site or body in the body `hand`, which never change; None: the hand itself.
+        """Position and orientation of a site or body that is fixed in the body `hand`; None: the hand itself.
 
         Raises:
-            WiringError: there is no such site or body, or it can move against the hand.
+            WiringError: there is no such site or body, or it can move relative to the hand.
         """
         if named is None:
             return (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)

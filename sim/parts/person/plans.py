@@ -1,4 +1,4 @@
-"""What a simulated person sets out to do: steps from the profile, and plans for the four SUPER-MAN experiments."""
+"""A simulated person's plans: steps from the profile, and plans for the four SUPER-MAN experiments."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class _Step(BaseModel):
 
 
 class GoTo(_Step):
-    """Brings the tool to a pose, by sight, and stays there for `dwell`. One of position, target, by."""
+    """Moves the tool to a pose, by sight, and stays there for `dwell`. Needs one of position, target, by."""
 
     do: Literal["go_to"]
     position: _Vector | None = Field(default=None, description="m, of the tool in the world")
@@ -44,14 +44,14 @@ class GoTo(_Step):
 
 
 class Hold(_Step):
-    """Keeps the tool where it was last meant to be, by sight."""
+    """Keeps the tool at its last intended pose, by sight."""
 
     do: Literal["hold"]
     seconds: float = Field(gt=0, description="s")
 
 
 class Wait(_Step):
-    """Rests: the hand goes along with the handle and means nothing."""
+    """Rests: the hand follows the handle and has no intention."""
 
     do: Literal["wait"]
     seconds: float = Field(gt=0, description="s")
@@ -74,19 +74,19 @@ class _Pushing(_Step):
 
 
 class Insert(_Pushing):
-    """Pushes the tool in along a direction: sight corrects across it, force bounds the push along it."""
+    """Pushes the tool in along a direction: sight corrects across the direction, force limits the push along it."""
 
     do: Literal["insert"]
 
 
 class Withdraw(_Pushing):
-    """Draws the tool out: as `insert`, the direction is the way out."""
+    """Pulls the tool out; like `insert`, with the direction pointing out."""
 
     do: Literal["withdraw"]
 
 
 class Follow(_Step):
-    """Leads the tool along a curve. One of along, points, file, circle."""
+    """Moves the tool along a curve. Needs one of along, points, file, circle."""
 
     do: Literal["follow"]
     along: str | None = Field(default=None, description="sites PREFIX0, PREFIX1, ... of the cell, such as wire/path_")
@@ -115,7 +115,7 @@ class Follow(_Step):
 
 
 class Press(_Step):
-    """Presses a button of the panel while the hand holds."""
+    """Presses a button of the panel while the hand keeps its position."""
 
     do: Literal["press"]
     button: str = Field(description="its name on the board")
@@ -132,10 +132,10 @@ Plan = tuple[Step, ...]
 def wire_path(
     wire: str = "wire", speed: float = 0.03, pauses: tuple[float, ...] = (0.25, 0.5, 0.75), turning: bool = True
 ) -> Plan:
-    """Prolonged manipulation: along the wire and back, 10 s at the marked points, three a way (ours; Fig. 5a).
+    """Prolonged manipulation: along the wire and back, 10 s at each marked point, three each way (ours; Fig. 5a).
 
     Args:
-        turning: the ring turns with the wire, for which the robot has to let it.
+        turning: the ring turns with the wire; the robot must allow this.
     """
     mode = (Press(do="press", button="mode"),) if turning else ()
     return (
@@ -163,7 +163,7 @@ def drilling(plate: str = "plate", holes: int = 20, depth: float = 0.04, below: 
 
 
 def peg_in_hole(hole: str = "hole", depth: float = 0.03, force: float = 15.0, above: float = 0.02) -> Plan:
-    """Peg in hole: over the mouth, in, a second's rest, out."""
+    """Peg in hole: move above the mouth, insert, rest for one second, withdraw."""
     down, up = (0.0, 0.0, -1.0), (0.0, 0.0, 1.0)
     return (
         Press(do="press", button="admittance"),
@@ -180,7 +180,7 @@ def carrying(load: str, way: tuple[_Vector, ...], speed: float = 0.3, above: flo
 
     Args:
         load: the part with the site `grasp`.
-        way: m, of the tool, world; the last point is over the place of delivery, at the lifted height.
+        way: m, positions of the tool in the world; the last one is above the place of delivery, at the lifted height.
     """
     lift, down = (0.0, 0.0, above), (0.0, 0.0, -above)
     return (

@@ -1,4 +1,4 @@
-"""What a simulated person sees of the tool: late, within a bandwidth, and what is corrected by it."""
+"""What a simulated person sees of the tool, with delay and bandwidth, and the correction made from it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from math import exp, pi
 from runtime.contracts.rotation import Vector
 from sim.parts.person.path import Pose
 
-_REACH = 0.25  # m and rad that sight may correct at most
+_REACH = 0.25  # m and rad, greatest correction by sight
 _POSE, _ERROR = 7, 6
 
 Error = tuple[float, ...]
@@ -16,7 +16,7 @@ Error = tuple[float, ...]
 
 
 class Sight:
-    """Remembers the tool's pose and error until they are seen, and builds up the correction."""
+    """Stores the tool's pose and error until the person sees them, and accumulates the correction."""
 
     def __init__(self, delay: float, bandwidth: float, correction: tuple[float, float], dt: float) -> None:
         """Args:
@@ -27,28 +27,28 @@ class Sight:
         """
         self._dt, self._correction = dt, correction
         self._slow = 1.0 - exp(-dt * 2 * pi * bandwidth)
-        self._rows: list[tuple[float, ...]] = [(0.0,) * (_POSE + _ERROR)] * max(1, round(delay / dt))  # a ring
-        self._filtered: tuple[float, ...] = (0.0,) * (2 * _ERROR)  # the seen error: two stages
-        self._shift: Error = (0.0,) * _ERROR  # the correction that has built up
+        self._rows: list[tuple[float, ...]] = [(0.0,) * (_POSE + _ERROR)] * max(1, round(delay / dt))  # a ring buffer
+        self._filtered: tuple[float, ...] = (0.0,) * (2 * _ERROR)  # the seen error, filtered in two stages
+        self._shift: Error = (0.0,) * _ERROR  # the accumulated correction
 
     def begin(self, tool: Pose) -> None:
-        """Nothing was wrong before."""
+        """Starts with the tool's present pose and no error."""
         self._rows = [(*tool, *(0.0,) * _ERROR)] * len(self._rows)
 
     def seen(self, number: int) -> tuple[Pose, Error]:
-        """The tool and its error as they were, at instant `number`."""
+        """The tool's pose and error that the person sees at update `number`, i.e. the delayed ones."""
         row = self._rows[number % len(self._rows)]
         return row[:_POSE], row[_POSE:]  # type: ignore[return-value]
 
     def take(self, number: int, tool: Pose, error: Error) -> None:
-        """What is so at instant `number`; call `seen` first."""
+        """Stores the pose and error at update `number`; call `seen` first."""
         self._rows[number % len(self._rows)] = (*tool, *error)
 
     def correction(self, off: Error, along: Vector | None) -> Error:
-        """m and rad (6,) that the hand is moved on by, from the error that was seen.
+        """The correction of the hand's position, m and rad (6,), from the seen error.
 
         Args:
-            along: a direction in which the person pushes, and corrects nothing.
+            along: a direction in which the person pushes; no correction is made along it.
         """
         if along is not None:
             way = off[0] * along[0] + off[1] * along[1] + off[2] * along[2]
@@ -69,7 +69,7 @@ class Sight:
         return [*self._filtered, *self._shift, *(value for row in self._rows for value in row)]
 
     def restore(self, values: Iterator[float]) -> None:
-        """Puts back what `save` gave."""
+        """Restores the state returned by `save`."""
         self._filtered = tuple(next(values) for _ in self._filtered)
         self._shift = tuple(next(values) for _ in self._shift)
         self._rows = [tuple(next(values) for _ in row) for row in self._rows]
