@@ -1,4 +1,4 @@
-"""The simulated person: where the joints of the hand want to be, as a function of time."""
+"""The simulated wearer: intended joint angles of the hand as a function of time."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class WearerConfig(BaseModel):
 
 
 def make_wearer(config: WearerConfig, seed: int) -> Wearer:
-    """The wearer a profile asks for.
+    """Creates the wearer that a profile sets.
 
     Raises:
         RecordingError: the recording can't be read.

@@ -42,7 +42,7 @@ class Bvh:
     frame_time: float
 
     def index(self, name: str) -> int:
-        """The number of a joint, -1 if there is none of that name."""
+        """The number of a joint; -1 if there is no joint with this name."""
         return next((i for i, joint in enumerate(self.joints) if joint.name == name), -1)
 
     def rotation(self, index: int) -> Array:
@@ -53,7 +53,7 @@ class Bvh:
         return R
 
     def translation(self, index: int) -> Array:
-        """(n, 3): a joint's place in its parent. Position channels replace OFFSET, they don't add to it."""
+        """(n, 3): a joint's position in its parent. Position channels replace OFFSET; they aren't added to it."""
         joint = self.joints[index]
         p = np.tile(joint.offset, (len(self.frames), 1))
         for axis, column in joint.positions:
@@ -110,7 +110,7 @@ class _Parser:
         return Bvh(self._joints, frames, frame_time)
 
     def _joint(self, name: str, parent: int) -> None:
-        """The block in braces of a joint or end site, and all that is below it."""
+        """Reads the block in braces of a joint or end site, with all its descendants."""
         self._expect("{")
         offset = np.array(self._floats(self._expect("OFFSET")[1:], 3))
         joint, index = Joint(name, parent, offset), len(self._joints)

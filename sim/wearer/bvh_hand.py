@@ -13,10 +13,10 @@ from runtime.control.hand.human_hand import FINGERS, JOINTS
 from sim.wearer import bvh
 
 _BONES: Final = {"thumb": "Thumb", "index": "Index", "middle": "Middle", "ring": "Ring", "little": "Pinky"}
-_MOVES: Final = np.deg2rad(5.0)  # a hand whose joints stay within this was not measured
+_MOVES: Final = np.deg2rad(5.0)  # a hand whose joints all move less than this was not measured
 
 # Rows: toward the little finger, distal, dorsal, in the skeleton's axes (T-pose: X left, Y up, Z forward,
-# palms down, thumbs forward). For the left hand the basis is left-handed: seen in it, the hand is its mirror
+# palms down, thumbs forward). For the left hand the basis is left-handed: in this basis, the hand is its mirror
 # image, which is a right hand, and B R B^T is again a rotation.
 _BASIS: Final = {
     "Left": np.array([[0.0, 0, -1], [1, 0, 0], [0, 1, 0]]),
@@ -25,10 +25,10 @@ _BASIS: Final = {
 
 
 def read(path: Path) -> list[tuple[Array, Array]]:
-    """One stretch: time (n,), s, and position (n, 20), rad, of the hand that moves more.
+    """Reads one section: time (n,), s, and position (n, 20), rad, of the hand that moves more.
 
     Raises:
-        RecordingError: no finger bones, or none that move.
+        RecordingError: there are no finger bones, or none that move.
     """
     file = bvh.read(path)
     hands = {side: hand_angles(file, side) for side in _BASIS if _has_fingers(file, side)}
@@ -48,11 +48,11 @@ def read(path: Path) -> list[tuple[Array, Array]]:
 
 
 def hand_angles(file: bvh.Bvh, side: str) -> Array:
-    """(n, 20), rad, not bounded: the angles of one hand, as those of a right hand.
+    """(n, 20), rad, without limits: the angles of one hand, converted to those of a right hand.
 
     Each bone's rotation relative to its parent turns the distal axis y into d. At a knuckle, abduction a and
-    flexion f are those with d = Rz(a) Rx(-f) y; beyond, flexion is the angle of d in the plane of bending,
-    which for the thumb's two outer joints is the plane of the palm.
+    flexion f are those with d = Rz(a) Rx(-f) y. At the other joints, flexion is the angle of d in the plane of
+    bending; for the thumb's two outer joints this is the plane of the palm.
 
     Args:
         file: the recording.
@@ -72,8 +72,8 @@ def hand_angles(file: bvh.Bvh, side: str) -> Array:
 def _knuckle(d: Array) -> tuple[Array, Array]:
     """Abduction and flexion (n,), rad, of distal directions d (n, 3).
 
-    Near a right angle of flexion the finger points along the abduction axis and abduction has no meaning: it
-    fades out from 66 to 84 degrees, as it does in an anatomical hand.
+    Near a right angle of flexion the finger points along the abduction axis, and abduction has no meaning. So it is
+    reduced to zero from 66 to 84 degrees, as in an anatomical hand.
     """
     radial = np.hypot(d[:, 0], d[:, 1])  # cos f, seen along the abduction axis
     fade = np.clip((radial - 0.1) / 0.3, 0.0, 1.0)
@@ -84,7 +84,7 @@ def _knuckle(d: Array) -> tuple[Array, Array]:
 
 
 def _direction(file: bvh.Bvh, side: str, finger: str, k: int) -> Array:
-    """(n, 3): where a bone turns the distal axis, in (little, distal, dorsal) of its parent."""
+    """(n, 3): the distal axis as turned by a bone, in (little, distal, dorsal) of its parent."""
     B = _BASIS[side]
     R = file.rotation(file.index(f"{side}Hand{_BONES[finger]}{k}"))
     return (B @ R @ B.T)[:, :, 1]

@@ -1,4 +1,4 @@
-"""What every reader asks of a recording's numbers."""
+"""The checks of a recording's numbers that all readers share."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ import numpy as np
 from runtime.contracts.errors import RecordingError
 from runtime.contracts.signals import Array
 
-MAX_RATE = 10_000.0  # Hz; a "time" that runs faster is no time in seconds
+MAX_RATE = 10_000.0  # Hz; a "time" column with a higher rate isn't in seconds
 
 
 def check_samples(path: Path, time: Array, values: Array, names: list[str], first_line: int) -> None:
-    """Refuses what can't be played.
+    """Raises an error for samples that can't be played.
 
     Args:
-        path: for the error.
+        path: the file, for the error.
         time: (n,), s.
         values: (n, m).
-        names: of the m columns.
+        names: names of the m columns.
         first_line: line (or sample) number of the first sample, for the error.
     Raises:
         RecordingError: fewer than two samples, a value that isn't finite, a time that doesn't increase.

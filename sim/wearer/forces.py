@@ -1,4 +1,4 @@
-"""Recorded forces of hands: people who led a robot by its tool, or handed something over."""
+"""Recorded forces of hands, from people who moved a robot by its tool or handed over an object."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from sim.wearer.tables import read_rows
 
 _COLUMNS: Final = ("fx", "fy", "fz", "tx", "ty", "tz")
 _TIMES: Final = ("time", "t", "time_s")
-_HANDOVER_RATE: Final = 120.0  # Hz, of the public handovers' wrenches, which carry no time
+_HANDOVER_RATE: Final = 120.0  # Hz, of the wrenches in the public handover recordings, which contain no time
 
 
 class ForceRecording(BaseModel):
@@ -36,11 +36,11 @@ class ForceRecording(BaseModel):
 
 
 class Forces:
-    """Wrenches over time: a monotone cubic between samples, nothing before and after.
+    """Wrenches over time: monotone cubic interpolation between samples, zero before and after.
 
     Attributes:
-        frame: whose axes they are in.
-        duration: s of world time at which they end.
+        frame: the frame whose axes are used.
+        duration: world time at which they end, s.
     """
 
     def __init__(self, time: Array, wrench: Array, options: ForceRecording) -> None:
@@ -53,7 +53,7 @@ class Forces:
         self.duration = options.start + float(time[-1] - time[0]) / options.speed
 
     def at(self, t: float) -> list[float]:
-        """(6,) N, N m, at t seconds of world time."""
+        """The wrench (6,) N, N m, at t seconds of world time."""
         if not self._start <= t <= self.duration:
             return [0.0] * 6
         out: list[float] = self._curve.at_one((t - self._start) * self._speed).tolist()
@@ -85,7 +85,7 @@ def load_forces(options: ForceRecording, place: str) -> Forces:
 
 
 def _csv(path: Path, rate: float | None) -> list[tuple[Array, Array]]:
-    """Columns Fx, Fy, Fz and, if there, Tx, Ty, Tz, in N and N m; and, if there, a time, s."""
+    """Reads columns Fx, Fy, Fz and, if present, Tx, Ty, Tz, in N and N m, and a time, s, if present."""
     header, rows, first = read_rows(path)
     names = [name.lower() for name in header]
     if any(axis not in names for axis in _COLUMNS[:3]):
@@ -106,7 +106,7 @@ def _csv(path: Path, rate: float | None) -> list[tuple[Array, Array]]:
 
 
 def _npz(path: Path, rate: float | None) -> list[tuple[Array, Array]]:
-    """Arrays `t` (n,), s, and `F` (n, 6), N and N m."""
+    """Reads arrays `t` (n,), s, and `F` (n, 6), N and N m."""
     try:
         with np.load(path, allow_pickle=False) as file:
             time, wrench = file["t"].astype(float), file["F"].astype(float)
@@ -118,9 +118,9 @@ def _npz(path: Path, rate: float | None) -> list[tuple[Array, Array]]:
 
 
 def _mat(path: Path, rate: float | None) -> list[tuple[Array, Array]]:
-    """A struct array with `F` (3, n) or (6, n), N, and, for the time, `pos` (3, n), m, and `vel` (3, n), m/s.
+    """Reads a struct array with `F` (3, n) or (6, n), N, and, for the time, `pos` (3, n), m, and `vel` (3, n), m/s.
 
-    Without a rate it is the one with which the velocities agree with the positions.
+    If no rate is given, it is the one at which the velocities agree with the positions.
     """
     found = [rows for rows in read_mat5(path).values() if isinstance(rows, list) and rows and "F" in rows[0]]
     if not found:

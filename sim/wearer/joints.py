@@ -1,4 +1,4 @@
-"""Whose angles are these: names of other hands' joints and sensors, turned into the model's 20 joints."""
+"""Converts named joints and sensors of other hands to the model's 20 joints."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ _GLOVE: Final[Mapping[str, Terms]] = {
 
 
 def _adroit() -> dict[str, Terms]:
-    """Adroit: J3 abducts toward the thumb (with other signs neighbouring fingers would pass through each
-    other in the recorded door openings); J2, J1, J0 flex.
+    """The terms for Adroit: J3 abducts toward the thumb; J2, J1, J0 flex.
 
+    With other signs of J3, neighbouring fingers would pass through each other in the recorded door openings.
     Of the thumb, J4 turns it across the palm, J3 lifts it out of the palm's plane, J1 and J0 flex negatively.
     J2 of the thumb (a hub of +-15 degrees), J4 of the little finger (metacarpal) and the wrist have no
     counterpart in the model.
@@ -68,7 +68,7 @@ SCHEMES: Final[Mapping[str, Mapping[str, Terms]]] = {
 def to_model(names: Sequence[str], values: Array) -> Array | None:
     """Angles of the model's joints (n, 20), rad, from columns (n, m), rad, named in one of the SCHEMES.
 
-    Joints nobody measured stay at zero, except DIP joints, which follow at 2/3 of their PIP joint.
+    Joints that weren't measured stay at zero, except DIP joints, which follow at 2/3 of their PIP joint.
 
     Returns:
         None if the names belong to no scheme (fewer than five joints found).
@@ -93,9 +93,9 @@ def to_model(names: Sequence[str], values: Array) -> Array | None:
 
 
 def _numbered(names: Sequence[str]) -> list[str]:
-    """Names of glove sensors, by label or number, as the numbers s0..s21 they have in a glove of 22.
+    """Converts names of glove sensors, by label or number, to the numbers s0..s21 of a glove with 22 sensors.
 
-    Numbers s0..s17 and no others are those of a glove of 18 sensors, which has none at the DIP joints.
+    If the numbers are exactly s0..s17, the glove has 18 sensors and none at the DIP joints.
     """
     number = {label: f"s{i}" for i, label in enumerate(LABELS_22)}
     if {name for name in names if name[:1] == "s" and name[1:].isdigit()} == {f"s{i}" for i in range(18)}:
@@ -121,5 +121,5 @@ stay at zero.
 
 
 def to_glove(position: Array) -> Array:
-    """The 22 sensors' angles (22,), rad, that a hand's joints (20,), rad, bring about."""
+    """The angles (22,), rad, of a glove's 22 sensors for a hand's joint angles (20,), rad."""
     return GLOVE_OF_HAND @ position

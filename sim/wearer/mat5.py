@@ -19,16 +19,16 @@ _STRUCT: Final = 2
 _NUMBERS: Final = range(6, 16)
 _Order = Literal["<", ">"]
 _Element = tuple[int, bytes]
-_MOST: Final = 1 << 30  # bytes that a compressed variable may unpack to
+_MOST: Final = 1 << 30  # greatest size of an unpacked variable, bytes
 
 
 def read_mat5(path: Path) -> dict[str, Any]:
-    """The variables: arrays of numbers as numpy arrays; struct arrays as lists of dicts, in MATLAB's order.
+    """Reads the variables: arrays of numbers as numpy arrays; struct arrays as lists of dicts, in MATLAB's order.
 
     Variables of other classes (cells, text, sparse) are left out.
 
     Raises:
-        RecordingError: not such a file, or cut short.
+        RecordingError: not such a file, or incomplete.
     """
     try:
         data = path.read_bytes()
@@ -50,11 +50,11 @@ def read_mat5(path: Path) -> dict[str, Any]:
 
 
 def _elements(data: bytes, order: _Order, *, padded: bool) -> Iterator[_Element]:
-    """(type, payload) of the elements that follow each other; compressed ones aren't padded."""
+    """(type, payload) of consecutive elements; compressed ones aren't padded."""
     at = 0
     while at + 8 <= len(data):
         kind, size = struct.unpack_from(order + "II", data, at)
-        if kind >> 16:  # the small form: the size in the upper half, four bytes of payload
+        if kind >> 16:  # the small format: the size in the upper half, four bytes of payload
             size, kind = kind >> 16, kind & 0xFFFF
             if size > 4:
                 raise ValueError("an element of the small form is too long")
@@ -68,7 +68,7 @@ def _elements(data: bytes, order: _Order, *, padded: bool) -> Iterator[_Element]
 
 
 def _unpacked(kind: int, payload: bytes, order: _Order) -> Iterable[_Element]:
-    """A compressed element holds one other."""
+    """Unpacks a compressed element, which holds one other element."""
     if kind != _COMPRESSED:
         return [(kind, payload)]
     return _elements(zlib.decompressobj().decompress(payload, _MOST), order, padded=True)

@@ -1,4 +1,4 @@
-"""What every wearer offers, and motion given by samples."""
+"""The interface of all wearers, and motion interpolated from samples."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ import numpy as np
 from runtime.contracts.signals import Array
 from runtime.control.hand.human_hand import RANGES
 
-BLEND: Final = 0.5  # s, from the end of one stretch of a recording to the beginning of the next
+BLEND: Final = 0.5  # s, from the end of one section of a recording to the beginning of the next
 Number = TypeVar("Number", float, Array)
 _RATE: Final = 100.0  # Hz of blends
 _LOWER, _UPPER = np.ascontiguousarray(RANGES.T)
 
 
 class Wearer(Protocol):
-    """A person's will for the 20 joints of the hand.
+    """A person's intention for the 20 joints of the hand.
 
     Attributes:
-        duration: s, when the motion ends; inf if it never does.
+        duration: end of the motion, s; inf if it never ends.
     """
 
     duration: float
@@ -28,7 +28,7 @@ class Wearer(Protocol):
     def target(self, t: float) -> Array:
         """Joint angles (20,), rad, within the model's ranges, at t seconds since the world's start.
 
-        The same time gives the same bits, in whatever order times are asked for.
+        The same time gives the same bits, in whatever order times are requested.
         """
         ...
 
@@ -36,7 +36,7 @@ class Wearer(Protocol):
 class Curve:
     """A smooth curve through samples: piecewise cubic, and monotone wherever the samples are.
 
-    So it never overshoots what was recorded. Slopes are the weighted harmonic means of Fritsch and Butland
+    So the curve never overshoots the recorded values. Slopes are the weighted harmonic means of Fritsch and Butland
     (SIAM J. Sci. Stat. Comput. 5(2), 1984), zero at an extremum and at both ends.
     """
 
@@ -57,11 +57,11 @@ class Curve:
         self._cubic = np.stack([d0 + d1 - 2 * rise, 3 * rise - 2 * d0 - d1, d0, values[:-1]], axis=1)
 
     def at(self, t: Array) -> Array:
-        """(k, m) at the times (k,); outside the samples the nearest one."""
+        """Values (k, m) at the times (k,); outside the samples, the nearest sample."""
         return np.array([self.at_one(float(moment)) for moment in t])
 
     def at_one(self, t: float) -> Array:
-        """(m,) at one time."""
+        """Values (m,) at one time."""
         time = self._time
         i = min(max(bisect_right(time, t) - 1, 0), len(time) - 2)
         s = min(max((t - time[i]) / (time[i + 1] - time[i]), 0.0), 1.0)
@@ -73,7 +73,7 @@ class SampledWearer:
     """A recorded motion."""
 
     def __init__(self, time: Array, position: Array, *, speed: float = 1.0, loop: bool = False) -> None:
-        """Args: time (n,), s, strictly increasing; position (n, 20), rad, which the model's ranges clamp."""
+        """Args: time (n,), s, strictly increasing; position (n, 20), rad, clipped to the model's ranges."""
         position = np.clip(position, _LOWER, _UPPER)
         if loop:
             time, position = join([(time, position), (time[:1], position[:1])])
@@ -87,12 +87,12 @@ class SampledWearer:
         if self._loop:
             t %= self._span
         q = self._curve.at_one(self._start + t)
-        np.maximum(q, _LOWER, out=q)  # a cubic's rounding can overstep by a bit
+        np.maximum(q, _LOWER, out=q)  # rounding of a cubic can exceed the limits slightly
         return np.minimum(q, _UPPER, out=q)
 
 
 def join(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
-    """Stretches of motion, (time (n,), position (n, m)), one after another with a blend of 0.5 s between."""
+    """Joins sections of motion, (time (n,), position (n, m)), in sequence, with a blend of 0.5 s between them."""
     times, positions = [parts[0][0]], [parts[0][1]]
     s = np.arange(1, round(BLEND * _RATE)) / (BLEND * _RATE)
     for time, position in parts[1:]:
@@ -103,7 +103,7 @@ def join(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
 
 
 def minimum_jerk(s: Array) -> Array:
-    """How far a reaching movement has come at the fraction s of its time (Flash and Hogan 1985)."""
+    """The covered share of a reaching movement at the fraction s of its duration (Flash and Hogan 1985)."""
     return quintic(np.minimum(np.maximum(s, 0.0), 1.0))
 
 

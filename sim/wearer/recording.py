@@ -1,4 +1,4 @@
-"""Recordings of a hand, told apart by what they are: CSV, NPZ, a folder of topics, BVH."""
+"""Reads recordings of a hand: CSV, NPZ and BVH files, told apart by their suffix, and folders of topics."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from sim.wearer.motion import SampledWearer, Wearer, join
 
 
 def load_wearer(recording: str | Path, *, episode: int | None = None, speed: float = 1.0, loop: bool = False) -> Wearer:
-    """A wearer that moves as recorded.
+    """Loads a wearer that moves as recorded.
 
     Args:
-        recording: a .csv, .npz or .bvh file, or a folder with a CSV a joint; `FILE#episode=3` is one episode.
-        episode: the one episode to play; all of them, blended into each other, if omitted.
-        speed: 1 is the recorded pace.
-        loop: begin again at the end, with a blend of 0.5 s.
+        recording: a .csv, .npz or .bvh file, or a folder with one CSV per joint; `FILE#episode=3` is one episode.
+        episode: the only episode to play; default: all of them, blended into each other.
+        speed: 1 is the recorded speed.
+        loop: start again at the end, with a blend of 0.5 s.
     Raises:
         RecordingError: with file and line or column, what was expected, and the remedy.
     """

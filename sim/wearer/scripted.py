@@ -1,4 +1,4 @@
-"""A person who closes and opens the hand again and again, never twice quite the same."""
+"""A wearer that repeatedly closes and opens the hand, with variations between grasps."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ _CLOSED: Final[Array] = np.deg2rad(
 
 @dataclass(frozen=True)
 class _Grasp:
-    # Of each finger, for closing and then for opening: the fraction of the period at which it sets off, and
+    # For each finger, for closing and then for opening: the fraction of the period at which it starts, and
     # 1 / (the fraction that the movement takes).
     timing: list[list[float]]
-    joints: list[list[list[float]]]  # of each finger's joints: rad when open, and from there to closed
+    joints: list[list[list[float]]]  # for each finger's joints: rad when open, and the change from there to closed
 
 
 class ScriptedWearer:
-    """Grasps of minimum-jerk timing; fingers set off and arrive at different instants.
+    """Grasps with minimum-jerk timing; fingers start and arrive at different times.
 
-    Within a period the hand rests open, closes (about a quarter of the period), holds, and opens. How far and
-    how fast is drawn for each grasp from the seed and the grasp's number alone.
+    In each period the hand rests open, closes (about a quarter of the period), holds, and opens. The extent and speed
+    of each grasp are drawn from the seed and the grasp's number only.
     """
 
     duration = float("inf")
@@ -46,8 +46,8 @@ class ScriptedWearer:
         if int(number) != self._number:
             self._number, self._grasp = int(number), self._draw(int(number))
         g = self._grasp
-        # For numbers this few Python is quicker than arrays are. All fingers have closed, at 0.46 of the
-        # period or before, when the first one opens, at 0.6 or later.
+        # For so few numbers, plain Python is faster than arrays. All fingers have closed (at 0.46 of the period
+        # or before) when the first one opens (at 0.6 or later).
         target: list[float] = []
         for (close, pace, reopen, back), joints in zip(g.timing, g.joints, strict=True):
             closed = _moved(s - close, pace) if s < reopen else 1.0 - _moved(s - reopen, back)

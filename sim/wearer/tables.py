@@ -20,11 +20,11 @@ Parts = list[tuple[Array, Array]]
 
 _TIME: Final = {"time": 1.0, "t": 1.0, "time_s": 1.0, "time_ms": 1e-3, "time_us": 1e-6, "time_ns": 1e-9}
 _UNITS: Final = {"_rad": 1.0, "_deg": np.pi / 180.0}
-_DOOR_RATE: Final = 100.0  # Hz; files with an array `episode` carry no time
+_DOOR_RATE: Final = 100.0  # Hz; files with an array `episode` contain no time
 
 
 def read_csv(path: Path) -> Parts:
-    """A header and a row a sample: one time column, joint or sensor columns (rad, or named `..._deg`).
+    """Reads a header and one row per sample: one time column, joint or sensor columns (rad, or named `..._deg`).
 
     Time columns: time, t, time_s, time_ms, time_us, time_ns. Names: the model's joints, a CyberGlove's
     sensors by number (s0..s21, or s0..s17 of a glove of 18) or by label, Adroit's joints. Other columns are
@@ -58,10 +58,10 @@ def read_csv(path: Path) -> Parts:
 
 
 def read_npz(path: Path) -> Parts:
-    """Arrays `time` (n,) s, `position` (n, m) rad, `names` (m,).
+    """Reads arrays `time` (n,) s, `position` (n, m) rad, `names` (m,).
 
-    Or `hand_position` (n, m), `hand_joint_names` (m,), `episode` (n,). This is the layout of
-    the public door openings: 100 Hz, no time array, a number of its episode for each sample.
+    Alternatively `hand_position` (n, m), `hand_joint_names` (m,), `episode` (n,). This is the format of
+    the public door openings: 100 Hz, no time array, the episode's number for each sample.
     """
     try:
         with np.load(path, allow_pickle=False) as file:
@@ -104,7 +104,7 @@ def read_npz(path: Path) -> Parts:
 
 
 def read_rows(path: Path) -> tuple[list[str], list[list[str]], int]:
-    """Header, rows of as many fields, and the line number of the first row."""
+    """Reads the header, rows with as many fields, and the line number of the first row."""
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.reader(file)

@@ -1,4 +1,4 @@
-"""A folder with one CSV a joint, each with its own time stamps, as a topic recorder exports them."""
+"""Reads a folder with one CSV per joint, each with its own time stamps, as a topic recorder exports them."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def read(folder: Path) -> tuple[Array, Array]:
             continue
         stamps, values = _topic(file)
         origin = int(stamps[0]) if origin is None else origin
-        time = (stamps - origin) * 1e-9  # whole ns are subtracted first: a double holds today's only to 256 ns
+        time = (stamps - origin) * 1e-9  # subtract whole ns first: a double holds present-day stamps only to 256 ns
         check_samples(file, time, values, ["data"], 2)
         curves[joint] = Curve(time, values)
         start, end = max(start, time[0]), min(end, time[-1])
