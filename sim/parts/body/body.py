@@ -20,13 +20,13 @@ from sim.world.mjcf import CONTACT, add
 from sim.world.part import Mjcf, Part, PartConfig
 
 _UPDATE: Final = 0.002  # s between two reference poses
-_FINGERS: Final = 9.0  # times as stiff for their inertia as the other joints, or every swing of an arm would shake them
-_TURN: Final = np.array([0.5, 0.5, 0.5, 0.5])  # the suit's x left, y up, z forward to y, z, x of the cell
+_FINGERS: Final = 9.0  # times as stiff per inertia as other joints; otherwise arm swings would shake them
+_TURN: Final = np.array([0.5, 0.5, 0.5, 0.5])  # turns the suit's x left, y up, z forward to y, z, x of the cell
 _SKIN: Final = {"rgba": "0.85 0.68 0.58 1", "friction": (0.8, 0.005, 0.0001)}
 
 
 class BodyConfig(PartConfig):
-    """Options. `position` and `quaternion` put the origin of the suit's world, on the floor, into the cell."""
+    """Options. `position` and `quaternion` place the origin of the suit's world, on the floor, in the cell."""
 
     skeleton: Kind = Field(default="axis-neuron", description="the tree of joints")
     script: Script = Field(default="still", description="motion, where nothing is recorded; 'walk' goes in a circle")
@@ -42,19 +42,20 @@ class BodyConfig(PartConfig):
 
 
 class BodyPart(Part):
-    """A free chain of bodies `<name>/<Joint>`, on which other parts can be mounted: each in the suit's axes, as it
-    stands in the T-pose: x to the body's left, y up, z forward.
+    """A free chain of bodies `<name>/<Joint>` on which other parts can be mounted.
 
-    The hips are welded softly to the motion's; 20 ball joints (58 with `fingers`) are drawn by springs towards its
-    angles, each as stiff as the inertia behind it needs for the bandwidth, whatever is mounted on it included. The
-    body holds its own weight, not what it carries. So what a suit measures lags, gives way, and swings.
+    Each body has the suit's axes in the T-pose: x to the body's left, y up, z forward.
+
+    The hips are welded softly to the motion's hips. Springs pull 20 ball joints (58 with `fingers`) towards the
+    motion's angles. The stiffness of each follows from the bandwidth and the inertia behind it, mounted parts included.
+    The body holds its own weight, not what it carries. So what a suit measures lags, gives way, and swings.
 
     Truth: `<name>_position` (59, 3), m, of the joints in the world.
 
     Attributes:
         skeleton: the tree.
         offsets: (59, 3), m, of the joints in their parents.
-        duration: s of a recording; None without.
+        duration: s of a recording; None without a recording.
     """
 
     Config = BodyConfig
@@ -86,7 +87,7 @@ class BodyPart(Part):
             ),
         )  # fmt: skip
         self._omega = 2.0 * np.pi * config.bandwidth
-        # Springs and weld draw to where the motion will be: their damping then costs no delay.
+        # Springs and weld pull towards the future motion, so that their damping adds no delay.
         self._lead = 2.0 * config.damping / self._omega
         self._model: Any = None
         self._data: Any = None
@@ -111,7 +112,7 @@ class BodyPart(Part):
                 body = mjcf.body(mjcf.worldbody, full, pos=pos, quat=quat, gravcomp=1)
                 add(body, "freejoint", name=full)
             else:
-                # Without a joint it keeps the pose it starts with.
+                # A body without a joint keeps its start pose.
                 turned = (1.0, 0.0, 0.0, 0.0) if moves else rotations[i]
                 body = mjcf.body(elements[up], full, pos=self.offsets[i], quat=turned, gravcomp=1)
                 if moves:  # stiffness and damping are set when the inertia is known
@@ -123,7 +124,7 @@ class BodyPart(Part):
         add(mjcf.worldbody, "body", name=target, mocap=True, pos=pos, quat=quat)
         add(
             mjcf.equality, "weld", name=f"{name}/weld", body1=target, body2=f"{name}/Hips",
-            relpose=(0, 0, 0, 1, 0, 0, 0), solref=(self._lead / 2.0, 1.0),  # its delay is then the springs'
+            relpose=(0, 0, 0, 1, 0, 0, 0), solref=(self._lead / 2.0, 1.0),  # its delay is then that of the springs
         )  # fmt: skip
 
     def _segment(self, body: Element, full: str, segment: Segment) -> None:
@@ -132,7 +133,7 @@ class BodyPart(Part):
         if segment.shape == "capsule":
             ends = [segment.centre + sign * segment.size[1] * segment.axis for sign in (-1.0, 1.0)]
             size = {"fromto": np.concatenate(ends), "size": segment.size[:1]}
-        # Its own parts never touch each other: neighbours overlap at the joints.
+        # Parts of the same body never touch each other: neighbours overlap at the joints.
         contact = CONTACT["hand" if self._config.contact else "none"]
         add(body, "geom", name=full, type=segment.shape, mass=0.0, **size, **contact, **_SKIN)
 
@@ -159,20 +160,20 @@ class BodyPart(Part):
         self.drive(0)
 
     def _inertia(self) -> Array:
-        """(nv,): what each degree of freedom moves, in the model's reference pose (here the T-pose)."""
+        """(nv,): inertia that each degree of freedom moves, in the model's reference pose (here the T-pose)."""
         data = mujoco.MjData(self._model)
         mujoco.mj_forward(self._model, data)
         unit, moved = np.eye(self._model.nv), np.empty(self._model.nv)
         inertia = np.empty(self._model.nv)
-        for i, row in enumerate(unit):  # the matrix itself is stored differently from version to version
+        for i, row in enumerate(unit):  # the format of the matrix itself differs between versions
             mujoco.mj_mulM(self._model, data, moved, row)
             inertia[i] = moved[i]
         return inertia
 
-    # -- life
+    # -- life cycle
 
     def drive(self, step: int) -> None:
-        """Shows springs and weld the motion a little ahead."""
+        """Gives springs and weld the motion a little ahead of time."""
         position, rotations = self._motion.at((step + 0.5 * self.every) * self._model.opt.timestep + self._lead)
         self._model.qpos_spring[self._balls] = rotations[self._moving]
         self._data.mocap_pos[self._mocap], self._data.mocap_quat[self._mocap] = self._to_world(position, rotations[0])
@@ -190,9 +191,9 @@ class BodyPart(Part):
     # -- what a suit measures
 
     def pose(self) -> Array:
-        """(59, 7): x, y, z (m), w, x, y, z of every joint in its parent, as it really is; a view, changed by the next.
+        """(59, 7): true x, y, z (m), w, x, y, z of every joint in its parent; a view, which the next call changes.
 
-        That of the hips is in the suit's world: y up, z forward, x to the left.
+        The pose of the hips is in the suit's world: y up, z forward, x to the left.
         """
         local, data = self._local, self._data
         hips = data.qpos[self._hips]
@@ -203,11 +204,11 @@ class BodyPart(Part):
         return local
 
     def wanted(self, t: float) -> tuple[Array, Array]:
-        """The motion: hips (3,), m, in the suit's world and quaternions (59, 4) at t seconds."""
+        """The motion at t seconds: hips (3,), m, in the suit's world, and quaternions (59, 4)."""
         return self._motion.at(t)
 
     def _to_world(self, position: Array, rotation: Array) -> tuple[Array, Array]:
-        """From the suit's world to the cell."""
+        """Converts from the suit's world to the cell."""
         pos, quat = np.empty(3), np.empty(4)
         mujoco.mju_rotVecQuat(pos, position, self._base)
         mujoco.mju_mulQuat(quat, self._base, rotation)
@@ -215,7 +216,7 @@ class BodyPart(Part):
 
 
 def _polylines(parents: tuple[int, ...]) -> tuple[tuple[int, ...], ...]:
-    """Paths that cover every bone once, each from a tip up to a joint that is drawn already."""
+    """Paths that cover every bone once, each from a tip up to a joint that is already drawn."""
     drawn, lines = {0}, []
     for tip in sorted(set(range(len(parents))) - set(parents)):
         line = [tip]

@@ -17,7 +17,7 @@ from sim.world.mjcf import CONTACT, add
 from sim.world.part import Mjcf, Part, PartConfig
 
 _UPDATE: Final = 0.002  # s between two targets
-_MARKERS: Final = {  # no two distances are alike, so that the body can be told from its mirror image
+_MARKERS: Final = {  # all distances differ, so that the body can be told from its mirror image
     "M1": (0.0, 0.0, 0.05),
     "M2": (0.06, 0.0, 0.0),
     "M3": (0.0, 0.045, 0.0),
@@ -27,7 +27,7 @@ Vector = tuple[float, float, float]
 
 
 class MocapBodyConfig(PartConfig):
-    """Options; `position` and `quaternion` say where the motion starts."""
+    """Options; `position` and `quaternion` set where the motion starts."""
 
     motion: MotionConfig = MotionConfig()
     subject: str | None = Field(default=None, description="its name in the capture system; None: the part's name")
@@ -40,15 +40,15 @@ class MocapBodyConfig(PartConfig):
 
 
 class MocapBody(Part):
-    """A free body, weightless, welded softly to a target that follows the motion exactly.
+    """A free, weightless body, welded softly to a target that follows the motion exactly.
 
-    So it lags, and gives way where something is in its path; what the cameras see is where it really is.
+    So it lags, and gives way to obstacles in its path; the cameras see its true position.
 
     Truth: `<name>_pose` (7,): x, y, z (m), w, x, y, z; `<name>_markers` (k, 3), m.
 
     Attributes:
         subject, segment: names in the capture system.
-        labels: of the markers.
+        labels: names of the markers.
     """
 
     Config = MocapBodyConfig
@@ -101,7 +101,7 @@ class MocapBody(Part):
         self.drive(0)
 
     def target(self, t: float) -> Array:
-        """(7,): where the motion wants it at t seconds, in the world."""
+        """(7,): the target pose of the motion at t seconds, in the world."""
         pose, base = self._motion.at(t), self._config.position
         mujoco.mju_rotVecQuat(pose[:3], pose[:3].copy(), self._base)
         mujoco.mju_mulQuat(pose[3:], self._base, pose[3:].copy())
@@ -120,11 +120,11 @@ class MocapBody(Part):
             truth[f"{self.name}_markers"][...] = self.marker_positions()
 
     def marker_positions(self) -> Array:
-        """(k, 3), m: where the markers are."""
+        """(k, 3), m: positions of the markers."""
         positions: Array = self._data.site_xpos[self._sites]
         return positions
 
     @property
     def body(self) -> str:
-        """Its body's name in the model."""
+        """The name of its body in the model."""
         return f"{self.name}/body"

@@ -1,4 +1,4 @@
-"""How a thing before the cameras moves: not at all, in a circle, in six sines, or as recorded."""
+"""Motion of an object in front of the cameras: still, in a circle, in six sines, or as recorded."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from runtime.contracts.signals import Array
 from sim.wearer.checks import check_samples
 from sim.wearer.motion import Curve
 
-_RATIOS: Final = np.array([1.0, 0.7, 1.3, 0.6, 0.9, 1.1])  # of the six frequencies: the path doesn't close soon
+_RATIOS: Final = np.array([1.0, 0.7, 1.3, 0.6, 0.9, 1.1])  # of the six frequencies, so the path doesn't repeat soon
 _POSITION: Final = ("x", "y", "z")
-_ORIENTATIONS: Final = (("qw", "qx", "qy", "qz"), ("q3", "q0", "q1", "q2"))  # numbered ones have the scalar last
+_ORIENTATIONS: Final = (("qw", "qx", "qy", "qz"), ("q3", "q0", "q1", "q2"))  # numbered names have the scalar last
 
 
 class MotionConfig(BaseModel):
@@ -50,7 +50,7 @@ class Motion(Protocol):
 
 
 def make_motion(config: MotionConfig) -> Motion:
-    """The motion a profile asks for.
+    """Creates the motion that a profile sets.
 
     Raises:
         RecordingError: the recording can't be read.
@@ -61,7 +61,7 @@ def make_motion(config: MotionConfig) -> Motion:
 
 
 class Scripted:
-    """See the module's text; starts at the base, at rest for `still`, in motion otherwise."""
+    """See the module's text; starts at the base, at rest for `still`, otherwise in motion."""
 
     def __init__(self, config: MotionConfig) -> None:
         self._config = config
@@ -83,7 +83,7 @@ class Scripted:
 
 
 class Recorded:
-    """Played forth and back, so that it never jumps. It begins at the base: the first pose is taken off."""
+    """Plays a recording forward and backward, so that it never jumps; positions are relative to the first one."""
 
     def __init__(self, time: Array, poses: Array) -> None:
         """Args: time (n,), s, increasing; poses (n, 7)."""
@@ -104,7 +104,7 @@ class Recorded:
 
 
 def read(path: Path, rate: float) -> tuple[Array, Array]:
-    """A recording: time (n,), s, and poses (n, 7).
+    """Reads a recording: time (n,), s, and poses (n, 7).
 
     Raises:
         RecordingError: with the file, what was expected there, and the remedy.

@@ -1,8 +1,8 @@
-"""A person's masses and shapes, hung on the 59 joints of a capture suit's skeleton.
+"""A person's masses and shapes, attached to the 59 joints of a capture suit's skeleton.
 
 Masses, centres of mass and radii of gyration of limbs: de Leva 1996 (facts human_body), with the skeleton's own
-lengths between joint centres. Heights and breadths: Drillis and Contini 1966. What neither gives is ours and marked so.
-Axes in the T-pose: x to the left, y up, z forward.
+lengths between joint centres. Heights and breadths: Drillis and Contini 1966. Values from neither source are our own
+and marked so. Axes in the T-pose: x to the left, y up, z forward.
 """
 
 from __future__ import annotations
@@ -16,24 +16,24 @@ from drivers.noitom.skeleton import JOINTS, Skeleton
 from runtime.contracts.signals import Array
 
 Sex = Literal["male", "female"]
-HIP_HEIGHT: Final = 0.530  # of the standing height
-_CHEST: Final = 0.174  # width, of the height
-_DEPTH: Final = 0.65  # of the trunk, of its width (ours)
-_FOOT: Final = 0.152  # length, of the height
-_ANKLE: Final = 0.039  # height, of the height
-_HEAD: Final = 0.182  # head and neck, of the height
-_HAND: Final = 0.108  # wrist to fingertip, of the height
-_HEEL: Final = 0.25  # of the foot's length is behind the ankle (ours)
-_NECK: Final = 0.15  # of the mass of head and neck (ours)
-_SHOULDER: Final = 0.1  # of the upper trunk's mass, each side (ours)
-_FINGERS: Final = 0.25  # of the hand's mass, if they move by themselves (ours)
+HIP_HEIGHT: Final = 0.530  # share of the standing height
+_CHEST: Final = 0.174  # width, share of the height
+_DEPTH: Final = 0.65  # depth of the trunk, share of its width (ours)
+_FOOT: Final = 0.152  # length, share of the height
+_ANKLE: Final = 0.039  # height, share of the height
+_HEAD: Final = 0.182  # head and neck, share of the height
+_HAND: Final = 0.108  # wrist to fingertip, share of the height
+_HEEL: Final = 0.25  # share of the foot's length behind the ankle (ours)
+_NECK: Final = 0.15  # share of the mass of head and neck (ours)
+_SHOULDER: Final = 0.1  # share of the upper trunk's mass, each side (ours)
+_FINGERS: Final = 0.25  # share of the hand's mass, if they move by themselves (ours)
 _FINGER_RADIUS: Final = 0.008  # m (ours)
-_BONES: Final = (JOINTS - 21) // 2  # of a hand; they share that mass evenly (ours)
-_TIP: Final = 0.8  # length of a last phalanx, of the one before it (ours)
-_DENSITY: Final = 1050.0  # kg/m^3, of limbs, for the thickness they are drawn with
+_BONES: Final = (JOINTS - 21) // 2  # number in a hand; they share that mass equally (ours)
+_TIP: Final = 0.8  # length of a last phalanx, share of the one before it (ours)
+_DENSITY: Final = 1050.0  # kg/m^3, of limbs, for the thickness with which they are drawn
 
-# Mass in parts of the body's; centre of mass in parts of the length from the first landmark; radii of gyration
-# (about the sagittal, transverse and longitudinal axis) in parts of the length.
+# Mass as a share of the body's; centre of mass as a share of the length from the first landmark; radii of gyration
+# (about the sagittal, transverse and longitudinal axis) as shares of the length.
 _DE_LEVA: Final[dict[Sex, dict[str, tuple[float, ...]]]] = {
     "male": {
         "upper_arm": (0.0271, 0.5772, 0.285, 0.269, 0.158),
@@ -61,7 +61,7 @@ _DE_LEVA: Final[dict[Sex, dict[str, tuple[float, ...]]]] = {
     },
 }
 _LIMBS: Final = {"Arm": "upper_arm", "ForeArm": "forearm", "UpLeg": "thigh", "Leg": "shank"}
-# Pieces of the trunk by joint: (segment, part of its mass). Each tree divides the spine in its own way.
+# Pieces of the trunk by joint: (segment, share of its mass). Each tree divides the spine in its own way.
 _TRUNK: Final[dict[str, dict[str, tuple[str, float]]]] = {
     "axis-neuron": {
         "Hips": ("lower_trunk", 1.0), "Spine": ("middle_trunk", 0.5), "Spine1": ("middle_trunk", 0.5),
@@ -77,12 +77,12 @@ _TRUNK: Final[dict[str, dict[str, tuple[str, float]]]] = {
 
 @dataclass(frozen=True)
 class Segment:
-    """What hangs rigidly on one joint, in the joint's axes.
+    """A rigid segment attached to one joint, in the joint's axes.
 
     Attributes:
         mass: kg.
         com: (3,), m, centre of mass.
-        inertia: (3,), kg m^2, about it along the axes.
+        inertia: (3,), kg m^2, about the centre of mass, along the axes.
         shape: "capsule" or "ellipsoid".
         centre: (3,), m, of the shape.
         size: an ellipsoid's half axes (3,), or a capsule's radius and half length, m.
@@ -99,14 +99,14 @@ class Segment:
 
 
 def segments(skeleton: Skeleton, offsets: Array, mass: float, sex: Sex, fingers: bool) -> dict[int, Segment]:
-    """The segments by joint number. Their masses sum up to de Leva's parts, which is 1 within rounding.
+    """The segments by joint number. Their masses sum up to de Leva's shares, which is 1 within rounding.
 
     Args:
         skeleton: the tree.
         offsets: (59, 3), m, each joint in its parent's frame; the hips' height in the T-pose first.
         mass: kg, of the person.
         sex: which of de Leva's sets.
-        fingers: they move by themselves; otherwise the hand carries their mass.
+        fingers: whether they move by themselves; otherwise the hand has their mass.
     """
     table, height = _DE_LEVA[sex], float(offsets[0, 1]) / HIP_HEIGHT
     next_joint = {parent: i for i, parent in reversed(list(enumerate(skeleton.parents)))}  # the first child
@@ -141,12 +141,12 @@ def segments(skeleton: Skeleton, offsets: Array, mass: float, sex: Sex, fingers:
 
 
 def limb(row: tuple[float, ...], mass: float, along: Array) -> Segment:
-    """A limb that reaches to `along` (3,), m, from de Leva's row."""
+    """A limb that extends to `along` (3,), m, from de Leva's row."""
     part, com, *radii = row
     length = float(np.linalg.norm(along))
     axis = along / length
     long = int(np.argmax(np.abs(axis)))
-    # The sagittal axis points forward, and stays so when an arm is lifted sideways; what is left is transverse.
+    # The sagittal axis points forward, also when an arm is lifted sideways; the remaining axis is transverse.
     sagittal = 2 if long != 2 else 1
     inertia = np.empty(3)
     inertia[sagittal], inertia[3 - sagittal - long], inertia[long] = part * mass * (np.array(radii) * length) ** 2
@@ -181,6 +181,6 @@ def _rod(mass: float, along: Array, radius: float) -> Segment:
     length = float(np.linalg.norm(along))
     axis = along / length
     across, lengthways = mass * (length**2 / 12 + radius**2 / 4), mass * radius**2 / 2
-    # Nearly along one of the axes: its products of inertia are left out.
+    # It lies nearly along one of the axes, so its products of inertia are left out.
     inertia = np.where(np.arange(3) == np.argmax(np.abs(axis)), lengthways, across)
     return Segment(mass, along / 2, inertia, "capsule", along / 2, (radius, max(length / 2 - radius, 0.002)), axis)

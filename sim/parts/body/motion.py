@@ -1,7 +1,7 @@
-"""How a simulated person moves: by a script, or as a suit once recorded it.
+"""How a simulated person moves: by a script, or as a suit recorded it.
 
-A motion gives, in the suit's axes (y up, z forward, x to the left), the place of the hips and the rotation of every
-joint relative to its parent, as functions of time alone: the same time gives the same bits, in any order.
+A motion gives, in the suit's axes (y up, z forward, x to the left), the position of the hips and the rotation of
+every joint relative to its parent, as functions of time only. The same time gives the same bits, in any order.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from sim.wearer import bvh
 from sim.wearer.motion import minimum_jerk
 
 Script = Literal["t-pose", "still", "walk", "reach"]
-RADIUS: Final = 1.2  # m, of the circle that is walked
+RADIUS: Final = 1.2  # m, of the circle that the person walks
 SPEED: Final = 1.0  # m/s
 _STRIDES: Final = 0.85  # per second
 _START: Final = 2.0  # s, from standing to walking
-_MOVE, _REST = 1.2, 0.6  # s of a reaching movement, s before the next
+_MOVE, _REST = 1.2, 0.6  # s of a reaching movement, s of rest before the next
 _HANG: Final = 72.0  # degrees from the T-pose to arms at the sides
 
 
 class Motion(Protocol):
-    """See the module's text. Attributes: `offsets` (59, 3), m, of the person it belongs to."""
+    """See the module's text. Attributes: `offsets` (59, 3), m, of the person who moves."""
 
     offsets: Array
 
@@ -39,9 +39,10 @@ class Motion(Protocol):
 
 
 class Recorded:
-    """A BVH file of the suit's software; each frame at its time, its last pose held. With `loop` it goes back again.
+    """A BVH file of the suit's software; each frame is played at its time, and the last pose is held.
 
-    Bones keep the file's OFFSET: the lengths that the software stretches, to keep feet on the floor, don't follow.
+    With `loop` it goes back again. Bones keep the file's OFFSET. The software stretches bones to keep the feet on the
+    floor; these changes of length are ignored.
     """
 
     def __init__(self, path: Path, skeleton: Skeleton, scale: float, loop: bool) -> None:
@@ -88,7 +89,7 @@ class Recorded:
 
 
 class Scripted:
-    """Standing in the T-pose or at ease, walking in a circle to the left, or reaching with one arm and the other."""
+    """Standing in the T-pose or at ease, walking in a circle to the left, or reaching with the arms in turn."""
 
     def __init__(self, script: Script, skeleton: Skeleton, scale: float, seed: int, name: str) -> None:
         self.offsets = skeleton.offsets * scale
@@ -120,7 +121,7 @@ class Scripted:
         return hips, rotations
 
     def _sway(self, t: float, hips: Array, angles: Array) -> None:
-        """Breath, and the slow sway of somebody who stands."""
+        """Adds breathing, and the slow sway of a standing person."""
         p = self._phases
         hips[0] += 0.006 * np.sin(1.6 * t + p[0])
         hips[2] += 0.008 * np.sin(1.1 * t + p[1])
@@ -130,7 +131,7 @@ class Scripted:
     def _walk(self, t: float, hips: Array, angles: Array) -> None:
         u = min(t / _START, 1.0)
         gain = float(minimum_jerk(np.array(u)))
-        moving = _START * u**4 * (2.5 + u * (u - 3.0)) + max(t - _START, 0.0)  # the gain's integral
+        moving = _START * u**4 * (2.5 + u * (u - 3.0)) + max(t - _START, 0.0)  # the integral of the gain
         phase, turned = 2.0 * np.pi * _STRIDES * moving, SPEED * moving / RADIUS
         hips += self._scale * np.array([RADIUS * (1.0 - np.cos(turned)), 0.0, RADIUS * np.sin(turned)])
         hips[1] -= 0.015 * self._scale * gain * (1.0 - np.cos(2.0 * phase))
@@ -138,7 +139,7 @@ class Scripted:
         angles[self._index["Spine"], 0] += 6.0 * gain * np.sin(phase)
         for side, own in (("Left", phase), ("Right", phase + np.pi)):
             swing, sign = np.sin(own), 1.0 if side == "Left" else -1.0
-            bent = (0.5 + 0.5 * np.cos(own)) ** 2  # in the swing, on the thigh's way forward
+            bent = (0.5 + 0.5 * np.cos(own)) ** 2  # in the swing phase, while the thigh moves forward
             angles[self._index[f"{side}UpLeg"], 1] -= gain * (24.0 * swing + 8.0)
             angles[self._index[f"{side}Leg"], 1] += gain * (6.0 + 55.0 * bent)
             angles[self._index[f"{side}Foot"], 1] -= gain * 12.0 * bent
@@ -152,7 +153,7 @@ class Scripted:
         return start + share * (goal - start)
 
     def _goal(self, number: int) -> Array:
-        """Degrees added to the pose at ease at the end of movement `number`."""
+        """Degrees that are added to the pose at ease at the end of movement `number`."""
         if number in self._goals:
             return self._goals[number]
         angles = np.zeros((JOINTS, 3))

@@ -19,7 +19,7 @@ Vector = tuple[float, float, float]
 
 
 class AxisConfig(BaseModel):
-    """One axis and the link behind it. `reversed`, `zero` and `m_per_rad` are how its servo is really built in."""
+    """One axis and the link behind it; `reversed`, `zero` and `m_per_rad` describe how its servo is mounted."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -37,7 +37,7 @@ class AxisConfig(BaseModel):
 
     @property
     def scale(self) -> float:
-        """Of the axis' motion by the shaft's, with its sign."""
+        """Motion of the axis per motion of the shaft, with its sign."""
         size = 1.0 if self.m_per_rad is None else self.m_per_rad
         return -size if self.reversed else size
 
@@ -58,14 +58,18 @@ class DynamixelChainConfig(PartConfig):
 
 
 class DynamixelChain(Part):
-    """Bodies `NAME/base`, `NAME/AXIS` and `NAME/tip`. Links don't touch each other, but hands and things.
+    """A chain with the bodies `NAME/base`, `NAME/AXIS` and `NAME/tip`.
 
-    Truth: `NAME_position` (n,) rad (m), `NAME_velocity`, `NAME_effort` (n,) N m (N) of the servos' drives, friction
-    and drag of the motors taken off, `NAME_temperature` (n,) degC, `NAME_tip` (1, 3) m in the world.
+    Links don't touch each other, but they touch hands and objects.
+
+    Truth: `NAME_position` (n,) rad (m), `NAME_velocity`, `NAME_effort` (n,) N m (N) of the servos' drives, after
+    friction and drag of the motors, `NAME_temperature` (n,) degC, `NAME_tip` (1, 3) m in the world.
 
     Attributes:
         motors: the servos, at their shafts.
-        names: of the axes; scale (n,): rad or m of an axis a rad of its shaft; zero (n,): rad.
+        names: names of the axes.
+        scale: (n,), rad or m of an axis per rad of its shaft.
+        zero: (n,), rad.
     """
 
     Config: ClassVar[type[PartConfig]] = DynamixelChainConfig
@@ -119,7 +123,7 @@ class DynamixelChain(Part):
         add(tip, "site", name=f"{name}/tip", size=0.003)
 
     def _add_link(self, body: Element, full: str, axis: AxisConfig, carried: float) -> None:
-        """The link as a rod, and the next servo at its end."""
+        """Adds the link as a rod, and the next servo at its end."""
         length = float(np.linalg.norm(axis.link))
         if length > 1e-6:
             rod: dict[str, object] = {"type": "capsule", "fromto": (0.0, 0.0, 0.0, *axis.link), "size": axis.radius}
@@ -147,7 +151,7 @@ class DynamixelChain(Part):
         self._powered = self.motors.torque.copy()
 
     def measure(self) -> Motors:
-        """The servos, their encoders as they are now."""
+        """Returns the servos, with encoders read now."""
         self.motors.measure(self._data.qpos[self._q] / self.scale + self.zero, self._data.qvel[self._v] / self.scale)
         return self.motors
 

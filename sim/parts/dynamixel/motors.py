@@ -1,9 +1,9 @@
 """MX servos at their shafts: DC motors with gears, the firmware's control loops, heat and shutdown.
 
-Figures are the vendor's nominal ones at 12 V (fact sheet dynamixel_mx). Assumed, as no source gives them: rotors
-that reach their speed with a time constant of 20 ms; dry friction of 2 % of the stall torque; a case that reaches
-80 degC after some 20 s at the stall current, and overload after 1.5 s above 80 % of it; control loops that run
-once a physics step.
+The values are the vendor's nominal ones at 12 V (fact sheet dynamixel_mx). No source gives the following
+assumptions. Rotors reach their speed with a time constant of 20 ms. Dry friction is 2 % of the stall torque. A case
+reaches 80 degC after some 20 s at the stall current, and overload comes after 1.5 s above 80 % of it. Control loops
+run once per physics step.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from runtime.contracts.signals import Array
 
 CURRENT, VELOCITY, POSITION, EXTENDED, CURRENT_POSITION, PWM = 0, 1, 3, 4, 5, 16
 SPIN_UP: Final = 0.02  # s
-FRICTION: Final = 0.02  # of the stall torque
-COASTING: Final = 0.1  # of the motor's drag, what the gears alone have while the torque is off
+FRICTION: Final = 0.02  # share of the stall torque
+COASTING: Final = 0.1  # share of the motor's drag that the gears alone have while the torque is off
 NOMINAL: Final = 12.0  # V
 AMBIENT: Final = 25.0  # degC
-_HEAT_TIME, _HEAT_RISE = 100.0, 270.0  # s; K at the stall current, in the end
-_OVERLOAD, _OVERLOAD_TIME = 0.8, 1.5  # of the stall current; s
+_HEAT_TIME, _HEAT_RISE = 100.0, 270.0  # s; K at the stall current, final value
+_OVERLOAD, _OVERLOAD_TIME = 0.8, 1.5  # share of the stall current; s
 VOLTAGE_BIT, HEAT_BIT, OVERLOAD_BIT = 1, 4, 32
 
-# Rows of the state: what the firmware holds, by motor.
+# Rows of the state: the firmware's values, one column per motor.
 _ROWS: Final = (
     "torque",  # 0 or 1
     "mode",
@@ -36,14 +36,14 @@ _ROWS: Final = (
     "goal_pwm",  # -1 to 1
     "pwm_cap",  # 0 to 1
     "current_cap",  # A
-    "kp",  # of full voltage a count
-    "ki",  # a count and second
-    "kd",  # a count/s
-    "velocity_kp",  # a rad/s
-    "velocity_ki",  # a rad
+    "kp",  # share of full voltage per count
+    "ki",  # per count and second
+    "kd",  # per count/s
+    "velocity_kp",  # per rad/s
+    "velocity_ki",  # per rad
     "profile_velocity",  # rad/s, 0: none
     "profile_acceleration",  # rad/s^2, 0: none
-    "watchdog",  # s left until it stops the motor, 0: off; a fake's, a twin counts by itself
+    "watchdog",  # s left until it stops the motor, 0: off; used by a fake, a twin has its own count
     "stopped",  # by the bus watchdog
     "trajectory",  # counts
     "trajectory_velocity",  # rad/s
@@ -64,9 +64,9 @@ class Motors:
     """All servos of a chain; each row of the state is an attribute, (n,) float64, that a fake or a twin sets.
 
     Attributes:
-        n: how many.
+        n: number of servos.
         voltage: V.
-        drag: N m s/rad, at the shaft, of each motor as it is now.
+        drag: N m s/rad, present drag of each motor at the shaft.
     """
 
     torque: Array
@@ -117,7 +117,7 @@ class Motors:
             self.temperature[i] = AMBIENT
 
     def power_up(self, i: int) -> None:
-        """Motor `i` begins anew: torque off, everything at its default, turns and errors forgotten."""
+        """Resets motor `i`: torque off, everything at its default, turns and errors cleared."""
         for row in (
             self.torque, self.goal_velocity, self.profile_velocity, self.profile_acceleration, self.watchdog,
             self.stopped, self.integral, self.last_error, self.pwm, self.trajectory_velocity, self.overloaded,
@@ -127,7 +127,7 @@ class Motors:
         self.mode[i] = POSITION
         self.goal_pwm[i] = self.pwm_cap[i] = 1.0
         self.goal_current[i] = self.current_cap[i] = self.stall_current[i]
-        # Gains of protocol 2: P 850 / 128 of 885 a count, velocity P 100 / 128 and I 1920 / 65536 of 0.229 rpm.
+        # Gains of protocol 2: P 850 / 128 of 885 per count, velocity P 100 / 128 and I 1920 / 65536 per 0.229 rpm.
         self.kp[i], self.ki[i], self.kd[i] = 850 / 128 / 885, 0.0, 0.0
         unit = 0.229 * 2 * np.pi / 60
         self.velocity_kp[i] = 100 / 128 / 885 / unit
@@ -137,21 +137,21 @@ class Motors:
 
     @property
     def counts(self) -> Array:
-        """(n,) what the encoders read now, whole counts, turns included."""
+        """(n,) present encoder readings, whole counts, turns included."""
         return np.rint(self.position / PER_COUNT) + CENTRE + COUNTS * self.turns
 
     @property
     def drag(self) -> Array:
-        """See the class: the motor's own voltage brakes it only while the bridge is closed."""
+        """See the class; the motor's own voltage brakes it only while the bridge is closed."""
         return np.where(self.torque > 0, self._drag, COASTING * self._drag)
 
     def fold(self, i: int) -> None:
-        """Motor `i` forgets whole turns: it counts 0 to 4095."""
+        """Clears the whole turns of motor `i`: it then counts 0 to 4095."""
         self.turns[i] = -((np.rint(self.position[i] / PER_COUNT) + CENTRE) // COUNTS)
         self.goal_position[i] = self.trajectory[i] = self.counts[i]
 
     def switch(self, i: int, on: bool) -> None:
-        """Torque of motor `i`; it begins where it is."""
+        """Switches the torque of motor `i`; it starts at its present position."""
         if on and not self.torque[i]:
             if self.mode[i] == POSITION:
                 self.fold_keeping_goal(i)
@@ -160,13 +160,13 @@ class Motors:
         self.torque[i] = float(on)
 
     def fold_keeping_goal(self, i: int) -> None:
-        """As `fold`; the goal stays."""
+        """Like `fold`, but keeps the goal."""
         goal = self.goal_position[i]
         self.fold(i)
         self.goal_position[i] = goal
 
     def halt(self, i: int) -> None:
-        """The bus watchdog: motor `i` stops, and stays where it is."""
+        """The bus watchdog: motor `i` stops and holds its position."""
         self.stopped[i] = 1.0
         self.goal_position[i] = self.trajectory[i] = self.counts[i]
         self.goal_velocity[i] = self.goal_current[i] = self.goal_pwm[i] = self.trajectory_velocity[i] = 0.0
@@ -176,7 +176,10 @@ class Motors:
         self.position[:], self.velocity[:] = position, velocity
 
     def step(self) -> Array:
-        """One turn of all control loops: the motors' torques (n,), N m, from which `drag` times speed goes off."""
+        """Runs all control loops once; returns the motors' torques (n,), N m.
+
+        `drag` times speed is still to be subtracted from them.
+        """
         dt, mode, counts, speed = self._dt, self.mode, self.counts, self.velocity
         if self.watchdog.any():
             self._watch(dt)
@@ -185,7 +188,7 @@ class Motors:
         error = np.where(positional, self.trajectory - counts, (self.goal_velocity - speed))
         ki = np.where(positional, self.ki, self.velocity_ki)
         self.integral += np.where(ki > 0, error * dt, 0.0)
-        # Wound up no further than full voltage.
+        # The integral is limited to full voltage.
         most = np.divide(1.0, ki, out=np.zeros(self.n), where=ki > 0)
         np.clip(self.integral, -most, most, out=self.integral)
         pwm = np.where(positional, self.kp, self.velocity_kp) * error + ki * self.integral
@@ -211,7 +214,7 @@ class Motors:
         self.watchdog[:] = left
 
     def _follow_profile(self, counts: Array) -> None:
-        """Goal to trajectory: a step, a rectangle or a trapezoid of velocity (sheet, §4)."""
+        """Moves the trajectory to the goal: a step, a rectangle or a trapezoid of velocity (sheet, §4)."""
         limited = self.profile_velocity > 0
         if not limited.any():
             self.trajectory[:] = self.goal_position
@@ -227,7 +230,7 @@ class Motors:
         self.trajectory[:] = np.where(limited, moved, self.goal_position)
 
     def _wear(self, dt: float) -> None:
-        """Heat, overload, and the shutdown they cause."""
+        """Updates heat and overload, and applies the shutdown that they cause."""
         share = np.abs(self.current) / self.stall_current
         self.temperature += dt / _HEAT_TIME * (AMBIENT + _HEAT_RISE * share * share - self.temperature)
         self.overloaded[:] = np.where(share > _OVERLOAD, self.overloaded + dt, 0.0)
@@ -238,17 +241,17 @@ class Motors:
                 self.fail(int(i), int(found[i]))
 
     def fail(self, i: int, bits: int) -> None:
-        """Hardware errors of motor `i`; those of its shutdown mask switch its torque off."""
+        """Sets hardware errors of motor `i`; those in its shutdown mask switch its torque off."""
         self.errors[i] = int(self.errors[i]) | bits
         if int(self.errors[i]) & int(self.shutdown[i]):
             self.torque[i] = 0.0
 
     def save(self) -> Array:
-        """Everything, of a fixed size."""
+        """The whole state, of fixed size."""
         return np.concatenate([self.state.ravel(), self.position, self.velocity])
 
     def restore(self, state: Array) -> None:
-        """Goes back to what `save` gave."""
+        """Restores a state returned by `save`."""
         size = self.state.size
         self.state[...] = state[:size].reshape(self.state.shape)
         self.position[:], self.velocity[:] = state[size : size + self.n], state[size + self.n :]

@@ -37,9 +37,9 @@ class FingerConfig(BaseModel):
     servo: ServoConfig = ServoConfig()
 
 
-_MODULE: Final = (0.033, 0.016)  # m, across and thick; the length is the link's
+_MODULE: Final = (0.033, 0.016)  # m, width and thickness; the length is the link's
 _MODULE_MASS: Final = 0.015  # kg
-_BRACKET_MASS: Final = 0.035  # kg; with three modules the finger's 80 g
+_BRACKET_MASS: Final = 0.035  # kg; with three modules, the finger's 80 g
 _PAD: Final = {"rgba": "0.25 0.45 0.75 1", "friction": (1.0, 0.005, 0.0001)}  # silicone
 
 
@@ -56,7 +56,7 @@ def add_finger(world: Element, actuators: Element, finger: FingerConfig) -> None
         body = add(body, "body", name=name, **place)
         add_servo(body, actuators, name, (finger.lower[k], finger.upper[k]), finger.servo)
         if k == 0:
-            # The bracket lies in the bracelet, so nothing can touch it.
+            # The bracket is inside the bracelet, so nothing can touch it.
             size = {"type": "box", "pos": (0.0, 0.0, 0.0), "size": (0.008, 0.012, 0.012)}
             add(body, "geom", mass=_BRACKET_MASS, **size, **CONTACT["none"], rgba="0.2 0.2 0.2 1")
         else:

@@ -1,9 +1,9 @@
 """The wearer's hand in MJCF: 20 joints, capsule phalanges, the wrist fixed at the origin.
 
 The geometry is the SynGrasp "paradigmatic" hand (sheet human_hand): a right hand, frame `hand` with its
-origin at the wrist centre, x toward the little finger, y distal, z dorsal (the palm looks to -z).
-Names and ranges of the joints are the law's description (`runtime.control.hand.human_hand`). The geometry is written
-here a second time on purpose, so that the simulation can judge the control law's kinematics.
+origin at the wrist centre, x toward the little finger, y distal, z dorsal (the palm faces -z).
+Names and ranges of the joints come from the control law (`runtime.control.hand.human_hand`). The geometry is written
+here a second time on purpose, so that the simulation can check the control law's kinematics.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _BASES: Final = {  # m
     "ring": (0.008, 0.073, 0.0),
     "little": (0.024, 0.073, 0.0),
 }
-# After each joint: the length along x (m), then quarter turns about x to the next joint's axis.
+# For each joint: the length along x (m), then quarter turns about x to the next joint's axis.
 _LINKS: Final = {
     "thumb": ((0.0, -1), (0.025, 0), (0.015, 1), (0.010, 0)),
     "index": ((0.0, -1), (0.037, 0), (0.030, 0), (0.015, 0)),
@@ -34,11 +34,11 @@ _LINKS: Final = {
 _RADII: Final = {"thumb": (0.011, 0.010, 0.009), "finger": (0.009, 0.008, 0.007)}  # m
 _DENSITY: Final = 1100.0  # kg/m^3, soft tissue and bone
 
-# By the joint's place in its finger. The strength gives about 10 N at the fingertip: a gentle grip.
+# By the joint's position in its finger. The strength gives about 10 N at the fingertip: a gentle grip.
 _STRENGTH: Final = (0.5, 0.9, 0.5, 0.3)  # N m
 _STIFFNESS: Final = (2.0, 3.0, 2.0, 1.5)  # N m/rad
-_ARMATURE: Final = 1e-4  # kg m^2; light end phalanges stay well conditioned at a 1 ms step
-_INERTIA: Final = 2e-4  # kg m^2; armature and flesh at a knuckle, for critical damping
+_ARMATURE: Final = 1e-4  # kg m^2; keeps light end phalanges well conditioned at a 1 ms step
+_INERTIA: Final = 2e-4  # kg m^2; armature and flesh at a knuckle, used for critical damping
 _SKIN: Final = {"rgba": "0.86 0.69 0.58 1", "friction": (0.9, 0.005, 0.0001)}
 
 
@@ -66,7 +66,7 @@ def add_hand(world: Element, actuators: Element, strength: float) -> None:
             if length > 0.0:
                 capsule = {"type": "capsule", "fromto": (0, 0, 0, length, 0, 0), "size": radii[k - 1]}
                 add(body, "geom", name=name, density=_DENSITY, **capsule, **CONTACT["hand"], **_SKIN)
-            else:  # the two axes of the knuckle meet here; what lies between them has no extent of its own
+            else:  # the two axes of the knuckle meet here; the body between them has no size of its own
                 add(body, "inertial", pos="0 0 0", mass=1e-3, diaginertia="1e-7 1e-7 1e-7")
             _add_muscle(actuators, name, k, strength)
             half = quarter * np.pi / 4
@@ -75,9 +75,9 @@ def add_hand(world: Element, actuators: Element, strength: float) -> None:
 
 
 def _add_muscle(actuators: Element, name: str, place: int, strength: float) -> None:
-    """A position servo of limited torque whose set-point is a state, moved by a rate in rad/s.
+    """Adds a position servo of limited torque whose set-point is a state, moved by a rate in rad/s.
 
-    The set-point being an integrator, it moves evenly from one of the wearer's targets to the next, however
+    The set-point is an integrator. So it moves evenly from one of the wearer's targets to the next, however
     many time steps lie between them.
     """
     stiffness, limit = _STIFFNESS[place], _STRENGTH[place] * strength

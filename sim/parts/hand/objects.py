@@ -1,4 +1,4 @@
-"""Things to grasp: boxes, spheres, cylinders, and the YCB objects of the pick-and-place experiment."""
+"""Objects to grasp: boxes, spheres, cylinders, and the YCB objects of the pick-and-place experiment."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _SIZES: Final = {"box": 3, "sphere": 1, "cylinder": 2}
 
 
 class ObjectConfig(BaseModel):
-    """One object: either a `shape` with `size` and `mass`, or a YCB `code` that knows its own."""
+    """One object: either a `shape` with `size` and `mass`, or a YCB `code` that implies its own."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -75,7 +75,7 @@ class ObjectConfig(BaseModel):
 
 
 def add_object(world: Element, equality: Element, name: str, config: ObjectConfig) -> None:
-    """Adds a body `name`, with a free joint unless it is held for ever, and a weld that can be opened."""
+    """Adds a body `name`, with a free joint unless it is held for ever, and a weld that can be released."""
     ycb = _YCB[config.code] if config.code is not None else None
     shape, size = (ycb.shape, ycb.size) if ycb else (config.shape, config.size)
     mass, friction = (ycb.mass, ycb.friction) if ycb else (config.mass or 0.0, 0.8)
@@ -94,7 +94,7 @@ def add_object(world: Element, equality: Element, name: str, config: ObjectConfi
         type=shape,
         size=half,
         mass=mass,
-        # The object's friction is what the sheets give for a pair, so it wins over that of skin and pads.
+        # The sheets give the object's friction for a pair of materials, so it overrides that of skin and pads.
         priority=1,
         condim=4,
         friction=(config.friction or friction, 0.005, 0.0001),

@@ -12,7 +12,7 @@ from sim.world.mjcf import add
 
 
 class ServoConfig(BaseModel):
-    """A servo at its output shaft. The defaults are a micro analog servo (sheet human_hand)."""
+    """A servo at its output shaft; the defaults are those of a micro analog servo (sheet human_hand)."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -32,17 +32,17 @@ class ServoConfig(BaseModel):
 
 
 def add_servo(body: Element, actuators: Element, name: str, limits: tuple[float, float], servo: ServoConfig) -> None:
-    """Adds a hinge about the body's z axis and the servo that drives it, both called `name`.
+    """Adds a hinge about the body's z axis and the servo that drives it, both named `name`.
 
-    The torque available at speed w is stall_torque - (stall_torque / no_load_speed) w: the line's slope is
-    the joint's damping, which acts inside and outside the position loop alike, and stays when it is limp.
+    The torque available at speed w is stall_torque - (stall_torque / no_load_speed) w. The line's slope is the joint's
+    damping. It acts inside and outside the position loop alike, and remains when the servo is limp.
 
     Args:
-        body: the body the servo moves.
+        body: the body that the servo moves.
         actuators: the `actuator` element.
-        name: of joint and actuator.
+        name: name of the joint and the actuator.
         limits: rad, mechanical end stops.
-        servo: its parameters.
+        servo: the servo's parameters.
     """
     add(
         body,
@@ -67,10 +67,10 @@ def add_servo(body: Element, actuators: Element, name: str, limits: tuple[float,
 
 
 class ServoBank:
-    """What the servos were told: the pulse each one holds, and pulses still on their way.
+    """The servos' commands: the pulse that each one holds, and pulses that are still in transit.
 
     Attributes:
-        held: (n,) rad, the target each servo holds; NaN while it gets no pulses and is limp.
+        held: (n,) rad, the target that each servo holds; NaN while it gets no pulses and is limp.
     """
 
     def __init__(self, dead_bands: Array) -> None:
@@ -79,7 +79,7 @@ class ServoBank:
         self._pending: dict[int, dict[int, float]] = {}  # by step, then servo: rad or NaN
 
     def command(self, servo: int, target: float, step: int) -> None:
-        """Hands `target` (rad; NaN: pulses end) to a servo at step `step`, where the last word counts."""
+        """Gives a servo `target` (rad; NaN: pulses end) at step `step`; the last command for a step counts."""
         self._pending.setdefault(step, {})[servo] = target
 
     def next_step(self) -> int | None:
@@ -87,23 +87,23 @@ class ServoBank:
         return min(self._pending) if self._pending else None
 
     def latch(self, step: int) -> bool:
-        """Takes what has arrived by `step`; True if a servo's target changed."""
+        """Applies what has arrived by `step`; returns True if a servo's target changed."""
         changed = False
         while self._pending and (due := min(self._pending)) <= step:
             for servo, target in self._pending.pop(due).items():
                 change = abs(target - self.held.item(servo))
-                if not change < self._dead_bands[servo]:  # nor while either is NaN
+                if not change < self._dead_bands[servo]:  # also true if either is NaN
                     self.held[servo] = target
                     changed = True
         return changed
 
     def save(self) -> Array:
-        """(n + 3 k,) with k pulses on their way."""
+        """(n + 3 k,), with k pulses in transit."""
         pending = [(step, *word) for step, words in sorted(self._pending.items()) for word in words.items()]
         return np.concatenate([self.held, np.array(pending, dtype=float).ravel()])
 
     def restore(self, state: Array) -> None:
-        """Goes back to what `save` gave."""
+        """Restores a state returned by `save`."""
         n = self.held.size
         self.held[:] = state[:n]
         self._pending = {}

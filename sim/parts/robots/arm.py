@@ -23,7 +23,7 @@ Mode = Literal["brake", "torque", "velocity", "position"]
 _MODES: Final[tuple[Mode, ...]] = get_args(Mode)
 _NONE: Final = np.zeros(3)
 _EXTERNAL: Final = np.array(
-    [  # by mjtConstraint: what acts from outside, so neither end stops nor the joints' own friction
+    [  # by mjtConstraint: external forces, so neither end stops nor the joints' own friction
         kind in {mujoco.mjtConstraint.mjCNSTR_EQUALITY, mujoco.mjtConstraint.mjCNSTR_CONTACT_FRICTIONLESS}
         or kind in {mujoco.mjtConstraint.mjCNSTR_CONTACT_PYRAMIDAL, mujoco.mjtConstraint.mjCNSTR_CONTACT_ELLIPTIC}
         for kind in range(8)
@@ -32,7 +32,7 @@ _EXTERNAL: Final = np.array(
 
 
 class PayloadConfig(BaseModel):
-    """What the arm's controller is told to be mounted at the flange."""
+    """The payload at the flange that is set in the arm's controller."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -60,17 +60,17 @@ class ArmPart(Part):
     """A serial arm. Its frames are those of the robot's description.
 
     Drives give at most the joint's greatest torque, gravity compensation included. In velocity and position mode
-    they are springs and dampers of finite stiffness about a reference; the velocity loop's reference runs on with
+    they are springs and dampers of finite stiffness about a reference. In velocity mode the reference advances with
     the commanded velocity, but no further ahead than the greatest torque stretches the spring. Brakes are such a
     spring that slips at the greatest torque.
 
     Attributes:
         robot: its description.
         n: number of joints.
-        labels: their names.
-        home: (n,) rad, where it stands at the start.
+        labels: names of the joints.
+        home: (n,) rad, start position.
         mode: the drives' present mode.
-        told: the payload that gravity compensation reckons with.
+        told: the payload used for gravity compensation.
     """
 
     Config: ClassVar[type[PartConfig]] = ArmConfig
@@ -121,7 +121,7 @@ class ArmPart(Part):
         add(flange, "site", name=f"{name}/flange", size=0.005)
         for kind in ("force", "torque"):
             add(mjcf.sensor, kind, name=f"{name}/{kind}", site=f"{name}/flange")
-        # MuJoCo lifts a body by a multiple of its weight; so a speck can lift the payload the robot was told of.
+        # MuJoCo can lift a body by a multiple of its weight, so a tiny body can compensate the payload that was set.
         speck = add(flange, "body", name=f"{name}/told_payload", gravcomp=1)
         add(speck, "inertial", pos=(0, 0, 0), mass=SPECK, diaginertia=(SPECK, SPECK, SPECK))
 
@@ -150,7 +150,7 @@ class ArmPart(Part):
         self._engage()
 
     def drive(self, step: int) -> None:
-        # A drive at its limit has no damping left; MuJoCo must know which one is, gravity compensation included.
+        # A drive at its limit has no damping; MuJoCo must know which drives are at it, gravity compensation included.
         np.subtract(self._lowest, self._held, out=self._range[:, 0])
         np.subtract(self._greatest, self._held, out=self._range[:, 1])
         if self.mode in ("velocity", "brake"):
@@ -166,13 +166,13 @@ class ArmPart(Part):
     # -- commands
 
     def command(self, mode: Mode, values: Array | None = None, rates: Array | None = None) -> None:
-        """Tells the drives what to do from the next physics step on.
+        """Commands the drives from the next physics step on.
 
         Args:
             mode: "brake": locked; "torque": N m, on top of gravity compensation; "velocity": rad/s; "position": rad.
             values: (n,); ignored for "brake".
-            rates: (n,) rad/s, how fast the target of "position" moves; without it the servo lags behind a target
-                that moves, as a servo does.
+            rates: (n,) rad/s, velocity of the target of "position". Without it the servo lags behind a moving target,
+                as a servo does.
         """
         changed = mode != self.mode
         self.mode = mode
@@ -194,7 +194,7 @@ class ArmPart(Part):
             self._aim()
 
     def tell_payload(self, mass: float, com: tuple[float, float, float] | Array) -> None:
-        """Tells the arm's controller what is mounted: kg, and its centre of mass in the flange frame, m."""
+        """Sets the payload in the arm's controller: kg, and its centre of mass in the flange frame, m."""
         x, y, z = (float(v) for v in com)
         self.told = Payload(float(mass), (x, y, z))
         self._model.body_gravcomp[self._speck] = mass / SPECK
@@ -202,7 +202,7 @@ class ArmPart(Part):
         self._known = pinocchio_model(self.robot, payload=self.told, rotors=True)
         self._known_data = self._known.createData()
 
-    # -- state; all of the world's present instant, effort and wrench of the step that led to it
+    # -- state; all of the world's present instant; effort and wrench are of the step that led to it
 
     @property
     def position(self) -> Array:
@@ -221,27 +221,27 @@ class ArmPart(Part):
 
     @property
     def external_effort(self) -> Array:
-        """(n,) N m that acts on the robot: contacts, applied forces, and the weight that it wasn't told of.
+        """(n,) N m, torques from outside: contacts, applied forces, and the weight that wasn't set as payload.
 
-        A tool's inertia isn't in it. A payload that is told but isn't there counts negative.
+        A tool's inertia isn't included. A payload that is set but isn't there counts negative.
         """
         return self._measure()[self.n : 2 * self.n].copy()
 
     def flange_wrench(self) -> Array:
-        """(6,) N, N m, what is mounted at the flange exerts on it, in the flange frame.
+        """(6,) N, N m, the wrench on the flange from what is mounted on it, in the flange frame.
 
-        It contains the weight and the inertia of all that is mounted, and what touches that.
+        It contains the weight and the inertia of everything mounted, and the contact forces on it.
         """
         return self._measure()[2 * self.n :].copy()
 
     def gravity(self) -> Array:
-        """(n,) N m that hold the arm and the told payload against gravity."""
+        """(n,) N m that hold the arm and the payload that was set against gravity."""
         self._settle()
         self._known.gravity.linear = self._data.xmat[self._base].reshape(3, 3).T @ self._gravity
         return np.array(pin.computeGeneralizedGravity(self._known, self._known_data, self._q))
 
     def mass_matrix(self) -> Array:
-        """(n, n) kg m^2, of arm and rotors and all that is really mounted."""
+        """(n, n) kg m^2, of the arm, its rotors and everything actually mounted."""
         self._settle()
         mujoco.mj_crb(self._model, self._data)
         if hasattr(mujoco, "mj_makeM"):
@@ -270,7 +270,7 @@ class ArmPart(Part):
         return np.concatenate([base @ own[:3], base @ own[3:]])
 
     def flange_twist(self) -> Array:
-        """(6,) m/s, rad/s, velocity of the flange's origin and its turning, relative to the base and in its frame."""
+        """(6,) m/s, rad/s, velocity of the flange's origin and angular velocity, relative to and in the base frame."""
         return cast(Array, self.jacobian() @ self._dq)
 
     def fill(self, truth: Mapping[str, Array]) -> None:
@@ -298,10 +298,10 @@ class ArmPart(Part):
         self._engage()
         self._ctrl[:] = asked
 
-    # -- inside
+    # -- internals
 
     def _engage(self) -> None:
-        """Gives the drives the gains of their mode."""
+        """Sets the drives' gains for their mode."""
         if self.mode == "torque":
             self._bias[:, 1:3] = 0.0
             self._ctrl[:] = 0.0
@@ -315,20 +315,20 @@ class ArmPart(Part):
         self._ctrl += self._scratch
 
     def _settle(self) -> None:
-        """A step leaves bodies one step behind the joints."""
+        """Updates bodies: after a step they are one step behind the joints."""
         if self._settled_at != self._data.time:
             mujoco.mj_kinematics(self._model, self._data)
             mujoco.mj_comPos(self._model, self._data)
             self._settled_at = float(self._data.time)
 
     def _measure(self) -> Array:
-        """(2 n + 6,) effort, external effort, flange wrench, once for each instant."""
+        """(2 n + 6,) effort, external effort, flange wrench; computed once for each instant."""
         if self._measured_at != self._data.time:
             self._settle()
             n, out = self.n, self._measured
             out[:n] = self._drive_effort
             out[n : 2 * n] = self._external()
-            np.negative(self._sensor, out=out[2 * n :])  # MuJoCo gives what the flange exerts on its load
+            np.negative(self._sensor, out=out[2 * n :])  # MuJoCo gives the wrench of the flange on its load
             self._measured_at = float(self._data.time)
         return self._measured
 

@@ -18,7 +18,7 @@ class PandaConfig(ArmConfig):
 
 
 class PandaPart(ArmPart):
-    """Franka's arm without its hand; link parameters reproduce torques, not the distribution of mass."""
+    """Franka's arm without its hand; its link parameters reproduce torques, not the distribution of mass."""
 
     Config: ClassVar[type[PartConfig]] = PandaConfig
     summary = "Franka Emika Panda or FR3, seven joints, 3 kg"

@@ -1,7 +1,7 @@
 """Pisa/IIT SoftHand: one motor pulls one tendon through all joints, springs open them (sheet softhand).
 
-Each flexion joint is a rolling pair of two equal hinges. The tendon only pulls, so a finger that touches something
-stops while the others go on closing.
+Each flexion joint is a rolling pair of two equal hinges. The tendon only pulls, so a finger that touches an object
+stops while the others continue to close.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from sim.world.part import Mjcf, Part, PartConfig
 from sim.world.robot_mjcf import ROBOT_CONTACT
 
 FINGERS: Final = ("thumb", "index", "middle", "ring", "little")
-CLOSED: Final = 19000 / 65536 * 2 * pi  # rad of the motor, where the empty hand is closed
+CLOSED: Final = 19000 / 65536 * 2 * pi  # rad of the motor at which the empty hand is closed
 _FULL: Final = radians(45)  # rad, each hinge of the closed hand; also its end stop
-_BASE_MASS: Final = 0.112  # kg, of base and motor: what palm and fingers leave of the whole
-_PALM: Final = ((0.002, 0.00695, 0.0535), (0.0365, 0.0911, 0.0848), 0.228)  # place in the base (m), size (m), kg
-# Knuckle in the palm (m), and by how much of the synergy it swings sideways: fingers come together.
+_BASE_MASS: Final = 0.112  # kg, of base and motor: the total mass without palm and fingers
+_PALM: Final = ((0.002, 0.00695, 0.0535), (0.0365, 0.0911, 0.0848), 0.228)  # position in the base (m), size (m), kg
+# Knuckle in the palm (m), and the share of the synergy by which it swings sideways: fingers come together.
 _KNUCKLES: Final = {
     "thumb": ((0.00566972, 0.029616, 0.055314), 1.3),
     "index": ((-0.0033, 0.0195, 0.0936994), -0.2),
@@ -37,19 +37,19 @@ _PAIRS: Final = {
     finger: ("inner", "outer") if finger == "thumb" else ("inner", "middle", "outer") for finger in FINGERS
 }
 _FACTOR: Final = {("thumb", "inner"): 1.3}  # all other flexions follow the synergy itself
-_THUMB: Final = (0.97, 0.24)  # where the open thumb points: radial, distal; our own choice
+_THUMB: Final = (0.97, 0.24)  # direction of the open thumb: radial, distal; our own choice
 _ROLL, _PHALANX, _KNUCKLE_LENGTH, _TIP = 0.013, 0.009, 0.009, 0.024  # m
 _RADIUS: Final = 0.008  # m, of phalanges; the sheet's boxes are 14 to 19 mm thick
-_LIGAMENT: Final = 0.02  # N m/rad of a joint
-# Pulleys, and springs with them, are the larger the nearer to the palm: the free hand closes evenly all the same, but
-# a finger round a thing presses with all its phalanges instead of rolling off it. Our own choice.
+_LIGAMENT: Final = 0.02  # N m/rad per joint
+# Pulleys and springs are larger near the palm. The free hand still closes evenly, but a finger around an object
+# presses with all its phalanges instead of rolling off it. Our own choice.
 _STRENGTH: Final = {"abduction": 2.0, "inner": 1.5, "middle": 1.0, "outer": 0.5}
 _LIMP: Final = 0.3  # N m s/rad, drag of motor and gear without power
 _KNUCKLE_MASS, _ROLL_MASS, _PHALANX_MASS, _TIP_MASS = 0.009, 0.001, 0.004, 0.009  # kg
 
 
 class SoftHandConfig(PartConfig):
-    """Options of the hand. The motor's are assumptions of ours that fit closing time, grasp force and weight."""
+    """Options of the hand. The motor's values are our assumptions; they fit closing time, grasp force and weight."""
 
     current_limit: float = Field(default=1.5, gt=0, description="A")
     torque_constant: float = Field(default=3.0, gt=0, description="N m/A at the gear's output")
@@ -62,8 +62,8 @@ class SoftHandConfig(PartConfig):
 class SoftHandPart(Part):
     """A right hand. Base frame: z along the fingers, y to the thumb's side, x out of the palm.
 
-    Bodies: `<name>/base`, `<name>/palm`. `position` of the motor is 0 open and 1.82 rad (19000 of 65536 counts a turn)
-    closed. Parts of the hand don't touch each other.
+    Bodies: `<name>/base`, `<name>/palm`. The motor's `position` is 0 when open and 1.82 rad (19000 of 65536 counts per
+    turn) when closed. Parts of the hand don't touch each other.
     """
 
     Config: ClassVar[type[PartConfig]] = SoftHandConfig
@@ -80,7 +80,7 @@ class SoftHandPart(Part):
             Signal(name=f"{name}_contact_force", shape=(5,), unit="N", labels=FINGERS),
         )
         self._goal = nan
-        self._restored = (-1.0, 0.0)  # s and A: a current can't be found again from a restored world
+        self._restored = (-1.0, 0.0)  # s and A: a restored world's current can't be recomputed
 
     # -- construction
 
@@ -97,7 +97,7 @@ class SoftHandPart(Part):
         pulls: list[tuple[str, float, float]] = []
         for finger, (knuckle, swing) in _KNUCKLES.items():
             self._add_finger(palm, finger, knuckle, swing, rubber, pulls)
-        # Lever arms in motor angle: the free hand is just closed when the motor is, all springs being alike.
+        # Lever arms in motor angle: the free hand is just closed when the motor is, if all springs are alike.
         lever = CLOSED / (_FULL * sum(factor**2 * strength for _, factor, strength in pulls))
         stall = config.torque_constant * config.current_limit
         motor = add(base, "body", name=f"{name}/motor")
@@ -141,7 +141,7 @@ class SoftHandPart(Part):
         if finger == "thumb":
             y, z = np.array(_THUMB) / sqrt(_THUMB[0] ** 2 + _THUMB[1] ** 2)
             body = add(palm, "body", name=f"{called}_abduction", pos=knuckle, xyaxes=(1, 0, 0, 0, z, -y))
-            axis, limits = (0.0, y, -z), (0.0, radians(90))  # swings about the palm's -z, out in front of it
+            axis, limits = (0.0, y, -z), (0.0, radians(90))  # swings about the palm's -z, outward in front of the palm
         else:
             body = add(palm, "body", name=f"{called}_abduction", pos=knuckle)
             axis, limits = (-1.0, 0.0, 0.0), (-radians(30), radians(30))
@@ -176,11 +176,11 @@ class SoftHandPart(Part):
     def _hinge(
         self, body: Element, name: str, axis: tuple[float, ...], limits: tuple[float, float], strength: float
     ) -> None:
-        # A flexion joint's two hinges turn alike, each half as far: twice as stiff. A swing is built the same.
+        # A flexion joint's two hinges turn by equal, half angles, so each is twice as stiff. A swing is the same.
         spring = {"stiffness": 2 * _LIGAMENT * strength, "damping": 0.001, "armature": 2e-5}
         add(body, "joint", name=name, axis=axis, range=limits, **spring)
 
-    # -- life
+    # -- life cycle
 
     def bind(self, model: Any, data: Any) -> None:
         self._model, self._data = model, data
@@ -205,7 +205,7 @@ class SoftHandPart(Part):
         self.command_position(None)
 
     def command_position(self, position: float | None) -> None:
-        """Tells the motor where to go, rad (0 open, 1.82 closed), from the next physics step on; None: no power."""
+        """Sets the motor's target, rad (0 open, 1.82 closed), from the next physics step on; None: no power."""
         self._goal = nan if position is None else float(position)
         powered = position is not None
         self._gain[0] = self._config.stiffness * powered
@@ -215,12 +215,12 @@ class SoftHandPart(Part):
 
     @property
     def commanded(self) -> float | None:
-        """rad, where the motor was told to go; None without power."""
+        """The motor's target, rad; None without power."""
         return None if isnan(self._goal) else self._goal
 
     @property
     def current_limit(self) -> float:
-        """A, the most that the motor takes."""
+        """A, greatest current of the motor."""
         return float(self._range[1] / self._config.torque_constant)
 
     @current_limit.setter
@@ -240,7 +240,7 @@ class SoftHandPart(Part):
 
     @property
     def current(self) -> float:
-        """A, positive when closing; of the last physics step."""
+        """A, positive when closing; from the last physics step."""
         when, current = self._restored
         if when == self._data.time:
             return current

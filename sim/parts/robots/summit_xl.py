@@ -19,8 +19,8 @@ from sim.world.mjcf import add
 from sim.world.part import Mjcf, Part, PartConfig
 from sim.world.robot_mjcf import ROBOT_CONTACT
 
-_CONTROL: Final = 0.002  # s, period of the wheels' own control
-_WAITING: Final = 64  # commands on their way that are remembered
+_CONTROL: Final = 0.002  # s, period of the wheels' control
+_WAITING: Final = 64  # most commands stored in transit
 _JOINTS: Final = ("x", "y", "yaw")
 _CORNERS: Final = tuple(product((-1.0, 1.0), repeat=3))  # of a box
 _EDGES: Final = tuple(
@@ -28,11 +28,11 @@ _EDGES: Final = tuple(
     for i, j in combinations(range(8), 2)
     if sum(a != b for a, b in zip(_CORNERS[i], _CORNERS[j], strict=True)) == 1
 )
-_ROLLS: Final = 20000.0  # N s/m, what a wheel's rollers resist for each m/s of slip along their axes
+_ROLLS: Final = 20000.0  # N s/m, resistance of a wheel's rollers for each m/s of slip along their axes
 
 
 class SummitXlConfig(PartConfig):
-    """Options of the base. Nobody publishes these numbers: they are assumptions of a usual size."""
+    """Options of the base. These numbers aren't published; they are assumptions of a usual size."""
 
     time_constant: float = Field(default=0.06, gt=0, description="s, of the wheels' speed loops")
     acceleration: float = Field(default=3.0, gt=0, description="m/s^2 at a wheel's rim, the greatest")
@@ -45,11 +45,11 @@ class SummitXlPart(Part):
     """Robotnik's base. It moves in the plane only: it neither tips over nor bounces.
 
     Bodies: `<name>/base`, the frame of the twist, at the height of the axles; `<name>/deck`, on top of the box.
-    The part's own position is that of the ground under it at the start. Pose and odometry are relative to there.
+    The part's own position is that of the ground under it at the start. Pose and odometry are relative to it.
 
-    A twist becomes speeds of the four wheels, all slowed down alike where one can't turn so fast. The wheels follow
-    after a latency, with a lag and a greatest acceleration. They push the base as far as friction lets them; a part
-    of their way is lost in slip, which the odometry, made from the wheels, doesn't see.
+    A twist is converted to speeds of the four wheels. If one wheel can't turn so fast, all are slowed down by the same
+    factor. The wheels follow after a latency, with a lag and a greatest acceleration. They push the base as far as
+    friction allows. Part of their motion is lost in slip; the odometry comes from the wheels and doesn't measure it.
 
     Attributes:
         robot: its description.
@@ -77,14 +77,14 @@ class SummitXlPart(Part):
         self._waiting: deque[tuple[float, float, float, float]] = deque(maxlen=_WAITING)  # step, vx, vy, wz
         self._wanted, self._wheels = np.zeros(4), np.zeros(4)  # rad/s
         self._odometry = np.zeros(3)
-        # Four wheels hold the base along their rollers' axes; added up that is the same for x and y.
+        # Four wheels resist motion along their rollers' axes; their sum is the same for x and y.
         self._drag = 2 * _ROLLS * np.array([1.0, 1.0, self.robot.lever**2])
 
     def build(self, mjcf: Mjcf, parent: Element) -> None:
         robot, name = self.robot, self.name
         ground = add(parent, "body", name=f"{name}/ground", **self.at())
         base = mjcf.body(ground, f"{name}/base", pos=(0.0, 0.0, robot.wheel_radius))
-        upright = (robot.inertia, robot.inertia, robot.inertia)  # it only turns about z
+        upright = (robot.inertia, robot.inertia, robot.inertia)  # it turns about z only
         add(base, "inertial", pos=(0, 0, 0), mass=robot.mass, diaginertia=upright)
         axes = ("slide", (1, 0, 0)), ("slide", (0, 1, 0)), ("hinge", (0, 0, 1))
         for joint, (kind, axis), grip in zip(_JOINTS, axes, self._drag.tolist(), strict=True):
@@ -142,7 +142,7 @@ class SummitXlPart(Part):
         slip = np.abs(robot.wheels(missing)).max() * self._per_slip
         if slip <= self._grip:
             self._gain[:], self._bias[:] = self._drag, -self._drag
-        else:  # the wheels spin: a force that friction can carry, instead of a drag
+        else:  # the wheels spin: a force limited by friction, instead of a drag
             asked = self._drag * missing * (self._grip / slip)
             self._gain[:], self._bias[:] = 1.0, 0.0
         c, s = cos(self._q[2]), sin(self._q[2])
@@ -150,19 +150,19 @@ class SummitXlPart(Part):
         self._ctrl[:] = c * x - s * y, s * x + c * y, turn
 
     def command(self, vx: float, vy: float, wz: float) -> None:
-        """Asks for a twist in the base's own frame, m/s, m/s, rad/s; stays until the next one."""
+        """Commands a twist in the base's own frame, m/s, m/s, rad/s; it stays until the next command."""
         at = (float(self._data.time) + self._config.latency) / self._timestep
         due = -(-round(at) // self.every) * self.every
-        if self._waiting and self._waiting[-1][0] >= due:  # of what comes in one period the last word counts
+        if self._waiting and self._waiting[-1][0] >= due:  # the last command of a period counts
             self._waiting.pop()
         self._waiting.append((float(due), float(vx), float(vy), float(wz)))
 
     def pose(self) -> Array:
-        """(3,) x, y (m), yaw (rad, counted on over full turns): where it really is."""
+        """(3,) x, y (m), yaw (rad, counted beyond full turns): the true pose."""
         return cast(Array, self._q.copy())
 
     def twist(self) -> Array:
-        """(3,) vx, vy (m/s), wz (rad/s) in its own frame: how it really moves."""
+        """(3,) vx, vy (m/s), wz (rad/s) in its own frame: the true twist."""
         x, y, wz = self._dq.tolist()
         c, s = cos(self._q[2]), sin(self._q[2])
         return np.array([c * x + s * y, c * y - s * x, wz])
@@ -172,7 +172,7 @@ class SummitXlPart(Part):
         return self._wheels.copy()
 
     def odometry(self) -> tuple[Array, Array]:
-        """Pose and twist, each (3,), as the base reckons them from its wheels."""
+        """Pose and twist, each (3,), as the base computes them from its wheels."""
         return self._odometry.copy(), self.robot.twist(self._wheels)
 
     def fill(self, truth: Mapping[str, Array]) -> None:
@@ -200,7 +200,7 @@ class SummitXlPart(Part):
         self._waiting.extend((step, vx, vy, wz) for step, vx, vy, wz in rows.tolist() if step >= 0)
 
     def _reachable(self, twist: Array) -> Array:
-        """Wheel speeds (4,), rad/s, all scaled down alike to the greatest."""
+        """Wheel speeds (4,), rad/s, all scaled by the same factor to stay within the greatest."""
         wheels = self.robot.wheels(twist)
         most = np.abs(wheels).max()
         return wheels * (self.robot.wheel_speed / most) if most > self.robot.wheel_speed else wheels

@@ -1,4 +1,4 @@
-"""A thing of the cell: fixed in place, free to move, or mounted on another part as its load or tool."""
+"""An object of the cell: fixed in place, free to move, or mounted on another part as its load or tool."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _SIZES: Final = {"box": 3, "sphere": 1, "cylinder": 2}
 
 
 class BoxConfig(PartConfig):
-    """Options of a thing."""
+    """Options of an object."""
 
     shape: Literal["box", "sphere", "cylinder"] = "box"
     size: tuple[float, ...] = Field(
@@ -44,8 +44,8 @@ class BoxConfig(PartConfig):
 class BoxPart(Part):
     """A rigid box, sphere or cylinder. Its body is `<name>/body`, its geom `<name>/geom`.
 
-    Truth: `<name>_pose` (7,) x, y, z, qx, qy, qz, qw of its centre, and `<name>_contact_force` (3,), N, the sum of what
-    touches it, both in the world's axes.
+    Truth: `<name>_pose` (7,) x, y, z, qx, qy, qz, qw of its centre, and `<name>_contact_force` (3,), N, the sum of
+    all contact forces on it, both in the world's axes.
     """
 
     Config: ClassVar[type[PartConfig]] = BoxConfig
@@ -71,7 +71,7 @@ class BoxPart(Part):
             type=config.shape,
             size=tuple(v / 2 for v in config.size),
             mass=config.mass,
-            priority=1,  # its friction counts, not the other's
+            priority=1,  # its friction counts, not that of the other geom
             condim=4,
             friction=(config.friction, 0.005, 0.0001),
             solref=(config.stiffness, 1.0),
@@ -88,13 +88,13 @@ class BoxPart(Part):
         return self._data.xmat[self._body].reshape(3, 3).copy(), self._data.xpos[self._body].copy()
 
     def contact_force(self) -> Array:
-        """(3,) N, the sum of the forces on it of all that touches it, in the world's axes."""
+        """(3,) N, the sum of all contact forces on it, in the world's axes."""
         data, total, wrench = self._data, np.zeros(3), np.empty(6)
         for i in range(data.ncon):
             contact = data.contact[i]
             if self._geom in (contact.geom1, contact.geom2):
                 mujoco.mj_contactForce(self._model, data, i, wrench)
-                # The contact's x axis points from geom1 to geom2; the force is the one on geom2.
+                # The contact's x axis points from geom1 to geom2; the force acts on geom2.
                 force = contact.frame.reshape(3, 3).T @ wrench[:3]
                 total += force if contact.geom2 == self._geom else -force
         return total

@@ -18,11 +18,11 @@ from sim.parts.things.touch import FIXTURE_CONTACT, Touches
 from sim.world.mjcf import CONTACT, add
 from sim.world.part import Mjcf, Part, PartConfig
 
-_PERIOD: Final = 0.001  # s between two looks
+_PERIOD: Final = 0.001  # s between two checks
 
 
 class PlateConfig(PartConfig):
-    """Options of the plate. Its frame is in its middle, at half its thickness, z up."""
+    """Options of the plate; its frame is in its middle, at half its thickness, z up."""
 
     rows: int = Field(default=4, ge=1, le=20, description="along y; ours: the paper says 20 holes")
     columns: int = Field(default=5, ge=1, le=20, description="along x")
@@ -33,11 +33,11 @@ class PlateConfig(PartConfig):
 
 
 class PlatePart(Part):
-    """Sites `<name>/hole_0`, ... in the middle of the holes at the plate's lower face, row by row, to and fro.
+    """A plate with sites `<name>/hole_0`, ... in the middle of the holes at its lower face, row by row, to and fro.
 
-    Truth: `<name>_touches` (3,): touches, whether it is touched now, s of contact; `<name>_force` (3,) N, on it,
-    world axes; `<name>_inside` (1,): the hole the drill's tip is in, -1 for none; `<name>_dwell` (n,) s, for each
-    hole the longest stay without a touch.
+    Truth: `<name>_touches` (3,): number of touches, whether it is touched now, s of contact; `<name>_force` (3,) N, on
+    it, world axes; `<name>_inside` (1,): the hole that contains the drill's tip, -1 for none; `<name>_dwell` (n,) s,
+    for each hole the longest stay without a touch.
     """
 
     Config = PlateConfig
@@ -65,7 +65,7 @@ class PlatePart(Part):
             raise WiringError(f"sim.parts.{name}.spacing", "the holes run into each other", "Set them farther apart")
         look: dict[str, object] = {"type": "box", "mass": 0, "rgba": "0.6 0.6 0.62 0.6", **FIXTURE_CONTACT}
         for k, (x, y) in enumerate(self.holes):
-            # The rim covers the square about the hole, four strips the rest of the tile.
+            # The rim covers the square about the hole; four strips cover the rest of the tile.
             add_rim(body, f"{name}/rim_{k}", (x, y, 0.0), r, r * sqrt(2.0), config.thickness)
             side = (half - r) / 2
             for j, (sx, sy) in enumerate(((1, 0), (-1, 0), (0, 1), (0, -1))):
@@ -133,7 +133,7 @@ def _holes(config: PlateConfig) -> tuple[tuple[float, float], ...]:
 
 
 class DrillConfig(PartConfig):
-    """Options of the drill. Its frame is at the machine's end; the bit points along z."""
+    """Options of the drill; its frame is at the machine's end, and the bit points along z."""
 
     mass: float = Field(default=5.0, gt=0, description="kg; paper")
     size: tuple[float, float] = Field(default=(0.08, 0.2), description="m, diameter and length of the machine; ours")
@@ -141,7 +141,7 @@ class DrillConfig(PartConfig):
 
 
 class DrillPart(Part):
-    """Body `<name>/drill`, site `<name>/tip`. Its bit touches plates only."""
+    """A drill with the body `<name>/drill` and the site `<name>/tip`. Its bit touches plates only."""
 
     Config = DrillConfig
     summary = "a drill of 5 kg with a long bit"

@@ -28,9 +28,9 @@ class FtSensorConfig(PartConfig):
 
 
 class FtSensorPart(Part):
-    """Bodies `NAME/base` and, on it, `NAME/tool`, whose frame is the measuring frame; mount things on `NAME/tool`.
+    """Bodies `NAME/base` and, on it, `NAME/tool`, whose frame is the measuring frame; mount objects on `NAME/tool`.
 
-    Truth: `NAME_wrench` (6,), N and N m: what everything from the plate on exerts on the sensor, in the
+    Truth: `NAME_wrench` (6,), N and N m: the wrench on the sensor from everything from the plate on, in the
     measuring frame, about its origin. A weight hanging along -z reads fz < 0.
     """
 
@@ -67,15 +67,15 @@ class FtSensorPart(Part):
 
     @property
     def wrench(self) -> Array:
-        """(6,) N, N m: see the class; of the last physics step."""
-        return -self._measured  # MuJoCo gives what holds the plate, the reaction
+        """(6,) N, N m: see the class; from the last physics step."""
+        return -self._measured  # MuJoCo gives the reaction, which holds the plate
 
     def fill(self, truth: Mapping[str, Array]) -> None:
         np.negative(self._measured, out=truth[self.truth[0].name])
 
 
 class Push(BaseModel):
-    """A stretch of time during which the handle is pushed."""
+    """A period of time during which the handle is pushed."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -94,7 +94,7 @@ class HandleConfig(PartConfig):
 
 
 class HandlePart(Part):
-    """Body `NAME/grip`: a bar that a person holds, by script or by `push`.
+    """A handle with the body `NAME/grip`: a bar that a person holds, by script or by `push`.
 
     Truth: `NAME_push` (6,), N and N m, world axes, about the handle's centre.
     """
@@ -125,7 +125,7 @@ class HandlePart(Part):
         self._applied = data.xfrc_applied[model.body(f"{self.name}/grip").id]
 
     def push(self, wrench: Array) -> None:
-        """Pushes from the next physics step on until told otherwise.
+        """Pushes from the next physics step on, until the next call.
 
         Args:
             wrench: (6,) N, N m; world axes, about the handle's centre.

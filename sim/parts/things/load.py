@@ -1,4 +1,4 @@
-"""Experiment 4 of SUPER-MAN: a load with a grip, and obstacles that are kept clear of."""
+"""Experiment 4 of SUPER-MAN: a load with a grip, and obstacles that must be avoided."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from sim.world.mjcf import CONTACT, add
 from sim.world.part import Mjcf, Part, PartConfig
 
 _LOOKS: Final = 0.02  # s between two measurements of distances
-_GRIPS: Final = 0.01  # s between two looks at the gripper
+_GRIPS: Final = 0.01  # s between two checks of the gripper
 _FARTHEST: Final = 5.0  # m, beyond which no distance is measured
 
 
 class LoadConfig(PartConfig):
-    """Options of the load. Its frame is in its middle."""
+    """Options of the load; its frame is in its middle."""
 
     size: tuple[float, float, float] = Field(default=(0.3, 0.2, 0.2), description="m; ours")
     mass: float = Field(default=10.0, gt=0, description="kg; paper")
@@ -39,11 +39,11 @@ class LoadConfig(PartConfig):
 class LoadPart(Part):
     """A free box `<name>/box` with a bar on top, site `<name>/grasp` in the bar's middle.
 
-    A soft hand can't carry 10 kg by friction on a bar that it is modelled against, so a hand that has closed near the
-    bar is joined to it, as they stand to each other, until it opens. The bar itself can't be touched.
+    The simulated soft hand can't carry 10 kg by friction on a modelled bar. So a hand that has closed near the bar is
+    joined to it, in their present relative pose, until it opens. The bar itself can't be touched.
 
-    Truth: `<name>_pose` (7,) x, y, z, qx, qy, qz, qw; `<name>_support` (3,) N, of what the box stands on or bumps
-    into, world axes; `<name>_held` (1,).
+    Truth: `<name>_pose` (7,) x, y, z, qx, qy, qz, qw; `<name>_support` (3,) N, of what the box stands on or hits,
+    world axes; `<name>_held` (1,).
     """
 
     Config = LoadConfig
@@ -83,7 +83,7 @@ class LoadPart(Part):
         add(body, "geom", name=f"{name}/bar", type="capsule", size=0.012, fromto=(0, -0.07, top, 0, 0.07, top), **bar)
         add(body, "site", name=f"{name}/grasp", pos=(0, 0, top), size=0.002)
         if config.gripper is not None:
-            # To the world for now: the gripper may not have been built yet, `bind` puts its palm in.
+            # To the world for now: the gripper may not exist yet; `bind` sets its palm.
             add(mjcf.equality, "weld", name=f"{name}/held", body1=f"{name}/box", active=False, solref=(0.01, 1.0))
 
     def bind(self, model: Any, data: Any) -> None:
@@ -108,7 +108,7 @@ class LoadPart(Part):
 
     @property
     def held(self) -> bool:
-        """Whether the gripper holds it."""
+        """Whether the gripper holds the load."""
         return self._weld >= 0 and bool(self._data.eq_active[self._weld])
 
     def drive(self, step: int) -> None:
@@ -156,7 +156,7 @@ class LoadPart(Part):
 
 
 class Obstacle(BaseModel):
-    """A box that stands in the way."""
+    """A box that is in the way."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -166,7 +166,7 @@ class Obstacle(BaseModel):
 
 
 class ObstaclesConfig(PartConfig):
-    """Options."""
+    """Options of the obstacles."""
 
     boxes: tuple[Obstacle, ...] = Field(min_length=1)
     watch: tuple[str, ...] = Field(
@@ -177,8 +177,8 @@ class ObstaclesConfig(PartConfig):
 class ObstaclesPart(Part):
     """Boxes `<name>/box_0`, ... fixed to the world.
 
-    Truth: `<name>_distance` (n,) m, of each box to what is watched, at most 5 m, negative when they overlap; every
-    20 ms. `<name>_touches` (3,): touches, whether one is touched now, s of contact.
+    Truth: `<name>_distance` (n,) m, of each box to the watched bodies, at most 5 m, negative when they overlap; every
+    20 ms. `<name>_touches` (3,): number of touches, whether one is touched now, s of contact.
     """
 
     Config = ObstaclesConfig

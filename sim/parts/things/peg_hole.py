@@ -1,4 +1,4 @@
-"""Experiment 3 of SUPER-MAN: a peg and a hole with a chamfer, in a block that gives way by a stated stiffness."""
+"""Experiment 3 of SUPER-MAN: a peg and a hole with a chamfer, in a block with a given stiffness."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from sim.parts.things.touch import FIXTURE_CONTACT, Touches
 from sim.world.mjcf import add
 from sim.world.part import Mjcf, Part, PartConfig
 
-_PERIOD: Final = 0.001  # s between two looks
-_BLOCK: Final = 5.0  # kg; with its springs it swings at some 16 Hz, faster than anyone guides
-_WALL: Final = 0.02  # m about the hole
+_PERIOD: Final = 0.001  # s between two checks
+_BLOCK: Final = 5.0  # kg; with its springs it oscillates at some 16 Hz, faster than anyone guides
+_WALL: Final = 0.02  # m around the hole
 
 
 class HoleConfig(PartConfig):
-    """Options of the hole. Its frame is in the middle of its mouth, z out of it. The paper gives no measures: ours."""
+    """Options of the hole; its frame is in the middle of its mouth, z outward. The paper gives no dimensions: ours."""
 
     diameter: float = Field(default=0.031, gt=0, description="m; with the peg's 0.03 a clearance of 1 mm")
     depth: float = Field(default=0.05, gt=0, description="m, without the chamfer; it has no bottom")
@@ -35,10 +35,10 @@ class HoleConfig(PartConfig):
 
 
 class HolePart(Part):
-    """Site `<name>/mouth`. The block is on three springs, so that contact has the stiffness that is stated.
+    """A block with the site `<name>/mouth`, on three springs, so that contact has the given stiffness.
 
-    Truth: `<name>_force` (3,) N, of the peg on the block, world axes; `<name>_touches` (3,): touches, whether it is
-    touched now, s of contact; `<name>_depth` (1,) m, of the peg's tip below the mouth while it is over the hole.
+    Truth: `<name>_force` (3,) N, of the peg on the block, world axes; `<name>_touches` (3,): number of touches, whether
+    it is touched now, s of contact; `<name>_depth` (1,) m, of the peg's tip below the mouth while it is over the hole.
     """
 
     Config = HoleConfig
@@ -64,7 +64,7 @@ class HolePart(Part):
         r, c = config.diameter / 2, config.chamfer
         add_rim(body, f"{name}/wall", (0, 0, -c - config.depth / 2), r, r + _WALL, config.depth)
         if c:
-            # Its lower inner edge is the wall's upper one.
+            # Its lower inner edge is the upper one of the wall.
             add_rim(body, f"{name}/chamfer", (0, 0, -c + c / sqrt(2.0)), r, r + _WALL, c * sqrt(2.0), pi / 4)
             add_rim(body, f"{name}/top", (0, 0, -c / 2), r + c, r + c + _WALL, c)
         for geom in body.iter("geom"):
@@ -90,7 +90,7 @@ class HolePart(Part):
 
     @property
     def depth(self) -> float:
-        """m, of the peg's tip below the mouth; 0 beside the hole."""
+        """m, depth of the peg's tip below the mouth; 0 beside the hole."""
         if self._tip is None:
             return 0.0
         turn = self._data.site_xmat[self._mouth].reshape(3, 3)
@@ -111,7 +111,7 @@ class HolePart(Part):
 
 
 class PegConfig(PartConfig):
-    """Options of the peg. Its frame is at its upper end; it points along z."""
+    """Options of the peg; its frame is at its upper end, and it points along z."""
 
     diameter: float = Field(default=0.03, gt=0, description="m; ours")
     length: float = Field(default=0.08, gt=0, description="m, with its round ends; ours")
@@ -119,7 +119,7 @@ class PegConfig(PartConfig):
 
 
 class PegPart(Part):
-    """Body `<name>/peg`, site `<name>/tip`. It is round at its end, and touches holes only."""
+    """A peg with the body `<name>/peg` and the site `<name>/tip`. Its end is round, and it touches holes only."""
 
     Config = PegConfig
     summary = "a round peg"

@@ -1,4 +1,4 @@
-"""Round holes of boxes: MuJoCo's shapes are convex."""
+"""Round holes made of boxes, because MuJoCo's shapes are convex."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ def add_rim(
     height: float,
     lean: float = 0.0,
 ) -> None:
-    """A ring of boxes about a hole along z. Inside it is a regular polygon about the circle of `radius`.
+    """Adds a ring of boxes about a hole along z. Inside it is a regular polygon about the circle of `radius`.
 
     Args:
         centre: m, of the hole, at half the height.
         radius, outer: m, of the hole, and of the boxes' outer faces.
         height: m, along z.
-        lean: rad, by which the inner faces open upward (a chamfer); they are `radius` away at the lower edge.
+        lean: rad, angle at which the inner faces open upward (a chamfer); at the lower edge their distance is `radius`.
     """
     half = (outer - radius) / 2
     width = outer * tan(pi / PIECES)
     for k in range(PIECES):
         angle = 2 * pi * k / PIECES
-        # Leaning about its lower inner edge, which stays where it is.
+        # The box leans about its lower inner edge, which keeps its place.
         out = radius + half * cos(lean) + height / 2 * sin(lean)
         up = -height / 2 - half * sin(lean) + height / 2 * cos(lean)
         c, s, cl, sl = cos(angle), sin(angle), cos(lean), sin(lean)

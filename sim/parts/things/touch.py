@@ -1,4 +1,4 @@
-"""Counting touches between a fixture and a tool, and the force between them."""
+"""Counts touches between a fixture and a tool, and measures the force between them."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ import numpy as np
 from runtime.contracts.signals import Array
 
 FIXTURE_BIT: Final = 16
-# Fixtures and the tools made for them touch each other and nothing else: a touch counted is the tool's.
+# Fixtures and their tools touch only each other, so a counted touch is the tool's.
 FIXTURE_CONTACT: Final = {"contype": FIXTURE_BIT, "conaffinity": FIXTURE_BIT, "condim": 3}
-REARM: Final = 0.3  # s without contact, after which the next contact is a new touch; ours: one buzz is one error
+REARM: Final = 0.3  # s without contact after which the next contact is a new touch; ours: one buzz is one error
 
 
 class Touches:
     """Contacts between the geoms of a part, `<part>/...`, and those of all other parts.
 
-    They are of the physics step before. What was found is kept, as a restored world can't find it again.
+    They belong to the previous physics step. The result is stored, because a restored world can't compute it again.
 
     Attributes:
         touching: whether there is contact.
         force: (3,) N, on the part, world axes.
-        count: touches so far.
+        count: number of touches so far.
         spent: s of contact so far.
     """
 
     SIZE = 7
 
     def __init__(self, model: Any, data: Any, part: str, without: str = "") -> None:
-        """Args: without, geoms of the part whose name begins so aren't counted."""
+        """Args: without, prefix of the geom names of the part that aren't counted."""
         self._model, self._data = model, data
         names = [model.geom(i).name for i in range(model.ngeom)]
         own = [n.startswith(f"{part}/") and not (without and n.startswith(without)) for n in names]
@@ -41,7 +41,7 @@ class Touches:
         self._at = -1.0
 
     def look(self, dt: float) -> None:
-        """Counts; each `dt` seconds of world time."""
+        """Counts touches; call it every `dt` seconds of world time."""
         data = self._data
         now = float(data.time)
         if self._at != now:
@@ -67,16 +67,16 @@ class Touches:
                 continue
             self.touching = True
             mujoco.mj_contactForce(self._model, data, i, self._wrench)
-            # The contact's x axis points from the first geom to the second, whose force this is.
+            # The contact's x axis points from the first geom to the second; the force acts on the second.
             on_second = contact.frame.reshape(3, 3).T @ self._wrench[:3]
             force += -on_second if owned[i, 0] else on_second
 
     def save(self) -> list[float]:
-        """SIZE numbers."""
+        """The state as SIZE numbers."""
         return [float(self.touching), float(self.count), self.spent, self._last, *self.force.tolist()]
 
     def restore(self, values: Array) -> None:
-        """Goes back to what `save` gave, in a world that has been restored."""
+        """Restores a state returned by `save`, in a world that has been restored."""
         touching, count, self.spent, self._last, *force = values.tolist()
         self.touching, self.count, self.force[:] = bool(touching), int(count), force
         self._at = float(self._data.time)

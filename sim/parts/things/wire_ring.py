@@ -1,4 +1,4 @@
-"""Experiment 1 of SUPER-MAN: a bent rod that a ring is led along without touching it."""
+"""Experiment 1 of SUPER-MAN: a bent rod along which a ring is moved without touching it."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from sim.parts.things.touch import FIXTURE_CONTACT, Touches
 from sim.world.mjcf import add
 from sim.world.part import Mjcf, Part, PartConfig
 
-_SEGMENT: Final = 0.02  # m, of the rod's straight pieces
+_SEGMENT: Final = 0.02  # m, length of the rod's straight pieces
 _SITES: Final = 0.02  # m between the sites of the path
-_PERIOD: Final = 0.001  # s between two looks
-# A path like Fig. 5a's: bends in all directions, 0.9 m from end to end. The paper gives no measures: ours.
+_PERIOD: Final = 0.001  # s between two checks
+# A path like Fig. 5a's: bends in all directions, 0.9 m from end to end. The paper gives no dimensions: ours.
 _BENDS: Final = ((0.0, 0.0, 0.0), (0.12, 0.0, 0.05), (0.25, 0.06, 0.12), (0.38, 0.02, 0.08), (0.5, -0.06, 0.0),
                  (0.62, -0.02, -0.06), (0.75, 0.06, 0.02), (0.9, 0.0, 0.05))  # fmt: skip
 
@@ -45,10 +45,10 @@ class WireConfig(PartConfig):
 
 
 class WirePart(Part):
-    """Sites `<name>/path_0`, `path_1`, ... lie along it, `<name>/mark_0`, ... at the marks.
+    """A wire with sites `<name>/path_0`, `path_1`, ... along it and `<name>/mark_0`, ... at the marks.
 
-    Truth: `<name>_touches` (3,): touches, whether it is touched now, s of contact; `<name>_force` (3,) N, on it,
-    world axes.
+    Truth: `<name>_touches` (3,): number of touches, whether it is touched now, s of contact; `<name>_force` (3,) N, on
+    it, world axes.
     """
 
     Config = WireConfig
@@ -100,7 +100,7 @@ class WirePart(Part):
 
 
 class RingConfig(PartConfig):
-    """Options of the ring. Its frame lies in its centre."""
+    """Options of the ring; its frame is at its centre."""
 
     diameter: float = Field(default=0.03, gt=0, description="m, inside; 3 cm in the paper")
     thickness: float = Field(default=0.003, gt=0, description="m; ours")
@@ -112,7 +112,10 @@ class RingConfig(PartConfig):
 
 
 class RingPart(Part):
-    """Body `<name>/ring`, site `<name>/centre`. It touches wires only. Mount it on what leads it."""
+    """A ring with the body `<name>/ring` and the site `<name>/centre`; it touches wires only.
+
+    Mount it on the part that moves it.
+    """
 
     Config = RingConfig
     summary = "a ring to be led along a wire"
@@ -122,7 +125,7 @@ class RingPart(Part):
         body = mjcf.body(parent, f"{name}/ring", **self.at())
         add(body, "site", name=f"{name}/centre", size=0.002)
         around = config.diameter / 2 + config.thickness / 2
-        corner = around / cos(pi / config.pieces)  # the pieces' middles lie on the circle
+        corner = around / cos(pi / config.pieces)  # the middles of the pieces are on the circle
         turn = {"x": 0, "y": 1, "z": 2}[config.axis]
         ends = []
         for k in range(config.pieces + 1):
