@@ -2,7 +2,20 @@
 
 from runtime.contracts.world import Fake, FakeConfig, Twin, World, WorldConfig
 from runtime.control.hand.human_hand import JOINTS as HAND_JOINTS
+from sim.world.cell import Cell
 from sim.world.mjcf import add
 from sim.world.part import Mjcf, Part, PartConfig
 
-__all__ = ["HAND_JOINTS", "Fake", "FakeConfig", "Mjcf", "Part", "PartConfig", "Twin", "World", "WorldConfig", "add"]
+__all__ = [
+    "HAND_JOINTS",
+    "Cell",
+    "Fake",
+    "FakeConfig",
+    "Mjcf",
+    "Part",
+    "PartConfig",
+    "Twin",
+    "World",
+    "WorldConfig",
+    "add",
+]

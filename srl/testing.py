@@ -10,19 +10,23 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TypeVar, overload
+from typing import Self, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.contracts import registry
 from runtime.contracts.controller import Controller
 from runtime.contracts.driver import Driver
 from runtime.contracts.errors import DeviceLostError
 from runtime.contracts.signals import Array, Stop
+from runtime.contracts.world import Twin
 from runtime.ipc.layout import Layout
 from runtime.ipc.words import State
 from runtime.loop.lockstep import Lockstep
 from runtime.profile import profile, wiring
+
+__all__ = ["Simulated", "TwinBench", "bound", "check_controller", "check_driver", "simulate"]
 
 D = TypeVar("D", bound=Driver)
 C = TypeVar("C", bound=Controller)
@@ -161,3 +165,47 @@ def simulate(text: str, seconds: float) -> Simulated:
         lockstep.step()
         rows.append(lockstep.graph.row.words.copy())
     return Simulated(lockstep.graph.layout, np.array(rows), events)
+
+
+class TwinBench:
+    """The twin of one device of a profile, in a simulated world that moves only when it is told to.
+
+    Use it as a context manager. The driver under test opens `address` and reads while `run` lets time pass.
+
+    Attributes:
+        twin: the twin, open.
+        address: what the driver's `port` should be.
+        now: ns of the twin's clock and of the world's.
+    """
+
+    def __init__(self, text: str, device: str) -> None:
+        """
+        Args:
+            text: the profile's YAML.
+            device: its name in the profile.
+        Raises:
+            ProfileError, WiringError: as `srl check` says it; also where the device has no twin.
+        """
+        checked, source = profile.parse("profile.yaml", text, [])
+        graph = wiring.build(checked, source, [])
+        (fake,) = [d for d in graph.devices if d.name == device]
+        assert graph.world is not None
+        self._world, self.now = graph.world, 0
+        cls = registry.load("twins", checked.devices[device].driver, source.place(f"devices.{device}"))
+        self.twin: Twin = cls(fake)
+
+    def __enter__(self) -> Self:
+        self.twin.open()
+        self.address = self.twin.address
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.twin.close()
+        self._world.close()
+
+    def run(self, seconds: float) -> None:
+        """Lets so much of the world's time pass, in steps of a millisecond; takes as long as the physics does."""
+        for _ in range(round(seconds * 1e3)):
+            self.now += 1_000_000
+            self._world.advance(self.now)
+            self.twin.service(self.now)

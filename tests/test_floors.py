@@ -38,7 +38,7 @@ ROOMS: dict[str, set[str]] = {
     "sim.parts": GROUND | {"sim.world", "sim.wearer", "drivers", "runtime.messages"} | DESCRIPTIONS,
     "sim.devices": GROUND | {"sim.world", "sim.wearer", "sim.parts", "drivers", "runtime.messages"} | DESCRIPTIONS,
     "sim.augmented_hand": GROUND | {"sim.world", "sim.wearer", "sim.parts"} | DESCRIPTIONS,
-    "srl": GROUND | {"runtime.ipc", "runtime.loop", "runtime.profile", "drivers", "sim.world"} | DESCRIPTIONS,
+    "srl": LOOP | {"runtime.bus", "drivers", "sim.world", "sim.devices.shared"} | DESCRIPTIONS,
 }
 
 

@@ -227,11 +227,16 @@ def _check_names() -> None:
     ours = Path(__file__).parents[2]
     for name in ("runtime", "drivers", "sim", "profiles", "srl"):
         spec = importlib.util.find_spec(name)
-        origin = Path(spec.origin).parents[1] if spec is not None and spec.origin else None
+        if spec is None:
+            raise HostError(f"package '{name}'", "it isn't installed", "Install this version of srl-runtime again")
+        if spec.origin is not None:
+            origin = Path(spec.origin).parents[1]
+        else:  # a folder without code of that name, such as one in the present folder
+            origin = Path(next(iter(spec.submodule_search_locations or ["?"]))).parent
         if origin != ours:
             raise HostError(
                 f"package '{name}'", f"it would be imported from {origin}, not from srl-runtime in {ours}",
-                "Install srl-runtime into an environment of its own",
+                "Run it elsewhere, if that is this folder; or install srl-runtime into an environment of its own",
             )  # fmt: skip
 
 

@@ -11,8 +11,8 @@ from collections.abc import Mapping
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from runtime.contracts import rotation
 from runtime.contracts.errors import ProfileError, nearest
-from runtime.contracts.rotation import from_pose, from_rpy, transform
 from runtime.contracts.signals import Array
 
 
@@ -28,7 +28,7 @@ class FrameEntry(BaseModel):
 
     def fixed(self) -> Array:
         """The 4 x 4 transform T with p_parent = T p_child, without what is measured."""
-        return transform(self.xyz, from_rpy(self.rpy))
+        return rotation.transform(self.xyz, rotation.from_rpy(self.rpy))
 
 
 class Frames:
@@ -66,7 +66,7 @@ class Frames:
         while at is not None:
             own = self._fixed[at]
             if at in self._measured:
-                own = own @ from_pose(self._measured[at])
+                own = own @ rotation.from_pose(self._measured[at])
             T, at = own @ T, self.entries[at].parent
         return T
 

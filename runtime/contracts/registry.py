@@ -33,11 +33,13 @@ def load(group: str, name: str, place: str) -> Any:
     point = points[name]
     try:
         return point.load()
-    except ImportError as error:
+    except (ImportError, AttributeError) as error:
+        ours = str(getattr(error, "name", None) or "").partition(".")[0] in ("runtime", "drivers", "sim")
+        moved = "It expects another version of srl-runtime. CHANGELOG.md says where modules went; `srl` keeps its names"
         raise HostError(
             place,
             f"{_one(group)} '{name}' ({point.value}) can't be imported: {error}",
-            "Install what is missing into the runtime's environment",
+            moved if ours else "Install what is missing into the runtime's environment",
         ) from error
 
 

@@ -97,7 +97,8 @@ def from_matrix(R: Array) -> Quaternion:
 
 def nearer(q: Quaternion, to: Quaternion) -> Quaternion:
     """q or -q, which mean the same rotation: the one nearer to `to`."""
-    return q if q[0] * to[0] + q[1] * to[1] + q[2] * to[2] + q[3] * to[3] >= 0 else (-q[0], -q[1], -q[2], -q[3])
+    # So written that q stays where `to` isn't a number.
+    return (-q[0], -q[1], -q[2], -q[3]) if q[0] * to[0] + q[1] * to[1] + q[2] * to[2] + q[3] * to[3] < 0 else q
 
 
 def rows(w: T, x: T, y: T, z: T) -> list[list[T]]:

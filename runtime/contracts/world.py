@@ -76,7 +76,8 @@ class Fake(Driver):
 
     Attributes:
         real: the driver whose device it simulates. What that one declares before it is opened (options, summary,
-            `max_age`, states, commands, home, limits) is the fake's, too; None: the fake declares it itself.
+            `max_age`, states, commands, home, limits) is the fake's, too, unless the class says otherwise. None: the
+            fake declares it all itself.
     """
 
     Options: type[FakeConfig] = FakeConfig
@@ -85,7 +86,8 @@ class Fake(Driver):
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
         if cls.real is not None:
-            for name in ("Config", "summary", "gives", "takes", "max_age"):
+            own = {name for base in cls.__mro__[: cls.__mro__.index(Fake)] for name in vars(base)}
+            for name in {"Config", "summary", "gives", "takes", "max_age"} - own:
                 setattr(cls, name, getattr(cls.real, name))
 
     def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:

@@ -7,9 +7,12 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable
+from dataclasses import fields
 from math import isfinite
 
-from runtime.contracts.errors import DeviceError
+import numpy as np
+
+from runtime.contracts.errors import DeviceError, WiringError, nearest
 from runtime.contracts.signals import Kind, Limits, Stop
 from runtime.guard import GUARDS, CommandGuard
 from runtime.guard.limits import merge
@@ -250,8 +253,23 @@ class Cycle:
 
 
 def limits_of(graph: Graph) -> dict[str, Limits]:
-    """By command name, the narrower of the profile's limits and the devices' own (known once they are open)."""
+    """By command name, the narrower of the profile's limits and the devices' own (known once they are open).
+
+    Raises:
+        WiringError: a device limits something that is none of its commands, or by another shape.
+    """
     found = {}
+    for device in graph.devices:
+        commands = {c.name: c for c in device.commands}
+        for name, limits in device.limits.items():
+            place = graph.source.place(f"devices.{device.name}")
+            if name not in commands:
+                remedy = nearest(name, commands)
+                raise WiringError(place, f"its driver limits '{name}', which is none of its commands", remedy)
+            for f in fields(limits):
+                if (value := getattr(limits, f.name)) is not None and np.shape(value) != commands[name].shape:
+                    problem = f"its driver's limit '{f.name}' of '{name}' has shape {np.shape(value)}"
+                    raise WiringError(place, problem, f"It must have the command's: {commands[name].shape}")
     for actuator in graph.actuators:
         device = graph.devices[actuator.device]
         own = device.limits.get(actuator.command.name, Limits())

@@ -7,104 +7,21 @@ unknown or unused. What comes out holds the parts with views into one row, ready
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ValidationError
 
 from runtime.contracts import registry
 from runtime.contracts.controller import Controller, Parameter
-from runtime.contracts.driver import Driver
+from runtime.contracts.driver import Driver, Sensor
 from runtime.contracts.errors import ProfileError, WiringError, nearest
-from runtime.contracts.frames import Frames
 from runtime.contracts.signals import Command, Kind, Signal
 from runtime.contracts.world import World
-from runtime.ipc.layout import Layout
 from runtime.ipc.row import Row
 from runtime.profile import keys
+from runtime.profile.builder import Builder, text
 from runtime.profile.graph import Actuator, Graph, form
 from runtime.profile.meta import describe
-from runtime.profile.profile import ControllerEntry, Profile, Source, first_error
-
-
-class _Builder:
-    """Collects the signals of one profile; each step adds its own and checks them against those before."""
-
-    def __init__(self, profile: Profile, source: Source, sim: Iterable[str] | None) -> None:
-        self.profile, self.source = profile, source
-        self.layout = Layout()
-        self.signals: dict[str, Signal] = {}
-        self.writers: dict[str, str] = {}
-        self.simulated = self._simulated(sim)
-        self.frames = Frames(profile.frames, source.label)
-
-    def _simulated(self, sim: Iterable[str] | None) -> list[str]:
-        if sim is None:
-            return []
-        chosen = list(sim) or list(self.profile.devices)
-        for name in chosen:
-            if name not in self.profile.devices:
-                remedy = nearest(name, self.profile.devices)
-                raise ProfileError(f"--sim {name}", f"{self.source.label} has no device '{name}'", remedy)
-        if self.profile.sim is None:
-            raise ProfileError(
-                f"{self.source.place('')}", "the profile has no `sim:` section, so nothing can be simulated",
-                "Add one that names a world, or run on the real devices",
-            )  # fmt: skip
-        return chosen
-
-    def options(self, model: type[BaseModel], values: dict[str, Any], path: str) -> Any:
-        """A part's own options, checked by its model."""
-        try:
-            return model.model_validate(values)
-        except ValidationError as error:
-            raise first_error(error, self.source, path, model) from None
-
-    def add(self, name: str, signal: Signal, role: str, writer: str, place: str) -> None:
-        """Gives a signal its place in the row."""
-        if name in self.writers:
-            raise WiringError(
-                self.source.place(place),
-                f"'{name}' has two writers: {self.writers[name]} and {writer}",
-                "Let only one of them write it, or give the other another name under `out:`",
-            )
-        if signal.frame is not None and self.profile.frames and signal.frame not in self.profile.frames:
-            raise WiringError(
-                self.source.place(place), f"'{name}' is in frame '{signal.frame}', which `frames:` doesn't have",
-                nearest(signal.frame, self.profile.frames),
-            )  # fmt: skip
-        self.writers[name] = writer
-        self.signals[name] = signal
-        self.layout.add(
-            name, role, signal.shape, signal.unit,
-            frame=signal.frame, labels=signal.labels, visual=signal.visual, links=signal.links,
-        )  # fmt: skip
-
-    def match(self, place: str, have: Signal, have_name: str, want: Signal, want_name: str) -> None:
-        """Checks that a signal can be wired to a port."""
-        for what, a, b in (("shape", have.shape, want.shape), ("unit", have.unit, want.unit)):
-            if a != b:
-                raise WiringError(
-                    self.source.place(place),
-                    f"{what}s differ: {have_name} has {_text(a)}, {want_name} has {_text(b)}",
-                    "Wire another signal, or change the options that decide this one's form",
-                )
-        if have.labels != want.labels and sorted(have.labels) == sorted(want.labels):
-            raise WiringError(
-                self.source.place(place),
-                f"orders differ: {have_name} is {', '.join(have.labels)}, {want_name} expects {', '.join(want.labels)}",
-                "Name them in that order where the device or the option lists them",
-            )
-        if have.frame and want.frame and have.frame != want.frame:
-            raise WiringError(
-                self.source.place(place),
-                f"frames differ: {have_name} is in '{have.frame}', {want_name} expects '{want.frame}'",
-                "Wire a signal in that frame",
-            )
-
-
-def _text(value: object) -> str:
-    return "x".join(map(str, value)) if isinstance(value, tuple) else f"'{value}'"
+from runtime.profile.profile import ControllerEntry, Profile, Source
 
 
 def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) -> Graph:
@@ -117,7 +34,7 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
     Raises:
         ProfileError, WiringError: naming the key path and the remedy.
     """
-    b = _Builder(profile, source, sim)
+    b = Builder(profile, source, sim)
     world = _world(b)
     devices = _devices(b, world)
     owners = _setpoints(b)
@@ -146,7 +63,7 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
     return graph
 
 
-def _world(b: _Builder) -> World | None:
+def _world(b: Builder) -> World | None:
     if not b.simulated or b.profile.sim is None:
         return None
     cls = registry.load("worlds", b.profile.sim.world, b.source.place("sim.world"))
@@ -154,7 +71,7 @@ def _world(b: _Builder) -> World | None:
     return world
 
 
-def _devices(b: _Builder, world: World | None) -> list[Driver]:
+def _devices(b: Builder, world: World | None) -> list[Driver]:
     devices: list[Driver] = []
     for name, entry in b.profile.devices.items():
         path = f"devices.{name}"
@@ -169,6 +86,9 @@ def _devices(b: _Builder, world: World | None) -> list[Driver]:
         else:
             devices.append(cls(name, config))
         device = devices[-1]
+        if device.commands and type(device).write is Sensor.write:
+            problem = f"driver '{entry.driver}' is a Sensor and declares commands, which nothing would send"
+            raise WiringError(b.source.place(path), problem, "Derive it from Driver, with write and stop")
         if entry.max_age is not None:
             device.max_age = entry.max_age
         for signal in device.states:
@@ -185,7 +105,7 @@ def _devices(b: _Builder, world: World | None) -> list[Driver]:
     return devices
 
 
-def _setpoints(b: _Builder) -> list[str]:
+def _setpoints(b: Builder) -> list[str]:
     owners: list[str] = []
     for name, entry in b.profile.setpoints.items():
         owner, _, short = name.partition(".")
@@ -201,7 +121,7 @@ def _setpoints(b: _Builder) -> list[str]:
     return owners
 
 
-def _controllers(b: _Builder, devices: list[Driver]) -> tuple[list[Controller], set[str]]:
+def _controllers(b: Builder, devices: list[Driver]) -> tuple[list[Controller], set[str]]:
     """The controllers in their order, and the names of all signals that feed one."""
     commands = {f"{d.name}.{c.name}": c for d in devices for c in d.commands}
     controllers: list[Controller] = []
@@ -228,7 +148,7 @@ def _controllers(b: _Builder, devices: list[Driver]) -> tuple[list[Controller], 
     return controllers, fed
 
 
-def _inputs(b: _Builder, controller: Controller, entry: ControllerEntry, path: str) -> None:
+def _inputs(b: Builder, controller: Controller, entry: ControllerEntry, path: str) -> None:
     wanted = {s.name: s for s in controller.inputs}
     for name in entry.inputs:
         if name not in wanted:
@@ -257,7 +177,7 @@ def _inputs(b: _Builder, controller: Controller, entry: ControllerEntry, path: s
 
 
 def _outputs(
-    b: _Builder, controller: Controller, entry: ControllerEntry, path: str, commands: dict[str, Command]
+    b: Builder, controller: Controller, entry: ControllerEntry, path: str, commands: dict[str, Command]
 ) -> None:
     made = {s.name: s for s in controller.outputs}
     for name in entry.outputs:
@@ -288,7 +208,7 @@ def _outputs(
             b.add(target, signal, "internal", writer, place)
 
 
-def _parameters(b: _Builder, controllers: list[Controller]) -> list[tuple[str, Parameter]]:
+def _parameters(b: Builder, controllers: list[Controller]) -> list[tuple[str, Parameter]]:
     parameters = []
     for controller in controllers:
         for p in controller.parameters:
@@ -298,7 +218,7 @@ def _parameters(b: _Builder, controllers: list[Controller]) -> list[tuple[str, P
     return parameters
 
 
-def _unused(b: _Builder, devices: list[Driver]) -> None:
+def _unused(b: Builder, devices: list[Driver]) -> None:
     wired = {target for c in b.profile.controllers for target in c.inputs.values()}
     commands = {f"{d.name}.{c.name}" for d in devices for c in d.commands}
     for name in b.profile.setpoints:
@@ -330,7 +250,27 @@ def _unused(b: _Builder, devices: list[Driver]) -> None:
                 )  # fmt: skip
 
 
-def _actuators(b: _Builder, devices: list[Driver], row: Row) -> list[Actuator]:
+def _feedback(b: Builder, device: Driver, command: Command) -> str | None:
+    """The signal that measures what a command moves; None for a device without feedback."""
+    if command.feedback is None:
+        return None
+    place, name = f"devices.{device.name}", f"{device.name}.{command.feedback}"
+    if name not in b.signals:
+        raise WiringError(
+            b.source.place(place), f"'{command.name}' names the feedback '{command.feedback}', which is no state of it",
+            nearest(command.feedback, [s.name for s in device.states]),
+        )  # fmt: skip
+    if b.signals[name].shape != command.shape:
+        problem = (
+            f"shapes differ: '{name}' has {text(b.signals[name].shape)}, '{command.name}' has {text(command.shape)}"
+        )
+        raise WiringError(
+            b.source.place(place), problem, "A driver's feedback must measure each element of its command"
+        )
+    return name
+
+
+def _actuators(b: Builder, devices: list[Driver], row: Row) -> list[Actuator]:
     actuators = []
     for i, device in enumerate(devices):
         category = b.profile.stop.get(device.name)
@@ -342,7 +282,7 @@ def _actuators(b: _Builder, devices: list[Driver], row: Row) -> list[Actuator]:
                     f"'{name}' ({command.kind}) can't do the stop category '{category}'",
                     f"It can: {', '.join(command.stops)}",
                 )
-            state = f"{device.name}.{command.feedback}" if command.feedback else None
+            state = _feedback(b, device, command)
             if state is None and command.name not in device.home:
                 raise WiringError(
                     b.source.place(f"devices.{device.name}"),

@@ -123,10 +123,10 @@ def _black_box(path: Path) -> Recording:
             numbers.append(np.arange(ring.sequence - len(rows) + 1, ring.sequence + 1))
             blocks.append(rows)
     events: list[Event] = []
-    for name in ("events.ring", "notes.ring"):  # as it is called now, and as it was before
-        if (path / name).exists():
-            reader = EventReader(path / name)
-            events += reader.take()
-            reader.close()
+    written = [file for name in ("events.ring", "notes.ring") if (file := path / name).exists()]  # now, and in 0.1.0
+    if written:
+        reader = EventReader(written[0])
+        events = reader.take()
+        reader.close()
     sequence = np.concatenate(numbers)
     return Recording(path, layout, sequence, np.concatenate(blocks), gaps(sequence), events, 0)

@@ -40,3 +40,10 @@ def test_the_error_turns_the_actual_into_the_desired(a: rotation.Vector, b: rota
 def test_log_is_exps_inverse(angle: float) -> None:
     axis = np.array([1.0, -2.0, 2.0]) / 3
     np.testing.assert_allclose(rotation.log(rotation.exp(*(axis * angle))), axis * angle, atol=1e-9)
+
+
+def test_nearer_keeps_a_quaternion_where_nothing_tells_which_is_nearer() -> None:
+    q = (0.6, 0.0, 0.8, 0.0)
+    assert rotation.nearer(q, (0.0, 0.0, 0.0, 0.0)) == q
+    assert rotation.nearer(q, (float("nan"),) * 4) == q
+    assert rotation.nearer(q, (-0.6, 0.0, -0.8, 0.0)) == (-0.6, 0.0, -0.8, 0.0)

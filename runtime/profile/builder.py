@@ -1,0 +1,98 @@
+"""The signals of one profile as they are collected: each step of `runtime.profile.wiring` adds its own.
+
+What is added is checked against what is there: one writer a signal, known frames; shapes, units and frames equal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from runtime.contracts.errors import ProfileError, WiringError, nearest
+from runtime.contracts.frames import Frames
+from runtime.contracts.signals import Signal
+from runtime.ipc.layout import Layout
+from runtime.profile.profile import Profile, Source, first_error
+
+
+class Builder:
+    """Collects the signals of one profile; each step adds its own and checks them against those before."""
+
+    def __init__(self, profile: Profile, source: Source, sim: Iterable[str] | None) -> None:
+        self.profile, self.source = profile, source
+        self.layout = Layout()
+        self.signals: dict[str, Signal] = {}
+        self.writers: dict[str, str] = {}
+        self.simulated = self._simulated(sim)
+        self.frames = Frames(profile.frames, source.label)
+
+    def _simulated(self, sim: Iterable[str] | None) -> list[str]:
+        if sim is None:
+            return []
+        chosen = list(sim) or list(self.profile.devices)
+        for name in chosen:
+            if name not in self.profile.devices:
+                remedy = nearest(name, self.profile.devices)
+                raise ProfileError(f"--sim {name}", f"{self.source.label} has no device '{name}'", remedy)
+        if self.profile.sim is None:
+            raise ProfileError(
+                f"{self.source.place('')}", "the profile has no `sim:` section, so nothing can be simulated",
+                "Add one that names a world, or run on the real devices",
+            )  # fmt: skip
+        return chosen
+
+    def options(self, model: type[BaseModel], values: dict[str, Any], path: str) -> Any:
+        """A part's own options, checked by its model."""
+        try:
+            return model.model_validate(values)
+        except ValidationError as error:
+            raise first_error(error, self.source, path, model) from None
+
+    def add(self, name: str, signal: Signal, role: str, writer: str, place: str) -> None:
+        """Gives a signal its place in the row."""
+        if name in self.writers:
+            raise WiringError(
+                self.source.place(place),
+                f"'{name}' has two writers: {self.writers[name]} and {writer}",
+                "Let only one of them write it, or give the other another name under `out:`",
+            )
+        if signal.frame is not None and self.profile.frames and signal.frame not in self.profile.frames:
+            raise WiringError(
+                self.source.place(place), f"'{name}' is in frame '{signal.frame}', which `frames:` doesn't have",
+                nearest(signal.frame, self.profile.frames),
+            )  # fmt: skip
+        self.writers[name] = writer
+        self.signals[name] = signal
+        self.layout.add(
+            name, role, signal.shape, signal.unit,
+            frame=signal.frame, labels=signal.labels, visual=signal.visual, links=signal.links,
+        )  # fmt: skip
+
+    def match(self, place: str, have: Signal, have_name: str, want: Signal, want_name: str) -> None:
+        """Checks that a signal can be wired to a port."""
+        for what, a, b in (("shape", have.shape, want.shape), ("unit", have.unit, want.unit)):
+            if a != b:
+                raise WiringError(
+                    self.source.place(place),
+                    f"{what}s differ: {have_name} has {text(a)}, {want_name} has {text(b)}",
+                    "Wire another signal, or change the options that decide this one's form",
+                )
+        if have.labels != want.labels and sorted(have.labels) == sorted(want.labels):
+            raise WiringError(
+                self.source.place(place),
+                f"orders differ: {have_name} is {', '.join(have.labels)}, {want_name} expects {', '.join(want.labels)}",
+                "Name them in that order where the device or the option lists them",
+            )
+        if have.frame and want.frame and have.frame != want.frame:
+            raise WiringError(
+                self.source.place(place),
+                f"frames differ: {have_name} is in '{have.frame}', {want_name} expects '{want.frame}'",
+                "Wire a signal in that frame",
+            )
+
+
+def text(value: object) -> str:
+    """A shape or a unit in an error: 5x3, 'rad'."""
+    return "x".join(map(str, value)) if isinstance(value, tuple) else f"'{value}'"

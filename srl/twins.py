@@ -1,0 +1,7 @@
+"""What twins are made of: a device's wire protocol behind a pty or behind sockets, for the real driver to talk to."""
+
+from runtime.contracts.world import Twin
+from sim.devices.shared.serial import SerialTwin
+from sim.devices.shared.sockets import SocketTwin, TcpDoor, UdpDoor
+
+__all__ = ["SerialTwin", "SocketTwin", "TcpDoor", "Twin", "UdpDoor"]

@@ -1,0 +1,86 @@
+"""What a driver declares of its commands is checked before anything moves, whoever wrote the driver."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.toy import PROFILE, Law, Toy, ToyConfig
+
+from runtime.contracts import registry
+from runtime.contracts.driver import Sensor
+from runtime.contracts.errors import WiringError
+from runtime.contracts.signals import Limits, Signal
+from runtime.loop.cycle import limits_of
+from runtime.profile import profile, wiring
+from runtime.profile.graph import Graph
+
+
+def build(monkeypatch: pytest.MonkeyPatch, **declared: Any) -> Graph:
+    """The toy profile; the arm's command is declared with these attributes, or limited by these limits."""
+
+    class Arm(Toy):
+        def __init__(self, name: str, config: ToyConfig) -> None:
+            super().__init__(name, config)
+            if name == "arm":
+                self.states += (Signal(name="motor", shape=(1,), unit="1"),)
+                self.limits = declared.get("limits", {})
+                self.commands = tuple(
+                    replace(c, **{k: v for k, v in declared.items() if k != "limits"}) for c in self.commands
+                )
+
+    monkeypatch.setattr(registry, "load", lambda group, name, place: {"drivers": Arm, "controllers": Law}[group])
+    text = PROFILE.format(arm="arm", speed=1.0, emergency="", more="")
+    return wiring.build(*profile.parse("toy.yaml", text))
+
+
+@pytest.mark.parametrize(
+    ("declared", "said"),
+    [
+        ({"feedback": "positon"}, "which is no state of it"),
+        ({"feedback": "motor"}, "shapes differ: 'arm.motor' has 1, 'command' has 2"),
+    ],
+)
+def test_feedback_must_be_a_state_of_the_same_shape(
+    monkeypatch: pytest.MonkeyPatch, declared: dict[str, Any], said: str
+) -> None:
+    with pytest.raises(WiringError, match=said) as caught:
+        build(monkeypatch, **declared)
+    assert "devices.arm" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("limits", "said"),
+    [
+        (
+            {"comand": Limits(upper=np.ones(2))},
+            "limits 'comand', which is none of its commands. Did you mean 'command'",
+        ),
+        ({"command": Limits(upper=np.ones(3))}, r"'upper' of 'command' has shape \(3,\)"),
+        ({"command": Limits(upper=0.1)}, r"'upper' of 'command' has shape \(\)"),  # type: ignore[arg-type]
+    ],
+)
+def test_a_drivers_limits_must_be_of_its_commands(
+    monkeypatch: pytest.MonkeyPatch, limits: dict[str, Limits], said: str
+) -> None:
+    graph = build(monkeypatch, limits=limits)
+    with pytest.raises(WiringError, match=said):
+        limits_of(graph)
+
+
+def test_limits_of_a_command_narrow_the_profiles(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = limits_of(build(monkeypatch, limits={"command": Limits(upper=np.array([1.0, 3.0]))}))
+    assert found["arm.command"].upper is not None
+    assert found["arm.command"].upper.tolist() == [1.0, 2.0]
+
+
+def test_a_sensor_that_declares_commands_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Silent(Sensor, Toy):
+        """Its commands would never be sent."""
+
+    monkeypatch.setattr(registry, "load", lambda group, name, place: {"drivers": Silent, "controllers": Law}[group])
+    text = PROFILE.format(arm="arm", speed=1.0, emergency="", more="")
+    with pytest.raises(WiringError, match="a Sensor and declares commands"):
+        wiring.build(*profile.parse("toy.yaml", text))
