@@ -1,5 +1,4 @@
-"""CAN links to devices through python-can, named by URL; non-blocking.
-
+"""CAN links to devices through python-can, named by URL. They never block.
 can://INTERFACE/CHANNEL?KEY=VALUE...    any interface of python-can, with its own options:
 can://socketcan/can0                    (bit rate set by `ip link`)
 can://slcan//dev/ttyACM0?bitrate=1000000
@@ -17,18 +16,18 @@ import can
 
 from runtime.contracts.errors import DeviceError, DeviceLostError
 
-MOST = 256  # frames in one read, so that a flood can't hold the loop
+MOST = 256  # frames in one read, so that a flood can't block the loop
 
 
 def open_can(url: str, *, place: str, filters: list[dict[str, int]] | None = None) -> CanLink:
     """Opens a CAN bus.
 
     Args:
-        url: see the module's text.
-        place: names the device in every error.
-        filters: python-can's, {"can_id": ..., "can_mask": ...}; None takes every frame.
+        url: see the module's docstring.
+        place: the device's name, used in every error.
+        filters: python-can's filters, {"can_id": ..., "can_mask": ...}; None accepts every frame.
     Raises:
-        DeviceError: not such a URL, no such interface or channel, no permission.
+        DeviceError: the URL isn't valid, the interface or channel doesn't exist, or permission is missing.
     """
     try:
         parts = urlsplit(url)
@@ -41,14 +40,14 @@ def open_can(url: str, *, place: str, filters: list[dict[str, int]] | None = Non
         known = ", ".join(sorted(can.VALID_INTERFACES))
         raise DeviceError(place, f"python-can has no interface '{parts.netloc}'", f"Known: {known}")
     options: dict[str, object] = {key: int(v) if v.isdigit() else v for key, v in parse_qsl(parts.query)}
-    logging.getLogger("can").setLevel(logging.ERROR)  # its warnings at closing are no news
+    logging.getLogger("can").setLevel(logging.ERROR)  # its warnings on closing aren't useful
     try:
         bus = can.Bus(interface=parts.netloc, channel=channel, can_filters=filters, **options)
     except ImportError as error:
         raise DeviceError(
             place, f"python-can's interface '{parts.netloc}' lacks a package: {error}", "Install it with pip"
         ) from None
-    except Exception as error:  # interfaces raise what they like: without their library even a NameError
+    except Exception as error:  # interfaces raise any exception type: without their library even a NameError
         up = " and up ('ip link set {channel} up type can bitrate 1000000')" if parts.netloc == "socketcan" else ""
         raise DeviceError(
             place,
@@ -65,7 +64,7 @@ class CanLink:
     """One open bus.
 
     Attributes:
-        url: as it was opened.
+        url: the URL it was opened with.
         place: the device's name for errors.
     """
 
@@ -74,7 +73,7 @@ class CanLink:
         self._bus: can.BusABC | None = bus
 
     def read(self) -> list[can.Message]:
-        """All frames that are there, oldest first; never blocks. Error frames are left out.
+        """Returns all frames that have arrived, oldest first; never blocks. Error frames are left out.
 
         Raises:
             DeviceLostError: the bus is gone, or closed.
@@ -104,7 +103,7 @@ class CanLink:
         """Sends one frame; never blocks.
 
         Returns:
-            False if the bus had no room (nobody acknowledges, or its queue is full); nothing is kept.
+            False if the bus had no room (no node acknowledges, or its queue is full); nothing is kept for later.
         Raises:
             DeviceLostError: the bus is gone.
         """
@@ -117,17 +116,17 @@ class CanLink:
         return True
 
     def fileno(self) -> int:
-        """The descriptor, -1 where the interface has none or it is closed."""
+        """Returns the file descriptor; -1 if the interface has none or the link is closed."""
         try:
             return self._open_bus().fileno()
         except (NotImplementedError, DeviceLostError):
             return -1
 
     def close(self) -> None:
-        """Closes. Always succeeds."""
+        """Closes the link. Always succeeds."""
         bus, self._bus = self._bus, None
         if bus is not None:
-            with contextlib.suppress(Exception):  # interfaces raise what they like when their device has gone
+            with contextlib.suppress(Exception):  # interfaces raise any exception type when their device is gone
                 bus.shutdown()
 
     def _open_bus(self) -> can.BusABC:

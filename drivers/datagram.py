@@ -1,7 +1,7 @@
-"""Datagram links to devices, named by URL; non-blocking.
+"""Datagram links to devices, named by URL. They never block.
 
-udp://HOST:PORT     a socket connected to a device: only its datagrams are taken
-udp://ADDRESS:PORT  with listen=True: bound to an address of this host; udp://:PORT is all of them
+udp://HOST:PORT     a socket connected to a device: it receives that device's datagrams only
+udp://ADDRESS:PORT  with listen=True: bound to an address of this host; udp://:PORT means all addresses
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from urllib.parse import urlsplit
 from runtime.contracts.errors import DeviceError, DeviceLostError
 
 LARGEST = 65536  # bytes
-MOST = 256  # datagrams in one read, so that a flood can't hold the loop
-BUFFER = 1 << 20  # bytes the kernel keeps: a pause of the loop must not lose the newest datagram
+MOST = 256  # datagrams in one read, so that a flood can't block the loop
+BUFFER = 1 << 20  # bytes that the kernel buffers: a pause of the loop must not lose the newest datagram
 
 
 def open_datagrams(url: str, *, place: str, listen: bool = False) -> Datagrams:
     """Opens a datagram link.
 
     Args:
-        url: see the module's text.
-        place: names the device in every error.
+        url: see the module's docstring.
+        place: the device's name, used in every error.
         listen: bind to the address instead of connecting to it.
     Raises:
-        DeviceError: not such a URL, no such host, the port is taken.
+        DeviceError: the URL isn't valid, the host is unknown, or the port is taken.
     """
     host, port = _split(url, place, listen)
     link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK | socket.SOCK_CLOEXEC)
@@ -37,7 +37,7 @@ def open_datagrams(url: str, *, place: str, listen: bool = False) -> Datagrams:
             link.bind((host, port))
         else:
             link.connect((host, port))
-    except (UnicodeError, TypeError):  # it can't be a host's name at all
+    except (UnicodeError, TypeError):  # it can't be a host name at all
         link.close()
         raise DeviceError(place, f"no host is called '{host}'", "Check the name, or use its address") from None
     except OSError as error:
@@ -74,9 +74,9 @@ class Datagrams:
     """One open link.
 
     Attributes:
-        url: as it was opened.
+        url: the URL it was opened with.
         place: the device's name for errors.
-        peer: (host, port) that the newest datagram came from; None before the first.
+        peer: (host, port) of the sender of the newest datagram; None before the first.
     """
 
     def __init__(self, url: str, place: str, link: socket.socket) -> None:
@@ -86,19 +86,19 @@ class Datagrams:
 
     @property
     def local(self) -> tuple[str, int]:
-        """This end's address."""
+        """The local address."""
         host, port = self._socket.getsockname()[:2]
         return host, port
 
     def connect(self, peer: tuple[str, int]) -> None:
-        """From now on datagrams are taken from this peer alone, and sent to it."""
+        """Connects to a peer: from now on datagrams are received from it alone, and sent to it."""
         self._socket.connect(peer)
 
     def read(self) -> list[bytes]:
-        """All datagrams that are there, oldest first; never blocks.
+        """Returns all datagrams that have arrived, oldest first; never blocks.
 
         Raises:
-            DeviceLostError: the kernel has learnt that nobody listens there, or the link is closed.
+            DeviceLostError: the kernel found that nobody listens at the peer's address, or the link is closed.
         """
         found: list[bytes] = []
         for _ in range(MOST):
@@ -121,12 +121,12 @@ class Datagrams:
         return self.read()
 
     def write(self, data: bytes, peer: tuple[str, int] | None = None) -> bool:
-        """Sends one datagram (to `peer`, where the link isn't connected); never blocks.
+        """Sends one datagram (to `peer` if the link isn't connected); never blocks.
 
         Returns:
-            False if the kernel had no room; nothing is kept.
+            False if the kernel had no room; nothing is kept for later.
         Raises:
-            DeviceLostError: nobody listens there.
+            DeviceLostError: nobody listens at the peer's address.
         """
         try:
             if peer is None:
@@ -142,11 +142,11 @@ class Datagrams:
         return True
 
     def fileno(self) -> int:
-        """The descriptor; -1 once closed."""
+        """Returns the file descriptor; -1 once closed."""
         return self._socket.fileno()
 
     def close(self) -> None:
-        """Closes. Always succeeds."""
+        """Closes the link. Always succeeds."""
         with contextlib.suppress(OSError):
             self._socket.close()
 

@@ -1,4 +1,4 @@
-"""A switch's level counts once it has lasted."""
+"""Debouncing of switches: a new level counts once it has lasted for a given time."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ class Debounced:
 
     Attributes:
         pressed: 1.0 or 0.0, debounced.
-        presses: times it was pressed since the beginning.
+        presses: number of presses since the beginning.
     """
 
     def __init__(self, seconds: float) -> None:
@@ -20,17 +20,17 @@ class Debounced:
         self._since = 0
 
     def start(self, level: float) -> None:
-        """Takes the level found at opening as it is; that is no press."""
+        """Takes over the level found at opening. This doesn't count as a press."""
         self.pressed = self._level = level
 
     def take(self, level: float, at: int) -> None:
-        """The switch changed at `at` (ns)."""
+        """Takes the switch's new level, which began at `at` (ns)."""
         if level != self._level:
-            self.settle(at)  # what had lasted until now counts, however late it is looked at
+            self.settle(at)  # the previous level counts if it lasted until now, even if nobody looked in between
             self._level, self._since = level, at
 
     def settle(self, now: int) -> None:
-        """Lets a level count that has lasted long enough by `now` (ns)."""
+        """Accepts a new level that has lasted long enough by `now` (ns)."""
         if self._level != self.pressed and now - self._since >= self._settle:
             self.pressed = self._level
             self.presses += int(self.pressed)

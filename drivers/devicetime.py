@@ -10,22 +10,22 @@ _BACK: Final = 2  # ticks that a counter may run backwards (datagrams that overt
 
 
 class DeviceTime:
-    """When a sample was taken, by the device's own count, not by when it happened to arrive.
+    """Converts a device's own count into the time at which a sample was taken (not the time it arrived).
 
-    now - count * tick is the two clocks' offset plus the sample's delay on its way. The smallest seen so far
-    is taken for the offset: so a sample that waited in a buffer gets its true age, only the shortest delay
-    ever stays hidden. The smallest is forgotten at the rate by which clocks may drift apart.
+    now - count * tick is the offset between the two clocks plus the sample's transport delay. The smallest value
+    seen so far is used as the offset. So a sample that waited in a buffer gets its true age; only the shortest
+    delay always stays hidden. The smallest value grows at the rate by which the clocks may drift apart.
 
     Attributes:
-        delay: ns that the newest sample took longer than the fastest one.
-        restarts: times the counter began anew.
+        delay: ns by which the newest sample was slower than the fastest one.
+        restarts: number of times the counter began anew.
     """
 
     def __init__(self, tick_ns: float | Fraction, bits: int | None = None) -> None:
         """
         Args:
             tick_ns: ns of one count.
-            bits: the counter wraps at 2**bits; None: it never does.
+            bits: the counter wraps at 2**bits; None if it never wraps.
         """
         tick = Fraction(tick_ns).limit_denominator(10**6)
         self._ns, self._per = tick.as_integer_ratio()
@@ -35,14 +35,14 @@ class DeviceTime:
         self.restart()
 
     def restart(self) -> None:
-        """Forgets the offset: the device was opened again, or its counter has been reset."""
+        """Forgets the offset, because the device was opened again or its counter was reset."""
         self._count: int | None = None  # unwrapped
         self._offset = 0
         self._seen = 0
         self.restarts += 1
 
     def stamp(self, count: int, now: int) -> int:
-        """When the sample with this count was taken, ns on the loop's clock, never after `now`.
+        """Returns when the sample with this count was taken, in ns on the loop's clock; never after `now`.
 
         Args:
             count: the device's counter.

@@ -1,8 +1,8 @@
-"""Tells samples that were held back on their way from a count that stood still while their sender was paused.
+"""Tells delayed samples from samples of a sender that was paused, whose count stood still meanwhile.
 
-Both look alike at first: a gap, then samples that are older by their numbers than they should be. Held-back ones
-come faster than they were taken until they have caught up. After a pause they come at their own pace, and their
-delay stays what it is.
+Both look the same at first: a gap, then samples that are older by their numbers than they should be. Delayed
+samples arrive faster than they were taken until they have caught up. After a pause of the sender, samples arrive
+at their normal rate, and their delay stays constant.
 """
 
 from __future__ import annotations
@@ -10,25 +10,25 @@ from __future__ import annotations
 from typing import Final
 
 GAP: Final = 500_000_000  # ns without a new sample after which the count may have stood still
-WATCH: Final = 1_000_000_000  # ns that the delay must stay the same
-SAME: Final = 100_000_000  # ns by which it may change meanwhile; a smaller delay is none
+WATCH: Final = 1_000_000_000  # ns for which the delay must stay the same
+SAME: Final = 100_000_000  # ns by which it may change meanwhile; a smaller delay counts as none
 
 
 class Pause:
     """Watches the delays after a gap."""
 
     def __init__(self, gap: bool = True) -> None:
-        """`gap`: only a gap makes it watch; False for a sender that loses samples without one."""
+        """`gap`: watch only after a gap; False for a sender that loses samples without a gap."""
         self._gap = gap
         self._newest: int | None = None
         self._since: int | None = None
         self._delay = 0
 
     def over(self, delay: int, now: int) -> bool:
-        """Takes a new sample's delay; True once it is sure that the count stood still.
+        """Takes a new sample's delay; returns True once it is certain that the count stood still.
 
         Args:
-            delay: ns that it is later, by its number, than the fastest one was.
+            delay: ns by which the sample is later, by its number, than the fastest one.
             now: ns on the loop's clock.
         """
         newest, self._newest = self._newest, now

@@ -1,4 +1,4 @@
-"""The time of samples that carry none: their number over a rate, for streams that lose nothing by themselves."""
+"""Time stamps for samples that carry none: number divided by rate, for streams that lose no samples themselves."""
 
 from __future__ import annotations
 
@@ -8,27 +8,27 @@ from drivers.devicetime import DeviceTime
 from drivers.pause import SAME, Pause
 
 _LEARN: Final = (1, 2, 5, 10, 20, 40)  # s after which the rate is estimated anew, then every 40 s
-_END: Final = 0.2  # of that time, at its beginning and at its end
-_WRONG: Final = 3e-4  # of the rate: a smaller error is drift
+_END: Final = 0.2  # fraction of that time, at its beginning and at its end
+_WRONG: Final = 3e-4  # relative error of the rate; a smaller error is drift
 
 
 class StreamTime:
-    """See the module's text.
+    """Computes the time of a sample from its number; see the module's docstring.
 
-    A stream that stood still and goes on either delivers what waited (then its lag melts away as it is read)
-    or has lost samples (then its lag stays). Samples behind their count keep their old stamps until the lag
-    has stayed for a second: for so long they are taken for old ones.
+    After a stall a stream either delivers the samples that waited or has lost samples. In the first case its lag
+    shrinks as they are read; in the second the lag stays. Late samples keep their old stamps until the lag has
+    stayed for one second: until then they are taken for samples that waited.
 
     Attributes:
-        restarts: times the count began anew.
-        rate: Hz, as known now.
+        restarts: number of times the count began anew.
+        rate: Hz, the present estimate.
     """
 
     def __init__(self, rate: float, learn: bool = False) -> None:
         """
         Args:
             rate: Hz.
-            learn: it is known roughly: it is estimated from what comes, the better the longer.
+            learn: the rate is known only roughly; it is estimated from the samples, the better the longer.
         """
         self.rate = rate
         self.restarts = 0
@@ -38,14 +38,14 @@ class StreamTime:
     def _begin(self) -> None:
         self._clock = DeviceTime(1e9 / self.rate)
         self._pause = Pause(gap=False)
-        # Count and ns of the samples between which the rate is estimated.
+        # Count and time (ns) of the two samples between which the rate is estimated.
         self._first: tuple[int, int] | None = None
         self._last = (0, 0)
         self._begun = 0
         self._estimates = 0
 
     def stamp(self, count: int, now: int) -> int:
-        """When sample number `count` was taken, ns on the loop's clock, never after `now`."""
+        """Returns when sample number `count` was taken, in ns on the loop's clock; never after `now`."""
         stamp = self._clock.stamp(count, now)
         if self._pause.over(self._clock.delay, now):
             self.restarts += 1
@@ -62,7 +62,7 @@ class StreamTime:
             return
         elapsed = now - self._begun
         length = _LEARN[min(self._estimates, len(_LEARN) - 1)] * 1_000_000_000
-        # A sample that was held up would tilt the line: at both ends the one counts that came soonest.
+        # A delayed sample would tilt the line. So at both ends the sample with the smallest delay is used.
         if elapsed < _END * length:
             self._first = self._last = self._sooner(self._first, (count, now))
             return
@@ -78,12 +78,12 @@ class StreamTime:
         if self._estimates >= len(_LEARN):
             self._first = None
         if rate > 0 and abs(rate / self.rate - 1) > _WRONG:
-            # The lag is known to be small here, so little is lost with the old offset.
+            # The lag is known to be small here, so losing the old offset costs little.
             self.rate = rate
             self._clock = DeviceTime(1e9 / rate)
             self._clock.stamp(to_count, end)
             self._clock.stamp(count, now)
 
     def _sooner(self, one: tuple[int, int], other: tuple[int, int]) -> tuple[int, int]:
-        """Which of two samples, (count, ns), came with the smaller delay; the later of two alike."""
+        """Returns the one of two samples (count, ns) with the smaller delay; the later one if both are equal."""
         return other if other[1] - one[1] <= (other[0] - one[0]) * 1e9 / self.rate else one

@@ -1,16 +1,16 @@
-"""Byte links to devices, named by URL; non-blocking, and never with a queue of commands behind them.
+"""Byte links to devices, named by URL. They never block and never queue several commands.
 
     /dev/ttyUSB0, a pty's path    a serial port: 8N1, no flow control, exclusively locked
-    tcp://HOST:PORT               a TCP connection, without Nagle's delay, lost after 2 s without an answer
-    tcp-listen://HOST:PORT        the same with a device that dials in; HOST is this host's address, or 0.0.0.0
+    tcp://HOST:PORT               a TCP connection without Nagle's delay, lost after 2 s without an answer
+    tcp-listen://HOST:PORT        the same for a device that connects to us; HOST is this host's address, or 0.0.0.0
     spy:FILE:URL                  the link URL, with a readable log of both directions in FILE
     loop://                       an echo: what is written is read back
     loop://NAME                   the first and the second opener of NAME get the two ends of one link
 
-A dead link holds back one command: `write` refuses the next. What the kernel can't tell: TCP counts
-bytes as sent once the peer's kernel has them, and a pty reports no unsent bytes at all. A peer that is
-reachable but no longer reads therefore swallows commands up to the size of its own buffer (a pty's: 20 KB)
-before `write` refuses; only an answer in the device's own protocol shows that sooner.
+A dead link holds one command at most: `write` refuses the next. The kernel can't always tell: TCP counts bytes
+as sent once the peer's kernel has them, and a pty reports no unsent bytes at all. A peer that is reachable but
+no longer reads therefore absorbs commands up to the size of its own buffer (a pty's: 20 KB) before `write`
+refuses. Only an answer in the device's own protocol shows this sooner.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ def open_transport(url: str, *, place: str, baudrate: int = 115200) -> Transport
     """Opens a link; may block up to 3 s.
 
     Args:
-        url: see the module's text.
-        place: names the device in every error, e.g. "glove".
+        url: see the module's docstring.
+        place: the device's name, used in every error, e.g. "glove".
         baudrate: bit/s, for serial ports.
     Raises:
-        DeviceError: no such port, no permission, in use, refused, or not a link at all.
+        DeviceError: no such port, no permission, in use, refused, or not a valid link.
     """
     if url.startswith("spy:"):
         file, _, inner = url.removeprefix("spy:").partition(":")

@@ -1,4 +1,4 @@
-"""The contract of a byte link: what `drivers.transport` opens, whatever it is made of."""
+"""The interface of a byte link: what `drivers.transport` opens, whatever the medium."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from typing import NoReturn
 from runtime.contracts.errors import DeviceError, DeviceLostError
 
 CHUNK = 65536
-CHUNKS = 16  # in one read, so that a flood can't hold the loop
-LINGER = 0.1  # s, what `close` gives the last bytes to leave
+CHUNKS = 16  # in one read, so that a flood can't block the loop
+LINGER = 0.1  # s that `close` waits for the last bytes to leave
 
 
 class Transport(ABC):
     """One open link.
 
     Attributes:
-        url: as it was opened.
+        url: the URL it was opened with.
         place: the device's name for errors.
     """
 
     def __init__(self, url: str, place: str) -> None:
         self.url = url
         self.place = place
-        self._rest = b""  # of a frame of which the kernel took only part
+        self._rest = b""  # the rest of a frame that the kernel took only in part
 
     def read(self) -> bytes:
-        """Everything that is there, b"" if nothing; never blocks.
+        """Returns all bytes that have arrived, b"" if none; never blocks.
 
         Raises:
             DeviceLostError: the other end hung up, even where no bytes were expected.
@@ -56,11 +56,11 @@ class Transport(ABC):
         return chunks[0] if len(chunks) == 1 else b"".join(chunks)
 
     def write(self, data: bytes) -> bool:
-        """Hands one command to the kernel; never blocks.
+        """Passes one command to the kernel; never blocks.
 
         Returns:
-            True if the command is on its way (a part the kernel didn't take leaves before anything else);
-            False if earlier bytes are still unsent: nothing of `data` was kept.
+            True if the command is on its way. A part that the kernel didn't take is sent before anything else.
+            False if earlier bytes are still unsent: then nothing of `data` is kept.
         Raises:
             DeviceLostError: the other end hung up.
         """
@@ -78,7 +78,7 @@ class Transport(ABC):
         return False
 
     def unsent(self) -> int:
-        """Bytes written but not yet sent (TCP: not acknowledged). Raises DeviceLostError."""
+        """Returns the bytes written but not yet sent (TCP: not acknowledged). Raises DeviceLostError."""
         try:
             return self._queued() + len(self._rest)
         except OSError as error:
@@ -109,12 +109,12 @@ class Transport(ABC):
                 accepted = self.write(data)
 
     def flush_input(self) -> None:
-        """Throws away what has arrived. Raises DeviceLostError."""
+        """Discards the bytes that have arrived. Raises DeviceLostError."""
         while self.read():
             pass
 
     def close(self) -> None:
-        """Closes; gives the last bytes 0.1 s to leave, then discards them. Always succeeds."""
+        """Closes the link. Waits 0.1 s for the last bytes to leave, then discards them. Always succeeds."""
         deadline = time.monotonic() + LINGER
         with contextlib.suppress(OSError, ValueError, DeviceError):
             while time.monotonic() < deadline and self.unsent():
@@ -126,33 +126,33 @@ class Transport(ABC):
 
     @abstractmethod
     def fileno(self) -> int:
-        """The descriptor that `write` writes to; -1 once closed."""
+        """Returns the file descriptor that `write` uses; -1 once closed."""
 
     def _read_fileno(self) -> int:
         return self.fileno()
 
     @abstractmethod
     def _take(self) -> bytes:
-        """One read; BlockingIOError where there is nothing, b"" at the end, other OSErrors for a loss."""
+        """Reads once. BlockingIOError if there is nothing, b"" at the end, other OSErrors if the link is lost."""
 
     @abstractmethod
     def _give(self, data: bytes) -> int:
-        """One write; the number of bytes taken, 0 where there is no room."""
+        """Writes once. Returns the number of bytes taken, 0 if there is no room."""
 
     @abstractmethod
     def _queued(self) -> int:
-        """Bytes the kernel still holds."""
+        """Returns the number of bytes that the kernel still holds."""
 
     @abstractmethod
     def _shut(self) -> None:
-        """Discards what is unsent and closes."""
+        """Discards unsent bytes and closes."""
 
     def _lost(self, why: str) -> NoReturn:
         raise DeviceLostError(self.place, f"the link {self.url} is gone ({why})", "Check its cable and its power")
 
 
 def ioctl_int(fd: int, request: int) -> int:
-    """The integer that an ioctl of a descriptor gives. Raises OSError, also for one that is closed."""
+    """Returns the integer result of an ioctl on a descriptor. Raises OSError, also if it is closed."""
     if fd < 0:
         raise OSError(errno.EBADF, "closed")
     return int(struct.unpack("i", fcntl.ioctl(fd, request, b"\0\0\0\0"))[0])

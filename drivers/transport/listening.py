@@ -1,4 +1,4 @@
-"""A link to a device that dials in: it is the TCP client, this host listens."""
+"""A link to a device that connects to this host: the device is the TCP client, this host listens."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ AWAIT = 10.0  # s that `open` waits for the device; such devices try again every
 
 
 def await_caller(url: str, place: str) -> socket.socket:
-    """Listens at `tcp-listen://HOST:PORT` until one device has dialled in; blocks up to 10 s.
+    """Listens at `tcp-listen://HOST:PORT` until one device has connected; blocks up to 10 s.
 
-    The first to call is taken, and nobody listens after it: a second device is refused by the kernel.
+    The first caller is taken. After that nobody listens: the kernel refuses a second device.
 
     Args:
-        url: HOST is an address of this host; 0.0.0.0 is all of them.
+        url: HOST is an address of this host; 0.0.0.0 means all of them.
         place: the device's name for errors.
     Raises:
-        DeviceError: not such a URL, the address isn't ours, the port is taken, or nobody called.
+        DeviceError: the URL isn't valid, the address isn't ours, the port is taken, or no device connected.
     """
     try:
         parts = urlsplit(url)
@@ -49,7 +49,7 @@ def await_caller(url: str, place: str) -> socket.socket:
             if select.select([listener], [], [], left)[0]:
                 try:
                     caller, _ = listener.accept()
-                except OSError:  # it has hung up already
+                except OSError:  # the caller has hung up already
                     continue
                 return caller
     raise DeviceError(

@@ -14,14 +14,14 @@ from runtime.contracts.errors import DeviceError
 
 
 class SerialPort(Transport):
-    """A tty, opened and configured by pyserial, then used through its descriptor."""
+    """A tty that pyserial opens and configures, and that is then used through its descriptor."""
 
     def __init__(self, url: str, place: str, port: serial.Serial) -> None:
         super().__init__(url, place)
         self._port = port
         self._fd = port.fileno()
         os.set_blocking(self._fd, False)
-        # With pyserial's VMIN = 0 "nothing there" and "hung up" both read as b""; with 1 the first is EAGAIN.
+        # With pyserial's VMIN = 0 both "nothing there" and "hung up" read as b""; with VMIN = 1 the first is EAGAIN.
         mode = termios.tcgetattr(self._fd)
         mode[6][termios.VMIN], mode[6][termios.VTIME] = 1, 0
         termios.tcsetattr(self._fd, termios.TCSANOW, mode)
@@ -44,7 +44,7 @@ class SerialPort(Transport):
     def _shut(self) -> None:
         try:
             if self._queued():
-                termios.tcflush(self._fd, termios.TCOFLUSH)  # else close() waits 30 s for a stalled port
+                termios.tcflush(self._fd, termios.TCOFLUSH)  # otherwise close() waits 30 s for a stalled port
         finally:
             self._fd = -1
             self._port.close()

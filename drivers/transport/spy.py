@@ -1,4 +1,4 @@
-"""A log of a link's bytes, for finding faults."""
+"""A log of a link's bytes, for debugging."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from runtime.contracts.errors import DeviceError
 
 
 class Spy(Transport):
-    """Another link, and a log of its bytes: seconds since opening, direction, hex, text.
+    """Wraps another link and logs its bytes: seconds since opening, direction, hex, text.
 
-    For finding faults, not for service: the log is written from the loop and can wait for a disk.
+    For debugging only, not for normal operation: the loop writes the log and can block on the disk.
     """
 
     def __init__(self, inner: Transport, url: str, file: str, place: str) -> None:
@@ -47,7 +47,7 @@ class Spy(Transport):
 
     def _shut(self) -> None:
         try:
-            self._log.close()  # fails where the disk is full
+            self._log.close()  # fails if the disk is full
         finally:
             self._inner._shut()
 

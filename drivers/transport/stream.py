@@ -1,4 +1,4 @@
-"""Links over a stream socket: TCP, dialled or dialling in, and a loop within this process."""
+"""Links over a stream socket: TCP in both directions of connecting, and a loop within this process."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ CONNECT = 3.0  # s
 
 
 class Stream(Transport):
-    """A connected stream socket; `reader` differs from `writer` only for an echo."""
+    """A connected stream socket. `reader` differs from `writer` for an echo only."""
 
     def __init__(self, url: str, place: str, writer: socket.socket, reader: socket.socket | None = None) -> None:
         super().__init__(url, place)
@@ -45,7 +45,7 @@ class Stream(Transport):
     def _shut(self) -> None:
         try:
             if self._queued():
-                # A reset throws the queue away: a stalled link must not deliver old commands on recovery.
+                # A reset discards the queue: a stalled link must not deliver old commands when it recovers.
                 self._writer.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         finally:
             self._writer.close()
@@ -53,7 +53,7 @@ class Stream(Transport):
 
 
 def open_tcp(url: str, place: str) -> Transport:
-    """Dials tcp://HOST:PORT. Raises DeviceError."""
+    """Connects to tcp://HOST:PORT. Raises DeviceError."""
     try:
         parts = urlsplit(url)
         host, number = parts.hostname, parts.port
@@ -69,7 +69,7 @@ def open_tcp(url: str, place: str) -> Transport:
             f"{host} refuses a connection on port {number}",
             "Start what should listen there, or correct the port",
         ) from None
-    except (socket.gaierror, UnicodeError):  # the second for what can't be a host's name at all
+    except (socket.gaierror, UnicodeError):  # the second one for a string that can't be a host name
         raise DeviceError(place, f"no host is called '{host}'", "Check the name, or use its address") from None
     except OSError as error:
         why = "no answer" if isinstance(error, TimeoutError) else error.strerror
@@ -80,7 +80,7 @@ def open_tcp(url: str, place: str) -> Transport:
 
 
 def connected(url: str, place: str, link: socket.socket) -> Transport:
-    """A link over a connected TCP socket: without Nagle's delay, lost after `TCP_DEAD` without an acknowledgement."""
+    """Makes a link from a connected TCP socket: no Nagle delay, lost after `TCP_DEAD` without an acknowledgement."""
     link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     link.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     link.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, 1)
@@ -93,7 +93,7 @@ _waiting: dict[str, socket.socket] = {}  # second ends of named loops, until som
 
 
 def open_loop(url: str, place: str) -> Transport:
-    """An echo, or one end of a named loop."""
+    """Opens an echo, or one end of a named loop."""
     waiting = _waiting.pop(url, None)
     if waiting is not None:
         return Stream(url, place, waiting)
