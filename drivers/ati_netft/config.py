@@ -15,7 +15,7 @@ from runtime.contracts.errors import DeviceError
 
 
 class CountsConfig(BaseModel):
-    """Counts per unit, where they aren't to be read from the sensor."""
+    """Counts per unit, if they aren't to be read from the sensor."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -41,7 +41,7 @@ class AtiNetFtConfig(DeviceConfig):
 
 @dataclass(frozen=True)
 class Address:
-    """Where the sensor is reached."""
+    """The sensor's addresses."""
 
     host: str
     rdt: int
@@ -50,12 +50,12 @@ class Address:
 
     @property
     def url(self) -> str:
-        """Of the datagrams."""
+        """The URL of the datagrams."""
         return f"udp://{self.host}:{self.rdt}"
 
 
 def address(url: str, place: str) -> Address:
-    """The `port` option taken apart.
+    """Parses the `port` option.
 
     Raises:
         DeviceError: it isn't udp://HOST[:PORT][?http=PORT&tcp=PORT].

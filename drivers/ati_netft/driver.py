@@ -20,24 +20,25 @@ from runtime.contracts.errors import DeviceError, DeviceLostError
 from runtime.contracts.signals import Array, Signal
 
 LABELS: Final = ("fx", "fy", "fz", "tx", "ty", "tz")
-TRIES: Final = 10  # requests may get lost; public drivers ask as often (1.1)
+TRIES: Final = 10  # requests may get lost; public drivers request as often (1.1)
 ANSWER: Final = 0.2  # s for the first record after a request
-ASK_AGAIN: Final = 100_000_000  # ns without a record after which the stream is asked for again
+ASK_AGAIN: Final = 100_000_000  # ns without a record after which the stream is requested again
 GONE: Final = 2_000_000_000  # ns without a record after which the sensor counts as lost
-LOOK: Final = 0.2  # s of records that a bias is judged by
+LOOK: Final = 0.2  # s of records used to judge a bias
 _WRAP: Final = 1 << 32
-_BEGINNING: Final = 100  # a sequence number of a stream's first records
-_RESYNC: Final = 20  # records out of order one after another after which the order is taken up anew
-_OVERTAKEN: Final = 100  # samples that a datagram may be late by
-_STEADY: Final = np.array([2.0] * 3 + [0.2] * 3)  # N, N m: where the ranges aren't known
+_BEGINNING: Final = 100  # greatest sequence number that counts as the beginning of a stream
+_RESYNC: Final = 20  # consecutive records out of order after which the order is established anew
+_OVERTAKEN: Final = 100  # samples by which a datagram may be late
+_STEADY: Final = np.array([2.0] * 3 + [0.2] * 3)  # N, N m: used if the ranges aren't known
 _REMEDY: Final = "Check the address, the cable and the power, and that no other program reads this sensor"
 
 
 class AtiNetFt(Sensor):
-    """State `wrench` (6,): force (N), then torque (N m), in the frame of the options.
+    """An ATI Net F/T or Ethernet Axia force/torque sensor.
 
-    A sample's stamp comes from the sensor's own sample counter where its rate is known. A record with a
-    serious status (saturation above all) isn't taken: the last good one grows old. Source: sheet ati_ft, 1.
+    State `wrench` (6,): force (N), then torque (N m), in the frame of the options. A sample's stamp comes from the
+    sensor's own sample counter if its rate is known. A record with a serious status (above all saturation) isn't used:
+    the last good one becomes old. Source: sheet ati_ft, 1.
     """
 
     Config = AtiNetFtConfig
@@ -57,20 +58,20 @@ class AtiNetFt(Sensor):
         self._time: DeviceTime | None = None
         self._scale: Array = np.full(6, 1e-6)
         self._sequence: int | None = None
-        self._sample: int | None = None  # the newest count, kept over a loss to notice a restart
-        self._asked_anew = False  # a stream was asked for, whose records begin again at 1
-        self._late = 0  # records out of order one after another
+        self._sample: int | None = None  # the newest count, kept after a loss in order to notice a restart
+        self._asked_anew = False  # a stream was requested, so its records begin again at 1
+        self._late = 0  # consecutive records out of order
         self._heard = self._asked = -1
-        self._wrong = 0  # records thrown away for their status or their order
+        self._wrong = 0  # records discarded for their status or their order
         self._missed = 0
         self._asks = 0
         self._latched = False
         self._biased = False
 
-    # -- life
+    # -- lifecycle
 
     def open(self) -> None:
-        """See `Driver.open`; blocks up to 10 s."""
+        """See `Driver.open`. Blocks up to 10 s."""
         self.close()
         where = address(self.config.port, self._place)
         self._settle(where)
@@ -78,7 +79,7 @@ class AtiNetFt(Sensor):
         try:
             first = self._start(link)
             if _older(first.sample, self._sample):
-                self._biased = False  # it has lost its power since, and its bias with it
+                self._biased = False  # it has lost power since, and its bias with it
             self._sample = first.sample
             if self.config.reset_latch:
                 self._request(link, Request.RESET_LATCH)
@@ -114,9 +115,9 @@ class AtiNetFt(Sensor):
             raise
 
     def recover(self, now: int) -> None:
-        """Resets the latch of the monitor conditions, and asks for the stream, which that request ends."""
+        """Resets the latch of the monitor conditions, and requests the stream again, because the reset ends it."""
         if self._link is not None:
-            with contextlib.suppress(DeviceError):  # a lost link shows at the next read
+            with contextlib.suppress(DeviceError):  # the next read reports a lost link
                 self._request(self._link, Request.RESET_LATCH)
                 self._request(self._link, Request.START)
 
@@ -129,7 +130,7 @@ class AtiNetFt(Sensor):
             link.close()
 
     def figures(self) -> dict[str, object]:
-        """The product; records missing in the stream, thrown away; requests repeated; counter restarts, latch."""
+        """Returns the product, missing and discarded records, repeated requests, and the latch."""
         return {
             "product": self._settings.product,
             "missed": self._missed,
@@ -138,10 +139,10 @@ class AtiNetFt(Sensor):
             "latched": self._latched,
         }
 
-    # -- a cycle
+    # -- cycle
 
     def _take(self, datagrams: list[bytes]) -> Record | None:
-        """The newest record in order, healthy or not; counts those that are missing."""
+        """Returns the newest record in order, healthy or not; counts the missing ones."""
         newest = None
         for datagram in datagrams:
             for record in self._parser.feed(datagram):
@@ -157,7 +158,7 @@ class AtiNetFt(Sensor):
             step = (record.sequence - self._sequence) % _WRAP
             if step == 0 or step > _WRAP // 2:
                 self._late += 1
-                # Records of the stream before the last request may still come first: then it begins anew.
+                # Records from before the last request may still come first. After them the sequence begins anew.
                 begins = self._asked_anew and record.sequence <= _BEGINNING
                 if not begins and self._late < _RESYNC:
                     return False
@@ -175,7 +176,7 @@ class AtiNetFt(Sensor):
                 self._place, "the sensor has restarted; its bias and its settings may be others", "Check its power"
             )
         self._sample = record.sample
-        # Counted for bad records, too: the clocks' offset must be known when it is well again.
+        # Bad records are counted, too: the clocks' offset must be known when the sensor is well again.
         stamp = now if self._time is None else self._time.stamp(record.sample, now)
         self._latched = bool(record.status & status.LATCHED)
         wrong = status.errors(record.status, self._family) if record.status else ()
@@ -199,7 +200,7 @@ class AtiNetFt(Sensor):
     # -- opening
 
     def _settle(self, where: Address) -> None:
-        """Reads the settings, or takes them from the profile."""
+        """Reads the settings from the sensor, or takes them from the profile."""
         config = self.config
         if config.counts is not None:
             found = Settings("", 1 / config.counts.force, 1 / config.counts.torque)
@@ -220,11 +221,11 @@ class AtiNetFt(Sensor):
         self._scale = np.array([found.force] * 3 + [found.torque] * 3)
 
     def _start(self, link: Datagrams) -> Record:
-        """Asks for the stream until its first record comes."""
+        """Requests the stream until its first record comes."""
         heard = 0
         for _ in range(TRIES):
             self._request(link, Request.STOP)
-            link.read()  # an earlier stream's
+            link.read()  # discards an earlier stream's records
             self._sequence, self._asked_anew = None, False
             self._request(link, Request.START)
             deadline = time.monotonic() + ANSWER
@@ -238,7 +239,7 @@ class AtiNetFt(Sensor):
         raise DeviceError(self._place, f"the sensor sent {what} though it was asked {TRIES} times", _REMEDY)
 
     def _zero(self, link: Datagrams) -> None:
-        """Sensor's own bias. It isn't acknowledged and some firmware then ends the stream: so by looking (1.7)."""
+        """Applies the sensor's own bias, and checks by records: it isn't acknowledged and may end the stream (1.7)."""
         steady = 0.01 * np.array(self._settings.range) if self._settings.range else _STEADY
         for _ in range(3):
             load = self._look(link)
@@ -256,7 +257,7 @@ class AtiNetFt(Sensor):
         raise DeviceError(self._place, "the sensor took no bias", "Set 'bias: false' and zero it by its own page")
 
     def _look(self, link: Datagrams) -> Array:
-        """(k, 6) N, N m: healthy records of LOOK seconds."""
+        """Returns (k, 6) N, N m: healthy records of LOOK seconds."""
         found: list[tuple[int, ...]] = []
         deadline = time.monotonic() + LOOK
         wrong: tuple[str, ...] = ()
@@ -276,7 +277,7 @@ class AtiNetFt(Sensor):
 
 
 def _older(count: int, than: int | None) -> bool:
-    """Whether a sample counter began anew, which no order of arrival explains."""
+    """Returns whether a sample counter began anew; late datagrams don't count."""
     if than is None:
         return False
     step = (count - than + _WRAP // 2) % _WRAP - _WRAP // 2

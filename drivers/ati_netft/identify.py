@@ -1,4 +1,4 @@
-"""Asks the sensor what it is and how it counts, over HTTP or its TCP port. Blocks: for `open` only."""
+"""Reads the sensor's identity and scale, over HTTP or its TCP port. Blocks: for `open` only."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ _CHECK = "Check the address and the power; open the sensor's page in a browser"
 
 
 def identify(where: Address, place: str) -> Settings:
-    """The settings by the sensor's page; by its TCP port where no page answers.
+    """Returns the settings from the sensor's page, or from its TCP port if no page answers.
 
     Raises:
-        DeviceError: neither answers, or what answers is no Net F/T.
+        DeviceError: neither answers, or the answer isn't from a Net F/T.
     """
     try:
         page = get(where, settings.PAGE)
@@ -45,7 +45,7 @@ def identify(where: Address, place: str) -> Settings:
 
 
 def set_rate(where: Address, rate: int, place: str) -> None:
-    """Sets the records' rate. Raises DeviceError."""
+    """Sets the rate of the records. Raises DeviceError."""
     try:
         get(where, f"/comm.cgi?comrdte=1&comrdtrate={rate}")
     except OSError as error:
@@ -55,7 +55,7 @@ def set_rate(where: Address, rate: int, place: str) -> None:
 
 
 def get(where: Address, path: str) -> bytes:
-    """One page, at most 64 KiB. Raises OSError, also for a status of 400 and above."""
+    """Returns one page, at most 64 KiB. Raises OSError, also for a status of 400 and above."""
     deadline = time.monotonic() + ANSWER
     connection = http.client.HTTPConnection(where.host, where.http, timeout=ANSWER)
     try:
@@ -76,7 +76,7 @@ def get(where: Address, path: str) -> bytes:
 
 
 def _ask(where: Address) -> bytes:
-    """The answer to READ_CALIBRATION."""
+    """Returns the answer to READ_CALIBRATION."""
     deadline = time.monotonic() + ANSWER
     with socket.create_connection((where.host, where.tcp), timeout=ANSWER) as link:
         link.sendall(settings.READ_CALIBRATION)

@@ -15,11 +15,11 @@ MOST: Final = 1820  # records in the largest UDP datagram
 
 
 class Request(IntEnum):
-    """Commands of a request; each replaces the one before."""
+    """Commands of a request; each replaces the previous one."""
 
     STOP = 0x0000
-    START = 0x0002  # one record a datagram
-    START_BUFFERED = 0x0003  # several records a datagram
+    START = 0x0002  # one record per datagram
+    START_BUFFERED = 0x0003  # several records per datagram
     RESET_LATCH = 0x0041
     BIAS = 0x0042
 
@@ -28,7 +28,7 @@ class Record(NamedTuple):
     """One sample.
 
     Attributes:
-        sequence: counts the records of one request to stream, from 1; wraps at 2**32.
+        sequence: number of the record within one stream request, from 1; wraps at 2**32.
         sample: the sensor's own sample counter, at its internal rate; wraps at 2**32.
         status: 32 bits, 0 for healthy; see `drivers.ati_netft.status`.
         counts: Fx, Fy, Fz, Tx, Ty, Tz, in counts.
@@ -41,12 +41,12 @@ class Record(NamedTuple):
 
 
 def request(command: int, count: int = 0) -> bytes:
-    """A request; `count`: records wanted, 0 for a stream without end."""
+    """Returns a request's bytes; `count`: records wanted, 0 for an endless stream."""
     return _REQUEST.pack(HEADER, command, count)
 
 
 def parse_request(data: bytes) -> tuple[int, int] | None:
-    """(command, count) of a request, as the sensor reads it; None if it is none."""
+    """Returns (command, count) of a request, as the sensor reads it; None if it isn't one."""
     if len(data) != _REQUEST.size:
         return None
     header, command, count = _REQUEST.unpack(data)
@@ -54,15 +54,15 @@ def parse_request(data: bytes) -> tuple[int, int] | None:
 
 
 def record(value: Record) -> bytes:
-    """A record as the sensor sends it."""
+    """Returns a record's bytes as the sensor sends them."""
     return _RECORD.pack(value.sequence, value.sample, value.status, *value.counts)
 
 
 class Parser:
-    """Takes datagrams apart. A datagram is whole or missing, so nothing is kept from one to the next.
+    """Parses datagrams. A datagram is whole or missing, so nothing is kept from one to the next.
 
     Attributes:
-        frames: good records. errors: datagrams of a wrong size. resyncs: always 0, there is nothing to search.
+        frames: good records. errors: datagrams of a wrong size. resyncs: always 0, as there is nothing to search.
     """
 
     def __init__(self) -> None:
@@ -71,7 +71,7 @@ class Parser:
         self.resyncs = 0
 
     def feed(self, datagram: bytes) -> list[Record]:
-        """The records of one datagram, oldest first; none if its size isn't a whole number of records."""
+        """Returns the records of one datagram, oldest first; none if its size isn't a whole number of records."""
         count, rest = divmod(len(datagram), RECORD_SIZE)
         if rest or not 0 < count <= MOST:
             self.errors += 1

@@ -1,4 +1,4 @@
-"""What turns counts into N and N m, as the sensor's web page or its TCP port tells (sheet ati_ft, 1.3, 1.4). No I/O."""
+"""The scale from counts to N and N m, from the sensor's page or its TCP port (sheet ati_ft, 1.3, 1.4). No I/O."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _KILOPOND: Final = 9.80665  # N
 FORCE_UNITS: Final = {  # N
     "lbf": _POUND, "n": 1.0, "klbf": 1000 * _POUND, "kn": 1000.0, "kgf": _KILOPOND, "gf": _KILOPOND / 1000,
 }  # fmt: skip
-TORQUE_UNITS: Final = {  # N m, spelt without their separators
+TORQUE_UNITS: Final = {  # N m, spelt without separators
     "lbfin": _POUND * _INCH, "lbin": _POUND * _INCH, "inlb": _POUND * _INCH, "inlbf": _POUND * _INCH,
     "lbfft": _POUND * 12 * _INCH, "lbft": _POUND * 12 * _INCH, "ftlb": _POUND * 12 * _INCH,
     "ftlbf": _POUND * 12 * _INCH, "nm": 1.0, "nmm": 0.001, "knm": 1000.0,
@@ -40,11 +40,11 @@ class Settings:
     """The active configuration.
 
     Attributes:
-        product: the product's name; "" where the sensor doesn't tell.
+        product: the product's name; "" if the sensor doesn't report it.
         force: N per count. torque: N m per count.
-        range: (6,) N and N m, the ratings; empty where unknown.
-        sample_rate: Hz of the sensor's own sample counter; None where unknown.
-        record_rate: Hz of records; None where unknown.
+        range: (6,) N and N m, the ratings; empty if unknown.
+        sample_rate: Hz of the sensor's own sample counter; None if unknown.
+        record_rate: Hz of records; None if unknown.
     """
 
     product: str
@@ -56,10 +56,10 @@ class Settings:
 
 
 def scale(counts: float, unit: str, known: dict[str, float], what: str) -> float:
-    """SI units per count.
+    """Returns SI units per count.
 
     Raises:
-        ValueError: no such unit, or counts that can't be; says which.
+        ValueError: the unit is unknown, or the counts are impossible; the message says which.
     """
     key = _key(unit)
     if key not in known:
@@ -70,13 +70,13 @@ def scale(counts: float, unit: str, known: dict[str, float], what: str) -> float
 
 
 def parse_page(page: bytes) -> Settings:
-    """The sensor's page netftapi2.xml. Only counts and units are sure to be there.
+    """Parses the sensor's page netftapi2.xml. Only counts and units are always there.
 
     Raises:
-        ValueError: it isn't such a page, or lacks one of them; says which.
+        ValueError: it isn't such a page, or lacks one of these; the message says which.
     """
     if len(page) > LONGEST or b"<!DOCTYPE" in page or b"<!ENTITY" in page:
-        raise ValueError("the page isn't a Net F/T's")  # and its entities could grow without bound
+        raise ValueError("the page isn't a Net F/T's")  # and its entities could expand without bound
     try:
         root = ElementTree.fromstring(page)
     except (ElementTree.ParseError, ValueError, LookupError):
@@ -104,10 +104,10 @@ def parse_page(page: bytes) -> Settings:
 
 
 def parse_calibration(answer: bytes) -> Settings:
-    """The 24 bytes that answer READ_CALIBRATION; counts are those of RDT, without the TCP records' scale.
+    """Parses the 24-byte answer to READ_CALIBRATION; counts are those of RDT, without the TCP records' scale.
 
     Raises:
-        ValueError: it is no such answer; says why.
+        ValueError: it isn't such an answer; the message says why.
     """
     if len(answer) != CALIBRATION_SIZE:
         raise ValueError(f"its answer has {len(answer)} bytes, expected {CALIBRATION_SIZE}")
@@ -120,7 +120,7 @@ def parse_calibration(answer: bytes) -> Settings:
 
 
 def calibration(per_force: int, per_torque: int, factors: Sequence[int]) -> bytes:
-    """The answer to READ_CALIBRATION of a sensor set to N and N m.
+    """Returns the answer to READ_CALIBRATION of a sensor set to N and N m.
 
     Args:
         per_force, per_torque: counts per N and N m.

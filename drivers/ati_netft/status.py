@@ -1,4 +1,4 @@
-"""Status words of a record, in words (sheet ati_ft, 1.5). The two families' tables contradict each other."""
+"""The status bits of a record, in words (sheet ati_ft, 1.5). The two families' tables contradict each other."""
 
 from __future__ import annotations
 
@@ -52,14 +52,14 @@ _HARMLESS: Final = {"net-box": LATCHED, "axia": LATCHED | 1 << 3 | 1 << 28}  # l
 
 
 def family(product: str) -> str:
-    """ "axia" or "net-box", by the product's name."""
+    """Returns "axia" or "net-box", from the product's name."""
     return "axia" if "axia" in product.lower() else "net-box"
 
 
 def errors(status: int, kind: str) -> tuple[str, ...]:
-    """What makes the record unusable, in words; empty for a good one.
+    """Returns why the record is unusable, in words; empty for a good record.
 
-    The summary bit alone says that something is wrong; beside harmless bits only, it is theirs.
+    The summary bit alone means that something is wrong. Next to harmless bits only, it belongs to them.
 
     Args:
         status: the record's word.

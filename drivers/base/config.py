@@ -11,10 +11,10 @@ from drivers.zenoh_link import PeerConfig
 
 _TOPIC = re.compile(r"^[A-Za-z0-9_]+(/[A-Za-z0-9_]+)*$")
 
-# What the controller on the robot allows (protocol sheet summit-xl-zenoh, section 1).
+# Limits of the controller on the robot (protocol sheet summit-xl-zenoh, section 1).
 TOP_SPEED, TOP_TURN = 1.5, 3.0  # m/s, rad/s
 TOP_ACCELERATION, TOP_TURN_ACCELERATION = 0.6, 1.5  # m/s^2, rad/s^2
-# What is sensible near people: the planner limits that the maker ships (fact sheet summit_xl_steel).
+# Sensible limits near people: the planner limits that the maker ships (fact sheet summit_xl_steel).
 FORWARD, SIDEWAYS, TURN = 0.75, 0.5, 0.785  # m/s, m/s, rad/s
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -23,7 +23,7 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 class BaseConfig(PeerConfig):
     """Options of a base. Defaults fit a SUMMIT-XL STEEL in the namespace `robot`.
 
-    Topics are written as ROS writes them, without the leading slash; below `namespace` unless they begin
+    Topics are written as in ROS, without the leading slash. They are relative to `namespace` unless they begin
     with a slash.
     """
 
@@ -74,7 +74,7 @@ class BaseConfig(PeerConfig):
         return self
 
     def topic(self, name: str) -> str:
-        """A topic's full name without the leading slash: the bridge's key expression."""
+        """Returns a topic's full name without the leading slash: the bridge's key expression."""
         if name.startswith("/"):
             return name[1:]
         space = self.namespace.strip("/")

@@ -1,7 +1,7 @@
-"""A mobile base: velocity commands out, wheel odometry in, over zenoh.
+"""A mobile base: sends velocity commands, receives wheel odometry, over zenoh.
 
-zenoh runs in a process of its own (`drivers.zenoh_link`). Each command expires there: when the loop falls
-silent, zero velocity follows at once and for a second, and then the robot's own time-out (0.5 s) holds.
+zenoh runs in its own process (`drivers.zenoh_link`). Each command expires there: if the loop stops sending, zero
+velocity follows at once and for one second. After that the robot's own time-out (0.5 s) holds.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from runtime.contracts.signals import Command, Kind, Limits, Signal, Stop
 COMMAND = "twist_command"
 AXES = ("vx", "vy", "wz")
 UNIT = "m/s, rad/s"
-SILENT = 1_000_000_000  # ns without odometry until the link is opened anew
+SILENT = 1_000_000_000  # ns without odometry after which the link is opened again
 FIRST = 5.0  # s that the first odometry may take
-FARTHEST = 0.1  # s that the pose is carried on at most
+FARTHEST = 0.1  # s for which the pose is extrapolated at most
 PRESSED = "its emergency stop is pressed, or the robot holds itself stopped; release it at the robot"
 _ODOMETRY, _EMERGENCY = 0, 1
 
 
 class MobileBase(Driver):
-    """A base that follows a velocity.
+    """A mobile base that follows a velocity command.
 
-    States `pose` (3,): x (m), y (m), yaw (rad, unwrapped) of the base in its odometry frame, carried on by the
+    States `pose` (3,): x (m), y (m), yaw (rad, unwrapped) of the base in its odometry frame, extrapolated by the
     twist between messages; `twist` (3,): vx, vy (m/s), wz (rad/s) in the base's frame. Command
-    `twist_command` (3,), likewise, kind velocity. Source: protocol sheet summit-xl-zenoh.
+    `twist_command` (3,): as `twist`, kind velocity. Source: protocol sheet summit-xl-zenoh.
     """
 
     Config = BaseConfig
@@ -71,7 +71,7 @@ class MobileBase(Driver):
         self._expiry = round(config.expiry * 1e9)
         self._was_lost = False
         self._pose, self._twist = np.zeros(3), np.zeros(3)
-        self._offset = 0  # the robot's clock less ours, ns
+        self._offset = 0  # the robot's clock minus ours, ns
         self._arrived = 0
         self._written = 0
         self._published = 0
@@ -79,10 +79,10 @@ class MobileBase(Driver):
         self._heard_emergency = False
 
     def open(self) -> None:
-        """See `Driver.open`; blocks up to some 10 s. The base doesn't move.
+        """See `Driver.open`. Blocks up to about 10 s. The base doesn't move.
 
         Raises:
-            DeviceError: no connection, no odometry, another frame, or the robot takes another message.
+            DeviceError: no connection, no odometry, another frame, or the robot expects another message type.
         """
         self.close()
         config, link = self._config, self._link
@@ -92,7 +92,7 @@ class MobileBase(Driver):
         topic = config.topic(config.command)
         key = topic
         if config.middleware == "rmw_zenoh":
-            key = self._find_key(topic)  # only a session can ask for it
+            key = self._find_key(topic)  # only an open session can query it
         stamp_at = protocol.STAMP_AT if self._kind == protocol.TWIST_STAMPED else None
         outlet = Outlet(key, "", self._zero, stamp_at, config.middleware == "rmw_zenoh")
         self._time.restart()
@@ -114,7 +114,7 @@ class MobileBase(Driver):
         self.health.message = f"odometry in '{self._frame}'{note}"
 
     def read(self, now: int) -> None:
-        """See `Driver.read`. The newest odometry counts; one that came late has its own, old stamp."""
+        """See `Driver.read`. The newest odometry is used; late odometry keeps its own, old stamp."""
         try:
             events = self._link.read()
         except DeviceLostError:
@@ -139,7 +139,7 @@ class MobileBase(Driver):
         states["pose"][:] = protocol.carried(self._pose, self._twist, age)
 
     def write(self, now: int) -> None:
-        """See `Driver.write`. At most `rate` commands a second; each is void after `expiry`."""
+        """See `Driver.write`. Sends at most `rate` commands per second; each expires after `expiry`."""
         clock = time.monotonic_ns()
         if clock - self._written < self._period:
             return
@@ -151,7 +151,7 @@ class MobileBase(Driver):
         payload = protocol.velocity(self._kind, vx, vy, wz)
         try:
             if self._link.publish(0, payload, clock + self._expiry, clock + self._offset):
-                # Keeps its phase, so that a loop of 100 Hz gives 50 commands a second and not 33.
+                # The phase is kept, so that a loop of 100 Hz sends 50 commands per second and not 33.
                 late = clock - self._written - self._period
                 self._written = clock - late if 0 <= late < self._period else clock
                 self._published += 1
@@ -160,20 +160,20 @@ class MobileBase(Driver):
             raise
 
     def stop(self, category: Stop) -> None:
-        """See `Driver.stop`: zero velocity; the robot brakes by its own ramp."""
+        """See `Driver.stop`: sends zero velocity; the robot brakes along its own ramp."""
         self._link.stop()
 
     def recover(self, now: int) -> None:
-        """See `Driver.recover`. An e-stop is released at the robot, which says so.
+        """See `Driver.recover`. An e-stop is released at the robot, which then reports it.
 
-        One that was pressed before the link was lost, and of which nothing was heard since, is taken for
-        released: robots that report changes only would keep the base stopped for ever.
+        If an e-stop was pressed before the link was lost and no report has come since, it counts as released.
+        Otherwise robots that report only changes would keep the base stopped for ever.
         """
         if not self._heard_emergency:
             self.health.fault = ""
 
     def close(self) -> None:
-        """See `Driver.close`: zero velocity if it was commanded, then the connection ends."""
+        """See `Driver.close`: sends zero velocity if it was commanded, then ends the connection."""
         self.health.connected = False
         self._link.close()
 
@@ -182,11 +182,11 @@ class MobileBase(Driver):
         return self._link.fileno()
 
     def stop_frame(self, category: Stop) -> bytes:
-        """See `Driver.stop_frame`: asks the zenoh process for zero velocity."""
+        """See `Driver.stop_frame`: requests zero velocity from the zenoh process."""
         return self._link.stop_frame
 
     def figures(self) -> dict[str, object]:
-        """Commands handed over, the odometry's frame, and ns the newest sample came later than the fastest."""
+        """Returns commands handed over, the odometry's frame, and the newest sample's delay to the fastest one (ns)."""
         return {"commands": self._published, "frame": self._frame, "delay_ns": self._time.delay}
 
     def _key(self, topic: str) -> str:
@@ -194,7 +194,7 @@ class MobileBase(Driver):
         return full if self._config.middleware == "bridge" else ros.rmw_key(self._config.domain, full)
 
     def _find_key(self, topic: str) -> str:
-        """rmw_zenoh: the key holds a hash that only the robot's own subscriber tells."""
+        """Returns the command's key for rmw_zenoh: it contains a hash that only the robot's own subscriber reports."""
         self._link.open(self._config, [], [], [])
         tokens = self._link.tokens(ros.rmw_tokens(self._config.domain, topic))
         self._link.close()
@@ -209,7 +209,7 @@ class MobileBase(Driver):
         return found[0].key
 
     def _check_type(self, tokens: list[str], topic: str, read: Callable[[str], ros.Subscriber | None]) -> str:
-        """Refuses a robot that takes another message. Returns a remark."""
+        """Refuses a robot that expects another message type. Returns a note for the user."""
         kinds = {s.type for t in tokens if (s := read(t)) is not None}
         if kinds and self._kind not in kinds:
             other = sorted(kinds)[0]
@@ -263,7 +263,7 @@ class MobileBase(Driver):
                 continue
             stamp = self._time.stamp(message.stamp, sample.arrived)
             if stamp is None:
-                continue  # a repetition, or the robot's clock was set back: not fresh in either case
+                continue  # a repetition, or the robot's clock was set back: not new in either case
             self._arrived = sample.arrived
             self._offset = message.stamp - stamp
             self.health.stamp = stamp

@@ -19,9 +19,9 @@ TWIST = "geometry_msgs/msg/Twist"
 TWIST_STAMPED = "geometry_msgs/msg/TwistStamped"
 BOOL = "std_msgs/msg/Bool"
 
-STAMP_AT = 4  # where TwistStamped has its stamp
+STAMP_AT = 4  # offset of the stamp in TwistStamped
 LONGEST_FRAME = 256  # bytes
-TILT = 0.02  # a quaternion's x and y, beyond which a base on wheels can't be right
+TILT = 0.02  # limit of a quaternion's x and y: a base on wheels can't tilt further
 _UINT = struct.Struct("<I")
 _STAMP = struct.Struct("<iI")
 _POSE = struct.Struct("<7d")
@@ -50,14 +50,14 @@ class Odometry:
 
 
 class OdometryReader:
-    """Reads nav_msgs/Odometry, each message for itself: zenoh keeps their bounds.
+    """Reads nav_msgs/Odometry, each message on its own: zenoh keeps the messages' bounds.
 
-    A message that is cut, has a number that isn't finite, a quaternion that isn't one, or is tilted, is
-    counted and thrown away.
+    A message is counted and discarded if it is cut short, has a number that isn't finite, has an invalid
+    quaternion, or is tilted.
 
     Attributes:
-        frames, errors: messages taken, and thrown away.
-        problem: what was wrong with the last one that was thrown away.
+        frames, errors: messages accepted, and discarded.
+        problem: the problem with the last discarded message.
     """
 
     def __init__(self) -> None:
@@ -66,7 +66,7 @@ class OdometryReader:
         self.problem = ""
 
     def feed(self, payload: bytes) -> list[Odometry]:
-        """The message of a payload; none if it is bad. Never raises."""
+        """Returns the message of a payload; none if it is invalid. Never raises."""
         try:
             message = read_odometry(payload)
         except ValueError as error:
@@ -78,7 +78,7 @@ class OdometryReader:
 
 
 def read_odometry(payload: bytes) -> Odometry:
-    """A payload's message. Raises ValueError, saying what is wrong."""
+    """Decodes a payload. Raises ValueError with the problem."""
     if payload[:_HEADER] != cdr.HEADER:
         raise ValueError("it doesn't begin with 00 01 00 00 (CDR, little endian)")
     try:
@@ -115,7 +115,7 @@ def _string(payload: bytes, at: int) -> tuple[str, int]:
 
 
 def odometry(message: Odometry) -> bytes:
-    """The payload of a message; covariances zero. For twins."""
+    """Encodes a message; covariances zero. For twins."""
     x, y, yaw = message.pose
     vx, vy, wz = message.twist
     none = [0.0] * 36
@@ -143,7 +143,7 @@ def odometry(message: Odometry) -> bytes:
 
 
 def velocity(kind: str, vx: float, vy: float, wz: float) -> bytes:
-    """The payload of a velocity command. kind: TWIST, or TWIST_STAMPED (its stamp, at STAMP_AT, left 0)."""
+    """Encodes a velocity command. kind: TWIST, or TWIST_STAMPED (its stamp, at STAMP_AT, stays 0)."""
     twist = _TWIST.pack(vx, vy, 0.0, 0.0, 0.0, wz)
     if kind == TWIST:
         return cdr.HEADER + twist
@@ -152,7 +152,7 @@ def velocity(kind: str, vx: float, vy: float, wz: float) -> bytes:
 
 
 def read_velocity(payload: bytes) -> tuple[float, float, float, int | None]:
-    """vx, vy, wz of either kind of command, and its stamp in ns. For twins. Raises ValueError."""
+    """Decodes either kind of command to vx, vy, wz and its stamp in ns. For twins. Raises ValueError."""
     try:
         if len(payload) == _HEADER + _TWIST.size:
             stamp, twist = None, cdr.decode(TWIST, payload)
@@ -166,7 +166,7 @@ def read_velocity(payload: bytes) -> tuple[float, float, float, int | None]:
 
 
 def read_bool(payload: bytes) -> bool | None:
-    """std_msgs/Bool; None if it isn't one."""
+    """Decodes std_msgs/Bool; None if it isn't one."""
     try:
         return bool(cdr.decode(BOOL, payload)["data"])
     except RequestError:
@@ -174,12 +174,12 @@ def read_bool(payload: bytes) -> bool | None:
 
 
 def frame_fits(child: str, wanted: str | None) -> bool:
-    """Whether an odometry's child frame is the base: the one asked for, or one that is called so."""
+    """Returns whether an odometry's child frame is the base: the wanted frame, or one with a usual name."""
     return child == wanted if wanted is not None else child.endswith(_FRAMES)
 
 
 def carried(pose: Array, twist: Array, seconds: float) -> tuple[float, float, float]:
-    """A pose (x, y, yaw) carried on by a constant twist (vx, vy, wz in the base's frame): an arc."""
+    """Extrapolates a pose (x, y, yaw) by a constant twist (vx, vy, wz in the base's frame), along an arc."""
     x, y, yaw = pose.tolist()
     vx, vy, wz = twist.tolist()
     turn = wz * seconds

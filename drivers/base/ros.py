@@ -1,22 +1,22 @@
-"""Where a ROS 2 topic is on zenoh, for both ways a robot can be reached.
+"""The place of a ROS 2 topic on zenoh, for both ways to reach a robot.
 
-Behind zenoh-bridge-ros2dds the key is the topic; with rmw_zenoh_cpp it has domain, type and type hash around
-it. Both announce who publishes and who subscribes by liveliness tokens. Source: protocol sheet
-summit-xl-zenoh, sections 2 and 4.
+Behind zenoh-bridge-ros2dds the key is the topic. With rmw_zenoh_cpp the key also has domain, type and type hash.
+Both announce publishers and subscribers by liveliness tokens. Source: protocol sheet summit-xl-zenoh, sections 2
+and 4.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-_SLASH = "§"  # the bridge's tokens have it for "/"
+_SLASH = "§"  # stands for "/" in the bridge's tokens
 
 
 class Subscriber(NamedTuple):
-    """What a token tells of a subscriber.
+    """A subscriber, as described by a token.
 
     Attributes:
-        key: where to publish.
+        key: the key to publish on.
         type: "geometry_msgs/msg/Twist".
     """
 
@@ -25,12 +25,12 @@ class Subscriber(NamedTuple):
 
 
 def bridge_tokens(topic: str) -> str:
-    """The key expression of the bridge's tokens for subscribers of a topic."""
+    """Returns the key expression of the bridge's tokens for subscribers of a topic."""
     return f"@/*/@ros2_lv/MS/{topic.replace('/', _SLASH)}/*/*"
 
 
 def read_bridge_token(token: str) -> Subscriber | None:
-    """A bridge's token; None if it is something else."""
+    """Parses a bridge's token; None if it is something else."""
     parts = token.split("/")
     if len(parts) != 7 or parts[0] != "@" or parts[2] != "@ros2_lv":
         return None
@@ -38,12 +38,12 @@ def read_bridge_token(token: str) -> Subscriber | None:
 
 
 def rmw_tokens(domain: int, topic: str) -> str:
-    """The key expression of rmw_zenoh's tokens for subscribers of a topic."""
+    """Returns the key expression of rmw_zenoh's tokens for subscribers of a topic."""
     return f"@ros2_lv/{domain}/*/*/*/MS/*/*/*/{'%' + topic.replace('/', '%')}/*/*/*"
 
 
 def read_rmw_token(token: str) -> Subscriber | None:
-    """rmw_zenoh's token; None if it is something else."""
+    """Parses rmw_zenoh's token; None if it is something else."""
     parts = token.split("/")
     if len(parts) != 13 or parts[0] != "@ros2_lv":
         return None
@@ -52,10 +52,10 @@ def read_rmw_token(token: str) -> Subscriber | None:
 
 
 def rmw_key(domain: int, topic: str) -> str:
-    """The key expression of a topic's samples, whatever their type's hash."""
+    """Returns the key expression of a topic's samples, whatever their type's hash."""
     return f"{domain}/{topic}/**"
 
 
 def _plain_type(kind: str) -> str:
-    """ "geometry_msgs::msg::dds_::Twist_" -> "geometry_msgs/msg/Twist"."""
+    """Converts "geometry_msgs::msg::dds_::Twist_" to "geometry_msgs/msg/Twist"."""
     return kind.replace("::dds_::", "::").replace("::", "/").rstrip("_")

@@ -32,11 +32,11 @@ from runtime.contracts.signals import Array, Signal
 LABELS: Final = ("fx", "fy", "fz", "tx", "ty", "tz")
 TRIES: Final = 3
 ANSWER: Final = 0.3  # s
-QUIET: Final = 0.03  # s without a frame: the stream has stopped
-ASK_AGAIN: Final = 100_000_000  # ns: at least so long without a record before the stream is asked for again
-PERIODS: Final = 5  # and at least so many periods (4)
+QUIET: Final = 0.03  # s without a frame after which the stream has stopped
+ASK_AGAIN: Final = 100_000_000  # ns, the shortest time without a record before the stream is requested again
+PERIODS: Final = 5  # and the fewest periods for this (4)
 GONE: Final = 2_000_000_000  # ns without a record after which the sensor counts as lost
-LOOK: Final = 0.25  # s of records that a zero is taken from
+LOOK: Final = 0.25  # s of records from which a zero is taken
 FEWEST: Final = 5
 STEADY: Final = np.array([2.0] * 3 + [0.2] * 3)  # N, N m, peak to peak while a zero is taken
 _REMEDY: Final = (
@@ -82,11 +82,12 @@ class CanFtConfig(DeviceConfig):
 
 
 class CanFt(Sensor):
-    """State `wrench` (6,): force (N), then torque (N m), in the frame of the options.
+    """A Robotous RFT force/torque sensor on CAN.
 
-    The sensor has neither a counter nor a clock on the wire. A sample's stamp comes from the interface's own
-    time stamp of its first frame, so frames that waited in a queue show their age. A record with an overload
-    isn't taken: the last good one grows old. Source: sheet robotous_rft_can.
+    State `wrench` (6,): force (N), then torque (N m), in the frame of the options. The sensor sends neither a counter
+    nor a clock. A sample's stamp comes from the interface's own time stamp of its first frame, so frames that waited in
+    a queue show their age. A record with an overload isn't used: the last good one becomes old. Source: sheet
+    robotous_rft_can.
     """
 
     Config = CanFtConfig
@@ -102,16 +103,16 @@ class CanFt(Sensor):
         self._parser = Parser(config.ids[1], config.ids[2])
         self._link: CanLink | None = None
         self._time = DeviceTime(1)
-        self._first_at = 0.0  # the interface's time of the waiting first half
+        self._first_at = 0.0  # the interface's time of the first half that waits for its second
         self._scale: Array = np.ones(6)
-        self._zero: Array | None = None  # N, N m; kept over a loss, when the load may be another
+        self._zero: Array | None = None  # N, N m; kept after a loss, when the load may have changed
         self._names: dict[str, str] = {}
         self._heard = self._asked = -1
         self._overloads = 0
         self._asks = 0
         period = 1_000_000_000 // config.rate
         self._patience = max(ASK_AGAIN, PERIODS * period)
-        # What a loss of power makes it forget is sent along whenever the stream is asked for again.
+        # A sensor that lost power forgets these settings, so they are sent again with each new stream request.
         cutoff = CUTOFFS.index(config.filter)
         self._settings = (
             command(Command.SET_FILTER, 1 if cutoff else 0, cutoff),
@@ -119,10 +120,10 @@ class CanFt(Sensor):
         )
         self._unbias = (command(Command.BIAS, 0),) if config.bias else ()
 
-    # -- life
+    # -- lifecycle
 
     def open(self) -> None:
-        """See `Driver.open`; blocks up to 5 s."""
+        """See `Driver.open`. Blocks up to 5 s."""
         self.close()
         filters = [{"can_id": number, "can_mask": 0x7FF} for number in self.config.ids[1:]]
         link = self._link = open_can(self.config.port, place=self._place, filters=filters)
@@ -175,13 +176,13 @@ class CanFt(Sensor):
             link.close()
 
     def figures(self) -> dict[str, object]:
-        """Model, serial number and firmware; records with an overload; times the stream was asked for again."""
+        """Returns model, serial number, firmware; records with an overload; number of repeated stream requests."""
         return self._names | {"overloads": self._overloads, "asked_again": self._asks}
 
-    # -- a cycle
+    # -- cycle
 
     def _take(self, messages: list[can.Message]) -> tuple[Record | None, float]:
-        """The newest record and the interface's time of its first frame."""
+        """Returns the newest record, and the interface's time of its first frame."""
         newest, at = None, 0.0
         for message in messages:
             if message.is_extended_id or message.is_remote_frame:
@@ -222,7 +223,7 @@ class CanFt(Sensor):
     # -- opening
 
     def _silence(self, link: CanLink) -> None:
-        """Ends a stream that an earlier program left on, and throws away what is under way."""
+        """Ends a stream that an earlier program left on, and discards the frames on their way."""
         for _ in range(TRIES):
             self._send(link, command(Command.STOP))
             deadline = time.monotonic() + ANSWER
@@ -277,9 +278,9 @@ class CanFt(Sensor):
         raise DeviceError(self._place, "the sensor doesn't stream", _REMEDY)
 
     def _unloaded(self, link: CanLink) -> Array:
-        """(6,) N, N m: the mean of what it reads now.
+        """Returns the mean of the present readings, (6,) N, N m.
 
-        Subtracted here: the sensor's own bias isn't acknowledged, and lost with its power.
+        The driver subtracts it, because the sensor's own bias isn't acknowledged and is lost with its power.
         """
         found: list[tuple[int, ...]] = []
         deadline = time.monotonic() + max(LOOK, 2 * FEWEST / self.config.rate)

@@ -16,7 +16,7 @@ CUTOFFS: Final = (0, 500, 300, 200, 150, 100, 50, 40, 30, 20, 10, 5, 3, 2, 1)
 RATES: Final = (200, 10, 20, 50, 100, 200, 333, 500, 1000)
 """Output rate (Hz) by its code; 0 is the default's."""
 ERRORS: Final = {1: "unsupported command", 2: "value out of range", 3: "its memory can't be written"}
-DIVISORS: Final = {  # counts per N, per N m
+DIVISORS: Final = {  # counts per N, and per N m
     "RFT40-SA01": (50, 2000), "RFT44-SB01": (50, 2000), "RFT60-HA01": (50, 2000), "RFT64-SB01": (50, 2000),
     "RFT76-HA01": (50, 2000), "RFT82-HA02": (50, 1000), "RFT80-6A01": (50, 1000),
 }  # fmt: skip
@@ -24,7 +24,7 @@ _RECORD: Final = struct.Struct(">B6hB2x")
 
 
 class Command(IntEnum):
-    """First byte of a command, repeated by its response."""
+    """First byte of a command; its response repeats it."""
 
     MODEL = 0x01
     SERIAL = 0x02
@@ -48,7 +48,7 @@ class Record(NamedTuple):
     Attributes:
         counts: Fx, Fy, Fz, Tx, Ty, Tz, in counts.
         overload: bit 5 for Fx down to bit 0 for Tz, above 120 % of the rated load.
-        polled: the answer to one READ_ONCE, not of the stream.
+        polled: the answer to one READ_ONCE, not a record of the stream.
     """
 
     counts: tuple[int, int, int, int, int, int]
@@ -57,16 +57,16 @@ class Record(NamedTuple):
 
     @property
     def overloaded(self) -> tuple[str, ...]:
-        """The names of the axes that are overloaded."""
+        """The names of the overloaded axes."""
         return tuple(axis for i, axis in enumerate(AXES) if self.overload >> 5 - i & 1)
 
 
 class Response(NamedTuple):
-    """What answers any other command.
+    """The response to any other command.
 
     Attributes:
         command: the command's byte.
-        values: the 15 bytes behind it.
+        values: the 15 bytes after it.
     """
 
     command: int
@@ -74,31 +74,31 @@ class Response(NamedTuple):
 
     @property
     def text(self) -> str:
-        """Of MODEL, SERIAL, FIRMWARE."""
+        """The text of the responses to MODEL, SERIAL, FIRMWARE."""
         return self.values.split(b"\0")[0].decode("ascii", "replace").strip()
 
 
 def command(code: int, *parameters: int) -> bytes:
-    """A command's frame."""
+    """Returns a command's frame."""
     return bytes((code, *parameters)).ljust(FRAME, b"\0")
 
 
 def response(code: int, values: bytes = b"") -> tuple[bytes, bytes]:
-    """The two frames of a response, as the sensor sends them."""
+    """Returns the two frames of a response, as the sensor sends them."""
     whole = (bytes((code,)) + values[:15]).ljust(2 * FRAME, b"\0")
     return whole[:FRAME], whole[FRAME:]
 
 
 def record(value: Record) -> tuple[bytes, bytes]:
-    """The two frames of a record, as the sensor sends them."""
+    """Returns the two frames of a record, as the sensor sends them."""
     whole = _RECORD.pack(Command.READ_ONCE if value.polled else Command.START, *value.counts, value.overload)
     return whole[:FRAME], whole[FRAME:]
 
 
 class Parser:
-    """Pairs the frames of responses. Frames of other ids are none of its business.
+    """Pairs the frames of responses; frames with other ids are ignored.
 
-    A second half without a first, and a first half followed by another, are dropped (4).
+    It drops a second half without a first, and a first half followed by another first half (4).
 
     Attributes:
         frames: pairs. errors: halves dropped and frames of a wrong length. resyncs: first halves replaced.
@@ -110,11 +110,11 @@ class Parser:
         self._half: bytes | None = None
 
     def reset(self) -> None:
-        """Forgets a first half."""
+        """Forgets a first half that waits for its second."""
         self._half = None
 
     def feed(self, can_id: int, data: bytes) -> list[Record | Response]:
-        """What this frame completes: nothing or one message."""
+        """Returns what this frame completes: nothing or one message."""
         if can_id not in (self.first, self.second):
             return []
         if len(data) != FRAME:

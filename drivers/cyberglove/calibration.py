@@ -1,6 +1,6 @@
-"""From raw sensor bytes to joint angles and back, by a person's calibration (sheet cyberglove, §6).
+"""Converts raw sensor bytes to joint angles and back, by a person's calibration (sheet cyberglove, §6).
 
-The project's own file, YAML, with every sensor of the glove under its name:
+The project's own file is YAML and lists every sensor of the glove by name:
 
     person: P07            # an anonymous id
     date: 2026-02-17
@@ -10,8 +10,8 @@ The project's own file, YAML, with every sensor of the glove under its name:
       wrist_yaw: {gain: 0.0091, offset: 128}                      # gain (rad) * (raw - offset)
       ...
 
-Angles are anatomical, so that both hands read alike: flexion positive, abduction positive when the neighbours
-(or the thumb and the palm) are apart.
+Angles are anatomical, so that both hands give the same values: flexion is positive, abduction is positive when the
+neighbours (or the thumb and the palm) are apart.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ class _Part(BaseModel):
 
 
 class Fit(_Part):
-    """One sensor's line: either `points` or `gain` and `offset`.
+    """One sensor's characteristic: either `points` or `gain` and `offset`.
 
     Attributes:
-        points: two or more (raw, rad), raw rising and rad strictly rising or falling; between them straight
-            lines, beyond them the outer lines go on.
-        gain, offset: rad = gain (raw - offset); the gain isn't zero, the offset may lie outside a byte.
+        points: two or more (raw, rad), raw rising and rad strictly rising or falling; straight lines between them,
+            and the outer lines continue beyond them.
+        gain, offset: rad = gain (raw - offset); the gain isn't zero, the offset may be outside a byte's range.
     """
 
     points: Annotated[list[tuple[_Byte, _Finite]], Field(min_length=2)] | None = None
@@ -70,7 +70,7 @@ class Fit(_Part):
         return self
 
     def angles(self) -> Array:
-        """(256,) rad: the angle of each raw byte."""
+        """Returns (256,) rad: the angle of each raw byte."""
         if self.points is None:
             assert self.gain is not None
             assert self.offset is not None
@@ -93,9 +93,9 @@ class Calibration:
 
     Attributes:
         table: (n, 256) rad: the angle of each sensor at each raw byte; strictly monotonic in every row.
-        note: what a person should know about it ("uncalibrated: ..."); empty for a calibrated glove.
-        hand: "right" or "left"; None where the source doesn't say.
-        person: anonymous id; empty where the source doesn't say.
+        note: a message for the user ("uncalibrated: ..."); empty for a calibrated glove.
+        hand: "right" or "left"; None if the source doesn't say.
+        person: anonymous id; empty if the source doesn't say.
     """
 
     def __init__(
@@ -109,9 +109,9 @@ class Calibration:
         self._angles = table.ravel()
         self._rows = rows * 256
         self._index = np.empty(len(table), dtype=np.intp)
-        # For the inverse, row i is scaled to rise from 2 i at byte 1 to 2 i + 1 at byte 255. So the places
-        # halfway between bytes, and between rows, make one rising sequence, in which a single search finds
-        # all rows' bytes: byte b of row i is behind 255 i + b - 1 of them.
+        # For the inverse, row i is scaled to rise from 2 i at byte 1 to 2 i + 1 at byte 255. So the midpoints between
+        # bytes, and between rows, form one rising sequence, and a single search in it finds all rows' bytes: byte b of
+        # row i comes after 255 i + b - 1 of them.
         self._scale = 1.0 / (table[:, 255] - table[:, 1])
         self._shift = 2.0 * rows - table[:, 1] * self._scale
         self._lowest, self._highest = 2.0 * rows - 0.25, 2.0 * rows + 1.25
@@ -121,20 +121,20 @@ class Calibration:
         self._angles_from_1 = table[:, 1:].ravel()
 
     def angles(self, raw: bytes, out: Array) -> None:
-        """Writes into `out`, (n,) rad, the angles of n raw bytes."""
+        """Writes the angles of n raw bytes into `out`, (n,) rad."""
         np.add(self._rows, np.frombuffer(raw, np.uint8), out=self._index)
         self._angles.take(self._index, out=out, mode="clip")
 
     def raw(self, angles: Array) -> NDArray[np.uint8]:
-        """(n,) bytes 1..255, those of the nearest angles along each line; the exact inverse of `angles`."""
+        """Returns (n,) bytes 1..255, those of the nearest angles along each line; the exact inverse of `angles`."""
         return (self._nearest(angles) - self._before).astype(np.uint8)
 
     def quantise(self, angles: Array, out: Array) -> None:
-        """Writes into `out`, (n,) rad, the angles of the bytes that `raw` gives."""
+        """Writes the angles of the bytes that `raw` returns into `out`, (n,) rad."""
         self._angles_from_1.take(self._nearest(angles), out=out, mode="clip")
 
     def _nearest(self, angles: Array) -> NDArray[np.intp]:
-        """(n,) the nearest bytes' places in the (n, 255) table of bytes 1..255, laid out as one row."""
+        """Returns the (n,) indices of the nearest bytes in the flattened (n, 255) table of bytes 1..255."""
         place = angles * self._scale
         place += self._shift
         np.maximum(place, self._lowest, out=place)
@@ -143,10 +143,10 @@ class Calibration:
 
 
 def load(path: Path, sensors: int) -> Calibration:
-    """Reads a calibration: the project's YAML, or a vendor's file, told by its ending `.cal`.
+    """Reads a calibration: the project's YAML, or a vendor's file, recognised by its ending `.cal`.
 
     Raises:
-        ProfileError: naming file, key and what was expected.
+        ProfileError: with file, key and what was expected.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -157,7 +157,7 @@ def load(path: Path, sensors: int) -> Calibration:
 
 
 def default(sensors: int) -> Calibration:
-    """An average hand, from the sheet's ranges; good enough to see a hand move, not to control a device."""
+    """Returns an average hand, from the sheet's ranges: enough to see a hand move, not to control a device."""
     fits = [_typical(label) for label in LABELS[sensors]]
     return Calibration(
         np.array([fit.angles() for fit in fits]), note="uncalibrated: angles are those of an average hand"
@@ -198,7 +198,7 @@ def _own(path: Path, text: str, sensors: int) -> Calibration:
     return Calibration(table, hand=file.hand, person=file.person)
 
 
-# Where the vendor's file has its sensors' lines, counted from 0, in the record's order (§6).
+# The lines of the sensors in the vendor's file, counted from 0, in the record's order (§6).
 _VENDOR_LINES: Final = {
     22: (*range(2, 6), *range(7, 10), *(12, 13, 14, 15), *range(17, 21), *range(22, 26), *(27, 28, 29)),
     18: (*range(2, 6), *(7, 8), *(12, 13, 15), *(17, 18, 20), *(22, 23, 25), *(27, 28, 29)),
@@ -208,7 +208,7 @@ _GAIN_ELSEWHERE: Final = {15: 10}  # the vendor's tool writes line 15's gain (mi
 
 
 def _vendor(path: Path, text: str, sensors: int) -> Calibration:
-    """VirtualHand's file: angle = (raw - offset) gain, rad. Its signs differ between versions."""
+    """Reads VirtualHand's file: angle = (raw - offset) gain, rad. Its signs differ between versions."""
     lines = [line.split() for line in text.splitlines()]
 
     def number(line: int, word: int, what: str) -> float:
@@ -235,7 +235,7 @@ def _vendor(path: Path, text: str, sensors: int) -> Calibration:
 
 
 def _typical(label: str) -> Fit:
-    """The flat hand at raw 80, the fist at 190; abductions fall from 50° at 6 to 0 at 153 (§6)."""
+    """Returns a typical line: flat hand at raw 80, fist at 190; abductions fall from 50° at 6 to 0 at 153 (§6)."""
     if label.endswith("abduction"):
         return Fit(points=[(6, 0.87), (153, 0.0)])
     if label.startswith("wrist"):

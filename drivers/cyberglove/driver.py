@@ -18,8 +18,8 @@ from runtime.contracts.signals import Signal
 
 TRIES: Final = 3  # after power-up the first answer can fail (§7)
 ANSWER: Final = 1.0  # s for an answer or the first record; the sheet's drivers wait 0.1 to 2 s
-QUIET: Final = 0.15  # s without a byte: the stream has stopped
-RESTART: Final = 1_000_000_000  # ns without a record after which streaming is asked for again
+QUIET: Final = 0.15  # s without a byte after which the stream has stopped
+RESTART: Final = 1_000_000_000  # ns without a record after which streaming is requested again
 _REMEDY = "Check the port, that it is an 8-bit CyberGlove II or III, and its power; switch it off and on"
 
 
@@ -33,11 +33,13 @@ class CyberGloveConfig(DeviceConfig):
 
 
 class CyberGlove(Sensor):
-    """States: `position` (n,), rad, joint angles by sensor name; `buttons` (1,), the wrist switch, 0 or 1.
+    """A CyberGlove data glove.
 
-    Angles are anatomical (flexion and spreading positive), so both hands read alike. A sample's `stamp` is
-    when the loop found it: the unit and byte order of the glove's own time stamp aren't known (§3), so it
-    stays off. A glove pulled from its interface goes stale: its records are read but not taken.
+    States: `position` (n,), rad, joint angles by sensor name; `buttons` (1,), the wrist switch, 0 or 1.
+
+    Angles are anatomical (flexion and spreading positive), so both hands give the same values. A sample's `stamp` is
+    the time when the loop found it. The glove's own time stamp stays off, because its unit and byte order aren't known
+    (§3). If the glove is unplugged from its interface, the device becomes stale: its records are read but not used.
     """
 
     Config = CyberGloveConfig
@@ -59,13 +61,13 @@ class CyberGlove(Sensor):
         self._calibration: calibration.Calibration | None = None
         self._parser = Parser(config.sensors)
         self._link: Transport | None = None
-        # After a power-cycle a glove has forgotten all of it, so a stream that stops is asked for with it.
+        # A glove forgets these settings when it is switched off, so a request to restart the stream repeats them.
         self._settings = (assign("N", config.sensors), assign("D", 0), assign("U", 1))
         self._since = -1  # ns: the newest record of any kind, or the newest request to stream
         self._restarts = 0
         self._slow = 0
 
-    # -- life
+    # -- lifecycle
 
     def open(self) -> None:
         self.close()
@@ -111,10 +113,10 @@ class CyberGlove(Sensor):
             link.close()
 
     def figures(self) -> dict[str, object]:
-        """Times streaming was asked for again, and records the glove marked as sampled too slowly."""
+        """Returns how often streaming was requested again, and how many records the glove marked as too slow."""
         return {"restarts": self._restarts, "slow_records": self._slow}
 
-    # -- a cycle
+    # -- cycle
 
     def _take(self, data: bytes) -> Record | None:
         newest = None
@@ -155,7 +157,7 @@ class CyberGlove(Sensor):
         return loaded
 
     def _silence(self, link: Transport) -> None:
-        """Ends a stream that an earlier client left on, and throws away what is under way."""
+        """Ends a stream that an earlier client left on, and discards the bytes on their way."""
         for _ in range(TRIES):
             link.write_all(STOP, ANSWER)
             deadline = time.monotonic() + ANSWER
@@ -183,7 +185,7 @@ class CyberGlove(Sensor):
             )
 
     def _stream(self, link: Transport) -> None:
-        """All sensors, no time stamp, with the status byte; an earlier client may have left it otherwise."""
+        """Starts the stream: all sensors, no time stamp, status byte on; an earlier client may have changed these."""
         for setting in self._settings:
             self._ask(link, setting)
         self._parser.reset(time_stamp=False, status=True)
@@ -199,7 +201,7 @@ class CyberGlove(Sensor):
         raise DeviceError(self._place, f"the glove doesn't stream: it sent {_shown(heard)}", _REMEDY)
 
     def _ask(self, link: Transport, command: bytes) -> bytes:
-        """The answer's value to one command."""
+        """Returns the value in the answer to one command."""
         expected = command[:2] if command[:1] == b"?" else command[:1]
         heard = b""
         for _ in range(TRIES):

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 BAUDRATE: Final = 115200
 START: Final = b"S"
-STOP: Final = b"^c\x03"  # the sheet doesn't know which of the two notations is the official one: both
+STOP: Final = b"^c\x03"  # the sheet doesn't know which of the two notations is the official one, so both are sent
 SAMPLE: Final = b"G"
 
 LABELS_22: Final = (
@@ -28,14 +28,14 @@ LABELS: Final = {
 
 _PLUGGED, _SWITCH, _LIGHT = 1, 2, 4
 _HEADS = frozenset(b"SG")
-_BEGINNING = re.compile(rb"\0(?=[SG]|\Z)")  # where a record may begin, behind another's end
+_BEGINNING = re.compile(rb"\0(?=[SG]|\Z)")  # a record may begin here, after the end of another
 _QUERY_SIZES = {ord("K"): 3, ord("M"): 3, ord("T"): 4, ord("P"): 3, ord("A"): 6} | dict.fromkeys(b"GSNDUFQRWLJB", 1)
 _SET_REPLIES = frozenset(b"MNDUFQTWLJYPBA")
-_MORE, _WRONG = 0, -1  # instead of a message's end: not all there yet; not a message
+_MORE, _WRONG = 0, -1  # returned instead of a message's end: incomplete; not a message
 
 
 def query(letter: str) -> bytes:
-    """Asks for a parameter: `?` and its letter."""
+    """Requests a parameter: `?` and its letter."""
     return b"?" + letter.encode("ascii")
 
 
@@ -49,11 +49,11 @@ class Record(NamedTuple):
 
     Attributes:
         sensors: a byte of 1..255 for each sensor, in the order of LABELS.
-        status: the status byte; None where the glove doesn't send it.
-        time_stamp: the four bytes b0..b3 as they came (their unit and order aren't known); None likewise.
+        status: the status byte; None if the glove doesn't send it.
+        time_stamp: the four bytes b0..b3 as received (their unit and order aren't known); None if not sent.
         streamed: True for a record of the stream, False for the answer to one `G`.
-        slow: the glove says that it couldn't keep its sampling rate.
-        unplugged: the glove says that it isn't plugged into its interface.
+        slow: the glove reports that it couldn't keep its sampling rate.
+        unplugged: the glove reports that it isn't plugged into its interface.
     """
 
     sensors: bytes
@@ -65,12 +65,12 @@ class Record(NamedTuple):
 
     @property
     def switch(self) -> bool:
-        """The wrist switch; False where the status byte isn't sent."""
+        """The wrist switch; False if the status byte isn't sent."""
         return bool((self.status or 0) & _SWITCH)
 
     @property
     def light(self) -> bool:
-        """The wrist light; False where the status byte isn't sent."""
+        """The wrist light; False if the status byte isn't sent."""
         return bool((self.status or 0) & _LIGHT)
 
 
@@ -82,22 +82,22 @@ class Reply(NamedTuple):
 
 
 class Parser:
-    """Cuts a byte stream into records and replies; the result doesn't depend on how the bytes were cut.
+    """Cuts a byte stream into records and replies; the result doesn't depend on how the stream was split.
 
-    A sensor byte may have any value but 0, also that of `S`, `G`, `?` or `e`, so nothing is searched for by
-    its value: a record is a head, a known number of bytes, and a 0 at a known place. A record with head and
-    0 in place and a zero among its sensors is corrupt and dropped, and the stream goes on behind it.
+    A sensor byte may have any value but 0, also that of `S`, `G`, `?` or `e`. So the parser doesn't search for values.
+    A record is a head, a known number of bytes, and a 0 at a known place. A record with head and 0 in place and a zero
+    among its sensors is corrupt: it is dropped, and the stream continues after it.
 
-    Anything else means that bytes were lost or added. Then the parser looks for a 0 with two whole, valid
-    records behind it, and drops the first. In a clean stream no record's beginning can be mistaken: n
-    non-zero sensor bytes reach over the true record's final 0 from everywhere else. The second record is for
-    noise (a wrong baud rate, another device), which at full rate passes for one record every quarter of an
-    hour.
-    What no rule can find without a checksum: a loss of exactly one record's length inside two records.
+    Anything else means that bytes were lost or added. Then the parser looks for a 0 followed by two whole, valid
+    records, and drops the first of them. In a clean stream the beginning of a record can't be mistaken: from any other
+    place, n non-zero sensor bytes would include the true record's final 0. The second record is needed for noise (a
+    wrong baud rate, another device): noise at full rate looks like one record every quarter of an hour.
+
+    Without a checksum no rule can detect a loss of exactly one record's length inside two records.
 
     Attributes:
         time_stamp, status: whether records carry them (parameters D and U); set by `reset`.
-        frames: good records. errors: times something was thrown away. resyncs: times the place was lost.
+        frames: good records. errors: number of times bytes were discarded. resyncs: number of times sync was lost.
     """
 
     def __init__(self, sensors: int, *, time_stamp: bool = False, status: bool = False) -> None:
@@ -108,7 +108,7 @@ class Parser:
         self.reset(time_stamp=time_stamp, status=status)
 
     def reset(self, *, time_stamp: bool, status: bool) -> None:
-        """Forgets what is half read; the next byte begins a message. Counts stay."""
+        """Forgets a partly read message; the next byte begins a message. Counts stay."""
         self.time_stamp = time_stamp
         self.status = status
         self._body = 1 + self.sensors + 5 * time_stamp + status  # bytes before "es", "eg" and 0
@@ -116,7 +116,7 @@ class Parser:
         self._lost = False
 
     def feed(self, data: bytes) -> list[Record | Reply]:
-        """The messages that `data` completes, in order. Keeps less than three records' bytes."""
+        """Returns the messages that `data` completes, in order. Keeps less than three records' bytes."""
         buffer = self._buffer
         buffer += data
         found: list[Record | Reply] = []
@@ -148,7 +148,7 @@ class Parser:
         return found
 
     def _search(self, at: int) -> int:
-        """Where the second of two valid records begins (then found), or from where to search on."""
+        """Returns where the second of two valid records begins (then sync is regained), or where to search on."""
         buffer = self._buffer
         while True:
             found = _BEGINNING.search(buffer, at)
@@ -175,7 +175,7 @@ class Parser:
         return self._buffer.find(0, at + 1, at + 1 + self.sensors) < 0
 
     def _record_end(self, at: int) -> int:
-        """The index behind the record's 0. Between its body and its 0 may stand "es" and "eg"."""
+        """Returns the index after the record's 0. "es" and "eg" may stand between its body and its 0."""
         buffer = self._buffer
         for end in (at + self._body, at + self._body + 2, at + self._body + 4):
             if end >= len(buffer):
@@ -198,7 +198,7 @@ class Parser:
         if head in _SET_REPLIES:
             return at + 2 if letter == 0 else _WRONG
         if head == ord("?"):
-            if letter == ord("V"):  # its firmware cuts it at the first zero
+            if letter == ord("V"):  # its firmware cuts the answer at the first zero
                 return buffer.find(0, at + 2) + 1 if 0 in buffer[at + 2 : at + 7] else self._short(at + 7)
             size = 2 * self.sensors if letter == ord("C") else _QUERY_SIZES.get(letter)
             return _WRONG if size is None else self._ends(at + 2 + size)
@@ -212,7 +212,7 @@ class Parser:
         return _WRONG
 
     def _ends(self, at: int) -> int:
-        """The index behind a 0 that must be at `at`."""
+        """Returns the index after a 0 that must be at `at`."""
         if at >= len(self._buffer):
             return _MORE
         return at + 1 if self._buffer[at] == 0 else _WRONG
@@ -236,7 +236,7 @@ class Parser:
 
 
 def _time_stamp(raw: bytearray) -> bytes:
-    """Bits 0-3 of the first byte say which of the four that follow are really zero."""
+    """Restores the zeros: bits 0-3 of the first byte tell which of the four bytes that follow are really zero."""
     return bytes(0 if raw[0] >> bit & 1 else raw[1 + bit] for bit in range(4))
 
 

@@ -19,7 +19,7 @@ Mode = Literal["position", "extended", "velocity", "effort"]
 class MotorConfig(BaseModel):
     """One axis: its servo, and how the servo's shaft moves it.
 
-    With the shaft's angle s (rad, 0 at 2048 counts): axis = ±(s - zero), times `m_per_rad` where it is prismatic.
+    With the shaft's angle s (rad, 0 at 2048 counts): axis = ±(s - zero), times `m_per_rad` if it is prismatic.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -46,12 +46,12 @@ class MotorConfig(BaseModel):
 
     @property
     def facts(self) -> Model:
-        """The model's figures."""
+        """The model's data."""
         return MODELS[self.model]
 
     @property
     def scale(self) -> float:
-        """Of the axis' motion by the shaft's, with its sign: 1 or -1, m/rad where it is prismatic."""
+        """Axis motion per shaft motion, with its sign: 1 or -1, m/rad for a prismatic axis."""
         size = 1.0 if self.m_per_rad is None else self.m_per_rad
         return -size if self.reversed else size
 
@@ -62,7 +62,7 @@ class MotorConfig(BaseModel):
 
 
 class DynamixelConfig(DeviceConfig):
-    """Servos on one bus. The order of `motors` is that of all arrays."""
+    """Servos on one bus. All arrays have the order of `motors`."""
 
     port: str = Field(description="the USB adapter's port, tcp://HOST:PORT, spy:FILE:URL")
     baudrate: int = Field(57600, gt=0, le=4_500_000, description="bit/s; all servos have the same")
@@ -99,7 +99,7 @@ class DynamixelConfig(DeviceConfig):
 
     @property
     def ids(self) -> tuple[int, ...]:
-        """In the motors' order."""
+        """The ids, in the motors' order."""
         return tuple(motor.id for motor in self.motors.values())
 
     @property

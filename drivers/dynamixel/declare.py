@@ -1,4 +1,4 @@
-"""The signals of a bus: what its states and its command are called, in which units, and how it can stop."""
+"""The signals of a bus: names and units of its states and its command, and how it can stop."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _LINEAR: Final = _ROTARY | {"position": "m", "velocity": "m/s", "effort": "N"}
 
 
 def _units(config: DynamixelConfig) -> dict[str, str]:
-    """One unit a signal: that of linear motion only where all axes are prismatic."""
+    """Returns one unit per signal: that of linear motion only if all axes are prismatic."""
     linear = all(motor.m_per_rad is not None for motor in config.motors.values())
     return _LINEAR if linear else _ROTARY
 

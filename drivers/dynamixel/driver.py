@@ -1,8 +1,8 @@
-"""A bus of Dynamixel servos: sampled and commanded together, one exchange after another without waiting.
+"""A bus of Dynamixel servos: sampled and commanded together, one exchange after another, without blocking.
 
-In a cycle's `write` the goals leave in one packet, with the next request for samples behind them; the answers are
-taken in a later cycle's `read`. While nothing is commanded `read` asks by itself. The answers show that the goals
-in front of the request were taken, so never more than one command is under way (see `Line`).
+In a cycle's `write` one packet carries all goals, followed by the next request for samples. A later cycle's `read`
+takes the answers. Without commands `read` sends the requests itself. The answers show that the servos took the goals
+in front of the request. So never more than one command is on its way (see `Line`).
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from runtime.contracts.driver import Driver
 from runtime.contracts.errors import DeviceError, DeviceLostError
 from runtime.contracts.signals import Array, Kind, Stop
 
-LOST: Final = 1_000_000_000  # ns without a word from a servo
-_SUSPECT: Final = 0.8  # of the watchdog's time without a packet: it may have tripped
+LOST: Final = 1_000_000_000  # ns without any answer from a servo
+_SUSPECT: Final = 0.8  # share of the watchdog's time without a packet after which it may have tripped
 
 
 class Dynamixel(Driver):
@@ -36,8 +36,8 @@ class Dynamixel(Driver):
 
     States, all (n,) in the profile's order of motors: `position` (rad; m of a prismatic axis), `velocity` (rad/s,
     m/s), `effort` (N m, N: from the current; from the load on an MX-28), `temperature` (degC), `voltage` (V).
-    Command: `position_command`, `velocity_command` or `effort_command`, by the profile's `mode`. A sample's
-    stamp is when it was asked for: it is never older. Source: protocol sheet dynamixel.
+    Command: `position_command`, `velocity_command` or `effort_command`, by the profile's `mode`. A sample's stamp
+    is the time of its request, so a sample is never older than its stamp. Source: protocol sheet dynamixel.
     """
 
     Config = DynamixelConfig
@@ -69,30 +69,30 @@ class Dynamixel(Driver):
         if f.protocol == 2:
             self._arm = f.frame("bus_watchdog", 0) + f.frame("bus_watchdog", watchdog_code(config.watchdog))
         self._limp = f.frame("torque_enable", 0)
-        self._zero = b"" if self._kind is Kind.POSITION else f.again()  # goals are 0 as yet
+        self._zero = b"" if self._kind is Kind.POSITION else f.again()  # the goals are still 0 here
         self._forget()
 
     def _forget(self) -> None:
         self._powered = [False] * len(self.config.motors)
         self._recovery: Recovery | None = None
-        self._words = b""  # a stop not sent yet
-        self._let_go = False  # LIMP was asked for
-        self._prefix = b""  # goes out in front of the next request
+        self._words = b""  # a stop command that wasn't sent yet
+        self._let_go = False  # LIMP was requested
+        self._prefix = b""  # bytes sent in front of the next request
         self._writing = False  # `write` was called since the last `read`
-        self._sampled = self._commanded = self._driven = False  # since opening; of late
-        self._suspect = self._checked = False  # whether to look at the watchdogs; whether just done
+        self._sampled = self._commanded = self._driven = False  # since opening; since opening; since the last rest
+        self._suspect = self._checked = False  # whether the watchdogs must be checked; whether that was just done
         self._sampling = False
         self._plan = Plan(self._family)
         self._exchanges = self._unanswered = 0
-        self._goal_frame = b""  # the newest that was sent
+        self._goal_frame = b""  # the newest goals that were sent
         self._hold = b"", b""  # goals, and the stop frame made of them
         filler = self._family.filler
         self._limp_frame, self._zero_frame = filler + self._limp * 2, filler + self._zero * 2
 
     def open(self) -> None:
-        """See `Driver.open`; blocks about 0.1 s, some seconds where servos are missing.
+        """See `Driver.open`. Blocks about 0.1 s, some seconds if servos are missing.
 
-        Servos without torque stay so. Those with torque, from an earlier run, go on holding.
+        Servos without torque stay without. Servos with torque, from an earlier run, continue to hold.
         """
         self.close()
         link = open_transport(self.config.port, place=self.name, baudrate=self.config.baudrate)
@@ -136,7 +136,7 @@ class Dynamixel(Driver):
         self.health.unsent = line.unsent
 
     def write(self, now: int) -> None:
-        """See `Driver.write`. A servo gets torque with its first goal, which must be where it is."""
+        """See `Driver.write`. A servo gets torque with its first goal, which must be near its present position."""
         line = self._open_line()
         self._writing = True
         if not line.free:
@@ -159,12 +159,12 @@ class Dynamixel(Driver):
         elif self._zero and not self._words:
             self._words = self._zero
         if self._words and self._line.free:
-            with contextlib.suppress(DeviceError):  # a lost link shows at the next read
+            with contextlib.suppress(DeviceError):  # the next read reports a lost link
                 if self._line.link.write(self._words):
                     self._words = b""
 
     def close(self) -> None:
-        """See `Driver.close`. Servos hold their last position, velocity and effort become 0; the watchdog rests."""
+        """See `Driver.close`. Servos hold their last position; velocity and effort become 0; the watchdog is off."""
         link, line = self._link, self._line
         self._link = self._line = None
         if link is None or line is None:
@@ -172,7 +172,7 @@ class Dynamixel(Driver):
         if self.health.connected:
             with contextlib.suppress(DeviceError):
                 if line.pending is not None or line.in_doubt:
-                    link.read_wait(0.03)  # what the servos are saying comes to its end
+                    link.read_wait(0.03)  # the servos finish their present answers
                 rest = self._family.frame("bus_watchdog", 0) if self._family.protocol == 2 else b""
                 link.write_all(self._words + self._zero + rest, 0.2)
         self.health.connected = False
@@ -185,10 +185,11 @@ class Dynamixel(Driver):
         return self._link.fileno() if self._link is not None else None
 
     def stop_frame(self, category: Stop) -> bytes:
-        """See `Driver.stop_frame`: LIMP switches the torque off, any other repeats the last positions, or makes
-        velocity and effort 0. Twice, as the first may meet a servo's answer on the bus.
+        """See `Driver.stop_frame`: LIMP switches the torque off; others repeat the last positions, or set goals to 0.
 
-        In front are bytes in which a packet cut short comes to its end, refused for its checksum.
+        Velocity and effort goals are those set to 0. The packet is sent twice, because the first may collide with a
+        servo's answer on the bus. Filler bytes in front complete a packet that was cut short; servos refuse it for its
+        checksum.
         """
         if category is Stop.LIMP:
             return self._limp_frame
@@ -202,9 +203,9 @@ class Dynamixel(Driver):
         return frame
 
     def recover(self, now: int) -> None:
-        """See `Driver.recover`: restarts servos with hardware errors, arms tripped watchdogs again.
+        """See `Driver.recover`: restarts servos with hardware errors and rearms tripped watchdogs.
 
-        The torque stays off until the next `write` whose goal is where the servo is.
+        The torque stays off until the next `write` whose goal is near the servo's position.
         """
         faults, family, bus = self._faults, self._family, self._bus
         if self._line is None or bus is None or self._recovery is not None:
@@ -227,17 +228,17 @@ class Dynamixel(Driver):
         self._name_faults()
 
     def figures(self) -> dict[str, object]:
-        """Firmware versions by motor, exchanges, requests that weren't answered in full."""
+        """Returns firmware versions by motor, exchanges, and requests that weren't answered in full."""
         firmware = dict(zip(self.config.motors, self._bus.firmware, strict=True)) if self._bus else {}
         return {"firmware": firmware, "exchanges": self._exchanges, "unanswered": self._unanswered}
 
     # -- an exchange
 
     def _goals(self) -> tuple[bytes, list[int]]:
-        """The command as packets: goals, and torque for whom it is their first; numbers of those motors."""
+        """Returns the command as packets (goals, torque on with a motor's first goal), and these motors' numbers."""
         command = self.command_arrays[self.config.command]
         if self._faults.tripped or not self._sampled or not (self._commanded or np.isfinite(command).all()):
-            return b"", []  # goals are refused, it isn't known yet where the motors are, or there is none to begin with
+            return b"", []  # the servos refuse goals, the positions aren't known yet, or there is no first goal yet
         goals = self._family.encode(command)
         if all(self._powered):
             return goals, []
@@ -250,8 +251,8 @@ class Dynamixel(Driver):
         return goals, waking
 
     def _waking(self, command: Array) -> list[int]:
-        """The motors that may get torque now."""
-        # Written so that what isn't finite is too far. The goal counts: beyond its limits a servo would leap to them.
+        """Returns the motors that may get torque now."""
+        # A non-finite value counts as too far. The bounded goal counts: beyond its limits a servo would jump to them.
         away, faults, where = self._away(), self._faults, self.state_arrays["position"]
         near = np.abs(self._family.bounded(command) - where) <= self._tolerance
         waking = []
@@ -266,7 +267,7 @@ class Dynamixel(Driver):
         return waking
 
     def _ask(self, line: Line, now: int, commanding: bool) -> None:
-        """Sends what is to be sent, and the next request behind it."""
+        """Sends pending commands, followed by the next request."""
         request, alone = self._next(line, now)
         if request is None:
             return
@@ -284,13 +285,13 @@ class Dynamixel(Driver):
                 self._powered[i] = True
 
     def _rest(self) -> None:
-        """Commands have ended, after a fault say: a velocity or an effort mustn't outlive them."""
+        """Handles the end of commands, e.g. after a fault: velocity and effort goals must not stay in force."""
         if self._driven and self._zero:
             self._words = self._words or self._zero
         self._driven = False
 
     def _next(self, line: Line, now: int) -> tuple[Request | None, bool]:
-        """The next request; whether no goals may go with it."""
+        """Returns the next request, and whether it must be sent without goals."""
         late = line.sent < 0 or now - line.sent > self._suspect_after
         if self._arm and (self._suspect or late) and not self._checked:
             self._suspect, self._checked = False, True
@@ -314,12 +315,12 @@ class Dynamixel(Driver):
         answers = request.answers
         self._unanswered += not request.complete
         if self._prefix:
-            pass  # asked before the recovery under way: says nothing about faults that are still there
+            pass  # requested before the present recovery: tells nothing about faults that are still there
         elif self._family.protocol == 1:
             for id, status in answers.items():
                 self._error_bits(self._number[id], status.error)
         elif any(status.alert and self._number[id] not in self._faults.errors for id, status in answers.items()):
-            self._plan.check_soon()  # what it is, the register knows
+            self._plan.check_soon()  # the register tells which fault it is
         if request.purpose in ("sample", "extra"):
             self._fill(request)
         elif request.purpose == "check" and not self._prefix:
@@ -330,16 +331,16 @@ class Dynamixel(Driver):
     def _fill(self, request: Request) -> None:
         answers, ids = request.answers, self._family.ids
         if len(answers) < len(ids):
-            return  # a sample is of all motors at one time, or none
+            return  # a sample has values of all motors at one time; otherwise there is none
         data = b"".join([answers[id].data for id in ids])
         if len(data) != request.size * len(ids):
-            return  # one reported an error in place of its data
+            return  # one motor reported an error instead of its data
         self._family.decode(data, request.size, self.state_arrays)
         self.health.stamp = request.sent
         self._sampled = True
 
     def _check(self, request: Request) -> None:
-        """Torque enable and the hardware error status, or the torque limit, of each motor."""
+        """Takes each motor's torque enable, and its hardware error status or torque limit."""
         address, size = self._family.check
         for id, status in request.answers.items():
             i = self._number[id]
@@ -369,13 +370,13 @@ class Dynamixel(Driver):
         if not request.complete:
             self._suspect = True
         elif tripped and self._commanded and any(self._powered):
-            self._faults.tripped |= tripped  # a motion was cut off: going on takes a person
+            self._faults.tripped |= tripped  # a motion was interrupted: continuing needs a user's reset
             self._name_faults()
         elif tripped or unarmed:
             self._prefix = self._arm
 
     def _watch(self, line: Line, now: int) -> None:
-        """Raises DeviceLostError where a servo hasn't said a word for a second."""
+        """Raises DeviceLostError if a servo hasn't answered for a second."""
         if silent := line.silent(now - LOST) - self._away():
             remedy = "Check the bus' cables and the servos' power"
             raise DeviceLostError(self.name, who_is_silent(self.config, silent), remedy)

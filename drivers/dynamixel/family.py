@@ -1,6 +1,6 @@
-"""The two firmware families in SI: where samples and goals are in the registers, and what their numbers mean.
+"""The two firmware families in SI units: the registers of samples and goals, and the meaning of their numbers.
 
-Protocol sheet dynamixel, §4 and §5. Everything here is of the whole bus at once, in the motors' order.
+Protocol sheet dynamixel, §4 and §5. Everything here is for the whole bus at once, in the motors' order.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from drivers.dynamixel.models import CENTRE, COUNTS, PER_COUNT
 from drivers.dynamixel.packets import BROADCAST, Status
 from runtime.contracts.signals import Array, Limits
 
-VELOCITY2: Final = 0.229 * 2 * pi / 60  # rad/s a unit
+VELOCITY2: Final = 0.229 * 2 * pi / 60  # rad/s per unit
 VELOCITY1: Final = 0.114 * 2 * pi / 60
-CURRENT2: Final = 3.36e-3  # A a unit
+CURRENT2: Final = 3.36e-3  # A per unit
 CURRENT1: Final = 4.5e-3
-LOAD: Final = 1e-3  # of the stall torque, a unit
+LOAD: Final = 1e-3  # of the stall torque, per unit
 VOLT: Final = 0.1
-WATCHDOG: Final = 0.02  # s a unit
-RETURN_DELAY: Final = 2e-6  # s a unit
+WATCHDOG: Final = 0.02  # s per unit
+RETURN_DELAY: Final = 2e-6  # s per unit
 UNITS: Final = {"position": "rad", "velocity": "rad/s", "effort": "N m"}
 
 
 class Parser(Protocol):
-    """What both protocols' parsers do."""
+    """The interface of both protocols' parsers."""
 
     frames: int
     errors: int
@@ -44,7 +44,7 @@ class Parser(Protocol):
 
 
 class Wire(Protocol):
-    """What both protocols' modules offer."""
+    """The interface of both protocols' modules."""
 
     PING_SIZE: int
     OVERHEAD: int
@@ -67,10 +67,10 @@ class Family(ABC):
         wire: the protocol's encoders.
         tables: each motor's registers.
         sample: (address, size) read in every cycle: position, velocity, current or load.
-        extra: (address, size) of the same with voltage and temperature.
-        check: (address, size) of torque enable and whatever tells a fault.
-        velocity_unit: rad/s a unit; current_unit: A a unit.
-        filler: bytes that make any packet cut short come to an end without harm.
+        extra: (address, size) of the same plus voltage and temperature.
+        check: (address, size) of torque enable and of the registers that show a fault.
+        velocity_unit: rad/s per unit; current_unit: A per unit.
+        filler: bytes that complete any packet that was cut short, without harm.
     """
 
     protocol: ClassVar[int]
@@ -96,8 +96,8 @@ class Family(ABC):
         self.per_velocity = self.velocity_unit * scale
         self.current_effort = np.array([motor.newton_metres for motor in motors]) * self.current_unit / scale
         self.load_effort = np.array([motor.facts.stall_torque for motor in motors]) * LOAD / scale
-        self.low, self.high = np.zeros(len(motors)), np.zeros(len(motors))  # of goals, in their own units
-        self.last = np.zeros(len(motors), np.int64)  # the newest goals, in their own units
+        self.low, self.high = np.zeros(len(motors)), np.zeros(len(motors))  # of the goals, in register units
+        self.last = np.zeros(len(motors), np.int64)  # the newest goals, in register units
         self.seen: NDArray[np.int16] | NDArray[np.int32] | None = None  # positions of the newest sample, counts
         goal = self.goal
         self._body = np.zeros(len(motors), np.dtype([("id", "u1"), ("goal", f"<i{goal.size}")]))
@@ -106,31 +106,31 @@ class Family(ABC):
 
     @abstractmethod
     def parser(self) -> Parser:
-        """A parser of the servos' answers."""
+        """Returns a parser for the servos' answers."""
 
     @property
     @abstractmethod
     def goal(self) -> table.Register:
-        """The register that takes this mode's goals."""
+        """The register that holds this mode's goals."""
 
     @abstractmethod
     def decode(self, data: bytes, size: int, out: Mapping[str, Array]) -> None:
-        """Fills `position`, `velocity`, `effort`, and with `extra`'s size `temperature` and `voltage`.
+        """Fills `position`, `velocity`, `effort`, and with `extra`'s size also `temperature` and `voltage`.
 
         Args:
-            data: all motors' bytes, one after another.
-            size: of each, `sample`'s or `extra`'s.
+            data: all motors' bytes, one motor after another.
+            size: bytes per motor, `sample`'s or `extra`'s.
             out: arrays (n,) by name.
         """
 
     @abstractmethod
     def _sign(self, goals: NDArray[np.int64]) -> NDArray[np.int64]:
-        """The registers' numbers for signed goals."""
+        """Returns the register values for signed goals."""
 
     def encode(self, command: Array) -> bytes:
-        """The packet that gives all motors their goals; they stay in `last`.
+        """Returns the packet that gives all motors their goals; the goals stay in `last`.
 
-        A command that isn't finite leaves that motor its last goal.
+        If a command isn't finite, that motor keeps its last goal.
         """
         mode = self.mode
         if mode == "velocity":
@@ -147,32 +147,32 @@ class Family(ABC):
         return self.again()
 
     def bounded(self, command: Array) -> Array:
-        """Positions (n,), axis units, that `encode` makes of these: within the servos' own limits."""
+        """Returns the positions (n,), axis units, that `encode` makes of these: within the servos' own limits."""
         goals = np.clip((command - self.offset) / self.per_count, self.low, self.high)
         found: Array = goals * self.per_count + self.offset
         return found
 
     def own_range(self, i: int, memory: bytes) -> tuple[float, float]:
-        """Lowest and highest goal position of motor `i`, counts, from its registers (address 0 on)."""
+        """Returns the lowest and highest goal position of motor `i`, counts, from its registers (address 0 on)."""
         return self._own_limits(i, memory)[:2]
 
     def again(self, motors: NDArray[np.bool_] | None = None) -> bytes:
-        """The packet that repeats the last goals, of all motors or of some (n,)."""
+        """Returns the packet that repeats the last goals, of all motors or of some (n,)."""
         self._body["goal"] = self._sign(self.last)
         body = self._body if motors is None else self._body[motors]
         return self._sync_write(self._head + body.tobytes())
 
     def take_up_turns(self, i: int, counts: int) -> None:
-        """Motor `i` now says `counts` where it said `seen[i]`: it has forgotten whole turns, which count on here.
+        """Corrects for lost turns: motor `i` reports `counts` instead of `seen[i]`, as it has forgotten whole turns.
 
-        A servo counts turns only while it has power. It must not have moved by half a turn meanwhile.
+        A servo counts turns only while it has power. It must not have moved by half a turn in the meantime.
         """
         if self.mode == "extended" and self.seen is not None:
             turns = round((int(self.seen[i]) - counts) / COUNTS)
             self.offset[i] += turns * COUNTS * self.per_count[i]
 
     def frame(self, name: str, value: int | Mapping[int, int], ids: Iterable[int] | None = None) -> bytes:
-        """Writes one register, the same in all tables, of all motors, some, or each its own by id; unacknowledged."""
+        """Encodes a write of one register (the same in all tables) to all motors, to some, or by id; unacknowledged."""
         register = self.tables[0][name]
         if isinstance(value, int):
             value = dict.fromkeys(self.ids if ids is None else ids, value)
@@ -180,7 +180,7 @@ class Family(ABC):
         return self.wire.sync_write(register.address, register.size, data)
 
     def set_limits(self, memory: Sequence[bytes]) -> Limits:
-        """Bounds of the goals, and of the command in SI, from the motors' registers.
+        """Sets the bounds of the goals from the motors' registers; returns the command's limits in SI units.
 
         Args:
             memory: each motor's registers from address 0 on.
@@ -211,7 +211,7 @@ class Family(ABC):
 
     @abstractmethod
     def _own_limits(self, i: int, data: bytes) -> tuple[float, float, float, float]:
-        """Lowest and highest goal position (counts), greatest velocity, greatest current, in units."""
+        """Returns lowest and highest goal position (counts), greatest velocity, greatest current, in register units."""
 
     def _sync_write(self, data: bytes) -> bytes:
         wire: Any = self.wire
@@ -253,7 +253,7 @@ class Family2(Family):
             }
         )
         self._effort = np.where(self.senses_current, self.current_effort, self.load_effort)
-        # Zeros: a length cut after its low byte keeps it, and so ends within these.
+        # Zeros: if a length is cut after its low byte, the high byte becomes 0, so the packet ends within these zeros.
         self.filler = bytes(7 * len(self.ids) + 16)
 
     def parser(self) -> Parser:
@@ -288,12 +288,12 @@ class Family2(Family):
 
 
 class Family1(Family):
-    """MX as first delivered: firmware of protocol 1. It can't watch the bus."""
+    """MX as first delivered: firmware of protocol 1. It has no bus watchdog."""
 
     protocol = 1
     velocity_unit, current_unit = VELOCITY1, CURRENT1
     check = (24, 12)
-    # 7E: the longest packet cut within its length ends in these, and no goal register takes 7E7E.
+    # 7E: the longest packet, cut within its length, ends within these bytes. No goal register accepts 7E7E.
     filler = b"\x7e" * 140
 
     _GOALS: Final = {
@@ -350,11 +350,11 @@ class Family1(Family):
 
 
 def signed(raw: NDArray[np.uint16]) -> NDArray[np.int64]:
-    """Protocol 1's speeds, loads and torques: magnitude in bits 0 to 9, bit 10 set for clockwise (negative)."""
+    """Decodes protocol 1's speeds, loads and torques: magnitude in bits 0 to 9, bit 10 set for clockwise (negative)."""
     size = (raw & 0x3FF).astype(np.int64)
     return np.where(raw & 0x400, -size, size)
 
 
 def family(config: DynamixelConfig) -> Family:
-    """The family of the profile's `protocol`."""
+    """Returns the family of the profile's `protocol`."""
     return Family1(config) if config.protocol == 1 else Family2(config)

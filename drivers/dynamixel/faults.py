@@ -1,4 +1,4 @@
-"""What keeps servos from moving, in words, and who is concerned."""
+"""Faults that keep servos from moving, in words and by motor."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class Faults:
     Attributes:
         errors: hardware errors in words, by motor.
         limp: motors that have lost their torque.
-        far: what kept motors from following their first command, in words, by motor.
-        tripped: motors whose watchdog has stopped them.
+        far: why motors couldn't follow their first command, in words, by motor.
+        tripped: motors that their watchdog has stopped.
         stubborn: motors that didn't come back from a reboot.
     """
 
@@ -38,7 +38,7 @@ class Faults:
         self.clear()
 
     def clear(self) -> None:
-        """None is left."""
+        """Removes all faults."""
         self.errors: dict[int, str] = {}
         self.limp: set[int] = set()
         self.far: dict[int, str] = {}
@@ -46,7 +46,7 @@ class Faults:
         self.stubborn: set[int] = set()
 
     def concerns(self, i: int) -> bool:
-        """Whether motor `i` must stay without torque."""
+        """Returns whether motor `i` must stay without torque."""
         return i in self.errors or i in self.limp or i in self.far or i in self.stubborn
 
     def hardware(self, i: int, bits: int, protocol: int) -> None:
@@ -61,7 +61,7 @@ class Faults:
             self.errors[i] = ", ".join(named)
 
     def text(self) -> str:
-        """All of them for people; "" where there is none."""
+        """Returns all faults as text for the user; "" if there is none."""
         parts = [f"{self._names[i]}: {what}" for i, what in sorted(self.errors.items())]
         parts += [f"{self._names[i]} {LOST_TORQUE}" for i in sorted(self.limp - self.errors.keys())]
         parts += [f"{self._names[i]} {what}" for i, what in sorted(self.far.items())]
@@ -73,7 +73,7 @@ class Faults:
 
 
 def who_is_silent(config: DynamixelConfig, ids: set[int]) -> str:
-    """What is wrong where servos haven't answered for a second."""
+    """Returns the problem's text if servos haven't answered for a second."""
     if len(ids) == len(config.motors):
         return "no servo has answered for a second"
     name, id = next((name, motor.id) for name, motor in config.motors.items() if motor.id in ids)

@@ -1,9 +1,9 @@
-"""One request at a time on a half-duplex bus, without waiting: sent in one cycle, answered in a later one.
+"""One request at a time on a half-duplex bus, without blocking: sent in one cycle, answered in a later one.
 
-An answer carries no number that ties it to its request, and a kernel, an adapter or a pty may hold bytes back. So
-after a request that wasn't answered in full the line is in doubt: a ping is sent, and nothing else until a ping
-is answered. Whatever comes before that belongs to the past and is thrown away. The bus is a queue, so no goal sent
-earlier can still be under way by then, and no old sample can be taken for a new one.
+An answer has no number that links it to its request, and a kernel, an adapter or a pty may hold bytes back. So after
+a request that wasn't answered in full the line is in doubt: it sends a ping, and nothing else until a ping is
+answered. Anything that comes before this answer is old and is discarded. The bus is a queue. So by then no earlier
+goal can still be on its way, and no old sample can be mistaken for a new one.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ LATENCY: Final = 20_000_000  # ns that adapter and kernel may hold bytes back; a
 
 @dataclass(slots=True)
 class Request:
-    """What is asked, and what came back.
+    """A request and its answers.
 
     Attributes:
         frame: the instruction packet.
-        ids: who must answer.
+        ids: the servos that must answer.
         size: bytes of data in each answer.
-        purpose: for whoever sent it.
+        purpose: for the sender's use.
         sent: ns, when it was sent.
         answers: by id.
     """
@@ -40,26 +40,26 @@ class Request:
 
     @property
     def complete(self) -> bool:
-        """Everyone has answered."""
+        """Whether all servos have answered."""
         return len(self.answers) == len(self.ids)
 
     def missing(self) -> list[int]:
-        """Who hasn't answered."""
+        """Returns the servos that haven't answered."""
         return [id for id in self.ids if id not in self.answers]
 
 
 class Line:
-    """See the module's text.
+    """A half-duplex bus with one request at a time; see the module's docstring.
 
     Attributes:
         link: the transport.
         parser: counts frames, errors, resyncs.
-        pending: the request not answered yet.
-        in_doubt: nothing may be sent.
-        sent: ns, when anything was sent last; -1 at first.
-        heard: ns, by id, when each servo answered last.
+        pending: the request that isn't answered yet.
+        in_doubt: nothing but pings may be sent.
+        sent: ns, when something was last sent; -1 at first.
+        heard: ns, by id, when each servo last answered.
         timeouts: requests that weren't answered in full.
-        unsent: bytes of the newest command of which it isn't known whether it was taken.
+        unsent: bytes of the newest command that the servos may not have taken.
     """
 
     def __init__(self, link: Transport, family: Family) -> None:
@@ -84,14 +84,14 @@ class Line:
 
     @property
     def free(self) -> bool:
-        """A request may be sent."""
+        """Whether a request may be sent."""
         return self.pending is None and not self.in_doubt
 
     def send(self, request: Request, now: int, command: bytes = b"") -> bool:
-        """Sends `command` (unacknowledged packets) and the request in one piece; only while `free`.
+        """Sends `command` (unacknowledged packets) and the request in one piece; call it only while `free`.
 
         Returns:
-            False where the kernel still holds earlier bytes: nothing was sent.
+            False if the kernel still holds earlier bytes: then nothing was sent.
         """
         if not self.link.write(command + request.frame):
             return False
@@ -105,7 +105,7 @@ class Line:
         return True
 
     def poll(self, now: int) -> Request | None:
-        """Takes what has arrived; the request that is over now, be it answered or not.
+        """Takes what has arrived; returns the request that has now ended, answered or not.
 
         Raises:
             DeviceLostError: the link is gone.
@@ -134,7 +134,7 @@ class Line:
         return request
 
     def silent(self, since: int) -> set[int]:
-        """Ids of the servos that haven't answered since `since` (ns), or the first `poll`."""
+        """Returns the ids of the servos that haven't answered since `since` (ns), or since the first `poll`."""
         return {id for id, at in self.heard.items() if at < since}
 
     def _take(self, status: Status, now: int) -> None:
@@ -152,7 +152,7 @@ class Line:
             request.answers[status.id] = status
 
     def _ping(self, now: int) -> None:
-        """Asks the servos in turn whether they are there: the one that fell silent may be gone for good."""
+        """Pings the servos in turn: the one that stopped answering may be gone for good."""
         id, frame = self._pings[self._turn]
         self._turn = (self._turn + 1) % len(self._pings)
         if self.link.write(frame):

@@ -1,4 +1,4 @@
-"""The servos this driver knows, with the vendor's nominal figures at 12 V (fact sheet dynamixel_mx)."""
+"""The supported servos, with the vendor's nominal values at 12 V (fact sheet dynamixel_mx)."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from math import pi
 from typing import Final
 
-COUNTS: Final = 4096  # a turn
-CENTRE: Final = 2048  # counts, the shaft's zero
+COUNTS: Final = 4096  # per turn
+CENTRE: Final = 2048  # counts, zero of the shaft's angle
 PER_COUNT: Final = 2 * pi / COUNTS  # rad
 
 
@@ -16,14 +16,14 @@ class Model:
     """One model.
 
     Attributes:
-        name: as the vendor writes it.
-        number1, number2: model number with firmware of protocol 1, of protocol 2.
+        name: the vendor's name.
+        number1, number2: model number with firmware of protocol 1, and of protocol 2.
         gear: reduction.
         stall_torque: N m at 12 V.
         stall_current: A at 12 V.
         no_load_speed: rad/s at 12 V.
-        senses_current: it measures its current, and can control it.
-        current_limit: A, the register's default; 0 where there is none.
+        senses_current: whether it measures its current, and can control it.
+        current_limit: A, the register's default; 0 if there is none.
         velocity_limit: 0.229 rpm, the register's default with firmware of protocol 2.
         mass: kg.
     """
@@ -46,7 +46,7 @@ class Model:
         return self.stall_torque / self.stall_current
 
     def number(self, protocol: int) -> int:
-        """The model number."""
+        """Returns the model number."""
         return self.number1 if protocol == 1 else self.number2
 
 
@@ -67,6 +67,6 @@ BY_NUMBER: Final = {number: model for model in MODELS.values() for number in (mo
 
 
 def called(number: int) -> str:
-    """The name of a model number, for people."""
+    """Returns the name for a model number, for messages."""
     model = BY_NUMBER.get(number)
     return f"{model.name} (model number {number})" if model else f"model number {number}"

@@ -1,4 +1,4 @@
-"""What both protocols carry: instructions to servos, and their status answers."""
+"""The packets of both protocols: instructions to servos, and their status answers."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import Final
 
 BROADCAST: Final = 0xFE
-HIGHEST_ID: Final = 252  # the highest that both protocols allow
+HIGHEST_ID: Final = 252  # the highest id that both protocols allow
 
 
 @dataclass(frozen=True, slots=True)
 class Instruction:
-    """What a host sends: to whom, what, and its parameters (unstuffed)."""
+    """An instruction from the host: target id, code, and parameters (unstuffed)."""
 
     id: int
     code: int
@@ -20,13 +20,13 @@ class Instruction:
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """What a servo answers.
+    """A servo's answer.
 
     Attributes:
-        id: who answers.
-        error: protocol 2: the low seven bits, 0 where all is well; protocol 1: all error bits.
+        id: the servo that answers.
+        error: protocol 2: the low seven bits, 0 for no error; protocol 1: all error bits.
         alert: protocol 2: the servo's hardware error status isn't 0.
-        data: what was read, unstuffed; empty for an acknowledgement.
+        data: the data read, unstuffed; empty for an acknowledgement.
     """
 
     id: int
@@ -36,13 +36,13 @@ class Status:
 
 
 class Counts:
-    """What a parser counts.
+    """A parser's counts.
 
     Attributes:
         frames: packets with a good checksum.
-        errors: packets thrown away: checksum, impossible length, cut short.
+        errors: packets discarded: checksum, impossible length, cut short.
         resyncs: runs of bytes skipped in search of a header.
-        skipped: bytes skipped so.
+        skipped: bytes skipped in these runs.
     """
 
     def __init__(self) -> None:

@@ -1,4 +1,4 @@
-"""What is asked of all servos at once, and which of it next: samples, and now and then how they are."""
+"""The requests to all servos, and their order: samples, and now and then the servos' state."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Final
 from drivers.dynamixel.family import Family
 from drivers.dynamixel.line import Request
 
-SLOW: Final = 100_000_000  # ns between requests for something else than samples
+SLOW: Final = 100_000_000  # ns between requests for anything but samples
 
 
 class Plan:
@@ -25,14 +25,14 @@ class Plan:
             what: (family.wire.group_read(address, size, family.ids), address, size)
             for what, (address, size) in asked.items()
         }
-        self._next_slow, self._turn = 0, -2  # the first is an extra one
+        self._next_slow, self._turn = 0, -2  # the first request is "extra"
 
     def check_soon(self) -> None:
-        """The next request is a check."""
+        """Makes the next request a check."""
         self._next_slow, self._turn = 0, -1
 
     def next(self, now: int, away: set[int]) -> Request | None:
-        """The next request, to all but `away` (ids); None where nobody is left."""
+        """Returns the next request, to all but `away` (ids); None if no servo is left."""
         if now < self._next_slow:
             return self.request("sample", away)
         self._next_slow = now + SLOW
@@ -40,7 +40,7 @@ class Plan:
         return self.request(self._rotation[self._turn], away)
 
     def request(self, what: str, away: set[int]) -> Request | None:
-        """As `next`, of one's own choice."""
+        """Like `next`, for a given kind of request."""
         frame, address, size = self._asked[what]
         if not away:
             return Request(frame, self._family.ids, size, what)

@@ -1,7 +1,7 @@
-"""Protocol 1.0 on the wire: instruction packets, and the parser of what comes back. No I/O.
+"""Protocol 1.0 on the wire: instruction packets, and the parser of the answers. No I/O.
 
-Source: protocol sheet dynamixel, §3. A packet is FF FF, id, length (of what follows it), instruction or error
-bits, parameters, checksum; all numbers low byte first.
+Source: protocol sheet dynamixel, §3. A packet is FF FF, id, length (of the rest of the packet), instruction or error
+bits, parameters, checksum; all numbers have the low byte first.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from drivers.dynamixel.packets import BROADCAST, Counts, Instruction, Status
 
 PING, READ, WRITE, REG_WRITE, ACTION, FACTORY_RESET = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06
 SYNC_WRITE, BULK_READ = 0x83, 0x92
-PING_SIZE: Final = 0  # bytes a ping is answered with
+PING_SIZE: Final = 0  # bytes of data in a ping's answer
 OVERHEAD: Final = 6  # bytes of a status around its data
 
 # Bits of a status' error byte.
@@ -23,18 +23,18 @@ _HEADER: Final = b"\xff\xff"
 
 
 def packet(id: int, code: int, data: bytes = b"") -> bytes:
-    """One whole packet; `code` is the instruction, or a status' error bits."""
+    """Returns one whole packet; `code` is the instruction, or a status's error bits."""
     body = bytes((id, len(data) + 2, code)) + data
     return _HEADER + body + bytes((~sum(body) & 0xFF,))
 
 
 def ping(id: int) -> bytes:
-    """Asks a servo whether it is there."""
+    """Pings a servo."""
     return packet(id, PING)
 
 
 def read(id: int, address: int, size: int) -> bytes:
-    """Asks for `size` bytes from `address` on."""
+    """Requests `size` bytes from `address` on."""
     return packet(id, READ, bytes((address, size)))
 
 
@@ -49,7 +49,7 @@ def group_read(address: int, size: int, ids: Sequence[int]) -> bytes:
 
 
 def sync_write(address: int, size: int, values: Mapping[int, bytes]) -> bytes:
-    """Writes `size` bytes from `address` on to each servo, its own; not acknowledged."""
+    """Writes `size` bytes from `address` on, different ones for each servo; not acknowledged."""
     body = b"".join(bytes((id,)) + data for id, data in values.items())
     return packet(BROADCAST, SYNC_WRITE, bytes((address, size)) + body)
 
@@ -60,9 +60,9 @@ def status(id: int, error: int = 0, data: bytes = b"") -> bytes:
 
 
 class Parser(Counts):
-    """Finds packets in a stream of bytes, however it is cut; the same packets for the same bytes.
+    """Finds packets in a stream of bytes, no matter how it is split; the same bytes give the same packets.
 
-    Nothing in a packet tells its direction, so an adapter that echoes the host's bytes can't be used.
+    Nothing in a packet shows its direction. So an adapter that echoes the host's bytes can't be used.
     """
 
     def __init__(self) -> None:
@@ -71,15 +71,15 @@ class Parser(Counts):
         self._searching = False
 
     def statuses(self, data: bytes) -> list[Status]:
-        """Takes any bytes and gives the statuses they complete, oldest first. Never raises."""
+        """Takes any bytes and returns the statuses they complete, oldest first. Never raises."""
         return [Status(id, body[0], False, body[1:]) for id, body in self._packets(data)]
 
     def instructions(self, data: bytes) -> list[Instruction]:
-        """Takes any bytes and gives the instructions they complete, oldest first. Never raises."""
+        """Takes any bytes and returns the instructions they complete, oldest first. Never raises."""
         return [Instruction(id, body[0], body[1:]) for id, body in self._packets(data)]
 
     def forget(self) -> None:
-        """Drops a packet begun: the rest of it won't come."""
+        """Drops an incomplete packet: the rest of it won't come."""
         if self._buffer:
             self._buffer.clear()
             self.errors += 1
@@ -99,7 +99,7 @@ class Parser(Counts):
                 break
             self._skip(start - at)
             at = start
-            if len(buffer) > start + 2 and buffer[start + 2] == 0xFF:  # one FF too many in front
+            if len(buffer) > start + 2 and buffer[start + 2] == 0xFF:  # one extra FF in front
                 self._skip(1)
                 at = start + 1
                 continue

@@ -1,7 +1,7 @@
-"""Protocol 2.0 on the wire: instruction packets, and the parser of what comes back. No I/O.
+"""Protocol 2.0 on the wire: instruction packets, and the parser of the answers. No I/O.
 
-Source: protocol sheet dynamixel, §2. A packet is FF FF FD 00, id, length (u16, of what follows it), instruction,
-parameters, CRC-16; all numbers low byte first.
+Source: protocol sheet dynamixel, §2. A packet is FF FF FD 00, id, length (u16, of the rest of the packet),
+instruction, parameters, CRC-16; all numbers have the low byte first.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from drivers.dynamixel.packets import BROADCAST, Counts, Instruction, Status
 PING, READ, WRITE, REG_WRITE, ACTION, FACTORY_RESET, REBOOT, CLEAR = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06, 0x08, 0x10
 STATUS, SYNC_READ, SYNC_WRITE, FAST_SYNC_READ = 0x55, 0x82, 0x83, 0x8A
 BULK_READ, BULK_WRITE, FAST_BULK_READ = 0x92, 0x93, 0x9A
-PING_SIZE: Final = 3  # bytes a ping is answered with: model (u16), firmware
+PING_SIZE: Final = 3  # bytes of data in a ping's answer: model (u16), firmware
 OVERHEAD: Final = 11  # bytes of a status around its data
 
 # Low bits of a status' error byte.
@@ -30,7 +30,7 @@ ERRORS: Final = {
     ACCESS: "it can't be accessed now (read-only, or locked while its torque is on)",
 }
 
-LONGEST: Final = 1024  # LEN of the longest packet taken for one; a servo's buffer is smaller
+LONGEST: Final = 1024  # greatest accepted LEN of a packet; a servo's buffer is smaller
 _HEADER: Final = b"\xff\xff\xfd"
 
 
@@ -48,7 +48,7 @@ _CRC: Final = _crc_table()
 
 
 def crc16(data: Iterable[int], crc: int = 0) -> int:
-    """CRC-16, polynomial 0x8005, initial 0, not reflected; goes on from `crc`."""
+    """CRC-16, polynomial 0x8005, initial 0, not reflected; continues from `crc`."""
     table = _CRC
     for byte in data:
         crc = (crc << 8 & 0xFF00) ^ table[crc >> 8 ^ byte]
@@ -56,7 +56,7 @@ def crc16(data: Iterable[int], crc: int = 0) -> int:
 
 
 def packet(id: int, code: int, data: bytes = b"") -> bytes:
-    """One whole packet, stuffed."""
+    """Returns one whole packet, stuffed."""
     body = bytes((code,)) + data
     if _HEADER in body:
         body = body.replace(_HEADER, b"\xff\xff\xfd\xfd")
@@ -66,12 +66,12 @@ def packet(id: int, code: int, data: bytes = b"") -> bytes:
 
 
 def ping(id: int) -> bytes:
-    """Asks a servo, or all, who they are."""
+    """Pings one servo, or all of them."""
     return packet(id, PING)
 
 
 def read(id: int, address: int, size: int) -> bytes:
-    """Asks for `size` bytes from `address` on."""
+    """Requests `size` bytes from `address` on."""
     return packet(id, READ, _u16(address) + _u16(size))
 
 
@@ -91,12 +91,12 @@ def group_read(address: int, size: int, ids: Sequence[int]) -> bytes:
 
 
 def fast_sync_read(address: int, size: int, ids: Sequence[int]) -> bytes:
-    """As `group_read`, answered by one common status. MX servos don't know it (sheet, §2)."""
+    """Like `group_read`, but answered by one common status. MX servos don't know it (sheet, §2)."""
     return packet(BROADCAST, FAST_SYNC_READ, _u16(address) + _u16(size) + bytes(ids))
 
 
 def sync_write(address: int, size: int, values: Mapping[int, bytes]) -> bytes:
-    """Writes `size` bytes from `address` on to each servo, its own; not acknowledged."""
+    """Writes `size` bytes from `address` on, different ones for each servo; not acknowledged."""
     body = b"".join(bytes((id,)) + data for id, data in values.items())
     return packet(BROADCAST, SYNC_WRITE, _u16(address) + _u16(size) + body)
 
@@ -107,7 +107,7 @@ def status(id: int, error: int = 0, data: bytes = b"") -> bytes:
 
 
 def fast_status(parts: Sequence[tuple[int, int, bytes]]) -> bytes:
-    """The common answer to a fast sync read, from (id, error, data) of each servo; never stuffed."""
+    """Returns the common answer to a fast sync read, from (id, error, data) of each servo; never stuffed."""
     length = 1 + sum(4 + len(data) for _, _, data in parts)
     out = bytearray(b"\xff\xff\xfd\x00\xfe" + _u16(length) + bytes((STATUS,)))
     crc, done = 0, 0
@@ -120,13 +120,13 @@ def fast_status(parts: Sequence[tuple[int, int, bytes]]) -> bytes:
 
 
 def split_fast(common: Status, size: int) -> list[Status]:
-    """The servos' parts of a fast sync read's common answer; [] where the sizes don't fit.
+    """Splits a fast sync read's common answer into the servos' parts; [] if the sizes don't fit.
 
     Args:
-        common: from `Parser`, id 254; its checksum is that of the last part, which covers all before it.
-        size: bytes asked of each servo.
+        common: from `Parser`, id 254; its checksum is that of the last part, which covers everything before it.
+        size: bytes requested from each servo.
     """
-    body = bytes((common.error | ALERT * common.alert,)) + common.data + b"\0\0"  # the last CRC is gone already
+    body = bytes((common.error | ALERT * common.alert,)) + common.data + b"\0\0"  # the last CRC is already removed
     if len(body) % (size + 4):
         return []
     parts = []
@@ -137,21 +137,21 @@ def split_fast(common: Status, size: int) -> list[Status]:
 
 
 class Parser(Counts):
-    """Finds packets in a stream of bytes, however it is cut; the same packets for the same bytes.
+    """Finds packets in a stream of bytes, no matter how it is split; the same bytes give the same packets.
 
-    What doesn't belong to the direction it listens to is skipped without a count: an adapter's echo of the
-    host's own bytes for the host, other servos' answers for a servo.
+    Packets of the other direction are skipped without a count: for the host an adapter's echo of the host's own bytes,
+    for a servo other servos' answers.
     """
 
     def __init__(self, longest: int = LONGEST) -> None:
-        """`longest`: LEN above which a packet is no packet."""
+        """`longest`: greatest LEN of a packet."""
         super().__init__()
         self._longest = longest
         self._buffer = bytearray()
         self._searching = False
 
     def statuses(self, data: bytes) -> list[Status]:
-        """Takes any bytes and gives the statuses they complete, oldest first. Never raises."""
+        """Takes any bytes and returns the statuses they complete, oldest first. Never raises."""
         found = []
         for id, body in self._packets(data):
             if body[0] == STATUS and len(body) > 1:
@@ -159,11 +159,11 @@ class Parser(Counts):
         return found
 
     def instructions(self, data: bytes) -> list[Instruction]:
-        """Takes any bytes and gives the instructions they complete, oldest first. Never raises."""
+        """Takes any bytes and returns the instructions they complete, oldest first. Never raises."""
         return [Instruction(id, body[0], body[1:]) for id, body in self._packets(data) if body[0] != STATUS]
 
     def forget(self) -> None:
-        """Drops a packet begun: the rest of it won't come."""
+        """Drops an incomplete packet: the rest of it won't come."""
         if self._buffer:
             self._buffer.clear()
             self.errors += 1
@@ -177,7 +177,7 @@ class Parser(Counts):
         while True:
             start = buffer.find(_HEADER, at)
             if start < 0:
-                # The last bytes may be a header's first.
+                # The last bytes may be the first ones of a header.
                 keep = 2 if buffer.endswith(b"\xff\xff") else 1 if buffer.endswith(b"\xff") else 0
                 start = max(at, len(buffer) - keep)
                 self._skip(start - at)
@@ -217,7 +217,7 @@ class Parser(Counts):
 
     @staticmethod
     def _may_begin(buffer: bytearray, start: int) -> bool:
-        """Whether reserved byte and id, as far as they are there, are those of a packet."""
+        """Returns whether reserved byte and id, as far as they have arrived, are those of a packet."""
         head = buffer[start + 3 : start + 5]
         return (not head or head[0] == 0) and (len(head) < 2 or (head[1] <= BROADCAST and head[1] != 0xFD))
 

@@ -1,4 +1,4 @@
-"""Bringing servos back after a hardware error or a loss of power, between the loop's own requests."""
+"""Brings servos back after a hardware error or a loss of power, between the loop's own requests."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from drivers.dynamixel.table import Register
 PATIENCE: Final = 3_000_000_000  # ns a servo may take to come back from a reboot
 PAUSE: Final = 200_000_000  # ns between attempts
 
-Script = Generator[Request | None, int, None]  # yields what to ask, or None to wait; is sent the time
+Script = Generator[Request | None, int, None]  # yields the next request, or None to wait; receives the time
 
 
 class Recovery:
-    """The reboot of some servos of protocol 2; the others are read on meanwhile.
+    """The reboot of some servos of protocol 2; the other servos are still sampled in the meantime.
 
     Attributes:
-        away: ids that can't be asked for samples now.
+        away: ids of the servos that can't be sampled now.
     """
 
     def __init__(self, family: Family, faults: Faults, reboot: set[int], now: int) -> None:
         """
         Args:
-            reboot: numbers of the motors to restart; those that `faults` calls limp are only set up again.
+            reboot: numbers of the motors to restart; those in `faults.limp` are only set up again.
             now: ns.
         """
         self._family, self._faults = family, faults
@@ -40,7 +40,7 @@ class Recovery:
         self._began = False
 
     def step(self, now: int) -> tuple[bool, Request | None]:
-        """Whether it goes on, and what to ask now; call it again once that is over."""
+        """Returns whether the recovery goes on, and the request to send now; call it again when that has ended."""
         try:
             if self._began:
                 return True, self._script.send(now)
@@ -72,7 +72,7 @@ class Recovery:
         faults.stubborn |= set(waiting)
 
     def _set_up(self, i: int) -> Generator[Request | None, int, bool]:
-        """Its errors are gone, its watchdog is armed; False: not yet."""
+        """Takes the servo's remaining errors and arms its watchdog; returns False if this isn't possible yet."""
         family, id = self._family, self._family.ids[i]
         registers = family.tables[i]
         address, size = family.check
@@ -101,7 +101,7 @@ class Recovery:
         return True
 
     def _find_turn(self, i: int) -> Generator[Request | None, int, bool]:
-        """A servo counts its turns only while it has power: takes those up that it had before."""
+        """Restores the turn count: a servo counts its turns only while it has power."""
         family, id = self._family, self._family.ids[i]
         register = family.tables[i]["present_position"]
         ask = Request(family.wire.read(id, register.address, register.size), (id,), register.size, "recovery")

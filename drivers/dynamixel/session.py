@@ -1,4 +1,4 @@
-"""Asking servos one at a time, with waiting: for opening a bus, not for the loop."""
+"""Requests to one servo at a time, blocking: for opening a bus, not for the loop."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from runtime.contracts.errors import DeviceError
 TRIES: Final = 3
 ANSWER: Final = 0.06  # s; a USB adapter alone may take 16 ms each way
 ECHO_TRIES: Final = 3
-SCAN: Final = 0.08  # s of listening for a broadcast's answers at another rate
+SCAN: Final = 0.08  # s of listening for a broadcast's answers at another baud rate
 _RATES: Final = (57600, 1_000_000, 115200, 2_000_000, 3_000_000, 4_000_000, 9600)
 
 
@@ -32,13 +32,13 @@ class Session:
         self.parser = family.parser()
 
     def ask(self, frame: bytes, id: int, size: int | None = None, tries: int = TRIES) -> Status | None:
-        """The answer of servo `id` to a packet; None where there is none.
+        """Returns servo `id`'s answer to a packet; None if there is none.
 
         Args:
             frame: one instruction packet.
-            id: whose answer.
+            id: the servo that must answer.
             size: bytes of data it must have, unless it reports an error.
-            tries: how often the packet is sent.
+            tries: number of times the packet is sent.
         """
         for _ in range(tries):
             self.link.flush_input()
@@ -53,12 +53,12 @@ class Session:
         return None
 
     def tell(self, frame: bytes) -> None:
-        """Sends a packet whose acknowledgement may not come, and gives it time to pass."""
+        """Sends a packet that may not be acknowledged, and waits until it has been transmitted."""
         self.link.write_all(frame, 1.0)
         time.sleep(0.005 + 20 * len(frame) / self.family.config.baudrate)
 
     def echoes(self, id: int) -> bool:
-        """Whether the adapter returns the host's own bytes in front of servo `id`'s answer."""
+        """Returns whether the adapter echoes the host's own bytes in front of servo `id`'s answer."""
         ping = self.family.wire.ping(id)
         for _ in range(ECHO_TRIES):
             self.link.flush_input()
@@ -67,7 +67,7 @@ class Session:
             deadline = time.monotonic() + ANSWER
             while (left := deadline - time.monotonic()) > 0 and len(heard) <= len(ping):
                 heard += self.link.read_wait(left)
-            # A servo with a voltage error answers just the ping's bytes; an echo's answer may be late.
+            # A servo with a voltage error answers with exactly the ping's bytes; after an echo the answer may be late.
             if heard and heard != ping:
                 return len(heard) > len(ping) and heard.startswith(ping)
         return False
@@ -76,7 +76,7 @@ class Session:
         """Writes one register and waits for the acknowledgement.
 
         Raises:
-            DeviceError: refused, with the servo's reason, or not answered.
+            DeviceError: refused, with the servo's reason, or not acknowledged.
         """
         status = self.ask(self.family.wire.write(id, register.address, register.encode(value)), id, 0)
         if status is None:
@@ -97,13 +97,13 @@ class Session:
 
 
 def find(session: Session, scan: bool) -> list[tuple[int, int]]:
-    """Model number and firmware version of each motor.
+    """Returns model number and firmware version of each motor.
 
     Args:
         session: on the open link.
-        scan: where no motor answers, look for them at other baud rates and in the other protocol.
+        scan: if no motor answers, look for them at other baud rates and in the other protocol.
     Raises:
-        DeviceError: a motor is missing, is another model, or two answer as one.
+        DeviceError: a motor is missing, is another model, or two motors answer as one.
     """
     family, place = session.family, session.place
     config = family.config
@@ -167,7 +167,7 @@ def _who(session: Session, id: int) -> tuple[int, int] | None:
 
 
 def _listen(link: Transport, family: Family, seconds: float) -> dict[int, int]:
-    """Model numbers by id of all who answer a broadcast ping of protocol 2."""
+    """Returns the model numbers by id of all servos that answer a broadcast ping of protocol 2."""
     parser = protocol2.Parser()
     found: dict[int, int] = {}
     if family.protocol == 1:
@@ -183,7 +183,7 @@ def _listen(link: Transport, family: Family, seconds: float) -> dict[int, int]:
 
 
 def _silence(session: Session, scan: bool) -> DeviceError:
-    """No motor answers: what does, at which rate and in which protocol."""
+    """Returns the error if no motor answers: which servos do, at which baud rate and in which protocol."""
     config, place = session.family.config, session.place
     problem = f"no servo answers at {config.port} with {config.baudrate} baud and protocol {config.protocol}"
     power = "Check the servos' power and the adapter's switch (TTL or RS-485)"
@@ -208,7 +208,7 @@ def _silence(session: Session, scan: bool) -> DeviceError:
 
 
 def _heard(link: Transport, ids: tuple[int, ...]) -> tuple[int, dict[int, int]]:
-    """Who answers a broadcast of protocol 2; else whether one of `ids` answers in protocol 1."""
+    """Returns the servos that answer a broadcast of protocol 2; if none do, those of `ids` in protocol 1."""
     found: dict[int, int] = {}
     parsers: tuple[Any, ...] = (protocol2.Parser(), protocol1.Parser())
     for protocol, parser in zip((2, 1), parsers, strict=True):

@@ -1,4 +1,4 @@
-"""Bringing found servos into the state the driver needs, without moving them or letting them go."""
+"""Brings the servos found into the state that the driver needs, without moving them or switching torque off."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from runtime.contracts.errors import DeviceError
 from runtime.contracts.signals import Limits
 
 _WIZARD: Final = "Set it with the vendor's DYNAMIXEL Wizard"
-_SIZES: Final = {1: 74, 2: 147}  # bytes from address 0 that are looked at
+_SIZES: Final = {1: 74, 2: 147}  # bytes from address 0 on that are read
 
 
 @dataclass(frozen=True)
 class Bus:
-    """What was found.
+    """The result of setting up the bus.
 
     Attributes:
         firmware: version by motor.
-        limits: of the command.
+        limits: the command's limits.
         powered: by motor: its torque is on, from an earlier run.
         errors: by motor: hardware error bits (protocol 2), error bits (protocol 1).
-        torque: by motor: the register max_torque (protocol 1), which recovers a torque limit that fell to 0.
+        torque: by motor: the register max_torque (protocol 1), which restores a torque limit that fell to 0.
     """
 
     firmware: tuple[int, ...]
@@ -39,7 +39,7 @@ def set_up(session: Session, scan: bool) -> Bus:
     """Identifies, checks and configures all motors, and arms their watchdogs (protocol 2).
 
     Raises:
-        DeviceError: with what is wrong, at which motor, and the remedy.
+        DeviceError: with the problem, the motor, and the remedy.
     """
     family, config = session.family, session.family.config
     found = find(session, scan)
@@ -80,18 +80,18 @@ def set_up(session: Session, scan: bool) -> Bus:
 
 
 def watchdog_code(seconds: float) -> int:
-    """The register's value, at least as long."""
+    """Returns the watchdog register's value for at least this time."""
     return min(max(ceil(seconds / WATCHDOG - 1e-9), 1), 127)
 
 
 def _look(session: Session, i: int, name: str, id: int) -> tuple[bytes, int]:
-    """A motor's registers from address 0 on, and the error bits it answered with."""
+    """Returns a motor's registers from address 0 on, and the error bits of its answer."""
     family = session.family
     size = _SIZES[family.protocol]
     frame = family.wire.read(id, 0, size)
     status = session.ask(frame, id, size)
     if status is None:
-        # It answers pings alone: its status return level is 0.
+        # It answers pings only: its status return level is 0.
         level = family.tables[i]["status_return_level"]
         session.tell(family.wire.write(id, level.address, b"\2"))
         status = session.ask(frame, id, size)
@@ -120,7 +120,10 @@ def _check1(session: Session, name: str, id: int, table: dict[str, Register], me
 
 
 def _limits1(session: Session, name: str, id: int, table: dict[str, Register], memory: bytes) -> dict[str, int]:
-    """Protocol 1 has no operating mode: both angle limits 0 make a wheel, both 4095 several turns."""
+    """Returns the angle limits that protocol 1 needs for the mode.
+
+    Protocol 1 has no operating mode: both angle limits 0 mean a wheel, both 4095 mean several turns.
+    """
     low, high = table["cw_angle_limit"].decode(memory), table["ccw_angle_limit"].decode(memory)
     mode = session.family.config.mode
     joint = not low == high == 0 and not low == high == 4095
@@ -139,7 +142,7 @@ def _limits1(session: Session, name: str, id: int, table: dict[str, Register], m
 def _settle(
     session: Session, name: str, id: int, table: dict[str, Register], memory: bytes, wanted: dict[str, int]
 ) -> bytes:
-    """Sets registers kept without power where they differ; returns the registers as they are then."""
+    """Writes non-volatile registers that differ; returns the registers afterwards."""
     for key, value in wanted.items():
         register = table[key]
         present = register.decode(memory)
@@ -164,9 +167,9 @@ def _settle(
 
 
 def _volatile(session: Session, name: str, id: int, table: dict[str, Register], memory: bytes) -> None:
-    """Registers that a power-up resets: answers to everything, no profile of its own, the watchdog armed.
+    """Sets the volatile registers: answers to every packet, no motion profile of its own, the watchdog armed.
 
-    A servo with torque on keeps its goal position, so it goes on holding; other goals become 0.
+    A servo with torque on keeps its goal position, so it continues to hold; other goals become 0.
     """
     config = session.family.config
     if session.family.protocol == 1:
@@ -186,7 +189,7 @@ def _volatile(session: Session, name: str, id: int, table: dict[str, Register], 
     if level.decode(memory) != 2:
         session.tell(session.family.wire.write(id, level.address, level.encode(2)))
     for key, value in wanted.items():
-        # The watchdog may trip meanwhile, so it is cleared whatever was read; goals likewise.
+        # The watchdog may trip in the meantime, so it is cleared whatever value was read. The same holds for goals.
         if key in ("bus_watchdog", "goal_velocity", "goal_current") or table[key].decode(memory) != value:
             session.write(name, id, table[key], value, key.replace("_", " "))
     if session.family.protocol == 2:

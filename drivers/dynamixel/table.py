@@ -14,11 +14,11 @@ class Register:
 
     Attributes:
         address, size: bytes.
-        writable: a host may write it.
-        eeprom: kept without power; can be written only while the torque is off.
+        writable: whether a host may write it.
+        eeprom: non-volatile; can be written only while the torque is off.
         signed: two's complement.
         default: as delivered (eeprom), or after power-up.
-        low, high: what may be written; None: whatever fits.
+        low, high: range of values that may be written; None: any value that fits.
     """
 
     address: int
@@ -32,15 +32,15 @@ class Register:
 
     @property
     def end(self) -> int:
-        """The address behind it."""
+        """The address after it."""
         return self.address + self.size
 
     def encode(self, value: int) -> bytes:
-        """The bytes of a value."""
+        """Encodes a value."""
         return value.to_bytes(self.size, "little", signed=self.signed)
 
     def decode(self, data: bytes | bytearray, base: int = 0) -> int:
-        """The value within bytes that begin at address `base`."""
+        """Decodes the value from bytes that begin at address `base`."""
         at = self.address - base
         return int.from_bytes(data[at : at + self.size], "little", signed=self.signed)
 
@@ -59,15 +59,15 @@ def _w(address: int, size: int, default: int = 0, low: int = 0, high: int | None
 
 Table = dict[str, Register]
 
-TURNS: Final = 1_048_575  # counts either way in extended position mode
-MULTI_TURN: Final = 28_672  # counts either way in multi-turn mode, protocol 1
+TURNS: Final = 1_048_575  # counts in either direction in extended position mode
+MULTI_TURN: Final = 28_672  # counts in either direction in multi-turn mode, protocol 1
 
-# What an operating mode is called in the control table of protocol 2.
+# The numbers of the operating modes in the control table of protocol 2.
 CURRENT, VELOCITY, POSITION, EXTENDED, CURRENT_POSITION, PWM = 0, 1, 3, 4, 5, 16
 
 
 def table2(model: Model) -> Table:
-    """Firmware of protocol 2."""
+    """Returns the registers of firmware of protocol 2."""
     table = {
         "model_number": _r(0, 2),
         "model_information": _r(2, 4),
@@ -128,14 +128,14 @@ def table2(model: Model) -> Table:
         table["present_load"] = _r(126, 2, signed=True)
     for first, addresses, data in ((0, 168, 224), (28, 578, 634)):
         for k in range(28):
-            # An indirect address begins at the data it stands for, as a fresh servo has it.
+            # By default, as in a new servo, an indirect address refers to its own indirect data.
             table[f"indirect_address_{first + k + 1}"] = _w(addresses + 2 * k, 2, data + k, 64, 661)
             table[f"indirect_data_{first + k + 1}"] = _w(data + k, 1)
     return table
 
 
 def table1(model: Model) -> Table:
-    """Firmware of protocol 1. Speeds, loads and torques have their sign in bit 10, set for clockwise."""
+    """Returns the registers of protocol 1. Speeds, loads and torques have their sign in bit 10, set for clockwise."""
     table = {
         "model_number": _r(0, 2),
         "firmware_version": _r(2, 1),
@@ -182,7 +182,7 @@ def table1(model: Model) -> Table:
 
 
 def table(model: Model, protocol: int) -> Table:
-    """The registers of a model with firmware of a protocol, by the vendor's names as slugs."""
+    """Returns the registers of a model with firmware of a protocol, by the vendor's names as slugs."""
     return table1(model) if protocol == 1 else table2(model)
 
 
@@ -191,14 +191,14 @@ _BAUDS1: Final = {250: 2_250_000, 251: 2_500_000, 252: 3_000_000}
 
 
 def baudrate(code: int, protocol: int) -> int:
-    """bit/s of a register's code; 0 for a code without a meaning."""
+    """Returns the bit/s for a register's code; 0 for a code without meaning."""
     if protocol == 2:
         return BAUDS2[code] if code < len(BAUDS2) else 0
     return _BAUDS1.get(code, 2_000_000 // (code + 1))
 
 
 def baud_code(rate: int, protocol: int) -> int | None:
-    """The code whose rate a UART at `rate` bit/s still understands (within 2 %); None: there is none."""
+    """Returns the code whose rate a UART at `rate` bit/s still understands (within 2 %); None if there is none."""
     codes = range(len(BAUDS2)) if protocol == 2 else range(253)
     near = min(codes, key=lambda code: abs(baudrate(code, protocol) - rate))
     return near if abs(baudrate(near, protocol) / rate - 1) < 0.02 else None

@@ -1,4 +1,4 @@
-"""evdev's records and what describes a device (sheet A1, A2). No I/O."""
+"""evdev's records and a device's description (sheet A1, A2). No I/O."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SYN_REPORT, SYN_DROPPED = 0, 3
 
 
 class Event(NamedTuple):
-    """One change. `at` is ns of the device's clock, CLOCK_MONOTONIC once asked for."""
+    """One change. `at` is ns of the device's clock, which is CLOCK_MONOTONIC after a request."""
 
     at: int
     type: int
@@ -22,7 +22,7 @@ class Event(NamedTuple):
 
 
 class AxisInfo(NamedTuple):
-    """An axis (EVIOCGABS): its value now and its range, in its own counts."""
+    """An axis (EVIOCGABS): its present value and its range, in its own counts."""
 
     value: int
     minimum: int
@@ -34,14 +34,14 @@ class AxisInfo(NamedTuple):
 
 @dataclass
 class Description:
-    """What a device says of itself.
+    """A device's description of itself.
 
     Attributes:
         name, uniq: its names; `uniq` is a Bluetooth address, or "".
         vendor, product, version: USB's numbers.
-        keys: codes of the keys and buttons it has.
-        pressed: those of them that are down now.
-        axes: by code.
+        keys: codes of its keys and buttons.
+        pressed: the codes of those that are pressed now.
+        axes: axes by code.
     """
 
     name: str = ""
@@ -54,12 +54,12 @@ class Description:
     axes: dict[int, AxisInfo] = field(default_factory=dict)
 
     def state(self) -> list[tuple[int, int, int]]:
-        """The whole state as (type, code, value)."""
+        """Returns the whole state as (type, code, value)."""
         keys = [(EV_KEY, code, int(code in self.pressed)) for code in sorted(self.keys)]
         return keys + [(EV_ABS, code, axis.value) for code, axis in sorted(self.axes.items())]
 
     def to_line(self) -> bytes:
-        """One line of JSON, for a door that has no ioctls."""
+        """Encodes it as one line of JSON, for a connection that has no ioctls."""
         content = {
             "name": self.name, "uniq": self.uniq, "vendor": self.vendor, "product": self.product,
             "version": self.version, "keys": sorted(self.keys), "pressed": sorted(self.pressed),
@@ -69,7 +69,7 @@ class Description:
 
     @classmethod
     def from_line(cls, line: bytes) -> Description:
-        """What `to_line` wrote. Raises ValueError."""
+        """Decodes a line from `to_line`. Raises ValueError."""
         try:
             content: dict[str, Any] = json.loads(line)
             return cls(
@@ -87,12 +87,12 @@ class Parser:
     Attributes:
         frames: whole reports.
         errors: records of no known type, or without meaning.
-        drops: times the kernel said that it lost events (SYN_DROPPED). What it lost with is thrown away up
-            to the next SYN_REPORT; `lost` stays True until the reader has taken the whole state anew.
+        drops: number of times the kernel reported that it lost events (SYN_DROPPED). The parser discards everything
+            up to the next SYN_REPORT; `lost` stays True until the reader has read the whole state again.
         lost: see `drops`.
     """
 
-    LONGEST: Final = 512  # changes in a report; a device with more is no pad
+    LONGEST: Final = 512  # changes in a report; a device with more isn't a gamepad
 
     def __init__(self) -> None:
         self.frames = self.errors = self.drops = 0
@@ -102,7 +102,7 @@ class Parser:
         self._changes: list[Event] = []
 
     def feed(self, data: bytes) -> list[list[Event]]:
-        """Whole reports that `data` completes, oldest first."""
+        """Returns the whole reports that `data` completes, oldest first."""
         data = self._rest + data
         end = len(data) - len(data) % RECORD.size
         self._rest = data[end:]
@@ -125,7 +125,7 @@ class Parser:
 
 
 def encode(at: int, changes: list[tuple[int, int, int]]) -> bytes:
-    """A report: the changes (type, code, value) and their SYN_REPORT, all stamped `at` (ns)."""
+    """Encodes a report: the changes (type, code, value) and their SYN_REPORT, all stamped `at` (ns)."""
     seconds, micros = at // 1_000_000_000, at % 1_000_000_000 // 1000
     records = [*changes, (EV_SYN, SYN_REPORT, 0)]
     return b"".join(RECORD.pack(seconds, micros, *record) for record in records)

@@ -1,7 +1,7 @@
-"""Where an input device's records come from: a node of the kernel, or a twin's socket in its place.
+"""The source of an input device's records: a node of the kernel, or a twin's socket in its place.
 
-A node gives its state by ioctl. A socket can't: its twin begins with one line that describes the device and
-its state, and answers each byte `?` by a report of the whole state.
+A node provides its state by ioctl. A socket can't: its twin first sends one line that describes the device and
+its state, and answers each byte `?` with a report of the whole state.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from runtime.contracts.errors import DeviceError, DeviceLostError
 
 NODES = Path("/dev/input")
 CHUNK = 24 * 64
-CHUNKS = 16  # in one read, so that a flood can't hold the loop
+CHUNKS = 16  # in one read, so that a flood can't block the loop
 _CLOCK_MONOTONIC = 1
 _EVIOCGID, _EVIOCGRAB, _EVIOCSCLOCKID = 0x80084502, 0x40044590, 0x400445A0
 _EVIOCGNAME, _EVIOCGUNIQ = 0x81004506, 0x81004508
@@ -37,7 +37,7 @@ def open_source(path: str, place: str, grab: bool = False) -> EventSource:
     Args:
         path: a node such as /dev/input/by-id/usb-...-event-joystick, or a twin's socket.
         place: the device's name for errors.
-        grab: nobody else gets its events (EVIOCGRAB): the desktop must not type what a ring sends.
+        grab: no other program gets its events (EVIOCGRAB): the desktop must not type what a ring sends.
     Raises:
         DeviceError: no such device, no permission, or not an input device.
     """
@@ -66,7 +66,7 @@ def open_source(path: str, place: str, grab: bool = False) -> EventSource:
 
 
 def discover(folder: Path = NODES) -> list[str]:
-    """The nodes that are there, by number."""
+    """Returns the existing nodes, by number."""
     found = [path for path in folder.glob("event*") if path.name.removeprefix("event").isdigit()]
     return [str(path) for path in sorted(found, key=lambda path: int(path.name.removeprefix("event")))]
 
@@ -75,8 +75,8 @@ class EventSource(ABC):
     """One open device.
 
     Attributes:
-        path: as it was opened.
-        description: what it says of itself, with its state when it was opened; None until it is known.
+        path: the path it was opened with.
+        description: its own description, with its state when it was opened; None until it is known.
         parser: counts of records.
     """
 
@@ -86,7 +86,7 @@ class EventSource(ABC):
         self.parser = Parser()
 
     def read(self) -> list[list[Event]]:
-        """All reports that are there, oldest first; never blocks. Raises DeviceLostError."""
+        """Returns all waiting reports, oldest first; never blocks. Raises DeviceLostError."""
         reports: list[list[Event]] = []
         for _ in range(CHUNKS):
             try:
@@ -106,7 +106,7 @@ class EventSource(ABC):
         return reports
 
     def await_description(self, timeout_s: float) -> Description:
-        """Waits for what a socket says first. Blocks: for `open` only. Raises DeviceError."""
+        """Waits for a socket's first line. Blocks: for `open` only. Raises DeviceError."""
         deadline = time.monotonic() + timeout_s
         while self.description is None:
             left = deadline - time.monotonic()
@@ -118,19 +118,19 @@ class EventSource(ABC):
 
     @abstractmethod
     def refresh(self) -> list[Event]:
-        """The whole state as one report; empty where it will come by itself in a later `read`."""
+        """Returns the whole state as one report; empty if a later `read` will return it."""
 
     @abstractmethod
     def fileno(self) -> int:
-        """The descriptor; -1 once closed."""
+        """Returns the file descriptor; -1 once closed."""
 
     @abstractmethod
     def close(self) -> None:
-        """Closes. Always succeeds."""
+        """Closes the device. Always succeeds."""
 
     @abstractmethod
     def _take(self) -> bytes:
-        """One read; b"" at the end."""
+        """Reads once; b"" at the end."""
 
     def _lost(self, why: str) -> NoReturn:
         raise DeviceLostError(self.place, f"{self.path} is gone ({why})", "Plug it in, or wake it")

@@ -11,7 +11,7 @@ class Buttons:
     """Debounced buttons to ground: a pin that reads 0 is a pressed button.
 
     Attributes:
-        ports: the ports (eight pins each) they are on.
+        ports: the ports (eight pins each) of the buttons.
     """
 
     def __init__(self, pins: Sequence[int], debounce: Sequence[float]) -> None:
@@ -31,17 +31,17 @@ class Buttons:
         return [switch.pressed for _, _, switch in self._switches]
 
     def start(self, masks: dict[int, int]) -> None:
-        """Takes the levels found at opening, by port, as they are."""
+        """Takes over the levels found at opening, by port."""
         for port, bit, switch in self._switches:
             switch.start(0.0 if masks[port] & bit else 1.0)
 
     def take(self, port: int, mask: int, now: int) -> None:
-        """One port message, seen at `now` (ns)."""
+        """Takes one port message, seen at `now` (ns)."""
         for where, bit, switch in self._switches:
             if where == port:
                 switch.take(0.0 if mask & bit else 1.0, now)
 
     def settle(self, now: int) -> None:
-        """Lets levels count that have lasted their debounce time by `now` (ns)."""
+        """Accepts levels that have lasted their debounce time by `now` (ns)."""
         for _, _, switch in self._switches:
             switch.settle(now)

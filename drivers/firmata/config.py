@@ -17,8 +17,8 @@ MAX_PULSE_US = 2400
 class Calibration:
     """Joint angle (rad) to pulse width (µs) and back, for one servo.
 
-    `pulse` and `angle` are exact inverses on whole microseconds within `shortest` to `longest`, the pulses
-    this servo may get.
+    `pulse` and `angle` are exact inverses on whole microseconds from `shortest` to `longest`, the pulses that this
+    servo may get.
     """
 
     us_per_rad: float  # negative for a reversed servo
@@ -27,11 +27,11 @@ class Calibration:
     longest: int
 
     def pulse(self, angle: float) -> int:
-        """The whole pulse width (µs) nearest to a finite angle (rad), kept within the servo's pulses."""
+        """Returns the whole pulse width (µs) nearest to a finite angle (rad), limited to the servo's pulses."""
         return round(min(max(self.zero_us + self.us_per_rad * angle, self.shortest), self.longest))
 
     def angle(self, pulse: float) -> float:
-        """The angle (rad) of a pulse width (µs), which isn't bounded here."""
+        """Returns the angle (rad) of a pulse width (µs); the pulse isn't limited here."""
         return (pulse - self.zero_us) / self.us_per_rad
 
     @property
@@ -79,10 +79,10 @@ class ServoConfig(BaseModel):
 
     @property
     def calibration(self) -> Calibration:
-        """How angles become pulses.
+        """The conversion from angles to pulses.
 
-        A trim that pushes an end beyond 544 to 2400 µs takes that much from the reach: below 544 the board
-        would read an angle in degrees.
+        A trim that moves an end beyond 544 to 2400 µs reduces the reach by that amount: the board would read a value
+        below 544 as an angle in degrees.
         """
         slope = (self.max_us - self.min_us) / (self.upper - self.lower)
         if self.reversed:
@@ -107,7 +107,7 @@ class ButtonConfig(BaseModel):
 
 
 class FirmataConfig(DeviceConfig):
-    """A board with servos, buttons, or both. The order of `servos` and `buttons` is that of the arrays."""
+    """A board with servos, buttons, or both. The arrays have the order of `servos` and `buttons`."""
 
     port: str = Field(description="the board's port, e.g. /dev/ttyACM0")
     servos: dict[str, ServoConfig] = Field(default={}, max_length=MAX_SERVOS, description="joints by name")

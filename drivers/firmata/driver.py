@@ -1,8 +1,8 @@
 """An Arduino board with StandardFirmata: servos that follow angles, buttons that report.
 
-Firmata has neither a heartbeat nor a watchdog: a board whose host dies goes on with its last pulses. So each
-command is followed by a version query, whose answer shows that the board has taken it. The next command waits
-for that answer, so that a stalled link never holds more than one.
+Firmata has neither a heartbeat nor a watchdog: if the host dies, the board continues with its last pulses. So a
+version query follows each command; its answer shows that the board has taken the command. The next command waits
+for that answer, so a stalled link never holds more than one command.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ COMMAND = "position_command"
 ASK_ACTIVE = 400_000_000  # ns between version queries while `write` is called
 ASK_IDLE = 500_000_000  # ns between version queries otherwise
 
-# The board's own limits are a second fence. The Servo library stores them as one signed byte in units of 4 µs
-# from 544 and from 2400, so narrower ones than these wrap around and fence nothing; the driver keeps each
-# pulse within the servo's own anyway.
+# The board's own limits are a second safeguard. The Servo library stores them as one signed byte in units of 4 µs
+# from 544 and from 2400. So narrower limits than these would wrap around and have no effect. In any case the driver
+# keeps each pulse within the servo's own limits.
 LARGEST_MIN_US = 1056
 SMALLEST_MAX_US = 1892
 
@@ -83,15 +83,15 @@ class Firmata(Driver):
         self._was_lost = False
         self._firmware = ""
         self._sent: list[int | None] = []  # the last pulse of each servo, None while it is detached
-        self._in_flight = 0  # bytes of the command that the board hasn't answered
+        self._in_flight = 0  # bytes of the command that the board hasn't answered yet
         self._asked: int | None = None  # when the newest version query was sent
-        self._waiting = False  # for its answer
-        self._limp = False  # asked for and not sent yet
-        self._was_limp = False  # the servos were attached once since the board's reset
+        self._waiting = False  # for the query's answer
+        self._limp = False  # LIMP was requested and isn't sent yet
+        self._was_limp = False  # LIMP has detached the servos since the board's last reset or command
         self._inputs_frame = b"".join(
             protocol.set_pin_mode(button.pin, _input_mode(button)) for button in buttons.values()
         ) + b"".join(protocol.report_digital(port, True) for port in self._buttons.ports)
-        # Detached in the middle of a pulse, a pin would stay high: hence the low behind it.
+        # If a pin is detached in the middle of a pulse, it would stay high. So a low is written after it.
         self._limp_frame = protocol.END_SYSEX + b"".join(
             protocol.set_pin_mode(pin, Mode.OUTPUT) + protocol.digital_pin_write(pin, False) for pin in self._pins
         )
@@ -99,7 +99,7 @@ class Firmata(Driver):
         self._forget()
 
     def open(self) -> None:
-        """See `Driver.open`; blocks up to 10 s, mostly for the board's boot. Servos stay detached."""
+        """See `Driver.open`. Blocks up to 10 s, mostly for the board's boot. Servos stay detached."""
         self.close()
         link = open_transport(self.config.port, place=self.name, baudrate=protocol.BAUDRATE)
         try:
@@ -116,7 +116,7 @@ class Firmata(Driver):
         self._was_lost = False
 
     def read(self, now: int) -> None:
-        """See `Driver.read`. A board that has reset itself is lost: its servos are detached."""
+        """See `Driver.read`. A board that has reset itself counts as lost: its servos are detached."""
         link = self._open_link()
         try:
             data = link.read()
@@ -137,7 +137,7 @@ class Firmata(Driver):
             self.state_arrays["buttons"][:] = self._buttons.pressed
 
     def write(self, now: int) -> None:
-        """See `Driver.write`. Only pulses that changed are written; the first call attaches all servos."""
+        """See `Driver.write`. Writes only pulses that have changed; the first call attaches all servos."""
         link = self._open_link()
         if not self.commands:
             return
@@ -166,19 +166,19 @@ class Firmata(Driver):
             self.health.unsent = len(frame)
 
     def stop(self, category: Stop) -> None:
-        """See `Driver.stop`. HOLD needs nothing: servos keep their last pulse. LIMP detaches them."""
+        """See `Driver.stop`. HOLD sends nothing, because servos keep their last pulse. LIMP detaches them."""
         link = self._link
         if link is None:
             return
-        with contextlib.suppress(DeviceError):  # a lost link shows at the next read
+        with contextlib.suppress(DeviceError):  # the next read reports a lost link
             if category is Stop.LIMP:
                 self._limp = any(pulse is not None for pulse in self._sent)
                 self._send_limp(link)
             else:
-                link.write(b"")  # the rest of a command the kernel took in part
+                link.write(b"")  # sends the rest of a command that the kernel took in part
 
     def close(self) -> None:
-        """See `Driver.close`. Servos that weren't made limp go on with their last pulse."""
+        """See `Driver.close`. Servos that aren't limp keep their last pulse."""
         link, self._link = self._link, None
         self.health.connected = False
         if link is None:
@@ -195,10 +195,10 @@ class Firmata(Driver):
         return self._link.fileno() if self._link is not None and self.commands else None
 
     def stop_frame(self, category: Stop) -> bytes:
-        """See `Driver.stop_frame`: LIMP detaches, any other repeats the last pulses of the attached servos.
+        """See `Driver.stop_frame`: LIMP detaches; others repeat the last pulses of the attached servos.
 
-        F7 in front ends a system-exclusive message that was cut short; a shorter message that was cut is
-        dropped by the board at the next command byte.
+        F7 in front ends a system-exclusive message that was cut short. A shorter message that was cut is dropped
+        by the board at the next command byte.
         """
         if category is Stop.LIMP:
             return self._limp_frame
@@ -211,11 +211,11 @@ class Firmata(Driver):
 
     @property
     def calibrations(self) -> tuple[Calibration, ...]:
-        """Angle to pulse and back, for each servo in the profile's order."""
+        """The conversion from angle to pulse and back, for each servo in the profile's order."""
         return self._calibrations
 
     def figures(self) -> dict[str, object]:
-        """The firmware's name, and the pulses last sent (µs, None while detached) by joint."""
+        """Returns the firmware's name, and the pulses last sent (µs, None while detached) by joint."""
         return {
             "firmware": self._firmware,
             "pulses_us": dict(zip(self.config.servos, self._sent, strict=True)),
@@ -268,7 +268,7 @@ class Firmata(Driver):
         return self._asked is None or now - self._asked >= period
 
     def _ask(self, link: Transport, now: int, command: bytes) -> bool:
-        """Sends a command, or nothing, and the version query behind it, if the link is free."""
+        """Sends the version query, after a command if there is one, if the link is free."""
         if not link.write(command + protocol.VERSION_QUERY):
             return False
         self._asked = now
@@ -277,16 +277,16 @@ class Firmata(Driver):
         return True
 
     def _frame(self, wanted: list[int | None]) -> bytes:
-        """What takes the servos from the pulses last sent to the wanted ones."""
+        """Returns the bytes that take the servos from the pulses last sent to the wanted ones."""
         parts = []
         if self._was_limp:
-            # The firmware doesn't count detached servos back: without a reset it refuses the thirteenth.
+            # The firmware never reduces its count of attached servos: without a reset it refuses the thirteenth.
             parts += [protocol.RESET, self._inputs_frame]
         for pin, pulse, sent, servo in zip(self._pins, wanted, self._sent, self._calibrations, strict=True):
             if pulse is None or pulse == sent:
                 continue
             if sent is None:
-                # Attached, a servo gets pulses of its last width, or 1500 µs, until told better: at once.
+                # Once attached, a servo gets pulses of its last width or 1500 µs. So its new pulse must follow at once.
                 low, high = min(servo.shortest, LARGEST_MIN_US), max(servo.longest, SMALLEST_MAX_US)
                 parts.append(protocol.servo_config(pin, low, high))
             parts.append(protocol.analog_write(pin, pulse))

@@ -1,4 +1,4 @@
-"""Finding out what answers at a port, and bringing a Firmata board into its state after power-up."""
+"""Identifies the device at a port, and brings a Firmata board into its state after power-up."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from drivers.firmata.protocol import Decoder, Message, Mode, Version
 from drivers.transport import Transport
 from runtime.contracts.errors import DeviceError
 
-BOOT = 5.0  # s, from opening the port (which resets most boards) to the first word
+BOOT = 5.0  # s, from opening the port (which resets most boards) to the first message
 LAST_CALL = 1.5  # s, for the answer after a reset by message
 ANSWER = 2.0  # s, for the capabilities
 
@@ -20,23 +20,23 @@ FLASH = "Flash 'StandardFirmata' 2.5 or later (Arduino IDE: File > Examples > Fi
 
 @dataclass(frozen=True)
 class Board:
-    """A board that answered."""
+    """An identified board."""
 
     firmware: str
     pins: tuple[dict[int, int], ...]  # modes by pin, as in `Capabilities`
 
 
 def identify(link: Transport, decoder: Decoder, place: str) -> Board:
-    """Waits for the board's boot, resets its pins (servos detached, reports off) and asks what it is.
+    """Waits for the board's boot, resets its pins (servos detached, reports off) and identifies it.
 
     Blocks up to 8.5 s.
 
     Raises:
-        DeviceError: silence, another device, or a firmware that lacks the capability query.
+        DeviceError: no answer, another device, or a firmware that lacks the capability query.
     """
     link.flush_input()
     heard = bytearray()
-    # A board without reset at opening answers this at once; one that boots does so later or not at all.
+    # A board that doesn't reset at opening answers this at once; a board that boots answers later or not at all.
     link.write_all(protocol.END_SYSEX + protocol.VERSION_QUERY, 1.0)
     version = _version(listen(link, decoder, BOOT, heard))
     if version is None:
@@ -46,8 +46,8 @@ def identify(link: Transport, decoder: Decoder, place: str) -> Board:
         raise _unknown(link.url, bytes(heard), place)
     if version.major != 2:
         raise DeviceError(place, f"{link.url} speaks Firmata {version.major}.{version.minor}, this driver 2.x", FLASH)
-    # Whatever was set before, by an earlier run or another program, ends here. The answers come in order,
-    # so that by the time of the capabilities no boot message is still on its way.
+    # This ends all settings of an earlier run or another program. The answers come in order, so when the
+    # capabilities arrive, no boot message is still on its way.
     link.write_all(protocol.RESET + protocol.FIRMWARE_QUERY + protocol.CAPABILITY_QUERY, 1.0)
     name = "an unnamed firmware"
     for message in listen(link, decoder, ANSWER):
@@ -77,7 +77,7 @@ def require(board: Board, pin: int, mode: Mode, part: str, place: str) -> None:
 
 
 def listen(link: Transport, decoder: Decoder, seconds: float, heard: bytearray | None = None) -> Iterator[Message]:
-    """The messages of the next `seconds`, as they come; `heard` collects the raw bytes. Blocks."""
+    """Yields the messages of the next `seconds`, as they come; `heard` collects the raw bytes. Blocks."""
     deadline = time.monotonic() + seconds
     while (left := deadline - time.monotonic()) > 0:
         data = link.read_wait(left)

@@ -1,7 +1,7 @@
-"""Firmata 2.x on the wire: messages to a board, and the decoder of what it answers. No I/O.
+"""Firmata 2.x on the wire: messages to a board, and the decoder of its answers. No I/O.
 
-Source: firmata/protocol, protocol.md, as StandardFirmata 2.5 speaks it. A command byte has bit 7 set, data
-bytes have 7 bits, longer numbers go low bits first, and system-exclusive messages stand between F0 and F7.
+Source: firmata/protocol, protocol.md, as StandardFirmata 2.5 implements it. A command byte has bit 7 set, data
+bytes have 7 bits, longer numbers have the low bits first, and system-exclusive messages stand between F0 and F7.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from enum import IntEnum
 
 BAUDRATE = 57600
 MIN_PULSE_US = 544  # a servo value below this is an angle in degrees, not a pulse
-MAX_SERVOS = 12  # what the firmware attaches on an ATmega328P
+MAX_SERVOS = 12  # number of servos that the firmware attaches on an ATmega328P
 MAX_SYSEX = 4096  # bytes of one message from a board; the longest, a Mega's capabilities, has about 1400
 
 
 class Mode(IntEnum):
-    """What a pin does. A board may know modes that are not listed here."""
+    """A pin's function. A board may know modes that are not listed here."""
 
     INPUT = 0x00
     OUTPUT = 0x01
@@ -32,11 +32,11 @@ FIRMWARE_QUERY = b"\xf0\x79\xf7"
 CAPABILITY_QUERY = b"\xf0\x6b\xf7"
 ANALOG_MAPPING_QUERY = b"\xf0\x69\xf7"
 END_SYSEX = b"\xf7"  # alone it is ignored; it ends a message that was cut short
-RESET = b"\xff"  # back to the state after power-up: servos detached, reports off; not seen within sysex
+RESET = b"\xff"  # back to the state after power-up: servos detached, reports off; not recognised within sysex
 
 
 def set_pin_mode(pin: int, mode: Mode) -> bytes:
-    """Sets what a pin does; on a servo pin any mode but SERVO detaches the servo."""
+    """Sets a pin's mode; on a servo pin any mode but SERVO detaches the servo."""
     return bytes((0xF4, _within(pin, 0x7F), mode))
 
 
@@ -58,7 +58,7 @@ def analog_write(pin: int, value: int) -> bytes:
 
 
 def extended_analog_write(pin: int, value: int) -> bytes:
-    """As `analog_write`, for any pin and up to 21 bits."""
+    """Like `analog_write`, for any pin and up to 21 bits."""
     data = _pair(value & 0x3FFF) + ((_within(value >> 14, 0x7F),) if value >> 14 else ())
     return bytes((0xF0, 0x6F, _within(pin, 0x7F), *data, 0xF7))
 
@@ -69,12 +69,12 @@ def digital_write(port: int, mask: int) -> bytes:
 
 
 def report_digital(port: int, on: bool) -> bytes:
-    """Asks for a port's inputs, at once and then at every change; or no more."""
+    """Starts reports of a port's inputs, at once and then at every change; or stops them."""
     return bytes((0xD0 | _within(port, 0x0F), int(on)))
 
 
 def report_analog(channel: int, on: bool) -> bytes:
-    """Asks for an analog channel at every sampling interval; or no more."""
+    """Starts reports of an analog channel at every sampling interval; or stops them."""
     return bytes((0xC0 | _within(channel, 0x0F), int(on)))
 
 
@@ -84,13 +84,13 @@ def sampling_interval(milliseconds: int) -> bytes:
 
 
 def pin_state_query(pin: int) -> bytes:
-    """Asks for a pin's mode and last output."""
+    """Requests a pin's mode and last output."""
     return bytes((0xF0, 0x6D, _within(pin, 0x7F), 0xF7))
 
 
 @dataclass(frozen=True, slots=True)
 class Version:
-    """The protocol's version; also the first thing a board says after power-up."""
+    """The protocol's version; also a board's first message after power-up."""
 
     major: int
     minor: int
@@ -98,7 +98,7 @@ class Version:
 
 @dataclass(frozen=True, slots=True)
 class Firmware:
-    """The firmware's version and name; said unasked only after power-up or a reset."""
+    """The firmware's version and name; sent without a query only after power-up or a reset."""
 
     major: int
     minor: int
@@ -146,7 +146,7 @@ class PinState:
 
 @dataclass(frozen=True, slots=True)
 class Text:
-    """A remark of the firmware, mostly a complaint."""
+    """A text message of the firmware, mostly an error."""
 
     text: str
 
@@ -155,11 +155,11 @@ Message = Version | Firmware | Capabilities | AnalogMapping | DigitalPort | Anal
 
 
 class Decoder:
-    """What a board sends, byte by byte; the same messages however the bytes are cut.
+    """Decodes a board's bytes one by one; the messages don't depend on how the bytes are split.
 
     Attributes:
-        frames: whole messages, those of a kind unknown here included.
-        errors: messages thrown away: cut short, too long, of impossible content.
+        frames: whole messages, including those of unknown kinds.
+        errors: messages discarded: cut short, too long, of invalid content.
         resyncs: runs of bytes skipped in search of the next command byte.
     """
 
@@ -167,12 +167,12 @@ class Decoder:
         self.frames = 0
         self.errors = 0
         self.resyncs = 0
-        self._command = 0  # 0: none begun
+        self._command = 0  # 0: no message begun
         self._data = bytearray()
         self._searching = False
 
     def feed(self, data: bytes) -> list[Message]:
-        """Takes any bytes and gives the messages they complete, oldest first. Never raises."""
+        """Takes any bytes and returns the messages they complete, oldest first. Never raises."""
         messages: list[Message] = []
         for byte in data:
             message = self._byte(byte)
@@ -215,7 +215,7 @@ class Decoder:
         self._searching = True
 
     def _short(self) -> Message | None:
-        """F9, 9p or Ep with its two data bytes."""
+        """Decodes F9, 9p or Ep with its two data bytes."""
         command, (low, high) = self._command, self._data
         self._command = 0
         self._data.clear()
@@ -294,6 +294,6 @@ def _within(value: int, most: int) -> int:
 
 
 def _pair(value: int) -> tuple[int, int]:
-    """14 bits as two data bytes, low first."""
+    """Returns 14 bits as two data bytes, low first."""
     _within(value, 0x3FFF)
     return value & 0x7F, value >> 7

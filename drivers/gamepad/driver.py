@@ -35,12 +35,14 @@ class GamepadConfig(DeviceConfig):
 
 
 class Gamepad(Sensor):
-    """States: `axes` (6,) and `dpad` (2,), 1; `buttons` (11,), 0 or 1.
+    """A gamepad with two sticks, two triggers, a d-pad and eleven buttons.
 
-    Sticks are -1 to 1 with right and up positive, triggers 0 (released) to 1, d-pad -1, 0, 1. A dead zone
-    about each stick's centre is cut out and the rest stretched, so that motion begins at 0. Only changes are
-    sent, so silence is no fault: the newest state is true as long as the kernel has the device, and `stamp`
-    is the time of each read. Unplugged, everything reads neutral and the device is lost.
+    States: `axes` (6,) and `dpad` (2,), 1; `buttons` (11,), 0 or 1.
+
+    Sticks are -1 to 1 with right and up positive, triggers 0 (released) to 1, d-pad -1, 0, 1. A dead zone around each
+    stick's centre is removed and the rest is stretched, so that motion begins at 0. The device sends only changes, so
+    silence isn't a fault: the newest state is valid as long as the kernel has the device, and `stamp` is the time of
+    each read. When the device is unplugged, all values are neutral and the device is lost.
     """
 
     Config = GamepadConfig
@@ -108,7 +110,7 @@ class Gamepad(Sensor):
         if source is not None:
             source.close()
 
-    # -- a cycle
+    # -- cycle
 
     def _take(self, report: list[Event]) -> None:
         for _, kind, code, value in report:
@@ -132,9 +134,9 @@ class Gamepad(Sensor):
             values[:] = 0.0
 
     def _centred(self, code: int) -> float:
-        """-1 to 1 over the axis's own range."""
+        """Scales a value to -1 to 1 over the axis's own range."""
         _, low, high, *_ = self._ranges[code]
-        middle = (low + high + 1) // 2  # of -32768..32767 it is 0
+        middle = (low + high + 1) // 2  # 0 for -32768..32767
         value = self._axes[code] - middle
         return max(-1.0, min(1.0, value / (high - middle)))
 
@@ -188,7 +190,7 @@ class Gamepad(Sensor):
                 f"'{described.name}' isn't a pad in X mode: it lacks {', '.join(missing)}",
                 f"{_X_REMEDY}; unset options of the kernel's xpad module such as dpad_to_buttons",
             )
-        # A centred axis needs a step to each side; what else the device has doesn't matter.
+        # A centred axis needs at least one step to each side; other axes of the device don't matter.
         steps = {code: 1 if code in TRIGGERS else 2 for code in (*STICKS, *TRIGGERS, *HAT)}
         flat = [c for c, least in steps.items() if described.axes[c].maximum - described.axes[c].minimum < least]
         if flat:

@@ -1,4 +1,4 @@
-"""A suit's options in the profile, and the states it gives."""
+"""A suit's options in the profile, and its states."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class NoitomConfig(DeviceConfig):
 
 
 def signals(skeleton: Skeleton) -> tuple[Signal, Signal]:
-    """`rotation` (59, 4) and `translation` (59, 3)."""
+    """Returns the states `rotation` (59, 4) and `translation` (59, 3)."""
     return (
         Signal(name="rotation", shape=(JOINTS, 4), unit="1", labels=skeleton.names),
         Signal(name="translation", shape=(JOINTS, 3), unit="m", labels=skeleton.names),

@@ -16,20 +16,22 @@ from runtime.contracts.driver import Sensor
 from runtime.contracts.errors import DeviceError, DeviceLostError
 
 FIRST: Final = 3.0  # s for the first frame
-MEASURE: Final = 0.5  # s of frames from which the rate is taken at first
-USELESS: Final = 65536  # bytes without a frame after which the stream's form is looked at anew
+MEASURE: Final = 0.5  # s of frames from which the rate is first measured
+USELESS: Final = 65536  # bytes without a frame after which the form of the stream is detected anew
 NEW_HEADER: Final = "Tick 'BVH', 'use old header format', and binary or string, in the software's broadcast settings"
 
 
 class Noitom(Sensor):
-    """States: `rotation` (59, 4), unit quaternions w x y z, of each joint relative to its parent;
+    """A Perception Neuron suit: the poses of 59 joints.
+
+    States: `rotation` (59, 4), unit quaternions w x y z, of each joint relative to its parent;
     `translation` (59, 3) m, of each joint in its parent's frame; both of the hips in the software's world,
     y up, z forward in the T-pose, x to the left. A quaternion may change its sign from frame to frame.
 
-    Text or binary, with displacement or without, is found out from the stream. Without displacement all
-    joints but the hips keep the default body's offsets, scaled. Frames are numbered in binary, counted in
-    text; their time is that number over the rate, which is measured. A suit that isn't calibrated sends the
-    T-pose; nothing in the stream says so.
+    The driver detects from the stream whether it is text or binary, with displacement or without. Without
+    displacement, all joints but the hips keep the default body's offsets, scaled. Frames are numbered in binary,
+    counted in text; their time is that number divided by the measured rate. A suit that isn't calibrated sends the
+    T-pose; the stream doesn't show this.
     """
 
     Config = NoitomConfig
@@ -52,7 +54,7 @@ class Noitom(Sensor):
         self._gaps = 0
         self._seen = (0, 0, 0)
 
-    # -- life
+    # -- lifecycle
 
     def open(self) -> None:
         self.close()
@@ -101,10 +103,10 @@ class Noitom(Sensor):
             link.close()
 
     def figures(self) -> dict[str, object]:
-        """Frame rate as measured, frames that were never received, frames of other avatars."""
+        """Returns the measured frame rate, frames that were never received, frames of other avatars."""
         return {"rate_hz": round(self._clock.rate, 2), "gaps": self._gaps, "others": self._parser.others}
 
-    # -- a cycle
+    # -- cycle
 
     def _take(self, link: Transport | Datagrams) -> bytes:
         data = link.read()
@@ -129,7 +131,7 @@ class Noitom(Sensor):
     # -- opening
 
     def _find(self, link: Transport | Datagrams) -> None:
-        """Which of the two forms it is, and how fast it comes."""
+        """Detects which of the two forms the stream has, and measures its rate."""
         avatar = self._config.avatar
         parsers: tuple[Parser, ...] = (BinaryParser(avatar), TextParser(avatar))
         began = time.monotonic()

@@ -1,4 +1,4 @@
-"""From a frame's centimetres and degrees to the states."""
+"""Converts a frame's centimetres and degrees to the states."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from runtime.contracts.signals import Array
 
 
 class Pose:
-    """Fills `rotation` and `translation`. Where a frame has no displacements, bones are the default body's, scaled."""
+    """Fills `rotation` and `translation`. If a frame has no displacements, it uses the default body's bones, scaled."""
 
     def __init__(self, config: NoitomConfig, skeleton: Skeleton) -> None:
         self._offsets = skeleton.offsets * config.scale
@@ -22,9 +22,10 @@ class Pose:
         self._angles = np.empty((JOINTS, 3))
 
     def fill(self, frame: Frame, states: Mapping[str, Array]) -> None:
-        """
+        """Fills the states from a frame.
+
         Args:
-            frame: as it came.
+            frame: the frame as received.
             states: `rotation` (59, 4), w x y z, and `translation` (59, 3), m.
         """
         translations, degrees = frame.split()

@@ -1,6 +1,6 @@
 """Axis Neuron's BVH broadcast, binary with the old header and text (sheet, 3 and 4). No I/O.
 
-A parser takes the newest frame of what has come and only counts the older ones: a body moves on.
+A parser decodes the newest frame of the data and only counts the older ones, because an old pose is of no use.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ HEADER: Final = struct.Struct("<HIHBBI32sI12xH")  # 64 bytes
 TOKENS: Final = (0xDDFF, 0xEEFF)
 COUNTS: Final = {354: (True, False), 180: (False, False), 360: (True, True), 186: (False, True)}
 END: Final = b"||"
-LONGEST: Final = 32768  # bytes of a text record: 360 numbers of up to 20 characters and some more
+LONGEST: Final = 32768  # bytes of a text record: 360 numbers of up to 20 characters and some extra
 _EXPONENT: Final = np.uint32(0x7F800000)
 _START: Final = b"\xff\xdd"
 
@@ -29,11 +29,11 @@ class Frame:
     """One avatar's pose.
 
     Attributes:
-        values: as they came: cm and degrees, reference block first where there is one.
-        displacement, reference: what `values` has besides rotations.
+        values: as received: cm and degrees, the reference block first if there is one.
+        displacement, reference: whether `values` has these besides rotations.
         avatar: index.
-        name: the avatar's.
-        number: its count, -1 in text, which has none.
+        name: the avatar's name.
+        number: the avatar's frame number; -1 in text, which has none.
     """
 
     values: NDArray[np.float64]
@@ -44,7 +44,7 @@ class Frame:
     number: int
 
     def split(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(k, 3) translations, cm: k is 59, or 1 without displacement; (59, 3) rotations, degrees in order."""
+        """Returns (k, 3) translations, cm: k is 59, or 1 without displacement; (59, 3) rotations, degrees in order."""
         values = self.values[6:] if self.reference else self.values
         if self.displacement:
             rows = values.reshape(JOINTS, 6)
@@ -53,7 +53,13 @@ class Frame:
 
 
 class Parser(Protocol):
-    """Attributes: `frames` of the wanted avatar, `errors`, `resyncs`, `others` of other avatars."""
+    """The interface of both parsers.
+
+    Attributes:
+        frames: frames of the wanted avatar.
+        errors, resyncs: see the parsers of other devices.
+        others: frames of other avatars.
+    """
 
     frames: int
     errors: int
@@ -61,12 +67,12 @@ class Parser(Protocol):
     others: int
 
     def feed(self, data: bytes) -> Frame | None:
-        """The newest frame that `data` completes."""
+        """Returns the newest frame that `data` completes."""
         ...
 
 
 class BinaryParser:
-    """See `Parser`. `avatar`: the one that is wanted."""
+    """Parses the binary form; see `Parser`. `avatar`: the wanted one."""
 
     def __init__(self, avatar: int = 0) -> None:
         self.frames = self.errors = self.resyncs = self.others = 0
@@ -105,7 +111,7 @@ class BinaryParser:
 
 
 class TextParser:
-    """See `Parser`."""
+    """Parses the text form; see `Parser`."""
 
     def __init__(self, avatar: int = 0) -> None:
         self.frames = self.errors = self.resyncs = self.others = 0
@@ -134,7 +140,7 @@ class TextParser:
 
 
 def _frame_size(data: bytes, at: int) -> int:
-    """Bytes of the frame whose header is at `at`; 0: there is none."""
+    """Returns the bytes of the frame whose header is at `at`; 0 if there is none."""
     token, _, count, _, _, _, _, _, end = HEADER.unpack_from(data, at)
     return HEADER.size + 4 * count if (token, end) == TOKENS and count in COUNTS else 0
 
@@ -142,22 +148,22 @@ def _frame_size(data: bytes, at: int) -> int:
 def _decode(data: bytes, at: int) -> Frame | None:
     _, _, count, _, _, avatar, name, number, _ = HEADER.unpack_from(data, at)
     bits = np.frombuffer(data, "<u4", count, at + HEADER.size)
-    if (bits & _EXPONENT == _EXPONENT).any():  # infinite or NaN; as numbers, some of them would warn
+    if (bits & _EXPONENT == _EXPONENT).any():  # infinite or NaN; as numbers, some of these would cause warnings
         return None
     values = bits.view("<f4").astype(np.float64)
-    # The flags are wrong in some senders (§8); the count can't be.
+    # Some senders set wrong flags (§8); the count can't be wrong.
     displacement, reference = COUNTS[count]
     return Frame(values, displacement, reference, avatar, name.split(b"\0")[0].decode("ascii", "replace"), number)
 
 
 def _parse(text: bytes, avatar: int) -> Frame | None:
-    """`<name> <v1> ... <vN> `: a JSON parser reads numbers several times faster than `float`."""
+    """Parses `<name> <v1> ... <vN> `, by a JSON parser, which reads numbers several times faster than `float`."""
     name, _, numbers = text.partition(b" ")
     words = numbers.strip()
     try:
         found = from_json(b"[" + words.replace(b" ", b",") + b"]")
     except ValueError:
-        found = words.split()  # tabs, +1, .5: numbers all the same
+        found = words.split()  # tabs, +1, .5: valid numbers all the same
     if len(found) not in COUNTS:
         return None
     try:
@@ -171,7 +177,7 @@ def _parse(text: bytes, avatar: int) -> Frame | None:
 
 
 def encode_binary(values: NDArray[np.float64], number: int, avatar: int = 0, name: str = "Char00") -> bytes:
-    """A frame of 354, 180, 360 or 186 values, cm and degrees, with the old header, version 1.1.0.0."""
+    """Encodes a frame of 354, 180, 360 or 186 values, cm and degrees, with the old header, version 1.1.0.0."""
     displacement, reference = COUNTS[values.size]
     header = HEADER.pack(
         TOKENS[0], 0x01010000, values.size, displacement, reference, avatar, name.encode(), number, TOKENS[1]
@@ -180,5 +186,5 @@ def encode_binary(values: NDArray[np.float64], number: int, avatar: int = 0, nam
 
 
 def encode_text(values: NDArray[np.float64], avatar: int = 0, name: str = "Char00") -> bytes:
-    """A text record of the same values with four decimals."""
+    """Encodes a text record of the same values with four decimals."""
     return f"{avatar} {name} {' '.join(f'{value:.4f}' for value in values)} ||\r\n".encode()

@@ -1,4 +1,4 @@
-"""The 59 joints in the order of the wire (sheet noitom_perception_neuron, 5).
+"""The 59 joints in wire order (sheet noitom_perception_neuron, 5).
 
 Axes: y up, x to the body's left, z forward. With all rotations zero the body stands in the T-pose.
 """
@@ -42,7 +42,7 @@ _TRUNK: Final[dict[str, tuple[tuple[str, str, tuple[float, float, float]], ...]]
     ),
 }
 _SHOULDER: Final = {"axis-neuron": ("Spine3", (2.792, 5.108, 0.0)), "axis-studio": ("Spine2", (2.792, 12.843, 0.0))}
-_ARM: Final = (  # of the left arm; the right one is its mirror image in x
+_ARM: Final = (  # the left arm; the right one is its mirror image in x
     ("Arm", "Shoulder", (13.208, 0.0, 0.0)),
     ("ForeArm", "Arm", (26.5, 0.0, 0.0)),
     ("Hand", "ForeArm", (26.0, 0.0, 0.0)),
@@ -70,7 +70,7 @@ JOINTS: Final = 59
 
 
 def is_finger(joint: str) -> bool:
-    """Whether a joint is one of the 38 that only gloves measure."""
+    """Returns whether a joint is one of the 38 that only gloves measure."""
     return "Hand" in joint and not joint.endswith("Hand")
 
 
@@ -78,8 +78,8 @@ class Skeleton:
     """One of the two trees.
 
     Attributes:
-        kind: which.
-        names: (59) in the order of the wire.
+        kind: which tree.
+        names: (59) in wire order.
         parents: (59) indices, -1 for the hips; a parent comes before its children.
         offsets: (59, 3) m, each joint in its parent's frame; the hips' is their height in the T-pose.
     """

@@ -1,4 +1,4 @@
-"""The command channel of a session: Connect, then one request after another, without ever waiting for a reply."""
+"""The command channel of a session: Connect, then one request after another, without ever blocking for a reply."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from runtime.contracts.errors import DeviceError, DeviceLostError
 
 ANSWER: Final = 3.0  # s for the reply to Connect
 SILENCE: Final = 10_000_000_000  # ns without a reply after which the robot counts as lost
-TRIES: Final = 10  # connections: a robot that has just let another client go takes a moment
+TRIES: Final = 10  # connections: a robot that has just released another client needs a moment
 _SYSTEMS: Final = "5 (Panda/FER with system 4.2.1 or later) and 10 (FR3 with system 5.9 or later)"
 
 Then = Callable[[Reply], None]
@@ -23,38 +23,38 @@ Then = Callable[[Reply], None]
 class Channel:
     """One TCP session with a robot that has accepted Connect.
 
-    Requests go out one at a time, the next when the last was replied to.
+    Requests are sent one at a time; the next is sent when the last one was answered.
 
     Attributes:
-        version: of the protocol, as the robot speaks it.
-        parser: of the replies, with its counts.
+        version: protocol version that the robot speaks.
+        parser: the parser of the replies, with its counts.
     """
 
     def __init__(self, link: Transport, version: int, number: int) -> None:
-        """`number`: of the first request."""
+        """`number`: the number of the first request."""
         self.version = version
         self.parser = ReplyParser(version)
         self._link = link
         self._number = number
         self._waiting: deque[tuple[Body, Then]] = deque()
-        self._open: dict[int, Then] = {}  # sent, and not replied to for the last time
-        self._asked: int | None = None  # the newest request, until its first reply
+        self._open: dict[int, Then] = {}  # requests whose last reply hasn't come yet
+        self._asked: int | None = None  # number of the newest request, until its first reply
         self._since: int | None = None
 
     @property
     def idle(self) -> bool:
-        """Nothing is to be sent, and no first reply is awaited."""
+        """Whether there is nothing to send, and no first reply to wait for."""
         return not self._waiting and self._asked is None
 
     def ask(self, body: Body, then: Then) -> None:
-        """Sends a request as soon as those before it were replied to; `then` gets each of its replies."""
+        """Sends a request as soon as those before it were answered; `then` gets each of its replies."""
         self._waiting.append((body, then))
 
     def poll(self, now: int) -> None:
-        """Takes replies and sends what is due. Never blocks.
+        """Takes replies and sends the next request if it is due. Never blocks.
 
         Raises:
-            DeviceLostError: the robot has closed the session, or gives no reply.
+            DeviceLostError: the robot has closed the session, or doesn't reply.
         """
         data = self._link.read()
         if data:
@@ -80,7 +80,7 @@ class Channel:
             self._asked = None
         if then is None:
             return
-        if reply.status is not Status.MOTION_STARTED:  # only that one has another reply to come
+        if reply.status is not Status.MOTION_STARTED:  # only this status is followed by another reply
             del self._open[reply.number]
         then(reply)
 
@@ -90,14 +90,14 @@ class Channel:
 
 
 def open_channel(url: str, *, place: str, port: int, version: int) -> Channel:
-    """Connects; blocks up to some 10 s. The robot then sends its states to UDP `port` of this host.
+    """Connects; blocks up to about 10 s. The robot then sends its states to UDP `port` of this host.
 
     Args:
         url: tcp://HOST:PORT of the robot.
-        place: names the device in every error.
-        version: of the protocol to try first; if the robot speaks another that is known here, that is taken.
+        place: the device's name, used in every error.
+        version: protocol version to try first; if the robot speaks another known version, that one is used.
     Raises:
-        DeviceError: it can't be reached, is no robot, or speaks a protocol that isn't known here.
+        DeviceError: the robot can't be reached, isn't a Franka robot, or speaks an unknown protocol version.
     """
     for _ in range(TRIES):
         link = open_transport(url, place=place)
@@ -110,7 +110,7 @@ def open_channel(url: str, *, place: str, port: int, version: int) -> Channel:
         except BaseException:
             link.close()
             raise
-        # A robot accepts its own version alone; franka-sim accepts any, and says which one it speaks.
+        # A robot accepts its own version only; franka-sim accepts any, and says which one it speaks.
         if reply.status is Status.SUCCESS and reply.version in VERSIONS:
             return Channel(link, reply.version, 1)
         link.close()

@@ -1,4 +1,4 @@
-"""A Franka arm's options in the profile, its signals, and what is sent to it once before it moves."""
+"""A Franka arm's options in the profile, its signals, and the settings sent once before it moves."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class Collision(BaseModel):
-    """Forces and torques beyond which the robot stops with a reflex, or reports a contact."""
+    """Forces and torques above which the robot stops with a reflex, or reports a contact."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -40,7 +40,7 @@ class Collision(BaseModel):
         return _sized(value, 6)
 
     def request(self) -> SetCollisionBehavior:
-        """The same thresholds while the arm accelerates and while it doesn't."""
+        """Returns the request, with the same thresholds whether the arm accelerates or not."""
         torque, force = _each(self.torque, 7), _each(self.force, 6)
         contact = torque if self.contact_torque is None else _each(self.contact_torque, 7)
         touch = force if self.contact_force is None else _each(self.contact_force, 6)
@@ -48,7 +48,7 @@ class Collision(BaseModel):
 
 
 class Load(BaseModel):
-    """What is carried at the flange, the end effector of the robot's own settings not included."""
+    """The load at the flange, without the end effector of the robot's own settings."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -59,7 +59,7 @@ class Load(BaseModel):
     )
 
     def request(self) -> SetLoad:
-        """With the whole inertia matrix."""
+        """Returns the request, with the whole inertia matrix."""
         xx, yy, zz, xy, xz, yz = self.inertia
         return SetLoad(self.mass, self.centre, (xx, xy, xz, xy, yy, yz, xz, yz, zz))
 
@@ -87,11 +87,11 @@ class PandaConfig(DeviceConfig):
 
     @property
     def kind(self) -> Kind:
-        """What the interface commands."""
+        """The quantity that the interface commands."""
         return Kind(self.interface)
 
     def settings(self) -> tuple[Body, ...]:
-        """The requests that make the options true; the robot takes them only while idle."""
+        """Returns the requests that apply the options; the robot accepts them only while idle."""
         found: list[Body] = []
         if self.collision is not None:
             found.append(self.collision.request())
@@ -103,7 +103,7 @@ class PandaConfig(DeviceConfig):
 
 
 def states(config: PandaConfig) -> tuple[Signal, ...]:
-    """What the arm gives; see the driver's text."""
+    """Returns the arm's states; see the driver's docstring."""
     return (
         Signal(name="position", shape=(7,), unit="rad", labels=JOINTS),
         Signal(name="velocity", shape=(7,), unit="rad/s", labels=JOINTS),
@@ -116,7 +116,7 @@ def states(config: PandaConfig) -> tuple[Signal, ...]:
 
 
 def command(config: PandaConfig) -> Command:
-    """What the arm obeys, by its interface."""
+    """Returns the arm's command, selected by its interface."""
     unit = {Kind.TORQUE: "N m", Kind.VELOCITY: "rad/s", Kind.POSITION: "rad"}[config.kind]
     stops = (Stop.HOLD, Stop.DAMP, Stop.LIMP) if config.kind is Kind.TORQUE else (Stop.HOLD,)
     return Command(

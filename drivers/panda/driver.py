@@ -1,4 +1,4 @@
-"""A Franka arm as a device: FCI spoken directly, in the loop, one command for each of the robot's states."""
+"""A Franka arm as a device: speaks FCI directly, in the loop, with one command for each robot state."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from runtime.contracts.errors import DeviceError, DeviceLostError
 from runtime.contracts.signals import Stop
 
 FIRST_STATE: Final = 1.0  # s from Connect to the first state
-SETTINGS: Final = 5.0  # s for the robot to take the options
-GONE: Final = 1_000_000_000  # ns without a state after which the robot counts as lost, as for libfranka
-_MOST_LOST: Final = 10_000  # states; a longer gap is a count that jumped
-UNWRITTEN: Final = 3  # states without `write` after which a motion is ended in good order: 20 are its death
-WIND_UP: Final = 1.0  # s to end a motion in when the device is closed
-_TICK: Final = 1_000_000  # ns of a message id
+SETTINGS: Final = 5.0  # s for the robot to accept the options
+GONE: Final = 1_000_000_000  # ns without a state after which the robot counts as lost (libfranka uses the same time)
+_MOST_LOST: Final = 10_000  # states; a longer gap means that the count jumped
+UNWRITTEN: Final = 3  # states without `write` after which a motion is ended properly; after 20 the robot aborts it
+WIND_UP: Final = 1.0  # s for ending a motion when the device is closed
+_TICK: Final = 1_000_000  # ns per message id
 _WORDS: Final = {
     RobotMode.USER_STOPPED: "stopped by a person: release the stop button (or the enabling device) at the arm",
     RobotMode.GUIDING: "guided by a person: let the guiding buttons at the arm go",
@@ -39,12 +39,12 @@ _WORDS: Final = {
 class Panda(Driver):
     """Panda (FER) or FR3; one of `torque_command` (N m), `velocity_command` (rad/s), `position_command` (rad), (7,).
 
-    Torques come on top of the robot's own gravity compensation. States (7,): `position`, `velocity`, `effort`
+    The robot adds its own gravity compensation to the torques. States (7,): `position`, `velocity`, `effort`
     (measured), `external_effort` (estimated); `wrench` (6,) at the stiffness frame and `pose` of the end effector,
     both in the base frame; `success_rate` (1,), share of the last 100 commands that came in time.
 
-    A motion begins with the first `write` and ends with `stop`, `close` or when the writes cease. The robot stops
-    by itself 20 ms after the last command, so no stop frame is needed. `health.errors` counts states that were
+    A motion begins with the first `write`. It ends with `stop`, with `close` or when no more writes come. The robot
+    stops by itself 20 ms after the last command, so no stop frame is needed. `health.errors` counts states that were
     malformed or never came. Source: protocol sheet franka-fci.
     """
 
@@ -63,33 +63,33 @@ class Panda(Driver):
         self._place = f"{name} ({config.port})"
         self._channel: Channel | None = None
         self._states: Datagrams | None = None
-        self._version = 5  # to try first; then the one that the robot spoke
+        self._version = 5  # to try first; later the version that the robot spoke
         self._reader = StateReader(5)
         self._motion = Motion(5, config.kind, self._reader)
         self._time = DeviceTime(_TICK)
-        self._settings: list[Body] = []  # that the robot hasn't taken yet
+        self._settings: list[Body] = []  # settings that the robot hasn't accepted yet
         self._lost = self._moves = 0
         self._gone = False
         self._forget()
 
     def _forget(self) -> None:
-        """Nothing is known of a robot that is opened (again)."""
+        """Resets everything known about the robot, because it is opened (again)."""
         self._newest = b""  # the newest state
-        self._id = self._answered = -1  # message ids: of that state, of the one answered last
+        self._id = self._answered = -1  # message ids: of the newest state, and of the last answered state
         self._tail = b""
         self._modes = Modes(0, 0, RobotMode.OTHER, (), ())
-        self._heard: int | None = None  # when a state arrived last
+        self._heard: int | None = None  # when the last state arrived
         self._unwritten = 0
-        self._trouble = ""  # what the robot refused, until a person has seen it
+        self._trouble = ""  # what the robot refused, until the user has seen it
         self._recovering = False
-        self._judged: tuple[bytes, str, str, bool] | None = None  # what `health.fault` was made of
+        self._judged: tuple[bytes, str, str, bool] | None = None  # the inputs from which `health.fault` was made
 
-    # -- life
+    # -- lifecycle
 
     def open(self) -> None:
-        """See `Driver.open`; blocks up to 20 s. Options are sent if the robot is idle, else when it is.
+        """See `Driver.open`. Blocks up to 20 s. Options are sent if the robot is idle, otherwise as soon as it is.
 
-        A robot in reflex or stopped by a person is opened, with `health.fault` set.
+        A robot in reflex or stopped by a person is opened all the same, with `health.fault` set.
         """
         self.close()
         self._forget()
@@ -117,7 +117,7 @@ class Panda(Driver):
         self._gone = False
 
     def _await_states(self, link: Datagrams) -> None:
-        """Waits for the first state and ties the link to where it came from."""
+        """Waits for the first state and connects the link to its sender."""
         host = urlsplit(self.config.port[self.config.port.index("tcp://") :]).hostname or ""
         address = socket.gethostbyname(host)
         deadline = time.monotonic() + FIRST_STATE
@@ -134,7 +134,7 @@ class Panda(Driver):
         )
 
     def _settle(self, link: Datagrams) -> None:
-        """Has the options taken, if the robot is idle."""
+        """Sends the options and waits until they are accepted, if the robot is idle."""
         self._settings = list(self.config.settings())
         deadline = time.monotonic() + SETTINGS
         channel = self._channel
@@ -154,7 +154,7 @@ class Panda(Driver):
         self._judge()
 
     def close(self) -> None:
-        """See `Driver.close`; blocks up to 1.5 s where a motion has to be ended first."""
+        """See `Driver.close`. Blocks up to 1.5 s if a motion has to be ended first."""
         channel, link = self._channel, self._states
         if channel is not None and link is not None and not self._gone:
             with contextlib.suppress(DeviceError):
@@ -169,7 +169,7 @@ class Panda(Driver):
             link.close()
 
     def _wind_up(self, channel: Channel, link: Datagrams) -> None:
-        """Ends the motion as the robot likes it; where that fails, stops it."""
+        """Ends the motion as the protocol requires; if that fails, stops it."""
         motion = self._motion
         motion.end()
         self._heard = None
@@ -190,7 +190,7 @@ class Panda(Driver):
     # -- cycle
 
     def read(self, now: int) -> None:
-        """See `Driver.read`. Takes the newest of the states that have arrived; the older ones are only counted."""
+        """See `Driver.read`. Takes the newest of the states that have arrived; older ones are only counted."""
         channel, link = self._session()
         try:
             self._take_states(link.read(), now)
@@ -216,7 +216,7 @@ class Panda(Driver):
                 self._answer()
 
     def write(self, now: int) -> None:
-        """See `Driver.write`. One command for the newest state, or the request for a motion if there is none."""
+        """See `Driver.write`. Sends one command for the newest state, or requests a motion if there is none."""
         channel, _ = self._session()
         self._unwritten = 0
         motion = self._motion
@@ -226,11 +226,11 @@ class Panda(Driver):
             channel.ask(motion.ask(), motion.reply)
 
     def stop(self, category: Stop) -> None:
-        """See `Driver.stop`: the arm is brought to rest in later `read`s and its own controller takes over."""
+        """See `Driver.stop`: later `read`s bring the arm to rest, then its own controller takes over."""
         self._motion.end()
 
     def recover(self, now: int) -> None:
-        """See `Driver.recover`: automatic error recovery where the robot has errors. What else it says is cleared."""
+        """See `Driver.recover`: runs automatic error recovery if the robot has errors, and clears other messages."""
         channel, _ = self._session()
         self._trouble = self._motion.outcome = ""
         if (self._modes.mode is RobotMode.REFLEX or self._modes.errors) and not self._recovering:
@@ -239,18 +239,18 @@ class Panda(Driver):
         self._judge()
 
     def fileno(self) -> int | None:
-        """The socket of the robot's states: readable at each of its ticks. Its commands leave through it, too."""
+        """Returns the socket of the robot's states: readable at each robot cycle. Commands are sent through it, too."""
         return self._states.fileno() if self._states is not None else None
 
     def figures(self) -> dict[str, object]:
-        """Protocol, motions begun, and states that never came (by gaps of the message id)."""
+        """Returns protocol, motions begun, and states that never came (by gaps in the message id)."""
         moves = self._moves + self._motion.started
         return {"robot": BY_VERSION[self._version].name, "moves": moves, "lost_states": self._lost}
 
     # -- parts of a cycle
 
     def _take_states(self, found: list[bytes], now: int) -> None:
-        """Counts states, oldest first, and takes the newest."""
+        """Counts the states, oldest first, and takes the newest."""
         health, reader = self.health, self._reader
         newest = b""
         for data in found:
@@ -260,7 +260,7 @@ class Panda(Driver):
             number = reader.message_id(data)
             gap = number - self._id - 1 if self._id >= 0 else 0
             if gap < 0:
-                health.errors += 1  # overtaken on its way
+                health.errors += 1  # a newer state overtook it on the network
                 continue
             gap = min(gap, _MOST_LOST)
             self._lost += gap
@@ -272,7 +272,7 @@ class Panda(Driver):
         self._heard = now
         if self.state_arrays and not reader.fill(newest, self.state_arrays):
             health.errors += 1
-            self._answered = self._id  # not a state to answer
+            self._answered = self._id  # this state gets no answer
             return
         self._newest = newest
         health.stamp = self._time.stamp(self._id, now)
@@ -282,7 +282,7 @@ class Panda(Driver):
         self._motion.watch(self._modes, newest)
 
     def _answer(self) -> None:
-        """Sends the command for the newest state, once."""
+        """Sends the command for the newest state, once per state."""
         link = self._states
         if self._id == self._answered or link is None or not self._motion.shown(self._modes):
             return
@@ -308,7 +308,7 @@ class Panda(Driver):
     def _on_setting(self, reply: Reply) -> None:
         if reply.status is Status.SUCCESS:
             self._settings.pop(0)
-        else:  # it stays, so that nothing moves before the robot has taken it
+        else:  # the setting stays in the list, so that nothing moves before the robot has accepted it
             self._trouble = f"the robot refuses {reply.command.__name__}: {reply.status}"
 
     def _on_recovery(self, reply: Reply) -> None:
@@ -317,7 +317,7 @@ class Panda(Driver):
             self._trouble = f"automatic error recovery: {reply.status}"
 
     def _judge(self) -> None:
-        """Says in words what keeps the robot from moving, if anything does."""
+        """Sets `health.fault` to what keeps the robot from moving, if anything does."""
         motion, modes = self._motion, self._modes
         if self._judged == (self._tail, self._trouble, motion.outcome, self._recovering):
             return
@@ -327,9 +327,9 @@ class Panda(Driver):
         elif modes.errors and not words:
             words = f"error: {', '.join(modes.errors)}"
         elif self._recovering and not words:
-            words = _WORDS[RobotMode.AUTOMATIC_ERROR_RECOVERY]  # it shows no errors any more, but hasn't replied
+            words = _WORDS[RobotMode.AUTOMATIC_ERROR_RECOVERY]  # it shows no errors any more, but hasn't replied yet
         if words:
-            motion.outcome = ""  # the robot says better why it ended the motion
+            motion.outcome = ""  # the robot's own reason for ending the motion is better
         self.health.fault = ", ".join(filter(None, (words, self._trouble, motion.outcome)))
         self._judged = self._tail, self._trouble, motion.outcome, self._recovering
 

@@ -1,6 +1,6 @@
-"""What a Franka robot demands of its commands; beyond these it stops with a reflex.
+"""The limits a Franka robot sets for its commands; beyond these it stops with a reflex.
 
-Sources: sheet panda (FER) and sheet franka-fci, section 6 (FR3). The tables of libfranka from 0.10 on are the FR3's.
+Sources: sheet panda (FER) and sheet franka-fci, section 6 (FR3). From libfranka 0.10 on its tables are the FR3's.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from runtime.contracts.signals import Kind, Limits
 
 DT: Final = 1e-3  # s between states
 TORQUE_RATE: Final = 1000.0  # N m/s
-# What is used of the robot's limits. Rounding on the wire must not look like more; and a command that arrives late
-# may be taken after the robot has replaced it, which makes up to four times its jerk.
+# The share of the robot's limits that is used. Rounding on the wire must not look like more. And a command that
+# arrives late may be taken after the robot has replaced it, which causes up to four times its jerk.
 ACCELERATION: Final = 0.98
 JERK: Final = 0.24
 TORQUE: Final = 0.999
-_BRAKE: Final = 0.9  # of the acceleration, to slow down with towards the end of a joint
-_SHORT: Final = 2e-4  # rad that a motion stops before the end of a joint
-_AHEAD: Final = 12e-3  # s that a new bound of the velocity takes to be reached: jerk, and the robot's own cycle
+_BRAKE: Final = 0.9  # share of the acceleration for slowing down towards the end of a joint
+_SHORT: Final = 2e-4  # rad before the end of a joint at which a motion stops
+_AHEAD: Final = 12e-3  # s until a new velocity bound is reached: because of jerk, and of the robot's own cycle
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class RobotLimits:
     """Limits of the seven joints: rad, rad/s, rad/s^2, rad/s^3, N m.
 
     `offset` (rad/s) and `deceleration` (rad/s^2) shape the velocity limit of an FR3 towards a joint's end:
-    v = sqrt(2 deceleration distance) - offset, between 0 and `velocity`. A Panda (FER) has the same at any angle.
+    v = sqrt(2 deceleration distance) - offset, between 0 and `velocity`. A Panda (FER) has the same limit at any angle.
     """
 
     name: str
@@ -46,27 +46,31 @@ class RobotLimits:
 
     @cached_property
     def _far(self) -> tuple[float, ...]:
-        """Distances (rad) from which on `approach` gives the whole velocity."""
+        """Distances (rad) from which on `approach` gives the full velocity."""
         grid = [0.01 * k for k in range(700)]
         return tuple(next(d for d in grid if self.approach(i, d) >= self.velocity[i]) for i in range(7))
 
     def fastest(self, i: int, distance: float) -> float:
-        """The robot's velocity limit (rad/s, not below 0) of joint i towards an end that is `distance` rad away."""
+        """Returns the robot's velocity limit (rad/s, not below 0) of joint i for an end that is `distance` rad away."""
         if self.offset is None or self.deceleration is None:
             return self.velocity[i]
         return min(max(sqrt(2 * self.deceleration[i] * max(distance, 0.0)) - self.offset[i], 0.0), self.velocity[i])
 
     def approach(self, i: int, distance: float) -> float:
-        """The velocity (rad/s) with which joint i can still obey `fastest` and stop before an end `distance` away.
+        """Returns the velocity (rad/s) with which joint i can still obey `fastest` and stop before an end.
 
-        Near the end that limit itself, where braking along it takes no more than the joint's deceleration;
-        further away what is needed to get down to it.
+        Near the end it is that limit itself, if braking along it takes no more than the joint's deceleration.
+        Further away it is the velocity from which the joint can still slow down to it.
+
+        Args:
+            i: number of the joint.
+            distance: rad to the end.
         """
         brake = _BRAKE * self.acceleration[i]
-        free, speed = 0.0, 0.0  # where the curve of the robot is left, and how fast
+        free, speed = 0.0, 0.0  # the point where the robot's curve is left, and the velocity there
         if self.offset is not None and self.deceleration is not None:
             offset, curve = self.offset[i], self.deceleration[i]
-            # Along the curve v falls at deceleration v / (v + offset): too steep above some v, where it is at all.
+            # Along the curve v falls at deceleration v / (v + offset): above some v it can be too steep.
             if curve > brake:
                 speed = brake * offset / (curve - brake)
                 free = (speed + offset) ** 2 / (2 * curve)
@@ -75,17 +79,17 @@ class RobotLimits:
         return min(sqrt(speed * speed + 2 * brake * max(distance - free, 0.0)), self.velocity[i])
 
     def bounds(self, i: int, q: float, dq: float, late: float = 0.0) -> tuple[float, float]:
-        """The least and the largest velocity to aim at for joint i at q (rad) and dq (rad/s).
+        """Returns the lowest and the highest velocity to aim at for joint i at q (rad) and dq (rad/s).
 
-        `late`: s that commands take longer than they should.
+        `late`: s by which commands take longer than they should.
         """
         ahead, far, V = q + dq * (_AHEAD + late), self._far[i], self.velocity[i]
         down, up = ahead - self.lower[i] - _SHORT, self.upper[i] - ahead - _SHORT
-        # Mostly both ends are far: this runs for each joint, each millisecond.
+        # Mostly both ends are far away. The shortcut matters: this runs for each joint, each millisecond.
         return -V if down > far else -self.approach(i, down), V if up > far else self.approach(i, up)
 
     def of(self, kind: Kind) -> Limits:
-        """As the guard takes them: what the driver uses of them."""
+        """Returns the limits in the guard's form, reduced to the share that the driver uses."""
         rate = np.full(7, TORQUE * TORQUE_RATE) if kind is Kind.TORQUE else None
         return Limits(
             lower=np.array(self.lower),

@@ -1,7 +1,7 @@
 """One motion, from the request to its end, and the packets within it. No I/O.
 
-Move is replied to twice: that it started, and how it ended. In between each state is answered by one command;
-the last ones carry the flag that ends the motion.
+The robot replies to Move twice: when the motion has started, and how it ended. In between one command answers each
+state. The last commands carry the flag that ends the motion.
 """
 
 from __future__ import annotations
@@ -18,27 +18,27 @@ from drivers.panda.protocol import Move, Reply, Status
 from drivers.panda.state import Modes, StateReader
 from runtime.contracts.signals import Kind
 
-PATIENCE: Final = 1000  # states for a reply to come in after the motion's end, or the motion after its start
-STILL: Final = 0.02  # of the velocity limit: slower than this a joint is at rest
+PATIENCE: Final = 1000  # states to wait for a reply after the motion's end, or for the motion after its start
+STILL: Final = 0.02  # share of the velocity limit: slower than this a joint is at rest
 _SEVEN: Final = Struct("<7d")
 
 
 class Phase(Enum):
-    """Where a motion stands."""
+    """The phase of a motion."""
 
     NONE = "none"
-    ASKED = "asked"  # Move is on its way, or the robot's states don't show the motion yet
+    ASKED = "asked"  # Move was sent, or the robot's states don't show the motion yet
     RUNNING = "running"
-    ENDING = "ending"  # the arm is brought to rest, then the end is flagged, then the last reply awaited
+    ENDING = "ending"  # the arm is brought to rest, then the end is flagged, then the last reply is awaited
 
 
 class Motion:
-    """See the module's text.
+    """One motion; see the module's docstring.
 
     Attributes:
-        phase: now.
-        started: motions that began.
-        outcome: why the last motion ended or couldn't begin, if not by our wish; "" otherwise.
+        phase: the present phase.
+        started: number of motions that began.
+        outcome: why the last motion ended or couldn't begin, if we didn't end it; "" otherwise.
     """
 
     def __init__(self, version: int, kind: Kind, reader: StateReader) -> None:
@@ -51,7 +51,7 @@ class Motion:
         generator, finished, setpoint = {
             Kind.POSITION: (Generator.JOINT_POSITION, "motion_generation_finished", "q_c"),
             Kind.VELOCITY: (Generator.JOINT_VELOCITY, "motion_generation_finished", "dq_c"),
-            # Protocol 5 has no torque without a generator: joint velocities of zero take its place.
+            # Protocol 5 has no torque without a generator, so joint velocities of zero are used.
             Kind.TORQUE: (Generator.JOINT_VELOCITY, "motion_generation_finished", "tau_J_d")
             if version == 5
             else (Generator.NONE, "torque_command_finished", "tau_J_d"),
@@ -65,13 +65,13 @@ class Motion:
         self._packet = bytearray(layout.itemsize)
         self._damping = [E / V for E, V in zip(self._limits.effort, self._limits.velocity, strict=True)]
         self._still = [STILL * V for V in self._limits.velocity]
-        self._begun = False  # the robot has said that the motion started
+        self._begun = False  # the robot has reported that the motion started
         self._flagged = False
         self._answered = 0  # message id
-        self._hidden = 0  # states in a row that don't show the motion
+        self._hidden = 0  # consecutive states that don't show the motion
 
     def ask(self) -> Move:
-        """The request that begins a motion; its replies go to `reply`."""
+        """Returns the request that begins a motion; its replies go to `reply`."""
         self.phase, self.outcome = Phase.ASKED, ""
         self._begun = self._flagged = False
         self._hidden = 0
@@ -88,7 +88,7 @@ class Motion:
         self.phase = Phase.NONE
 
     def watch(self, modes: Modes, data: bytes) -> None:
-        """Takes a state: the motion runs from the first one that shows it."""
+        """Takes a state: the motion runs from the first state that shows it."""
         if self.phase is Phase.NONE or not self._begun:
             return
         if not self.shown(modes):
@@ -105,7 +105,7 @@ class Motion:
             self._answered = self._reader.message_id(data) - 1
 
     def shown(self, modes: Modes) -> bool:
-        """The state's modes are those of this motion."""
+        """Returns whether the state's modes are those of this motion."""
         return (modes.generator, modes.controller) == self._modes
 
     def end(self) -> None:
@@ -114,11 +114,11 @@ class Motion:
             self.phase = Phase.ENDING
 
     def abandon(self) -> None:
-        """The session is over, or the motion has been given up."""
+        """Marks the motion as over: the session has ended, or the motion has been given up."""
         self.phase = Phase.NONE
 
     def packet(self, data: bytes, wanted: list[float]) -> bytes:
-        """The command that answers a state, within the robot's limits.
+        """Returns the command that answers a state, within the robot's limits.
 
         Args:
             data: the state.
@@ -135,7 +135,7 @@ class Motion:
         taken = self._reader.joints(data, "tau_J_d")
         if self.phase is Phase.ENDING:
             dq = self._reader.joints(data, "dq")
-            # The robot's own controller takes over where the arm rests, whatever it holds: no need to let go first.
+            # The robot's own controller takes over where the arm rests, whatever load it holds. Torques can stay on.
             self._flagged = self._flagged or all(abs(v) <= s for v, s in zip(dq, self._still, strict=True))
             wanted = list(taken) if self._flagged else [-d * v for d, v in zip(self._damping, dq, strict=True)]
         return self._torque.step(wanted, taken)

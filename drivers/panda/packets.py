@@ -1,7 +1,7 @@
 """FCI's datagrams: the robot's state at 1 kHz and the command that answers it. No I/O.
 
 Little-endian, packed. Source: protocol sheet franka-fci, section 4. Both are numpy records, so that a reader
-takes the fields it needs from the bytes as they came:
+takes just the fields it needs from the received bytes:
 
     state = decode_state(10, data); state["q"]         # (7,) rad
     command = command_record(5); command["tau_J_d"] = 0.1; data = command.tobytes()
@@ -16,12 +16,12 @@ from functools import cache
 
 import numpy as np
 
-VERSIONS = (5, 10)  # of the protocol: 5 is the last of the Panda (FER), 10 the FR3 from system 5.9
+VERSIONS = (5, 10)  # protocol versions: 5 is the last of the Panda (FER), 10 the FR3 from system 5.9
 JOINTS = 7
 
 
 class Generator(IntEnum):
-    """What a motion is made of, as a state reports it; `Move` asks for the same less one."""
+    """The kind of a motion, as a state reports it; `Move` uses the same number minus one."""
 
     IDLE = 0
     JOINT_POSITION = 1
@@ -32,7 +32,7 @@ class Generator(IntEnum):
 
 
 class Controller(IntEnum):
-    """Who makes torques of the motion."""
+    """The controller that turns the motion into torques."""
 
     JOINT_IMPEDANCE = 0
     CARTESIAN_IMPEDANCE = 1
@@ -41,7 +41,7 @@ class Controller(IntEnum):
 
 
 class RobotMode(IntEnum):
-    """What the robot is doing."""
+    """The robot's operating mode."""
 
     OTHER = 0
     IDLE = 1
@@ -52,7 +52,7 @@ class RobotMode(IntEnum):
     AUTOMATIC_ERROR_RECOVERY = 6
 
 
-# The bits of `errors` and `reflex_reason`, in the order of the wire (sheet, section 7).
+# The bits of `errors` and `reflex_reason`, in wire order (sheet, section 7).
 ERRORS = (
     "joint_position_limits_violation",
     "cartesian_position_limits_violation",
@@ -97,7 +97,7 @@ ERRORS = (
     "base_acceleration_invalid_reading",
 )
 
-# Name and length of the state's real numbers, after the message id and in the order of the wire.
+# Name and length of the state's real numbers, after the message id and in wire order.
 _REALS = (
     ("O_T_EE", 16), ("O_T_EE_d", 16), ("F_T_EE", 16), ("EE_T_K", 16), ("F_T_NE", 16), ("NE_T_EE", 16),
     ("m_ee", 1), ("I_ee", 9), ("F_x_Cee", 3), ("m_load", 1), ("I_load", 9), ("F_x_Cload", 3),
@@ -136,26 +136,26 @@ def command_dtype(version: int) -> np.dtype[np.void]:
 
 
 def state_record(version: int) -> np.ndarray[tuple[()], np.dtype[np.void]]:
-    """A RobotState full of zeros, shape (): set its fields by name, then `tobytes()`."""
+    """Returns a RobotState full of zeros, shape (): set its fields by name, then call `tobytes()`."""
     return np.zeros((), state_dtype(version))
 
 
 def command_record(version: int) -> np.ndarray[tuple[()], np.dtype[np.void]]:
-    """A RobotCommand full of zeros, shape (): set its fields by name, then `tobytes()`."""
+    """Returns a RobotCommand full of zeros, shape (): set its fields by name, then call `tobytes()`."""
     return np.zeros((), command_dtype(version))
 
 
 def decode_state(version: int, data: bytes) -> np.ndarray[tuple[()], np.dtype[np.void]] | None:
-    """A RobotState's fields over the bytes themselves, read-only; None where it is too short.
+    """Returns a read-only view of a RobotState's bytes by field; None if it is too short.
 
-    A longer one is taken, as libfranka does: later systems append fields.
+    A longer one is accepted, as libfranka does: later systems append fields.
     """
     layout = state_dtype(version)
     return np.frombuffer(data, layout, 1).reshape(()) if len(data) >= layout.itemsize else None
 
 
 def decode_command(version: int, data: bytes) -> np.ndarray[tuple[()], np.dtype[np.void]] | None:
-    """A RobotCommand's fields over the bytes themselves, read-only; None where its size is wrong."""
+    """Returns a read-only view of a RobotCommand's bytes by field; None if its size is wrong."""
     layout = command_dtype(version)
     return np.frombuffer(data, layout, 1).reshape(()) if len(data) == layout.itemsize else None
 
@@ -166,7 +166,7 @@ def error_names(bits: bytes) -> tuple[str, ...]:
 
 
 def error_bits(names: tuple[str, ...] | list[str]) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """The 41 bits of these names. Raises ValueError for an unknown one."""
+    """Returns the 41 bits for these names. Raises ValueError for an unknown one."""
     bits = np.zeros(len(ERRORS), np.bool_)
     bits[[ERRORS.index(name) for name in names]] = True
     return bits

@@ -1,7 +1,7 @@
 """FCI's command channel (TCP 1337): requests and replies, both directions. No I/O.
 
-A message is a header of 12 bytes (u32 command, u32 the client's counter, u32 size with header) and a body;
-a reply's body begins with a status byte. The numbers of commands and statuses differ between protocol 5 (Panda,
+A message is a header of 12 bytes (u32 command, u32 the client's counter, u32 size with header) and a body.
+A reply's body begins with a status byte. The numbers of commands and statuses differ between protocol 5 (Panda,
 FER) and 10 (FR3). Source: protocol sheet franka-fci, sections 2, 3 and 5. The datagrams are in `packets`.
 """
 
@@ -18,11 +18,11 @@ from drivers.panda.packets import VERSIONS
 
 PORT = 1337
 HEADER = struct.Struct("<III")
-CONNECT_REPLY = struct.Struct("<H")  # the robot's version, behind the status
+CONNECT_REPLY = struct.Struct("<H")  # the robot's version, after the status
 
 
 class Status(StrEnum):
-    """What became of a request."""
+    """The result of a request."""
 
     SUCCESS = "success"
     INCOMPATIBLE_VERSION = "incompatible version"
@@ -42,7 +42,7 @@ class Status(StrEnum):
 
 
 def wire(form: str, since: int = 0, default: Any = None) -> Any:
-    """A field of a request: its struct format, and the protocol it came with."""
+    """Defines a field of a request: its struct format, and the protocol version that introduced it."""
     metadata = {"form": form, "since": since}
     return field(metadata=metadata) if default is None else field(metadata=metadata, default=default)
 
@@ -57,9 +57,9 @@ class Connect:
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """Starts a motion. Replied to twice: MOTION_STARTED or a refusal, then how it ended.
+    """Starts a motion. The robot replies twice: MOTION_STARTED or a refusal, later how the motion ended.
 
-    `controller` is a packets.Controller, `generator` a packets.Generator less one; a generator of torque alone
+    `controller` is a packets.Controller, `generator` a packets.Generator minus one. A generator for torque alone
     (NONE) exists from protocol 10 on. Deviations: m, rad, rad (elbow).
     """
 
@@ -78,14 +78,14 @@ class StopMove:
 
 @dataclass(frozen=True, slots=True)
 class GetCartesianLimit:
-    """Asks for a virtual wall by its number; protocol 5."""
+    """Requests a virtual wall by its number; protocol 5."""
 
     number: int = wire("i")
 
 
 @dataclass(frozen=True, slots=True)
 class SetCollisionBehavior:
-    """Thresholds of contact (lower) and of the reflex (upper), accelerating and at constant speed.
+    """Thresholds of contact (lower) and of the reflex (upper), while accelerating and at constant speed.
 
     Torques N m (7,), forces N and N m (6,).
     """
@@ -116,7 +116,7 @@ class SetCartesianImpedance:
 
 @dataclass(frozen=True, slots=True)
 class SetGuidingMode:
-    """Which axes give way when a person guides the arm by its buttons."""
+    """Selects the axes that give way when a person guides the arm by its buttons."""
 
     axes: tuple[bool, ...] = wire("6?")
     nullspace: bool = wire("?")
@@ -154,12 +154,15 @@ class SetFilters:
 
 @dataclass(frozen=True, slots=True)
 class AutomaticErrorRecovery:
-    """Clears the errors, if the robot can by itself."""
+    """Clears the errors, if the robot can do so by itself."""
 
 
 @dataclass(frozen=True, slots=True)
 class LoadModelLibrary:
-    """Asks for the model as a shared object; architecture 0 x64, 1 x86, 2 ARM, 3 ARM64; system 0 Linux, 1 Windows."""
+    """Requests the model as a shared object.
+
+    Architecture 0 x64, 1 x86, 2 ARM, 3 ARM64; system 0 Linux, 1 Windows.
+    """
 
     architecture: int = wire("B")
     system: int = wire("B")
@@ -167,7 +170,7 @@ class LoadModelLibrary:
 
 @dataclass(frozen=True, slots=True)
 class GetRobotModel:
-    """Asks for the URDF; protocol 10."""
+    """Requests the URDF; protocol 10."""
 
 
 Body = (
@@ -188,20 +191,20 @@ _COMMANDS: dict[int, tuple[type[Body], ...]] = {
     ),
 }  # fmt: skip
 
-# Bytes behind a reply's status, if it is SUCCESS; None: any number. 0 where nothing is said.
-PADDING = 3  # bytes that a peer may have behind a reply; libfranka takes longer ones, and franka-sim sends them
+# Bytes after a reply's status if it is SUCCESS; None: any number; 0 for commands not listed.
+PADDING = 3  # extra bytes allowed after a reply; libfranka accepts longer replies, and franka-sim sends them
 _REPLY_DATA: dict[type[Body], int | None] = {
     GetCartesianLimit: 153, LoadModelLibrary: None, GetRobotModel: None,
 }  # fmt: skip
 
 
 def commands(version: int) -> tuple[type[Body], ...]:
-    """The commands of a protocol; a command's place is its number on the wire."""
+    """Returns the commands of a protocol; a command's index is its number on the wire."""
     return _COMMANDS[version]
 
 
 def statuses(version: int, command: type[Body]) -> tuple[Status, ...]:
-    """What a command's status byte means; a status' place is its number on the wire."""
+    """Returns the meanings of a command's status byte; a status's index is its number on the wire."""
     return _STATUSES[version, command]
 
 
@@ -242,7 +245,7 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """The robot's answer to request `number`; `data` is what stands behind the status."""
+    """The robot's answer to request `number`; `data` is the part after the status."""
 
     command: type[Body]
     number: int
@@ -256,15 +259,19 @@ class Reply:
 
 
 def body_struct(version: int, command: type[Body]) -> struct.Struct:
-    """The layout of a request's body. Raises ValueError for a command this protocol doesn't have."""
+    """Returns the layout of a request's body. Raises ValueError for a command this protocol doesn't have."""
     _number(version, command)
     return _STRUCTS[version, command]
 
 
 def encode_request(version: int, number: int, body: Body) -> bytes:
-    """A request's bytes. Raises ValueError for a command this protocol doesn't have, struct.error for a wrong value.
+    """Returns a request's bytes.
 
-    Connect's layout is the same in every protocol, and so is a Connect that names another version.
+    Connect has the same layout in every protocol, and so has a Connect that names another version.
+
+    Raises:
+        ValueError: this protocol doesn't have the command.
+        struct.error: a value is wrong.
     """
     layout = body_struct(version, type(body))
     values: list[Any] = []
@@ -276,14 +283,14 @@ def encode_request(version: int, number: int, body: Body) -> bytes:
 
 
 def encode_reply(version: int, reply: Reply) -> bytes:
-    """A reply's bytes. Raises ValueError for a command or a status this protocol doesn't have."""
+    """Returns a reply's bytes. Raises ValueError for a command or a status this protocol doesn't have."""
     status = statuses(version, reply.command).index(reply.status)
     size = HEADER.size + 1 + len(reply.data)
     return HEADER.pack(_number(version, reply.command), reply.number, size) + bytes((status,)) + reply.data
 
 
 def connect_reply(version: int, number: int, accepted: bool) -> bytes:
-    """The robot's answer to Connect: its own version, and whether the client's is the same."""
+    """Returns the robot's answer to Connect: its own version, and whether the client's is the same."""
     status = Status.SUCCESS if accepted else Status.INCOMPATIBLE_VERSION
     return encode_reply(version, Reply(Connect, number, status, CONNECT_REPLY.pack(version)))
 
@@ -295,11 +302,11 @@ def _number(version: int, command: type[Body]) -> int:
 
 
 class _Parser:
-    """Cuts a stream into messages; what can't be a header is skipped byte by byte.
+    """Cuts a stream into messages; bytes that can't be a header are skipped one by one.
 
     Attributes:
         frames: good messages.
-        errors: messages of the right size with an impossible content.
+        errors: messages of the right size with invalid content.
         resyncs: runs of bytes skipped in search of a header.
     """
 
@@ -313,7 +320,10 @@ class _Parser:
         self._searching = False
 
     def _cut(self, data: bytes, fits: Callable[[type[Body], int], bool]) -> list[tuple[type[Body], int, bytes]]:
-        """The whole messages: command, counter, body. `fits` says whether a command may have this total size."""
+        """Returns the complete messages: command, counter, body.
+
+        `fits` tells whether a command may have this total size.
+        """
         buffer = self._buffer
         buffer += data
         cut = []
@@ -335,10 +345,10 @@ class _Parser:
 
 
 class RequestParser(_Parser):
-    """The robot's side: what a client asks. A Connect with another version is a Request like any."""
+    """The robot's side: parses a client's requests. A Connect with another version is a Request like any other."""
 
     def feed(self, data: bytes) -> list[Request]:
-        """Takes any bytes and gives the requests they complete, oldest first. Never raises."""
+        """Takes any bytes and returns the requests they complete, oldest first. Never raises."""
         requests = []
         for command, number, body in self._cut(data, self._fits):
             requests.append(Request(number, self._decode(command, body)))
@@ -359,10 +369,10 @@ class RequestParser(_Parser):
 
 
 class ReplyParser(_Parser):
-    """The client's side: what the robot answers.
+    """The client's side: parses the robot's answers.
 
-    `largest`: bytes that a reply of any length (LoadModelLibrary, GetRobotModel) may have; with 0 there is
-    none of them, and no false header can make the parser wait for more than 169 bytes.
+    `largest`: greatest number of bytes of a reply of any length (LoadModelLibrary, GetRobotModel). With 0 there are
+    no such replies, and no false header can make the parser wait for more than 169 bytes.
     """
 
     def __init__(self, version: int, largest: int = 0) -> None:
@@ -370,7 +380,7 @@ class ReplyParser(_Parser):
         self._largest = largest
 
     def feed(self, data: bytes) -> list[Reply]:
-        """Takes any bytes and gives the replies they complete, oldest first. Never raises."""
+        """Takes any bytes and returns the replies they complete, oldest first. Never raises."""
         replies = []
         for command, number, body in self._cut(data, self._fits):
             known = statuses(self.version, command)

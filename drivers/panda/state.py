@@ -1,4 +1,4 @@
-"""Takes from a RobotState's bytes what the driver needs, and nothing else: this runs every millisecond."""
+"""Takes from a RobotState's bytes only what the driver needs, because this runs every millisecond."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from runtime.contracts.rotation import Quaternion
 from runtime.contracts.signals import Array
 
 _ID = Struct("<Q")
-# The driver's signals that are copied as they are.
+# The driver's signals that are copied unchanged.
 _COPIED = {
     "position": "q",
     "velocity": "dq",
@@ -30,9 +30,9 @@ class Modes:
 
     Attributes:
         generator, controller: packets.Generator and packets.Controller, as numbers.
-        mode: what the robot is doing; OTHER for a number that isn't known.
-        errors: what is wrong now, by name.
-        reasons: what ended the last motion, by name.
+        mode: the robot's operating mode; OTHER for an unknown number.
+        errors: the present errors, by name.
+        reasons: the errors that ended the last motion, by name.
     """
 
     generator: int
@@ -43,7 +43,7 @@ class Modes:
 
 
 class StateReader:
-    """The places of the fields in one protocol's states."""
+    """Reads the fields of one protocol's states."""
 
     def __init__(self, version: int) -> None:
         layout = state_dtype(version)
@@ -59,22 +59,22 @@ class StateReader:
         self._seven = Struct(f"<7{code}")
         self._at = at
         self._tail = slice(at["motion_generator_mode"], at["robot_mode"] + 1)
-        self._quaternion = (1.0, 0.0, 0.0, 0.0)  # the last: of the two that mean the same, the nearer is given
+        self._quaternion = (1.0, 0.0, 0.0, 0.0)  # the last one: of the two equivalent ones, the nearer is returned
 
     def message_id(self, data: bytes) -> int:
-        """ms of the robot's time."""
+        """The message id: ms of the robot's time."""
         return int(_ID.unpack_from(data)[0])
 
     def joints(self, data: bytes, name: str) -> tuple[float, ...]:
-        """One of the fields with seven numbers."""
+        """Returns one of the fields with seven numbers."""
         return self._seven.unpack_from(data, self._at[name])
 
     def tail(self, data: bytes) -> bytes:
-        """The bytes of `modes`: equal bytes, equal modes."""
+        """Returns the bytes that `modes` decodes: equal bytes mean equal modes."""
         return data[self._tail]
 
     def modes(self, tail: bytes) -> Modes:
-        """What `tail` says."""
+        """Decodes `tail`."""
         try:
             mode = RobotMode(tail[-1])
         except ValueError:
@@ -82,7 +82,7 @@ class StateReader:
         return Modes(tail[0], tail[1], mode, error_names(tail[2:43]), error_names(tail[43:84]))
 
     def fill(self, data: bytes, arrays: Mapping[str, Array]) -> bool:
-        """Puts a state into the driver's arrays; False, and nothing is put, where one of its numbers isn't finite."""
+        """Copies a state into the driver's arrays. Returns False and copies nothing if a number isn't finite."""
         T = self._pose.unpack_from(data, self._pose_at)
         total = sum(T)
         for _, form, at in self._copied:
@@ -97,9 +97,9 @@ class StateReader:
 
 
 def quaternion(T: tuple[float, ...], near: Quaternion) -> Quaternion:
-    """The unit quaternion (w, x, y, z) of a 4x4 transform's rotation, column by column; of the two, that near `near`.
+    """Returns the unit quaternion (w, x, y, z) of a 4x4 transform's rotation, given column by column.
 
-    `near` itself where the transform has no numbers.
+    Of the two equivalent ones it returns the one nearer to `near`; `near` itself if the transform isn't finite.
     """
     a, d, g, b, e, h, c, f, i = T[0], T[1], T[2], T[4], T[5], T[6], T[8], T[9], T[10]  # rows abc, def, ghi
     q = rotation.of_rows(a, b, c, d, e, f, g, h, i)

@@ -1,4 +1,4 @@
-"""A recorded device in the place of the real one."""
+"""Replays a recorded device in place of the real one."""
 
 from drivers.replay.driver import Replay, ReplayConfig
 

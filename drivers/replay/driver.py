@@ -1,4 +1,4 @@
-"""A recorded device in the place of the real one: same signals, same intervals, same ages."""
+"""Replays a recorded device in place of the real one: same signals, same intervals, same ages."""
 
 from __future__ import annotations
 
@@ -24,12 +24,13 @@ class ReplayConfig(DeviceConfig):
 
 
 class Player:
-    """A track on a clock that begins at the first look.
+    """Plays a track on a clock that begins at the first call of `play`.
 
     Attributes:
         signals: the device's states.
         stamp: ns of that clock, when the newest sample was taken; -1 before the first.
         frames: samples so far.
+        over: whether the end was reached with `at_end: lose`.
         over: the end was reached, with `at_end: lose`.
     """
 
@@ -38,20 +39,20 @@ class Player:
         self._track = load(config.recording, config.device, config.start)
         self._at_end, self._place = config.at_end, place
         self._begun: int | None = None
-        self._last = -1  # number of the newest sample; counts on when the track is repeated
+        self._last = -1  # number of the newest sample; keeps counting when the track is repeated
         self.signals = self._track.signals
         self.stamp = -1
         self.frames = 0
         self.over = False
 
     def rewind(self) -> None:
-        """Begins at the next look. Raises DeviceError if it is over."""
+        """Begins again at the next call of `play`. Raises DeviceError if the recording is over."""
         if self.over:
             raise DeviceError(self._place, "the recording is over", "Set `at_end: loop` to repeat it")
         self._begun, self._last = None, -1
 
     def play(self, now: int) -> list[Array] | None:
-        """The newest values by signal; None if there are no newer ones than last time.
+        """Returns the newest values by signal; None if there are no newer ones than last time.
 
         Raises:
             DeviceLostError: the recording is over, with `at_end: lose`.
@@ -69,7 +70,7 @@ class Player:
             return None
         count = rounds * len(track) + number
         if elapsed >= track.length:
-            self.stamp = now  # held: as asked for, it counts as new
+            self.stamp = now  # `at_end: hold`: the sample counts as new, as requested
         else:
             self.stamp = self._begun + rounds * track.length + int(track.arrived[number] - track.age[number])
         if count == self._last:
@@ -80,10 +81,11 @@ class Player:
 
 
 class Replay(Sensor):
-    """States as the recording has them; read when the profile is, since the recording decides the signals.
+    """A recorded device. Its states are those in the recording.
 
-    The first sample comes at once after `open`, the others at the recorded intervals, each as old as it was.
-    While the recorded device was silent or gone, this one is silent.
+    The recording is read with the profile, because it determines the signals. The first sample comes at once after
+    `open`, the others at the recorded intervals, each with its recorded age. While the recorded device was silent or
+    gone, this one is silent.
     """
 
     Config = ReplayConfig
@@ -97,7 +99,7 @@ class Replay(Sensor):
         self.states = self._player.signals
 
     def open(self) -> None:
-        """See `Driver.open`. Raises DeviceError once the recording is over."""
+        """See `Driver.open`. Raises DeviceError if the recording is over."""
         self.close()
         self._player.rewind()
         self.health.opened()

@@ -1,4 +1,4 @@
-"""One device's samples in a recording: when each arrived, how old it was then, and its values."""
+"""One device's samples in a recording: the time of arrival, the age at that time, and the values."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from runtime.recording.reader import Recording, read
 
 
 class Track:
-    """The samples, in the order they arrived in.
+    """The samples, in order of arrival.
 
     Attributes:
         signals: the device's states.
         arrived: (k,) int64, ns from the track's beginning, rising; the cycle that found the sample.
-        age: (k,) int64, ns that it was old then.
+        age: (k,) int64, ns, the sample's age at that time.
         length: ns until the track begins anew when it is repeated.
     """
 
     def __init__(self, recording: Recording, device: str, start: float, place: str) -> None:
         """
         Args:
-            recording: where they are.
-            device: whose states.
-            start: s from the recording's first row, before which nothing counts.
+            recording: the recording.
+            device: the device whose states are taken.
+            start: s from the recording's first row; samples before it are skipped.
             place: the recording's name, for errors.
         Raises:
             RecordingError: no such device, it has no states, or no sample after `start`.
@@ -57,11 +57,11 @@ class Track:
         return len(self.arrived)
 
     def find(self, elapsed: int) -> int:
-        """Number of the newest sample that has arrived `elapsed` ns after the beginning; -1: none."""
+        """Returns the number of the newest sample that has arrived `elapsed` ns after the beginning; -1 if none."""
         return int(np.searchsorted(self.arrived, elapsed, side="right")) - 1
 
     def values(self, number: int) -> list[Array]:
-        """A sample's values, by signal."""
+        """Returns a sample's values, by signal."""
         return [values[number] for values in self._values]
 
 
@@ -79,5 +79,5 @@ def _signal(field: Field, device: str) -> Signal:
 
 @lru_cache(maxsize=8)
 def load(path: str, device: str, start: float) -> Track:
-    """A device's track of a recording. Raises RecordingError."""
+    """Returns a device's track in a recording. Raises RecordingError."""
     return Track(read(Path(path)), device, start, path)

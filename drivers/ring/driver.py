@@ -23,8 +23,8 @@ from runtime.contracts.driver import DeviceConfig, Sensor
 from runtime.contracts.errors import DeviceError, DeviceLostError
 from runtime.contracts.signals import Signal
 
-KEYS: Final = (115, 28)  # KEY_VOLUMEUP, KEY_ENTER: what shutter remotes send
-LOOK: Final = 1_000_000_000  # ns between looks for a ring that sleeps
+KEYS: Final = (115, 28)  # KEY_VOLUMEUP, KEY_ENTER: the keys that shutter remotes send
+LOOK: Final = 1_000_000_000  # ns between searches for a ring that sleeps
 _ANSWER: Final = 1.0  # s
 
 
@@ -50,12 +50,14 @@ class RingConfig(DeviceConfig):
 
 
 class Ring(Sensor):
-    """States: `buttons` (1,), 1 while pressed; `presses` (1,), how often it was pressed since the start.
+    """A ring with one push button.
 
-    A Bluetooth remote sleeps when it isn't used: its nodes vanish. That is no loss: the button reads
-    released, the message says so, and the ring is taken up again when it is back (looked for once a second).
-    So it may toggle something, but it can't be an emergency stop nor a hold-to-run button. The serial ring
-    can: it has a heartbeat, and without one for `max_age` it is stale.
+    States: `buttons` (1,), 1 while pressed; `presses` (1,), number of presses since the start.
+
+    An unused Bluetooth remote goes to sleep: its nodes vanish. This doesn't count as a loss: the button reads released,
+    the message reports it, and the driver opens the ring again when it is back (it looks once a second). So such a ring
+    may toggle something, but it can be neither an emergency stop nor a hold-to-run button. The serial ring can: it has
+    a heartbeat, and without one for `max_age` it is stale.
     """
 
     Config = RingConfig
@@ -71,11 +73,11 @@ class Ring(Sensor):
         )
         self._config = config
         self._switch = Debounced(config.debounce)
-        self._presses = 0  # of a remote that can't be held
+        self._presses = 0  # presses of a remote that can't be held
         self._sources: list[EventSource] = []
         self._down: set[tuple[int, int]] = set()  # (source, key)
-        self._nodes: frozenset[str] = frozenset()  # looked into
-        self._listed: frozenset[str] = frozenset()  # there at the last look
+        self._nodes: frozenset[str] = frozenset()  # nodes already examined
+        self._listed: frozenset[str] = frozenset()  # nodes that existed at the last look
         self._look_at = 0
         self._link: Transport | None = None
         self._parser = Parser()
@@ -120,7 +122,7 @@ class Ring(Sensor):
         if link is not None:
             link.close()
 
-    # -- a remote
+    # -- Bluetooth remote
 
     def _is_input(self) -> bool:
         port = self._config.port
@@ -148,7 +150,7 @@ class Ring(Sensor):
         self.health.stamp = now
 
     def _key(self, source: int, code: int, value: int, at: int) -> None:
-        """2 means still pressed."""
+        """Takes a key event; value 2 means still pressed."""
         was = bool(self._down)
         self._down.add((source, code)) if value else self._down.discard((source, code))
         if not self._config.hold:
@@ -167,9 +169,9 @@ class Ring(Sensor):
         self.health.message = "asleep: its first press wakes it"
 
     def _look(self, now: int) -> None:
-        """Only where something new is there: opening a node costs the loop more than a look into a folder.
+        """Tries to open the ring if there is a new node: opening nodes costs the loop more than listing a folder.
 
-        Twice into each: udev gives the rights to a node some time after it has come.
+        Each new node is tried twice, because udev grants access to a node some time after it appears.
         """
         self._look_at = now + LOOK
         there = self._there()
@@ -189,7 +191,7 @@ class Ring(Sensor):
         return frozenset([self._config.port]) if Path(self._config.port).exists() else frozenset()
 
     def _wake(self) -> list[EventSource]:
-        """Opens all nodes of the remote: some have one for the keyboard and one for media keys."""
+        """Opens all nodes of the remote: some remotes have one for the keyboard and one for media keys."""
         if self._config.port != "input":
             return [open_source(self._config.port, f"{self.name} ({self._config.port})", grab=True)]
         pattern = re.compile(self._config.match)
@@ -207,7 +209,7 @@ class Ring(Sensor):
                 try:
                     found.append(open_source(path, f"{self.name} ({path})", grab=True))
                 except DeviceError:
-                    for other in found:  # else they would stay grabbed, by nobody
+                    for other in found:  # otherwise they would stay grabbed without a user
                         other.close()
                     raise
         return found
@@ -227,7 +229,7 @@ class Ring(Sensor):
             "Press the ring's button to wake it; pair it once with bluetoothctl (pair, trust, connect)",
         )
 
-    # -- a serial ring
+    # -- serial ring
 
     def _open_serial(self) -> None:
         place = f"{self.name} ({self._config.port})"
@@ -264,7 +266,7 @@ class Ring(Sensor):
         errors, frames = self._parser.errors, self._parser.frames
         for line in self._parser.feed(data):
             if line.kind == b"V":
-                self._clock.restart()  # it says so after a reset, too
+                self._clock.restart()  # the ring also sends it after a reset
                 continue
             self._switch.take(line.level, now)
             if line.clock >= 0:

@@ -2,7 +2,7 @@
 
 B1, B0         pressed, released
 H<b> <ms>      every 100 ms: the level, and the ring's clock, which wraps at 2**32
-V ring1 1      who it is, asked for by `?`
+V ring1 1      the identity, requested by `?`
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ LONGEST: Final = 32  # bytes of a line
 
 
 class Line(NamedTuple):
-    """One line: `kind` is b"B", b"H" or b"V"; `clock` the ring's ms, -1 where the line has none."""
+    """One line: `kind` is b"B", b"H" or b"V"; `clock` is the ring's ms, -1 if the line has none."""
 
     kind: bytes
     level: float = 0.0
@@ -26,7 +26,7 @@ class Parser:
     """Cuts bytes into lines.
 
     Attributes:
-        frames, errors: lines of a known form, and others.
+        frames, errors: lines of a known form, and other lines.
     """
 
     def __init__(self) -> None:
@@ -34,11 +34,11 @@ class Parser:
         self._rest = b""
 
     def feed(self, data: bytes) -> list[Line]:
-        """The lines that `data` completes, oldest first."""
+        """Returns the lines that `data` completes, oldest first."""
         *lines, rest = (self._rest + data).split(b"\n")
         if len(rest) > LONGEST:
             self.errors += 1
-            rest = b"\0"  # the end of a line that is too long is no line, either
+            rest = b"\0"  # so that the end of a line that is too long doesn't count as a line, either
         self._rest = rest
         found = []
         for text in lines:

@@ -9,7 +9,7 @@ from pydantic import Field, field_validator
 from drivers.softhand.protocol import BAUDRATE, Limits
 from runtime.contracts.driver import DeviceConfig
 
-USUAL = Limits(0, 19000)  # ticks, where the hand doesn't tell
+USUAL = Limits(0, 19000)  # ticks, used if the hand doesn't report its range
 
 
 class SoftHandConfig(DeviceConfig):

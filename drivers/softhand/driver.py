@@ -1,9 +1,9 @@
 """The SoftHand as a device: one closure command, answered by position and current.
 
 Neither activation nor references are acknowledged. So one query follows each command in the same write, and the
-next waits for its answer: a stalled link never holds more than one command, and on the half-duplex line nothing is
-sent while the hand may be answering. A reference is repeated even where it doesn't change: one that was lost on the
-line is soon made good, and the hand's watchdog is fed.
+next command waits for the query's answer. So a stalled link never holds more than one command, and nothing is sent
+on the half-duplex line while the hand may be answering. A reference is repeated even if it doesn't change: this
+replaces a reference that was lost on the line, and feeds the hand's watchdog.
 """
 
 from __future__ import annotations
@@ -27,23 +27,24 @@ from runtime.contracts.signals import Command, Kind, Limits, Signal, Stop
 
 COMMAND: Final = "position_command"
 TRIES: Final = 3
-ANSWER: Final = 0.2  # s, the public API's own patience
-QUIET: Final = 0.05  # s without a byte: a long answer is over
-REPEAT: Final = 40_000_000  # ns between references that are the same
-ASK_IDLE: Final = 20_000_000  # ns between queries while nothing is commanded
-ASK_AGAIN: Final = 50_000_000  # ns without an answer after which a query, without a command, is sent again
-CHECK: Final = 100_000_000  # ns between questions whether the motor is on
+ANSWER: Final = 0.2  # s, the timeout of the public API itself
+QUIET: Final = 0.05  # s without a byte after which a long answer has ended
+REPEAT: Final = 40_000_000  # ns between equal references
+ASK_IDLE: Final = 20_000_000  # ns between queries while there are no commands
+ASK_AGAIN: Final = 50_000_000  # ns without an answer after which a query is sent again, without a command
+CHECK: Final = 100_000_000  # ns between queries whether the motor is on
 GONE: Final = 500_000_000  # ns without an answer after which the hand counts as lost
-PATIENCE: Final = 1_000_000_000  # ns that switching the motor on may take
+PATIENCE: Final = 1_000_000_000  # ns that switching on the motor may take
 _LONG_AGO: Final = -(1 << 62)
 _REMEDY: Final = "Check its 24 V supply, the port, 'id' and 'baudrate', and the RS485 cable"
 
 
 class SoftHand(Driver):
-    """Command `position_command` (1,) and state `position` (1,): closure, 0 open, 1 closed; `current` (1,), A.
+    """A SoftHand: command `position_command` (1,), states `position` (1,) and `current` (1,), A.
 
-    Closure is a share of the hand's own range, so a profile fits hands with different ranges. The sample's
-    stamp is when it was asked for: it is never older. Source: sheet qbhand.
+    Command and position are the closure: 0 open, 1 closed. Closure is a share of the hand's own range, so a profile
+    fits hands with different ranges. A sample's stamp is the time of its request, so a sample is never older than its
+    stamp. Source: sheet qbhand.
     """
 
     Config = SoftHandConfig
@@ -75,32 +76,32 @@ class SoftHand(Driver):
         self._parser = Parser()
         self._link: Transport | None = None
         self._range = USUAL
-        self._told = ""  # where the range is from
+        self._told = ""  # where the range comes from
         self._serial = ""
         self._queries = {query: protocol.frame(config.id, query) for query in (Cmd.GET_BOTH, Cmd.GET_ACTIVATE)}
         self._queries[Cmd.SET_WATCHDOG] = protocol.set_watchdog(config.id, round(config.watchdog * 1000))
-        self._armed = False  # the watchdog
+        self._armed = False  # whether the watchdog is armed
         self._on = protocol.activate(config.id, True)
         self._off = protocol.activate(config.id, False)
         self._limp_frame = protocol.FLUSH + self._off + self._off
         self._hold_frame: bytes | None = None
         self._motor = Motor.OFF
         self._sent: int | None = None  # reference, ticks
-        self._waiting: Cmd | None = None  # the query whose answer hasn't come
-        # ns: when the newest answer came; when the motor was last told to switch; -1: not yet
+        self._waiting: Cmd | None = None  # the query whose answer hasn't come yet
+        # ns: when the newest answer came; when the motor was last commanded to switch; -1: not yet
         self._heard = self._switched = -1
-        # ns: the newest query; the newest one that was repeated; the newest call of `write`; the newest reference;
-        # the newest question whether the motor is on; since when it is being switched on
+        # ns: the newest query; the newest repeated query; the newest call of `write`; the newest reference; the newest
+        # query whether the motor is on; since when the motor is being switched on
         self._last_query = self._repeated = self._written = self._sent_at = self._checked = self._since = _LONG_AGO
-        self._doubts = 0  # answers one after another that the motor is off, while it should be on
-        self._surely_off = False  # the hand has said that its motor is off, and hasn't been told anything else since
-        self._asks: deque[int] = deque()  # ns: questions for the position that may still be answered
+        self._doubts = 0  # consecutive answers that the motor is off, while it should be on
+        self._surely_off = False  # the hand has confirmed that its motor is off, and got no other command since
+        self._asks: deque[int] = deque()  # ns: position queries that may still be answered
         self._switched_off = 0
 
-    # -- life
+    # -- lifecycle
 
     def open(self) -> None:
-        """See `Driver.open`; blocks up to 4 s. Doesn't switch the motor on."""
+        """See `Driver.open`. Blocks up to 4 s. Doesn't switch the motor on."""
         self.close()
         link = open_transport(self.config.port, place=self._place, baudrate=self.config.baudrate)
         try:
@@ -119,7 +120,7 @@ class SoftHand(Driver):
         self.health.message = self._told
 
     def read(self, now: int) -> None:
-        """See `Driver.read`; also carries on with switching on or off."""
+        """See `Driver.read`. Also continues switching on or off."""
         link = self._open_link()
         if self._heard < 0:
             self._heard = now
@@ -139,7 +140,7 @@ class SoftHand(Driver):
             raise
 
     def write(self, now: int) -> None:
-        """See `Driver.write`. The first call switches the motor on; references follow once the hand says it is."""
+        """See `Driver.write`. The first call switches the motor on; references follow when the hand confirms this."""
         link = self._open_link()
         if self._heard < 0:
             self._heard = now
@@ -171,11 +172,11 @@ class SoftHand(Driver):
             self._sent, self._sent_at = reference, now
 
     def stop(self, category: Stop) -> None:
-        """See `Driver.stop`. LIMP switches the motor off, until the hand confirms it; HOLD keeps the reference."""
+        """See `Driver.stop`. LIMP switches the motor off and waits for the confirmation; HOLD keeps the reference."""
         link = self._link
         if link is None:
             return
-        with contextlib.suppress(DeviceError):  # a lost link shows at the next read
+        with contextlib.suppress(DeviceError):  # the next read reports a lost link
             if category is not Stop.LIMP:
                 link.write(b"")
             elif self._motor is not Motor.TURNING_OFF and not self._surely_off:
@@ -185,14 +186,14 @@ class SoftHand(Driver):
                 link.write(self._off)  # at once; if it collides with an answer, `read` sends it again
 
     def recover(self, now: int) -> None:
-        """Clears the fault: the next start switches the motor on again, where the hand then is."""
+        """Clears the fault. The next start switches the motor on again, at the hand's position at that time."""
         self.health.fault = ""
         self.health.message = self._told
         self._motor = Motor.OFF
         self._sent = self._hold_frame = None
 
     def close(self) -> None:
-        """See `Driver.close`. The motor is switched off."""
+        """See `Driver.close`. Switches the motor off."""
         link, self._link = self._link, None
         connected, self.health.connected = self.health.connected, False
         if link is None:
@@ -207,7 +208,7 @@ class SoftHand(Driver):
         return self._link.fileno() if self._link is not None else None
 
     def stop_frame(self, category: Stop) -> bytes:
-        """See `Driver.stop_frame`. HOLD ends the watchdog, which would else let go, and repeats the reference."""
+        """See `Driver.stop_frame`. HOLD disables the watchdog (it would release the hand) and repeats the reference."""
         if category is Stop.LIMP or self._sent is None:
             return self._limp_frame
         if self._hold_frame is None:
@@ -219,7 +220,7 @@ class SoftHand(Driver):
         return self._hold_frame
 
     def figures(self) -> dict[str, object]:
-        """Range (ticks), the reference last sent (ticks), serial number, times the motor went off by itself."""
+        """Returns range (ticks), last reference sent (ticks), serial number, times the motor switched itself off."""
         return {
             "range": list(self._range),
             "reference": self._sent,
@@ -227,7 +228,7 @@ class SoftHand(Driver):
             "switched_off": self._switched_off,
         }
 
-    # -- a cycle
+    # -- cycle
 
     def _take(self, found: Frame, now: int) -> None:
         if found.command == Cmd.GET_BOTH and len(found.data) == 10:
@@ -249,7 +250,7 @@ class SoftHand(Driver):
             self.health.unsent = 0
 
     def _confirm(self, on: bool) -> None:
-        """The hand says whether its motor is on. An answer on its way at a switch may still tell the old state."""
+        """Takes the hand's report whether its motor is on. An answer sent before a switch may show the old state."""
         motor = self._motor
         if motor is Motor.TURNING_ON and on and self._switched >= 0:
             self._motor = Motor.ON
@@ -271,7 +272,7 @@ class SoftHand(Driver):
         if self._waiting is not None:
             if now - self._last_query >= ASK_AGAIN and link.write(self._queries[self._waiting]):
                 if self._waiting is Cmd.GET_BOTH:
-                    if self._repeated != self._last_query:  # after so much silence no earlier answer is under way
+                    if self._repeated != self._last_query:  # after this silence no earlier answer is on its way
                         self._asks = deque(list(self._asks)[-1:])
                     self._asks.append(now)
                 self._last_query = self._repeated = now
@@ -282,7 +283,7 @@ class SoftHand(Driver):
             self._ask(link, now, b"", Cmd.GET_BOTH)
 
     def _ask(self, link: Transport, now: int, command: bytes, query: Cmd) -> bool:
-        """Sends a command, or nothing, and a query behind it, unless an answer or the link is waited for."""
+        """Sends a query, after a command if there is one, unless an answer is due or the link is busy."""
         if self._waiting is not None:
             return False
         try:
@@ -295,7 +296,7 @@ class SoftHand(Driver):
         self._last_query = now
         self._waiting = query
         if now - self._repeated > 2 * ASK_AGAIN:
-            self._asks.clear()  # what was asked twice isn't answered twice any more
+            self._asks.clear()  # a query sent twice can no longer be answered twice
         if query is Cmd.GET_BOTH:
             self._asks.append(now)
         if query is Cmd.GET_ACTIVATE:
@@ -303,7 +304,7 @@ class SoftHand(Driver):
         return True
 
     def _reference(self) -> int | None:
-        """Ticks, within the range; the last one for a command that is no number."""
+        """Returns the reference in ticks, within the range; the last one if the command isn't finite."""
         closure = float(self.command_arrays[COMMAND][0])
         if not math.isfinite(closure):
             return self._sent
@@ -311,7 +312,7 @@ class SoftHand(Driver):
         return round(low + min(max(closure, 0.0), 1.0) * (high - low))
 
     def _forget(self) -> None:
-        """What was known of the hand before it was opened."""
+        """Resets everything known about the hand before it was opened."""
         self._motor = Motor.OFF
         self._sent = self._waiting = self._hold_frame = None
         self._heard, self._switched, self._doubts = -1, -1, 0
@@ -330,7 +331,7 @@ class SoftHand(Driver):
     # -- opening
 
     def _identify(self, link: Transport) -> None:
-        """By a query's answer: that to a ping may look like an adapter's echo of the ping itself."""
+        """Identifies the hand by a query's answer: a ping's answer may look like an adapter's echo of the ping."""
         self._parser.reset()
         link.flush_input()
         self._request(link, Cmd.GET_BOTH, b"", 10, "position and current")
@@ -357,12 +358,12 @@ class SoftHand(Driver):
         self._told = f"range {self._range.open} to {self._range.closed} ticks, {source}"
 
     def _arm(self, link: Transport) -> None:
-        """Not while the motor is on: a hand that holds something, its host having died, would let go."""
+        """Arms the watchdog, unless the motor is on: a hand whose host died would release the object it holds."""
         on = self._request(link, Cmd.GET_ACTIVATE, b"", 1, "its motor's state").data[0] != 0
         self._surely_off = not on
         self._armed = not self.config.watchdog
         if on and not self._armed:
-            return  # the first command does it
+            return  # the first command arms it
         found = self._exchange(link, self._queries[Cmd.SET_WATCHDOG], Cmd.SET_WATCHDOG, 1)
         self._armed = self._armed or (found is not None and any(found.data))
         if not self._armed:
@@ -382,7 +383,7 @@ class SoftHand(Driver):
         return found
 
     def _exchange(self, link: Transport, request: bytes, command: int, least: int) -> Frame | None:
-        """The answer, with at least so many bytes of data: an adapter's echo of a query has none."""
+        """Returns the answer with at least `least` bytes of data: an adapter's echo of a query has none."""
         for _ in range(TRIES):
             link.write_all(request, ANSWER)
             deadline = time.monotonic() + ANSWER

@@ -1,4 +1,4 @@
-"""The motor's switch."""
+"""The on/off states of the motor."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import Enum, auto
 
 
 class Motor(Enum):
-    """What the driver wants of the motor, and whether the hand has confirmed it."""
+    """The motor state that the driver wants, and whether the hand has confirmed it."""
 
     OFF = auto()
     TURNING_ON = auto()

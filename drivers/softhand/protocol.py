@@ -10,10 +10,10 @@ from typing import Final, NamedTuple
 
 BAUDRATE: Final = 2_000_000
 HEADER: Final = b"::"
-SHORTEST, LONGEST = 2, 128  # of the length byte: command, data, checksum
-PARAMETER: Final = 50  # bytes of a parameter's slot
+SHORTEST, LONGEST = 2, 128  # limits of the length byte, which counts command, data, checksum
+PARAMETER: Final = 50  # bytes per parameter slot
 _INT32: Final = 5  # a parameter's type
-FLUSH: Final = bytes(16)  # ends a frame of ours that was cut short: none is longer
+FLUSH: Final = bytes(16)  # completes a frame of ours that was cut short: none of our frames is longer
 
 
 class Cmd(IntEnum):
@@ -39,9 +39,9 @@ class Frame(NamedTuple):
     """A request or a reply: both have the same form.
 
     Attributes:
-        id: of the hand.
+        id: the hand's id.
         command: see `Cmd`.
-        data: what follows the command.
+        data: the bytes after the command.
     """
 
     id: int
@@ -50,41 +50,41 @@ class Frame(NamedTuple):
 
 
 def checksum(body: bytes) -> int:
-    """XOR of the command and all data."""
+    """Returns the XOR of the command and all data."""
     return reduce(xor, body, 0)
 
 
 def frame(hand: int, command: int, data: bytes = b"") -> bytes:
-    """A frame on the wire."""
+    """Returns a frame's bytes."""
     body = bytes((command,)) + data
     return HEADER + bytes((hand, len(body) + 1)) + body + bytes((checksum(body),))
 
 
 def activate(hand: int, on: bool) -> bytes:
-    """Switches the motor on or off; on, it takes its present position for the reference."""
+    """Switches the motor on or off; when switched on, it takes its present position as reference."""
     return frame(hand, Cmd.ACTIVATE, b"\x03" if on else b"\x00")
 
 
 def set_inputs(hand: int, reference: int, second: int = 0) -> bytes:
-    """The motor's reference, ticks -32768..32767; `second`: of a hand with two motors."""
+    """Sets the motor's reference, ticks -32768..32767; `second`: for a hand with two motors."""
     return frame(hand, Cmd.SET_INPUTS, struct.pack(">hh", reference, second))
 
 
 def set_watchdog(hand: int, milliseconds: int) -> bytes:
-    """The motor goes off after so long without a command; 0: never. In steps of 2 ms up to 510."""
+    """Sets the time without a command after which the motor switches off; 0: never. In steps of 2 ms up to 510."""
     return frame(hand, Cmd.SET_WATCHDOG, bytes((min(milliseconds // 2, 255),)))
 
 
 def int16s(data: bytes) -> tuple[int, ...]:
-    """The numbers of a reply; a last odd byte is left out."""
+    """Returns the numbers in a reply; a last odd byte is ignored."""
     return struct.unpack(f">{len(data) // 2}h", data[: len(data) // 2 * 2])
 
 
 class Parser:
-    """Cuts a byte stream into frames; whatever it is fed, the next whole frame with a right checksum is found.
+    """Cuts a byte stream into frames; after any input it finds the next whole frame with a correct checksum.
 
     Attributes:
-        frames: good frames. errors: times bytes were thrown away. resyncs: times the place was lost.
+        frames: good frames. errors: number of times bytes were discarded. resyncs: number of times sync was lost.
     """
 
     def __init__(self) -> None:
@@ -93,19 +93,19 @@ class Parser:
         self._lost = False
 
     def reset(self) -> None:
-        """Forgets what is half read. Counts stay."""
+        """Forgets a partly read frame. Counts stay."""
         self._buffer.clear()
         self._lost = False
 
     def feed(self, data: bytes) -> list[Frame]:
-        """The frames that `data` completes, in order. Keeps less than one frame's bytes."""
+        """Returns the frames that `data` completes, in order. Keeps less than one frame's bytes."""
         buffer = self._buffer
         buffer += data
         found: list[Frame] = []
         at = 0
         while True:
             start = buffer.find(HEADER, at)
-            if start < 0:  # a last colon may be the first half of a header
+            if start < 0:  # a final colon may be the first half of a header
                 start = len(buffer) - (buffer[-1:] == b":" and len(buffer) > at)
                 self._skip(start - at)
                 at = start
@@ -123,7 +123,7 @@ class Parser:
             if len(buffer) < end:
                 break
             body = bytes(buffer[at + 4 : end])
-            if checksum(body) != 0:  # the checksum's own byte makes it zero
+            if checksum(body) != 0:  # with the checksum's own byte the XOR is zero
                 self._skip(1)
                 at += 1
                 continue
@@ -149,11 +149,11 @@ class Limits(NamedTuple):
 
 
 def parse_limits(raw: bytes, hand: int) -> Limits | None:
-    """The position limits in the answer to PARAMETERS; None if they aren't there.
+    """Returns the position limits in the answer to PARAMETERS; None if they aren't there.
 
-    Its length byte can't hold its length: it counts single bytes or, in newer firmware, 32 at a time. Taken
-    only where the checksum fits one of the two. Each parameter has a slot: type, number of values, the
-    values, a description; the limits are the pair of 32-bit integers described as "Pos. limits".
+    The answer is too long for its length byte: it counts single bytes or, in newer firmware, units of 32. The answer is
+    accepted only if the checksum fits one of the two. Each parameter has a slot: type, number of values, the values, a
+    description. The limits are the pair of 32-bit integers described as "Pos. limits".
     """
     at = raw.find(HEADER + bytes((hand,)))
     while at >= 0:
@@ -175,7 +175,7 @@ def _limits(slots: bytes, count: int) -> Limits | None:
 
 
 def parameters(hand: int, limits: Limits) -> bytes:
-    """An answer to PARAMETERS as newer firmware gives it, with those parameters that a driver reads."""
+    """Returns an answer to PARAMETERS as newer firmware sends it, with the parameters that a driver reads."""
     entries = [
         (2, struct.pack(">B", hand), "1 - Device ID:"),
         (0, b"\x01", "10 - Pos. limit active:"),

@@ -19,9 +19,9 @@ from runtime.contracts.signals import Array, Signal
 
 ANSWER: Final = 3.0  # s for an answer
 FIRST: Final = 3.0  # s for the first sample after START (§2: data begin within about 2 s)
-SILENT: Final = round(0.1 * RATE)  # samples of exactly 0 after which a sensor counts as gone (§5)
-GONE: Final = 5_000_000_000  # ns without a sample after which the server is asked to start anew
-WRONG: Final = round(0.25 * RATE)  # samples in blocks with voltages of no electrode, more than a fifth of all
+SILENT: Final = round(0.1 * RATE)  # samples of exactly 0 after which a sensor counts as lost (§5)
+GONE: Final = 5_000_000_000  # ns without a sample after which the server is connected and started anew
+WRONG: Final = round(0.25 * RATE)  # samples in blocks with impossible voltages, if over a fifth of all samples
 _REMEDY: Final = "Start the Trigno Control Utility on its PC and check address and firewall"
 
 
@@ -46,15 +46,16 @@ class TrignoConfig(DeviceConfig):
 
 
 class Trigno(Sensor):
-    """States: `emg` (n,) V, the newest sample; `envelope` (n,) V, RMS of the window; `present` (n,), 0 or 1.
+    """A Trigno base station with up to 16 EMG channels.
 
-    With `block: k` also `samples` (k, n) V, the newest k samples, oldest first, and `count` (1,), how many
-    there have been, so that a recording loses none as long as a cycle brings at most k (27 come at a time, 2000
-    a second).
+    States: `emg` (n,) V, the newest sample; `envelope` (n,) V, RMS of the window; `present` (n,), 0 or 1.
 
-    A sample's time is its number over the rate, anchored at the fastest that came; nothing else is sent
-    (§4). When samples were lost on the way the count lags behind for good: after a second of that it is
-    anchored again. A sensor out of reach sends zeros (§5): then it isn't `present`, and the device grows stale.
+    With `block: k` also `samples` (k, n) V, the newest k samples, oldest first, and `count` (1,), the number of samples
+    so far. So a recording loses none as long as a cycle brings at most k samples (27 come at a time, 2000 a second).
+
+    A sample's time is its number divided by the rate, anchored at the sample with the smallest delay. The server sends
+    no times (§4). If samples were lost on the way, the count lags behind permanently: after a second of such a lag it
+    is anchored again. A sensor out of reach sends zeros (§5): then it isn't `present`, and the device becomes stale.
     """
 
     Config = TrignoConfig
@@ -87,9 +88,9 @@ class Trigno(Sensor):
         self._zeros = np.zeros(n, int)
         self._clock = StreamTime(RATE)
         self._count = self._wrong = 0
-        self._heard_at = -1  # ns: the newest data
+        self._heard_at = -1  # ns: time of the newest data
 
-    # -- life
+    # -- lifecycle
 
     def open(self) -> None:
         self.close()
@@ -153,12 +154,12 @@ class Trigno(Sensor):
                 if was:
                     control.write(command("STOP"))
             except DeviceError:
-                pass  # it has gone; nothing needs to be told
+                pass  # it is gone, so there is nothing to report
             control.close()
         if emg is not None:
             emg.close()
 
-    # -- a cycle
+    # -- cycle
 
     def _take(self, samples: Array, now: int) -> None:
         self.health.frames += len(samples)
@@ -187,7 +188,7 @@ class Trigno(Sensor):
     def _is_present(self, samples: Array) -> np.ndarray:
         zero = samples == 0
         ends = zero.all(axis=0)
-        # Zeros at the end of what came: all of it, or as many as follow the last other value.
+        # Number of zeros at the end of the new samples: all of them, or those after the last non-zero value.
         trailing = np.where(ends, len(samples), np.argmin(zero[::-1], axis=0))
         self._zeros = np.where(ends, self._zeros + trailing, trailing)
         return self._zeros < SILENT
@@ -213,7 +214,7 @@ class Trigno(Sensor):
 
     def _prepare(self) -> None:
         assert self._control is not None
-        self._control.write_all(command("STOP"), ANSWER)  # what an earlier client left running
+        self._control.write_all(command("STOP"), ANSWER)  # ends what an earlier client left running
         self._next(ANSWER)
         for text in ("ENDIAN LITTLE", "BACKWARDS COMPATIBILITY OFF", "UPSAMPLE ON"):
             self._ask(text)

@@ -1,4 +1,4 @@
-"""The root mean square of the newest samples of each channel, kept up sample by sample."""
+"""The root mean square of each channel's newest samples, updated with every new sample."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ class Envelope:
     """RMS over a sliding window.
 
     Attributes:
-        value: (n,) of the channels, in their unit; 0 before the first sample.
+        value: (n,), one per channel, in the channels' unit; 0 before the first sample.
     """
 
     def __init__(self, channels: int, window: int) -> None:
@@ -28,5 +28,5 @@ class Envelope:
         self._squares[self._at : self._at + first] = squares[:first]
         self._squares[: len(squares) - first] = squares[first:]
         self._at = (self._at + len(squares)) % window
-        # Summed anew each time: a running sum of differences would drift.
+        # Summed anew each time, because a running sum of differences would drift.
         np.sqrt(self._squares.mean(axis=0), out=self.value)

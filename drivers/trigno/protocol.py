@@ -1,4 +1,4 @@
-"""The Trigno SDK server's wire (sheet delsys_trigno): text commands, and samples of 16 float32. No I/O."""
+"""The Trigno SDK server's wire format (sheet delsys_trigno): text commands, and samples of 16 float32. No I/O."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ SAMPLE: Final = 4 * SLOTS  # bytes
 END: Final = b"\r\n\r\n"
 FRAME: Final = 0.0135  # s, the radio's frame
 RATE: Final = 27 / FRAME  # Hz, with UPSAMPLE ON for every sensor
-RANGE: Final = 0.011  # V, the widest
-LONGEST: Final = 4096  # bytes of an answer
+RANGE: Final = 0.011  # V, the widest range
+LONGEST: Final = 4096  # greatest number of bytes of an answer
 
 
 def command(text: str) -> bytes:
-    """One request."""
+    """Encodes one request."""
     return text.encode("ascii") + END
 
 
 class Answers:
-    """Cuts the command channel into answers; a flood without an end is thrown away.
+    """Cuts the command channel into answers; a flood without an end mark is discarded.
 
     Attributes:
-        errors: floods.
+        errors: number of such floods.
     """
 
     def __init__(self) -> None:
@@ -36,7 +36,7 @@ class Answers:
         self._rest = b""
 
     def feed(self, data: bytes) -> list[str]:
-        """The answers that `data` completes, without spaces and padding around them."""
+        """Returns the answers that `data` completes, without spaces and padding around them."""
         *whole, rest = (self._rest + data).split(END)
         if len(rest) > LONGEST:
             self.errors += 1
@@ -46,19 +46,19 @@ class Answers:
 
 
 def refused(answer: str) -> bool:
-    """Whether the server didn't do what it was told."""
+    """Returns whether the server refused a command."""
     return "INVALID COMMAND" in answer or "CANNOT COMPLETE" in answer
 
 
 class Samples:
     """Cuts the EMG channel into samples.
 
-    The stream has no marks: a byte too many would shift all that follows, and TCP loses none. Values that no
-    electrode gives tell of it: a block with one beyond twice the range, or not finite, is thrown away whole.
+    The stream has no marks: one extra byte would shift everything after it (TCP loses none). Implausible values show
+    this: a block with a value beyond twice the range, or a non-finite one, is discarded as a whole.
 
     Attributes:
         frames: good samples.
-        errors: samples thrown away.
+        errors: samples discarded.
     """
 
     def __init__(self, little: bool = True) -> None:
@@ -67,7 +67,7 @@ class Samples:
         self._rest = b""
 
     def feed(self, data: bytes) -> Array:
-        """(k, 16) V, oldest first."""
+        """Returns the samples (k, 16) V, oldest first."""
         data = self._rest + data
         end = len(data) - len(data) % SAMPLE
         self._rest = data[end:]
@@ -75,7 +75,7 @@ class Samples:
             values = np.frombuffer(data[:end], self._type).astype(np.float64).reshape(-1, SLOTS)
         if not values.size:
             return values
-        if not (np.abs(values) <= 2 * RANGE).all():  # false for NaN, too
+        if not (np.abs(values) <= 2 * RANGE).all():  # also false for NaN
             self.errors += len(values)
             return values[:0]
         self.frames += len(values)
@@ -83,5 +83,5 @@ class Samples:
 
 
 def encode(samples: Array, little: bool = True) -> bytes:
-    """Samples (k, 16), V, as they are streamed."""
+    """Encodes samples (k, 16), V, as they are streamed."""
     return np.ascontiguousarray(samples).astype("<f4" if little else ">f4").tobytes()

@@ -1,4 +1,4 @@
-"""Universal Robots e-Series arms: RTDE for data and commands, a control script of our own, the dashboard."""
+"""Universal Robots e-Series arms: RTDE for data and commands, our own control script, the dashboard."""
 
 from drivers.ur.config import UrConfig
 from drivers.ur.driver import Ur

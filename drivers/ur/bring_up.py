@@ -1,6 +1,6 @@
-"""From a connection to an arm that obeys: who is it, is it on, is its safety well, does our program run.
+"""From a connection to an arm that obeys: checks identity, power and safety, and starts our program.
 
-Every talk is a generator (see steps): `open` runs it to its end, a recovery goes on with it cycle by cycle.
+Every dialogue is a generator (see steps): `open` runs it to its end, a recovery runs one step per cycle.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from drivers.ur.status import RobotMode
 from drivers.ur.steps import Clock, Steps, pause, until
 from runtime.contracts.errors import DeviceError
 
-REMOTE: Final = (5, 6, 0)  # the dashboard tells remote from local from here on
-POWERING: Final = 40.0  # s for the joints to come up, and again for the brakes
-UPLOAD: Final = 5.0  # s until a program that was sent runs
+REMOTE: Final = (5, 6, 0)  # from this version on the dashboard tells remote from local control
+POWERING: Final = 40.0  # s for the joints to power up, and again for the brakes
+UPLOAD: Final = 5.0  # s until an uploaded program runs
 PROTECTIVE: Final = 5.0  # s that a protective stop lasts at least
 UNLOCK_TRIES: Final = 5
 
 
 class Identity(NamedTuple):
-    """Who the controller is."""
+    """The controller's identity."""
 
     polyscope: tuple[int, int, int]
     model: str
@@ -37,14 +37,18 @@ class Identity(NamedTuple):
 
 
 class Controller:
-    """A controller's dashboard and script doors; each talk opens its own connection."""
+    """A controller's dashboard and script ports; each dialogue opens its own connection."""
 
     def __init__(self, config: UrConfig, where: Address, host: str, place: str, clock: Clock) -> None:
-        """`host`: the address that `where.host` stands for."""
+        """`host`: the resolved address of `where.host`."""
         self._config, self._where, self._host, self._place, self._clock = config, where, host, place, clock
 
     def identify(self) -> Steps[Identity]:
-        """Raises DeviceError: another series, model or arm, local control, an arm that may not be switched on."""
+        """Checks identity and control mode, and switches the arm on where allowed.
+
+        Raises:
+            DeviceError: another series, model or arm, local control, or an arm that may not be switched on.
+        """
         with self._dashboard() as dashboard:
             yield from dashboard.greet()
             software = version((yield from dashboard.ask("PolyscopeVersion")))
@@ -66,7 +70,7 @@ class Controller:
         return Identity(software, model, serial)
 
     def unlock(self) -> Steps[None]:
-        """Ends a protective stop. Raises DeviceError: the controller refuses."""
+        """Ends a protective stop. Raises DeviceError if the controller refuses."""
         with self._dashboard() as dashboard:
             yield from dashboard.greet()
             yield from dashboard.ask("close safety popup")
@@ -78,13 +82,13 @@ class Controller:
         raise DeviceError(self._place, f"the protective stop doesn't end: {answer}", "Unlock it at the pendant")
 
     def power(self) -> Steps[None]:
-        """Switches the arm on where the profile allows it. Raises DeviceError."""
+        """Switches the arm on if the profile allows it. Raises DeviceError."""
         with self._dashboard() as dashboard:
             yield from dashboard.greet()
             yield from self._switch_on(dashboard)
 
     def upload(self, program: str, runs: Callable[[], bool]) -> Steps[None]:
-        """Sends a program, which replaces any that runs, and waits until `runs`. Raises DeviceError."""
+        """Sends a program, which replaces any running one, and waits until `runs`. Raises DeviceError."""
         dial = Dial(self._host, self._where.script, self._place, "script port")
         try:
             if not (yield from until(dial.connected, self._clock, UPLOAD)):
@@ -93,7 +97,7 @@ class Controller:
             deadline = self._clock() + round(UPLOAD * 1e9)
             while not runs():
                 rest = dial.send(rest)
-                # What the controller sends here is thrown away; unread, its closing would be a reset.
+                # Whatever the controller sends here is discarded. Unread data would turn our closing into a reset.
                 dial.read()
                 if self._clock() > deadline:
                     raise DeviceError(
@@ -163,7 +167,7 @@ class Controller:
 
 
 def resolve(host: str, place: str) -> str:
-    """The address of a host; looking it up may block. Raises DeviceError."""
+    """Returns the address of a host; the look-up may block. Raises DeviceError."""
     try:
         return str(socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)[0][4][0])
     except OSError:

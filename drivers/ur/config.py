@@ -1,4 +1,4 @@
-"""An arm's options in the profile, and where its controller's three doors are."""
+"""An arm's options in the profile, and the addresses of its controller's three ports."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from runtime.contracts.driver import DeviceConfig
 
 RTDE: Final = 30004
 DASHBOARD: Final = 29999
-SCRIPT: Final = 30002  # the secondary interface: programs in; of the three, it and 30001 send the least
+SCRIPT: Final = 30002  # secondary interface, accepts programs; of the three interfaces, it and 30001 send the least
 
 
 class Address(NamedTuple):
-    """A controller's doors; `spy` is the log that RTDE's bytes go to, "" for none."""
+    """A controller's host and ports; `spy` is the log file for RTDE's bytes, "" for none."""
 
     host: str
     rtde: int
@@ -25,16 +25,16 @@ class Address(NamedTuple):
 
     @property
     def url(self) -> str:
-        """The RTDE link."""
+        """The URL of the RTDE link."""
         plain = f"tcp://{self.host}:{self.rtde}"
         return f"spy:{self.spy}:{plain}" if self.spy else plain
 
 
 def address(port: str) -> Address:
-    """Reads `tcp://HOST`, `tcp://HOST:RTDE`, with `?dashboard=PORT&script=PORT`, with `spy:FILE:` in front.
+    """Parses `tcp://HOST`, `tcp://HOST:RTDE`, with `?dashboard=PORT&script=PORT`, with `spy:FILE:` in front.
 
     Raises:
-        ValueError: it is none of these.
+        ValueError: the text has none of these forms.
     """
     spy = ""
     if port.startswith("spy:"):

@@ -1,4 +1,4 @@
-"""The dashboard: lines of text each way. Source: protocol sheet ur-rtde, section 4."""
+"""The dashboard protocol: lines of text in both directions. Source: protocol sheet ur-rtde, section 4."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ _VERSION: Final = re.compile(r"(\d+)\.(\d+)(?:\.(\d+))?")
 
 
 class Lines:
-    """Bytes to lines, without their ends; remembers at most one line that isn't whole, and 4 KB of it."""
+    """Splits bytes into lines without their ends; keeps at most one incomplete line, and 4 KB of it."""
 
     def __init__(self) -> None:
         self._rest = b""
 
     def feed(self, data: bytes) -> list[str]:
-        """Takes bytes as they come; gives the lines they complete."""
+        """Takes bytes as they come; returns the lines they complete."""
         *lines, rest = (self._rest + data).split(b"\n")
         self._rest = rest[:_LONGEST]
         return [line[:_LONGEST].decode("utf-8", "replace").strip() for line in lines]
 
 
 class Dashboard:
-    """One connection; commands are asked one after another."""
+    """One connection to the dashboard; commands are sent one after another."""
 
     def __init__(self, dial: Dial, clock: Clock) -> None:
         self._dial, self._clock = dial, clock
@@ -38,7 +38,7 @@ class Dashboard:
         self._heard: list[str] = []
 
     def greet(self) -> Steps[None]:
-        """Waits for the connection and for the greeting. Raises DeviceError: no dashboard is there."""
+        """Waits for the connection and the greeting. Raises DeviceError if there is no dashboard."""
         dial = self._dial
         if not (yield from until(dial.connected, self._clock, _ANSWER)):
             raise DeviceError(dial.place, f"the {dial.door} doesn't answer", "Check the network and the address")
@@ -51,7 +51,7 @@ class Dashboard:
             )
 
     def ask(self, command: str) -> Steps[str]:
-        """The answer to one command. Raises DeviceError: none came."""
+        """Returns the answer to one command. Raises DeviceError if none came."""
         self._heard.clear()
         rest = command.encode() + b"\n"
         while rest := self._dial.send(rest):
@@ -59,7 +59,7 @@ class Dashboard:
         return (yield from self._line(f"an answer to '{command}'"))
 
     def close(self) -> None:
-        """Hangs up. Always succeeds."""
+        """Closes the connection. Always succeeds."""
         self._dial.close()
 
     def _line(self, what: str) -> Steps[str]:
@@ -78,16 +78,16 @@ class Dashboard:
 
 
 def understood(answer: str) -> bool:
-    """Whether the controller knows the command that it answers."""
+    """Returns whether the controller knows the command that it answers."""
     return not answer.lower().startswith(UNKNOWN)
 
 
 def value(answer: str) -> str:
-    """What stands behind the colon: RUNNING of `Robotmode: RUNNING`; the whole where there is none."""
+    """Returns the text after the colon: RUNNING of `Robotmode: RUNNING`; the whole text if there is no colon."""
     return answer.partition(":")[2].strip() if ":" in answer else answer.strip()
 
 
 def version(answer: str) -> tuple[int, int, int]:
-    """(5, 11, 0) of `URSoftware 5.11.0.108249 (Apr 22 2021)`; zeros where there is no number."""
+    """Returns (5, 11, 0) for `URSoftware 5.11.0.108249 (Apr 22 2021)`; zeros where there is no number."""
     found = _VERSION.search(answer)
     return (int(found[1]), int(found[2]), int(found[3] or 0)) if found else (0, 0, 0)

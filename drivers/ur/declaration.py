@@ -1,4 +1,4 @@
-"""What an arm declares, and what keeps it from obeying: for the driver and for its fake alike."""
+"""An arm's declaration, and the conditions that keep it from obeying: for the driver and for its fake alike."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ WRENCH: Final = ("fx", "fy", "fz", "tx", "ty", "tz")
 
 
 def states(config: UrConfig) -> tuple[Signal, ...]:
-    """An arm's states."""
+    """Returns an arm's states."""
     found = [
         Signal(name="position", shape=(6,), unit="rad", labels=JOINTS),
         Signal(name="velocity", shape=(6,), unit="rad/s", labels=JOINTS),
@@ -32,7 +32,7 @@ def states(config: UrConfig) -> tuple[Signal, ...]:
 
 
 def command(config: UrConfig) -> Command:
-    """An arm's command."""
+    """Returns an arm's command."""
     kind, unit = {
         "velocity": (Kind.VELOCITY, "rad/s"),
         "position": (Kind.POSITION, "rad"),
@@ -44,14 +44,14 @@ def command(config: UrConfig) -> Command:
 
 
 def limits(config: UrConfig) -> Limits:
-    """An arm's own limits: those of its model, and the controller's acceleration where it has one."""
+    """Returns an arm's own limits: those of its model, and the controller's acceleration limit if it has one."""
     reach = np.full(6, REACH)
     acceleration = np.full(6, config.acceleration) if config.interface == "velocity" else None
     return Limits(lower=-reach, upper=reach, velocity=fastest(config.model), acceleration=acceleration)
 
 
 def fault(words: Words, nonce: int, timeout: float) -> str:
-    """What keeps the arm from obeying; "" while nothing does."""
+    """Returns what keeps the arm from obeying; "" if nothing does."""
     if found := safety_words(words.safety_bits):
         return found
     if words.robot_mode != RobotMode.RUNNING:

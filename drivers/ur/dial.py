@@ -1,4 +1,4 @@
-"""A TCP connection that is made, used and given up without ever blocking: for doors that are needed at times."""
+"""A TCP connection that is opened, used and closed without ever blocking: for ports that are needed at times."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ _BUSY: Final = (errno.EINPROGRESS, errno.EALREADY)
 
 
 class Dial:
-    """One connection on its way up, then open.
+    """One connection, which is being established or open.
 
     Attributes:
         place: the device's name for errors.
-        door: what is behind it, for people: "dashboard (10.0.0.2:29999)".
+        door: the name of the port for messages: "dashboard (10.0.0.2:29999)".
     """
 
     def __init__(self, host: str, port: int, place: str, door: str) -> None:
-        """`host` is an address, not a name: looking a name up would block."""
+        """`host` is an address, not a name: looking up a name would block."""
         self.place = place
         self.door = f"{door} ({host}:{port})"
         self._peer = (host, port)
@@ -32,17 +32,17 @@ class Dial:
         self._check(self._link.connect_ex(self._peer))
 
     def connected(self) -> bool:
-        """Whether the connection is up.
+        """Returns whether the connection is established.
 
         Raises:
-            DeviceError: it was refused, or there is no way to it.
+            DeviceError: it was refused, or there is no route to the host.
         """
         if not self._connected:
             self._check(self._link.connect_ex(self._peer))
         return self._connected
 
     def send(self, data: bytes) -> bytes:
-        """Hands over what the kernel takes; gives the rest. Raises DeviceError."""
+        """Sends what the kernel takes; returns the rest. Raises DeviceError."""
         try:
             return data[self._link.send(data) :] if data else data
         except BlockingIOError:
@@ -51,7 +51,7 @@ class Dial:
             raise self._gone(error.strerror) from None
 
     def read(self) -> bytes:
-        """What has arrived, b"" if nothing. Raises DeviceError where the other end hung up."""
+        """Returns the bytes that have arrived, b"" if none. Raises DeviceError if the other end hung up."""
         try:
             data = self._link.recv(_CHUNK)
         except BlockingIOError:
@@ -63,7 +63,7 @@ class Dial:
         return data
 
     def close(self) -> None:
-        """Gives it up. Always succeeds."""
+        """Closes the connection. Always succeeds."""
         self._link.close()
 
     def _check(self, number: int) -> None:

@@ -1,7 +1,8 @@
-"""An e-Series arm as a device: states at 500 Hz by RTDE, commands by registers to a program of our own on it.
+"""A UR e-Series arm as a device: states at 500 Hz by RTDE, commands by registers to our own program on the arm.
 
-Each command has a number, which the program sends back once it has taken it: so a link that stalls never
-holds more than two. Each also says for how long it holds: without a successor the arm stops itself.
+Each command has a number. The program sends the number back once it has taken the command, so a stalled link never
+holds more than two commands. Each command also says for how long it is valid. If no other command follows in that
+time, the arm stops itself.
 """
 
 from __future__ import annotations
@@ -31,20 +32,22 @@ from runtime.contracts.errors import DeviceError, DeviceLostError
 from runtime.contracts.signals import Stop
 
 RATE: Final = 500.0  # Hz
-UNANSWERED: Final = 2  # commands on their way: one that the program answers now, one behind it
+UNANSWERED: Final = 2  # commands on their way: the one that the program is answering, and one behind it
 SILENCE: Final = 2_000_000_000  # ns without data after which the controller counts as lost
-KEEP_ALIVE: Final = 1_000_000_000  # ns between commands to stay, while none other is sent
+KEEP_ALIVE: Final = 1_000_000_000  # ns between STAY commands while no other command is sent
 SETTLE: Final = 5.0  # s for a stop to be released
 OTHER: Final = 2.0  # s for an earlier program of ours to end by itself
 T = TypeVar("T")
 
 
 class Ur(Driver):
-    """States, all of one instant, 500 Hz: `position`, `velocity`, `effort` (6,); `wrench` (6,), N and N m, at the
-    tool centre point in axes of the controller's base, payload compensated; `pose` (7,) of the tool centre point
-    in that base, m and quaternion w x y z; `speed_scaling` (1,), 0 to 1; `buttons` (m,), digital inputs.
+    """A Universal Robots e-Series arm, driven over RTDE.
 
-    Command `velocity_command` (6,), rad/s, or `position_command` (6,), rad, by `interface`. Source: protocol
+    States at 500 Hz, all of one instant: `position`, `velocity`, `effort` (6,); `wrench` (6,), N and N m, at the tool
+    centre point in axes of the controller's base, payload compensated; `pose` (7,) of the tool centre point in that
+    base, m and quaternion w x y z; `speed_scaling` (1,), 0 to 1; `buttons` (m,), digital inputs.
+
+    Command: `velocity_command` (6,), rad/s, or `position_command` (6,), rad, selected by `interface`. Source: protocol
     sheet ur-rtde.
     """
 
@@ -71,27 +74,27 @@ class Ur(Driver):
         self._sample = Sample()
         self._time = DeviceTime(1)
         self._now = 0
-        self._heard = -1  # ns, the newest data
-        self._recipe = 0  # number of the inputs' recipe
+        self._heard = -1  # ns, time of the newest data
+        self._recipe = 0  # number of the input recipe
         self._nonce = 0
         self._sequence = 1
-        self._sent = -1  # ns, the newest command of any kind
+        self._sent = -1  # ns, time of the newest command of any kind
         self._follows = False  # the newest command that was sent moves the arm
-        self._stay = False  # a command to stay waits for the link
+        self._stay = False  # a STAY command waits for the link
         self._held_back = 0
         self._stop_frame = b""
-        self._steps: Steps[None] | None = None  # a recovery under way
-        self._failed = ""  # why the last one failed
+        self._steps: Steps[None] | None = None  # a recovery that is running
+        self._failed = ""  # why the last recovery failed
         self._diagnosed: tuple[object, ...] = ()
-        self._stopped_at = 0  # ns, when the present protective stop was seen first
+        self._stopped_at = 0  # ns, when the present protective stop was first seen
         self._scaling = 1.0
 
-    # -- life
+    # -- lifecycle
 
     def open(self) -> None:
-        """See `Driver.open`; blocks up to some 15 s, and 80 s more with `power_on`. The arm stays still.
+        """See `Driver.open`. Blocks up to about 15 s, and 80 s more with `power_on`. The arm stays still.
 
-        An arm in a protective stop is opened, with `health.fault` set.
+        If the arm is in a protective stop, it is opened all the same, with `health.fault` set.
         """
         self.close()
         where = address(self.config.port)
@@ -107,11 +110,11 @@ class Ur(Driver):
             self.close()
             raise
         self._time.restart()
-        self._heard = self._sent = -1  # the loop's clock may be another than that of `open`
+        self._heard = self._sent = -1  # the loop's clock may differ from the clock used in `open`
         self.health.opened()
 
     def read(self, now: int) -> None:
-        """See `Driver.read`. Raises DeviceLostError also after 2 s without data."""
+        """See `Driver.read`. Also raises DeviceLostError after 2 s without data."""
         link = self._open_link()
         self._now = now
         if self._heard < 0:
@@ -148,15 +151,15 @@ class Ur(Driver):
             raise
 
     def stop(self, category: Stop) -> None:
-        """See `Driver.stop`: the program ramps the arm down by `deceleration`, and holds it there."""
+        """See `Driver.stop`: the program decelerates the arm with `deceleration` and holds it there."""
         if self._link is None:
             return
         self._stay = True
-        with contextlib.suppress(DeviceError):  # a lost link shows at the next read
+        with contextlib.suppress(DeviceError):  # the next read reports a lost link
             self._tend(self._link, self._now)
 
     def close(self) -> None:
-        """See `Driver.close`: the program ends, the arm stays switched on and stands still."""
+        """See `Driver.close`: the program ends; the arm stays switched on and stands still."""
         link, self._link = self._link, None
         if self._steps is not None:
             self._steps.close()
@@ -172,30 +175,36 @@ class Ur(Driver):
         link.close()
 
     def recover(self, now: int) -> None:
-        """See `Driver.recover`: ends a protective stop (5 s after it began, no sooner), switches the arm on where
-        `power_on` is set, and loads the control program again."""
+        """See `Driver.recover`.
+
+        Ends a protective stop (no sooner than 5 s after it began), switches the arm on if `power_on` is set, and
+        loads the control program again.
+        """
         self._now = now
         if self._steps is None and self._link is not None:
             self._failed = ""
             self._steps = self._recovery()
 
     def fileno(self) -> int | None:
-        """See `Driver.fileno`: RTDE's socket."""
+        """See `Driver.fileno`: the socket of RTDE."""
         return self._link.fileno() if self._link is not None else None
 
     def stop_frame(self, category: Stop) -> bytes:
-        """See `Driver.stop_frame`: the command to stay. Behind a frame that was cut short it is garbage, which
-        ends the connection; then the newest command's time runs out and the arm stops by that."""
+        """See `Driver.stop_frame`: the STAY command.
+
+        After an incomplete frame it is garbage, which ends the connection. Then the newest command's time runs out,
+        and this stops the arm.
+        """
         return self._stop_frame
 
     def figures(self) -> dict[str, object]:
-        """Who the arm is, its software, and commands that weren't sent because earlier ones weren't answered."""
+        """Returns the arm's identity and software, and the commands not sent because earlier ones were unanswered."""
         return {"identity": str(self._identity or ""), "held_back": self._held_back}
 
-    # -- a cycle
+    # -- cycle
 
     def _take(self, data: bytes) -> bool:
-        """Whether a sample came; the newest is taken."""
+        """Takes the newest sample; returns whether one came."""
         parser, newest = self._parser, None
         for message in parser.feed(data):
             if message.kind == Kind.DATA:
@@ -227,7 +236,7 @@ class Ur(Driver):
         self._diagnose(found.words)
 
     def _diagnose(self, words: Words) -> None:
-        """Sets `health.fault`, if anything has changed that it depends on."""
+        """Updates `health.fault` if anything that it depends on has changed."""
         key = (*words[:6], self._nonce, self._failed, self._steps is None)
         if key == self._diagnosed:
             return
@@ -242,11 +251,11 @@ class Ur(Driver):
         elif fault and self._failed:
             fault = f"{fault} ({self._failed})"
         if fault and not self.health.fault:
-            self._stay = True  # a program that was only paused must not go on with its last command
+            self._stay = True  # a program that was only paused must not continue with its last command
         self.health.fault = fault
 
     def _tend(self, link: Transport, now: int) -> None:
-        """Sends the command to stay where one is wanted or, while nothing else is sent, due."""
+        """Sends STAY if it was requested, or if it is due because no other command is sent."""
         if self._stay or (not self._follows and self._nonce and now - self._sent > KEEP_ALIVE):
             self._stay = not self._send(link, Mode.STAY, (0.0,) * 6, now)
 
@@ -264,7 +273,7 @@ class Ur(Driver):
         return registers.command(self._recipe, self._nonce, mode, self._sequence, self._cycles, values)
 
     def _pending(self) -> int:
-        """Commands that were sent and that the program hasn't answered."""
+        """Returns the number of commands that were sent and that the program hasn't answered."""
         return (self._sequence - self._sample.words.taken) % registers.LAST
 
     # -- opening and recovery
@@ -277,14 +286,14 @@ class Ur(Driver):
         self._recipe, _ = handshake.inputs(registers.INPUTS, registers.INPUT_TYPES)
         first = handshake.start(*outputs)
         self._parser = handshake.parser
-        self._sample = Sample()  # what an earlier connection said of the arm is no longer true
+        self._sample = Sample()  # what an earlier connection reported about the arm is no longer true
         if not self._sample.take(first.body):
             raise DeviceError(self._place, "the controller's first sample isn't finite", "Restart the controller")
         self.health.message = handshake.text or str(self._identity)
         self._failed, self._diagnosed, self._stopped_at = "", (), 0
         self._nonce = 0
         if safety_words(self._sample.words.safety_bits):
-            self._new_nonce()  # a person has to act first; the diagnosis says so
+            self._new_nonce()  # the user has to act first, and the diagnosis reports this
             return
         self._dismiss(link)
         if not self._finish(until(lambda: not self._program_runs(), self._clock, OTHER)):
@@ -296,7 +305,7 @@ class Ur(Driver):
         self._finish(self._load())
 
     def _dismiss(self, link: Transport) -> None:
-        """Ends a program of ours that still waits for a driver which is gone: the inputs are ours now."""
+        """Ends a program of ours that still waits for a driver that is gone: the inputs belong to this driver now."""
         words = self._sample.words
         if self._program_runs() and words.state in (ScriptState.READY, ScriptState.FOLLOWING):
             self._nonce, self._sequence = words.nonce, words.taken
@@ -307,7 +316,7 @@ class Ur(Driver):
         controller, link = self._controller, self._open_link()
         assert controller is not None
         nonce = self._new_nonce()
-        # First of all the registers carry our number, and nothing to do.
+        # Before anything else the registers must hold our number and a STAY command.
         yield from until(lambda: self._send(link, Mode.STAY, (0.0,) * 6, self._now), self._clock, 1.0)
 
         def runs() -> bool:
@@ -352,7 +361,7 @@ class Ur(Driver):
         self._diagnose(self._sample.words)
 
     def _finish(self, steps: Steps[T]) -> T:
-        """Runs steps to their end, reading meanwhile. Blocks."""
+        """Runs steps to their end and reads data meanwhile. Blocks."""
         while True:
             self._now = time.monotonic_ns()
             try:
@@ -368,7 +377,7 @@ class Ur(Driver):
         self._nonce = secrets.randbelow(registers.LAST) + 1
         self._follows = self._stay = False
         self._sequence = secrets.randbelow(registers.LAST) + 1
-        # Number 0 is no command's own, so the program takes this one whatever came before.
+        # No command has number 0, so the program takes this one whatever came before it.
         self._stop_frame = registers.command(self._recipe, self._nonce, Mode.STAY, 0, 0, (0.0,) * 6)
         return self._nonce
 

@@ -14,17 +14,17 @@ from drivers.ur.rtde import Kind, Message, Parser
 from runtime.contracts.errors import DeviceError
 
 ANSWER: Final = 3.0  # s
-MEASURED: Final = (5, 23)  # version from which torques are given that were measured
+MEASURED: Final = (5, 23)  # version from which the controller sends measured torques
 _NOT_RTDE: Final = "Check 'port'; enable RTDE at the pendant under Settings > Security > Services"
 
 
 class Handshake:
-    """One connection's state of agreement.
+    """The handshake on one connection.
 
     Attributes:
-        parser: of all that comes.
+        parser: the parser of all incoming bytes.
         version: the controller's: major, minor, bug fix, build.
-        text: the newest remark that came meanwhile.
+        text: the newest text message received during the handshake.
     """
 
     def __init__(self, link: Transport, place: str) -> None:
@@ -35,14 +35,18 @@ class Handshake:
         self._early: list[Message] = []
 
     def greet(self) -> None:
-        """Agrees on protocol 2. Raises DeviceError: no RTDE, or one that is too old."""
+        """Agrees on protocol 2. Raises DeviceError if there is no RTDE, or one that is too old."""
         if self._ask(Kind.PROTOCOL, rtde.ask_protocol())[0] != 1:
             raise DeviceError(self._place, "the controller doesn't know RTDE 2", "Update PolyScope to 5.x")
         major, minor, fix, build = struct.unpack(">4I", self._ask(Kind.CONTROLLER, rtde.ask_controller()))
         self.version = (major, minor, fix, build)
 
     def require(self, effort: str) -> None:
-        """Checks the controller's version. Raises DeviceError: another series, or too old for `effort: measured`."""
+        """Checks the controller's version.
+
+        Raises:
+            DeviceError: another series, or too old for `effort: measured`.
+        """
         shown = ".".join(map(str, self.version[:3]))
         if self.version[0] != 5:
             raise DeviceError(
@@ -58,15 +62,19 @@ class Handshake:
             )
 
     def outputs(self, rate: float, names: Sequence[str], types: Sequence[str]) -> tuple[int, Recipe]:
-        """Asks for variables; the recipe's number and layout. Raises DeviceError: one of another type, or unknown."""
+        """Requests output variables; returns the recipe's number and layout.
+
+        Raises:
+            DeviceError: a variable has another type, or is unknown.
+        """
         return self._agree(Kind.OUTPUTS, rtde.ask_outputs(rate, names), names, types)
 
     def inputs(self, names: Sequence[str], types: Sequence[str]) -> tuple[int, Recipe]:
-        """Claims inputs; the recipe's number and layout. Raises DeviceError: unknown, or in use."""
+        """Claims inputs; returns the recipe's number and layout. Raises DeviceError if one is unknown or in use."""
         return self._agree(Kind.INPUTS, rtde.ask_inputs(names), names, types)
 
     def start(self, number: int, recipe: Recipe) -> Message:
-        """Starts the data and waits for the first of it."""
+        """Starts the data and returns the first data message."""
         self.parser.data[number] = recipe.message_size
         if self._ask(Kind.START, rtde.start())[0] != 1:
             raise DeviceError(self._place, "the controller doesn't start RTDE's data", "See the pendant's log")

@@ -30,11 +30,11 @@ class Recipe:
     Attributes:
         names, types: in the message's order.
         size: bytes of the values.
-        message_size: bytes of a data message of version 2, header and recipe number included.
+        message_size: bytes of a data message of version 2, including header and recipe number.
     """
 
     def __init__(self, names: Sequence[str], types: Sequence[str]) -> None:
-        """Raises KeyError for a type that isn't one."""
+        """Raises KeyError for an unknown type."""
         self.names, self.types = tuple(names), tuple(types)
         self._struct = struct.Struct(">" + "".join(FORMATS[kind] for kind in types))
         self._counts = [_COUNTS[kind] for kind in types]
@@ -42,10 +42,10 @@ class Recipe:
         self.message_size = 4 + self.size
 
     def unpack(self, body: bytes, offset: int = 1) -> dict[str, Any]:
-        """Values by name; vectors as tuples.
+        """Returns the values by name; vectors as tuples.
 
         Args:
-            body: a data message's, whose first byte is the recipe's number.
+            body: body of a data message; its first byte is the recipe's number.
             offset: where the values begin.
         """
         flat = self._struct.unpack_from(body, offset)
@@ -57,7 +57,7 @@ class Recipe:
         return found
 
     def pack(self, values: Sequence[Any]) -> bytes:
-        """The values' bytes; a vector is a sequence.
+        """Returns the values' bytes; a vector is a sequence.
 
         Raises:
             struct.error: a value doesn't fit its type.
@@ -108,7 +108,7 @@ _REGISTERS: Final = {"int": ("INT32", 48), "double": ("DOUBLE", 48), "bit": ("BO
 
 
 def register(name: str) -> tuple[str, str, int] | None:
-    """("input" or "output", "int", "double" or "bit", number) of a register's name; None for any other."""
+    """Returns ("input" or "output", "int", "double" or "bit", number) of a register; None for other names."""
     found = _REGISTER.fullmatch(name)
     if found is None or int(found[3]) >= _REGISTERS[found[2]][1]:
         return None
@@ -116,7 +116,7 @@ def register(name: str) -> tuple[str, str, int] | None:
 
 
 def output_type(name: str) -> str:
-    """The type of a variable that a controller gives, NOT_FOUND for others; its input registers are readable."""
+    """Returns the type of a variable the controller can send, else NOT_FOUND; its input registers are readable."""
     known = register(name)
     if known is not None:
         return _REGISTERS[known[1]][0]
@@ -124,7 +124,7 @@ def output_type(name: str) -> str:
 
 
 def input_type(name: str) -> str:
-    """The type of a variable that a controller takes, NOT_FOUND for others."""
+    """Returns the type of a variable that a controller accepts as input, NOT_FOUND for others."""
     known = register(name)
     if known is not None:
         return _REGISTERS[known[1]][0] if known[0] == "input" else NOT_FOUND

@@ -1,7 +1,7 @@
 """The registers through which driver and control script talk: RTDE's upper, external half (24 to 47).
 
-To the script: whose command it is, what to do, its number, for how long it holds, six values. From the script:
-whom it obeys, how it is, the number of the newest command it took.
+To the script: the driver's nonce, the mode, the command's number, the time for which it is valid, six values. From
+the script: the nonce it obeys, its state, the number of the newest command it took.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ from typing import Final
 NONCE: Final = 24  # input and output int registers
 MODE: Final = 25
 SEQUENCE: Final = 26
-PATIENCE: Final = 27  # control cycles that a command holds
+PATIENCE: Final = 27  # control cycles for which a command is valid
 VALUES: Final = 24  # first of six input double registers
 STATE: Final = 25  # output int register
 
 CYCLE: Final = 0.002  # s, of an e-Series controller
-LAST: Final = 2**31 - 1  # a sequence number's greatest value; 1 comes next
+LAST: Final = 2**31 - 1  # greatest sequence number; 1 comes next
 
 
 class Mode(IntEnum):
-    """What the script is to do."""
+    """What the script shall do."""
 
     STAY = 0  # come to rest and stay there
     FOLLOW = 1  # the six values
@@ -30,14 +30,14 @@ class Mode(IntEnum):
 
 
 class ScriptState(IntEnum):
-    """How the script is."""
+    """The script's state."""
 
     NONE = 0
     READY = 1  # at rest, waiting
     FOLLOWING = 2
-    TIMED_OUT = 3  # ended: no command came for as long as the last one held
-    ENDED = 4  # ended: it was told to
-    ABANDONED = 5  # ended: another driver's commands, or none at all
+    TIMED_OUT = 3  # ended: no command came within the time for which the last one was valid
+    ENDED = 4  # ended: on command
+    ABANDONED = 5  # ended: commands came from another driver, or none came at all
 
 
 INPUTS: Final = (
@@ -53,5 +53,5 @@ SIZE: Final = _COMMAND.size
 def command(
     recipe: int, nonce: int, mode: int, sequence: int, cycles: int, values: list[float] | tuple[float, ...]
 ) -> bytes:
-    """One whole data message of `INPUTS`."""
+    """Returns one complete data message of `INPUTS`."""
     return _COMMAND.pack(SIZE, 85, recipe, nonce, mode, sequence, cycles, *values)

@@ -1,7 +1,7 @@
 """RTDE's framing, both directions, without any I/O. Source: protocol sheet ur-rtde, section 2.
 
-A message is `u16 size` (all of it), `u8 kind`, payload; everything big-endian. There is no check sum, so what
-is looked for in a stream of garbage is a header that fits its kind and, for data, a recipe of ours.
+A message is `u16 size` (of the whole message), `u8 kind`, payload; everything is big-endian. There is no checksum.
+So in a stream of garbage the parser looks for a header that fits its kind and, for data, for a recipe of ours.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from typing import Final, NamedTuple
 
 HEADER: Final = struct.Struct(">HB")
 PROTOCOL: Final = 2
-NAMES: Final = 2048  # bytes of names that a controller takes at most
-_TYPES: Final = 4096  # bytes of types in an answer: the longest type's name is longer than the shortest variable's
+NAMES: Final = 2048  # greatest number of bytes of names that a controller accepts
+_TYPES: Final = 4096  # bytes of types in an answer: the longest type name is longer than the shortest variable name
 _TEXT: Final = 3 + 1 + 255 + 1 + 255 + 1
 
 
@@ -32,7 +32,7 @@ class Kind(IntEnum):
     TEXT = ord("M")
 
 
-# Least and greatest size of a whole message, header included.
+# Smallest and largest size of a whole message, header included.
 ANSWERS: Final[dict[int, tuple[int, int]]] = {
     Kind.PROTOCOL: (4, 4),
     Kind.CONTROLLER: (19, 19),
@@ -54,18 +54,18 @@ REQUESTS: Final[dict[int, tuple[int, int]]] = {
 STREAM: Final[dict[int, tuple[int, int]]] = {
     Kind.TEXT: (6, _TEXT),
     Kind.PAUSE: (4, 4),
-}  # all that may come beside data once it was started
+}  # all kinds that may come besides data once it was started
 
 
 class Message(NamedTuple):
-    """One message; `body` is what follows the header."""
+    """One message; `body` is the part after the header."""
 
     kind: int
     body: bytes
 
 
 class Text(NamedTuple):
-    """A remark of the controller's; level 0 exception, 1 error, 2 warning, 3 information."""
+    """A text message of the controller; level 0 exception, 1 error, 2 warning, 3 information."""
 
     text: str
     source: str
@@ -73,15 +73,15 @@ class Text(NamedTuple):
 
 
 class Parser:
-    """Bytes to messages; never raises, remembers at most one message that isn't whole.
+    """Turns bytes into messages. Never raises, and keeps at most one incomplete message.
 
     Attributes:
-        sizes: by kind, the least and the greatest size of a message; others are garbage.
+        sizes: by kind, the smallest and the largest size of a message; others are garbage.
         data: by recipe, the size of a data message; others are garbage.
         frames: messages found.
-        errors: messages whose inside doesn't fit their header.
-        resyncs: times the next message had to be searched for.
-        skipped: bytes passed over in doing so.
+        errors: messages whose content doesn't fit their header.
+        resyncs: number of times the parser had to search for the next message.
+        skipped: bytes skipped in these searches.
     """
 
     def __init__(self, sizes: dict[int, tuple[int, int]]) -> None:
@@ -92,11 +92,11 @@ class Parser:
         self._lost = False
 
     def only(self, sizes: dict[int, tuple[int, int]]) -> None:
-        """From now on only these kinds, and data, are messages."""
+        """From now on accepts only these kinds, and data, as messages."""
         self.sizes = dict(sizes)
 
     def feed(self, chunk: bytes) -> list[Message]:
-        """Takes bytes as they come; gives the messages they complete, oldest first."""
+        """Takes bytes as they come; returns the messages they complete, oldest first."""
         buffer = self._rest + chunk if self._rest else chunk
         found: list[Message] = []
         at, end = 0, len(buffer)
@@ -128,7 +128,10 @@ class Parser:
         return bounds is not None and bounds[0] <= size <= bounds[1]
 
     def _skip(self, at: int, buffer: bytes) -> int:
-        """Where the next header may begin: a byte by byte search would hold the loop up in a flood of garbage."""
+        """Returns where the next header may begin.
+
+        A search byte by byte would delay the loop in a flood of garbage.
+        """
         if not self._lost:
             self._lost = True
             self.resyncs += 1
@@ -143,7 +146,7 @@ _CHECKED: Final = frozenset((Kind.OUTPUTS, Kind.INPUTS, Kind.TEXT))
 
 
 def _whole(kind: int, body: bytes) -> bool:
-    """Whether the inside of a message of text fits: names or types behind at most 8 bytes, or a remark."""
+    """Returns whether the content of a text-type message fits: names or types after at most 8 bytes, or a text."""
     if kind != Kind.TEXT:
         names = body[8:] if len(body) > 8 else b""
         return all(32 <= byte < 127 for byte in names)
@@ -151,7 +154,7 @@ def _whole(kind: int, body: bytes) -> bool:
 
 
 def text(body: bytes) -> Text | None:
-    """A remark's parts (version 2); None if the lengths inside don't fit."""
+    """Returns the parts of a text message (version 2); None if the lengths inside don't fit."""
     if not body or len(body) < 3 + body[0]:
         return None
     end = 1 + body[0]
@@ -162,26 +165,26 @@ def text(body: bytes) -> Text | None:
     return Text(body[1:end].decode(decode), body[end + 1 : source_end].decode(decode), body[-1])
 
 
-# -- encoders, both sides
+# -- encoders for both sides
 
 
 def message(kind: Kind, payload: bytes = b"") -> bytes:
-    """Any message."""
+    """Encodes any message."""
     return HEADER.pack(3 + len(payload), kind) + payload
 
 
 def ask_protocol(version: int = PROTOCOL) -> bytes:
-    """`V`: asks for a version of the protocol."""
+    """`V`: requests a version of the protocol."""
     return message(Kind.PROTOCOL, struct.pack(">H", version))
 
 
 def ask_controller() -> bytes:
-    """`v`: asks for the controller's version."""
+    """`v`: requests the controller's version."""
     return message(Kind.CONTROLLER)
 
 
 def ask_outputs(rate: float, names: Sequence[str]) -> bytes:
-    """`O`: asks for these variables at `rate` Hz."""
+    """`O`: requests these variables at `rate` Hz."""
     return message(Kind.OUTPUTS, struct.pack(">d", rate) + ",".join(names).encode("ascii"))
 
 
@@ -201,7 +204,7 @@ def pause() -> bytes:
 
 
 def remark(words: str, source: str, level: int) -> bytes:
-    """`M` of version 2."""
+    """`M`: a text message of version 2."""
     parts = [part.encode("latin-1", "replace")[:255] for part in (words, source)]
     return message(Kind.TEXT, b"".join(bytes((len(part),)) + part for part in parts) + bytes((level,)))
 

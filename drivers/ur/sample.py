@@ -1,4 +1,4 @@
-"""One data message to the arm's states: one pass, into arrays that are there already."""
+"""Converts one data message to the arm's states: in one pass, into existing arrays."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _BIG: Final = np.dtype(">f8")
 
 
 def names(effort: str) -> tuple[str, ...]:
-    """The variables asked for, in the order that `Sample` expects; `effort` as in the profile."""
+    """Returns the requested variables in the order that `Sample` expects; `effort` as in the profile."""
     return (
         "timestamp", "actual_q", "actual_qd", _EFFORT[effort], "actual_TCP_force", "actual_TCP_pose", "speed_scaling",
         "robot_mode", "safety_status_bits", "robot_status_bits", "runtime_state", *OUTPUTS,
@@ -33,7 +33,7 @@ TYPES: Final = (
 
 
 class Words(NamedTuple):
-    """The integers of a message: status, and what the control program says."""
+    """The integers of a message: status, and the control program's registers."""
 
     robot_mode: int = -1
     safety_bits: int = 0
@@ -41,12 +41,12 @@ class Words(NamedTuple):
     runtime_state: int = 0
     nonce: int = 0
     state: int = 0
-    taken: int = 0  # number of the newest command the program took
-    inputs: int = 0  # digital, bit by bit
+    taken: int = 0  # number of the newest command that the program took
+    inputs: int = 0  # digital inputs, one per bit
 
 
 class Sample:
-    """The newest message's values.
+    """The values of the newest message.
 
     Attributes:
         position, velocity, effort: (6,) rad, rad/s, N m.
@@ -62,7 +62,7 @@ class Sample:
         self.words = Words()
 
     def take(self, body: bytes) -> bool:
-        """Takes a data message's body; False, and nothing changes, if a value isn't finite."""
+        """Takes a data message's body. Returns False and changes nothing if a value isn't finite."""
         values = np.frombuffer(body, _BIG, _DOUBLES, 1)
         if not isfinite(values.sum()):
             return False
@@ -77,18 +77,18 @@ class Sample:
 
     @property
     def speed_scaling(self) -> float:
-        """0 to 1, by which the controller slows the program."""
+        """0 to 1, the factor by which the controller slows the program."""
         return float(self._values[31])
 
     def pose(self, out: Array) -> None:
-        """The tool centre point into `out` (7,); see `fill_pose`."""
+        """Writes the tool centre point's pose into `out` (7,); see `fill_pose`."""
         fill_pose(self.tool.tolist(), out)
 
 
 def fill_pose(tool: list[float], out: Array) -> None:
-    """(x, y, z, qw, qx, qy, qz), m, of a position and a rotation vector, into `out` (7,).
+    """Writes (x, y, z, qw, qx, qy, qz), m, of a position and a rotation vector into `out` (7,).
 
-    Of the two quaternions, the one nearer to what `out` held, so that a sequence doesn't jump.
+    Of the two possible quaternions it takes the one nearer to the value in `out`, so that a sequence doesn't jump.
     """
     w, x, y, z = out[3:].tolist()
     out[:] = (*tool[:3], *rotation.nearer(_quaternion(tool), (w, x, y, z)))

@@ -1,12 +1,12 @@
-"""The program that runs on the controller: it follows the registers, and stops the arm when they fall silent.
+"""The program that runs on the controller: it follows the registers, and stops the arm if no more commands come.
 
-One pass of its loop is one control cycle: `speedj`, `servoj` and `sync` each end with the cycle. The registers
-of one data message change together between two cycles; a command whose number changed while it was read is
-taken in the next pass.
+One pass of its loop is one control cycle: `speedj`, `servoj` and `sync` each end with the cycle. All registers
+of one data message change together between two cycles. If a command's number changes while the script reads it, the
+script takes the command in the next pass.
 
-What ends it: a command that held for its time without a successor (the arm ramps down first), the command to
-end, commands that carry another driver's number, a minute without any. While the arm follows, RTDE's own
-watchdog stands behind the program's: it stops the program where this loop itself hangs.
+These end the program: no successor within the time for which a command is valid (the arm ramps down first), the
+END command, commands that carry another driver's number, a minute without any command. While the arm follows, RTDE's
+own watchdog backs up the program's: it stops the program if this loop itself hangs.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from drivers.ur.config import UrConfig
 from drivers.ur.registers import CYCLE, MODE, NONCE, PATIENCE, SEQUENCE, STATE, VALUES, Mode, ScriptState
 
 NAME: Final = "srl_control"
-WATCHDOG: Final = 4.0  # Hz, at least this often an input while the arm follows
-STRANGE: Final = 250  # cycles that commands of another may be seen: the first of our own may come late
+WATCHDOG: Final = 4.0  # Hz, lowest rate of inputs while the arm follows
+STRANGE: Final = 250  # cycles for which commands of another driver are tolerated: our own first command may come late
 ALONE: Final = 30_000  # cycles at rest without a new command
 
 _TEXT: Final = """\
@@ -82,11 +82,11 @@ end
 
 
 def program(config: UrConfig, nonce: int) -> str:
-    """The program's text for one upload.
+    """Returns the program's text for one upload.
 
     Args:
         config: the arm's options.
-        nonce: number of this upload, 1 to 2**31 - 1; commands that carry another are not obeyed.
+        nonce: number of this upload, 1 to 2**31 - 1; commands with another number are not obeyed.
     """
     motion = (
         f"speedj(goal, {config.acceleration}, {CYCLE})"
@@ -96,7 +96,7 @@ def program(config: UrConfig, nonce: int) -> str:
     payload = ""
     if config.payload is not None:
         x, y, z = config.payload_cog
-        # Setting it zeroes the force sensor, even while something is touched: so only where it is another.
+        # Setting the payload zeroes the force sensor, even while something is touched. So it is set only if it differs.
         payload = f"""\
   told = get_target_payload_cog()
   cog = [{x:.6f}, {y:.6f}, {z:.6f}]

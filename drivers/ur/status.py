@@ -1,4 +1,4 @@
-"""What a controller says about itself, in numbers and in words. Source: protocol sheet ur-rtde, sections 3, 4."""
+"""The controller's status, as numbers and in words. Source: protocol sheet ur-rtde, sections 3, 4."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Final
 
 
 class RobotMode(IntEnum):
-    """RTDE `robot_mode`; the names are the dashboard's."""
+    """RTDE `robot_mode`; with the dashboard's names."""
 
     NO_CONTROLLER = -1
     DISCONNECTED = 0
@@ -22,7 +22,7 @@ class RobotMode(IntEnum):
 
 
 class SafetyMode(IntEnum):
-    """RTDE `safety_mode` and, from 12 on, `safety_status`; the names are the dashboard's."""
+    """RTDE `safety_mode` and, from 12 on, `safety_status`; with the dashboard's names."""
 
     NORMAL = 1
     REDUCED = 2
@@ -66,7 +66,7 @@ class RobotBits(IntFlag):
 
 
 class RuntimeState(IntEnum):
-    """RTDE `runtime_state`: of the program."""
+    """RTDE `runtime_state`: the state of the program."""
 
     STOPPING = 0
     STOPPED = 1
@@ -79,7 +79,7 @@ class RuntimeState(IntEnum):
 _EMERGENCY: Final = (
     SafetyBits.EMERGENCY_STOP | SafetyBits.ROBOT_EMERGENCY_STOP | SafetyBits.SYSTEM_EMERGENCY_STOP
 )  # fmt: skip
-_WORDS: Final = (  # the gravest first
+_WORDS: Final = (  # the most serious first
     (SafetyBits.FAULT, "fault: restart the safety system at the pendant"),
     (SafetyBits.VIOLATION, "safety violation: restart the safety system at the pendant"),
     (_EMERGENCY, "emergency stop: release the button, then switch the arm on"),
@@ -92,7 +92,7 @@ _WORDS: Final = (  # the gravest first
 
 
 def safety_words(bits: int) -> str:
-    """Why the safety system keeps the arm from moving, and what a person does about it; "" while it doesn't."""
+    """Returns why the safety system keeps the arm from moving and what the user can do; "" if it doesn't."""
     if not bits & ~(SafetyBits.NORMAL | SafetyBits.REDUCED):
         return ""
     for bit, words in _WORDS:
@@ -102,5 +102,5 @@ def safety_words(bits: int) -> str:
 
 
 def name_of(kind: type[IntEnum], number: int) -> str:
-    """The name of a mode, or its number where it has none."""
+    """Returns the name of a mode, or its number if it has none."""
     return kind(number).name if number in kind._value2member_map_ else str(number)

@@ -1,6 +1,6 @@
-"""Talks with the controller that take several cycles, as generators: each `yield` waits for the next call.
+"""Dialogues with the controller that take several cycles, as generators: each `yield` waits for the next call.
 
-`open` runs them to their end and sleeps in between; the loop advances them by one step a cycle.
+`open` runs them to their end and sleeps in between; the loop advances them by one step per cycle.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ Clock = Callable[[], int]  # ns
 
 
 def until(done: Callable[[], bool], clock: Clock, seconds: float) -> Steps[bool]:
-    """Waits until `done`; gives False if that took longer than `seconds`."""
+    """Waits until `done`; returns False if that took longer than `seconds`."""
     deadline = clock() + round(seconds * 1e9)
     while not done():
         if clock() > deadline:
@@ -24,5 +24,5 @@ def until(done: Callable[[], bool], clock: Clock, seconds: float) -> Steps[bool]
 
 
 def pause(clock: Clock, seconds: float) -> Steps[None]:
-    """Waits."""
+    """Waits for `seconds`."""
     yield from until(lambda: False, clock, seconds)

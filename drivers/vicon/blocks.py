@@ -1,7 +1,7 @@
 """Bodies of the DataStream's blocks (sheet vicon_datastream, A.4), in the wire's units: mm, mm, rad, s. No I/O.
 
-Every function takes a body of any bytes and raises `MalformedError`, nothing else, where it is too short. Bytes
-behind the known fields are skipped, and elements may have grown: their stride comes from the body's length.
+Every function accepts a body of any bytes. If the body is too short, it raises `MalformedError`, and nothing else.
+Bytes after the known fields are skipped. Elements may have grown: their stride comes from the body's length.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Subject(NamedTuple):
 
 
 class Contents(NamedTuple):
-    """What a packet holds: number of blocks by type, and the types that haven't changed and aren't sent."""
+    """A packet's contents: number of blocks by type, and the types that haven't changed and aren't sent."""
 
     counts: dict[int, int]
     unchanged: frozenset[int]
@@ -91,37 +91,37 @@ class _Cursor:
 
 
 def enums(body: memoryview | bytes) -> frozenset[int]:
-    """ObjectEnums: types of blocks."""
+    """Decodes ObjectEnums: types of blocks."""
     cursor = _Cursor(body)
     return frozenset(cursor.whole() for _ in range(cursor.whole()))
 
 
 def contents(body: memoryview | bytes) -> Contents:
-    """Contents."""
+    """Decodes Contents."""
     cursor = _Cursor(body)
     counts = {cursor.whole(): cursor.whole() for _ in range(cursor.whole())}
     return Contents(counts, frozenset(cursor.whole() for _ in range(cursor.whole())))
 
 
 def whole(body: memoryview | bytes) -> int:
-    """The u32 that FrameInfo, RequestNextFrame and HardwareFrameInfo consist of."""
+    """Decodes the u32 of FrameInfo, RequestNextFrame and HardwareFrameInfo."""
     return _Cursor(body).whole()
 
 
 def frame_period(body: memoryview | bytes) -> int:
-    """StreamInfo: ticks of CLOCK from frame to frame; 0: unknown."""
+    """Decodes StreamInfo: ticks of CLOCK per frame; 0 if unknown."""
     return _Cursor(body).whole(_I64)
 
 
 def y_up(body: memoryview | bytes) -> bool:
-    """ApplicationInfo: whether the server's y axis points up, else its z axis does."""
+    """Decodes ApplicationInfo: True if the server's y axis points up, False if its z axis does."""
     if not len(body):
         raise MalformedError("an empty body")
     return body[0] == 1
 
 
 def latency(body: memoryview | bytes) -> float:
-    """LatencyInfo: s, the sum of all its stages."""
+    """Decodes LatencyInfo: s, the sum of all its stages."""
     cursor = _Cursor(body)
     total = 0.0
     for _ in range(cursor.whole()):
@@ -131,7 +131,7 @@ def latency(body: memoryview | bytes) -> float:
 
 
 def subject_info(body: memoryview | bytes) -> Subject:
-    """SubjectInfo."""
+    """Decodes SubjectInfo."""
     cursor = _Cursor(body)
     number, name = cursor.whole(), cursor.text()
     segments = []
@@ -140,23 +140,23 @@ def subject_info(body: memoryview | bytes) -> Subject:
         segments.append(Segment(int(segment), cursor.text(), int(parent)))
     markers = tuple(Marker(cursor.whole(), cursor.text()) for _ in range(cursor.whole()))
     for _ in range(cursor.whole()):
-        cursor.take(_TWO)  # which marker is on which segment: the server does the fitting
+        cursor.take(_TWO)  # which marker is on which segment; not needed, as the server does the fitting
     return Subject(number, name, tuple(segments), markers)
 
 
 def segments_of(body: memoryview | bytes) -> int:
-    """GlobalSegments: the subject's number."""
+    """Decodes the subject's number of GlobalSegments."""
     return _Cursor(body).whole()
 
 
 def find_segments(body: memoryview | bytes, rows: Mapping[int, int]) -> list[tuple[int, tuple[float, ...]]]:
-    """GlobalSegments or LocalSegments: those wanted.
+    """Decodes the wanted segments of GlobalSegments or LocalSegments.
 
     Args:
-        body: the block's.
+        body: the block's body.
         rows: row by the segment's number.
     Returns:
-        (row, (tx, ty, tz, R row by row)) each, mm; a segment that isn't there is occluded.
+        (row, (tx, ty, tz, R row by row)) each, mm; a missing segment is occluded.
     """
     if len(body) < 8:
         raise MalformedError("a body without its count")
@@ -171,13 +171,13 @@ def find_segments(body: memoryview | bytes, rows: Mapping[int, int]) -> list[tup
 
 
 def find_labeled(body: memoryview | bytes, rows: Mapping[tuple[int, int], int]) -> list[tuple[int, Point]]:
-    """LabeledRecons: those wanted.
+    """Decodes the wanted markers of LabeledRecons.
 
     Args:
-        body: the block's.
+        body: the block's body.
         rows: row by (subject's number, marker's number).
     Returns:
-        (row, (x, y, z)) each, mm; a marker that isn't there is occluded.
+        (row, (x, y, z)) each, mm; a missing marker is occluded.
     """
     count = whole(body)
     stride = _stride(len(body) - 4, count, LABELED)
@@ -190,14 +190,14 @@ def find_labeled(body: memoryview | bytes, rows: Mapping[tuple[int, int], int]) 
 
 
 def unlabeled(body: memoryview | bytes, most: int) -> list[Point]:
-    """UnlabeledRecons: (x, y, z) of the first `most`, mm."""
+    """Decodes UnlabeledRecons: (x, y, z) of the first `most`, mm."""
     count = whole(body)
     stride = _stride(len(body) - 4, count, UNLABELED)
     return [_POINT.unpack_from(body, 4 + i * stride + 8) for i in range(min(count, most))]
 
 
 def _stride(size: int, count: int, least: int) -> int:
-    """Bytes from element to element, which a later version may have made longer (A.7)."""
+    """Returns the bytes from element to element; a later version may have made elements longer (A.7)."""
     if count == 0:
         return 0
     if size // count < least:

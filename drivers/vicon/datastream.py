@@ -1,4 +1,4 @@
-"""A client of a DataStream server: greeting, subscription, and each cycle the newest frame."""
+"""A client of a DataStream server: greeting, subscription, and the newest frame in each cycle."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from drivers.vicon.source import Frame
 from runtime.contracts.errors import DeviceError
 
 GREETING: Final = 2.0  # s for the server's first packet
-FRAMES: Final = 3.0  # s for a frame in which everything is there
-ASK_AGAIN: Final = 1_000_000_000  # ns without a frame after which frames are asked for again
-_MOST_LATENCY: Final = 1.0  # s; more than this is no latency
-_PERIODS: Final = range(protocol.CLOCK // 10_000, protocol.CLOCK + 1)  # 10 kHz to 1 Hz; 0 says unknown
+FRAMES: Final = 3.0  # s for a frame that contains everything wanted
+ASK_AGAIN: Final = 1_000_000_000  # ns without a frame after which frames are requested again
+_MOST_LATENCY: Final = 1.0  # s; a greater value isn't a latency
+_PERIODS: Final = range(protocol.CLOCK // 10_000, protocol.CLOCK + 1)  # 10 kHz to 1 Hz; 0 means unknown
 _STATIC: Final = frozenset((Block.STREAM_INFO, Block.SUBJECT_INFO, Block.APPLICATION_INFO))
 _REMEDY: Final = "Check that Nexus, Tracker or Shogun runs there, and the port of its DataStream server (801)"
 
 
 class DataStream:
-    """See `Source`. Blocks that a packet declares unchanged are remembered from earlier ones (A.3)."""
+    """See `Source`. Blocks that a packet declares unchanged are remembered from earlier packets (A.3)."""
 
     def __init__(self, config: ViconConfig, place: str) -> None:
         self.period = Fraction(10**9) / Fraction(config.rate)
@@ -44,9 +44,9 @@ class DataStream:
         self._request = b""
         self._y_up = False  # the server's y axis points up
         self._ticks = 0  # the server's frame period; 0: unknown
-        self._absent = ""  # what the profile names and the server has no longer
-        self._unasked = False  # the next frame is still to be asked for
-        self._early: list[Packet] = []  # came with the greeting
+        self._absent = ""  # what the profile names and the server no longer has
+        self._unasked = False  # the next frame must still be requested
+        self._early: list[Packet] = []  # packets that came with the greeting
         self._since = -1  # ns: the newest frame, or the newest request
         self._malformed = 0
 
@@ -62,7 +62,7 @@ class DataStream:
 
     @property
     def resyncs(self) -> int:
-        """Times the next packet had to be searched for."""
+        """Number of times the parser had to search for the next packet."""
         return self._parser.resyncs
 
     def open(self) -> None:
@@ -123,7 +123,7 @@ class DataStream:
     # -- packets
 
     def _newest(self, packets: Iterable[Packet]) -> Packet | None:
-        """Keeps what stays, and gives the newest packet that is a frame."""
+        """Remembers static blocks, and returns the newest packet that is a frame."""
         newest = None
         for packet in packets:
             try:
@@ -150,7 +150,7 @@ class DataStream:
             elif kind == Block.CONTENTS:
                 contents = body
             static = static or kind in _STATIC
-        # Where static blocks come, those that don't and aren't called unchanged are gone.
+        # When static blocks come, those that neither come nor are declared unchanged are gone.
         if static and (subjects or contents is None or Block.SUBJECT_INFO not in blocks.contents(contents).unchanged):
             self.subjects = subjects
             self._selection = select(self._config, subjects.values())
@@ -208,7 +208,7 @@ class DataStream:
     # -- opening
 
     def _forget(self) -> None:
-        """What an earlier connection said doesn't hold for this one."""
+        """Forgets what an earlier connection reported: it doesn't hold for this one."""
         counts = self._parser
         self._parser = protocol.Parser()
         self._parser.frames, self._parser.errors, self._parser.resyncs = counts.frames, counts.errors, counts.resyncs
@@ -222,13 +222,13 @@ class DataStream:
         self.remark = self._absent = ""
 
     def _needed(self) -> set[Block]:
-        """Without these the states can't be filled."""
+        """Returns the blocks without which the states can't be filled."""
         return {
             kind for kind in self._wanted if kind not in (Block.CONTENTS, Block.LATENCY_INFO, Block.APPLICATION_INFO)
         }
 
     def _greeting(self, link: Transport) -> frozenset[int]:
-        """Types of blocks that the server offers."""
+        """Returns the types of blocks that the server offers."""
         heard, errors = b"", self._parser.errors
         deadline = time.monotonic() + GREETING
         while (left := deadline - time.monotonic()) > 0:
@@ -245,7 +245,7 @@ class DataStream:
         raise DeviceError(self._place, f"expected a DataStream server's greeting, got {shown}", _REMEDY)
 
     def _identify(self, link: Transport) -> None:
-        """Waits until a frame has come and everything wanted is known; refuses what isn't so."""
+        """Waits until a frame has come and everything wanted is known; raises DeviceError if something is missing."""
         deadline = time.monotonic() + FRAMES
         packets, self._early = self._early, []
         seen = False

@@ -18,24 +18,24 @@ from runtime.contracts.errors import DeviceLostError
 from runtime.contracts.signals import Array
 
 _BITS: Final = 32  # of the frame number
-_GAP: Final = 10_000  # frames; a longer one is a count that began anew
-_LATE: Final = 2  # frames that a datagram may be overtaken by
+_GAP: Final = 10_000  # frames; after a longer gap the count has begun anew
+_LATE: Final = 2  # frames by which a datagram may be late
 
 
 class Vicon(Sensor):
     """Poses of segments and positions of markers, in the server's origin, z up.
 
-    States, those that the profile asks for, k rows in the profile's order:
+    States, those that the profile requests, k rows in the profile's order:
         `pose` (k, 7): x, y, z (m), qw, qx, qy, qz of segments; `<name>.pose` (7,): the same of one segment, for
         `frames:`. `visible` (k,): 1 or 0. `markers` (k, 3), m, and `marker_visible` (k,). `unlabelled` (k, 3), m, and
         `unlabelled_visible` (k,): the first k, in no lasting order.
 
-    What is occluded keeps its last pose with `visible` 0. A frame in which nothing wanted is visible, or something
-    of `required` isn't, is no sample: `health.stamp` stays, and the device goes stale by its `max_age`.
+    An occluded row keeps its last pose with `visible` 0. A frame isn't a sample if nothing wanted is visible, or
+    something `required` isn't: `health.stamp` stays, and the device becomes stale after its `max_age`.
 
-    A sample's stamp is when its frame was exposed: the frame number counts time, the least delay seen fixes its
-    offset, and what the server says of its own latency is taken off. A frame that waited anywhere is as old as it
-    is. (Sheet vicon_datastream.)
+    A sample's stamp is the time of its frame's exposure. The frame number counts time, and the smallest delay seen
+    fixes its offset; the latency that the server reports is subtracted. A frame that waited anywhere gets its true
+    age. (Sheet vicon_datastream.)
     """
 
     Config = ViconConfig
@@ -56,7 +56,7 @@ class Vicon(Sensor):
         self._period = self._source.period
         self._number: int | None = None
         self._is_open = False
-        self._taken = 0  # the source's count of frames at the newest one
+        self._taken = 0  # the source's frame count at the newest frame
         self._missed = self._repeated = self._hidden = 0
 
     def bind(self, states: Mapping[str, Array], commands: Mapping[str, Array]) -> None:
@@ -93,7 +93,7 @@ class Vicon(Sensor):
         self._source.close()
 
     def figures(self) -> dict[str, object]:
-        """Frames that never came, frames that came again, frames without what is wanted; the frame rate, Hz."""
+        """Returns frames that never came, repeated frames, frames without anything wanted; the frame rate, Hz."""
         return {
             "missed_frames": self._missed,
             "repeated_frames": self._repeated,
@@ -101,20 +101,20 @@ class Vicon(Sensor):
             "frame_rate": float(Fraction(10**9) / self._period),
         }
 
-    # -- a cycle
+    # -- cycle
 
     def _take(self, frame: Frame, now: int) -> None:
         if self._source.period != self._period:
             self._new_time(self._source.period)
         if self._number is not None:
             step = (frame.number - self._number + (1 << _BITS - 1)) % (1 << _BITS) - (1 << _BITS - 1)
-            if -_LATE <= step <= 0:  # a paused server repeats its frame; a datagram was overtaken
+            if -_LATE <= step <= 0:  # a paused server repeats its frame, or another datagram overtook this one
                 self._repeated += 1
                 return
             if step > 0:
                 self._missed += min(max(step - (self._source.frames - self._taken), 0), _GAP)
         self._number, self._taken = frame.number, self._source.frames
-        exposed = now - frame.latency  # had it been under way for no longer than the fastest one
+        exposed = now - frame.latency  # for a frame that took no longer than the fastest one
         stamp = self._time.stamp(frame.number, exposed)
         if self._pause.over(self._time.delay, now):
             self._time.restart()

@@ -1,4 +1,4 @@
-"""Rotations as the wires give them, turned into unit quaternions (w, x, y, z)."""
+"""Converts rotations as received to unit quaternions (w, x, y, z)."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Final
 from runtime.contracts import rotation
 from runtime.contracts.rotation import Quaternion
 
-_CLOSE: Final = 1e-2  # how far a matrix may be from a rotation; f32 or a rounded text isn't further
+_CLOSE: Final = 1e-2  # tolerance for a rotation matrix; float32 or rounded text stays within it
 
 
 def from_matrix(r: Sequence[float]) -> Quaternion | None:
-    """Of a rotation matrix, nine numbers row by row; None for what is no rotation."""
+    """Returns the quaternion of a rotation matrix, nine numbers row by row; None if it isn't a rotation."""
     a, b, c, d, e, f, g, h, i = r
     determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
     lengths = (a * a + b * b + c * c, d * d + e * e + f * f, g * g + h * h + i * i)
@@ -23,18 +23,18 @@ def from_matrix(r: Sequence[float]) -> Quaternion | None:
 
 
 def from_euler_xyz(x: float, y: float, z: float) -> Quaternion | None:
-    """Of Rx(x) Ry(y) Rz(z), rad; None if one isn't finite."""
+    """Returns the quaternion of Rx(x) Ry(y) Rz(z), rad; None if a value isn't finite."""
     if not (isfinite(x) and isfinite(y) and isfinite(z)):
         return None
     return rotation.from_euler_xyz(x, y, z)
 
 
 def z_up_point(p: Sequence[float]) -> tuple[float, float, float]:
-    """A point of a y-up server (x forward, y up, z right) in x forward, y left, z up (A.4)."""
+    """Converts a point of a y-up server (x forward, y up, z right) to x forward, y left, z up (A.4)."""
     return p[0], -p[2], p[1]
 
 
 def z_up_quaternion(q: Quaternion) -> Quaternion:
-    """The same for a rotation. World and body axes are renamed alike, so an unturned body stays unturned."""
+    """Converts a rotation likewise: world and body axes are renamed alike, so an unrotated body stays unrotated."""
     w, x, y, z = q
     return w, x, -z, y

@@ -16,12 +16,12 @@ from drivers.vicon.selection import refuse, select
 from drivers.vicon.source import Frame
 from runtime.contracts.errors import DeviceError
 
-LISTEN: Final = 2.0  # s for everything wanted to turn up
+LISTEN: Final = 2.0  # s to wait until everything wanted has been seen
 SPAN: Final = 0.5  # s over which the frame rate is measured
-HELD: Final = 0.1  # s that a pose may stay the same to the last bit; a camera's never does
-RESYNC: Final = 10  # frames one after another behind the newest, after which the count began anew
-_LATE: Final = 2  # frames that the driver itself recognises as overtaken
-_OFF: Final = 0.2  # how far the measured rate may be from the profile's
+HELD: Final = 0.1  # s for which a pose may stay bit-identical; a pose from cameras never does
+RESYNC: Final = 10  # consecutive frames older than the newest, after which the count has begun anew
+_LATE: Final = 2  # frames by which a datagram may be late; the driver recognises these itself
+_OFF: Final = 0.2  # relative tolerance of the measured rate to the profile's
 _WRAP: Final = 1 << 32
 _REMEDY: Final = (
     "In Tracker's Local Vicon System, UDP Object Stream: enable it, and give this computer's address and port"
@@ -42,8 +42,8 @@ class ObjectStream:
         self._held = max(int(HELD * config.rate), 2)  # frames
         self._last: dict[str, tuple[int, tuple[float, ...]]] = {}  # the frame in which a pose last changed
         self._link: Datagrams | None = None
-        self._number: int | None = None  # of the newest frame
-        self._behind = 0  # frames one after another that are older
+        self._number: int | None = None  # number of the newest frame
+        self._behind = 0  # consecutive frames that are older
 
     def open(self) -> None:
         """See `Source.open`."""
@@ -74,13 +74,13 @@ class ObjectStream:
             link.close()
 
     def _overtaken(self, number: int) -> bool:
-        """Datagrams may be held up on their way: an old frame must not pass for a count that began anew."""
+        """Returns whether a datagram was delayed on its way: an old frame must not be taken for a restarted count."""
         late = 0 if self._number is None else (self._number - number) % _WRAP
         if _LATE < late <= _WRAP // 2 and self._behind < RESYNC:
             self._behind += 1
             self.errors += 1
             return True
-        if self._number is None or late > _LATE:  # newer, or begun anew
+        if self._number is None or late > _LATE:  # newer, or a restarted count
             self._number = number
         self._behind = 0
         return False

@@ -1,4 +1,4 @@
-"""Tracker's UDP object stream (sheet vicon_datastream, B.2): one datagram a frame. No I/O."""
+"""Tracker's UDP object stream (sheet vicon_datastream, B.2): one datagram per frame. No I/O."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ class ObjectFrame(NamedTuple):
 
 
 def decode(datagram: bytes) -> ObjectFrame:
-    """Takes a datagram apart. Items of other kinds and the filler behind the last are skipped.
+    """Parses a datagram. Items of other kinds and the filler after the last item are skipped.
 
     Raises:
-        MalformedError: it is shorter than its items.
+        MalformedError: the datagram is shorter than its items.
     """
     if len(datagram) < _HEAD.size:
         raise MalformedError(f"{len(datagram)} bytes")
@@ -58,7 +58,7 @@ def decode(datagram: bytes) -> ObjectFrame:
 
 
 def encode(number: int, objects: Sequence[TrackedObject]) -> bytes:
-    """A datagram, padded with zeros to the smallest of SIZES that holds it; at most 13 objects."""
+    """Encodes a datagram, padded with zeros to the smallest fitting size of SIZES; at most 13 objects."""
     parts = [_HEAD.pack(number, len(objects))]
     for name, pose in objects:
         parts += [_ITEM.pack(_TRACKER_OBJECT, _OBJECT.size), _OBJECT.pack(name.encode()[:24], *pose)]

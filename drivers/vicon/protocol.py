@@ -20,11 +20,11 @@ CLOCK: Final = 135_000_000
 
 _MAGIC: Final = OBJECTS.to_bytes(4, "little")
 _HEAD: Final = struct.Struct("<II")
-_MORE, _WRONG = -1, -2  # instead of a packet's end: not all there yet; there is none
+_MORE, _WRONG = -1, -2  # returned instead of a packet's end: incomplete; not a packet
 
 
 class Block(IntEnum):
-    """Types of blocks (A.2), those that this project reads or sends."""
+    """Types of blocks (A.2) that this project reads or sends."""
 
     STREAM_INFO = 1
     SUBJECT_INFO = 2
@@ -65,14 +65,14 @@ Packet = list[Item]
 
 
 class Parser:
-    """Cuts a byte stream into packets; the result doesn't depend on how the bytes were cut.
+    """Cuts a byte stream into packets; the result doesn't depend on how the stream was split.
 
-    A packet counts only if its blocks fill it exactly. If they don't, or its length can't be, bytes were lost or
-    added: the parser then looks for the next packet's head. Where a length is too great but possible, the packets
-    that follow lie inside what it claims: a whole one there ends the wait.
+    A packet counts only if its blocks fill it exactly. If they don't, or its length is impossible, bytes were lost or
+    added: the parser then looks for the next packet's head. If a length is too great but possible, the next packets lie
+    inside the length it claims: a whole packet found there ends the wait.
 
     Attributes:
-        frames: good packets. errors: times something was thrown away. resyncs: times the place was lost.
+        frames: good packets. errors: number of times bytes were discarded. resyncs: number of times sync was lost.
     """
 
     def __init__(self) -> None:
@@ -83,7 +83,7 @@ class Parser:
         self._lost = False
 
     def feed(self, data: bytes) -> list[Packet]:
-        """The packets that `data` completes, in order. Keeps at most LARGEST + 8 bytes besides `data`."""
+        """Returns the packets that `data` completes, in order. Keeps at most LARGEST + 8 bytes besides `data`."""
         buffer = self._buffer
         buffer += data
         found: list[Packet] = []
@@ -115,7 +115,7 @@ class Parser:
         return found
 
     def _inside(self, at: int) -> int:
-        """Where a whole packet lies inside the one at `at` that isn't all there; -1: nowhere."""
+        """Returns where a whole packet lies inside the incomplete one at `at`; -1 if nowhere."""
         inside = self._buffer.find(_MAGIC, at + 8)
         while inside >= 0 and _walk(self._buffer, inside)[0] < 0:
             inside = self._buffer.find(_MAGIC, inside + 1)
@@ -129,7 +129,7 @@ class Parser:
 
 
 def _walk(buffer: bytearray, at: int) -> tuple[int, list[tuple[int, int, int]]]:
-    """The index behind the packet at `at`, or _MORE or _WRONG; type, begin and end (from `at`) of its blocks."""
+    """Returns the index after the packet at `at`, or _MORE or _WRONG; type, begin, end (from `at`) of its blocks."""
     places: list[tuple[int, int, int]] = []
     size = len(buffer) - at
     if size < 8:
@@ -153,31 +153,31 @@ def _walk(buffer: bytearray, at: int) -> tuple[int, list[tuple[int, int, int]]]:
 
 
 def block(kind: int, body: bytes = b"") -> bytes:
-    """A block with its head."""
+    """Encodes a block with its head."""
     return _HEAD.pack(kind, len(body)) + body
 
 
 def packet(*blocks: bytes) -> bytes:
-    """A packet of whole blocks."""
+    """Encodes a packet from whole blocks."""
     return block(OBJECTS, b"".join(blocks))
 
 
 def object_enums(kinds: Iterable[int]) -> bytes:
-    """Says which types of blocks are offered (server) or wanted (client)."""
+    """Encodes the types of blocks that are offered (server) or wanted (client)."""
     ordered = sorted(set(kinds))
     return packet(block(Block.OBJECT_ENUMS, struct.pack(f"<{1 + len(ordered)}I", len(ordered), *ordered)))
 
 
 def request_frame(streaming: bool) -> bytes:
-    """Asks for one frame, which also ends streaming, or for one packet a frame from now on."""
+    """Requests one frame, which also ends streaming, or from now on one packet per frame."""
     return packet(block(Block.REQUEST_FRAME, bytes([streaming])))
 
 
 def request_next_frame(count: int = 1) -> bytes:
-    """Asks for the next frames that become available."""
+    """Requests the next frames that become available."""
     return packet(block(Block.REQUEST_NEXT_FRAME, struct.pack("<I", count)))
 
 
 def ping(number: int) -> bytes:
-    """Asks for an echo."""
+    """Requests an echo."""
     return packet(block(Block.PING, struct.pack("<Q", number)))

@@ -1,4 +1,4 @@
-"""Which of a server's segments and markers are wanted: names resolved to its numbers, or an error that lists them."""
+"""Resolves the names of wanted segments and markers to the server's numbers, or makes an error that lists them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Selection:
     """Rows of the state arrays by the server's numbers.
 
     Attributes:
-        segments: by subject's number: row by segment's number.
+        segments: by subject's number: a dict of rows by segment's number.
         markers: row by (subject's number, marker's number).
         missing: names of the profile that the server doesn't have at present.
     """
@@ -28,12 +28,12 @@ class Selection:
 
 
 def root_of(subject: Subject) -> Segment | None:
-    """The segment without a parent."""
+    """Returns the segment without a parent."""
     return next((segment for segment in subject.segments if segment.parent == 0), None)
 
 
 def select(config: ViconConfig, subjects: Iterable[Subject]) -> Selection:
-    """Resolves what is there; the rest is `missing`."""
+    """Resolves the names that the server has; the others go to `missing`."""
     by_name = {subject.name: subject for subject in subjects}
     found = Selection()
     for row, (name, target) in enumerate(config.segments.items()):
@@ -58,7 +58,7 @@ def select(config: ViconConfig, subjects: Iterable[Subject]) -> Selection:
 
 
 def refuse(config: ViconConfig, subjects: Sequence[Subject], missing: str, place: str) -> DeviceError:
-    """The error for the first missing name, with what there is instead."""
+    """Returns the error for the first missing name, with the names that exist instead."""
     kind, targets = ("segment", config.segments) if missing in config.segments else ("marker", config.markers)
     owner, _, wanted = targets[missing].partition("/")
     subject = next((s for s in subjects if s.name == owner), None)
@@ -77,7 +77,7 @@ def refuse(config: ViconConfig, subjects: Sequence[Subject], missing: str, place
 
 
 def listed(name: str, names: Sequence[str]) -> str:
-    """Which names there are; of many the nearest and the first ones."""
+    """Returns the existing names as text; of many, the nearest and the first ones."""
     if len(names) <= _LISTED:
         return nearest(name, names)
     return f"{nearest(name, names).partition('Known:')[0]}There are {len(names)}: {', '.join(names[:_LISTED])}, ..."

@@ -1,4 +1,4 @@
-"""What both wires give: the newest frame, in the server's own count, in m and unit quaternions."""
+"""The interface of both wires: the newest frame, in the server's own count, in m and unit quaternions."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from drivers.vicon.geometry import Quaternion
 
 @dataclass(slots=True)
 class Frame:
-    """One frame, what is visible of it.
+    """The visible part of one frame.
 
     Attributes:
         number: the server's frame number, which wraps at 2**32.
-        latency: ns from exposure to sending, as the server says.
+        latency: ns from exposure to sending, as the server reports it.
         segments: row, position, orientation. markers: row, position. unlabelled: positions.
     """
 
@@ -32,7 +32,7 @@ class Source(Protocol):
 
     @property
     def period(self) -> Fraction:
-        """ns from frame to frame; known after `open`, and may change."""
+        """ns per frame; known after `open`, and may change."""
 
     @property
     def frames(self) -> int:
@@ -40,21 +40,21 @@ class Source(Protocol):
 
     @property
     def errors(self) -> int:
-        """Those thrown away."""
+        """Frames discarded."""
 
     @property
     def resyncs(self) -> int:
-        """Times the next frame had to be searched for."""
+        """Number of times the next frame had to be searched for."""
 
     @property
     def remark(self) -> str:
-        """The newest one, for people; "" if all is well."""
+        """The newest message for the user; "" if all is well."""
 
     def open(self) -> None:
         """Connects and identifies. May block. Raises DeviceError."""
 
     def read(self, now: int) -> Frame | None:
-        """Takes all that has come; the newest frame, if there is one. Never blocks. Raises DeviceLostError."""
+        """Takes everything that has arrived; returns the newest frame, if any. Never blocks. Raises DeviceLostError."""
 
     def close(self) -> None:
-        """Always succeeds."""
+        """Closes the connection. Always succeeds."""

@@ -16,7 +16,7 @@ GIVES: Final = ("pose", "<name>.pose", "visible", "markers", "marker_visible", "
 
 
 def signals(config: ViconConfig) -> tuple[Signal, ...]:
-    """The device's states; only those that the profile asks for."""
+    """Returns the device's states; only those that the profile requests."""
     made: list[Signal] = []
     if config.segments:
         labels, k = tuple(config.segments), len(config.segments)
@@ -40,10 +40,10 @@ def signals(config: ViconConfig) -> tuple[Signal, ...]:
 
 
 class View:
-    """Fills the states frame by frame. What is occluded keeps its last pose.
+    """Fills the states frame by frame. An occluded row keeps its last pose.
 
     Attributes:
-        seen: the frame shows what the profile requires, so its sample counts.
+        seen: whether the frame shows what the profile requires, so that it counts as a sample.
     """
 
     def __init__(self, config: ViconConfig) -> None:
@@ -58,7 +58,7 @@ class View:
         self._unlabelled = self._unlabelled_visible = none
 
     def bind(self, arrays: Mapping[str, Array]) -> None:
-        """Takes the state arrays; a pose that was never seen is the identity."""
+        """Takes the state arrays. A pose that was never seen is the identity."""
         none = np.empty(0)
         self._pose, self._visible = arrays.get("pose", none), arrays.get("visible", none)
         self._markers, self._marker_visible = arrays.get("markers", none), arrays.get("marker_visible", none)
@@ -72,12 +72,12 @@ class View:
         self.begin()
 
     def begin(self) -> None:
-        """A new frame: nothing is visible yet."""
+        """Begins a new frame: nothing is visible yet."""
         for visible in (self._visible, self._marker_visible, self._unlabelled_visible):
             visible[...] = 0.0
 
     def segment(self, row: int, p: Point, q: Quaternion) -> None:
-        """A segment that is visible: m, unit quaternion. Of q and -q the one nearer to the last is taken."""
+        """Takes a visible segment: m, unit quaternion. Of q and -q it uses the one nearer to the last pose."""
         w, x, y, z = q
         pose = self._poses[row]
         if pose[3] * w + pose[4] * x + pose[5] * y + pose[6] * z < 0.0:
@@ -87,17 +87,17 @@ class View:
         self._visible[row] = 1.0
 
     def marker(self, row: int, p: Point) -> None:
-        """A labelled marker that is visible, m."""
+        """Takes a visible labelled marker, m."""
         self._markers[row] = p
         self._marker_visible[row] = 1.0
 
     def reflection(self, row: int, p: Point) -> None:
-        """An unlabelled marker, m."""
+        """Takes an unlabelled marker, m."""
         self._unlabelled[row] = p
         self._unlabelled_visible[row] = 1.0
 
     def end(self) -> None:
-        """The frame is complete."""
+        """Completes the frame."""
         if self._need_segments or self._need_markers:
             self.seen = bool(
                 all(self._visible[row] for row in self._need_segments)

@@ -1,4 +1,4 @@
-"""Options of a device that is a set of zenoh keys."""
+"""Options of a device that consists of a set of zenoh keys."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _INSTANCE = re.compile(r"^srl/(?P<name>[^/]+)/")
 
 
 class SignalEntry(BaseModel):
-    """One signal: where it is, and what it must be."""
+    """One signal: its key, and the properties it must have."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -54,7 +54,7 @@ class SignalEntry(BaseModel):
 
     @property
     def instance(self) -> str | None:
-        """The name, on the bus, of the runtime that publishes it; None for other senders."""
+        """The name, on the bus, of the runtime that publishes the signal; None for other senders."""
         match = _INSTANCE.match(self.key)
         return match["name"] if match else None
 
@@ -74,7 +74,7 @@ class ZenohConfig(PeerConfig):
         return value
 
     def states(self) -> tuple[Signal, ...]:
-        """The signals, as the driver and its fake both declare them."""
+        """Returns the signals, as declared by both the driver and its fake."""
         return tuple(
             Signal(name=name, shape=e.shape, unit=e.unit, frame=e.frame, labels=e.labels)
             for name, e in self.signals.items()

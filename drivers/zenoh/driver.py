@@ -1,8 +1,8 @@
-"""Signals of another machine, each a zenoh key; read as a device's states, with a device's staleness.
+"""Signals of another machine, one zenoh key each, read as a device's states with a device's staleness.
 
-A sample's age comes from its sender's own stamp: the message's header, else the attachment (which another
-runtime's bus sends with messages that have no header). So what waited in a network's buffers is old on arrival,
-and so is what a runtime repeats whose own device is lost.
+A sample's age comes from its sender's own stamp: from the message's header, otherwise from the attachment (which
+another runtime's bus sends with messages that have no header). So a sample that waited in a network's buffers is old
+on arrival. The same holds for samples that a runtime repeats after its own device was lost.
 """
 
 from __future__ import annotations
@@ -33,17 +33,17 @@ class _Source:
         self.forget()
 
     def forget(self) -> None:
-        """Nothing has come yet."""
+        """Resets to the state before the first sample."""
         self.newest: Array | None = None
         self.stamp = -1  # ns, loop clock
-        self.arrived = -1  # ns, when the newest came that was newer than the one before
-        self.fresh = 0  # samples that were
+        self.arrived = -1  # ns, arrival of the newest sample that was newer than the one before
+        self.fresh = 0  # number of such samples
         self.stamped = True
         self.problem = ""
         self.time.restart()
 
     def take(self, sample: wire.Sample) -> bool:
-        """Keeps a sample's values if it is newer. False if it is bad; `problem` says why."""
+        """Keeps a sample's values if it is newer. Returns False if it is invalid; `problem` says why."""
         declared = type_of(sample.encoding)
         kind = declared or self.entry.type or ""
         try:
@@ -57,7 +57,7 @@ class _Source:
         except RequestError as error:
             self.problem = f"{error.problem}. {error.remedy}"
             return False
-        # The header says when the values were taken; the attachment of others' nodes only when they were sent.
+        # The header has the time when the values were taken; other nodes' attachment only has the time of sending.
         source = reading.stamp if reading.stamp > 0 else sample.stamp
         self.stamped = source > 0
         stamp = self.time.stamp(source, sample.arrived) if self.stamped else sample.arrived
@@ -68,7 +68,9 @@ class _Source:
 
 
 class Zenoh(Sensor):
-    """States as the profile lists them. `health.stamp` is the oldest of the signals' newest samples.
+    """Signals of another machine over zenoh; the states are those that the profile lists.
+
+    `health.stamp` is that of the signal whose newest sample is the oldest.
 
     Source: docs/bus.md (keys, messages, metadata); protocol sheet summit-xl-zenoh, sections 2 and 3.
     """
@@ -89,10 +91,10 @@ class Zenoh(Sensor):
         self._was_lost = False
 
     def open(self) -> None:
-        """See `Driver.open`; blocks up to some 10 s.
+        """See `Driver.open`. Blocks up to about 10 s.
 
         Raises:
-            DeviceError: no connection, no such signal, it is of another form, or its samples are all old.
+            DeviceError: no connection, no such signal, a signal of another form, or all its samples are old.
         """
         self.close()
         for source in self._sources:
@@ -136,7 +138,7 @@ class Zenoh(Sensor):
         self._link.close()
 
     def figures(self) -> dict[str, object]:
-        """ns that each signal's newest sample took longer than its fastest."""
+        """Returns the ns by which each signal's newest sample was slower than its fastest."""
         return {"delay_ns": {s.signal.name: s.time.delay for s in self._sources}}
 
     def _take(self, events: list[wire.Event]) -> None:
@@ -152,7 +154,7 @@ class Zenoh(Sensor):
                 )
         for number, samples in waiting.items():
             source = self._sources[number]
-            # Of a backlog only the newest that is good is looked at.
+            # Of a backlog only the newest valid sample is used.
             while samples:
                 if source.take(samples.pop()):
                     self.health.frames += 1 + len(samples)
@@ -171,7 +173,7 @@ class Zenoh(Sensor):
                 )
 
     def _await_samples(self) -> None:
-        """Until each signal has come twice with stamps that rise: a first sample may be of any age."""
+        """Waits until each signal has come twice with rising stamps: a first sample may be of any age."""
         deadline = time.monotonic() + FIRST
         while waiting := [s for s in self._sources if s.fresh < (2 if s.stamped else 1)]:
             source = waiting[0]
@@ -192,7 +194,7 @@ class Zenoh(Sensor):
                     self._sources[event.source].take(event)
 
     def _check(self, source: _Source) -> None:
-        """Holds what the other runtime says of the signal against what the profile expects."""
+        """Compares the other runtime's metadata of the signal with what the profile expects."""
         key = source.entry.key
         told = self._ask(f"{key}/meta").get(f"{key}/meta")
         if told is None:

@@ -1,7 +1,7 @@
-"""The values in a message: which of its fields, in which order, and where they are in its bytes.
+"""Extracts the values from a message: which of its fields, in which order, and at which byte offset.
 
-Most samples of a key differ in stamp and values only. So the first one is decoded field by field, and the
-bytes between header and values are remembered; a sample that has the same ones is read in place.
+Most samples of a key differ in stamp and values only. So the first one is decoded field by field, and the bytes
+between header and values are remembered. A sample with the same bytes there is read in place.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Reading(NamedTuple):
 
     Attributes:
         values: of the signal's size, flat, in the runtime's order.
-        stamp: ns, of the header; -1: it has none.
+        stamp: ns, from the header; -1 if there is no header.
     """
 
     values: Array
@@ -53,29 +53,29 @@ class Values:
     def __init__(self, name: str, size: int, labels: tuple[str, ...], field: str | None, nan: bool) -> None:
         """
         Args:
-            name: the signal's, which decides the field of a JointState unless `field` does.
+            name: the signal's name, which decides the field of a JointState unless `field` does.
             size: number of values.
-            labels: joints in the order wanted; empty for the sender's order.
+            labels: joints in the wanted order; empty for the sender's order.
             field: see `SignalEntry.field`.
-            nan: let NaN through.
+            nan: accept NaN.
         """
         self._size, self._labels, self._nan = size, labels, nan
         self._field = field or next((f for f in _JOINT_FIELDS if name.startswith(f)), "position")
         self._joy = field if field in ("axes", "buttons") else "axes"
         self._kind = ""
-        self._length = -1  # of payloads that can be read in place; -1: none can
+        self._length = -1  # length of payloads that can be read in place; -1: none can
         self._known = b""
         self._at = 0
         self._order: Array | None = None
 
     def read(self, kind: str, payload: bytes) -> Reading:
-        """A payload's values and stamp.
+        """Returns a payload's values and stamp.
 
         Args:
             kind: the message's type.
             payload: CDR.
         Raises:
-            RequestError: it isn't that message, or its values aren't the signal's.
+            RequestError: it isn't that message, or its values don't fit the signal.
         """
         if (
             len(payload) == self._length
@@ -112,7 +112,7 @@ class Values:
         return Reading(values, stamp if stamp > 0 else -1)
 
     def _values(self, kind: str, message: cdr.Message) -> tuple[Array, Array | None]:
-        """The values in the runtime's order, and that order."""
+        """Returns the values in the runtime's order, and that order."""
         if kind == messages.JOINT_STATE:
             return self._joints(message)
         if kind == JOY:
@@ -141,7 +141,7 @@ class Values:
         return values[order], order
 
     def _learn(self, kind: str, payload: bytes, message: cdr.Message, order: Array | None) -> None:
-        """Remembers where the values are, if they are doubles in a row."""
+        """Remembers the place of the values, if they are consecutive doubles."""
         self._length = -1
         if kind in (JOY, BOOL) or (kind == messages.JOINT_STATE and self._field != "position"):
             return
@@ -156,7 +156,7 @@ class Values:
 
 
 def type_of(encoding: str) -> str:
-    """The message's type in a zenoh encoding; "" where it declares none."""
+    """Returns the message type in a zenoh encoding; "" if it declares none."""
     form, _, kind = encoding.partition(";")
     return kind if form == "application/cdr" else ""
 

@@ -1,4 +1,4 @@
-"""zenoh for drivers: its threads live in a process of their own, behind a socket that never blocks."""
+"""zenoh for drivers: its threads run in their own process, behind a socket that never blocks."""
 
 from drivers.zenoh_link.config import PeerConfig
 from drivers.zenoh_link.link import Link, Outlet

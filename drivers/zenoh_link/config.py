@@ -1,4 +1,4 @@
-"""Where a zenoh peer is, and how its link is protected: options that drivers over zenoh share."""
+"""The address of a zenoh peer and the protection of its link: options shared by drivers over zenoh."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from runtime.contracts.tls import TlsConfig
 
 _NETWORK = re.compile(r"^(?P<protocol>tcp|tls)(?:/|://)(?P<host>\[[0-9a-fA-F:]+\]|[^:/\[\]?#]+):(?P<port>\d{1,5})$")
 _SOCKET = "unixsock-stream/"
-LEASE = 2000  # ms without a sign of life until the peer drops this side's declarations
+LEASE = 2000  # ms without a message after which the peer drops this side's declarations
 
 
 class PeerConfig(DeviceConfig):
     """Options of a device that is reached over zenoh.
 
     Attributes:
-        endpoint: `port` as zenoh writes it.
-        host: in it; None for a Unix socket.
+        endpoint: `port` in zenoh's notation.
+        host: the host in `port`; None for a Unix socket.
     """
 
     port: str = Field(description="tls://HOST:PORT, tcp://HOST:PORT or unixsock-stream/PATH")
@@ -66,10 +66,10 @@ def _is_loopback(host: str) -> bool:
 
 
 def session_config(endpoint: str, tls: dict[str, str] | None, timeout: float) -> dict[str, Any]:
-    """A zenoh client's configuration: one endpoint, no scouting.
+    """Returns a zenoh client's configuration: one endpoint, no scouting.
 
     Args:
-        endpoint: as zenoh writes it.
+        endpoint: in zenoh's notation.
         tls: `TlsConfig`'s fields.
         timeout: s to connect.
     """

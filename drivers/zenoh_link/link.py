@@ -27,8 +27,8 @@ class Outlet:
         key: zenoh's key expression.
         encoding: zenoh's encoding; "" for none.
         stop: the payload that stops the device.
-        stamp_at: where the payload has its header's stamp (int32 s, uint32 ns), to be filled in on sending.
-        attach: send rmw_zenoh's attachment.
+        stamp_at: offset of the header's stamp in the payload (int32 s, uint32 ns), which is filled in on sending.
+        attach: whether to send rmw_zenoh's attachment.
     """
 
     key: str
@@ -41,7 +41,7 @@ class Outlet:
 class Link:
     """One zenoh session at a time, in a process that stays for the next one.
 
-    After `close` the process waits for another `open`; it ends by itself after a while, or as soon as this
+    After `close` the process waits for another `open`. It ends by itself after a while, or as soon as this
     object or this program is gone.
     """
 
@@ -54,7 +54,7 @@ class Link:
         self._where = ""
         self._sent = self._taken = 0
         self._stop_frame = b""
-        # The newest of each subscription that came while an answer was waited for.
+        # The newest message of each subscription that came during the wait for an answer.
         self._kept: dict[tuple[bool, int], wire.Sample | wire.Token] = {}
 
     def open(
@@ -65,13 +65,13 @@ class Link:
         alive: list[str],
         timeout: float = 2.0,
     ) -> None:
-        """Connects; blocks.
+        """Connects. Blocks.
 
         Args:
-            config: where to.
-            subscribe: key expressions; `Sample.source` counts through them.
-            publish: `publish`'s outlet counts through them.
-            alive: liveliness tokens to be told of; `Token.source` counts through them.
+            config: the peer and its options.
+            subscribe: key expressions; `Sample.source` is the index.
+            publish: outlets; `publish`'s `outlet` is the index.
+            alive: liveliness tokens to watch; `Token.source` is the index.
             timeout: s for the connection.
         Raises:
             DeviceError: nobody answers there.
@@ -118,7 +118,7 @@ class Link:
                     )
             if ready:
                 return
-        # It hangs: an orderly end is not to be had from it, and the next attempt needs one that works.
+        # The process hangs: it can't end in an orderly way, and the next attempt needs one that works.
         self._end_process()
         raise DeviceError(self.place, "its zenoh process hangs", "It was ended, and is started again")
 
@@ -147,12 +147,12 @@ class Link:
         return self._open
 
     def fileno(self) -> int | None:
-        """The socket; what is written to it must be a whole message, `stop_frame`."""
+        """Returns the socket's descriptor; only a whole message, `stop_frame`, may be written to it."""
         return self._end.fileno() if self._end is not None and self._open else None
 
     @property
     def stop_frame(self) -> bytes:
-        """The message that stops every outlet; may be written by another process."""
+        """The message that stops every outlet; another process may write it, too."""
         return self._stop_frame
 
     @property
@@ -161,7 +161,7 @@ class Link:
         return self._sent != self._taken
 
     def read(self) -> list[wire.Event]:
-        """What has arrived, oldest first, bounded; never blocks.
+        """Returns the events that have arrived, oldest first, limited in number; never blocks.
 
         Raises:
             DeviceLostError: the process has ended, or the connection is gone.
@@ -197,7 +197,7 @@ class Link:
         return events
 
     def wait(self, timeout: float) -> list[wire.Event]:
-        """Like `read`, but waits up to `timeout` s for the first. Blocks: for `open` only."""
+        """Like `read`, but waits up to `timeout` s for the first event. Blocks: for `open` only."""
         return self.read() if self._kept else self._wait(timeout)
 
     def _wait(self, timeout: float) -> list[wire.Event]:
@@ -206,11 +206,11 @@ class Link:
         return self._receive()
 
     def ask(self, key: str, timeout: float = 1.0) -> dict[str, bytes]:
-        """Answers to a query, by key. Blocks: for `open` only. What else comes meanwhile, the next `read` gives."""
+        """Returns the answers to a query, by key. Blocks: for `open` only. The next `read` returns other events."""
         return self._answers(b"Q", key, timeout)
 
     def tokens(self, key: str, timeout: float = 1.0) -> list[str]:
-        """Liveliness tokens that are there now. Blocks: for `open` only."""
+        """Returns the liveliness tokens that exist now. Blocks: for `open` only."""
         return sorted(self._answers(b"T", key, timeout))
 
     def _answers(self, kind: bytes, key: str, timeout: float) -> dict[str, bytes]:
@@ -234,13 +234,13 @@ class Link:
             self._kept[isinstance(event, wire.Sample), event.source] = event
 
     def publish(self, outlet: int, payload: bytes, expires: int, stamp: int = -1) -> bool:
-        """Hands a command over; never blocks. False: the last one wasn't taken yet, or there is no room.
+        """Passes a command on; never blocks. Returns False if the last one wasn't taken yet, or there is no room.
 
         Args:
             outlet: index.
             payload: its bytes.
-            expires: ns, CLOCK_MONOTONIC, after which it is void and the stop takes its place.
-            stamp: ns of the peer's clock now; -1: not known.
+            expires: ns, CLOCK_MONOTONIC, after which the command is void and the stop is published instead.
+            stamp: ns of the peer's clock now; -1: unknown.
         Raises:
             DeviceLostError: the process has ended.
         """
@@ -260,14 +260,14 @@ class Link:
                 self._give(self._stop_frame)
 
     def close(self) -> None:
-        """Ends the session, with the stop if a command was in force. Always succeeds."""
+        """Ends the session; publishes the stop first if a command was in force. Always succeeds."""
         if self._open and self._end is not None:
             with contextlib.suppress(OSError):
                 self._end.send(wire.simple(b"C", self._session))
         self._open = False
 
     def pid(self) -> int | None:
-        """The process, for tests."""
+        """Returns the process id, for tests."""
         return None if self._process is None else self._process.pid
 
     def _tell(self, message: bytes) -> None:
@@ -294,7 +294,7 @@ class Link:
         raise DeviceLostError(self.place, f"{self._where}: {why}", "Check that the other side runs, and the network")
 
     def _let_go(self) -> None:
-        """Closes the socket, by which the process ends; reaps one that has ended."""
+        """Closes the socket, which makes the process end; reaps the process if it has ended."""
         end, self._end = self._end, None
         self._open = False
         if end is not None:
@@ -318,7 +318,11 @@ class Link:
 
 
 def _check(config: PeerConfig, place: str) -> None:
-    """What zenoh would only call a time-out. Raises DeviceError: no such host, a certificate that can't be read."""
+    """Checks what zenoh would report as a time-out only.
+
+    Raises:
+        DeviceError: no such host, or a certificate that can't be read.
+    """
     if (host := config.host) is not None:
         try:
             socket.getaddrinfo(host, None)

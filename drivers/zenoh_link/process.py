@@ -1,14 +1,14 @@
 """The process that holds zenoh for one driver: `python -m drivers.zenoh_link DESCRIPTOR`.
 
-One thread listens to the driver; zenoh's own threads pass samples on. What can't be passed on at once is
+One thread listens to the driver; zenoh's own threads pass samples on. A sample that can't be passed on at once is
 dropped: nothing waits here, and nothing old is kept.
 
-Commands carry an expiry. When the driver falls silent, its last command expires, and the stop is published in
-its place for a second; then nothing more, so that the peer's own time-out has the last word. The same happens
+Commands carry an expiry. If the driver sends no more, its last command expires, and the process publishes the stop
+instead, for one second. After that it publishes nothing, so that the peer's own time-out decides. The same happens
 when the driver's end of the socket closes.
 
-A session is left by executing this program anew: a zenoh session with a dead peer may take long to close, and
-an old connection must not deliver what it still holds.
+To leave a session the process executes this program anew: a zenoh session with a dead peer may take long to close,
+and an old connection must not deliver messages that it still holds.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ from drivers.zenoh_link import wire
 from drivers.zenoh_link.config import session_config
 from runtime.messages import attachment
 
-STOPS = 20  # times the stop is published
+STOPS = 20  # number of times the stop is published
 STOP_PERIOD = 50_000_000  # ns between them
-WATCH = 100_000_000  # ns between looks at the connection
-AGAIN = 5_000_000  # ns until the driver is told again what its socket had no room for
-IDLE = 30.0  # s without a session until the process ends
+WATCH = 100_000_000  # ns between checks of the connection
+AGAIN = 5_000_000  # ns until a message is sent again that the driver's socket had no room for
+IDLE = 30.0  # s without a session after which the process ends
 CLOSING = 0.3  # s for an orderly close
 
 
@@ -55,7 +55,7 @@ class Outlet:
         self._count = 0
         self._made = self._stamp = -1
         self.expires = 0  # 0: no command is in force
-        self.left = 0  # stops still to be published
+        self.left = 0  # stops still to publish
         self.due = 0
 
     def take(self, item: wire.Command, now: int) -> None:
@@ -67,13 +67,13 @@ class Outlet:
         self._put(item.payload, now)
 
     def halt(self, now: int) -> None:
-        """Ends the command in force: the stop follows at once."""
+        """Ends the command in force and publishes the stop at once."""
         if self.left:
             self.expires, self.due = 0, now
             self.turn(now)
 
     def turn(self, now: int) -> None:
-        """Publishes the stop when it is due."""
+        """Publishes the stop if it is due."""
         if self.expires and now >= self.expires:
             self.expires, self.due = 0, now
         if not self.expires and self.left and now >= self.due:
@@ -82,13 +82,13 @@ class Outlet:
             self._put(self._stop, now)
 
     def next(self) -> int:
-        """ns at which `turn` has something to do; far away if nothing is to be done."""
+        """Returns the time (ns) of the next action of `turn`; far in the future if there is none."""
         return self.expires or (self.due if self.left else 1 << 62)
 
     def _put(self, payload: bytes, now: int) -> None:
         wall = time.time_ns()
         if self._stamp_at is not None:
-            # In the peer's clock where the driver knows it, as the peer may refuse what looks old.
+            # The stamp is in the peer's clock if the driver knows it, because the peer may refuse stamps that look old.
             stamp = self._stamp + now - self._made if self._stamp >= 0 else wall
             at = self._stamp_at
             time_of = (stamp // 10**9).to_bytes(4, "little") + (stamp % 10**9).to_bytes(4, "little")
@@ -99,7 +99,7 @@ class Outlet:
 
 
 class Process:
-    """See the module's text."""
+    """The process's main object; see the module's docstring."""
 
     def __init__(self, end: socket.socket) -> None:
         self._end = end
@@ -108,11 +108,11 @@ class Process:
         self._outlets: list[Outlet] = []
         self._declared: list[Any] = []
         self._watched = 0
-        self._untold = -1  # number of a command that was taken, while the driver doesn't know it
+        self._untold = -1  # number of a taken command that isn't acknowledged yet
         self._ending = False
 
     def run(self) -> None:
-        """Until the driver's end is closed, or SIGTERM."""
+        """Runs until the driver's end is closed, or SIGTERM."""
         signal.signal(signal.SIGTERM, self._terminate)
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         poll = select.poll()
@@ -140,7 +140,7 @@ class Process:
         self._ending = True
 
     def _hear(self) -> bool:
-        """Takes all messages that are there; the newest command of each outlet counts. False: the end is closed."""
+        """Takes all waiting messages; the newest command of each outlet counts. Returns False if the end is closed."""
         newest: dict[int, wire.Command] = {}
         number = -1
         while True:
@@ -180,7 +180,7 @@ class Process:
         return True
 
     def _acknowledge(self) -> None:
-        """Says which command was taken, until it is heard: the driver gives no other before."""
+        """Reports the taken command until this succeeds: the driver sends no other command before."""
         if self._untold >= 0 and self._say(wire.taken(self._number, self._untold)):
             self._untold = -1
 
@@ -225,7 +225,7 @@ class Process:
         return arrive
 
     def _ask(self, order: dict[str, Any], get: Callable[..., Any]) -> None:
-        """Asks from a thread: the commands go on meanwhile."""
+        """Queries in a thread, so that commands continue meanwhile."""
         number = self._number
 
         def work() -> None:
@@ -235,7 +235,7 @@ class Process:
                         content = answer.ok.payload.to_bytes()[: wire.LARGEST]
                         self._say(wire.answer(number, str(answer.ok.key_expr), content))
             except zenoh.ZError:
-                pass  # the driver finds no answer
+                pass  # the driver then finds no answer
             self._say(wire.simple(b"E", number))
 
         threading.Thread(target=work, daemon=True).start()
@@ -250,11 +250,11 @@ class Process:
         try:
             self._end.send(message, socket.MSG_DONTWAIT)
         except OSError:
-            return False  # the driver doesn't read, or is gone; the next sample is newer
+            return False  # the driver doesn't read, or is gone; the next sample will be newer
         return True
 
     def _cease(self) -> None:
-        """Nobody commands any more: the stop, then the end."""
+        """Ends the process when nobody sends commands any more: publishes the stop, then shuts down."""
         now = time.monotonic_ns()
         for outlet in self._outlets:
             outlet.halt(now)
@@ -272,7 +272,7 @@ class Process:
             closing.join(CLOSING)
 
     def _leave(self, again: bytes = b"") -> None:
-        """Ends the session, with the stop if a command was in force, and begins anew with `again` as first message."""
+        """Ends the session, with the stop if a command was in force; executes the program anew, with `again` first."""
         now = time.monotonic_ns()
         for outlet in self._outlets:
             outlet.halt(now)
@@ -282,12 +282,12 @@ class Process:
         os.execv(words[0], [*words, again.hex()] if again else words)
 
     def begin(self, message: bytes) -> None:
-        """Opens the session that the program was executed anew for."""
+        """Opens the session for which the program was executed anew."""
         self._open(wire.head(message)[1], wire.body(message))
 
 
 def main(arguments: list[str]) -> int:
-    """Entry of the process. Returns the exit code."""
+    """Runs the process. Returns the exit code."""
     if not 1 <= len(arguments) <= 2 or not arguments[0].isdigit():
         print("usage: python -m drivers.zenoh_link DESCRIPTOR", file=sys.stderr)
         return 2
@@ -298,4 +298,4 @@ def main(arguments: list[str]) -> int:
         process.begin(bytes.fromhex(arguments[1]))
     process.run()
     sys.stdout.flush()
-    os._exit(0)  # a zenoh session that couldn't close in time would keep the process
+    os._exit(0)  # otherwise a zenoh session that couldn't close in time would keep the process alive

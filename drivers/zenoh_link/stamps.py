@@ -1,4 +1,4 @@
-"""When a sample that bears its sender's time was taken, on the loop's clock."""
+"""Maps the stamps of a sender's clock to the loop's clock."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from drivers.devicetime import DeviceTime
 
 
 class SourceTime:
-    """`DeviceTime` of a sender whose stamps are ns and only ever rise.
+    """`DeviceTime` for a sender whose stamps are ns and always rise.
 
-    A stamp that doesn't rise is a repetition, or comes from a clock that was set back. Neither is fresh: after
-    the first nothing needs to be done, after the second the link has to be opened anew.
+    A stamp that doesn't rise is a repetition, or comes from a clock that was set back. Neither is new. After a
+    repetition nothing needs to be done; after a clock was set back the link has to be opened again.
     """
 
     def __init__(self) -> None:
@@ -17,12 +17,12 @@ class SourceTime:
         self._last = -1
 
     def restart(self) -> None:
-        """The link was opened anew."""
+        """Forgets the sender's clock, because the link was opened again."""
         self._time.restart()
         self._last = -1
 
     def stamp(self, source: int, arrived: int) -> int | None:
-        """When it was taken, ns on the loop's clock; None if it isn't newer than the one before.
+        """Returns when the sample was taken, ns on the loop's clock; None if it isn't newer than the one before.
 
         Args:
             source: ns of the sender's clock.
@@ -35,5 +35,5 @@ class SourceTime:
 
     @property
     def delay(self) -> int:
-        """ns that the newest sample took longer than the fastest one."""
+        """ns by which the newest sample was slower than the fastest one."""
         return self._time.delay

@@ -1,11 +1,11 @@
-"""What the driver and its zenoh process say to each other: datagrams on a Unix socket, little endian.
+"""The messages between the driver and its zenoh process: datagrams on a Unix socket, little endian.
 
-Every message begins with its kind (one byte) and the number of the session it belongs to (uint16), so that
-what an earlier session left in the socket is recognised.
+Every message begins with its kind (one byte) and the number of its session (uint16). So messages that an earlier
+session left in the socket are recognised.
 
-To the process: O open (JSON), P publish, S stop, Q query (JSON), T ask for liveliness tokens (JSON), C close.
-From it: R ready, F failed (text), D a sample, L a liveliness token came or went, K a command was taken,
-A an answer, E end of the answers, X the connection is gone (text).
+To the process: O open (JSON), P publish, S stop, Q query (JSON), T query for liveliness tokens (JSON), C close.
+From the process: R ready, F failed (text), D a sample, L a liveliness token appeared or vanished, K a command was
+taken, A an answer, E end of the answers, X the connection is gone (text).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import json
 import struct
 from typing import Any, NamedTuple
 
-LARGEST = 65536  # bytes of a payload that is passed on
+LARGEST = 65536  # greatest number of bytes of a payload that is passed on
 
 _HEAD = struct.Struct("<cH")
 _SAMPLE = struct.Struct("<cHHqqH")
@@ -29,8 +29,8 @@ class Sample(NamedTuple):
 
     Attributes:
         source: index of the subscription.
-        arrived: ns, CLOCK_MONOTONIC, when the process got it.
-        stamp: ns, source time of the attachment; -1: it has none.
+        arrived: ns, CLOCK_MONOTONIC, when the process received it.
+        stamp: ns, source time in the attachment; -1 if there is none.
         encoding: zenoh's, "application/cdr;sensor_msgs/msg/JointState".
         payload: its bytes.
     """
@@ -47,9 +47,9 @@ class Command(NamedTuple):
 
     Attributes:
         outlet: index of the publisher.
-        number: counts up; comes back in `Taken`.
+        number: counts up; `Taken` repeats it.
         made, expires: ns, CLOCK_MONOTONIC.
-        stamp: ns, the peer's clock at `made`; -1: not known.
+        stamp: ns, the peer's clock at `made`; -1: unknown.
         payload: its bytes.
     """
 
@@ -68,7 +68,7 @@ class Taken(NamedTuple):
 
 
 class Token(NamedTuple):
-    """A liveliness token of subscription `source` came or went."""
+    """A liveliness token of subscription `source` appeared or vanished."""
 
     source: int
     alive: bool
@@ -82,7 +82,7 @@ class Answer(NamedTuple):
 
 
 class Words(NamedTuple):
-    """R, F, E or X, with its text."""
+    """A message R, F, E or X, with its text."""
 
     kind: bytes
     text: str
@@ -92,57 +92,57 @@ Event = Sample | Taken | Token | Answer | Words
 
 
 def simple(kind: bytes, session: int, content: Any = None) -> bytes:
-    """A message of a kind with JSON or text, or neither."""
+    """Encodes a message with JSON, with text, or with neither."""
     body = b"" if content is None else (content if isinstance(content, str) else json.dumps(content)).encode()
     return _HEAD.pack(kind, session) + body
 
 
 def sample(session: int, item: Sample) -> bytes:
-    """D."""
+    """Encodes D."""
     encoding = item.encoding.encode()[:255]
     return _SAMPLE.pack(b"D", session, item.source, item.arrived, item.stamp, len(encoding)) + encoding + item.payload
 
 
 def command(session: int, item: Command) -> bytes:
-    """P."""
+    """Encodes P."""
     return _COMMAND.pack(b"P", session, *item[:5]) + item.payload
 
 
 def taken(session: int, number: int) -> bytes:
-    """K."""
+    """Encodes K."""
     return _TAKEN.pack(b"K", session, number)
 
 
 def token(session: int, source: int, alive: bool) -> bytes:
-    """L."""
+    """Encodes L."""
     return _TOKEN.pack(b"L", session, source, alive)
 
 
 def answer(session: int, key: str, payload: bytes) -> bytes:
-    """A."""
+    """Encodes A."""
     name = key.encode()
     return _ANSWER.pack(b"A", session, len(name)) + name + payload
 
 
 def head(message: bytes) -> tuple[bytes, int]:
-    """Kind and session of a message."""
+    """Returns kind and session of a message."""
     kind, session = _HEAD.unpack_from(message)
     return kind, session
 
 
 def body(message: bytes) -> Any:
-    """The JSON of O, Q and T."""
+    """Decodes the JSON of O, Q and T."""
     return json.loads(message[_HEAD.size :])
 
 
 def read_command(message: bytes) -> Command:
-    """P, received."""
+    """Decodes P."""
     _, _, outlet, number, made, expires, stamp = _COMMAND.unpack_from(message)
     return Command(outlet, number, made, expires, stamp, message[_COMMAND.size :])
 
 
 def read_event(message: bytes) -> Event:
-    """Anything the process says."""
+    """Decodes any message from the process."""
     kind = message[:1]
     if kind == b"D":
         _, _, source, arrived, stamp, length = _SAMPLE.unpack_from(message)
