@@ -1,4 +1,4 @@
-"""Wake-up latency of the loop's clock against cyclictest (C) and loop-rate-limiters (Python), same priority."""
+"""Wake-up latency of the loop's clock, compared with cyclictest (C) and loop-rate-limiters (Python), same priority."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from runtime.loop.clock import MonotonicClock
 
 
 def run(rate: int) -> list[Row]:
-    """At `rate` Hz; about 1 s a run at 100 Hz, 0.5 s at 1 kHz."""
+    """Measures at `rate` Hz; a run takes about 1 s at 100 Hz, 0.5 s at 1 kHz."""
     count = 100 if rate <= 100 else rate // 2
     others = {"loop-rate-limiters": lambda: _worker("limiter", rate, count)}
     if shutil.which("cyclictest"):

@@ -1,8 +1,9 @@
-"""Kairos' and MOCA's laws beside mink and pink: the same arm on the same base, the same errors of the tool.
+"""The control laws of Kairos and MOCA compared with mink and pink: same arm and base, same errors of the tool.
 
-Ours is what a cycle does: forward kinematics, Jacobian and the law. The others update their configuration and solve
-for a velocity with one frame task of the same weights and no limits, by DAQP. MOCA's law gives torques instead, so it
-does more: mass matrix, Coriolis forces, priorities. How well the others' velocities agree with ours is printed too.
+Ours is what a cycle computes: forward kinematics, Jacobian and the law. The others update their configuration and solve
+for a velocity with one frame task of the same weights and no limits, by DAQP. MOCA's law returns torques instead, so it
+computes more: mass matrix, Coriolis forces, priorities. The agreement of the others' velocities with ours is printed,
+too.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ POSTURES = 20
 
 
 def run() -> list[Row]:
-    """Kairos and MOCA against both."""
+    """Compares Kairos and MOCA with both."""
     return [*_rows("kairos-clik", UR16E), *_rows("moca-impedance", PANDA)]
 
 
@@ -60,7 +61,7 @@ Solve = Callable[[Array, Array, rotation.Quaternion], Array]
 
 
 def _places(robot: RobotDescription) -> list[tuple[Array, Array, rotation.Quaternion]]:
-    """Postures about the ready one, each with a target 1 cm and 0.01 rad away."""
+    """Returns postures around the home posture, each with a target 1 cm and 0.01 rad away."""
     rng = np.random.default_rng(1)
     found = []
     ours = Ours(robot)
@@ -83,7 +84,7 @@ def _timed(solve: Solve, robot: RobotDescription) -> dict[str, float]:
 
 
 def _apart(one: Solve, other: Solve, robot: RobotDescription) -> float:
-    """Largest difference between two solutions, as a share of the velocity."""
+    """Returns the largest difference between two solutions, as a share of the velocity."""
     gaps = []
     for q, place, turn in _places(robot):
         a, b = one(q, place, turn), other(q, place, turn)
@@ -92,7 +93,7 @@ def _apart(one: Solve, other: Solve, robot: RobotDescription) -> float:
 
 
 class Ours:
-    """Tool pose and the robot's own law. Kairos: gain 1 / DT and no priorities, as the others solve it."""
+    """Tool pose and the robot's own law. Kairos: gain 1 / DT and no priorities, the same problem as the others'."""
 
     def __init__(self, robot: RobotDescription) -> None:
         self._robot = robot
@@ -141,12 +142,12 @@ def _bound(controller: Controller) -> Controller:
 
 
 def _costs() -> dict[str, float]:
-    """The roots of W_1; the others square their costs."""
+    """Returns the roots of W_1's weights, because the others square their costs."""
     return {"position_cost": np.sqrt(1000.0), "orientation_cost": np.sqrt(500.0)}
 
 
 def pink(robot: RobotDescription) -> Solve:
-    """pink on the model that ours uses."""
+    """Returns pink's solver, on the model that ours uses."""
     import pinocchio as pin
     from pink import Configuration, solve_ik
     from pink.tasks import DampingTask, FrameTask
@@ -168,7 +169,7 @@ def pink(robot: RobotDescription) -> Solve:
 
 
 def mink(robot: RobotDescription) -> Solve:
-    """mink on the same arm as MuJoCo has it."""
+    """Returns mink's solver, on the same arm in MuJoCo."""
     import mink
     import mujoco
 

@@ -1,4 +1,4 @@
-"""What each driver costs the loop: microseconds of `read` and `write` a frame received, on its own twin."""
+"""The cost of each driver to the loop: us of `read` and `write` per received frame, with the driver's own twin."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from sim.devices.examples import DEVICES
 
 FRAMES: Final = 1500
 LEAST: Final = 100
-LONGEST: Final = 30.0  # s a device may take to give them
+LONGEST: Final = 30.0  # s a device may take to deliver the frames
 AIM: Final = 100.0  # us
-STEP: Final = 1_000_000  # ns of the world between two looks of the twin
+STEP: Final = 1_000_000  # ns of world time between two calls of the twin
 
 
 def run() -> list[Row]:
-    """A row a device and percentile; ours again is the second half of the same run."""
+    """Returns a row per device and percentile; the control compares the two halves of the same run."""
     rows = []
     for name in DEVICES:
         costs = cost(name)
@@ -44,13 +44,13 @@ def run() -> list[Row]:
 
 
 def cost(name: str, frames: int = FRAMES) -> list[float]:
-    """us of each cycle in which frames came (`read`, and `write` where it takes commands), by frame."""
+    """Returns the us per frame of each cycle in which frames came (`read`, and `write` if it accepts commands)."""
     world, twin, driver = pair(name)
     found: list[float] = []
     gc.collect()
     gc.freeze()  # as in the loop
     gc.disable()
-    clock = time.thread_time_ns  # what others take from this processor is not the driver's
+    clock = time.thread_time_ns  # time that other threads take on this processor isn't the driver's
     commands = list(driver.commands)
     try:
         _served(world, twin, driver.open)
@@ -81,7 +81,7 @@ def cost(name: str, frames: int = FRAMES) -> list[float]:
 
 
 def pair(name: str) -> tuple[World, Twin, Driver]:
-    """A device's world, its open twin, and its driver, not yet open."""
+    """Returns a device's world, its open twin, and its driver, which isn't open yet."""
     config, options, there, port = DEVICES[name]
     there = dict(there)
     cls = registry.load("worlds", there.pop("world"), "bench")
@@ -104,7 +104,7 @@ def _bind(driver: Driver) -> None:
 
 
 def _served(world: World, twin: Twin, what: Any) -> None:
-    """Lets time pass while something blocks."""
+    """Runs a blocking call while the world and the twin advance."""
     done = threading.Event()
 
     def serve() -> None:

@@ -1,8 +1,8 @@
 """Our Dynamixel driver against dynamixel-sdk (Python): goals out, samples in, seven servos, one twin for both.
 
-The twin runs in a process of its own and answers as soon as it is asked; its world stands still. Each exchange is a
-sync write of seven goal positions and a sync read of current, velocity and position, decoded to numbers. Ours sleeps
-in poll() while it waits, the SDK reads its port over and over.
+The twin runs in its own process and answers at once; its world stands still. Each exchange is a sync write of seven
+goal positions and a sync read of current, velocity and position, decoded to numbers. Our driver sleeps in poll() while
+it waits; the SDK reads its port again and again.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from bench.pairs import Row, measure
 from drivers.dynamixel import Dynamixel
 from drivers.dynamixel.config import DynamixelConfig
 
-EXCHANGES: Final = 300  # a run
+EXCHANGES: Final = 300  # per run
 BAUDRATE: Final = 1_000_000
 MODELS: Final = ("MX-106", "MX-106", "MX-64", "MX-64", "MX-64", "MX-28", "MX-28")
 _SDK: Final = "dynamixel-sdk"
 
 
 def run() -> list[Row]:
-    """Exchanges a second, and CPU time of one."""
+    """Measures exchanges per second, and the CPU time of one exchange."""
     with _twin() as address:
         pairs = measure(lambda: _ours(address), {_SDK: lambda: _sdk(address)})
     rate = pairs.row("dynamixel", "exchanges a second, 7 servos", "rate", _SDK, "1/s")
@@ -57,7 +57,7 @@ def _ours(port: str) -> dict[str, float]:
     waiting.register(fd, select.POLLIN)
 
     def exchange() -> None:
-        """Until the next sample is there; a check of the servos now and then comes in between."""
+        """Runs until the next sample has come; a check of the servos may come in between."""
         stamp = driver.health.stamp
         driver.write(time.monotonic_ns())
         while driver.health.stamp == stamp:
@@ -94,7 +94,7 @@ def _sdk(port: str) -> dict[str, float]:
             goal = round(command[id - 1] * 4096 / 6.283185307179586) + 2048
             goals.changeParam(id, list(goal.to_bytes(4, "little", signed=True)))
         while goals.txPacket() or states.txRxPacket():
-            pass  # it gives up after some 34 ms, as long as a busy host may let the twin wait
+            pass  # the SDK gives up after some 34 ms; a busy host may delay the twin that long
         for id in ids:
             position[id - 1] = (_signed(states.getData(id, 132, 4), 32) - 2048) * 6.283185307179586 / 4096
             velocity[id - 1] = _signed(states.getData(id, 128, 4), 32) * 0.0239808

@@ -1,6 +1,6 @@
-"""A suit's frames: our text parser against `str.split` and `float`, and what the driver takes of each frame.
+"""A suit's frames: our text parser against `str.split` and `float`, and the driver's cost per frame.
 
-The driver's side is the kernel alone: the same bytes received with nothing done to them.
+The driver is compared with the kernel alone: the same bytes received, but not processed.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from runtime.contracts.signals import Array
 FRAMES: Final = 300
 AIM: Final = 250.0  # us, 3 % of the time between frames at 120 Hz
 
-clock = time.thread_time_ns  # what others take from this processor is nobody's cost here
+clock = time.thread_time_ns  # time that other threads take on this processor counts for neither side
 
 
 def run() -> list[Row]:
-    """The parser, then the driver over TCP with binary and with text frames."""
+    """Measures the parser, then the driver over TCP with binary and with text frames."""
     frames = [encode_text(_numbers(k)) for k in range(FRAMES)]
     pairs = measure(lambda: _ours(frames), {"split and float": lambda: _plain(frames)}, PAIRS)
     rows = [
@@ -53,7 +53,7 @@ def _faster(ratio: float) -> bool:
 
 
 def _numbers(k: int) -> Array:
-    """A frame's 354 numbers, each time others."""
+    """Returns a frame's 354 numbers, different ones for each k."""
     return np.random.default_rng(k).uniform(-180.0, 180.0, 354)
 
 
@@ -68,7 +68,7 @@ def _ours(frames: list[bytes]) -> dict[str, float]:
 
 
 def _plain(frames: list[bytes]) -> dict[str, float]:
-    """The shortest way in plain Python: one record in hand, no checks but the count."""
+    """Parses in the shortest way in plain Python: one complete record, no checks except of the count."""
     took = []
     for frame in frames:
         start = clock()
@@ -109,7 +109,7 @@ class _Software:
                 end.close()
 
     def driver_frames(self) -> dict[str, float]:
-        """us of a `read` with one frame to take."""
+        """Returns the us of a `read` with one frame to parse."""
         assert self._client is not None
         took = []
         for _ in range(FRAMES):
@@ -125,7 +125,7 @@ class _Software:
         return _figures(took)
 
     def kernel_frames(self) -> dict[str, float]:
-        """us of receiving a frame."""
+        """Returns the us of receiving a frame."""
         took = []
         here, there = socket.socketpair()
         with here, there:

@@ -1,4 +1,4 @@
-"""Interleaved pairs: ours, the other, ours again; the median ratio, with an A/A control beside it."""
+"""Interleaved pairs: ours, the other, ours again; the median ratio, with an A/A control."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ class Row:
     """One comparison.
 
     Attributes:
-        id: of the bench; several rows may share one.
+        id: the bench's id; several rows may share one.
         ours, other: medians, in `unit`.
         ratio: median over pairs of ours / other.
-        control: median over pairs of ours / ours again: what the noise alone does.
-        aim: in words; holds: whether it is met, None where there is none.
+        control: median over pairs of ours / ours again: the effect of noise alone.
+        aim: in words; holds: whether it is met, None if there is none.
     """
 
     id: str
@@ -34,7 +34,7 @@ class Row:
     holds: bool | None = None
 
     def figures(self) -> dict[str, Any]:
-        """For `--json`."""
+        """Returns the row for `--json`."""
         return asdict(self)
 
 
@@ -43,7 +43,7 @@ def measure(
 ) -> Pairs:
     """Runs ours, each other, and ours again, `pairs` times.
 
-    Each callable returns figures by name (say p50 and p99); all return the same names.
+    Each callable returns figures by name (e.g. p50 and p99); all return the same names.
     """
     first, again = [], []
     rest: dict[str, list[dict[str, float]]] = {name: [] for name in others}
@@ -57,7 +57,7 @@ def measure(
 
 @dataclass(frozen=True)
 class Pairs:
-    """What `measure` found."""
+    """The results of `measure`."""
 
     first: list[dict[str, float]]
     again: list[dict[str, float]]
@@ -73,7 +73,7 @@ class Pairs:
         aim: str = "",
         holds: Callable[[float], bool] | None = None,
     ) -> Row:
-        """The comparison of one figure with one other; `holds` judges the ratio."""
+        """Returns the comparison of one figure with one other; `holds` judges the ratio."""
         ours = [m[figure] for m in self.first]
         theirs = [m[figure] for m in self.others[other]]
         ratio = statistics.median(a / b for a, b in zip(ours, theirs, strict=True) if b)

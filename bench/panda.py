@@ -1,6 +1,6 @@
-"""What the Panda driver takes of each millisecond: read, rate limits and write, over real sockets.
+"""The Panda driver's cost per millisecond: read, rate limits and write, over real sockets.
 
-The other side is the kernel alone: the same datagrams received and sent with nothing done in between.
+It is compared with the kernel alone: the same datagrams received and sent, with nothing computed in between.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from drivers.panda.packets import RobotMode
 from drivers.panda.protocol import Connect, Move, Reply, RequestParser, Status, connect_reply, encode_reply
 
 CYCLES = 1000
-AIM = 100.0  # us, of a cycle of 1000
+AIM = 100.0  # us, of a cycle of 1000 us
 
 
 def run() -> list[Row]:
-    """Both required interfaces, with the larger of the two protocols' states for each."""
+    """Measures both required interfaces, each with the larger of the two protocols' states."""
     rows = []
     for version, interface in ((5, "torque"), (10, "velocity")):
         with _Robot(version, interface) as robot:
@@ -36,7 +36,7 @@ def run() -> list[Row]:
 
 
 class _Robot:
-    """A robot that answers everything, and the driver in a running motion with it."""
+    """A robot that answers every request, and the driver in a running motion with it."""
 
     def __init__(self, version: int, interface: str) -> None:
         self._version = version
@@ -74,7 +74,7 @@ class _Robot:
             end.close()
 
     def driver_cycles(self) -> dict[str, float]:
-        """us of one read and write of the driver, with one state to read."""
+        """Returns the us of one read and write of the driver, with one state to read."""
         took = []
         for _ in range(CYCLES):
             self._tick()
@@ -87,7 +87,7 @@ class _Robot:
         return _figures(took)
 
     def kernel_cycles(self) -> dict[str, float]:
-        """us of receiving a state and sending a command."""
+        """Returns the us of receiving a state and sending a command."""
         command = packets.command_record(self._version).tobytes()
         with (
             socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as here,

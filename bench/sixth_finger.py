@@ -1,4 +1,4 @@
-"""The sixth finger's cycle, its simulated speed, and what telemetry costs the loop."""
+"""The sixth finger's cycle, its simulated speed, and the cost of telemetry to the loop."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 
 from bench.pairs import Row, measure
 
-SPAN = 20.0  # simulated s a run
+SPAN = 20.0  # simulated s per run
 
 
 def _srl(*arguments: str) -> dict[str, Any]:
@@ -34,7 +34,7 @@ def _srl(*arguments: str) -> dict[str, Any]:
 
 
 def cycle() -> list[Row]:
-    """Microseconds of one whole cycle by phase, paced at 100 Hz; the other side is the period."""
+    """Measures one whole cycle by phase in us, paced at 100 Hz; it is compared with the period."""
 
     def ours() -> dict[str, float]:
         summary = _srl("--duration", "2")
@@ -55,7 +55,7 @@ def cycle() -> list[Row]:
 
 
 def speed() -> list[Row]:
-    """Simulated seconds a second, whole runtime with --fast, against a bare mj_step loop of the same world."""
+    """Compares simulated seconds per second, whole runtime with --fast, with a bare mj_step loop of the same world."""
     pairs = measure(
         lambda: {"speed": _srl("--fast", "--duration", str(SPAN))["realtime_factor"]},
         {"bare mj_step loop": _bare},
@@ -80,7 +80,7 @@ def _bare() -> dict[str, float]:
 
 
 def _bare_loop() -> dict[str, float]:
-    """The same model under the same wearer's motion: only the stepping is timed."""
+    """Steps the same model under the same wearer's motion; only the stepping is timed."""
     import mujoco
 
     from runtime.profile import profile, wiring
@@ -98,7 +98,7 @@ def _bare_loop() -> dict[str, float]:
 
 
 def telemetry() -> list[Row]:
-    """What a row of full-rate telemetry costs the loop at 1 kHz, recorder and bus attached."""
+    """Measures the cost of a full-rate telemetry row to the loop at 1 kHz, with recorder and bus attached."""
 
     def ours() -> dict[str, float]:
         with tempfile.TemporaryDirectory() as folder:

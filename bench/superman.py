@@ -1,7 +1,7 @@
-"""SUPER-MAN: what MOCA's cycle takes at 1 kHz by phase, and its laws beside mink and pink on the same task.
+"""SUPER-MAN: the cost of MOCA's cycle at 1 kHz by phase, and its laws compared with mink and pink on the same task.
 
-In a simulated run the read phase contains MuJoCo. So the cycle's decisions (control, guard, log) are measured by
-themselves too, over the rows of a simulated run: back to back, and once a millisecond, when other programs have had the
+In a simulated run the read phase contains MuJoCo. So the cycle's decisions (control, guard, log) are also measured
+separately, over the rows of a simulated run: back to back, and once per millisecond, when other programs have used the
 caches in between.
 """
 
@@ -32,7 +32,7 @@ from runtime.loop.lockstep import Lockstep
 from runtime.profile import profile, wiring
 
 RATE = 1000
-SPAN = 1.5  # s of a run
+SPAN = 1.5  # s per run
 BLOCK = 200  # cycles measured one after another
 PHASES = ("control", "guard", "log", "whole")
 AIMS = {"control": 60.0, "whole": 150.0}  # us
@@ -40,7 +40,7 @@ _CYCLE, _NOW, _DT = CYCLE.cycle, CYCLE.now, CYCLE.dt
 
 
 def run() -> list[Row]:
-    """The simulated run's phases, the decisions alone, and overruns beside a bare timer's."""
+    """Measures the simulated run's phases, the decisions alone, and overruns compared with a bare timer's."""
     return [*_simulated(), *_alone(), *differential_ik.run()]
 
 
@@ -82,7 +82,7 @@ def _judged(row: Row, name: str) -> Row:
 
 
 class Decisions:
-    """Check, control, guard and log of a profile over the rows of its own simulated run."""
+    """Runs check, control, guard and log of a profile over the rows of its own simulated run."""
 
     def __init__(self, name: str) -> None:
         checked, source = profile.load(name)
@@ -108,7 +108,7 @@ class Decisions:
         self._folder.cleanup()
 
     def cycles(self, count: int, each: Callable[[], None] = lambda: None) -> dict[str, float]:
-        """us of each phase, p50 of so many cycles; `each` is called before every cycle."""
+        """Returns the us of each phase, p50 of `count` cycles; `each` is called before every cycle."""
         took = np.zeros((count, 4))
         step, words, clock = self._step, self._made.words, time.perf_counter_ns
         for i in range(count):
@@ -128,7 +128,7 @@ class Decisions:
         return dict(zip(PHASES, (np.median(took, axis=0) / 1e3).tolist(), strict=True))
 
     def pinocchio(self) -> dict[str, float]:
-        """us of the rigid-body calls alone that MOCA's laws make; all of them are control's."""
+        """Returns the us of only the rigid-body calls that MOCA's laws make; all of them belong to control."""
         import pinocchio as pin
 
         from runtime.control.cobot.whole_body import BASE, ArmDynamics, WholeBody
@@ -149,7 +149,7 @@ class Decisions:
 
 
 def _blocks() -> dict[str, list[dict[str, float]]]:
-    """Figures of interleaved blocks, in a process of their own at real-time priority."""
+    """Returns figures of interleaved blocks, measured in their own process at real-time priority."""
     found: dict[str, list[dict[str, float]]] = {
         name: [] for name in ("hot", "pinocchio", "hot again", "timer", "paced", "paced again")
     }

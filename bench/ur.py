@@ -1,7 +1,7 @@
-"""RTDE's data taken by this driver and by ur_rtde (C++), the same variables at 500 Hz: CPU time a packet.
+"""RTDE's data received by this driver and by ur_rtde (C++), the same variables at 500 Hz: CPU time per packet.
 
-Both read from `srl twin` in a process of its own. ur_rtde's figure is that of its whole process while its own
-thread receives; ours is that of a process that waits for each packet, parses it and fills the states.
+Both read from `srl twin` in its own process. ur_rtde's figure is that of its whole process while its own thread
+receives; ours is that of a process that waits for each packet, parses it and fills the states.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ sim:
 
 
 def run() -> list[Row]:
-    """Some 2 minutes."""
+    """Runs the comparison; takes about 2 minutes."""
     host = f"127.{os.getpid() % 200 + 20}.{os.getpid() // 200 % 250}.9"
     with tempfile.TemporaryDirectory() as folder:
         profile = Path(folder) / "bench-ur.yaml"

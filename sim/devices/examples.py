@@ -1,6 +1,6 @@
-"""One small configuration of every device, with a world its fake and twin can live in.
+"""One small configuration of every device, with a world in which its fake and twin can work.
 
-For measurements and for tests that put the same question to every device.
+For measurements, and for tests that check every device in the same way.
 """
 
 from __future__ import annotations
