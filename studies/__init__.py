@@ -1,1 +1,1 @@
-"""The papers' experiments, on simulated devices or on hardware, and what evaluates them."""
+"""The papers' experiments, on simulated devices or on hardware, and their evaluation."""

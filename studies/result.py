@@ -1,4 +1,4 @@
-"""What a study gives: claims beside the paper's, a table, files."""
+"""A study's results: claims compared with the paper's, a table, files."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ class Claim:
     Attributes:
         id: a slug.
         text: the statement.
-        paper: the published figure in words; "" where there is none.
-        measured: what was found here; None where the study couldn't measure it.
+        paper: the published figure in words; "" if there is none.
+        measured: the value found here; None if the study couldn't measure it.
         unit: of `measured`.
-        holds: whether the statement is true of what was measured.
+        holds: whether the measurement confirms the statement.
     """
 
     id: str
@@ -29,7 +29,7 @@ class Claim:
 
 @dataclass
 class Result:
-    """A study's outcome. `table`: rows by column; `files`: what was written, by the folder given."""
+    """A study's outcome. `table`: rows by column; `files`: the written files, relative to the given folder."""
 
     study: str
     simulated: bool
@@ -39,5 +39,5 @@ class Result:
     files: list[str] = field(default_factory=list)
 
     def figures(self) -> dict[str, Any]:
-        """For `--json`."""
+        """Returns the result for `--json`."""
         return asdict(self)

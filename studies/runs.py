@@ -1,4 +1,4 @@
-"""Runs of a profile for a study: in simulation, as a process of its own, with every cycle kept."""
+"""Runs of a profile for a study: simulated, each in its own process, with every cycle recorded."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ class Run:
     """One finished run.
 
     Attributes:
-        name: as it was called.
+        name: the task's name.
         file: the recording.
-        summary: what `srl run --json` printed.
+        summary: the output of `srl run --json`.
         layout, rows: every cycle.
     """
 
@@ -51,23 +51,23 @@ class Run:
         return seconds
 
     def value(self, signal: str) -> Array:
-        """(k, ...) a signal's values."""
+        """Returns a signal's values, (k, ...)."""
         return self.layout.value(self.rows, signal)
 
     def word(self, name: str) -> Any:
-        """(k,) an integer word, such as "state"."""
+        """Returns an integer word, (k,), such as "state"."""
         return self.layout.word(self.rows, name)
 
 
 @dataclass(frozen=True)
 class Task:
-    """What is to be run.
+    """A run to be made.
 
     Attributes:
         name: of the recording.
         profile: a name under profiles/.
         changes: merged into the profile, key by key; lists and scalars replace, None removes.
-        duration: s of world time at most.
+        duration: greatest world time, s.
         seed: of the world.
     """
 
@@ -82,9 +82,9 @@ def run_all(tasks: Iterable[Task], folder: Path, workers: int | None = None) -> 
     """Runs the tasks, several at a time; the recordings stay in `folder`.
 
     Raises:
-        RequestError: a run ended otherwise than by its own end or by a stop of its devices.
+        RequestError: a run ended neither by itself nor by a stop of its devices.
     """
-    # One core is left to the loops' recorders.
+    # One core is left for the loops' recorders.
     with ThreadPoolExecutor(workers or max((os.cpu_count() or 2) - 1, 1)) as pool:
         return list(pool.map(lambda task: _run(task, folder), tasks))
 
@@ -97,7 +97,7 @@ def _run(task: Task, folder: Path) -> Run:
     with tempfile.TemporaryDirectory(prefix="srl-study-") as scratch:
         profile = Path(scratch) / f"{task.profile}.yaml"
         yaml = YAML(typ="safe", pure=True)
-        # The order of a profile's keys means something: `guide-buttons` knows buttons by their places.
+        # The order of a profile's keys matters: `guide-buttons` identifies buttons by their places.
         yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
         content = merged(yaml.load(PROFILES / f"{task.profile}.yaml"), task.changes | {"seed": task.seed})
         yaml.dump(content, profile)
@@ -110,14 +110,14 @@ def _run(task: Task, folder: Path) -> Run:
     if done.returncode not in (0, 1) or not done.stdout.strip():
         said = done.stderr.strip().splitlines()
         raise RequestError(f"study run '{task.name}'", said[-1] if said else "it said nothing", "Correct the profile")
-    # A machine that is too busy to finish the file in time leaves its segments.
+    # If a machine is too busy to finish the file in time, the segments remain.
     recording = read(file if file.exists() else folder_of(file))
     summary = json.loads(done.stdout.strip().splitlines()[-1])
     return Run(task.name, recording.path, summary, recording.layout, recording.rows)
 
 
 def merged(base: Any, changes: Any) -> Any:
-    """`base` with `changes` put in, mapping by mapping; None removes a key."""
+    """Returns `base` with `changes` merged in, mapping by mapping; None removes a key."""
     if not isinstance(base, dict) or not isinstance(changes, dict):
         return changes
     found = dict(base)
@@ -130,7 +130,7 @@ def merged(base: Any, changes: Any) -> Any:
 
 
 def controller(profile: str, use: str, **options: Any) -> list[dict[str, Any]]:
-    """The profile's controllers with options of one of them changed: a list replaces a list."""
+    """Returns the profile's controllers with options of one of them changed, because a list replaces a list."""
     content = YAML(typ="safe", pure=True).load(PROFILES / f"{profile}.yaml")
     entries = [dict(entry) for entry in content["controllers"]]
     chosen = [entry for entry in entries if entry["use"] == use or entry.get("name") == use]
@@ -141,5 +141,5 @@ def controller(profile: str, use: str, **options: Any) -> list[dict[str, Any]]:
 
 
 def largest(values: Array) -> float:
-    """The greatest length of vectors (k, 3); 0 for none."""
+    """Returns the greatest length of vectors (k, 3); 0 if there are none."""
     return float(np.linalg.norm(values, axis=-1).max(initial=0.0))

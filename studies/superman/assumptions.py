@@ -1,4 +1,4 @@
-"""What the SUPER-MAN studies take for granted: values fixed before they run, each with its source."""
+"""The assumptions of the SUPER-MAN studies: values fixed before they run, each with its source."""
 
 from __future__ import annotations
 
@@ -11,6 +11,6 @@ FILE: Final = Path(__file__).with_suffix(".yaml")
 
 
 def assumed(study: str) -> dict[str, Any]:
-    """The values of a study's section of assumptions.yaml, by name."""
+    """Returns the values of a study's section of assumptions.yaml, by name."""
     section = YAML(typ="safe", pure=True).load(FILE)[study]
     return {name: entry["value"] for name, entry in section.items()}

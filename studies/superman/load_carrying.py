@@ -1,8 +1,8 @@
 """Long-distance load carrying (Giammarino et al. 2022, section IV-B2, Fig. 14): Kairos, 10 kg, past obstacles.
 
-The hand's grasp is a joint of the simulated load's own: a hand that has closed near the bar holds it as it is. Nothing
-of Kairos' law models the load, and the arm's controller isn't told of it: as in the paper, its force is what the
-flange's sensor shows.
+The hand's grasp is a joint of the simulated load itself: a hand that has closed near the bar holds it in that pose.
+Kairos' law doesn't model the load, and the arm's controller doesn't know of it. As in the paper, the flange's sensor
+shows its force.
 """
 
 from __future__ import annotations
@@ -26,28 +26,28 @@ from studies.superman.assumptions import assumed
 NAME: Final = "load-carrying"
 _WATCHED: Final = ("base/base", "load/box", "arm/elbow", "arm/wrist_1", "hand/palm", "grip/grip")
 _LOCOMOTION: Final = len(MODES) - 1
-# The paper's s of Fig. 14, read from its text.
+# The times in s of the paper's Fig. 14, taken from its text.
 PAPER: Final = {"before": "0 to 35", "lifting": "35 to 38", "carrying": "38 to 80", "placing": "80 to 82"}
 _VIOLET, _YELLOW, _BLUE, _PURPLE = "#7b4fa3", "#e0b400", "#56B4E9", "#CC79A7"
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a run gave. Times in s; None where it didn't come so far.
+    """The outcome of a run. Times in s; None if it didn't get that far.
 
     Attributes:
-        taken, lifted, lowered, placed: the load was taken; locomotion with it began, ended; it was let go.
+        taken, lifted, lowered, placed: the load was grasped; locomotion with it began, ended; it was released.
         force: (3,) N, mean of the flange's force between `lifted` and `lowered`, axes of the arm's base.
         net: N, its z without the hand's part.
         spread: N, standard deviation of its z.
-        off: m, of the load's middle from where it was to stand, at the end.
+        off: m, distance of the load's middle from its target place, at the end.
         tilt: rad, of the load at the end.
-        stands: whether the place's table bears its weight at the end.
-        touches: of obstacles.
-        least: m, least distance of what is watched to an obstacle.
-        way: m, length of the load's way.
+        stands: whether the target table carries its weight at the end.
+        touches: number of contacts with obstacles.
+        least: m, least distance of the watched bodies to an obstacle.
+        way: m, length of the load's path.
         manipulation, locomotion: s in either mode.
-        missed: steps of the plan.
+        missed: missed steps of the plan.
         strongest: N, the flange's greatest force while the load is held.
         stopped: whether the run ended in a stop other than its end.
     """
@@ -73,7 +73,7 @@ class Outcome:
 
 
 def run(folder: Path, quick: bool) -> Result:
-    """The study. `quick`: only the first metre of the way, the place of delivery beside it."""
+    """Runs the study. `quick`: only the first metre of the path, with the place of delivery beside it."""
     setup = shortened(assumed(NAME)) if quick else assumed(NAME)
     done = run_all([task("load-carrying", setup)], folder)[0]
     found = outcome(done, setup)
@@ -85,7 +85,7 @@ def run(folder: Path, quick: bool) -> Result:
 
 
 def sweep(folder: Path) -> list[dict[str, Any]]:
-    """One assumption changed at a time: a row each, with what the claims rest on."""
+    """Changes one assumption at a time; returns a row for each, with the figures on which the claims rest."""
     setup = assumed(NAME)
     cases = [("as assumed", setup)]
     for what, values in setup["sweep"].items():
@@ -111,7 +111,7 @@ def sweep(folder: Path) -> list[dict[str, Any]]:
 def _changed(setup: dict[str, Any], what: str, value: Any) -> dict[str, Any]:
     case = deepcopy(setup)
     if what == "speed":
-        case["duration"] *= max(setup["speed"] / value, 1.0)  # the slow get the time to arrive
+        case["duration"] *= max(setup["speed"] / value, 1.0)  # a slow person gets the time to arrive
     if what in case:
         case[what] = value
     else:
@@ -120,7 +120,7 @@ def _changed(setup: dict[str, Any], what: str, value: Any) -> dict[str, Any]:
 
 
 def shortened(setup: dict[str, Any]) -> dict[str, Any]:
-    """Less of the way, with the same things to do."""
+    """Returns a setup with a shorter path but the same tasks."""
     case = deepcopy(setup)
     (x, y), (tx, ty) = case["pick"], case["approach"]
     case["way"] = [[tx - 0.4, ty], [tx - 0.4, ty - 0.6], [tx, ty - 0.6]]
@@ -134,7 +134,7 @@ def shortened(setup: dict[str, Any]) -> dict[str, Any]:
 
 
 def task(name: str, setup: dict[str, Any]) -> Task:
-    """The profile with load, tables, obstacles and the person's plan."""
+    """Returns the profile with load, tables, obstacles and the person's plan."""
     width, depth, height = setup["table"]
     (px, py), (gx, gy) = setup["pick"], setup["place"]
     parts = {
@@ -155,7 +155,10 @@ def task(name: str, setup: dict[str, Any]) -> Task:
 
 
 def plan(setup: dict[str, Any]) -> list[dict[str, Any]]:
-    """To the load in locomotion, take and lift it in manipulation, past the obstacles in locomotion, put it down."""
+    """Returns the person's plan.
+
+    To the load in locomotion, take and lift it in manipulation, past the obstacles in locomotion, put it down.
+    """
     low = setup["table"][2] + setup["size"][2] + setup["grip"]
     high = low + setup["above"]
     hollow = setup["hollow"]
@@ -191,11 +194,11 @@ def plan(setup: dict[str, Any]) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
-# -- what came of it
+# -- outcome
 
 
 def outcome(done: Run, setup: dict[str, Any]) -> Outcome:
-    """From the recording alone."""
+    """Computes the outcome from the recording alone."""
     t, held = done.t, done.value("world.load_held")[:, 0] > 0.5
     locomotion = done.value("keys.modes")[:, _LOCOMOTION] > 0.5
     pose = done.value("world.load_pose")
@@ -240,7 +243,7 @@ def _at(t: Array, where: Any, which: int) -> float | None:
 
 
 def claims(found: Outcome, setup: dict[str, Any]) -> list[Claim]:
-    """The paper's statements, and whether they held."""
+    """Returns the paper's statements, and whether they held."""
     tolerance, expected, within = setup["tolerance"], -GRAVITY * setup["mass"], setup["force_within"]
     carried = found.placed is not None and found.lifted is not None
     f_z = None if found.force is None else float(found.force[2])
@@ -285,7 +288,7 @@ def claims(found: Outcome, setup: dict[str, Any]) -> list[Claim]:
 
 
 def table(found: Outcome, setup: dict[str, Any]) -> list[dict[str, Any]]:
-    """Rows: what, the paper's, ours."""
+    """Returns the table's rows: what, the paper's value, ours."""
 
     def span(a: float | None, b: float | None) -> str | None:
         return None if a is None or b is None else f"{a:.1f} to {b:.1f}"
@@ -314,7 +317,7 @@ def table(found: Outcome, setup: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def draw(done: Run, found: Outcome, setup: dict[str, Any], file: Path) -> None:
-    """Left the flange's way, right forces and positions, coloured by mode as in the paper's Fig. 14."""
+    """Draws left the flange's path, right forces and positions, coloured by mode as in the paper's Fig. 14."""
     figure = Figure(figsize=(12, 6.5), layout="constrained")
     left, right = cast(Any, figure.subfigures(1, 2, width_ratios=(1, 1.15)))
     every = max(1, len(done.t) // 4000)
@@ -368,6 +371,6 @@ def _series(figure: Any, t: Array, force: Array, at: Array, mode: Any, found: Ou
 
 
 def _spans(flags: Any) -> list[tuple[int, int]]:
-    """Index pairs of runs of equal flags; each ends where the next begins."""
+    """Returns index pairs of runs of equal flags; each run ends where the next begins."""
     cuts = [0, *(np.flatnonzero(flags[1:] != flags[:-1]) + 1).tolist(), len(flags) - 1]
     return [(a, b) for a, b in pairwise(cuts) if b > a]

@@ -1,4 +1,4 @@
-"""Overhead drilling: a drill of 5 kg is held in 20 holes overhead, with Kairos and by the person alone (Table II)."""
+"""Overhead drilling: a 5 kg drill is held in 20 holes overhead, with Kairos and by the person alone (Table II)."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ _FLANGE: Final = (0.9, (0.019, 0.0, 0.042))
 
 
 def task(person: Person, condition: str, a: dict[str, Any], name: str = "", holes: int = HOLES) -> Task:
-    """A trial of one person, with the assumptions `a`."""
+    """Returns a trial of one person, with the assumptions `a`."""
     steps = list(drilling(holes=holes, depth=a["depth"], below=a["below"]))
-    # On the robot the base follows: locomotion is switched on with the admittance. Nobody presses buttons alone.
+    # On the robot the base follows: locomotion is switched on with the admittance. Alone there are no buttons to press.
     steps[1:1] = [Press(do="press", button="priority")]
     steps = steps if condition == "HR" else steps[2:-1]
     plan = user_study.plan(steps, a["patience"])
@@ -70,19 +70,19 @@ def task(person: Person, condition: str, a: dict[str, Any], name: str = "", hole
 
 
 def _long(a: dict[str, Any]) -> float:
-    """m from the drill's frame to its tip."""
+    """Returns the m from the drill's frame to its tip."""
     return float(a["machine"] + a["bit"][1])
 
 
 def _tip(a: dict[str, Any]) -> list[float]:
-    """m, where the drill's tip is at the beginning, in the world."""
+    """Returns the position of the drill's tip at the beginning, m, in the world."""
     x, y, z = a["mount"]
     out = turned(normalised(a["flange_quaternion"]), (x, y, z + _long(a)))
     return [round(f + v, 6) for f, v in zip(a["flange"], out, strict=True)]
 
 
 def _with_drill(a: dict[str, Any]) -> tuple[float, list[float]]:
-    """kg at the flange with the drill, and its centre of mass, as the robot is told."""
+    """Returns the kg at the flange with the drill, and its centre of mass, as configured in the robot."""
     mass, centre = _FLANGE
     x, y, z = a["mount"]
     drill = (x, y, z + a["machine"] / 2)
@@ -91,20 +91,20 @@ def _with_drill(a: dict[str, Any]) -> tuple[float, list[float]]:
 
 
 def read(run: Run, condition: str, a: dict[str, Any], holes: int = HOLES) -> dict[str, float]:
-    """Table II's measures of a trial, and what else it showed.
+    """Returns Table II's measures of a trial, and further figures.
 
-    The time runs from the first step towards a hole to the last one out of it, or to giving up. A hole is completed
-    when the tip was in it for 5 s without a touch.
+    The time runs from the first step towards a hole to the last step out of it, or to giving up. A hole is completed
+    if the tip was in it for 5 s without a touch.
     """
     first = 2 if condition == "HR" else 0
     progress = run.value("world.person_progress")
     gave_up = float(progress[-1, 2])
     last = first + 4 * holes - 1
-    # Whoever gives up jumps to the plan's end: that row is still counted, for the time.
+    # When a person gives up, the plan jumps to its end: that row still counts for the time.
     inside = user_study.between(run, first, last)
     t = run.t[inside]
     touches = run.value("world.plate_touches")[inside]
-    # The stay is a part of `hold`; what is held shorter by a row isn't refused.
+    # The stay is a part of `hold`. A hold that is one row shorter isn't refused.
     dwell = run.value("world.plate_dwell")[-1, :holes]
     done = int(np.sum(dwell >= _STAY - a["stay_margin"]))
     duration = float(t[-1] - t[0])
@@ -124,14 +124,14 @@ def read(run: Run, condition: str, a: dict[str, Any], holes: int = HOLES) -> dic
 
 
 def _off(run: Run, inside: Mask) -> float:
-    """m, RMS distance across the bit from where the tip is meant to be, while it is in a hole."""
+    """Returns the RMS distance, m, across the bit, of the tip from its target while it is in a hole."""
     there = inside & (run.value("world.plate_inside")[:, 0] >= 0)
     off = (run.value("world.person_tool") - run.value("world.person_aim"))[there, :2]
     return float(np.sqrt(np.mean(np.sum(off**2, axis=1)))) if len(off) else float("nan")
 
 
 def planned(people: Sequence[Person], a: dict[str, Any], holes: int, variant: str = "") -> list[Planned]:
-    """All trials; the persons alone first. `variant` goes into the recordings' names."""
+    """Returns all trials; those of the persons alone come first. `variant` becomes part of the recordings' names."""
     return [
         Planned(
             person, condition, task(person, condition, a, f"{person.name}-{condition}{variant}".lower(), holes),
@@ -147,7 +147,7 @@ def _reader(condition: str, a: dict[str, Any], holes: int) -> Any:
 
 
 def run(folder: Path, quick: bool = False) -> Result:
-    """The study. `quick`: two persons, four holes."""
+    """Runs the study. `quick`: two persons, four holes."""
     a = assumed(STUDY)
     holes = a["quick_holes"] if quick else HOLES
     people = persons(_QUICK if quick else None)
@@ -155,9 +155,9 @@ def run(folder: Path, quick: bool = False) -> Result:
 
 
 def sweep(folder: Path) -> list[dict[str, Any]]:
-    """How much the claims depend on the persons: the first few of them, one property at a time."""
+    """Shows how far the claims depend on the persons: the first few of them, one property at a time."""
     a, aside = assumed(STUDY), folder / "sweep"
-    aside.mkdir(parents=True, exist_ok=True)  # its pictures mustn't replace the study's
+    aside.mkdir(parents=True, exist_ok=True)  # its pictures must not replace the study's
     out = []
     for label, people in user_study.varied(persons(a["sweep"]["persons"]), a["sweep"]["factors"]):
         found = user_study.trials(planned(people, a, HOLES, user_study.slug(label)), folder)
@@ -166,9 +166,9 @@ def sweep(folder: Path) -> list[dict[str, Any]]:
 
 
 def result(found: list[Trial], folder: Path, holes: int = HOLES) -> Result:
-    """Tables, pictures and claims from trials of both conditions."""
+    """Makes tables, pictures and claims from trials of both conditions."""
     none = sorted({t.subject for t in found if not np.isfinite(t.values["T"])})
-    # Without a single hole there is no time for each: such a subject is named, and isn't in the times.
+    # Without any completed hole there is no time per hole: such a subject is named, but left out of the times.
     timed = [t for t in found if t.subject not in none]
     counted = {name: MEASURES[name] for name in ("N_Hl", "N_err")}
     counts = table("Overhead drilling, simulated", found, ("HR", "H"), counted)

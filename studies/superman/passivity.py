@@ -1,9 +1,9 @@
-"""The admittance held by a stiff hand: does it ring, with the energy tank and as the bare law?
+"""The admittance held by a stiff hand: does it oscillate, with the energy tank and as the bare law?
 
     M v' + D v = f,     f = K_h (x_h - x) - D_h x',     x behind the desired position by the loop's delay
 
-Without delay it is passive for any stiffness K_h. With it, the bare law rings beyond a margin that `margin` gives.
-Person: a spring and damper about a fixed point, without corrections by sight; the handle is knocked once.
+Without delay it is passive for any stiffness K_h. With delay, the bare law rings beyond a margin that `margin` gives.
+Person: a spring and damper about a fixed point, without corrections by sight; the handle receives one knock.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from studies.superman.assumptions import assumed
 
 STUDY: Final = "passivity"
 ROBOTS: Final = {"moca": "moca-man", "kairos": "kairos-man"}
-_LONGEST: Final = 0.3  # s, delay looked for
+_LONGEST: Final = 0.3  # s, greatest delay that is searched
 
 
 @dataclass(frozen=True)
 class Case:
     """A robot, a hand's stiffness (N/m), delay added to the sensor (s), with or without the tank.
 
-    `told`: the tank knows of the added delay (`force_age`).
+    `told`: whether the tank's configuration includes the added delay (`force_age`).
     """
 
     robot: str
@@ -50,15 +50,15 @@ class Case:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a run showed.
+    """The outcome of a run.
 
     Attributes:
-        first, last: m/s, RMS speed of the handle in the first and the last third of what follows the knock.
+        first, last: m/s, RMS speed of the handle in the first and the last third of the time after the knock.
         growth: last / first.
         verdict: still, dies, persists, grows.
-        given: J, the most that the robot had given to the hand since the knock's end.
-        delay: s, from the handle's force to the tool's motion, beyond the law's own.
-        knocked: J that the knock put in.
+        given: J, the greatest energy that the robot had given to the hand since the knock's end.
+        delay: s, from the handle's force to the tool's motion, in addition to the law's own.
+        knocked: J, energy that the knock put in.
         damped: share of cycles in which the tank was too empty.
         cause: of a stop before the end.
     """
@@ -76,7 +76,7 @@ class Outcome:
 
 
 def margin(stiffness: float, mass: float, damping: float, hand: float = 0.0) -> float:
-    """s, delay at which the bare law with a hand of `stiffness` and damping `hand` begins to ring."""
+    """Returns the delay, s, at which the bare law with a hand of `stiffness` and damping `hand` begins to ring."""
     # |L| = 1 for L = (K + D_h s) / (s (M s + D)): M^2 w^4 + (D^2 - D_h^2) w^2 - K^2 = 0.
     b = damping * damping - hand * hand
     w = sqrt((-b + sqrt(b * b + 4 * mass * mass * stiffness * stiffness)) / (2 * mass * mass))
@@ -84,7 +84,7 @@ def margin(stiffness: float, mass: float, damping: float, hand: float = 0.0) -> 
 
 
 def task(case: Case, a: dict[str, Any]) -> Task:
-    """A run of one case, with the assumptions `a`."""
+    """Returns a run of one case, with the assumptions `a`."""
     options: dict[str, Any] = {"mass": a["mass"], "damping": a["damping"]}
     if not case.tank:
         options |= {"tank": None, "leash": None}
@@ -105,13 +105,13 @@ def task(case: Case, a: dict[str, Any]) -> Task:
 
 
 def motion(run: Run) -> tuple[Array, Array, Array]:
-    """Times (k,) s, forces of the hand (k, 3) N and velocities of the handle (k, 3) m/s, all of the truth."""
+    """Returns times (k,) s, forces of the hand (k, 3) N and velocities of the handle (k, 3) m/s, all ground truth."""
     t, place = run.t, run.value("world.person_tool")
     return t, run.value("world.person_wrench")[:, :3], np.gradient(place, t, axis=0)
 
 
 def outcome(case: Case, run: Run, a: dict[str, Any]) -> Outcome:
-    """Reads a run's truth."""
+    """Computes the outcome from a run's ground truth."""
     t, force, velocity = motion(run)
     active = run.word("state") == 2
     held = (t > a["knock_at"][1]) & active
@@ -141,15 +141,16 @@ def outcome(case: Case, run: Run, a: dict[str, Any]) -> Outcome:
 
 
 def _given(t: Array, force: Array, velocity: Array) -> Array:
-    """(k,) J that the robot has given to the hand so far."""
+    """Returns the energy, (k,) J, that the robot has given to the hand so far."""
     power = -np.sum(force * velocity, axis=1)
     return np.concatenate([[0.0], np.cumsum(power[:-1] * np.diff(t))])
 
 
 def lag(t: Array, force: Array, velocity: Array, a: dict[str, Any]) -> float:
-    """s by which the handle's motion is behind what the bare law makes of the force at once.
+    """Returns the s by which the handle's motion is behind the motion that the bare law makes of the force at once.
 
-    From the greatest correlation of the two over all that was recorded, between samples by a parabola.
+    It is the shift with the greatest correlation of the two over the whole recording, interpolated between samples by a
+    parabola.
     """
     dt = float(np.median(np.diff(t)))
     M, D, band = np.array(a["mass"][:3]), np.array(a["damping"][:3]), a["dead_band"]
@@ -175,7 +176,7 @@ def lag(t: Array, force: Array, velocity: Array, a: dict[str, Any]) -> float:
 
 
 def cases(a: dict[str, Any], quick: bool) -> list[Case]:
-    """Which runs; quick: Kairos, a relaxed hand with the bare law and the stiffest with the tank."""
+    """Returns the runs; quick: Kairos, a relaxed hand with the bare law and the stiffest hand with the tank."""
     stiffest = max(a["stiffness"])
     if quick:
         return [Case("kairos", min(a["stiffness"]), 0.0, tank=False), Case("kairos", stiffest, 0.0, tank=True)]
@@ -186,7 +187,7 @@ def cases(a: dict[str, Any], quick: bool) -> list[Case]:
 
 
 def run(folder: Path, quick: bool) -> Result:
-    """See the module's text."""
+    """Runs the study; see the module's docstring."""
     a = assumed(STUDY)
     chosen = cases(a, quick)
     runs = run_all([task(case, a) for case in chosen], folder)
@@ -201,7 +202,7 @@ def run(folder: Path, quick: bool) -> Result:
 
 
 def row(o: Outcome, a: dict[str, Any]) -> dict[str, Any]:
-    """A line of the table."""
+    """Returns a row of the table."""
     case = o.case
     return {
         "robot": case.robot, "hand N/m": case.stiffness, "added ms": 1e3 * case.late,
@@ -214,14 +215,14 @@ def row(o: Outcome, a: dict[str, Any]) -> dict[str, Any]:
 
 
 def claims(found: list[Outcome], a: dict[str, Any]) -> list[Claim]:
-    """Ours; the paper says only that its parameters keep the behaviour stable."""
+    """Returns our claims; the paper says only that its parameters keep the behaviour stable."""
     stiffest = max(a["stiffness"])
     M, D = a["mass"][0], a["damping"][0]
     pure = margin(stiffest, M, D)
     bare = [o for o in found if not o.case.tank]
-    # What is claimed of the tank is claimed where it was told how late its sensor is.
+    # The claims about the tank are for runs in which its configuration includes the sensor's delay.
     tank = [o for o in found if o.case.tank and (o.case.told or o.case.late == 0.0)]
-    # From the most relaxed hand's run: large oscillations run into the guard's limits, which adds delay.
+    # Measured with the most relaxed hand: large oscillations run into the guard's limits, which adds delay.
     loops = {o.case.robot: o.delay for o in bare if o.case.late == 0.0 and o.case.stiffness == min(a["stiffness"])}
     loop = loops["kairos"]
     beyond = [
@@ -262,9 +263,9 @@ def claims(found: list[Outcome], a: dict[str, Any]) -> list[Claim]:
 
 
 def sweep(folder: Path) -> list[dict[str, Any]]:
-    """How far the verdicts depend on the hand's own damping (N s/m) and on the heavier admittance of the user studies.
+    """Shows how far the verdicts depend on the hand's own damping (N s/m) and on the user studies' heavier admittance.
 
-    Returns rows: what was changed, and the table's columns; Kairos, the stiffest hand.
+    Returns rows: the change, and the table's columns; Kairos, the stiffest hand.
     """
     base = assumed(STUDY)
     stiffest = max(base["stiffness"])
@@ -288,7 +289,7 @@ def sweep(folder: Path) -> list[dict[str, Any]]:
 
 
 def _draw(path: Path, pairs: list[tuple[Outcome, Run]]) -> None:
-    """Speed of the handle and energy given to the hand, tank and bare law, one column for each stiffness and delay."""
+    """Draws the handle's speed and energy given to the hand, tank and bare law, a column per stiffness and delay."""
     import matplotlib as mpl
 
     mpl.use("Agg")

@@ -1,7 +1,7 @@
 """Constrained interaction: a person leads a peg into a hole and out again, with MOCA and with Kairos (Fig. 11).
 
-The paper shows curves and payload lines; it prints no figures besides the payloads. "As published" is the paper's
-law without what the runtime adds to it (leash, tank, slowing down).
+The paper shows curves and payload lines; the payloads are the only figures it prints. "As published" is the paper's
+law without the runtime's additions (leash, tank, slowing down).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _FLANGE: Final = (0.88, (0.05, 0.003, 0.065))
 
 @dataclass(frozen=True)
 class Condition:
-    """A robot and its law. `bare`: without leash and tank, and Kairos without slowing down."""
+    """A robot and its law. `bare`: without leash and tank, and for Kairos without slowing down."""
 
     label: str
     profile: str
@@ -52,10 +52,10 @@ _ONCE: Final = (MOCA_BARE,)  # run with the first seed only, for time
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a run showed. Forces in N, lengths in m; `cause` is the stop's, "" if none came before the end.
+    """The outcome of a run. Forces in N, lengths in m; `cause` is the stop's, "" if none came before the end.
 
-    `force` is the largest of single physics steps. The simulated contact chatters from step to step, so that is more
-    than a sensor would show; `mean_force` is the largest mean over the stated window. Claims go by `force`.
+    `force` is the largest of single physics steps. The simulated contact chatters from step to step, so a sensor would
+    show less; `mean_force` is the largest mean over the stated window. The claims use `force`.
     """
 
     condition: Condition
@@ -71,7 +71,7 @@ class Outcome:
 
 
 def task(condition: Condition, seed: int, a: dict[str, Any], name: str = "") -> Task:
-    """A run of one condition, with the assumptions `a`."""
+    """Returns a run of one condition, with the assumptions `a`."""
     mass, at = _with_peg(a)
     arm: dict[str, Any] = {"load": {"mass": mass, "centre": at}}
     if condition.robot == "kairos":
@@ -106,7 +106,7 @@ def task(condition: Condition, seed: int, a: dict[str, Any], name: str = "") -> 
 
 
 def _with_peg(a: dict[str, Any]) -> tuple[float, list[float]]:
-    """kg at the flange with the peg, and its centre of mass, as the robot is told."""
+    """Returns the kg at the flange with the peg, and its centre of mass, as configured in the robot."""
     mass, centre = _FLANGE
     x, y, z = a["peg_position"]
     peg = (x, y, z + a["peg_length"] / 2)
@@ -143,10 +143,10 @@ def _controllers(condition: Condition, a: dict[str, Any]) -> list[dict[str, Any]
 
 
 def outcome(condition: Condition, seed: int, run: Run, a: dict[str, Any]) -> Outcome:
-    """Reads a run's truth."""
+    """Computes the outcome from a run's ground truth."""
     force, depth = run.value("world.hole_force"), run.value("world.hole_depth")[:, 0]
     progress = run.value("world.person_progress")
-    # After the insertion and the rest the person is at the withdrawal: step 4 of the plan, and the peg is out after it.
+    # After the insertion and the rest comes the withdrawal: step 4 of the plan. The peg is out after it.
     steps = progress[:, 0]
     tip = run.value("world.person_tool")
     above = tip[:, 2] - a[f"hole_{condition.robot}"][2]
@@ -175,14 +175,14 @@ def outcome(condition: Condition, seed: int, run: Run, a: dict[str, Any]) -> Out
 
 
 def smoothed(values: Array, t: Array, window: float) -> Array:
-    """Running means (k, 3) of values (k, 3) over `window` s, each of what came before."""
+    """Returns running means (k, 3) of values (k, 3) over the last `window` s."""
     n = max(1, round(window / float(np.median(np.diff(t)))))
     total = np.cumsum(np.vstack([np.zeros((n, values.shape[1])), values]), axis=0)
     return np.asarray((total[n:] - total[:-n]) / n)
 
 
 def run(folder: Path, quick: bool) -> Result:
-    """Every condition with every seed, MOCA as published with the first; quick: Kairos and one seed."""
+    """Runs every condition with every seed, MOCA as published with the first only; quick: Kairos and one seed."""
     a = assumed(STUDY)
     seeds = a["seeds"][:1] if quick else a["seeds"]
     pairs = [(c, seed) for c in CONDITIONS for seed in (seeds[:1] if c in _ONCE else seeds)]
@@ -200,12 +200,12 @@ def run(folder: Path, quick: bool) -> Result:
 
 
 def line(condition: Condition, a: dict[str, Any]) -> float:
-    """N, the robot's payload."""
+    """Returns the robot's payload, N."""
     return float(a[f"payload_{condition.robot}"] * GRAVITY)
 
 
 def row(o: Outcome, a: dict[str, Any]) -> dict[str, Any]:
-    """A line of the table."""
+    """Returns a row of the table."""
     fails = o.condition is KAIROS_BARE
     paper = {"moca": "inserted, below the line", "kairos": "above the line, stopped" if fails else ""}
     return {
@@ -218,7 +218,7 @@ def row(o: Outcome, a: dict[str, Any]) -> dict[str, Any]:
 
 
 def claims(found: list[Outcome], a: dict[str, Any]) -> list[Claim]:
-    """Every seed must show it; the figure is the worst one's."""
+    """Returns the claims. Every seed must confirm a claim; the figure is that of the worst seed."""
 
     def of(condition: Condition) -> list[Outcome]:
         return [o for o in found if o.condition is condition]
@@ -254,7 +254,7 @@ def claims(found: list[Outcome], a: dict[str, Any]) -> list[Claim]:
     ]  # fmt: skip
 
 
-# What `sweep` changes: an assumption at a time, and what makes the contact hard together.
+# The changes of `sweep`: one assumption at a time, and those that together make the contact hard.
 _HARD: Final = {"contact": 1e6, "diameter": 0.0304}
 SWEEP: Final[tuple[dict[str, float], ...]] = (
     {"contact": 1e4}, {"contact": 2e5}, {"contact": 1e6},
@@ -270,9 +270,9 @@ _KAIROS_ONLY: Final = {"drives", "force_limit"}
 
 
 def sweep(folder: Path, conditions: tuple[Condition, ...] = (MOCA, KAIROS_BARE, COMPLIANT)) -> list[dict[str, Any]]:
-    """How the largest force depends on what was assumed, with the first seed.
+    """Shows how the largest force depends on the assumptions, with the first seed.
 
-    Returns rows: what was changed, robot, whether it inserted and withdrew, N, the stop.
+    Returns rows: the change, robot, whether it inserted and withdrew, N, the stop.
     """
     base = assumed(STUDY)
     seed = base["seeds"][0]
@@ -290,7 +290,7 @@ def sweep(folder: Path, conditions: tuple[Condition, ...] = (MOCA, KAIROS_BARE, 
 
 
 def _draw(path: Path, pairs: list[tuple[Outcome, Run]], a: dict[str, Any]) -> None:
-    """Force over time and height of the peg's tip, for the first seed, as in Fig. 11."""
+    """Draws the force over time and the height of the peg's tip, for the first seed, as in Fig. 11."""
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -334,5 +334,5 @@ def _draw(path: Path, pairs: list[tuple[Outcome, Run]], a: dict[str, Any]) -> No
 
 
 def _extreme(which: Callable[..., float], outcomes: list[Outcome]) -> float | None:
-    """The greatest or least force, N; None where there was no run of the kind."""
+    """Returns the greatest or least force, N; None if there was no such run."""
     return which(o.force for o in outcomes) if outcomes else None

@@ -1,4 +1,4 @@
-"""Twelve simulated persons for the user studies: drawn from a seed, listed in assumptions.yaml before anything runs."""
+"""Twelve simulated persons for the user studies: drawn from a seed, listed in assumptions.yaml before any run."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ class Person:
         name: S1 to S12.
         height, mass: m, kg.
         strength_low, strength_high: N of the hand, at the elbow's height with a bent arm, and overhead.
-        stiffness: N/m of the hand; its damping goes with the root.
+        stiffness: N/m of the hand; its damping is proportional to the square root.
         noise: RMS of the force's noise, as a share of the force.
         drift, tremor: m, RMS along an axis.
         sight, reaction: s.
-        pace: m/s, greatest of a reach when asked to be quick.
-        care: m, within which the tool must be seen before it goes into a hole.
-        follow: m/s along a path that isn't to be touched.
-        seed: of the world, for chance within a trial.
+        pace: m/s, greatest speed of a reach when asked to be quick.
+        care: m, greatest visible error of the tool before it goes into a hole.
+        follow: m/s along a path that must not be touched.
+        seed: of the world, for noise within a trial.
     """
 
     name: str
@@ -53,7 +53,7 @@ class Person:
     seed: int
 
     def options(self, *, overhead: bool) -> dict[str, Any]:
-        """For the cell's part `person`; `overhead` is where the hand works."""
+        """Returns the options for the cell's part `person`; `overhead` says where the hand works."""
         a = assumed(SECTION)
         return {
             "strength": self.strength_high if overhead else self.strength_low,
@@ -71,7 +71,7 @@ class Person:
 
 
 def persons(count: int | None = None) -> list[Person]:
-    """Those listed in the assumptions, the first `count` of them."""
+    """Returns the persons listed in the assumptions, the first `count` of them."""
     rows = assumed(SECTION)["list"]
     listed = [
         Person(name=name, seed=i + 1, **dict(zip(_COLUMNS, row, strict=True)))
@@ -81,12 +81,12 @@ def persons(count: int | None = None) -> list[Person]:
 
 
 def drawn() -> list[list[float]]:
-    """The rows of the list, drawn anew from the seed and the distributions of the assumptions."""
+    """Draws the rows of the list again, from the seed and the distributions of the assumptions."""
     a = assumed(SECTION)
     rng = np.random.default_rng(a["seed"])
 
     def spread(what: str, decimals: int) -> float:
-        """Lognormal about a median."""
+        """Draws from a lognormal distribution around a median."""
         return round(float(a[what]["median"] * np.exp(a[what]["spread"] * rng.standard_normal())), decimals)
 
     def normal(what: str, decimals: int) -> float:

@@ -1,7 +1,7 @@
-"""The figures of Giammarino et al., 2022: Tables I and II, what the text says of Figs. 6, 7, 9 and 10, and errata.
+"""The figures of Giammarino et al., 2022: Tables I and II, the text's statements on Figs. 6, 7, 9 and 10, and errata.
 
-HR is the person with the robot, H the person alone; S1 to S12 are the subjects of both studies. A table's first
-row of each measure is HR (white), its second H (grey).
+HR is the person with the robot, H the person alone; S1 to S12 are the subjects of both studies. For each measure the
+first row of a table is HR (white), the second H (grey).
 """
 
 from __future__ import annotations
@@ -76,9 +76,9 @@ PRINTED_II: Final[Mapping[str, Printed]] = {
     "N_err": Printed({"HR": (0.42, 0.51), "H": (2.17, 2.82)}, 0.01),
 }
 
-# Figures 6 and 9 (NASA-TLX), 7 and 10 (mean sEMG over the task): the level that the sign test's p is said to be
-# below, None where the text says it isn't significant. Where there is a level, HR is the lower one. The subjects'
-# values aren't printed.
+# Figures 6 and 9 (NASA-TLX), 7 and 10 (mean sEMG over the task): the level below which the sign test's p is said to
+# be; None if the text says it isn't significant. Where there is a level, HR is the lower one. The subjects' values
+# aren't printed.
 WORKLOAD_I: Final[Mapping[str, float | None]] = {
     "mental_demand": None,
     "physical_demand": 0.001,
@@ -103,8 +103,8 @@ ACTIVITY_I: Final[Mapping[str, float | None]] = {
 }
 ACTIVITY_II: Final[Mapping[str, float | None]] = dict.fromkeys(ACTIVITY_I, 0.001)
 
-# Printed figures that the subjects' own rows don't give; computed to the decimals shown. Besides, the discussion
-# says that in overhead drilling nobody made more errors with the robot: S8 and S9 did.
+# Printed figures that differ from those of the subjects' own rows, computed to the decimals shown. Besides, the
+# discussion says that in overhead drilling nobody made more errors with the robot: S8 and S9 did.
 ERRATA_I: Final = (Difference("T", "H", "mean", 129.58, 129.67), Difference("T", "H", "deviation", 11.64, 11.59))
 ERRATA_II: Final = (
     Difference("N_Hl", "H", "deviation", 4.93, 4.94),

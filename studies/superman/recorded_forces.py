@@ -1,8 +1,8 @@
-"""Forces of real people at MOCA's handle, beside the paths they made when they were recorded.
+"""Forces of real people applied to MOCA's handle, compared with the paths they made when they were recorded.
 
 Two public recordings: a Panda led by its handle along a symbol, and a baton handed over between two people. Neither
-robot's law is known, and the recorded person didn't feel ours: what can be expected is that the tool does what eq. 1
-makes of the forces, and, as far as force decided the motion then, too, a path of that shape.
+robot's law is known, and the recorded person didn't feel our robot. So two things can be expected: the tool moves as
+eq. 1 computes it from the forces; and its path has a similar shape, as far as force decided the motion then, too.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from studies.runs import Run, Task, controller, run_all
 from studies.superman.assumptions import assumed
 
 NAME: Final = "recorded-forces"
-_GRID: Final = 0.02  # s, of comparisons
-_SMOOTH: Final = 5  # samples of that, over which velocities are averaged
+_GRID: Final = 0.02  # s, time step of comparisons
+_SMOOTH: Final = 5  # number of such steps over which velocities are averaged
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,8 @@ class Original:
     Attributes:
         name: for pictures and files.
         options: of the replay.
-        path: (k, 3) m, where the tool was, in the force's axes.
-        axes: those in which paths are compared.
+        path: (k, 3) m, positions of the tool, in the force's axes.
+        axes: the axes in which paths are compared.
     """
 
     name: str
@@ -46,24 +46,24 @@ class Original:
     axes: list[int]
 
     def forces(self) -> Forces:
-        """As the simulated hand exerts them."""
+        """Returns the forces as the simulated hand exerts them."""
         return load_forces(ForceRecording.model_validate(self.options), self.name)
 
 
 @dataclass(frozen=True)
 class Compared:
-    """A replay beside its original, on a common grid of time.
+    """A replay compared with its original, on a common time grid.
 
     Attributes:
         t: (k,) s since the forces began.
-        recorded, simulated: (k, 3) m, from their first points on; `simulated` is truth, of the handle.
+        recorded, simulated: (k, 3) m, relative to their first points; `simulated` is the handle's ground truth.
         force: (k, 3) N, as replayed.
-        law: RMS distance of the handle from eq. 1's own solution, as a share of its way's extent.
+        law: RMS distance of the handle from eq. 1's own solution, as a share of its path's extent.
         shape: correlation of the paths after the best shift, turn and scale, in the compared axes.
-        scale: simulated over recorded size.
-        direction: correlation of simulated and recorded velocities, axes as they are.
-        own: the same of recorded force and recorded velocity: how much the one had to do with the other then.
-        axes: those compared.
+        scale: simulated size over recorded size.
+        direction: correlation of simulated and recorded velocities, axes unchanged.
+        own: the same for recorded force and recorded velocity: how closely the two were related in the recording.
+        axes: the compared axes.
     """
 
     t: Array
@@ -79,12 +79,12 @@ class Compared:
 
 
 def shared() -> Path:
-    """The folder with the recordings: SRL_SHARED, or `shared` beside the checkout."""
+    """Returns the folder with the recordings: SRL_SHARED, or `shared` beside the checkout."""
     return Path(os.environ.get("SRL_SHARED", Path(__file__).resolve().parents[3] / "shared")) / "data"
 
 
 def run(folder: Path, quick: bool) -> Result:
-    """The study; what isn't there is left out, in words. `quick`: the shortest recording of each kind, led only."""
+    """Runs the study; the table names missing recordings. `quick`: the shortest recording of each kind, led only."""
     setup = assumed(NAME)
     result = Result(NAME, simulated=True, seeds=[setup["seed"]])
     originals, missing = found_in(shared(), setup, quick)
@@ -102,7 +102,7 @@ def run(folder: Path, quick: bool) -> Result:
 
 
 def found_in(data: Path, setup: dict[str, Any], quick: bool = False) -> tuple[list[Original], list[str]]:
-    """The recordings that are there, and the files that aren't."""
+    """Returns the recordings that exist, and the files that are missing."""
     originals: list[Original] = []
     missing: list[str] = []
     common = {"start": setup["begin"], "unbiased": setup["unbiased"]}
@@ -139,7 +139,7 @@ def _baton(file: Path) -> Array:
 
 
 def task(original: Original, setup: dict[str, Any]) -> Task:
-    """The profile with the recording in the person's place; button A is pressed by script."""
+    """Returns the profile with the recording in place of the person; a script presses button A."""
     person = {"part": "person", "on": "grip/grip", "tool": "grip/grip", "recording": original.options}
     changes = {
         "controllers": controller("moca-man", "admittance", dead_band=setup["dead_band"]),
@@ -151,15 +151,15 @@ def task(original: Original, setup: dict[str, Any]) -> Task:
     return Task(original.name, "moca-man", changes, original.forces().duration + setup["rest"], setup["seed"])
 
 
-# -- what came of it
+# -- outcome
 
 
 def compare(original: Original, done: Run, setup: dict[str, Any]) -> Compared:
-    """A finished run beside its original."""
+    """Compares a finished run with its original."""
     forces, begin = original.forces(), setup["begin"]
     length = min(forces.duration, float(done.t[-1])) - begin
     t = np.arange(0.0, length, _GRID)
-    # Rows are taken once a cycle, of the world at its time.
+    # There is one row per cycle, taken from the world at the cycle's time.
     handle = _on(t + begin, done.t, done.value("world.person_tool"))
     whole = np.linspace(0.0, forces.duration - begin, len(original.path))
     recorded = _on(t, whole, original.path)
@@ -178,7 +178,7 @@ def compare(original: Original, done: Run, setup: dict[str, Any]) -> Compared:
 
 
 def law(forces: Forces, begin: float, length: float, dead: float) -> tuple[Array, Array]:
-    """Eq. 1 for a recorded force, on its own: times (n,) s and positions (n, 3) m."""
+    """Solves eq. 1 for a recorded force alone: times (n,) s and positions (n, 3) m."""
     config, dt = AdmittanceConfig(), 0.001
     mass, damping = np.array(config.mass[:3]), np.array(config.damping[:3])
     n = int(length / dt) + 2
@@ -193,7 +193,7 @@ def law(forces: Forces, begin: float, length: float, dead: float) -> tuple[Array
 
 
 def alike(first: Array, second: Array) -> tuple[float, float]:
-    """Correlation of two paths (n, d) after the best shift, rotation and scale; the second's size to the first's."""
+    """Returns correlation of two paths (n, d) after the best shift, rotation and scale, and size of second to first."""
     a, b = first - first.mean(axis=0), second - second.mean(axis=0)
     size_a, size_b = float(np.linalg.norm(a)), float(np.linalg.norm(b))
     if min(size_a, size_b) < 1e-9:
@@ -204,7 +204,7 @@ def alike(first: Array, second: Array) -> tuple[float, float]:
 
 
 def fitted(first: Array, second: Array) -> Array:
-    """The second path (n, d), shifted, turned and scaled onto the first as well as can be."""
+    """Returns the second path (n, d), optimally shifted, turned and scaled onto the first."""
     a, b = first - first.mean(axis=0), second - second.mean(axis=0)
     u, s, v = np.linalg.svd(b.T @ a)
     flip = np.ones(len(s))
@@ -214,7 +214,7 @@ def fitted(first: Array, second: Array) -> Array:
 
 
 def claims(compared: dict[str, Compared], setup: dict[str, Any]) -> list[Claim]:
-    """Ours; the paper has none of this."""
+    """Returns our claims; the paper has nothing comparable."""
     panda = [c.shape for name, c in compared.items() if name.startswith("panda")]
     handover = [c.shape for name, c in compared.items() if name == "handover"]
     law_worst = max((c.law for c in compared.values()), default=None)
@@ -240,7 +240,7 @@ def claims(compared: dict[str, Compared], setup: dict[str, Any]) -> list[Claim]:
 
 
 def row(name: str, found: Compared) -> dict[str, Any]:
-    """Of the table."""
+    """Returns a row of the table."""
     return {
         "recording": name,
         "s": float(found.t[-1]),
@@ -254,7 +254,7 @@ def row(name: str, found: Compared) -> dict[str, Any]:
 
 
 def draw(compared: dict[str, Compared], file: Path) -> None:
-    """Above the paths in the world's x-y plane, below the forces."""
+    """Draws the paths in the world's x-y plane above, the forces below."""
     figure = Figure(figsize=(3.4 * max(len(compared), 2), 6.4), layout="constrained")
     grid = figure.subplots(2, len(compared), squeeze=False, height_ratios=(1.4, 1))
     for column, (name, found) in enumerate(compared.items()):
@@ -292,6 +292,6 @@ def _pace(path: Array) -> Array:
 
 
 def _correlation(first: Array, second: Array) -> float:
-    """Of vectors over time, about zero, all axes together."""
+    """Returns the correlation of vectors over time, about zero, all axes together."""
     size = float(np.linalg.norm(first) * np.linalg.norm(second))
     return float((first * second).sum() / size) if size > 0 else 0.0

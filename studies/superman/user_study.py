@@ -1,4 +1,4 @@
-"""What the two user studies share: trials that are run once and kept, tables and boxplots beside the paper's."""
+"""Common parts of the two user studies: trials that run once and are kept, tables and boxplots beside the paper's."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ MUSCLES: Final = ("AD", "PD", "BC", "TR")  # in the order of the person's activa
 
 @dataclass(frozen=True)
 class Planned:
-    """A trial to be run: whose, under which condition, and how its figures are read."""
+    """A trial to be run: its person, its condition, and the function that reads its figures."""
 
     person: Person
     condition: str
@@ -41,16 +41,16 @@ class Planned:
 
     @property
     def key(self) -> str:
-        """Changes when anything does that the run depends on, besides the program."""
+        """A key that changes if anything changes on which the run depends, except the program."""
         profile = (PROFILES / f"{self.task.profile}.yaml").read_text(encoding="utf-8")
         words = json.dumps([profile, self.task.changes, self.task.duration, self.task.seed], sort_keys=True)
         return hashlib.sha256(words.encode()).hexdigest()[:16]
 
 
 def trials(planned: Iterable[Planned], folder: Path) -> list[Trial]:
-    """Runs what isn't there yet: trials of an interrupted study are taken from `folder`.
+    """Runs the missing trials; those of an interrupted study are taken from `folder`.
 
-    A recording of three minutes takes half a gigabyte: each is read and let go of before the next.
+    A recording of three minutes takes half a gigabyte, so each one is read and released before the next.
     """
     file, lock = folder / KEPT, Lock()
     kept: dict[str, dict[str, Any]] = {}
@@ -77,7 +77,7 @@ def trials(planned: Iterable[Planned], folder: Path) -> list[Trial]:
 
 
 def plan(steps: Iterable[Any], patience: float) -> list[dict[str, Any]]:
-    """Steps of sim.parts.person.plans as a profile has them, with the profiles' buttons."""
+    """Converts steps of sim.parts.person.plans to the form of a profile, with the profiles' buttons."""
     out = []
     for step in steps:
         entry = step.model_dump(mode="json", exclude_none=True)
@@ -90,7 +90,7 @@ def plan(steps: Iterable[Any], patience: float) -> list[dict[str, Any]]:
 
 
 def alone(parts: dict[str, Any]) -> dict[str, Any]:
-    """Changes to the profile moca-man that leave a person without a robot, electrodes on the arm, at 100 Hz."""
+    """Returns changes to the profile moca-man: a person without a robot, electrodes on the arm, at 100 Hz."""
     gone = dict.fromkeys(("panel", "sensor", "arm", "base", "hand"))
     muscles = {"anterior_deltoid": 1, "posterior_deltoid": 2, "biceps": 3, "triceps": 4}
     return {
@@ -111,14 +111,14 @@ def alone(parts: dict[str, Any]) -> dict[str, Any]:
 
 
 def between(run: Run, first: int, last: int) -> Mask:
-    """(k,) whether each row lies in the plan's steps first to last, both included."""
+    """Returns whether each row, (k,), lies in the plan's steps first to last, both included."""
     step = run.value("world.person_progress")[:, 0]
     inside: Mask = (step >= first) & (step <= last)
     return inside
 
 
 def activity(run: Run, inside: Mask) -> dict[str, float]:
-    """Mean activation by muscle, percent of the greatest voluntary contraction, over the rows `inside`."""
+    """Returns the mean activation by muscle, percent of the greatest voluntary contraction, over the rows `inside`."""
     means = 100 * run.value("world.person_activation")[inside].mean(axis=0)
     return dict(zip(MUSCLES, (round(float(v), 3) for v in means), strict=True))
 
@@ -126,7 +126,7 @@ def activity(run: Run, inside: Mask) -> dict[str, float]:
 def rows(
     table: Table, beside: Mapping[str, Printed], extra: Sequence[str], found: Sequence[Trial]
 ) -> list[dict[str, Any]]:
-    """A row for each subject, then means (deviations) and tests, each beside the published one.
+    """Returns a row for each subject, then means (deviations) and tests, each beside the published one.
 
     Args:
         extra: measures of the trials that aren't in the table, for the subjects' rows only.
@@ -162,7 +162,7 @@ def rows(
 
 
 def pictures(table: Table, folder: Path, title: str) -> list[str]:
-    """Boxplots of the measures, one picture each; their names."""
+    """Draws boxplots of the measures, one picture each; returns the files' names."""
     files = []
     for m in table.measures:
         file = f"{m.name.lower()}.png"
@@ -179,7 +179,7 @@ def pictures(table: Table, folder: Path, title: str) -> list[str]:
 
 
 def muscles(found: Sequence[Trial], folder: Path, title: str) -> str:
-    """Boxplots of the muscles' mean activity; the picture's name."""
+    """Draws boxplots of the muscles' mean activity; returns the file's name."""
     subjects = list(dict.fromkeys(t.subject for t in found))
     by = {(t.subject, t.condition): t.values for t in found}
     groups = {name: {c: [by[s, c][name] for s in subjects] for c in CONDITIONS} for name in MUSCLES}
@@ -188,7 +188,7 @@ def muscles(found: Sequence[Trial], folder: Path, title: str) -> str:
 
 
 def varied(people: Sequence[Person], factors: Mapping[str, Sequence[float]]) -> list[tuple[str, list[Person]]]:
-    """The persons as they are, then with one property at a time multiplied, each with a label."""
+    """Returns the persons as they are, then with one property at a time multiplied, each with a label."""
     out = [("as listed", list(people))]
     for name, all_of in factors.items():
         for factor in all_of:
@@ -198,7 +198,7 @@ def varied(people: Sequence[Person], factors: Mapping[str, Sequence[float]]) -> 
 
 
 def swept(variants: Iterable[tuple[str, Result]]) -> list[dict[str, Any]]:
-    """A row for each variant: what each claim measured, and whether it held."""
+    """Returns a row for each variant: each claim's measured value, and whether it held."""
     return [
         {"persons": label}
         | {c.id: f"{c.measured:+.2f} {c.unit}, {'holds' if c.holds else 'does not hold'}" for c in result.claims}
@@ -207,5 +207,5 @@ def swept(variants: Iterable[tuple[str, Result]]) -> list[dict[str, Any]]:
 
 
 def slug(label: str) -> str:
-    """Of a variant, for names of recordings; nothing for the persons as they are."""
+    """Returns a variant's name for recordings; "" for the persons as they are."""
     return "" if label == "as listed" else "-" + "".join(c if c.isalnum() else "-" for c in label)

@@ -27,10 +27,10 @@ MEASURES: Final = {m.name: (m.unit, m.meaning) for m in TABLE_I.measures}
 
 
 def task(person: Person, condition: str, a: dict[str, Any], name: str = "") -> Task:
-    """A trial of one person, with the assumptions `a`."""
+    """Returns a trial of one person, with the assumptions `a`."""
     steps = wire_path(speed=person.follow, pauses=tuple(a["marks"]))
     buttons = 2 if condition == "HR" else 0
-    steps = steps[2 - buttons : len(steps) - 2 + buttons]  # nobody presses buttons alone
+    steps = steps[2 - buttons : len(steps) - 2 + buttons]  # alone there are no buttons to press
     parts: dict[str, Any] = {
         "wire": {"part": "wire", "position": a["wire"], "quaternion": a["wire_quaternion"], "marks": a["marks"]},
         "ring": {"part": "ring", "quaternion": list(_ring_turn(a, condition))},
@@ -59,7 +59,7 @@ def _path(a: dict[str, Any]) -> ArcPath:
 
 
 def _ring_turn(a: dict[str, Any], condition: str) -> Quaternion:
-    """The ring in the flange's or the hand's frame: its axis along the wire's beginning."""
+    """Returns the ring's rotation in the flange's or the hand's frame: its axis lies along the wire's beginning."""
     path = _path(a)
     x, y, z = (np.array(path.at(0.004)[:3]) - np.array(path.at(0.0)[:3])).tolist()
     # The smallest turn of the wire's x axis into its tangent.
@@ -70,13 +70,13 @@ def _ring_turn(a: dict[str, Any], condition: str) -> Quaternion:
 
 
 def _hand(a: dict[str, Any]) -> list[float]:
-    """m, where the hand begins: the ring where it is in HR."""
+    """Returns the hand's start position, m: the ring is then at the same place as in HR."""
     flange = turned(normalised(a["flange_quaternion"]), tuple(a["ring"]))
     return [round(f + r - h, 6) for f, r, h in zip(a["flange"], flange, a["ring_in_hand"], strict=True)]
 
 
 def read(run: Run, condition: str) -> dict[str, float]:
-    """Table I's measures of a trial; the rest in words: given up, steps missed, seconds of contact."""
+    """Returns Table I's measures of a trial, and further figures: given up, steps missed, seconds of contact."""
     follow = 3 if condition == "HR" else 1  # after two presses and the way to the wire's beginning
     inside = user_study.between(run, follow, follow)
     t = run.t[inside]
@@ -97,7 +97,7 @@ def read(run: Run, condition: str) -> dict[str, float]:
 
 
 def planned(people: Sequence[Person], a: dict[str, Any], variant: str = "") -> list[Planned]:
-    """All trials; the persons alone first. `variant` goes into the recordings' names."""
+    """Returns all trials; those of the persons alone come first. `variant` becomes part of the recordings' names."""
     return [
         Planned(
             person, condition, task(person, condition, a, f"{person.name}-{condition}{variant}".lower()),
@@ -113,15 +113,15 @@ def _reader(condition: str) -> Any:
 
 
 def run(folder: Path, quick: bool = False) -> Result:
-    """The study. `quick`: two persons."""
+    """Runs the study. `quick`: two persons."""
     a = assumed(STUDY)
     return result(user_study.trials(planned(persons(_QUICK if quick else None), a), folder), folder)
 
 
 def sweep(folder: Path) -> list[dict[str, Any]]:
-    """How much the claims depend on the persons: the first few of them, one property at a time."""
+    """Shows how far the claims depend on the persons: the first few of them, one property at a time."""
     a, aside = assumed(STUDY), folder / "sweep"
-    aside.mkdir(parents=True, exist_ok=True)  # its pictures mustn't replace the study's
+    aside.mkdir(parents=True, exist_ok=True)  # its pictures must not replace the study's
     out = []
     for label, people in user_study.varied(persons(a["sweep"]["persons"]), a["sweep"]["factors"]):
         found = user_study.trials(planned(people, a, user_study.slug(label)), folder)
@@ -130,7 +130,7 @@ def sweep(folder: Path) -> list[dict[str, Any]]:
 
 
 def result(found: list[Trial], folder: Path) -> Result:
-    """Tables, pictures and claims from trials of both conditions."""
+    """Makes tables, pictures and claims from trials of both conditions."""
     got = table("Prolonged manipulation, simulated", found, ("HR", "H"), MEASURES)
     files = [*user_study.pictures(got, folder, "Wire path"), user_study.muscles(found, folder, "Wire path")]
     names = {t.subject for t in found}

@@ -14,9 +14,9 @@ from runtime.contracts.signals import Array
 from studies.toolkit.errors import StudyError, exactly, pairs
 from studies.toolkit.statistics import Box, box, sign_test, stars
 
-# Two of Okabe and Ito's colours; conditions also differ in place, so a grey print can be read.
+# Two of Okabe and Ito's colours. Conditions also differ in position, so a grey print is readable.
 COLORS: Final = ("#0072B2", "#E69F00")
-_APART: Final = 0.19  # half the distance of a group's two boxes
+_APART: Final = 0.19  # half the distance between a group's two boxes
 _WIDTH: Final = 0.3
 Groups = Mapping[str, Mapping[str, Sequence[float]]]
 
@@ -31,19 +31,19 @@ def draw(
     names: Mapping[str, str] | None = None,
     limits: tuple[float, float] | None = None,
 ) -> dict[tuple[str, str], Box]:
-    """Draws two boxes a group (a subscale, a muscle) and gives back what was drawn.
+    """Draws two boxes per group (a subscale, a muscle) and returns what was drawn.
 
-    The line in a box is the median, its ends are the quartiles; whiskers reach the outermost values within 1.5
-    interquartile ranges; each dot is a subject, outliers among them. Stars: p of the exact sign test below 0.05,
+    The line in a box is the median, its ends are the quartiles. Whiskers reach the outermost values within 1.5
+    interquartile ranges. Each dot is a subject, including outliers. Stars: p of the exact sign test below 0.05,
     0.01, 0.001.
 
     Args:
-        groups: values by group and condition; the same subject at the same place.
+        groups: values by group and condition; the same subject at the same index.
         conditions: two of them.
-        file: its ending says the format (.png, .svg, .pdf).
+        file: its extension determines the format (.png, .svg, .pdf).
         title, unit: of the picture and of the values.
-        names: of groups, where they differ from the keys.
-        limits: of the values, where the scale has ends; stars stand above.
+        names: of the groups, if they differ from the keys.
+        limits: of the values, if the scale has ends; stars stand above.
 
     Raises:
         StudyError: there are no groups, a condition is missing, values don't pair, or the file can't be written.
@@ -67,7 +67,7 @@ def draw(
     if limits is not None:
         axis.set_ylim(*limits)
     low, high = axis.get_ylim()
-    axis.set_ylim(low - 0.02 * (high - low), high + 0.08 * (high - low))  # no dot is cut, and stars have room
+    axis.set_ylim(low - 0.02 * (high - low), high + 0.08 * (high - low))  # no dot is cut; room for the stars
     for at, mark in marks.items():
         if mark:
             y = high + 0.015 * (high - low)
@@ -98,7 +98,7 @@ def _box(axis: Any, found: Box, x: float, color: str) -> None:
         "q3": found.upper,
         "whislo": found.low,
         "whishi": found.high,
-        "fliers": [],  # they are among the dots
+        "fliers": [],  # they are drawn as dots
     }
     axis.bxp(
         [stats],
@@ -114,7 +114,7 @@ def _box(axis: Any, found: Box, x: float, color: str) -> None:
 
 
 def _spread(values: Array) -> Array:
-    """Sideways places of the dots (n,): equal values beside each other, the rest in the middle."""
+    """Returns the sideways positions of the dots (n,): equal values side by side, other values in the middle."""
     places = np.zeros(len(values))
     step = _WIDTH / 8
     for value in np.unique(values):

@@ -1,4 +1,4 @@
-"""What is wrong with a study's data, and the checks that several modules share."""
+"""The error for invalid study data, and the checks that several modules share."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from runtime.contracts.signals import Array
 
 
 class StudyError(SrlError):
-    """A study can't be evaluated: data are missing, out of range or don't pair up, or a result can't be written."""
+    """A study can't be evaluated: data are missing, out of range or don't pair, or a result can't be written."""
 
 
 def numbers(place: str, values: ArrayLike, least: int = 1) -> Array:
-    """The values as (n,) float64.
+    """Returns the values as (n,) float64.
 
     Raises:
         StudyError: fewer than `least`, not one row of numbers, or one of them isn't finite.
@@ -38,10 +38,10 @@ def numbers(place: str, values: ArrayLike, least: int = 1) -> Array:
 
 
 def pairs(place: str, first: ArrayLike, second: ArrayLike, least: int = 1) -> tuple[Array, Array]:
-    """Two rows of numbers, the same subject at the same place.
+    """Returns two rows of numbers, the same subject at the same index.
 
     Raises:
-        StudyError: as `numbers`, or one is longer.
+        StudyError: as in `numbers`, or one row is longer.
     """
     one, other = numbers(place, first, least), numbers(place, second, least)
     if len(one) != len(other):
@@ -51,10 +51,10 @@ def pairs(place: str, first: ArrayLike, second: ArrayLike, least: int = 1) -> tu
 
 
 def exactly(place: str, given: Iterable[str], expected: Sequence[str], what: str) -> None:
-    """Asks for these names, each once; their order is free.
+    """Checks that these names are given, each once, in any order.
 
     Raises:
-        StudyError: one is missing, unknown or there twice.
+        StudyError: one is missing, unknown or given twice.
     """
     names = list(given)
     remedy = f"The {what}s are {', '.join(expected)}"

@@ -1,7 +1,7 @@
 """NASA-TLX: perceived workload by six subscales (Hart and Staveland, 1988).
 
-Ratings go from 0 to 100, more is worse on every subscale; on performance 0 is a perfect result and 100 a
-failure. The raw score is the mean of the ratings. The weighted score takes each rating as often as the subject
+Ratings go from 0 to 100. More is worse on every subscale; on performance, 0 is a perfect result and 100 a
+failure. The raw score is the mean of the ratings. The weighted score counts each rating as often as the subject
 chose its subscale in the 15 comparisons of two.
 """
 
@@ -28,13 +28,13 @@ _VERSUS: Final = "/"  # and of comparisons: effort/frustration
 
 @dataclass(frozen=True)
 class Answer:
-    """What a subject answered after one condition.
+    """A subject's answers after one condition.
 
     Attributes:
         subject, condition: e.g. "S1", "HR".
         ratings: 0 to 100 by subscale.
-        weights: 0 to 5 by subscale, 15 together; None if the comparisons weren't asked.
-        place: where it is from, for errors.
+        weights: 0 to 5 by subscale, 15 in total; None if there were no comparisons.
+        place: the source, for errors.
     """
 
     subject: str
@@ -44,7 +44,7 @@ class Answer:
     place: str = ""
 
     def __post_init__(self) -> None:
-        """Raises StudyError: a subscale is missing or unknown, a rating or weight isn't a possible one."""
+        """Raises StudyError: a subscale is missing or unknown, or a rating or weight isn't possible."""
         object.__setattr__(self, "place", self.place or f"NASA-TLX of {self.subject}, {self.condition}")
         exactly(self.place, self.ratings, SUBSCALES, "subscale")
         for name, rating in self.ratings.items():
@@ -67,14 +67,14 @@ class Answer:
 
 
 def weights_of(chosen: Mapping[tuple[str, str], str], place: str = "NASA-TLX") -> dict[str, int]:
-    """The subscales' weights from the 15 comparisons: how often each was chosen.
+    """Returns the subscales' weights from the 15 comparisons: how often each was chosen.
 
     Args:
-        chosen: of each pair, in any order within it, the one that mattered more.
+        chosen: for each pair, in any order within it, the subscale that mattered more.
         place: for errors.
 
     Raises:
-        StudyError: a pair is missing, unknown or there twice, or another was chosen than one of the two.
+        StudyError: a pair is missing, unknown or given twice, or the choice isn't one of the two.
     """
     known = {frozenset(pair): _VERSUS.join(pair) for pair in PAIRS}
     given = [known.get(frozenset(pair), _VERSUS.join(pair)) for pair in chosen]
@@ -88,7 +88,7 @@ def weights_of(chosen: Mapping[tuple[str, str], str], place: str = "NASA-TLX") -
 
 
 def check_weights(weights: Mapping[str, int], place: str = "NASA-TLX") -> None:
-    """Asks whether 15 comparisons can give these weights.
+    """Checks whether 15 comparisons can give these weights.
 
     Raises:
         StudyError: they can't, or a subscale is missing.
@@ -100,7 +100,7 @@ def check_weights(weights: Mapping[str, int], place: str = "NASA-TLX") -> None:
     total = sum(weights.values())
     if total != len(PAIRS):
         raise StudyError(place, f"the weights add up to {total}, expected {len(PAIRS)}", "Count the choices again")
-    # Among themselves any k subscales settle k (k - 1) / 2 comparisons, so the k least hold at least as many.
+    # Among themselves any k subscales decide k (k - 1) / 2 comparisons, so the k least have at least that sum.
     least = sorted(weights.values())
     for k in range(2, len(least)):
         if sum(least[:k]) < k * (k - 1) // 2:
@@ -109,13 +109,13 @@ def check_weights(weights: Mapping[str, int], place: str = "NASA-TLX") -> None:
 
 
 def read(path: Path) -> list[Answer]:
-    """Answers from a sheet with the columns subject, condition and the six subscales.
+    """Reads answers from a sheet with the columns subject, condition and the six subscales.
 
     Weights come from columns `weight_<subscale>`, or from the comparisons themselves: columns such as
-    `effort/frustration` that hold the chosen name. Without either there are none.
+    `effort/frustration` that contain the chosen name. Without either there are no weights.
 
     Raises:
-        StudyError: the sheet or an answer in it is wrong.
+        StudyError: the sheet or an answer in it is invalid.
     """
     answers = []
     seen: dict[tuple[str, str], str] = {}
@@ -133,12 +133,12 @@ def read(path: Path) -> list[Answer]:
 
 
 def by_subscale(answers: Iterable[Answer], conditions: Sequence[str]) -> dict[str, dict[str, list[float]]]:
-    """Ratings by subscale and condition, subjects in the same order, as the tests and boxplots take them.
+    """Returns ratings by subscale and condition, subjects in the same order, for the tests and boxplots.
 
-    Also `raw`, and `weighted` where all have weights.
+    Also `raw`, and `weighted` if all answers have weights.
 
     Raises:
-        StudyError: there are none, or a subject lacks a condition.
+        StudyError: there are no answers, or a subject lacks a condition.
     """
     wanted = [answer for answer in answers if answer.condition in conditions]
     found = {(answer.subject, answer.condition): answer for answer in wanted}

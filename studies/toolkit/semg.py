@@ -1,7 +1,7 @@
 """Surface EMG to muscle activity: band-pass, rectify, low-pass, per cent of the greatest voluntary contraction.
 
-Arrays are (k, n): k samples of n muscles. The paper says only that signals were filtered and normalised; the
-band and the cut-off here are those customary for surface EMG, and are stated with every result.
+Arrays are (k, n): k samples of n muscles. The paper says only that signals were filtered and normalised. The
+band and the cut-off here are usual for surface EMG, and are stated with every result.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ try:
 except ImportError:
     raise without_scipy("surface EMG") from None
 
-# The paper's four muscles, as the trigno driver's channels are best named, and the paper's letters for them.
+# The paper's four muscles: recommended names for the trigno driver's channels, and the paper's letters.
 MUSCLES: Final = {"deltoid_anterior": "AD", "deltoid_posterior": "PD", "biceps": "BC", "triceps": "TR"}
 PLACE: Final = "surface EMG"
 _OFFLINE: Final = 2  # passes: forwards and backwards
@@ -32,11 +32,11 @@ _LEVELS: Final = (10, 50, 90)  # per cent of the time
 
 @dataclass(frozen=True)
 class Filters:
-    """Butterworth filters; the cut-offs are where the gain is 1/sqrt(2), offline and online alike.
+    """Butterworth filters; at the cut-offs the gain is 1/sqrt(2), offline and online alike.
 
     Attributes:
         rate: Hz, of the samples.
-        band: Hz. Below lie movement of cables and skin, above the electronics' noise.
+        band: Hz. Below it is movement of cables and skin, above it the electronics' noise.
         band_order: of each flank.
         cutoff: Hz, of the envelope.
         cutoff_order: of the envelope. Offline both filters run twice, so flanks are twice as steep.
@@ -49,7 +49,7 @@ class Filters:
     cutoff_order: int = 2
 
     def __post_init__(self) -> None:
-        """Raises StudyError: cut-offs that the rate can't have, or orders out of 1 to 8."""
+        """Raises StudyError: cut-offs impossible at this rate, or orders outside 1 to 8."""
         low, high = self.band
         if not 0 < low < high < self.rate / 2:
             problem = f"a band of {low:g} to {high:g} Hz at {self.rate:g} Hz"
@@ -61,9 +61,9 @@ class Filters:
             raise StudyError(PLACE, f"orders {self.band_order} and {self.cutoff_order}", "Take 1 to 8; 4 and 2 do")
 
     def band_pass(self, passes: int = 1) -> Array:
-        """Second-order sections whose `passes` runs make the band-pass."""
+        """Returns second-order sections that give the band-pass when run `passes` times."""
         low, high = (self._warped(f) for f in self.band)
-        # Wider by what the further passes narrow it; its middle stays.
+        # Widened by as much as the further passes narrow it; its middle stays.
         half = 0.5 * (high - low) / _prototype(self.band_order, passes)
         middle = math.hypot(half, math.sqrt(low * high))
         edges = [self._unwarped(middle - half), self._unwarped(middle + half)]
@@ -71,7 +71,7 @@ class Filters:
         return found
 
     def low_pass(self, passes: int = 1) -> Array:
-        """Second-order sections whose `passes` runs make the envelope's low-pass."""
+        """Returns second-order sections that give the envelope's low-pass when run `passes` times."""
         edge = self._unwarped(self._warped(self.cutoff) / _prototype(self.cutoff_order, passes))
         found: Array = signal.butter(self.cutoff_order, edge, "lowpass", output="sos", fs=self.rate)
         return found
@@ -86,7 +86,7 @@ class Filters:
         )
 
     def _warped(self, frequency: float) -> float:
-        """The analogue frequency that the bilinear transform puts there."""
+        """Returns the analogue frequency that the bilinear transform maps to this one."""
         return math.tan(math.pi * frequency / self.rate)
 
     def _unwarped(self, analogue: float) -> float:
@@ -94,11 +94,11 @@ class Filters:
 
 
 def envelope(samples: ArrayLike, filters: Filters) -> Array:
-    """The envelope of a whole record without lag: each filter runs forwards and backwards.
+    """Returns the envelope of a whole record without lag: each filter runs forwards and backwards.
 
     Args:
-        samples: (k, n), any unit; an offset does no harm.
-        filters: what to take.
+        samples: (k, n), any unit; an offset has no effect.
+        filters: the filters.
 
     Returns:
         (k, n) in the samples' unit, at least 0: the mean of the rectified signal, 0.8 of its RMS where it is noise.
@@ -107,25 +107,25 @@ def envelope(samples: ArrayLike, filters: Filters) -> Array:
         StudyError: not (k, n), not finite, or shorter than the filters' memory.
     """
     raw = _checked(samples)
-    # Both ends are mirrored so far that what begins there has died out.
+    # Both ends are mirrored for so long that the filters' transients have decayed.
     pad = math.ceil(filters.rate / filters.cutoff)
     if len(raw) <= pad:
         problem = f"{len(raw)} samples, expected more than {pad} ({pad / filters.rate:g} s)"
         raise StudyError(PLACE, problem, "Take a longer piece, or a higher cut-off")
     muscle = signal.sosfiltfilt(filters.band_pass(_OFFLINE), raw, axis=0, padlen=pad)
     smooth = signal.sosfiltfilt(filters.low_pass(_OFFLINE), np.abs(muscle), axis=0, padtype="even", padlen=pad)
-    # A low-pass of the second order or more undershoots a little; activity has no sign.
+    # A low-pass of second or higher order undershoots a little; activity has no sign.
     found: Array = np.maximum(smooth, 0.0)
     return found
 
 
 class OnlineEnvelope:
-    """The envelope as samples come: causal, the same numbers however they are cut into blocks.
+    """The envelope as samples come: causal, and independent of how the samples are split into blocks.
 
-    It lags by `Filters.delay`. It begins at 0, with the offset of the first sample taken as the electrode's.
+    It lags by `Filters.delay`. It begins at 0, with the first sample taken as the electrode's offset.
 
     Attributes:
-        value: (n,) the newest.
+        value: (n,) the newest value.
     """
 
     def __init__(self, muscles: int, filters: Filters) -> None:
@@ -135,7 +135,7 @@ class OnlineEnvelope:
         self._band_state: Array | None = None
 
     def take(self, samples: ArrayLike) -> Array:
-        """Adds samples (k, n), oldest first; gives their envelope (k, n), at least 0.
+        """Adds samples (k, n), oldest first; returns their envelope (k, n), at least 0.
 
         Raises:
             StudyError: not (k, n), or not finite.
@@ -156,12 +156,12 @@ class OnlineEnvelope:
 
 
 def greatest(trials: Sequence[ArrayLike], rate: float, window: float = 0.5) -> Array:
-    """The greatest voluntary contraction: the highest mean of an envelope over `window`, of all MVC trials.
+    """Returns the greatest voluntary contraction: the highest mean of an envelope over `window`, of all MVC trials.
 
     Args:
         trials: envelopes (k, n), the same muscles in each.
         rate: Hz.
-        window: s; a single peak would be chance.
+        window: s; a single peak would be noise.
 
     Returns:
         (n,) in the envelopes' unit, above 0.
@@ -191,9 +191,9 @@ def greatest(trials: Sequence[ArrayLike], rate: float, window: float = 0.5) -> A
 
 
 def normalise(values: ArrayLike, mvc: ArrayLike) -> Array:
-    """An envelope (k, n) as a share of the greatest voluntary contraction (n,): 1 is all a muscle gave there.
+    """Returns an envelope (k, n) as a share of the greatest voluntary contraction (n,): 1 is a muscle's MVC.
 
-    More than 1 happens and is left in: a task may load a muscle harder than its MVC trial did.
+    Values above 1 occur and are kept: a task may load a muscle more than its MVC trial did.
 
     Raises:
         StudyError: the muscles differ, or an MVC isn't above 0.
@@ -213,10 +213,10 @@ class Activity:
 
     Attributes:
         muscles: their names.
-        seconds: how much of the trial went in.
-        mean: over the trial, what the paper's Figs. 7 and 10 show.
+        seconds: evaluated length of the trial.
+        mean: over the trial, as in the paper's Figs. 7 and 10.
         static, median, peak: the levels not exceeded in 10, 50 and 90 per cent of the time.
-        above: the share of the time above the MVC; more than a little says that the MVC trial was weak.
+        above: the share of the time above the MVC; more than a little means that the MVC trial was weak.
     """
 
     muscles: tuple[str, ...]
@@ -229,7 +229,7 @@ class Activity:
 
 
 def activity(normal: ArrayLike, muscles: Sequence[str], rate: float) -> Activity:
-    """The figures of a trial from its normalised envelope (k, n); raises StudyError if names don't match."""
+    """Computes a trial's figures from its normalised envelope (k, n); raises StudyError if names don't match."""
     found = _checked(normal)
     if len(muscles) != found.shape[1] or len(set(muscles)) < len(muscles):
         problem = f"the names {', '.join(muscles)} for {found.shape[1]} muscles"
@@ -240,7 +240,7 @@ def activity(normal: ArrayLike, muscles: Sequence[str], rate: float) -> Activity
 
 
 def _prototype(order: int, passes: int) -> float:
-    """Where a Butterworth low-pass of cut-off 1, run so many times, has the gain 1/sqrt(2)."""
+    """Returns the frequency at which a Butterworth low-pass of cut-off 1, run `passes` times, has gain 1/sqrt(2)."""
     return float((2 ** (1 / passes) - 1) ** (0.5 / order))
 
 

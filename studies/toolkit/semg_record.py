@@ -1,4 +1,4 @@
-"""EMG as it was recorded: pieces without a gap, from a recording of the trigno driver or from arrays."""
+"""Recorded EMG: pieces without a gap, from a recording of the trigno driver or from arrays."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from studies.toolkit import semg
 from studies.toolkit.errors import StudyError
 from studies.toolkit.semg import Activity, Filters
 
-LATE: Final = 0.005  # s by which stamps may run ahead of the count; a radio frame that is missing has 0.0135 s
+LATE: Final = 0.005  # s by which stamps may be ahead of the count; a missing radio frame is 0.0135 s
 GONE: Final = 0.1  # s of exact zeros after which a sensor counts as out of reach (sheet delsys_trigno §5)
 
 
@@ -37,14 +37,14 @@ class Piece:
 
 @dataclass(frozen=True)
 class Emg:
-    """A record, or what was made of one.
+    """A record, or a result computed from one.
 
     Attributes:
         muscles: (n,) names.
         rate: Hz.
-        pieces: in time's order, at least one.
+        pieces: in order of time, at least one.
         absent: s for which each muscle's sensor was out of reach; those spans aren't in the pieces.
-        place: for errors.
+        place: the source, for errors.
     """
 
     muscles: tuple[str, ...]
@@ -55,17 +55,17 @@ class Emg:
 
     @property
     def seconds(self) -> float:
-        """How much there is."""
+        """s of samples in all pieces."""
         return sum(len(piece.time) for piece in self.pieces) / self.rate
 
     @property
     def lost(self) -> float:
-        """s that are missing between the first sample and the last."""
+        """s missing between the first sample and the last."""
         whole = self.pieces[-1].time[-1] - self.pieces[0].time[0] + 1 / self.rate
         return max(float(whole) - self.seconds, 0.0)
 
     def envelope(self, filters: Filters | None = None) -> Emg:
-        """The envelope of each piece; pieces too short for the filters are left out.
+        """Returns the envelope of each piece; pieces too short for the filters are left out.
 
         Raises:
             StudyError: the filters are for another rate, or all pieces are too short.
@@ -82,12 +82,12 @@ class Emg:
         return self._with(made)
 
     def between(self, start: float, end: float) -> Emg:
-        """What lies within [start, end), s: a trial of a longer record.
+        """Returns the part within [start, end), s: a trial of a longer record.
 
-        Take the envelope first, so that the filters don't begin anew at the trial's ends.
+        Compute the envelope first, so that the filters don't start anew at the trial's ends.
 
         Raises:
-            StudyError: nothing lies there.
+            StudyError: there are no samples in this span.
         """
         kept = []
         for piece in self.pieces:
@@ -101,7 +101,7 @@ class Emg:
         return self._with(kept)
 
     def greatest(self, window: float = 0.5) -> Array:
-        """Of an envelope that is an MVC trial: the highest mean over `window` s of each muscle, (n,).
+        """Returns each muscle's highest mean over `window` s, (n,), for an envelope that is an MVC trial.
 
         Raises:
             StudyError: no piece is that long, or a muscle has no signal.
@@ -114,11 +114,11 @@ class Emg:
         return semg.greatest(long, self.rate, window)
 
     def normalise(self, mvc: ArrayLike) -> Emg:
-        """An envelope as a share of the MVC (n,); raises StudyError if they don't match."""
+        """Returns an envelope as a share of the MVC (n,); raises StudyError if they don't match."""
         return self._with([Piece(p.time, semg.normalise(p.values, mvc)) for p in self.pieces])
 
     def activity(self) -> Activity:
-        """The figures of a normalised envelope, over all its pieces."""
+        """Returns the figures of a normalised envelope, over all its pieces."""
         return semg.activity(np.concatenate([p.values for p in self.pieces]), self.muscles, self.rate)
 
     def _with(self, pieces: Sequence[Piece]) -> Emg:
@@ -126,7 +126,7 @@ class Emg:
 
 
 def from_arrays(samples: ArrayLike, muscles: Sequence[str], rate: float, place: str = semg.PLACE) -> Emg:
-    """A record without gaps from samples (k, n); spans of exact zeros (a sensor out of reach) are cut out.
+    """Makes a record without gaps from samples (k, n); spans of exact zeros (a sensor out of reach) are cut out.
 
     Raises:
         StudyError: not (k, n) for these n muscles, not finite, or nothing is left.
@@ -141,19 +141,19 @@ def from_arrays(samples: ArrayLike, muscles: Sequence[str], rate: float, place: 
 
 
 def from_recording(recording: Recording, device: str = "emg", muscles: Sequence[str] | None = None) -> Emg:
-    """Every sample of a trigno device, from the signals `samples` and `count` that its `block` option adds.
+    """Returns every sample of a trigno device, from the signals `samples` and `count` that its `block` option adds.
 
-    A sample's time is its number over the rate, put on the recording's time by the rows' stamps. A new piece
-    begins where more samples came from one row to the next than a row holds, where the driver connected anew or
-    found samples lost, and where the stamps run ahead of the count.
+    A sample's time is its number divided by the rate, mapped to the recording's time by the rows' stamps. A new piece
+    begins in three cases: from one row to the next more samples came than a row holds; the driver connected anew or
+    found samples lost; or the stamps are ahead of the count.
 
     Args:
         recording: of `srl run --record`, or of a black box.
         device: its name in the profile.
-        muscles: of its channels, in the order wanted; None: all.
+        muscles: channels, in the wanted order; None: all.
 
     Raises:
-        StudyError: there is no such device, it had no `block`, a channel is unknown, or nothing came.
+        StudyError: there is no such device, it had no `block`, a channel is unknown, or no samples came.
     """
     place, fields = f"{recording.path}: {device}", recording.layout.fields
     if device not in recording.layout.devices:
@@ -176,7 +176,7 @@ def _pieces(recording: Recording, device: str, columns: list[int]) -> list[Piece
     count = np.rint(recording.value(f"{device}.count")[:, 0]).astype(np.int64)
     samples = recording.value(f"{device}.samples")
     stamped = recording.int(f"{device}.stamp")
-    # s from a sample's number to its time, where the row has a stamp of its own.
+    # s from a sample's number to its time, if the row has a stamp of its own.
     offset = (stamped - recording.int("now")[0]) / 1e9 - count / RATE
     known = (stamped >= 0) & (np.diff(stamped, prepend=-1) != 0)
     broken = _changes(recording.int(f"{device}.reconnects")) | _changes(recording.int(f"{device}.resyncs"))
@@ -186,7 +186,7 @@ def _pieces(recording: Recording, device: str, columns: list[int]) -> list[Piece
         pending |= bool(broken[row])
         if count[row] == last:
             continue
-        # The driver's count starts again with a connection.
+        # The driver's count starts again with each connection.
         new = int(count[row] - last) if count[row] > last else int(count[row])
         pending |= count[row] < last or new > samples.shape[1]
         last = int(count[row])
@@ -206,7 +206,7 @@ def _pieces(recording: Recording, device: str, columns: list[int]) -> list[Piece
 
 
 def _changes(words: np.ndarray) -> np.ndarray:
-    """(k,) whether each row's word differs from the row's before."""
+    """Returns whether each row's word, (k,), differs from the previous row's."""
     return np.concatenate(([False], words[1:] != words[:-1]))
 
 
@@ -221,13 +221,13 @@ class _Run:
 
     def piece(self) -> Piece:
         values = np.concatenate(self.blocks)
-        # A row's stamp is that of its last sample, and its count is that sample's number.
+        # A row's stamp and count are the time and the number of its last sample.
         numbers = np.arange(self.first, self.first + len(values))
         return Piece(numbers / RATE + np.interp(numbers, self.counts, self.offsets), values)
 
 
 def _present(pieces: Sequence[Piece], muscles: tuple[str, ...], rate: float, place: str) -> Emg:
-    """Cuts out what a sensor out of reach left: zeros would pass for a muscle at rest."""
+    """Cuts out the spans in which a sensor was out of reach: their zeros would look like a muscle at rest."""
     kept, absent = [], np.zeros(len(muscles))
     for piece in pieces:
         gone = np.stack([_long(column == 0, round(GONE * rate)) for column in piece.values.T], axis=1)
@@ -242,7 +242,7 @@ def _present(pieces: Sequence[Piece], muscles: tuple[str, ...], rate: float, pla
 
 
 def _long(flags: np.ndarray, least: int) -> np.ndarray:
-    """Only those runs of true that are at least so long."""
+    """Keeps only those runs of true that have at least this length."""
     padded = np.concatenate(([False], flags, [False]))
     edges = np.flatnonzero(padded[1:] != padded[:-1])
     found = np.zeros(len(flags), bool)

@@ -1,4 +1,4 @@
-"""Reads tables of plain text (CSV with a header line), as a spreadsheet writes them."""
+"""Reads tables of plain text (CSV with a header line), as written by a spreadsheet."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Line:
     cells: dict[str, str]
 
     def number(self, column: str) -> float:
-        """A cell's number; raises StudyError if it isn't a finite one."""
+        """Returns a cell's number; raises StudyError if it isn't a finite number."""
         text = self.cells.get(column, "")
         try:
             value = float(text)
@@ -37,7 +37,7 @@ class Line:
 
 
 def read(path: Path, required: Sequence[str]) -> list[Line]:
-    """The lines of a sheet; column names lose the space around them and their capitals.
+    """Returns the lines of a sheet; column names are stripped and in lower case.
 
     Raises:
         StudyError: it can't be read, a column is missing or there twice, a line has more cells than the header,
@@ -48,7 +48,7 @@ def read(path: Path, required: Sequence[str]) -> list[Line]:
     except (OSError, UnicodeDecodeError) as error:
         why = error.strerror if isinstance(error, OSError) else "it isn't UTF-8 text"
         raise StudyError(str(path), f"it can't be read: {why}", "Save the sheet as CSV, UTF-8") from None
-    # Where the comma is the decimal sign, spreadsheets separate cells by semicolons.
+    # If the comma is the decimal sign, spreadsheets separate cells by semicolons.
     head = text.split("\n", 1)[0]
     reader = csv.reader(text.splitlines(), delimiter=";" if head.count(";") > head.count(",") else ",")
     columns = [name.strip().lower() for name in next(reader, [])]

@@ -28,12 +28,12 @@ class Summary:
 
 @dataclass(frozen=True)
 class Box:
-    """What a boxplot shows.
+    """The figures of a boxplot.
 
     Attributes:
         lower, median, upper: quartiles, straight lines between the order statistics (numpy's default).
         low, high: the whiskers' ends: the outermost values within 1.5 interquartile ranges of the quartiles.
-        outliers: the values beyond.
+        outliers: the values beyond the whiskers.
     """
 
     lower: float
@@ -50,7 +50,7 @@ class SignTest:
 
     Attributes:
         more, less, ties: pairs in which the first is larger, smaller, equal.
-        p: of so uneven a split, or one more so, were both signs as likely; 1 if all are ties.
+        p: probability of this split, or a more uneven one, if both signs were equally likely; 1 if all are ties.
     """
 
     more: int
@@ -61,12 +61,12 @@ class SignTest:
 
 @dataclass(frozen=True)
 class PairedT:
-    """The two-sided paired t-test: of the differences first - second.
+    """The two-sided paired t-test on the differences first - second.
 
     Attributes:
         difference: their mean, in the values' unit.
         t, freedom: the statistic and its degrees of freedom.
-        p: of so large a mean, or a larger one, were the true mean 0.
+        p: probability of a mean this large, or larger, if the true mean were 0.
     """
 
     difference: float
@@ -77,33 +77,33 @@ class PairedT:
 
 @dataclass(frozen=True)
 class ShapiroWilk:
-    """The Shapiro-Wilk test: a small p speaks against a normal distribution, a large one proves none."""
+    """The Shapiro-Wilk test: a small p is evidence against a normal distribution; a large p doesn't prove one."""
 
     w: float
     p: float
 
 
 def summary(values: ArrayLike, place: str = "summary") -> Summary:
-    """Mean and standard deviation of (n,) values; raises StudyError if there are none or one isn't finite."""
+    """Returns mean and standard deviation of (n,) values; raises StudyError if there are none or one isn't finite."""
     found = numbers(place, values)
     deviation = float(np.std(found, ddof=1)) if len(found) > 1 else math.nan
     return Summary(len(found), float(np.mean(found)), deviation)
 
 
 def box(values: ArrayLike, place: str = "boxplot") -> Box:
-    """Quartiles, whiskers and outliers of (n,) values; raises StudyError as `summary`."""
+    """Returns quartiles, whiskers and outliers of (n,) values; raises StudyError as `summary` does."""
     found = np.sort(numbers(place, values))
     lower, median, upper = (float(q) for q in np.quantile(found, (0.25, 0.5, 0.75)))
     reach = WHISKER * (upper - lower)
     inside = (found >= lower - reach) & (found <= upper + reach)
-    # A quartile lies between two values: without a value between it and its fence the whisker has no length.
+    # A quartile can lie between two values. If there is no value between it and its fence, the whisker has length 0.
     low = min(float(found[inside][0]), lower)
     high = max(float(found[inside][-1]), upper)
     return Box(lower, median, upper, low, high, tuple(float(v) for v in found[~inside]))
 
 
 def sign_test(first: ArrayLike, second: ArrayLike, place: str = "sign test") -> SignTest:
-    """The exact sign test of (n,) and (n,) values, pair by pair.
+    """Computes the exact sign test of (n,) and (n,) values, pair by pair.
 
     Raises:
         StudyError: they are empty, not finite, or don't pair.
@@ -114,10 +114,10 @@ def sign_test(first: ArrayLike, second: ArrayLike, place: str = "sign test") -> 
 
 
 def paired_t(first: ArrayLike, second: ArrayLike, place: str = "paired t-test") -> PairedT:
-    """The paired t-test of (n,) and (n,) values, n >= 2.
+    """Computes the paired t-test of (n,) and (n,) values, n >= 2.
 
     Raises:
-        StudyError: as `sign_test`, or all differences are the same.
+        StudyError: as in `sign_test`, or all differences are the same.
         HostError: scipy isn't installed.
     """
     one, other = pairs(place, first, second, 2)
@@ -132,7 +132,7 @@ def paired_t(first: ArrayLike, second: ArrayLike, place: str = "paired t-test") 
 
 
 def shapiro_wilk(values: ArrayLike, place: str = "Shapiro-Wilk test") -> ShapiroWilk:
-    """The Shapiro-Wilk test of (n,) values, 3 <= n <= 5000. Before a paired t-test: of the differences.
+    """Computes the Shapiro-Wilk test of (n,) values, 3 <= n <= 5000. Before a paired t-test: of the differences.
 
     Raises:
         StudyError: too few, too many, not finite, or all the same.
@@ -151,28 +151,28 @@ def shapiro_wilk(values: ArrayLike, place: str = "Shapiro-Wilk test") -> Shapiro
 
 
 def level(p: float) -> float | None:
-    """The strictest of the levels 0.001, 0.01 and 0.05 that `p` is below; None if it is below none."""
+    """Returns the strictest of the levels 0.001, 0.01 and 0.05 that `p` is below; None if it is below none."""
     return next((alpha for alpha in LEVELS if p < alpha), None)
 
 
 def stars(p: float) -> str:
-    """`***`, `**`, `*` for p below 0.001, 0.01, 0.05; else nothing."""
+    """Returns `***`, `**`, `*` for p below 0.001, 0.01, 0.05; else nothing."""
     alpha = level(p)
     return "" if alpha is None else "*" * (len(LEVELS) - LEVELS.index(alpha))
 
 
 def words(p: float) -> str:
-    """A p-value as tables print it: two figures, or "p < 0.001"."""
+    """Returns a p-value as tables print it: two figures, or "p < 0.001"."""
     return "p < 0.001" if p < LEVELS[0] else f"p = {p:.2g}"
 
 
 def without_scipy(place: str) -> HostError:
-    """The error of a machine that lacks the optional extra."""
+    """Returns the error for a machine without the optional extra."""
     return HostError(place, "scipy isn't installed", "Install it: pip install 'srl-runtime[studies]'")
 
 
 def _binomial(k: int, n: int) -> float:
-    """Twice the smaller tail of a fair binomial, in whole numbers up to the last division."""
+    """Returns twice the smaller tail of a fair binomial, in whole numbers until the last division."""
     tail = sum(math.comb(n, i) for i in range(min(k, n - k) + 1))
     return min(2 * tail / 2**n, 1.0)
 

@@ -12,14 +12,14 @@ from studies.toolkit.statistics import SignTest, Summary, level, sign_test, summ
 
 @dataclass(frozen=True)
 class Measure:
-    """What was measured.
+    """A measured quantity.
 
     Attributes:
         name: short, as in the paper ("T").
         unit: of the values.
         meaning: in words.
         values: (n,) by condition, in the order of the table's subjects.
-        decimals: printed for means and deviations.
+        decimals: number printed for means and deviations.
     """
 
     name: str
@@ -29,18 +29,18 @@ class Measure:
     decimals: int = 2
 
     def summary(self, condition: str) -> Summary:
-        """Mean and standard deviation under a condition."""
+        """Returns mean and standard deviation under a condition."""
         return summary(self.values[condition], f"{self.name}, {condition}")
 
 
 @dataclass(frozen=True)
 class Printed:
-    """What a publication says of a measure.
+    """A publication's figures of a measure.
 
     Attributes:
         figures: mean and standard deviation by condition, as printed.
-        significant: the level that p is said to be below; None: said not to be significant.
-        decimals: printed for means and deviations.
+        significant: the level below which p is said to be; None: said not to be significant.
+        decimals: number printed for means and deviations.
     """
 
     figures: Mapping[str, tuple[float, float]]
@@ -50,11 +50,11 @@ class Printed:
 
 @dataclass(frozen=True)
 class Difference:
-    """A printed figure that the subjects' rows don't give.
+    """A printed figure that differs from the one of the subjects' rows.
 
     Attributes:
-        measure, condition: where; the condition is "" for the test.
-        what: "mean", "deviation", or "p": then `printed` is the level that p is said to be below (1: none).
+        measure, condition: the place; the condition is "" for the test.
+        what: "mean", "deviation", or "p": then `printed` is the level below which p is said to be (1: none).
         printed, computed: the two figures.
     """
 
@@ -70,9 +70,9 @@ class Table:
     """Rows per subject, columns per measure and condition.
 
     Attributes:
-        title: above it.
+        title: the line above the table.
         subjects: (n,) names.
-        conditions: two of them; the first is the one that is compared with the second.
+        conditions: two of them; the first is compared with the second.
         measures: in their order.
     """
 
@@ -98,7 +98,7 @@ class Table:
                     raise StudyError(f"{place}, {condition}", problem, "Give one value for each subject")
 
     def measure(self, name: str) -> Measure:
-        """The measure of that name; raises StudyError if there is none."""
+        """Returns the measure of that name; raises StudyError if there is none."""
         for measure in self.measures:
             if measure.name == name:
                 return measure
@@ -106,17 +106,17 @@ class Table:
         raise StudyError(self.title, f"there is no measure '{name}'", f"The measures are {names}")
 
     def sign_test(self, name: str) -> SignTest:
-        """Of the first condition against the second."""
+        """Tests the first condition against the second."""
         values = self.measure(name).values
         return sign_test(values[self.conditions[0]], values[self.conditions[1]], f"{self.title}: {name}")
 
     def more(self, name: str) -> list[str]:
-        """The subjects with a larger value under the first condition than under the second."""
+        """Returns the subjects with a larger value under the first condition than under the second."""
         one, other = (self.measure(name).values[condition] for condition in self.conditions)
         return [subject for subject, a, b in zip(self.subjects, one, other, strict=True) if a > b]
 
     def differences(self, printed: Mapping[str, Printed]) -> list[Difference]:
-        """The printed figures that this table's rows don't give, to the decimals printed.
+        """Returns the printed figures that differ from those of this table's rows, to the decimals printed.
 
         Raises:
             StudyError: a measure isn't in this table, or a condition has no figures.
@@ -141,14 +141,14 @@ class Table:
         return found
 
     def markdown(self, beside: Mapping[str, Printed] | None = None) -> str:
-        """As a markdown table, with the published figures below ours where given."""
+        """Returns a markdown table, with the published figures below ours if given."""
         rows = [[cell.replace("|", "\\|") for cell in row] for row in self._rows(beside)]
         rule = [":--", *("--:" for _ in rows[0][1:])]
         lines = [f"| {' | '.join(row)} |" for row in (rows[0], rule, *rows[1:])]
         return "\n".join([f"**{self.title}**", "", *lines]) + "\n"
 
     def console(self, beside: Mapping[str, Printed] | None = None) -> str:
-        """As aligned text, with the published figures below ours where given."""
+        """Returns aligned text, with the published figures below ours if given."""
         rows = self._rows(beside)
         widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
         lines = [
@@ -162,7 +162,7 @@ class Table:
         return "\n".join([self.title, rule, lines[0], rule, *lines[1:subjects], rule, *lines[subjects:], rule]) + "\n"
 
     def as_json(self) -> dict[str, Any]:
-        """For `--json`: subjects, values, means, deviations and sign tests."""
+        """Returns subjects, values, means, deviations and sign tests for `--json`."""
         one, other = self.conditions
         measures = []
         for measure in self.measures:

@@ -1,4 +1,4 @@
-"""A trial's figures: time, touches, holes; and trials gathered into a table."""
+"""A trial's figures (time, touches, holes), and trials gathered into a table."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Trial:
     Attributes:
         subject, condition: e.g. "S1", "HR".
         values: by measure.
-        place: where it is from, for errors.
+        place: the source, for errors.
     """
 
     subject: str
@@ -32,15 +32,15 @@ class Trial:
 
 
 def touches(time: ArrayLike, force: ArrayLike, threshold: float, apart: float = 0.2) -> list[float]:
-    """When contacts began, s: the errors of a task that must not touch.
+    """Returns the times at which contacts began, s: the errors of a task in which nothing may be touched.
 
-    A contact that comes back within `apart` of its end is the same one: a ring that bounces on a wire rings once.
-    A contact that is there at the start counts.
+    A contact that returns within `apart` of its end is the same one: a ring that bounces on a wire counts once.
+    A contact that exists at the start counts.
 
     Args:
         time: (k,) s, rising.
-        force: (k,) N, its magnitude is taken; or 0 and 1 of a contact wire.
-        threshold: above which it is contact, in the same unit.
+        force: (k,) N, its magnitude is used; or 0 and 1 of a contact wire.
+        threshold: contact above this value, in the same unit.
         apart: s.
 
     Raises:
@@ -57,7 +57,7 @@ def touches(time: ArrayLike, force: ArrayLike, threshold: float, apart: float = 
 
 
 def holds(time: ArrayLike, inside: ArrayLike, least: float) -> list[tuple[float, float]]:
-    """The spans in which `inside` held for at least `least` without a break: holes completed, pauses kept.
+    """Returns the spans in which `inside` held for at least `least` without a break: holes completed, pauses kept.
 
     Args:
         time: (k,) s, rising.
@@ -71,22 +71,22 @@ def holds(time: ArrayLike, inside: ArrayLike, least: float) -> list[tuple[float,
     there = np.concatenate(([False], values > 0.5, [False]))
     edges = np.flatnonzero(there[1:] != there[:-1])
     spans = [(float(t[a]), float(t[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-    # A span that should last exactly `least` must not fail by the rounding of its ends.
+    # A span of exactly `least` must not fail because its ends are rounded.
     return [(a, b) for a, b in spans if b - a >= least * (1 - 1e-9)]
 
 
 def each(duration: float, count: float, what: str = "hole") -> float:
-    """The time for each of what was completed, s; raises StudyError if none was."""
+    """Returns the time per completed item, s; raises StudyError if none was completed."""
     if not count > 0 or not duration >= 0:
         raise StudyError("trials", f"{count:g} {what}s in {duration:g} s", f"A time for each {what} needs at least one")
     return duration / count
 
 
 def read(path: Path, measures: Sequence[str]) -> list[Trial]:
-    """Trials from a sheet with the columns subject, condition and the measures, in any case.
+    """Reads trials from a sheet with the columns subject, condition and the measures; capitals don't matter.
 
     Raises:
-        StudyError: the sheet or a cell in it is wrong.
+        StudyError: the sheet or a cell in it is invalid.
     """
     trials = []
     for line in sheets.read(path, ["subject", "condition", *(name.lower() for name in measures)]):
@@ -101,10 +101,10 @@ def read(path: Path, measures: Sequence[str]) -> list[Trial]:
 def table(
     title: str, trials: Iterable[Trial], conditions: tuple[str, str], measures: Mapping[str, tuple[str, str]]
 ) -> Table:
-    """Gathers trials: one for each subject and condition, subjects in the order they come.
+    """Gathers trials: one for each subject and condition, subjects in the order in which they come.
 
     Args:
-        title: above the table.
+        title: the line above the table.
         trials: those of other conditions are left out.
         conditions: two of them.
         measures: name: (unit, meaning).
