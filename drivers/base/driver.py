@@ -186,7 +186,7 @@ class MobileBase(Driver):
         return self._link.stop_frame
 
     def figures(self) -> dict[str, object]:
-        """Returns commands handed over, the odometry's frame, and the newest sample's delay to the fastest one (ns)."""
+        """Returns commands handed over, the odometry's frame, and the newest sample's delay over the fastest's (ns)."""
         return {"commands": self._published, "frame": self._frame, "delay_ns": self._time.delay}
 
     def _key(self, topic: str) -> str:

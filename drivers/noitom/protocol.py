@@ -57,7 +57,8 @@ class Parser(Protocol):
 
     Attributes:
         frames: frames of the wanted avatar.
-        errors, resyncs: see the parsers of other devices.
+        errors: frames discarded as invalid.
+        resyncs: number of times sync was lost.
         others: frames of other avatars.
     """
 

@@ -172,7 +172,7 @@ class SoftHand(Driver):
             self._sent, self._sent_at = reference, now
 
     def stop(self, category: Stop) -> None:
-        """See `Driver.stop`. LIMP switches the motor off and waits for the confirmation; HOLD keeps the reference."""
+        """See `Driver.stop`. LIMP commands the motor off until the hand confirms it; HOLD keeps the reference."""
         link = self._link
         if link is None:
             return

@@ -151,9 +151,9 @@ class Limits(NamedTuple):
 def parse_limits(raw: bytes, hand: int) -> Limits | None:
     """Returns the position limits in the answer to PARAMETERS; None if they aren't there.
 
-    The answer is too long for its length byte: it counts single bytes or, in newer firmware, units of 32. The answer is
-    accepted only if the checksum fits one of the two. Each parameter has a slot: type, number of values, the values, a
-    description. The limits are the pair of 32-bit integers described as "Pos. limits".
+    The answer is too long for its length byte. This byte counts single bytes or, in newer firmware, units of 32. The
+    answer is accepted only if the checksum fits one of the two. Each parameter has a slot: type, number of values, the
+    values, a description. The limits are the pair of 32-bit integers described as "Pos. limits".
     """
     at = raw.find(HEADER + bytes((hand,)))
     while at >= 0:
