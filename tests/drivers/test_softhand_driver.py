@@ -10,7 +10,7 @@ from helpers.wait import until
 
 from drivers.softhand import SoftHand, protocol
 from drivers.softhand.config import SoftHandConfig
-from drivers.softhand.driver import Motor
+from drivers.softhand.driver import GONE, Motor
 from runtime.contracts.errors import DeviceError, DeviceLostError
 from runtime.contracts.signals import Kind, Stop
 from sim.devices.softhand.fake import FakeSoftHand, FakeSoftHandOptions
@@ -55,8 +55,9 @@ def opened(server, monkeypatch):
 
 
 @pytest.fixture
-def guarded(server):
-    """As it comes, with its watchdog."""
+def guarded(server, monkeypatch):
+    """With its watchdog, whose time is the twin's, and with as much patience."""
+    monkeypatch.setattr("drivers.softhand.driver.GONE", 10_000 * MS)
     hand = driver(server)
     hand.open()
     yield hand
@@ -218,11 +219,13 @@ def test_a_stalled_hand_never_has_two_commands_waiting(server, opened):
     assert len(server.twin.log()["reference"]) - before <= 1
 
 
-def test_a_silent_hand_is_lost_and_comes_back(server, guarded):
+def test_a_silent_hand_is_lost_and_comes_back(server, guarded, monkeypatch):
     until(lambda: guarded.health.stamp > 0, lambda: idle(guarded))
     server.twin.muted = True
-    with pytest.raises(DeviceLostError, match=r"no answer for 0\.5 s"):
-        until(lambda: False, lambda: idle(guarded))
+    with monkeypatch.context() as patch:
+        patch.setattr("drivers.softhand.driver.GONE", GONE)
+        with pytest.raises(DeviceLostError, match=r"no answer for 0\.5 s"):
+            until(lambda: False, lambda: idle(guarded))
     assert not guarded.health.connected
     with pytest.raises(DeviceError, match=r"no SoftHand with id 1 answered.*24 V"):
         guarded.open()

@@ -189,6 +189,8 @@ class Bench:
     def run(self, cycles: int, script: Callable[[int], None]) -> Bench:
         self.cycles, self.script = cycles, script
         self.loop.run()
+        for device in self.loop.devices:
+            device.close()  # ends its thread, which holds it and so the whole loop
         return self
 
     def ask(self, what: str, **more: str) -> None:

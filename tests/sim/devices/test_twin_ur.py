@@ -301,7 +301,8 @@ def test_a_loss_closes_all_doors_and_brings_them_back_at_the_same_ports():
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), 1e300, -1e300, 0.0])
-def test_no_register_content_upsets_the_controller(bench, ports, value):
+def test_no_register_content_upsets_the_controller(bench, ports, value, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # MuJoCo's log of what it warns of
     registers, controller = bench.twin.registers, bench.twin.controller
     home = controller.arm.position
     peer = rtde_peer(bench, ports)
