@@ -29,7 +29,8 @@ test: setup
 	$(PYTEST) -m "not slow and serial"
 
 slow: setup
-	$(PYTEST) -m slow
+	$(PYTEST) -n 2 --dist loadfile -m "slow and not serial"
+	$(PYTEST) -m "slow and serial"
 
 lint: setup
 	$(BIN)/ruff check .

@@ -49,18 +49,18 @@ def test_both_devices_with_faults_and_log(tmp_path: Path):
         finger.close()
         assert twin.control("open finger")["address"] == twin.addresses["finger"]
         finger.open()
+        unplugged = time.monotonic_ns()
         twin.control("unplug glove")
         until(lambda: "isn't plugged" in glove.health.message, lambda: glove.read(time.monotonic_ns()))
-        stopped = time.monotonic_ns()
         finger.command_arrays["position_command"][:] = 0.1
-        finger.write(stopped)
+        finger.write(time.monotonic_ns())
         until(lambda: not finger._waiting, lambda: finger.read(time.monotonic_ns()))
         finger.close()
         glove.close()
     assert twin.process.returncode == 0, twin.said
     assert not (tmp_path / "glove").is_symlink()
     assert twin.figures["finger"]["connects"] == 2
-    assert twin.figures["finger"]["last_command_ns"] >= stopped
+    assert twin.figures["finger"]["last_command_ns"] >= unplugged  # by the begin of the twin's own turn
     rows = np.load(log)
     assert rows["world.finger_position"].shape == (len(rows["t"]), 4)
     np.testing.assert_allclose(np.diff(rows["t"]), 0.01, atol=0.2)

@@ -12,6 +12,8 @@ from drivers.ur import Ur, UrConfig
 from runtime.contracts.errors import DeviceLostError
 from runtime.contracts.signals import Stop
 
+pytestmark = pytest.mark.serial  # an arm that is driven 500 times a second, and how far it goes on by itself
+
 V = np.array([0.2, 0.0, 0.0, 0.0, 0.0, -0.2])
 CELL = {"world": "cell", "parts": {"device": {"part": "ur16e"}}}
 # What an arm at 0.2 rad/s travels until its time-out and while it ramps down, and as much again.

@@ -7,6 +7,7 @@ import signal
 import time
 from pathlib import Path
 
+import pytest
 from helpers.run import Running, alive, call
 from helpers.wait import until
 
@@ -16,6 +17,7 @@ from runtime.ipc.words import Cause, State
 from runtime.recording.reader import read
 
 
+@pytest.mark.serial  # counts the cycles of 14 s
 def test_killed_telemetry_costs_no_cycle(tmp_path: Path) -> None:
     with Running(tmp_path, "sixth-finger", "--sim", "--duration", "14", "--record", "x.rrd") as run:
         run.started()

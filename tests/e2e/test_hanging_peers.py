@@ -23,7 +23,7 @@ from runtime.ipc.words import Cause, State
 PROFILES = Path(__file__).resolve().parents[2] / "profiles"
 HANG = 3.0  # s
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.serial]  # how far an actuator goes on by itself, and for how long
 
 
 class Case(NamedTuple):

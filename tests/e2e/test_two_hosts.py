@@ -26,7 +26,7 @@ GLOVE, FINGER = "10.77.5.1", "10.77.5.2"
 PORT = 7447
 DELAY = 100_000_000  # ns that a sample may take on this machine, with room (seen: 14 ms)
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.serial]  # how late samples are
 
 
 def ip(*words: str) -> None:

@@ -26,7 +26,8 @@ from drivers.panda.packets import decode_state
 from runtime.contracts.signals import Stop
 from runtime.control.robots import FR3
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+# Serial: a robot that wants a packet each millisecond.
+pytestmark = [pytest.mark.slow, pytest.mark.serial, pytest.mark.timeout(600)]
 PACKAGE = "franka-sim==1.1.7"
 CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "srl-runtime-tests"
 SERVE = (
