@@ -7,8 +7,10 @@ run = simulate(PROFILE, seconds=5)                             # a whole profile
 
 from __future__ import annotations
 
+import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Self, TypeVar, overload
 
@@ -209,3 +211,20 @@ class TwinBench:
             self.now += 1_000_000
             self._world.advance(self.now)
             self.twin.service(self.now)
+
+    @contextmanager
+    def serving(self) -> Iterator[None]:
+        """Lets time pass in a thread: for what waits for the twin, as a driver's `open` does."""
+        ended = threading.Event()
+
+        def serve() -> None:
+            while not ended.is_set():
+                self.run(0.01)
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            thread.join()

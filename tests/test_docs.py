@@ -261,7 +261,7 @@ def test_the_examples_own_tests_pass(installed: Path) -> None:
         cwd=installed, env=os.environ, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout
-    assert "7 passed" in done.stdout
+    assert "8 passed" in done.stdout
 
 
 @pytest.mark.slow
