@@ -2,7 +2,8 @@
 
 import os
 
-# The loop starts no threads, and a sum split over threads has other bits: before numpy is first imported.
+# The loop must start no threads, and a sum split over threads differs in its last bits. This must be set
+# before numpy is first imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 

@@ -1,4 +1,4 @@
-"""`python -m runtime` is the command `srl`."""
+"""`python -m runtime` runs the command `srl`."""
 
 import sys
 

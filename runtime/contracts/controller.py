@@ -19,7 +19,7 @@ class ControllerConfig(BaseModel):
 
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
-    """A number a client may change while the loop runs; kept in every row, so a replay has it too."""
+    """A number that a client may change while the loop runs. Every row holds it, so a replay has it too."""
 
     name: str
     default: float
@@ -33,8 +33,8 @@ class Controller(ABC):
     """One control law. No I/O, no clock, no randomness without a seed from its options.
 
     Attributes:
-        inputs: what it reads; every one must be bound by the profile's `in:`.
-        outputs: what it writes; one that `out:` does not name goes to `<controller>.<output>`.
+        inputs: the signals it reads. The profile's `in:` must bind every one.
+        outputs: the signals it writes. An output that `out:` does not name goes to `<controller>.<output>`.
         parameters: live parameters; `self.param["name"][()]`, a 0-d view, holds the value.
     """
 
@@ -59,12 +59,12 @@ class Controller(ABC):
         applied: Mapping[str, Array],
         param: Mapping[str, Array],
     ) -> None:
-        """Takes the arrays, made once by the runtime.
+        """Takes the arrays, which the runtime allocates once.
 
         Args:
-            input: by input name.
-            output: by output name.
-            applied: for each output wired to a device's command, what the guard let through in the
+            input: arrays by input name.
+            output: arrays by output name.
+            applied: for each output wired to a device's command, the guarded command of the
                 cycle before (at activation: the measured position, or home).
             param: 0-d arrays by parameter name.
         """
@@ -72,12 +72,12 @@ class Controller(ABC):
 
     @abstractmethod
     def reset(self) -> None:
-        """Starts afresh from the present inputs and `applied`, without a jump of the output."""
+        """Restarts the control law from the present inputs and `applied`. The output must not jump."""
 
     @abstractmethod
     def update(self, dt: float) -> None:
-        """One step of dt seconds: reads inputs, fills outputs. Outputs are finite for finite inputs."""
+        """Computes one step of `dt` seconds: reads inputs, fills outputs. Outputs are finite for finite inputs."""
 
     def figures(self) -> dict[str, object]:
-        """Figures of its own for the run's summary."""
+        """Returns the controller's own figures for the run's summary."""
         return {}

@@ -1,4 +1,4 @@
-"""The contract of a device: drivers fill it over a wire, fakes fill it from the simulated world."""
+"""The contract of a device. Drivers implement it over a wire, fakes in the simulated world."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from runtime.contracts.signals import Array, Command, Limits, Signal, Stop
 
 
 class DeviceConfig(BaseModel):
-    """A device's options in the profile; a driver derives from it and adds its own.
+    """A device's options in the profile. A driver subclasses this class and adds its own options.
 
     Unknown keys are errors. Fields carry units in their description.
     """
@@ -25,18 +25,18 @@ class Health:
     """What a driver reports about its link; the loop copies it into every row.
 
     Attributes:
-        stamp: when the newest sample was taken, ns on the loop's clock; -1 before the first. From the
-            device's own counter or clock where it has one.
-        connected: False from the moment the driver knows that the device is gone.
-        frames: good frames received.
-        errors: frames thrown away (checksum, length, range).
-        resyncs: times the parser had to search for the next frame.
-        reconnects: times the device was opened again after a loss.
-        unsent: bytes of the newest command the device has not taken yet.
-        message: the newest remark in words, for people.
-        fault: what keeps a connected device from moving (protective stop, reflex, hardware error), in words;
-            "" while it is well. It stops the limb, and `recover` may mend it.
-        was_open: it has been open before.
+        stamp: when the newest sample was taken, ns on the loop's clock; -1 before the first. It comes from
+            the device's own counter or clock where the device has one.
+        connected: False from the moment the driver knows that the device is lost.
+        frames: number of good frames received.
+        errors: number of frames discarded (checksum, length, range).
+        resyncs: number of times the parser had to search for the next frame.
+        reconnects: number of times the device was opened again after a loss.
+        unsent: number of bytes of the newest command that the device has not taken yet.
+        message: the newest message of the driver, for people to read.
+        fault: the text of a fault that keeps a connected device from moving (protective stop, reflex,
+            hardware error); "" without a fault. A fault stops the limb, and `recover` may clear it.
+        was_open: True once the device has been open.
     """
 
     stamp: int = -1
@@ -51,7 +51,7 @@ class Health:
     was_open: bool = False
 
     def opened(self) -> None:
-        """The device is open; every time but the first counts as a reconnect."""
+        """Records that the device is open. Every call but the first counts as a reconnect."""
         self.connected = True
         self.reconnects += self.was_open
         self.was_open = True
@@ -60,27 +60,28 @@ class Health:
 class Driver(ABC):
     """One device.
 
-    Life: `__init__` (declares, touches nothing outside) -> `bind` -> `open` -> cycles of `read`, `write`
-    -> `stop` -> `close`. After `DeviceLostError` the runtime calls `close` and then `open` again, away from
-    the loop's path, until it succeeds; `open` ends with `health.opened()`, which counts it.
+    Life cycle: `__init__` (declares the signals, does no I/O) -> `bind` -> `open` -> cycles of `read`, `write`
+    -> `stop` -> `close`. After `DeviceLostError` the runtime calls `close` and then `open` again until `open`
+    succeeds. It does so outside the loop's thread (for a fake, in the loop). `open` ends with
+    `health.opened()`, which counts the reconnects.
 
     Attributes:
         states: signals the device gives; known after `__init__`.
         commands: signals the device obeys; known after `__init__`.
-        max_age: s; older than this its newest sample is stale, unless the profile says otherwise.
-            0 for a device that gives no samples.
+        max_age: s; the newest sample is stale when it is older than this, unless the profile sets another
+            value. 0 for a device that gives no samples.
         health: see `Health`.
-        home: for commands without feedback, by name: where the limb is put before a start, and where
-            `retract` goes; known after `__init__`.
-        limits: the device's own limits by command name, known after `open`; the guard takes the
+        home: for commands without feedback, by name: the position where the user places the limb before a
+            start. `retract` also goes there. Known after `__init__`.
+        limits: the device's own limits by command name, known after `open`. The guard takes the
             narrower of these and the profile's.
     """
 
     Config: type[DeviceConfig] = DeviceConfig
     summary: str = ""  # one line for `srl list`
-    # Names of the states it may have, for `srl list`; "<segment>.pose" where the profile chooses the name.
+    # Names of the states it may have, for `srl list`. "<segment>.pose" means that the profile chooses the name.
     gives: tuple[str, ...] = ()
-    takes: tuple[str, ...] = ()  # likewise the commands
+    takes: tuple[str, ...] = ()  # the same for the commands
     max_age: float = 0.0
 
     def __init__(self, name: str, config: DeviceConfig) -> None:
@@ -95,7 +96,10 @@ class Driver(ABC):
         self.command_arrays: Mapping[str, Array] = {}
 
     def bind(self, states: Mapping[str, Array], commands: Mapping[str, Array]) -> None:
-        """Takes the arrays, made once by the runtime, that `read` fills and `write` sends (after the guard)."""
+        """Takes the arrays, which the runtime allocates once.
+
+        `read` fills the state arrays. `write` sends the command arrays, which hold the guarded commands.
+        """
         self.state_arrays = states
         self.command_arrays = commands
 
@@ -103,25 +107,25 @@ class Driver(ABC):
     def open(self) -> None:
         """Connects, identifies the device, checks firmware and limits, arms its watchdog. May block.
 
-        Leaves actuators unpowered or still. Raises `DeviceError` with place and remedy.
+        Leaves actuators unpowered or at rest. Raises `DeviceError` with place and remedy.
         """
 
     @abstractmethod
     def read(self, now: int) -> None:
-        """Takes all that has arrived and fills the state arrays. Never blocks, never raises on garbage.
+        """Reads all data that has arrived and fills the state arrays. Never blocks, never raises on invalid data.
 
         Args:
             now: ns on the loop's clock.
         Raises:
-            DeviceLostError: the device is gone.
+            DeviceLostError: the device is lost.
         """
 
     @abstractmethod
     def write(self, now: int) -> None:
         """Sends the command arrays. Never blocks; at most one command is ever unsent.
 
-        Called only while the device is active. The first call after `open` carries the measured state, or
-        `home` for a device without feedback. Raises `DeviceLostError`.
+        The loop calls it only while the device is active. The first call after `open` carries the measured
+        state, or `home` for a device without feedback. Raises `DeviceLostError`.
         """
 
     @abstractmethod
@@ -130,38 +134,39 @@ class Driver(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Lets go of the device. Always succeeds; may be called at any time, more than once."""
+        """Releases the device. Always succeeds; may be called at any time, more than once."""
 
     def recover(self, now: int) -> None:
-        """A person has asked for a reset while `health.fault` is set: starts the device's own recovery.
+        """Starts the device's own recovery, after a user has requested a start or reset while `health.fault` is set.
 
-        Runs in the loop: never blocks, and is never called otherwise. What takes longer goes on in later
-        calls of `read`, which clears `health.fault` once the device is well; the next reset then starts it.
-        Raises DeviceLostError.
+        The loop calls it in this case only. It must never block. A longer recovery continues in later calls
+        of `read`, which clears `health.fault` once the device has recovered. The next reset then starts the
+        limb again. Raises DeviceLostError.
         """
 
     def fileno(self) -> int | None:
-        """The descriptor of an actuator, which the supervisor duplicates; None for sensors and fakes."""
+        """The file descriptor of an actuator, which the supervisor duplicates; None for sensors and fakes."""
         return None
 
     def stop_frame(self, category: Stop) -> bytes:
-        """Bytes which, written to `fileno()` by another process at any instant, put the device into its stop.
+        """Bytes that put the device into its stop when another process writes them to `fileno()` at any instant.
 
-        They begin with whatever ends a frame that was cut short. Called after each `write`: cheap, and the
-        same object while nothing changed. Empty where the device's own watchdog does the work.
+        They begin with the bytes that end an incomplete frame. The loop calls this after each `write`: it
+        must be cheap and return the same object while nothing has changed. Empty where the device's own
+        watchdog stops it.
         """
         return b""
 
     def figures(self) -> dict[str, object]:
-        """Figures of its own for the run's summary."""
+        """Returns the driver's own figures for the run's summary."""
         return {}
 
 
 class Sensor(Driver):
-    """A driver that takes no commands, so it has nothing to write and nothing to say about stopping."""
+    """A driver that takes no commands. It has nothing to write and nothing to stop."""
 
     def write(self, now: int) -> None:
-        """Nothing to send."""
+        """Does nothing: a sensor takes no commands."""
 
     def stop(self, category: Stop) -> None:
-        """Nothing moves."""
+        """Does nothing: a sensor does not move."""

@@ -1,7 +1,7 @@
 """Errors a user can act on: each names the place, what is wrong there, and the remedy.
 
-The command line prints `str(error)` and ends with exit code 2, without a traceback. Anything that is not
-an `SrlError` is a defect of this program and does show its traceback.
+The command line prints `str(error)` and ends with exit code 2, without a traceback. Any other exception is
+a defect of this program, and its traceback is shown.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections.abc import Iterable
 
 
 class SrlError(Exception):
-    """Something outside this program is not as it must be.
+    """Something outside this program is wrong.
 
     Attributes:
         place: where it is wrong ("sixth-finger.yaml: devices.glove.port", "glove (/dev/ttyUSB0)").
@@ -42,7 +42,7 @@ class DeviceError(SrlError):
 
 
 class DeviceLostError(DeviceError):
-    """A device that was open has gone: the descriptor is closed or the peer hung up."""
+    """An open device was lost: the descriptor is closed or the peer hung up."""
 
 
 class RequestError(SrlError):
@@ -54,7 +54,7 @@ class RecordingError(SrlError):
 
 
 class HostError(SrlError):
-    """The machine lacks something: a right, a package, a free name."""
+    """The host lacks something: a permission, a package, a free name."""
 
 
 def nearest(name: str, valid: Iterable[str]) -> str:

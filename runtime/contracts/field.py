@@ -1,4 +1,4 @@
-"""One signal's place among the float64 words of a row, with all that a reader needs to know of it."""
+"""One signal's place among the float64 words of a row, with all that a reader needs to know about it."""
 
 from __future__ import annotations
 
@@ -9,13 +9,15 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Field:
-    """See the module's text; unit, frame, labels, visual and links as in `runtime.contracts.signals.Signal`.
+    """One signal's place in a row.
+
+    Unit, frame, labels, visual and links are as in `runtime.contracts.signals.Signal`.
 
     Attributes:
         name: `<device or controller>.<signal>`.
-        role: state, command (as the controller asked), applied, internal, parameter, setpoint or truth.
-        offset: of its first word among the float64 words.
-        shape: as the signal's.
+        role: state, command (as the controller requested it), applied, internal, parameter, setpoint or truth.
+        offset: index of its first word among the float64 words.
+        shape: the signal's shape.
     """
 
     name: str

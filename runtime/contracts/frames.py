@@ -1,7 +1,7 @@
 """The tree of coordinate frames: mounts, mocap origin, chest, hand, tool, base.
 
 A profile's `frames:` names each frame, its parent and its fixed transform. A frame whose pose is measured
-names the signal that carries it; its fixed transform then comes first.
+also names the signal with that pose. Its transform is then the fixed one times the measured one.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from runtime.contracts.signals import Array
 
 
 class FrameEntry(BaseModel):
-    """`frames.<name>`."""
+    """One frame of the profile, `frames.<name>`."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -27,15 +27,15 @@ class FrameEntry(BaseModel):
     pose: str | None = Field(None, description="signal (x, y, z, qw, qx, qy, qz) that measures it")
 
     def fixed(self) -> Array:
-        """The 4 x 4 transform T with p_parent = T p_child, without what is measured."""
+        """The fixed 4 x 4 transform T with p_parent = T p_child, without the measured pose."""
         return rotation.transform(self.xyz, rotation.from_rpy(self.rpy))
 
 
 class Frames:
-    """The tree, checked."""
+    """A checked tree of frames."""
 
     def __init__(self, entries: Mapping[str, FrameEntry], label: str) -> None:
-        """Raises ProfileError for an unknown parent or a circle; `label` names the profile."""
+        """Raises ProfileError for an unknown parent or a cycle. `label` names the profile."""
         self.entries = dict(entries)
         self._fixed = {name: e.fixed() for name, e in entries.items()}
         self._measured: dict[str, Array] = {}
@@ -53,10 +53,10 @@ class Frames:
                 self._measured[name] = signals[entry.pose]
 
     def lookup(self, target: str, source: str) -> Array:
-        """The 4 x 4 transform T with p_target = T p_source, from what is measured now.
+        """The 4 x 4 transform T with p_target = T p_source, from the present measurements.
 
         Raises:
-            KeyError: an unknown frame.
+            KeyError: unknown frame.
         """
         return np.linalg.inv(self._to_root(target)) @ self._to_root(source)
 

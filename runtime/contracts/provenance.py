@@ -1,4 +1,4 @@
-"""What decides the bits of a run besides its inputs: versions and the BLAS kernel in use."""
+"""What decides the results of a run bit for bit, besides its inputs: versions and the BLAS kernel in use."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PACKAGES = ("numpy", "mujoco", "ruckig", "pin", "eclipse-zenoh", "rerun-sdk", "p
 
 
 def versions() -> dict[str, str]:
-    """Versions of what decides the bits: this package, Python, the numerical libraries."""
+    """Versions that decide the results bit for bit: this package, Python, the numerical libraries."""
     found = {"srl-runtime": __version__, "python": platform.python_version(), "platform": sys.platform}
     for package in PACKAGES:
         try:
@@ -28,7 +28,7 @@ def versions() -> dict[str, str]:
 
 def blas() -> str:
     """The BLAS kernel in use: different kernels give different bits."""
-    # numpy's wheels carry OpenBLAS; its own function names the kernel it chose for this processor.
+    # numpy's wheels contain OpenBLAS, which has a function that names the kernel it chose for this processor.
     for library in Path(np.__file__).parent.parent.glob("numpy.libs/*openblas*"):
         handle = ctypes.CDLL(str(library))
         for name in ("scipy_openblas_get_corename64_", "openblas_get_corename64_", "openblas_get_corename"):

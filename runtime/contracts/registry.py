@@ -1,6 +1,6 @@
-"""Parts by name, from entry points, so that another package can add a device or a control law.
+"""Looks parts up by name from entry points, so that another package can add a device or a control law.
 
-A part is imported only when a profile asks for it.
+A part is imported only when a profile uses it.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ def load(group: str, name: str, place: str) -> Any:
         name: as a profile writes it.
         place: the profile's key path, for the error.
     Raises:
-        ProfileError: no part of that name.
-        HostError: it is there but its import fails, or two packages claim the name.
+        ProfileError: no part has that name.
+        HostError: the part is registered but its import fails, or two packages claim the name.
     """
     points = _points(group)
     if name not in points:

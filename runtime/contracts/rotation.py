@@ -1,7 +1,7 @@
 """Rotations: unit quaternions (w, x, y, z), rotation vectors (axis times angle, rad), matrices, Euler angles.
 
-What is done once a cycle takes plain numbers instead of arrays: for four values numpy's own overhead is most
-of the price. What is done to many at once takes arrays.
+Functions that run once a cycle take plain numbers instead of arrays: for four values, numpy's own overhead is
+most of the cost. Functions for many rotations at once take arrays.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from runtime.contracts.signals import Array
 
 Quaternion = tuple[float, float, float, float]
 Vector = tuple[float, float, float]
-Order = Literal["XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX"]  # of Euler angles: R = R_first(r1) R_second(r2) R_third(r3)
+Order = Literal["XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX"]  # Euler angles: R = R_first(r1) R_second(r2) R_third(r3)
 T = TypeVar("T", float, Array)
 
 _AXES: Final = {"X": 1, "Y": 2, "Z": 3}
 
 
 def product(a: Quaternion, b: Quaternion) -> Quaternion:
-    """First b, then a."""
+    """The rotation b followed by the rotation a."""
     aw, ax, ay, az = a
     bw, bx, by, bz = b
     return (
@@ -39,7 +39,7 @@ def conjugate(q: Quaternion) -> Quaternion:
 
 
 def normalised(q: Quaternion) -> Quaternion:
-    """Of length 1; the identity for one without length."""
+    """The quaternion scaled to length 1; the identity if it has no length."""
     size = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     if size < 1e-12:
         return (1.0, 0.0, 0.0, 0.0)
@@ -56,7 +56,7 @@ def exp(x: float, y: float, z: float) -> Quaternion:
 
 
 def log(q: Quaternion) -> Vector:
-    """The rotation vector of the shorter way round, its angle at most pi."""
+    """The rotation vector of a unit quaternion the shorter way round: its angle is at most pi."""
     w, x, y, z = q
     if w < 0:
         w, x, y, z = -w, -x, -y, -z
@@ -68,7 +68,7 @@ def log(q: Quaternion) -> Vector:
 
 
 def turned(q: Quaternion, v: Vector) -> Vector:
-    """The vector v turned by q."""
+    """The vector v rotated by q."""
     w, x, y, z = q
     a, b, c = v
     # t = 2 q x v;  v' = v + w t + q x t
@@ -77,8 +77,11 @@ def turned(q: Quaternion, v: Vector) -> Vector:
 
 
 def of_rows(a: float, b: float, c: float, d: float, e: float, f: float, g: float, h: float, i: float) -> Quaternion:
-    """Of a rotation matrix by rows, ((a, b, c), (d, e, f), (g, h, i)); either of the two that mean it."""
-    # The largest of the four is found first; dividing by a small one would lose digits.
+    """The unit quaternion of a rotation matrix by rows, ((a, b, c), (d, e, f), (g, h, i)).
+
+    It may be either of the two quaternions that mean this rotation, q or -q.
+    """
+    # The largest of the four elements is found first: dividing by a small one would lose digits.
     trace = a + e + i
     if trace >= max(a, e, i):
         return normalised((1 + trace, h - f, c - g, d - b))
@@ -90,19 +93,19 @@ def of_rows(a: float, b: float, c: float, d: float, e: float, f: float, g: float
 
 
 def from_matrix(R: Array) -> Quaternion:
-    """Of a rotation matrix (3, 3), with w >= 0."""
+    """The unit quaternion of a rotation matrix (3, 3), with w >= 0."""
     q = of_rows(*R.ravel().tolist())
     return q if q[0] >= 0 else (-q[0], -q[1], -q[2], -q[3])
 
 
 def nearer(q: Quaternion, to: Quaternion) -> Quaternion:
-    """q or -q, which mean the same rotation: the one nearer to `to`."""
-    # So written that q stays where `to` isn't a number.
+    """Returns q or -q, whichever is nearer to `to`. Both mean the same rotation."""
+    # Written so that q is returned where `to` isn't a number.
     return (-q[0], -q[1], -q[2], -q[3]) if q[0] * to[0] + q[1] * to[1] + q[2] * to[2] + q[3] * to[3] < 0 else q
 
 
 def rows(w: T, x: T, y: T, z: T) -> list[list[T]]:
-    """The matrix of a unit quaternion by rows; of numbers, or of arrays of them."""
+    """The rotation matrix of a unit quaternion, by rows. The elements may be numbers or arrays of numbers."""
     return [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
@@ -111,27 +114,27 @@ def rows(w: T, x: T, y: T, z: T) -> list[list[T]]:
 
 
 def matrix(q: Quaternion) -> Array:
-    """(3, 3)."""
+    """The rotation matrix (3, 3) of a unit quaternion."""
     return np.array(rows(*q))
 
 
 def matrices(quaternions: Array) -> Array:
-    """(k, 3, 3) of unit quaternions (k, 4)."""
+    """The rotation matrices (k, 3, 3) of unit quaternions (k, 4)."""
     return np.moveaxis(np.array(rows(*quaternions.T)), 2, 0)
 
 
 def yaw(w: float, x: float, y: float, z: float) -> float:
-    """rad, of a unit quaternion's rotation as seen from above: the angle of its x axis in the x-y plane."""
+    """The yaw of a unit quaternion, rad: as seen from above, the angle of its x axis in the x-y plane."""
     return atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 def error(desired: Quaternion, actual: Quaternion) -> Vector:
-    """The rotation vector, in the common frame's axes, that turns `actual` into `desired`."""
+    """The rotation vector, in the common frame's axes, that rotates `actual` into `desired`."""
     return log(product(desired, conjugate(actual)))
 
 
 def from_euler_xyz(x: float, y: float, z: float) -> Quaternion:
-    """Of Rx(x) Ry(y) Rz(z), rad."""
+    """The unit quaternion of Rx(x) Ry(y) Rz(z), angles in rad."""
     cx, cy, cz = cos(x / 2), cos(y / 2), cos(z / 2)
     sx, sy, sz = sin(x / 2), sin(y / 2), sin(z / 2)
     return (
@@ -143,13 +146,14 @@ def from_euler_xyz(x: float, y: float, z: float) -> Quaternion:
 
 
 class EulerQuaternions:
-    """(k, 3) Euler angles in an order to (k, 4) unit quaternions, without allocating."""
+    """Converts Euler angles (k, 3) in an order to unit quaternions (k, 4), without allocating."""
 
     def __init__(self, order: Order, count: int) -> None:
         i, j, k = (_AXES[axis] for axis in order)
-        # sin sin sin and the like enter with the sign of the permutation.
+        # The second terms (sin sin sin for w, and so on) have the sign of the permutation.
         e = 1.0 if (j - i) % 3 == 1 else -1.0
-        # Of the eight products of three, by bits (1: the sine): those of w, x, y, z, and what is added to each.
+        # Each component w, x, y, z is a sum of two of the eight products of three factors. The index of a
+        # product has one bit per factor (1: the sine). `first` and `second` are the indices of the two terms.
         first, second, sign = np.empty(4, np.intp), np.empty(4, np.intp), np.empty((4, 1))
         first[[0, i, j, k]] = 0b000, 0b100, 0b010, 0b001
         second[:] = 0b111 - first
@@ -160,7 +164,8 @@ class EulerQuaternions:
         self._sum, self._added = np.empty((4, count)), np.empty((4, count))
 
     def fill(self, angles: Array, out: Array) -> None:
-        """
+        """Fills `out` with the quaternions of `angles`.
+
         Args:
             angles: (k, 3) rad, in the order's sequence.
             out: (k, 4).
@@ -179,7 +184,10 @@ class EulerQuaternions:
 
 
 def euler_angles(R: Array, order: Order) -> Array:
-    """(k, 3) rad in the order's sequence, of rotation matrices (k, 3, 3); at gimbal lock the third is 0."""
+    """Euler angles (k, 3), rad, in the order's sequence, of rotation matrices (k, 3, 3).
+
+    At gimbal lock the third angle is 0.
+    """
     i, j, k = (_AXES[axis] - 1 for axis in order)
     e = 1.0 if (j - i) % 3 == 1 else -1.0
     second = np.arcsin(np.clip(e * R[:, i, k], -1, 1))
@@ -192,7 +200,7 @@ def euler_angles(R: Array, order: Order) -> Array:
 
 
 def about_axis(axis: int, angle: Array) -> Array:
-    """(k, 3, 3): right-handed rotations by angles (k,), rad, about coordinate axis 0, 1 or 2."""
+    """The matrices (k, 3, 3) of right-handed rotations by angles (k,), rad, about coordinate axis 0, 1 or 2."""
     c, s = np.cos(angle), np.sin(angle)
     R = np.zeros((angle.size, 3, 3))
     i, j = (axis + 1) % 3, (axis + 2) % 3
@@ -202,7 +210,7 @@ def about_axis(axis: int, angle: Array) -> Array:
 
 
 def from_rpy(rpy: Vector) -> Array:
-    """(3, 3): Rz(yaw) Ry(pitch) Rx(roll), rad, about fixed axes."""
+    """The rotation matrix (3, 3) Rz(yaw) Ry(pitch) Rx(roll), rad, about fixed axes."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
     return np.array(
         [

@@ -1,4 +1,4 @@
-"""What flows between devices and controllers: named, shaped arrays in SI units."""
+"""The signals between devices and controllers: named arrays of fixed shape in SI units."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ class Signal:
     """One named array of float64.
 
     Attributes:
-        name: the field's standard term, a slug: "position", "wrench", "tips".
+        name: the field's standard term, as a slug: "position", "wrench", "tips".
         shape: e.g. (22,) or (5, 3).
         unit: SI: "rad", "m", "N", "N m", "rad/s"; "1" for a pure number or a button (0 or 1).
-        frame: the frame of the profile's tree its coordinates are in; None for joint space.
-        labels: a name for each row (joints, fingertips); empty where there is none.
-        visual: how a viewer shows it: "points" for shape (k, 3); "robot" the same as thick as an arm; "sphere" for
-            (x, y, z, radius); "path" for a position (3,) or pose (7,) that leaves a trail; "arrow" for (2, 3), where
-            it begins (m) and a force (N) from there.
+        frame: the frame of its coordinates, in the profile's tree; None for joint space.
+        labels: a name for each row (joints, fingertips); empty where there are no names.
+        visual: how a viewer shows it: "points" for shape (k, 3); "robot" for the same, drawn as thick as an arm;
+            "sphere" for (x, y, z, radius); "path" for a position (3,) or pose (7,) that leaves a trail; "arrow" for
+            (2, 3), its start point (m) and a force (N) at that point.
         links: polylines through the points' rows, for visuals "points" and "robot".
     """
 
@@ -43,7 +43,7 @@ class Signal:
 
 
 class Kind(StrEnum):
-    """What a command means physically; decides how the guard bounds it."""
+    """The physical quantity of a command. It decides how the guard limits the command."""
 
     POSITION = "position"
     VELOCITY = "velocity"
@@ -53,8 +53,8 @@ class Kind(StrEnum):
 class Stop(StrEnum):
     """Stop categories of an actuator."""
 
-    HOLD = "hold"  # stay where the last command left it, braking within limits
-    DAMP = "damp"  # oppose motion, give way to force
+    HOLD = "hold"  # stay at the last command, braking within limits
+    DAMP = "damp"  # oppose motion, yield to force
     LIMP = "limp"  # no torque (with gravity compensation where the device offers it)
     RETRACT = "retract"  # go to the rest configuration slowly
     BRAKE = "brake"  # ramp the velocity to zero, then the device's own brake
@@ -62,11 +62,12 @@ class Stop(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """Bounds of a command, each of the command's own shape; None where the source knows none.
+    """Limits of a command, each of the command's own shape. None means that the source gives no limit.
 
-    Units follow the command: lower/upper bound the position (rad or m) for kinds position, velocity and
-    torque alike; velocity, acceleration, jerk its derivatives; effort the torque (N m), effort_rate N m/s;
-    inertia (kg m^2 or kg) the least that the joint moves, which bounds the damping of a torque command.
+    Units follow the command. `lower` and `upper` bound the position (rad or m), for kinds position, velocity
+    and torque alike. `velocity`, `acceleration` and `jerk` bound its derivatives. `effort` bounds the torque
+    (N m), `effort_rate` its rate (N m/s). `inertia` (kg m^2 or kg) is the least inertia that the joint moves;
+    it bounds the damping of a torque command.
     """
 
     lower: Array | None = None
@@ -81,13 +82,13 @@ class Limits:
 
 @dataclass(frozen=True, kw_only=True)
 class Command(Signal):
-    """A signal a device obeys.
+    """A signal that a device obeys.
 
     Attributes:
         kind: position, velocity or torque.
-        feedback: the device's state signal that measures the same coordinates, None for a device
-            without feedback (a hobby servo): such a command starts at the profile's `home`.
-        stops: the stop categories this interface can do, the default first.
+        feedback: the device's state signal that measures the same coordinates; None for a device
+            without feedback (a hobby servo). A command without feedback starts at the profile's `home`.
+        stops: the stop categories this interface supports, the default first.
     """
 
     kind: Kind

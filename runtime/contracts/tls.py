@@ -1,4 +1,4 @@
-"""Mutual TLS: the certificate files of one side of a connection, of the bus and of devices over zenoh alike."""
+"""Mutual TLS: the certificate files of one side of a connection, for the bus and for devices over zenoh."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 
 class TlsConfig(BaseModel):
-    """`tls:` both sides show a certificate signed by `ca`. Paths of PEM files, absolute."""
+    """The `tls:` entry: absolute paths of PEM files. Both sides present a certificate signed by `ca`."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 

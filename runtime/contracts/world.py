@@ -1,4 +1,4 @@
-"""The contract of a simulated world; fakes are its devices, the loop's SimClock turns its time."""
+"""The contract of a simulated world. Fakes are its devices, and the loop's SimClock advances its time."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from runtime.contracts.signals import Array, Signal
 
 
 class WorldConfig(BaseModel):
-    """A world's options, under `sim:` in the profile beside `world`. Unknown keys are errors."""
+    """A world's options, next to `world` under `sim:` in the profile. Unknown keys are errors."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -27,14 +27,15 @@ class FakeConfig(BaseModel):
 
 
 class World(ABC):
-    """Physics, the simulated person, and the truth about both.
+    """The physics, the simulated person, and the ground truth about both.
 
     Attributes:
         time: ns since the world's start.
-        duration: s until the person's recording is over; None where there is no end.
-        finished: whether what was to be done in it is done: the run ends by itself.
-        truth: what really is (joint angles, tips, contact forces); recorded, never wired to a controller.
-        scenery: what stands there and never moves, for viewers: kind ("box", "cylinder", "capsule", "sphere"), size (m:
+        duration: s until the end of the person's recording; None where there is no end.
+        finished: True once the task in the world is done. The run then ends by itself.
+        truth: signals of the ground truth (joint angles, tips, contact forces). They are recorded and never wired
+            to a controller.
+        scenery: objects that never move, for viewers: kind ("box", "cylinder", "capsule", "sphere"), size (m:
             half sizes; radius and half length), position (m), quaternion (w x y z), colour (red, green, blue, alpha).
     """
 
@@ -52,7 +53,7 @@ class World(ABC):
         self.truth_arrays: Mapping[str, Array] = {}
 
     def bind(self, truth: Mapping[str, Array]) -> None:
-        """Takes the arrays that `advance` leaves filled."""
+        """Takes the arrays that `advance` fills."""
         self.truth_arrays = truth
 
     @abstractmethod
@@ -61,23 +62,23 @@ class World(ABC):
 
     @abstractmethod
     def save(self) -> NDArray[np.float64]:
-        """The whole state, with which `restore` goes on bit for bit."""
+        """Returns the whole state. After `restore` the world continues from it bit for bit."""
 
     @abstractmethod
     def restore(self, state: NDArray[np.float64]) -> None:
-        """Goes back to a saved state."""
+        """Returns the world to a saved state."""
 
     def close(self) -> None:
-        """Frees what it holds."""
+        """Releases the world's resources."""
 
 
 class Fake(Driver):
     """A driver whose device is simulated: same states, same commands, same units as the real driver's.
 
     Attributes:
-        real: the driver whose device it simulates. What that one declares before it is opened (options, summary,
-            `max_age`, states, commands, home, limits) is the fake's, too, unless the class says otherwise. None: the
-            fake declares it all itself.
+        real: the driver whose device it simulates. The fake takes over what this driver declares before `open`
+            (options, summary, `max_age`, states, commands, home, limits). A class
+            that declares one of them itself keeps its own. If None, the fake declares all itself.
     """
 
     Options: type[FakeConfig] = FakeConfig
@@ -100,10 +101,10 @@ class Fake(Driver):
 
 
 class Twin(ABC):
-    """A fake's other door: speaks the device's wire protocol, so a real driver or a vendor's client can talk to it.
+    """A fake's wire interface: it speaks the device's protocol, so a real driver or a vendor's client can connect.
 
     Attributes:
-        address: what to put into the profile's `port` (a pty's path, `tcp://127.0.0.1:port`); after `open`.
+        address: the value for the profile's `port` (a pty's path, `tcp://127.0.0.1:port`); known after `open`.
     """
 
     def __init__(self, fake: Fake) -> None:
@@ -116,15 +117,15 @@ class Twin(ABC):
 
     @abstractmethod
     def service(self, now: int) -> None:
-        """Takes what the client sent and sends what is due at `now` (ns of the twin's clock). Never blocks.
+        """Reads what the client sent and sends what is due at `now` (ns of the twin's clock). Never blocks.
 
-        A client that goes away and comes back is served again. The caller steps the world.
+        A client that disconnects and connects again is served again. The caller steps the world.
         """
 
     @abstractmethod
     def close(self) -> None:
-        """Closes the door; always succeeds."""
+        """Closes the pty or the socket; always succeeds."""
 
     def figures(self) -> dict[str, object]:
-        """What the device saw, for tests: frames taken, time of the last command, pulse widths."""
+        """Returns what the device received, for tests: frames taken, time of the last command, pulse widths."""
         return {}
