@@ -1,11 +1,11 @@
-"""The public face for packages that extend srl: drivers, control laws, simulated devices and worlds.
+"""The public API for packages that extend srl: drivers, control laws, simulated devices and worlds.
 
-What stands here stays where it is when the runtime's own modules move:
+The names here stay in place when the runtime's own modules move:
 
     from srl import Controller, ControllerConfig, Driver, DeviceConfig, Sensor, Signal, Command
 
-`srl.links` opens serial ports and sockets, `srl.simulation` has what fakes, twins, worlds and their parts need,
-`srl.testing` what their tests need. docs/extending.md is a whole package written with them.
+`srl.links` opens serial ports and sockets. `srl.simulation` has what fakes, twins, worlds and their parts need.
+`srl.testing` has what their tests need. docs/extending.md shows a whole package written with them.
 """
 
 from runtime import __version__

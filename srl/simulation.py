@@ -1,4 +1,4 @@
-"""What simulated devices and worlds are made of: fakes, twins, worlds, and parts of the composed world."""
+"""Base classes of simulated devices and worlds: fakes, twins, worlds, and parts of the composed world."""
 
 from runtime.contracts.world import Fake, FakeConfig, Twin, World, WorldConfig
 from runtime.control.hand.human_hand import JOINTS as HAND_JOINTS

@@ -1,4 +1,4 @@
-"""What tests of drivers, control laws and profiles need; no pytest in here.
+"""Functions for tests of drivers, control laws and profiles. They do not need pytest.
 
 driver = bound(Lever("lever", LeverConfig(port="loop://a")))   # arrays of its own, as the runtime gives them
 check_driver(Lever("lever", LeverConfig(port="loop://b")))     # what every driver must declare and survive
@@ -39,9 +39,9 @@ def bound(part: D) -> D: ...
 @overload
 def bound(part: C) -> C: ...
 def bound(part: Driver | Controller) -> Driver | Controller:
-    """The driver or controller with arrays of its own: zeros, and the parameters' defaults.
+    """Returns the driver or controller bound to its own arrays: zeros, and the parameters' defaults.
 
-    Every output of a controller counts as wired to a device: `applied` has an array for it.
+    Every output of a controller counts as wired to a device, so `applied` has an array for it.
     """
     if isinstance(part, Driver):
         part.bind({s.name: np.zeros(s.shape) for s in part.states}, {c.name: np.zeros(c.shape) for c in part.commands})
@@ -56,10 +56,12 @@ def bound(part: Driver | Controller) -> Driver | Controller:
 
 
 def check_driver(driver: Driver) -> None:
-    """What every driver must declare before it is opened, and survive while it isn't. It must not be open.
+    """Checks what every driver must declare before `open`, and how it behaves while it is closed.
+
+    The driver must not be open.
 
     Raises:
-        AssertionError: saying what is wrong.
+        AssertionError: its text says what is wrong.
     """
     name = type(driver).__name__
     assert driver.summary, f"{name}: `srl list` wants a line of text in `summary`"
@@ -93,14 +95,14 @@ def check_driver(driver: Driver) -> None:
 
 
 def check_controller(controller: Controller, inputs: Mapping[str, Array], start: Mapping[str, Array]) -> None:
-    """What every control law must do: start without a jump, stay finite, keep its shapes, and do it again.
+    """Checks what every control law must do: start without a jump, stay finite, keep its shapes, repeat exactly.
 
     Args:
-        controller: bound, see `bound`.
+        controller: a bound controller, see `bound`.
         inputs: values for its inputs, by name.
-        start: where the commanded outputs are at the reset, by output name.
+        start: values of the commanded outputs at the reset, by output name.
     Raises:
-        AssertionError: saying what is wrong.
+        AssertionError: its text says what is wrong.
     """
     name = type(controller).__name__
 
@@ -129,12 +131,12 @@ def check_controller(controller: Controller, inputs: Mapping[str, Array], start:
 
 @dataclass(frozen=True)
 class Simulated:
-    """What a simulated run made, row by row.
+    """The result of a simulated run, row by row.
 
     Attributes:
         layout: the signals' names, shapes and units.
         rows: (k, width) int64, as a recording holds them.
-        events: what the loop said in words.
+        events: the loop's events, as text.
     """
 
     layout: Layout
@@ -142,22 +144,22 @@ class Simulated:
     events: list[str]
 
     def value(self, signal: str) -> Array:
-        """(k, *shape): a signal of every cycle, e.g. "finger.position_command.applied"."""
+        """The values (k, *shape) of a signal in every cycle, e.g. "finger.position_command.applied"."""
         return self.layout.value(self.rows, signal)
 
     def states(self) -> list[State]:
-        """The state machine's state of every cycle."""
+        """The state of the state machine in every cycle."""
         return [State(int(state)) for state in self.layout.word(self.rows, "state")]
 
 
 def simulate(text: str, seconds: float) -> Simulated:
-    """Runs a profile with all its devices simulated: no service, no clock, as fast as it goes.
+    """Runs a profile with all its devices simulated: without service or clock, as fast as possible.
 
     Args:
         text: the profile's YAML.
-        seconds: of world time.
+        seconds: duration in world time.
     Raises:
-        ProfileError, WiringError: as `srl check` says it.
+        ProfileError, WiringError: with the same text as from `srl check`.
     """
     checked, source = profile.parse("profile.yaml", text, [])
     events: list[str] = []
