@@ -7,5 +7,5 @@ from runtime.loop.process import main
 
 code = main()
 sys.stderr.flush()
-# Garbage collection is frozen here: an orderly teardown would only complain about what it can't free.
+# Garbage collection is frozen here: an orderly shutdown would only complain about what it can't free.
 os._exit(code)

@@ -1,4 +1,4 @@
-"""What the loop waits for: the monotonic clock, the simulated world, or a robot's own tick."""
+"""The clocks that the loop waits for: the monotonic clock, the simulated world, or a robot's own tick."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from fractions import Fraction
 from runtime.contracts.world import World
 
 SECOND = 1_000_000_000
-# Waking from a sleep takes some tens of microseconds; the rest of the wait is spun away.
+# ns before the deadline at which the loop stops sleeping and spins: waking up takes some tens of microseconds.
 SPIN = 60_000
 
 
@@ -21,10 +21,10 @@ class Tick:
     """One wake-up.
 
     Attributes:
-        now: ns on the loop's clock: the time that stamps and ages are measured in.
-        dt: ns since the tick before, by deadlines: a multiple of the period where some were missed.
+        now: ns on the loop's clock, which stamps and ages refer to.
+        dt: ns from the previous deadline to this one: a multiple of the period where ticks were missed.
         deadline: when this tick was due, CLOCK_MONOTONIC ns.
-        missed: periods that passed without a tick.
+        missed: number of periods that passed without a tick.
     """
 
     now: int = 0
@@ -34,7 +34,7 @@ class Tick:
 
 
 class Clock(ABC):
-    """Paces the loop. `wait` returns the same `Tick` each time, refilled."""
+    """Paces the loop. `wait` fills and returns the same `Tick` object each time."""
 
     def __init__(self, rate: Fraction) -> None:
         self.rate = rate
@@ -50,12 +50,12 @@ class Clock(ABC):
         """Waits until the next tick is due."""
 
     def deadline_of(self, start: int, count: int) -> int:
-        """When tick number `count` is due: exact for rates whose period isn't whole nanoseconds."""
+        """When tick number `count` is due. Exact also for rates whose period is not a whole number of ns."""
         return start + count * SECOND * self.rate.denominator // self.rate.numerator
 
 
 class MonotonicClock(Clock):
-    """Absolute deadlines on CLOCK_MONOTONIC that keep their phase; sleeps, then spins the last stretch."""
+    """Waits for absolute deadlines on CLOCK_MONOTONIC, which keep their phase. It sleeps first and spins at the end."""
 
     def start(self) -> None:
         self._start = time.monotonic_ns()
@@ -70,7 +70,7 @@ class MonotonicClock(Clock):
         now = time.monotonic_ns()
         tick.missed = 0
         if now > deadline + self.period:
-            # Too late for one or more whole periods: take the newest deadline that has passed, keep the phase.
+            # Late by one or more whole periods: take the newest deadline that has passed and keep the phase.
             behind = (now - self._start) * self.rate.numerator // (SECOND * self.rate.denominator)
             tick.missed = behind - self._count
             self._count = behind
@@ -84,17 +84,19 @@ class MonotonicClock(Clock):
 
 
 class SimClock(Clock):
-    """Steps the simulated world by one period a tick: as fast as it goes, or paced by another clock.
+    """Steps the simulated world by one period a tick, as fast as possible or paced by another clock.
 
-    Unpaced, `now` is the world's time and every run with the same seed gives the same bits. Paced, `now` is
-    CLOCK_MONOTONIC, so that real devices may take part.
+    Unpaced, `now` is the world's time, and every run with the same seed gives the same result bit for bit.
+    Paced, `now` is CLOCK_MONOTONIC, so that real devices can take part.
     """
 
     def __init__(
         self, rate: Fraction, world: World, pace: Clock | None = None, throttle: Callable[[], None] | None = None
     ) -> None:
-        """`pace`: the monotonic clock, or a real robot's; `throttle` is called before each unpaced tick and may
-        wait for slower readers of the rows."""
+        """`pace` is the monotonic clock or a real robot's clock.
+
+        `throttle` is called before each unpaced tick and may wait for slower readers of the rows.
+        """
         super().__init__(rate)
         self.world = world
         self._throttle = throttle
@@ -115,7 +117,7 @@ class SimClock(Clock):
             if self._throttle is not None:
                 self._throttle()
             self._count += 1
-        # The world keeps its own time, from 0; a real device's delays don't stretch it.
+        # The world has its own time, which begins at 0. Delays of a real device do not stretch it.
         until = self.deadline_of(0, self._count)
         if self._pace is None:
             tick.deadline = time.monotonic_ns()
@@ -125,20 +127,20 @@ class SimClock(Clock):
 
 
 class DeviceClock(Clock):
-    """Paced by a robot's own tick: wakes when its descriptor has something to read.
+    """Waits for a robot's own tick: it wakes when the robot's descriptor has data to read.
 
-    A silent robot can't take the other devices' checks with it: after 1.5 periods without a tick the loop
-    goes on by the monotonic clock until the robot speaks again. A backlog is the driver's business: it reads
-    all there is and keeps the newest.
+    A silent robot does not block the checks of the other devices. After 1.5 periods without a tick the loop
+    continues by the monotonic clock until the robot sends again. The driver handles a backlog: it reads all
+    data and keeps the newest.
     """
 
     def __init__(self, rate: Fraction, fileno: Callable[[], int | None]) -> None:
-        """`fileno` gives the descriptor to wait on; None while the robot is away."""
+        """`fileno` returns the descriptor to wait on; None while the robot is lost."""
         super().__init__(rate)
         self._fileno = fileno
         self._poll = select.poll()
         self._registered: int | None = None
-        self.silent = 0  # ticks that came from the monotonic clock
+        self.silent = 0  # number of ticks from the monotonic clock
 
     def start(self) -> None:
         self.tick.deadline = time.monotonic_ns()
@@ -154,17 +156,17 @@ class DeviceClock(Clock):
                 time.sleep(rest / SECOND)
                 continue
             for _, event in self._poll.poll(rest / 1e6):
-                # A link that has hung up is always readable: that is no tick, and no reason to spin.
+                # A link that has hung up is always readable. This is not a tick, and the loop must not spin on it.
                 gone = bool(event & (select.POLLHUP | select.POLLERR | select.POLLNVAL))
                 heard = not gone
-        # A descriptor that nobody drains must not make the loop spin.
+        # A descriptor that nobody reads must not make the loop spin.
         if heard and (early := last + self.period // 2 - time.monotonic_ns()) > 0:
             time.sleep(early / SECOND)
         now = time.monotonic_ns()
         if heard:
             tick.deadline = now
         else:
-            # One period on from the last tick; the half period was grace.
+            # The tick was due one period after the last one; the half period was tolerance.
             self.silent += 1
             tick.deadline = last + self.period if now < last + 2 * self.period else now
         tick.now, tick.dt = now, tick.deadline - last
@@ -172,7 +174,7 @@ class DeviceClock(Clock):
         return tick
 
     def _register(self) -> None:
-        """A robot that was opened again may have another descriptor."""
+        """Registers the robot's descriptor again if it has changed, as it may after a reopening."""
         fileno = self._fileno()
         if fileno is not None and fileno < 0:
             fileno = None

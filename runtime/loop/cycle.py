@@ -1,6 +1,6 @@
-"""One cycle's decisions: check -> control -> guard. No I/O, no clock: the loop and the replay both run it.
+"""The decisions of one cycle: check -> control -> guard. No I/O, no clock: the loop and the replay both run it.
 
-All it reads and writes is the row, so a recorded one holds everything a replay needs.
+It reads and writes only the row. A recorded row therefore holds everything that a replay needs.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ from runtime.ipc.words import (
 from runtime.loop.machine import Fault, Ladder, Machine
 from runtime.profile.graph import Actuator, Graph
 
-PATIENCE = 5_000_000_000  # ns that a stop may take on the way out: a limb that can't come to rest mustn't keep the run
+PATIENCE = 5_000_000_000  # ns that a stop may take before the exit: after that the run ends without rest
 _CATEGORIES = {category: i for i, category in enumerate(Stop)}
 _NOW, _DT, _STATE, _CAUSE = CYCLE.now, CYCLE.dt, CYCLE.state, CYCLE.cause
 _CULPRIT, _CATEGORY, _FLAGS = CYCLE.culprit, CYCLE.category, CYCLE.flags
 
 
 class Cycle:
-    """See the module's text."""
+    """Makes the decisions of each cycle; see the module's docstring."""
 
     def __init__(
         self,
@@ -58,9 +58,9 @@ class Cycle:
         Args:
             graph: the wired system.
             limits: by command name: the narrower of the profile's and the device's own.
-            automatic: READY goes on by itself.
-            stopped_by: begin in the stop, for this reason.
-            report: takes an event in words; called rarely.
+            automatic: leave READY without a request.
+            stopped_by: start in the state STOPPED, with this cause.
+            report: takes the text of an event; called rarely.
         """
         self.graph = graph
         self.machine = Machine(graph.profile.faults, graph.profile.emergency, automatic, stopped_by)
@@ -76,8 +76,8 @@ class Cycle:
             (graph.row.views[e.signal].reshape(-1)[e.index : e.index + 1], e.when, self._device_of(e.signal))
             for e in graph.profile.emergency
         ]
-        # Without feedback, the limb is where a person put it (home) before the first start and after it hung
-        # limp; after a loss it is about where it was, and goes home slowly.
+        # A device without feedback starts at its `home` position, where the user has placed it: at the first
+        # start and after a limp stop. After a loss it is near its last position and goes home slowly.
         self._homed = [True for a in graph.actuators]
         self._put_home = [a.command.feedback is None for a in graph.actuators]
         self._leaving = 0  # ns since the exit was asked for
@@ -85,12 +85,12 @@ class Cycle:
         self._was = State.STARTING
 
     def _device_of(self, signal: str) -> int:
-        """Index of the device that gives a signal; -1 for one that a controller makes."""
+        """Index of the device that gives a signal; -1 for a controller's signal."""
         name = signal.partition(".")[0]
         return self.graph.layout.devices.index(name) if name in self.graph.layout.devices else -1
 
     def _ages(self) -> list[int]:
-        """Each device's max_age in ns; 0 where it gives nothing that could be stale."""
+        """Each device's max_age in ns; 0 for a device that gives nothing that could be stale."""
         ages = [round(d.max_age * 1e9) for d in self.graph.devices]
         for owner in self.graph.layout.devices[len(ages) :]:
             entries = self.graph.profile.setpoints.items()
@@ -98,12 +98,12 @@ class Cycle:
         return ages
 
     def check(self, missed: int, kind: RequestKind, target: int) -> Answer:
-        """Finds what is amiss, then lets faults and the request act on the state.
+        """Looks for faults, then applies them and the request to the state.
 
         Args:
-            missed: periods this cycle came too late.
+            missed: number of periods by which this cycle is late.
             kind: a request that concerns the state, or NONE.
-            target: its target.
+            target: the request's target.
         """
         ints, machine = self._ints, self.machine
         now = int(ints[_NOW])
@@ -117,18 +117,18 @@ class Cycle:
             machine.stop(Fault(Cause.OVERRUN))
         answer = Answer.NONE
         if kind is not RequestKind.NONE:
-            # A client that fell silent mustn't keep the limb from being started again without it.
+            # A client that no longer sends must not prevent a restart of the limb without it.
             answer = machine.request(kind, target, None if self._client_is_silent() else self._fault)
         machine.start_if_ready(self._fault)
         return answer
 
     def _find_fault(self, now: int) -> Fault | None:
-        stamps, links = self._stamps.tolist(), self._links.tolist()  # plain integers: a tenth of numpy's price each
+        stamps, links = self._stamps.tolist(), self._links.tolist()  # plain integers: each costs a tenth of a numpy one
         fault: Fault | None = None
         for i, max_age in enumerate(self._max_age):
             stamp, link = stamps[i], links[i]
             client = i >= self._count
-            # A client that hasn't spoken yet isn't late; a device is.
+            # A client that has not sent anything yet is not stale. A device without a sample is.
             stale = max_age > 0 and (abs(now - stamp) > max_age if stamp >= 0 else not client)
             if stale != bool(link & LINK_STALE):
                 link ^= LINK_STALE
@@ -155,7 +155,7 @@ class Cycle:
         return fault
 
     def _lost(self, device: int) -> None:
-        """No command may reach a device that comes back, or recovers, before the next start."""
+        """Deactivates a lost or faulty device: even after its return or recovery, no command before the next start."""
         self._links[device] &= ~LINK_ACTIVE
         for i, actuator in enumerate(self.graph.actuators):
             if actuator.device == device and actuator.command.feedback is None:
@@ -183,7 +183,7 @@ class Cycle:
                 return
 
     def guard(self) -> None:
-        """Bounds every command, or carries out the stop; then settles the state."""
+        """Bounds every command or carries out the stop, then updates the state."""
         machine, ints, dt = self.machine, self._ints, self._ints.item(_DT) * 1e-9
         if machine.state is State.HOMING and self._was is not State.HOMING:
             self._begin()
@@ -194,7 +194,7 @@ class Cycle:
             if not link & LINK_ACTIVE:
                 continue
             category = self.category(actuator)
-            # Damping by a velocity from a while ago would drive the joint, and retracting never arrive.
+            # With an old measured velocity, damping would drive the joint, and retracting would never arrive.
             guard.blind = bool(link & LINK_STALE)
             if state is State.ACTIVE:
                 guard.step(actuator.asked, actuator.asked_velocity, dt)
@@ -203,7 +203,7 @@ class Cycle:
                 self._homed[i] |= guard.at_rest
                 at_rest &= guard.at_rest
             elif category is Stop.LIMP and actuator.command.kind is Kind.POSITION:
-                # The loop tells the device to let go; no command follows.
+                # The loop tells the device to go limp; no command follows.
                 self._links[actuator.device] &= ~LINK_ACTIVE
                 self._put_home[i] = actuator.command.feedback is None
             else:
@@ -220,12 +220,16 @@ class Cycle:
         ints[_STATE], ints[_CAUSE], ints[_CULPRIT] = machine.state, machine.cause, machine.culprit
 
     def category(self, actuator: Actuator) -> Stop:
-        """How this actuator stops at present: the fault's category where it can do it, else its own."""
+        """The present stop category of this actuator: the fault's if the actuator supports it, else its own."""
         override = self.machine.override
         return override if override is not None and override in actuator.command.stops else actuator.category
 
     def _begin(self) -> None:
-        """Takes every command up where the limb is: measured, else home where a person put it, else last applied."""
+        """Resets the guards, so that the commands start without a jump, and activates the devices.
+
+        A position command starts at the measured position, else at home where the user has placed the limb
+        there, else at the last applied command. Velocity and torque guards choose their start themselves.
+        """
         for i, (actuator, guard) in enumerate(zip(self.graph.actuators, self.guards, strict=True)):
             start = actuator.applied.copy()
             if actuator.command.kind is Kind.POSITION:

@@ -1,8 +1,7 @@
-"""A driver in the loop: calls it, catches what it may raise, and opens it again after a loss.
+"""A driver in the loop: calls the driver, catches its exceptions, and opens it again after a loss.
 
-A lost device is opened again by a thread of ordinary priority, away from the loop's path; until it is back
-the loop doesn't touch the driver. Simulated devices are opened again in the loop itself, so that a run keeps
-its bits.
+A separate thread of ordinary priority reopens a lost device. Until the device is back, the loop does not use
+the driver. The loop itself reopens simulated devices, so that a run stays the same bit for bit.
 """
 
 from __future__ import annotations
@@ -27,40 +26,40 @@ _KEPT = ~(LINK_CONNECTED | LINK_ERROR | LINK_STALE | LINK_FAULT)
 
 
 class Device:
-    """See the module's text.
+    """One device in the loop; see the module's docstring.
 
     Attributes:
         driver: the driver.
         actuators: its commands, as the guard bounds them; empty for a sensor.
         words: (6,) int64, its words in the row (`DEVICE`).
-        lost: it is away.
+        lost: True while the device is lost.
         on_loss, on_return: called in the loop's thread.
     """
 
     def __init__(
         self, driver: Driver, words: NDArray[np.int64], actuators: list[Actuator], report: Callable[[str], None]
     ) -> None:
-        """`report` takes an event in words; the rest is described above."""
+        """`report` takes the text of an event. The other arguments are described above."""
         self.driver, self.words, self.actuators = driver, words, actuators
         self.lost = False
         self.on_loss: Callable[[Device], None] = lambda device: None
         self.on_return: Callable[[Device], None] = lambda device: None
         self.words[DEVICE.stamp] = -1
         self._report = report
-        self._failing: set[str] = set()  # which of read, write and stop failed when last called
-        self._events: deque[str] = deque()  # the reopening thread's: only the loop writes events
+        self._failing: set[str] = set()  # which of read, write, stop and recover failed in their last call
+        self._events: deque[str] = deque()  # from the reopening thread: only the loop writes events
         self._wanted, self._back, self._closing = threading.Event(), threading.Event(), threading.Event()
         self._reopener: threading.Thread | None = None
         self._next_try = 0
-        self._fault = ""  # the newest that was reported
+        self._fault = ""  # the newest reported fault
 
     @property
     def active(self) -> bool:
-        """Commands reach it."""
+        """True while commands are sent to the device."""
         return bool(self.words.item(DEVICE.link) & LINK_ACTIVE)
 
     def watch(self) -> None:
-        """Starts the thread that will open the device again; before the loop, as starting one takes milliseconds."""
+        """Starts the thread that reopens the device. Call it before the loop: starting a thread takes milliseconds."""
         if not isinstance(self.driver, Fake):
             self._reopener = threading.Thread(target=self._reopen, name=f"reopen-{self.driver.name}", daemon=True)
             self._reopener.start()
@@ -74,7 +73,7 @@ class Device:
             self._call("read", self.driver.read, now)
         health, words = self.driver.health, self.words
         link = words.item(DEVICE.link) & _KEPT
-        # A return shows one cycle late, so that every loss is seen, however short.
+        # The row shows a return one cycle late, so that every loss is seen, however short.
         if not was_lost and not self.lost and health.connected:
             link |= LINK_CONNECTED
             if health.fault:
@@ -85,7 +84,7 @@ class Device:
                 f"'{self.driver.name}': {health.fault}" if health.fault else f"'{self.driver.name}' is well again"
             )
         if self._failing:
-            # What isn't called now can't show that it is well again.
+            # A method that is not called now can't show that it works again.
             if not link & LINK_ACTIVE:
                 self._failing.discard("write")
             if not health.fault:
@@ -94,17 +93,17 @@ class Device:
         words[:] = health.stamp, link, health.frames, health.errors, health.resyncs, health.reconnects
 
     def write(self, now: int) -> None:
-        """Sends the commands; not while the device is away."""
+        """Sends the commands, except while the device is lost."""
         if not self.lost:
             self._call("write", self.driver.write, now)
 
     def stop(self, category: Stop, now: int) -> None:
-        """Starts the device's own stop; not while the device is away."""
+        """Starts the device's own stop, except while the device is lost."""
         if not self.lost:
             self._call("stop", lambda _: self.driver.stop(category), now)
 
     def recover(self, now: int) -> None:
-        """Starts the recovery of a device that refuses to move; not while the device is away."""
+        """Starts the recovery of a device with a fault, except while the device is lost."""
         if not self.lost and self.driver.health.fault:
             self._report(f"'{self.driver.name}' is told to recover from: {self.driver.health.fault}")
             self._call("recover", self.driver.recover, now)
@@ -117,7 +116,7 @@ class Device:
         except DeviceLostError as error:
             self._lose(str(error), now)
         except Exception:
-            # A driver's defect must not end the loop while a person wears the limb.
+            # A defect in a driver must not end the loop while a person wears the limb.
             if what not in self._failing:
                 self._report(f"driver '{self.driver.name}' failed to {what}: {traceback.format_exc(limit=-3)}")
             self._failing.add(what)
@@ -132,7 +131,7 @@ class Device:
         self._wanted.set()
 
     def _reopen(self) -> None:
-        """The thread: opens the device whenever it is wanted back."""
+        """Runs in the thread: reopens the device after each loss."""
         said = ""
         while not self._closing.is_set():
             if not self._wanted.wait(RETRY):
@@ -171,7 +170,7 @@ class Device:
         self.on_return(self)
 
     def close(self) -> None:
-        """Lets go of the device, and of an attempt to open it that is under way."""
+        """Releases the device and ends a reopening attempt in progress."""
         self._closing.set()
         if self._reopener is not None and self._wanted.is_set():
             self._reopener.join(2.0)

@@ -1,6 +1,6 @@
-"""The cycle of a wholly simulated profile, step by step in this process: no clock, no ring, no telemetry.
+"""Runs the cycle of a fully simulated profile step by step in this process: no clock, no ring, no telemetry.
 
-For tests and measurements: the decisions are the loop's own (`runtime.loop.cycle`), the time is the world's.
+For tests and measurements. The decisions are the loop's own (`runtime.loop.cycle`), the time is the world's.
 """
 
 from __future__ import annotations
@@ -15,22 +15,22 @@ from runtime.profile.graph import Graph
 
 
 class Lockstep:
-    """See the module's text.
+    """Steps a simulated system; see the module's docstring.
 
     Attributes:
-        graph: the wired system; its row holds what the last step made.
+        graph: the wired system; its row holds the result of the last step.
         cycle: the decisions.
-        devices: in the profile's order.
+        devices: the devices, in the profile's order.
         period: ns from one step to the next.
-        count: steps made.
+        count: number of steps made.
     """
 
     def __init__(self, graph: Graph, report: Callable[[str], None] = lambda text: None) -> None:
         """Opens the devices.
 
         Args:
-            graph: of a profile whose devices are all simulated.
-            report: takes an event in words.
+            graph: the wired system of a profile whose devices are all simulated.
+            report: takes the text of an event.
         Raises:
             DeviceError: a simulated device can't be opened.
         """
@@ -45,7 +45,7 @@ class Lockstep:
         self.cycle = Cycle(graph, limits_of(graph), automatic=True, report=report)
 
     def sense(self) -> None:
-        """The first half of a step: the world goes on by a period, and the devices are read."""
+        """The first half of a step: advances the world by a period and reads the devices."""
         self.count += 1
         now, ints = self.count * self.period, self.graph.row.ints
         ints[CYCLE.cycle], ints[CYCLE.now], ints[CYCLE.dt] = self.count, now, self.period
@@ -54,7 +54,7 @@ class Lockstep:
             device.read(now)
 
     def act(self, request: RequestKind = RequestKind.NONE) -> State:
-        """The second half: decisions, then the commands; the state after them."""
+        """The second half of a step: makes the decisions, sends the commands and returns the new state."""
         self.cycle.check(0, request, 0)
         self.cycle.control()
         self.cycle.guard()
@@ -64,6 +64,6 @@ class Lockstep:
         return self.cycle.machine.state
 
     def step(self, request: RequestKind = RequestKind.NONE) -> State:
-        """One whole cycle; `request` concerns the state (start, stop, reset)."""
+        """Runs one whole cycle. `request` concerns the state (start, stop, reset)."""
         self.sense()
         return self.act(request)

@@ -1,6 +1,6 @@
 """The loop: read all -> check -> control -> guard -> write all -> append one row. No blocking I/O.
 
-`Loop.run` is the whole cycle; what each step means is in `runtime.loop.device`, `runtime.loop.cycle`,
+`Loop.run` is the whole cycle. The steps are described in `runtime.loop.device`, `runtime.loop.cycle`,
 `runtime.loop.request_queue` and `runtime.ipc.ring`.
 """
 
@@ -26,7 +26,7 @@ _OVERRUNS, _NOW = CYCLE.overruns, CYCLE.now
 
 
 class Loop:
-    """One run of the cycle, from READY to ENDED.
+    """Runs the cycle from READY to ENDED.
 
     Attributes:
         commanded: the devices that take commands, in their order.
@@ -38,12 +38,14 @@ class Loop:
         self.graph, self.devices, self.clock = graph, devices, clock
         self.cycle, self.requests, self.ring = cycle, requests, ring
         self.commanded = [d for d in devices if d.actuators]
-        self.after_write: Callable[[Device], None] = lambda device: None  # keeps the supervisor's stop frames true
-        self.each_cycle: Callable[[State], None] = lambda state: None  # signs of life, the supervisor's own
+        self.after_write: Callable[[Device], None] = lambda device: None  # keeps the supervisor's stop frames current
+        self.each_cycle: Callable[[State], None] = lambda state: None  # sign of life, events about state changes
 
     def run(self, cycles: int | None = None) -> None:
-        """Runs until the state machine ends; after `cycles`, or when the simulated world's task is done, it asks
-        itself to end."""
+        """Runs until the state machine has ended.
+
+        After `cycles`, or once the simulated world's task is done, the loop requests its own exit.
+        """
         ints, monotonic, count = self.graph.row.ints, time.monotonic_ns, 0
         world = self.graph.world
         self.clock.start()
@@ -81,7 +83,7 @@ class Loop:
             count += 1
 
     def _check(self, pending: PendingRequest | None, missed: int) -> None:
-        """Faults and the request act on the state; the row says which request this cycle took."""
+        """Applies faults and the request to the state. The row says which request this cycle took."""
         ints = self.graph.row.ints
         if pending is None:
             self.cycle.check(missed, RequestKind.NONE, 0)
@@ -104,7 +106,7 @@ class Loop:
         self.requests.reply(pending, machine.state, machine.cause, self.culprit())
 
     def culprit(self) -> str:
-        """The name of what caused the stop, or nothing."""
+        """The name of the part that caused the stop, or an empty text."""
         return self.graph.layout.culprit(self.cycle.machine.cause, self.cycle.machine.culprit)
 
     def _release(self, now: int) -> None:

@@ -1,4 +1,4 @@
-"""The state machine: what faults and requests do to the run. Pure: the same inputs, the same states.
+"""The state machine: how faults and requests change the run's state. The same inputs give the same states.
 
 READY -> HOMING -> ACTIVE -> STOPPING -> STOPPED -> (reset) -> HOMING or ACTIVE
 """
@@ -14,34 +14,34 @@ from runtime.ipc.requests import Answer, RequestKind
 from runtime.ipc.words import Cause, State
 from runtime.profile.profile import EmergencyInput, Faults
 
-# What a fault leads to: a category for every actuator, or "stop", each actuator's own.
+# The reaction to a fault: one category for every actuator, or "stop" for each actuator's own.
 _OWN = "stop"
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Something that stops the limb."""
+    """A fault that stops the limb."""
 
     cause: Cause
     culprit: int = -1  # index of the device, controller or emergency input; -1: none
 
 
 class Machine:
-    """See the module's text.
+    """The state machine of one run.
 
     Attributes:
-        state: now.
-        cause, culprit: why it stopped last; NONE while all is well.
-        override: the category that stops every actuator; None: each its own.
-        exiting: the run ends once it is at rest.
-        recover: a person asked for motion while a fault stands, and was refused: the devices are told to recover.
-            They ask again once the devices are well. True for the cycle of the request.
+        state: the present state.
+        cause, culprit: why the limb stopped last; the cause is NONE in normal operation.
+        override: the stop category of every actuator; None: each actuator's own.
+        exiting: True if the run ends once the limb is at rest.
+        recover: True in the cycle in which a start or reset was refused because a fault is present. The devices
+            are then told to recover. The user sends the request again once the devices have recovered.
     """
 
     def __init__(
         self, faults: Faults, emergency: Sequence[EmergencyInput], automatic: bool, stopped_by: Cause = Cause.NONE
     ) -> None:
-        """`automatic`: READY goes on by itself; `stopped_by`: begins in the stop (after a crash)."""
+        """`automatic`: leave READY without a request. `stopped_by`: start in STOPPED (after a crash)."""
         self.state = State.STOPPED if stopped_by else State.READY
         self.cause = stopped_by
         self.culprit = -1
@@ -60,10 +60,10 @@ class Machine:
         }
 
     def stop(self, fault: Fault) -> None:
-        """Enters the stop. The first cause stands until the reset; only an emergency overrules it."""
+        """Enters the stop. The first cause is kept until the reset; only an emergency replaces it."""
         if self.state is State.ENDED:
             return
-        # Of two emergencies the one that the profile lists first counts.
+        # Of two emergencies, the one that comes first in the profile counts.
         emergency = fault.cause is Cause.EMERGENCY and (
             self.cause is not Cause.EMERGENCY or fault.culprit < self.culprit
         )
@@ -81,7 +81,7 @@ class Machine:
         self.override = reaction if isinstance(reaction, Stop) else None
 
     def request(self, kind: RequestKind, target: int, present: Fault | None) -> Answer:
-        """A client's request; `present` is a fault that is there in this cycle."""
+        """Handles a client's request. `present` is a fault that is present in this cycle."""
         if kind in (RequestKind.STOP, RequestKind.EXIT, RequestKind.FAULT):
             self.exiting |= kind is RequestKind.EXIT
             fault = Fault(Cause(target) if target else Cause.REQUEST)
@@ -98,7 +98,7 @@ class Machine:
         return Answer.DONE
 
     def start_if_ready(self, present: Fault | None) -> None:
-        """Leaves READY by itself, once nothing is amiss, where the profile says so."""
+        """Leaves READY without a request, once no fault is present, if the run starts automatically."""
         if self.state is State.READY and self._automatic and present is None and not self.exiting:
             self._begin()
 
@@ -106,7 +106,7 @@ class Machine:
         self.state, self.cause, self.culprit, self.override = State.HOMING, Cause.NONE, -1, None
 
     def settle(self, at_rest: bool) -> None:
-        """Once a cycle, after the guards: the end of homing and of a stop."""
+        """Ends homing or a stop once at rest. Called once a cycle, after the guards."""
         if self.state is State.HOMING and at_rest:
             self.state = State.ACTIVE
         elif self.state is State.STOPPING and at_rest:
@@ -116,7 +116,7 @@ class Machine:
 
 
 class Ladder:
-    """Overruns: a few are nothing, more cost telemetry, many stop the limb."""
+    """Counts overruns: a few are tolerated, more degrade telemetry, many stop the limb."""
 
     def __init__(self, tolerate: int, window: float, stop: int) -> None:
         self._tolerate, self._window, self._stop = tolerate, round(window * 1e9), stop

@@ -1,7 +1,7 @@
 """The loop's process: `python -m runtime.loop RUN_FOLDER CHANNEL`, started by the supervisor.
 
-Opens the devices, hands the actuators' descriptors to the supervisor, becomes a real-time process, runs the
-loop, and lets the devices go.
+It opens the devices, passes the actuators' descriptors to the supervisor, becomes a real-time process, runs the
+loop, and releases the devices.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ from runtime.loop.request_queue import RequestQueue
 from runtime.profile import profile, wiring
 from runtime.profile.graph import Graph
 
-KEPT = 30  # s of rows the ring holds: what a recorder may be away
-LEAST = 4096  # rows
-READS = 16  # before the first cycle: more than any buffer holds
+KEPT = 30  # s of rows that the ring holds: how long a recorder may be absent
+LEAST = 4096  # least number of rows in the ring
+READS = 16  # reads before the first cycle: more than any buffer holds
 
 
 class Process:
-    """What belongs to one run; see the module's text."""
+    """The process of one run; see the module's docstring."""
 
     def __init__(self, run_folder: RunFolder, channel: Channel) -> None:
         self.run_folder, self.channel = run_folder, channel
@@ -55,12 +55,12 @@ class Process:
         self.devices: list[Device] = []
 
     def report(self, text: str, level: Level = Level.WARNING) -> None:
-        """An event, for people to read."""
+        """Writes an event, for people to read."""
         cycle = int(self.graph.row.ints[CYCLE.cycle]) if self.graph is not None else 0
         self.events.write(time.monotonic_ns(), level, cycle, text)
 
     def run(self) -> None:
-        """The whole run. Raises SrlError for what the user can mend."""
+        """Carries out the whole run. Raises SrlError for errors that the user can correct."""
         launch = self.launch
         checked, source = profile.parse(launch.label, launch.text, launch.overrides)
         graph = self.graph = wiring.build(checked, source, launch.sim)
@@ -117,9 +117,9 @@ class Process:
         self.run_folder.result.write_text(json.dumps(self._figures(loop)))
 
     def _catch_up(self) -> None:
-        """Reads what came from the first device while the last was opened.
+        """Reads what the first devices have sent while the last one was opened.
 
-        A full buffer has lost the newest, and nothing tells how old a device's first sample is.
+        A full buffer has lost its newest data, and the age of a device's first sample is not known.
         """
         for _ in range(READS):
             for device in self.devices:
@@ -143,14 +143,14 @@ class Process:
         return SimClock(rate, graph.world, None, self._throttle if self.launch.recorded else None)
 
     def _throttle(self) -> None:
-        """Simulation ahead of its recorder waits: nothing recorded is ever lost."""
+        """Makes the simulation wait for its recorder, so that no recorded row is ever lost."""
         ring = self._ring
         while ring.head - ring.consumed > ring.capacity // 2:
             time.sleep(0.001)
             ring.touch(time.monotonic_ns())
 
     def _watch(self, loop: Loop, graph: Graph) -> None:
-        """Keeps the supervisor able to stop the actuators, and systemd content."""
+        """Gives the supervisor what it needs to stop the actuators, and keeps systemd notified."""
         slots = StopSlots(self.run_folder.stops, len(loop.commanded), create=True)
         notifier = Notifier()
 
@@ -190,7 +190,7 @@ class Process:
         loop.each_cycle = each_cycle
 
     def _category(self, loop: Loop, device: Device) -> Stop:
-        """How the device stops without the loop: retracting needs the loop, so it holds."""
+        """The device's stop category without the loop. Retracting needs the loop, so the device holds instead."""
         category = loop.cycle.category(device.actuators[0])
         return Stop.HOLD if category is Stop.RETRACT else category
 
@@ -206,7 +206,7 @@ class Process:
 
 
 def _finite(value: Any) -> Any:
-    """JSON knows no infinity: what has no figure becomes null."""
+    """Replaces numbers that are not finite with None, which JSON writes as null. JSON has no infinity."""
     if isinstance(value, dict):
         return {str(k): _finite(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
@@ -223,7 +223,7 @@ def _plain(limits: Limits) -> dict[str, Any]:
 
 
 def main() -> int:
-    """Entry of the process."""
+    """Entry point of the process."""
     realtime.die_with_parent(signal.SIGTERM)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the supervisor, which asks for the safe stop
     channel = Channel(socket.socket(fileno=int(sys.argv[2])))

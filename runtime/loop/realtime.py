@@ -1,4 +1,4 @@
-"""Makes this process fit to keep deadlines; says what the host didn't allow."""
+"""Prepares this process to keep deadlines and reports what the host did not allow."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ import gc
 import os
 import sys
 
-PRIORITY = 80  # below the kernel's own threads (90 and up on PREEMPT_RT), above everything ordinary
+PRIORITY = 80  # below the kernel's own threads (90 and up on PREEMPT_RT), above all ordinary processes
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
 _PR_SET_PDEATHSIG, _PR_SET_TIMERSLACK = 1, 29
 _libc = ctypes.CDLL(None, use_errno=True)
 
 
 def enter(priority: int = PRIORITY) -> list[str]:
-    """SCHED_FIFO, locked memory, timer slack of 1 ns, garbage collection frozen and off.
+    """Sets SCHED_FIFO, locked memory and a timer slack of 1 ns; freezes garbage collection and turns it off.
 
     Returns:
-        What could not be had, a sentence each with its remedy; empty when all is well.
+        What the host did not allow, one sentence each, if possible with a remedy; empty without problems.
     """
     refused = []
     try:
@@ -30,7 +30,7 @@ def enter(priority: int = PRIORITY) -> list[str]:
     if _libc.prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0) != 0:
         refused.append("timer slack can't be set")
     _stay_awake()
-    sys.setswitchinterval(1e-4)  # a thread that opens a lost device gives way soon
+    sys.setswitchinterval(1e-4)  # a thread that opens a lost device yields soon
     gc.collect()
     gc.freeze()
     gc.disable()
@@ -38,10 +38,10 @@ def enter(priority: int = PRIORITY) -> list[str]:
 
 
 def _stay_awake() -> None:
-    """Asks the processors not to sleep deeply, for as long as this process lives; where the host lets us."""
+    """Keeps the processors out of deep sleep as long as this process lives, if the host allows it."""
     try:
         descriptor = os.open("/dev/cpu_dma_latency", os.O_WRONLY | os.O_CLOEXEC)
-        os.write(descriptor, (0).to_bytes(4, "little"))  # the request stands until the descriptor is closed
+        os.write(descriptor, (0).to_bytes(4, "little"))  # the request is valid until the descriptor is closed
     except OSError:
         pass
 
@@ -50,7 +50,10 @@ PARENT = "SRL_SUPERVISOR"  # environment: the supervisor's process id
 
 
 def die_with_parent(signal_number: int) -> None:
-    """This process gets `signal_number` when its supervisor dies; it ends at once if that has happened already."""
+    """Makes the kernel send `signal_number` to this process when its supervisor dies.
+
+    If the supervisor has died already, this process ends at once.
+    """
     _libc.prctl(_PR_SET_PDEATHSIG, signal_number, 0, 0, 0)
     if (parent := os.environ.get(PARENT)) and os.getppid() != int(parent):
         os._exit(1)

@@ -1,8 +1,8 @@
-"""Replay: recorded inputs through the same profile, compared with the recorded commands, bit for bit.
+"""Replays recorded inputs through the same profile and compares the commands with the recorded ones, bit for bit.
 
-Inputs are what came from outside the cycle: device states with their stamps and links, setpoints, parameters,
-`now`, `dt`, overruns and the requests that concern the state. Compared is what the cycle made of them: every
-controller output, every command, every applied command, and the state.
+The inputs are what came from outside the cycle: device states with their stamps and links, setpoints,
+parameters, `now`, `dt`, overruns and the requests that concern the state. The comparison covers what the cycle
+computed from them: every controller output, every command, every applied command, and the state.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ _STATE_REQUESTS = (RequestKind.START, RequestKind.STOP, RequestKind.RESET, Reque
 
 @dataclass
 class Comparison:
-    """What a replay found.
+    """The result of a replay.
 
     Attributes:
-        cycles: rows replayed.
+        cycles: number of rows replayed.
         largest: the largest absolute difference of any command, in its unit.
-        where: (signal, cycle) of it.
+        where: (signal, cycle) of this difference.
         signals: largest difference by signal.
-        states_differ: rows whose state, cause, culprit, category or flags came out otherwise.
-        identical: every compared bit is the same.
-        warnings: why bits may differ: other versions, another BLAS kernel.
+        states_differ: number of rows whose state, cause, culprit, category or flags differ.
+        identical: True if every compared bit is the same.
+        warnings: reasons why bits may differ: other versions, another BLAS kernel.
     """
 
     cycles: int = 0
@@ -53,7 +53,7 @@ class Comparison:
     warnings: list[str] = field(default_factory=list)
 
     def figures(self) -> dict[str, Any]:
-        """For `--json`."""
+        """Returns the figures for `--json`."""
         return {
             "cycles": self.cycles,
             "largest_difference": self.largest,
@@ -69,7 +69,7 @@ def replay(layout: Layout, rows: NDArray[np.int64], place: str) -> Comparison:
     """Replays rows.
 
     Args:
-        layout: theirs.
+        layout: the rows' layout.
         rows: (k, width) int64, contiguous cycles from the first on.
         place: the recording's name, for errors.
     """
@@ -124,7 +124,7 @@ def _decide(cycle: Cycle, row: NDArray[np.int64], missed: int) -> None:
 
 
 def _copy_devices(made: NDArray[np.int64], row: NDArray[np.int64], layout: Layout) -> None:
-    """Stamps and links as the drivers gave them; staleness and activity are the cycle's own findings."""
+    """Copies stamps and links as the drivers gave them. The cycle itself determines staleness and activity."""
     own = LINK_ACTIVE | LINK_STALE
     for i, words in enumerate(made):
         link = words.item(DEVICE.link)
@@ -155,7 +155,10 @@ def _other_versions(layout: Layout) -> list[str]:
 
 
 def perturbed(layout: Layout, rows: NDArray[np.int64], what: str) -> NDArray[np.int64]:
-    """A copy of rows with one element of one input sample moved: "SIGNAL:CYCLE:AMOUNT", the negative control."""
+    """Returns a copy of rows with the first element of one input sample changed, as a negative control.
+
+    `what` is "SIGNAL:CYCLE:AMOUNT".
+    """
     try:
         name, cycle, amount = what.split(":")
         k, by = int(cycle), float(amount)

@@ -1,6 +1,6 @@
-"""Requests that reach the loop: from `srl stop` and the supervisor by the socket, from bus clients by the ring.
+"""The loop's requests: `srl stop` and the supervisor send them through the socket, bus clients through the ring.
 
-Setpoints and parameters take effect here. What concerns the state goes on to the cycle, one request a cycle.
+Setpoints and parameters take effect here. Requests that concern the state go to the cycle, one a cycle.
 The datagrams of the socket are described in `runtime.ipc.control_socket`.
 """
 
@@ -27,9 +27,9 @@ _KINDS = {
     "exit": RequestKind.EXIT,
     "fault": RequestKind.FAULT,
 }
-_CAUSES = {"bus_loss": Cause.BUS_LOSS, "end": Cause.END}  # what may be told from outside
-_DATAGRAMS = 8  # read in one cycle: a flood mustn't hold up the loop
-_WAITING = 64  # requests kept; a stop always finds room
+_CAUSES = {"bus_loss": Cause.BUS_LOSS, "end": Cause.END}  # causes that a sender outside the loop may give
+_DATAGRAMS = 8  # datagrams read in one cycle: a flood of them must not delay the loop
+_WAITING = 64  # requests in the queue; there is always room for a stop
 _ANSWERS = {
     Answer.REFUSED_STATE: "not possible in this state",
     Answer.REFUSED_FAULT: "what caused the stop is still there; a device that refuses to move was told to recover",
@@ -40,7 +40,7 @@ _ANSWERS = {
 
 @dataclass(slots=True)
 class PendingRequest:
-    """A request on its way; `sender` is where to send the answer, None for the ring's."""
+    """A request in progress. `sender` is the address for the answer; None for a request from the ring."""
 
     request: Request
     sender: str | None = None
@@ -49,7 +49,7 @@ class PendingRequest:
 
 @dataclass
 class RequestQueue:
-    """See the module's text."""
+    """Collects the requests to the loop; see the module's docstring."""
 
     run_folder: RunFolder
     graph: Graph
@@ -73,7 +73,7 @@ class RequestQueue:
         self.end_asked = False  # set by a signal handler, at any instant
 
     def take(self, now: int) -> PendingRequest | None:
-        """Lets setpoints in and returns the next request that wants an answer; None mostly."""
+        """Takes over new setpoints and returns the next request that needs an answer; usually None."""
         if self.end_asked:
             self.end_asked = False
             self._queue(self.own(RequestKind.EXIT, Cause.REQUEST))
@@ -100,7 +100,7 @@ class RequestQueue:
         return pending
 
     def _queue(self, pending: PendingRequest) -> None:
-        """A stop overtakes what waits, and what would have led into motion is refused."""
+        """Queues a request. A stop goes to the front, and waiting requests that would start motion are refused."""
         if pending.request.kind not in (RequestKind.STOP, RequestKind.EXIT, RequestKind.FAULT):
             if len(self.waiting) < _WAITING:
                 self.waiting.append(pending)
@@ -113,7 +113,7 @@ class RequestQueue:
         self.waiting.appendleft(pending)
 
     def own(self, kind: RequestKind, cause: Cause) -> PendingRequest:
-        """A request of the loop's own."""
+        """Returns a request that the loop itself makes."""
         return PendingRequest(Request(0, kind, int(cause), 0, np.empty(0)))
 
     def _set(self, request: Request, now: int, clock: int) -> None:
@@ -124,7 +124,7 @@ class RequestQueue:
         if request.values.size == view.size and np.isfinite(request.values).all():
             view[...] = request.values.reshape(view.shape)
             self._stamps[request.target] = now
-            # An owner is as old as the oldest of its setpoints that have come.
+            # An owner's stamp is the oldest stamp of its setpoints that have arrived.
             same = [s for s, (_, other) in zip(self._stamps, self._setpoints, strict=True) if other == owner and s >= 0]
             words[DEVICE.stamp] = min(same)
             words[DEVICE.frames] += 1
@@ -135,20 +135,20 @@ class RequestQueue:
         if not 0 <= request.target < len(self._parameters) or request.values.size != 1:
             return Answer.REFUSED_VALUE
         view, lower, upper = self._parameters[request.target]
-        if not lower <= request.values[0] <= upper:  # false for NaN, too
+        if not lower <= request.values[0] <= upper:  # the comparison is false for NaN, too
             return Answer.REFUSED_VALUE
         view[()] = request.values[0]
         return Answer.DONE
 
     def forget_setpoints(self) -> None:
-        """A limb that starts again waits for its clients to speak first."""
+        """Clears the setpoints: a limb that starts again waits for its clients to send first."""
         self._stamps = [-1] * len(self._setpoints)
         for view, owner in self._setpoints:
             view[...] = np.nan
             self.graph.row.devices[owner, DEVICE.stamp] = -1
 
     def reply(self, pending: PendingRequest, state: State, cause: Cause, culprit: str) -> None:
-        """Answers a request that came by the socket; the ring's senders read the row."""
+        """Answers a request from the socket. Senders through the ring read the row instead."""
         if pending.sender is None:
             return
         done = pending.answer is Answer.DONE
@@ -158,10 +158,10 @@ class RequestQueue:
         try:
             self._socket.sendto(json.dumps(content).encode(), pending.sender)
         except OSError:
-            pass  # the asker has gone; nothing waits for it
+            pass  # the sender has gone; nobody waits for the answer
 
     def close(self) -> None:
-        """Takes the socket away."""
+        """Closes and removes the socket."""
         self._socket.close()
         self.run_folder.loop_socket.unlink(missing_ok=True)
         self._requests.close()
