@@ -1,4 +1,4 @@
-"""From the loop's process to its supervisor: JSON messages, with file descriptors where one is handed over."""
+"""The channel from the loop's process to its supervisor: JSON messages, some with a file descriptor."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ class Channel:
         self.socket = end
 
     def send(self, content: dict[str, Any], descriptor: int | None = None) -> None:
-        """Sends a message, and a duplicate of `descriptor` with it; never blocks.
+        """Sends a message and, with it, a duplicate of `descriptor`. Never blocks.
 
-        A supervisor that is gone, or hangs, is no error here.
+        It is no error here if the supervisor has ended or hangs.
         """
         try:
             socket.send_fds(
@@ -28,7 +28,7 @@ class Channel:
                 socket.MSG_DONTWAIT,
             )
         except OSError:
-            pass  # its death reaches the loop as a signal
+            pass  # the loop gets a signal when the supervisor dies
 
     def receive(self) -> tuple[dict[str, Any], int | None] | None:
         """The next message and its descriptor; None once the other end is closed."""

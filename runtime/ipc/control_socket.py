@@ -1,7 +1,7 @@
-"""The loop's Unix socket as its callers see it: `srl stop` and the supervisor reach the loop without the bus.
+"""The callers' side of the loop's Unix socket: `srl stop` and the supervisor reach the loop without the bus.
 
 Datagrams are JSON: {"ask": "stop"}, with a "cause" for "exit" and "fault". The loop answers to the sender's
-own address. `runtime.loop.request_queue` is the loop's end.
+own address. `runtime.loop.request_queue` is the loop's side.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ def send_request(
     """Sends a request to a running loop.
 
     Args:
-        run_folder: the instance's.
+        run_folder: the instance's folder.
         what: "start", "stop", "reset", "exit" or "fault".
-        cause: for "exit" and "fault": a `Cause`'s name.
+        cause: for "exit" and "fault": the name of a `Cause`.
         timeout: s.
     Returns:
-        The loop's answer; None if it gave none in time.
+        The loop's answer; None if there was none in time.
     """
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as sender:
-        sender.bind("")  # an abstract address of its own, to be answered at
+        sender.bind("")  # an abstract address of its own, for the answer
         sender.settimeout(timeout)
         message = {"ask": what} | ({"cause": cause} if cause else {})
         try:

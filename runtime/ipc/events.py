@@ -1,4 +1,4 @@
-"""Events in words, from the loop for people: a ring beside the rows, as the loop itself must not print.
+"""Events: texts from the loop for people, in a second ring beside the rows, as the loop itself must not print.
 
 Record (64 int64 words): CLOCK_MONOTONIC ns, level, cycle, then up to 488 bytes of UTF-8 text, zero-padded.
 """
@@ -19,7 +19,7 @@ _TEXT = (WIDTH - 3) * 8
 
 
 class Level(IntEnum):
-    """As journald's priorities, coarser."""
+    """The level of an event: a coarse subset of journald's priorities."""
 
     INFO = 6
     WARNING = 4
@@ -37,7 +37,7 @@ class Event:
 
 
 class EventWriter:
-    """The loop's end."""
+    """The loop's side of the events."""
 
     def __init__(self, path: Path) -> None:
         self._ring = RingWriter.create(path, WIDTH, CAPACITY)
@@ -45,7 +45,7 @@ class EventWriter:
         self._bytes = self._words[3:].view(np.uint8)
 
     def write(self, time: int, level: Level, cycle: int, text: str) -> None:
-        """Appends an event; a long text is cut."""
+        """Appends an event. A long text is cut."""
         content = text.encode(errors="replace")[:_TEXT]
         self._words[:3] = time, level, cycle
         self._bytes[:] = 0
@@ -58,7 +58,7 @@ class EventWriter:
 
 
 class EventReader:
-    """Any other process's end."""
+    """The side of any other process."""
 
     def __init__(self, path: Path, after: int = 0) -> None:
         self._ring = RingReader(path, after)

@@ -1,4 +1,4 @@
-"""The launch file: what the supervisor starts its loop process with, for the loop and for people to read."""
+"""The launch file: the supervisor writes it to start its loop process; the loop and people read it."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from pathlib import Path
 
 @dataclass
 class Launch:
-    """One run.
+    """The settings of one run.
 
     Attributes:
         label, text, overrides: the profile as it was found.
-        sim: devices to simulate, empty for all, None for none.
-        fast: simulated time as fast as it goes.
-        cycles: end after so many; None: run on.
-        automatic: go from READY to motion without being asked.
-        crashed: the run before ended in a crash: begin in the stop.
-        recorded: a recorder reads the rows; unpaced simulation waits for it.
+        sim: devices to simulate; empty for all, None for none.
+        fast: True to run simulated time as fast as possible.
+        cycles: number of cycles after which the run ends; None: no such end.
+        automatic: True to go from READY to motion without a request.
+        crashed: True if the previous run ended in a crash: this run then starts in STOPPED.
+        recorded: True if a recorder reads the rows: an unpaced simulation then waits for it.
     """
 
     label: str
@@ -32,7 +32,7 @@ class Launch:
     recorded: bool = False
 
     def save(self, path: Path) -> None:
-        """Writes it as JSON."""
+        """Writes the launch file as JSON."""
         path.write_text(json.dumps(asdict(self)))
 
     @classmethod

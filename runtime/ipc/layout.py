@@ -1,7 +1,7 @@
-"""What a row holds and where: one description, written beside the ring, that every reader shares.
+"""The layout of a row: one description, written beside the ring, that every reader shares.
 
-A row's payload is `Layout.ints` int64 words (the cycle's own, then six a device: `runtime.ipc.words`), then
-float64 words (every signal's values).
+A row's payload is `Layout.ints` int64 words (the cycle's own, then six for each device: `runtime.ipc.words`),
+then float64 words (every signal's values).
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from runtime.ipc.words import CYCLE, DEVICE, Cause
 
 @dataclass
 class Layout:
-    """See the module's text.
+    """The layout of a row: names and places of its words.
 
     Attributes:
-        devices: in the order of their words.
-        fields: by name; a command `finger.position_command` is what the controller asked for, its
-            `finger.position_command.applied` what the guard let through.
-        meta: what a reader of rows needs besides: profile name, text and sha256, rate, seed, versions, clock,
+        devices: names of the devices, in the order of their words.
+        fields: signals by name. A command `finger.position_command` is the controller's desired command;
+            `finger.position_command.applied` is the guarded command.
+        meta: other data for readers of rows: profile name, text and sha256, rate, seed, versions, clock,
             `wall` (ns to add to CLOCK_MONOTONIC for Unix time), parameters with their bounds,
             controllers, devices' drivers.
     """
@@ -38,7 +38,7 @@ class Layout:
 
     @property
     def int_names(self) -> list[str]:
-        """Names of the int64 words in their order."""
+        """Names of the int64 words, in their order."""
         return [*CYCLE._fields, *(f"{device}.{word}" for device in self.devices for word in DEVICE._fields)]
 
     @property
@@ -58,7 +58,7 @@ class Layout:
 
     @property
     def width(self) -> int:
-        """Words of a row's payload."""
+        """Number of words in a row's payload."""
         return self.ints + self.floats
 
     def add(self, name: str, role: str, shape: tuple[int, ...], unit: str, **rest: Any) -> Field:
@@ -81,7 +81,7 @@ class Layout:
         return words.view(np.float64).reshape((*rows.shape[:-1], *f.shape))
 
     def culprit(self, cause: Cause, index: int) -> str:
-        """The name of the device, controller or emergency input that a cause's index means; "" for none."""
+        """The name of the device, controller or emergency input to which a cause's index refers; "" for none."""
         if index < 0:
             return ""
         if cause is Cause.CONTROLLER_ERROR:
@@ -89,7 +89,7 @@ class Layout:
         return str(self.meta["emergency"][index] if cause is Cause.EMERGENCY else self.devices[index])
 
     def save(self, path: Path) -> None:
-        """Writes it as JSON."""
+        """Writes the layout as JSON."""
         content = {"devices": self.devices, "fields": [asdict(f) for f in self.fields.values()], "meta": self.meta}
         scratch = path.with_suffix(".new")
         scratch.write_text(json.dumps(content))
@@ -102,7 +102,7 @@ class Layout:
 
     @classmethod
     def from_json(cls, text: str) -> Layout:
-        """From the text that `save` writes."""
+        """Makes a layout from the text that `save` writes."""
         content = json.loads(text)
         fields = {}
         for item in content["fields"]:

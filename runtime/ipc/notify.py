@@ -1,4 +1,4 @@
-"""systemd's notification protocol: READY and WATCHDOG from the loop itself."""
+"""systemd's notification protocol: the loop itself sends READY and WATCHDOG."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import time
 
 
 class Notifier:
-    """Sends to NOTIFY_SOCKET; does nothing where there is none."""
+    """Sends notifications to NOTIFY_SOCKET. It does nothing if this variable is not set."""
 
     def __init__(self) -> None:
         address = os.environ.get("NOTIFY_SOCKET", "")
@@ -21,15 +21,15 @@ class Notifier:
         self._next = 0
 
     def ready(self) -> None:
-        """The service is up."""
+        """Tells systemd that the service is up."""
         self._send(b"READY=1")
 
     def stopping(self) -> None:
-        """The loop has ended; what follows is no hang."""
+        """Tells systemd that the loop has ended, so that the time until the exit does not count as a hang."""
         self._send(b"STOPPING=1")
 
     def ping(self) -> None:
-        """Once a cycle: tells systemd now and then that the loop goes round."""
+        """Tells systemd at intervals that the loop is running. Called once a cycle."""
         if self._every and (now := time.monotonic_ns()) >= self._next:
             self._next = now + self._every
             self._send(b"WATCHDOG=1")
@@ -39,4 +39,4 @@ class Notifier:
             try:
                 self._socket.sendto(message, self._address)
             except OSError:
-                pass  # systemd's own watchdog then does its work
+                pass  # systemd's own watchdog handles this

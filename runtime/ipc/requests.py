@@ -1,8 +1,8 @@
 """Requests of bus clients to the loop: fixed-size records in a ring, written by the bus, read by the loop.
 
-The bus checks a request before it writes one; the loop checks again what concerns safety (finite, in bounds,
-not expired). The answer needs no channel of its own: the loop leaves the request's number and its result in
-the row of the cycle that took it, and whoever asked sees it there.
+The bus checks a request before it writes it. The loop repeats the checks that concern safety (finite, in bounds,
+not expired). The answer needs no channel of its own: the loop writes the request's number and its result into
+the row of the cycle that took it, and the sender reads it there.
 
 Record (int64 words): id, kind, target, expires (CLOCK_MONOTONIC ns), count, then `VALUES` float64 words.
 """
@@ -24,7 +24,7 @@ CAPACITY = 1024
 
 
 class RequestKind(IntEnum):
-    """What is asked."""
+    """The kind of a request."""
 
     NONE = 0
     START = 1
@@ -40,12 +40,12 @@ _KINDS = frozenset(RequestKind)
 
 
 class Answer(IntEnum):
-    """What became of it."""
+    """The result of a request."""
 
     NONE = 0
     DONE = 1
     REFUSED_STATE = 2  # not possible in this state
-    REFUSED_FAULT = 3  # what caused the stop is still there
+    REFUSED_FAULT = 3  # the cause of the stop is still present
     REFUSED_VALUE = 4  # not finite, out of bounds, wrong size
     EXPIRED = 5
 
@@ -62,7 +62,7 @@ class Request:
 
 
 class RequestWriter:
-    """The bus process's end."""
+    """The bus process's side of the requests."""
 
     def __init__(self, path: Path) -> None:
         self._ring = RingWriter(path)
@@ -71,7 +71,7 @@ class RequestWriter:
 
     @staticmethod
     def create(path: Path) -> None:
-        """Makes the file; the supervisor does, once a run."""
+        """Makes the file. The supervisor does this once a run."""
         RingWriter.create(path, WIDTH, CAPACITY).close()
 
     def send(self, kind: RequestKind, expires: int, target: int = 0, values: Array | None = None) -> int:
@@ -92,14 +92,14 @@ class RequestWriter:
 
 
 class RequestReader:
-    """The loop's end."""
+    """The loop's side of the requests."""
 
     def __init__(self, path: Path) -> None:
         self._ring = RingReader(path)
-        self._ring.sequence = self._ring.head  # what was asked of an earlier loop isn't asked of this one
+        self._ring.sequence = self._ring.head  # requests to an earlier loop do not concern this one
 
     def take(self, most: int = 16) -> list[Request]:
-        """The next requests, oldest first; an empty list is the common, cheap case."""
+        """Returns the next requests, oldest first. An empty list is the usual case and costs little."""
         if self._ring.head == self._ring.sequence:
             return []
         rows = [row for row in self._ring.take(most) if int(row[1]) in _KINDS]

@@ -1,12 +1,12 @@
 """A ring of fixed-size rows in a plain mmap'd file: one writer, any number of readers, no locks.
 
-The writer never waits and never sees its readers; the file outlives every process, which makes it the black
-box. A row carries its sequence number at both ends, so a reader knows a torn or overwritten row when it sees
-one. `multiprocessing.shared_memory` won't do: on Python 3.11 a killed reader unlinks it.
+The writer never waits and does not know its readers. The file outlives every process, so it serves as the black
+box. A row has its sequence number at both ends, so a reader recognises a torn or overwritten row.
+`multiprocessing.shared_memory` is not suitable: on Python 3.11 a killed reader unlinks it.
 
 File: one 4096-byte page of header (int64 words, see the indices below), then `capacity` rows of
 `2 + width` words of 8 bytes: sequence number, payload, sequence number. Sequence numbers start at 1.
-Machine byte order; relies on stores becoming visible in program order (x86-64).
+The byte order is the machine's. The ring relies on stores becoming visible in program order (x86-64).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Words = NDArray[np.int64]
 
 
 class _Ring:
-    """The mapped file; see the module's text."""
+    """The mapped file; see the module's docstring."""
 
     def __init__(self, path: Path, writable: bool) -> None:
         self.path = path
@@ -60,12 +60,12 @@ class _Ring:
 
     @property
     def beat(self) -> int:
-        """The writer's newest sign of life, CLOCK_MONOTONIC ns."""
+        """The time of the writer's newest sign of life, CLOCK_MONOTONIC ns."""
         return int(self.header[_BEAT])
 
     @property
     def consumed(self) -> int:
-        """Rows up to this sequence number are in the recording."""
+        """The sequence number up to which rows are in the recording."""
         return int(self.header[_CONSUMED])
 
     @property
@@ -74,11 +74,11 @@ class _Ring:
         return bool(self.header[_CLOSED])
 
     def close(self) -> None:
-        """Unmaps the file; it stays on disk."""
+        """Unmaps the file. The file itself remains."""
         del self.header, self.rows
         try:
             self._map.close()
-        except BufferError:  # a caller still holds a view; the map goes with it
+        except BufferError:  # a caller still holds a view; the map is freed with it
             pass
 
     def __enter__(self) -> Self:
@@ -89,11 +89,11 @@ class _Ring:
 
 
 class RingWriter(_Ring):
-    """The one writer."""
+    """The single writer of a ring."""
 
     @classmethod
     def create(cls, path: Path, width: int, capacity: int) -> RingWriter:
-        """Makes the file anew (replacing an old one) for `capacity` rows of `width` payload words."""
+        """Makes a new file, replacing an old one, for `capacity` rows of `width` payload words."""
         scratch = path.with_suffix(".new")
         with open(scratch, "wb") as file:
             header = np.zeros(PAGE // 8, np.int64)
@@ -101,7 +101,7 @@ class RingWriter(_Ring):
             file.write(header.tobytes())
             size = PAGE + capacity * (width + 2) * 8
             try:
-                os.posix_fallocate(file.fileno(), 0, size)  # room now, rather than a SIGBUS in the loop
+                os.posix_fallocate(file.fileno(), 0, size)  # reserve the space now: otherwise SIGBUS in the loop
             except OSError as error:
                 file.close()
                 scratch.unlink()
@@ -112,14 +112,14 @@ class RingWriter(_Ring):
         return cls(path)
 
     def __init__(self, path: Path) -> None:
-        """Opens an existing ring to go on writing where it ends."""
+        """Opens an existing ring to continue writing at its end."""
         super().__init__(path, writable=True)
 
     def append(self, payload: Words) -> int:
         """Writes one row of `width` words; returns its sequence number."""
         sequence = int(self.header[_HEAD]) + 1
         row = self.rows[(sequence - 1) % self.capacity]
-        row[0] = 0  # torn from here on, until both ends agree again
+        row[0] = 0  # the row is torn from here until both ends agree again
         row[1:-1] = payload
         row[-1] = sequence
         row[0] = sequence
@@ -127,28 +127,28 @@ class RingWriter(_Ring):
         return sequence
 
     def touch(self, now: int) -> None:
-        """Leaves a sign of life."""
+        """Writes a sign of life."""
         self.header[_BEAT] = now
 
     def finish(self) -> None:
-        """Says that no row will follow."""
+        """Marks the ring as closed: no row will follow."""
         self.header[_CLOSED] = 1
 
 
 class RingReader(_Ring):
-    """A reader; keeps its own place."""
+    """A reader of a ring, with its own read position."""
 
     def __init__(self, path: Path, after: int = 0, recorder: bool = False) -> None:
-        """Opens the ring to read rows with sequence numbers above `after`; `recorder` may set `consumed`."""
+        """Opens the ring to read rows with sequence numbers above `after`. Only a `recorder` may set `consumed`."""
         super().__init__(path, writable=recorder)
         self.sequence = after
         self.lost = 0
 
     def take(self, most: int = 4096) -> Words:
-        """The next rows' payloads, shape (k, width) with k <= most, copied; k = 0 if there are none.
+        """Returns copies of the next rows' payloads, shape (k, width) with k <= most; k = 0 if there are none.
 
-        Rows that were overwritten before this reader came to them are counted in `lost` and passed over;
-        `self.sequence` is then the sequence number of the last row returned.
+        Rows that were overwritten before this reader read them are counted in `lost` and skipped.
+        Afterwards `self.sequence` is the sequence number of the last row returned.
         """
         while True:
             head = self.head
@@ -166,13 +166,13 @@ class RingReader(_Ring):
             if whole.all():
                 self.sequence += count
                 return rows[:, 1:-1]
-            # The writer lapped us while we copied: the oldest are gone. Go on after the last bad one.
+            # The writer overwrote the oldest rows while they were copied. Continue after the last bad one.
             bad = int(np.flatnonzero(~whole)[-1]) + 1
             self.lost += bad
             self.sequence += bad
 
     def newest(self) -> Words | None:
-        """The newest whole row's payload (width,), without moving on; None before the first."""
+        """Returns the payload (width,) of the newest whole row and keeps the position; None before the first row."""
         for _ in range(8):
             head = self.head
             if head == 0:
@@ -183,5 +183,5 @@ class RingReader(_Ring):
         return None
 
     def set_consumed(self, sequence: int) -> None:
-        """The recorder's mark: rows up to here are safe on disk."""
+        """Sets the recorder's mark: rows up to this sequence number are safe on disk."""
         self.header[_CONSUMED] = sequence

@@ -1,6 +1,6 @@
-"""The row being made: named views into one array of words.
+"""The row of the present cycle: named views into one array of words.
 
-All signal arrays of drivers, controllers and guard are views into it: recording a cycle is one copy.
+All signal arrays of drivers, controllers and guard are views into it, so recording a cycle is one copy.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from runtime.ipc.words import DEVICE
 
 
 class Row:
-    """See the module's text.
+    """The row of the present cycle; see the module's docstring.
 
     Attributes:
-        layout: what the words mean.
+        layout: the meaning of the words.
         words: (width,) int64, the whole payload.
         ints: (layout.ints,) int64: the cycle's words (`CYCLE`), then each device's.
         devices: (devices, len(DEVICE)) int64: the words of each device, a view into `ints`.
         floats: float64, the signals' values.
-        views: by signal, its values in its shape, a view into `floats`.
+        views: by signal name, its values in its shape, a view into `floats`.
     """
 
     def __init__(self, layout: Layout) -> None:

@@ -1,4 +1,4 @@
-"""The folder of one running instance: rings, sockets, launch file. In memory (tmpfs) where the host has it."""
+"""The folder of one running instance: rings, sockets, launch file. It is in memory (tmpfs) if the host has one."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from pathlib import Path
 
 from runtime.contracts.errors import HostError
 
-SERVICES = Path("/run/srl")  # where the systemd unit's instances live
-_SOCKET_PATH = 107  # bytes, sun_path less its terminator
-MODE = 0o750  # the service's user moves limbs; its group may look and ask
+SERVICES = Path("/run/srl")  # folder of the systemd unit's instances
+_SOCKET_PATH = 107  # bytes, sun_path without its terminator
+MODE = 0o750  # only the service's user moves limbs; its group may read and send requests
 
 
 class RunFolder:
-    """Paths of an instance's files; `claim` makes it this process's."""
+    """Paths of an instance's files. `claim` locks the folder for this process."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -28,7 +28,7 @@ class RunFolder:
         self.loop_socket = path / "loop.sock"
         self.bus_socket = path / "zenoh.sock"
         self.stops = path / "stops.slots"
-        self.result = path / "result.json"  # the loop's own account of itself, at its end
+        self.result = path / "result.json"  # the loop's own figures, written at its end
         self._lock: int | None = None
 
     @classmethod
@@ -40,7 +40,7 @@ class RunFolder:
         """Makes the folder and locks it for this process.
 
         Raises:
-            HostError: another process runs this instance, or the folder can't be had.
+            HostError: another process runs this instance, or the folder can't be made or used.
         """
         if len(str(self.loop_socket)) > _SOCKET_PATH:
             raise HostError(
@@ -68,7 +68,7 @@ class RunFolder:
             ) from None
 
     def release(self) -> None:
-        """Lets go of the folder; its files stay for whoever wants to look."""
+        """Releases the folder. Its files remain, so that they can be examined."""
         if self._lock is not None:
             os.close(self._lock)
             self._lock = None
@@ -89,9 +89,9 @@ class RunFolder:
 
 
 def base() -> Path:
-    """Where instances live: SRL_RUNTIME_DIR, systemd's RUNTIME_DIRECTORY, or the first tmpfs that is ours.
+    """The parent folder of instances: SRL_RUNTIME_DIR, systemd's RUNTIME_DIRECTORY, or the first tmpfs we may use.
 
-    On a disk, writing dirty pages back could stall the loop's stores into the ring.
+    On a disk, the write-back of dirty pages could stall the loop's stores into the ring.
     """
     for variable in ("SRL_RUNTIME_DIR", "RUNTIME_DIRECTORY"):
         if value := os.environ.get(variable):
@@ -109,7 +109,7 @@ def _is_tmpfs(mount: str) -> bool:
 
 
 def running() -> list[RunFolder]:
-    """Every instance that runs now and that this user may see: one's own, and the host's services."""
+    """All running instances that this user may see: the user's own and the host's services."""
     folders = {
         p.parent for root in (base(), SERVICES) for pattern in ("*/lock", "*/*/lock") for p in root.glob(pattern)
     }

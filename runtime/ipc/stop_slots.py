@@ -1,7 +1,7 @@
-"""The newest stop frame of each actuator, kept by the loop where the supervisor finds it after the loop's death.
+"""The newest stop frame of each actuator. The loop stores it where the supervisor finds it after the loop's death.
 
-A slot has two buffers; the loop fills the idle one and then says which is valid, so a death in between
-leaves the older frame whole. Slot: int64 valid (0: none, 1 or 2), then twice (int64 length, `FRAME` bytes).
+A slot has two buffers. The loop fills the idle one and then marks it as valid, so a death in between leaves the
+older frame whole. Slot: int64 valid (0: none, 1 or 2), then twice (int64 length, `FRAME` bytes).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ _SLOT = 8 + 2 * _BUFFER
 
 
 class StopSlots:
-    """See the module's text."""
+    """The file with the actuators' stop frames; see the module's docstring."""
 
     def __init__(self, path: Path, count: int, create: bool = False) -> None:
         if create:
@@ -25,7 +25,7 @@ class StopSlots:
         self._newest: list[bytes | None] = [None] * count
 
     def write(self, slot: int, frame: bytes) -> None:
-        """Keeps a frame; free of cost while it is the same object as before."""
+        """Stores a frame. This costs nothing if it is the same object as before."""
         if frame is self._newest[slot]:
             return
         self._newest[slot] = frame
@@ -38,12 +38,12 @@ class StopSlots:
         self._map[start] = other
 
     def clear(self, slot: int) -> None:
-        """Forgets the frame: it was made for a connection that is gone."""
+        """Removes the frame, which was made for a lost connection."""
         self._newest[slot] = None
         self._map[slot * _SLOT] = 0
 
     def read(self, slot: int) -> bytes:
-        """The newest whole frame; empty if there was none."""
+        """Returns the newest whole frame; empty if there is none."""
         start = slot * _SLOT
         valid = self._map[start]
         if valid == 0:

@@ -1,6 +1,6 @@
-"""The int64 words of a row: their places by name, and what their numbers mean.
+"""The int64 words of a row: their places by name, and the meaning of their numbers.
 
-`CYCLE.now` is the place of the word `now` among a row's words; `DEVICE.link` the place of the word `link`
+`CYCLE.now` is the place of the word `now` among a row's words. `DEVICE.link` is the place of the word `link`
 among the words of one device (`runtime.ipc.row.Row.devices`, `runtime.ipc.layout.Layout.device`).
 """
 
@@ -13,8 +13,8 @@ from typing import Final, NamedTuple
 class CycleWords(NamedTuple):
     """Words of the cycle itself.
 
-    Times are ns: `now` and `deadline` on the loop's clock; `wake` and the ends of the phases on
-    CLOCK_MONOTONIC; `log` is how long appending the row before took.
+    Times are in ns: `now` on the loop's clock; `deadline`, `wake` and the ends of the phases on
+    CLOCK_MONOTONIC; `log` is the time it took to append the previous row.
     """
 
     cycle: int
@@ -40,7 +40,7 @@ class CycleWords(NamedTuple):
 
 
 class DeviceWords(NamedTuple):
-    """Words of one device, as its driver's `Health` gives them; a row has them once a device."""
+    """Words of one device, from its driver's `Health`. A row has one set for each device."""
 
     stamp: int
     link: int
@@ -55,42 +55,42 @@ DEVICE: Final = DeviceWords(*range(len(DeviceWords._fields)))
 
 # Bits of `flags`.
 FLAG_LATE = 1  # this cycle began after its deadline by more than a period
-FLAG_DEGRADED = 2  # overruns: telemetry is asked to take less
-FLAG_REJECTED = 4  # the guard refused a non-finite command
+FLAG_DEGRADED = 2  # overruns: telemetry must reduce its load
+FLAG_REJECTED = 4  # the guard refused a command: it was not finite, or a measurement for it was not finite or old
 FLAG_FALLBACK = 8  # the guard braked because its trajectory generator failed
 FLAG_LIMITED = 16  # the guard changed a command
 # Bits of a device's `link`.
 LINK_CONNECTED = 1
 LINK_STALE = 2
-LINK_ACTIVE = 4  # commands reach it
-LINK_ERROR = 8  # its driver failed in a way it should not
-LINK_FAULT = 16  # it is connected and refuses to move, until it has recovered
+LINK_ACTIVE = 4  # commands are sent to it
+LINK_ERROR = 8  # its driver raised an unexpected error
+LINK_FAULT = 16  # it is connected and refuses to move until it has recovered
 
 
 class State(IntEnum):
-    """The state machine."""
+    """The states of the state machine."""
 
     STARTING = 0
     READY = 1  # devices open, nothing moves
     ACTIVE = 2
-    STOPPING = 3  # a stop is under way
-    STOPPED = 4  # at rest in the stop; waits for a reset
+    STOPPING = 3  # a stop is in progress
+    STOPPED = 4  # at rest after a stop; waits for a reset
     ENDED = 5
     HOMING = 6  # a device without feedback goes to its home slowly
 
 
 class Cause(IntEnum):
-    """Why it stopped."""
+    """The cause of a stop."""
 
     NONE = 0
     REQUEST = 1  # a client, `srl stop`, SIGTERM
-    INTENT_LOSS = 2  # a sensor that the motion follows is stale or gone
-    DEVICE_LOSS = 3  # an actuator is stale or gone
+    INTENT_LOSS = 2  # a sensor that the motion follows is stale or lost
+    DEVICE_LOSS = 3  # an actuator, or the device of an emergency input, is stale or lost
     OVERRUN = 4
     DRIVER_ERROR = 5
     CONTROLLER_ERROR = 6
     EMERGENCY = 7  # an e-stop or enabling input
-    BUS_LOSS = 8  # the bus died where the profile depends on it
+    BUS_LOSS = 8  # the bus died, and the profile depends on it
     SUPERVISOR_LOSS = 9
     RESTART = 10  # started again after a crash
     END = 11  # the run's duration is over
