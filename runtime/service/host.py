@@ -1,4 +1,4 @@
-"""Is this host fit for a rate? Each finding says what it means and what mends it."""
+"""Checks whether this host is fit for a rate. Each finding states its meaning and a remedy."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Verdict = Literal["good", "doubtful", "bad"]
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing looked at."""
+    """The result of one check."""
 
     what: str
     verdict: Verdict
@@ -34,10 +34,10 @@ class Finding:
 
 
 def examine(rate: Fraction, ports: dict[str, str]) -> Iterator[Finding]:
-    """Looks at the host.
+    """Checks the host.
 
     Args:
-        rate: of the loop, Hz.
+        rate: the loop's rate, Hz.
         ports: by device name, the port of each device that has one.
     """
     yield _kernel()
@@ -188,7 +188,7 @@ def _latency_timers(rate: Fraction) -> Iterator[Finding]:
 
 
 def _jitter(rate: Fraction) -> Finding:
-    """Half a second of the loop's own clock at the rate asked for, at the priority it would get."""
+    """Runs the loop's own clock at the requested rate for half a second, at the priority it would get."""
     policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
@@ -216,5 +216,5 @@ def _jitter(rate: Fraction) -> Finding:
 
 
 def python() -> str:
-    """The interpreter, for the head of the report."""
+    """The interpreter and the host, for the head of the report."""
     return f"Python {sys.version.split()[0]}, {os.cpu_count()} cores, Linux {os.uname().release}"

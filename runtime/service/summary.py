@@ -1,4 +1,4 @@
-"""Figures of a run from its rows: what `srl run --json` prints and the status line shows."""
+"""Figures of a run from its rows, for the output of `srl run --json` and the status line."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from runtime.ipc.ring import RingReader
 from runtime.ipc.words import FLAG_DEGRADED, LINK_CONNECTED, LINK_STALE, Cause, State
 
 PHASES = ("read", "control", "guard", "write", "log")
-# Bins a factor 1.01 wide from 10 ns to 100 s: percentiles to one per cent, in bounded memory.
+# Bins of a factor 1.01 each, from 10 ns to 100 s: percentiles accurate to one per cent, in bounded memory.
 _EDGES = 10.0 * 1.01 ** np.arange(int(np.log(1e10) / np.log(1.01)) + 1)
 
 
 class Histogram:
-    """Durations in ns; percentiles to one per cent."""
+    """A histogram of durations in ns, with percentiles accurate to one per cent."""
 
     def __init__(self) -> None:
         self._counts = np.zeros(_EDGES.size + 1, np.int64)
         self._most = 0.0
 
     def add(self, values: NDArray[np.int64]) -> None:
-        """Takes durations in ns."""
+        """Adds durations in ns."""
         if values.size:
             self._counts += np.bincount(np.searchsorted(_EDGES, values), minlength=self._counts.size)
             self._most = max(self._most, float(values.max()))
 
     def percentile(self, share: float) -> float:
-        """In ns; 0 if there is nothing yet."""
+        """The percentile in ns; 0 without data. `share` is between 0 and 1."""
         total = int(self._counts.sum())
         if total == 0:
             return 0.0
@@ -44,7 +44,7 @@ class Histogram:
 
 
 class Summary:
-    """Tails the rows of a run that goes on."""
+    """Follows the rows of a run in progress."""
 
     def __init__(self, layout: Layout, ring: RingReader) -> None:
         self.layout, self.ring = layout, ring
@@ -53,12 +53,12 @@ class Summary:
         self.phases = {phase: Histogram() for phase in PHASES}
         self.cycles = self.degraded = 0
         self.row: NDArray[np.int64] | None = None
-        self.faulted: tuple[Cause, int] | None = None  # the last stop that nobody asked for
+        self.faulted: tuple[Cause, int] | None = None  # the last stop that was not requested
         self._first: tuple[int, int] | None = None
         self._wake = 0
 
     def update(self) -> None:
-        """Takes the rows written since the last call."""
+        """Reads the rows written since the last call."""
         while (rows := self.ring.take()).shape[0]:
             get = {
                 n: rows[:, self.index[n]] for n in ("now", "wake", "read", "control", "guard", "write", "log", "cause")
@@ -91,13 +91,13 @@ class Summary:
         return State(self.word("state"))
 
     def seconds(self) -> tuple[float, float]:
-        """(on the loop's clock, on the wall): how long it has run."""
+        """How long the run has lasted, s: (on the loop's clock, in wall time)."""
         if self._first is None:
             return 0.0, 0.0
         return (self.word("now") - self._first[0]) / 1e9, (self.word("wake") - self._first[1]) / 1e9
 
     def devices(self) -> dict[str, dict[str, Any]]:
-        """Each device's health by the newest row."""
+        """Each device's health according to the newest row."""
         found = {}
         for name in self.layout.devices:
             stamp, link = self.word(f"{name}.stamp"), self.word(f"{name}.link")
@@ -113,7 +113,7 @@ class Summary:
         return found
 
     def figures(self) -> dict[str, Any]:
-        """The summary object, without what only the supervisor knows."""
+        """The summary object, without the data that only the supervisor has."""
         duration, wall = self.seconds()
         cause = Cause(self.word("cause"))
         return {

@@ -1,8 +1,8 @@
 """The supervisor: starts the loop, the bus and the recorder, and outlives them.
 
-It has no real-time priority and does nothing the loop waits for. The loop's own death, or its silence, is the
-worst fault: the supervisor then sends the actuators' prebuilt stop frames over its own duplicates of their
-descriptors, saves the ring as a black box, and ends the run. The bus and the recorder are started again.
+It has no real-time priority, and the loop never waits for it. The worst fault is that the loop dies or gives no
+sign of life. The supervisor then sends the actuators' prebuilt stop frames through its own duplicates of their
+descriptors, saves the ring as a black box, and ends the run. It starts the bus and the recorder again when they die.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from runtime.ipc.run_folder import RunFolder
 from runtime.ipc.stop_slots import StopSlots
 from runtime.loop.realtime import PARENT
 
-POLL = 0.005  # s between looks at the loop's sign of life
-HUNG = 100_000_000  # ns without one, besides two periods, until the loop counts as hung
-HUNG_UNPACED = 10_000_000_000  # the same where everything is simulated
+POLL = 0.005  # s between two checks of the loop's sign of life
+HUNG = 100_000_000  # ns without a sign of life, plus two periods, after which the loop counts as hung
+HUNG_UNPACED = 10_000_000_000  # ns, the same for an unpaced simulation
 BACKOFF = (0.0, 0.0, 0.2, 1.0, 5.0)  # s before the first, second, ... restart within a minute
-FINISH = 120.0  # s the recorder may take to finish its file
-LET_GO = 5_000_000_000  # ns the loop's process may take to let its devices go, after its last row
-OPENING = 10.0  # s that devices which are being opened have to give way to an end that is asked for
+FINISH = 120.0  # s that the recorder may take to finish its file
+LET_GO = 5_000_000_000  # ns that the loop's process may take to release its devices after its last row
+OPENING = 10.0  # s after a request to end, during which devices may still be opening; then the loop is killed
 
 
 @dataclass
@@ -55,7 +55,7 @@ class Helper:
 
 @dataclass
 class Death:
-    """How the loop ended without being asked."""
+    """How the loop ended without a request."""
 
     how: str
     stopped_after_ms: float
@@ -63,19 +63,18 @@ class Death:
 
 
 class Supervisor:
-    """One run. See the module's text.
+    """Supervises one run; see the module's docstring.
 
     Attributes:
-        ended: exit code of the run once it is over.
         death: how the loop died, if it did.
-        error: what the user can mend, if the loop could not start.
-        figures: the controllers' own figures.
+        error: an error that the user can correct, if the loop could not start.
+        figures: the own figures of controllers, devices and guard.
     """
 
     def __init__(
         self, run_folder: RunFolder, launch: Launch, state: Path, helpers: list[Helper], report: Callable[[str], None]
     ) -> None:
-        """`run_folder` is claimed; `state` is where black boxes go; `report` takes a line for people."""
+        """`run_folder` must be claimed; `state` is the folder for black boxes; `report` takes a line of text."""
         self.run_folder, self.launch, self.state, self.helpers, self.report = run_folder, launch, state, helpers, report
         self.loop: subprocess.Popen[bytes] | None = None
         self.running = False
@@ -90,7 +89,7 @@ class Supervisor:
         self._notifier = Notifier()
 
     def start(self) -> None:
-        """Spawns the loop; the helpers follow once it runs."""
+        """Starts the loop. The helpers follow once it runs."""
         run_folder = self.run_folder
         for path in (run_folder.rows, run_folder.layout, run_folder.events, run_folder.stops, run_folder.result):
             path.unlink(missing_ok=True)
@@ -105,11 +104,11 @@ class Supervisor:
         theirs.close()
 
     def end(self) -> None:
-        """Asks the loop for its safe stop and end; from a signal handler, too."""
+        """Requests the loop's safe stop and end. May also be called from a signal handler."""
         self._ask_to_end = True
 
     def step(self, timeout: float = POLL) -> bool:
-        """Looks after everything once; False when the run is over."""
+        """Checks the loop and the helpers once. Returns False when the run is over."""
         assert self.loop is not None
         if self._ask_to_end:
             self._pass_on_end()
@@ -152,7 +151,7 @@ class Supervisor:
 
     def _loop_ended(self) -> None:
         assert self.loop is not None
-        # The channel closes when the process ends; its own account of it follows at once.
+        # The channel closes when the process ends; its exit code follows at once.
         try:
             code = self.loop.wait(timeout=0.05)
         except subprocess.TimeoutExpired:
@@ -169,7 +168,7 @@ class Supervisor:
         self.running = False
 
     def _loop_died(self, how: str, kill: bool) -> None:
-        """The worst fault. A loop that hangs must not wake up again and move, so it is killed first."""
+        """Handles the loop's death. A hanging loop is killed first, so that it cannot wake up and move the limb."""
         assert self.loop is not None
         begun = time.monotonic_ns()
         if kill:
@@ -178,7 +177,7 @@ class Supervisor:
         self._stop_actuators()
         stopped = time.monotonic_ns()
         self._notifier.stopping()
-        # From the last cycle that ran to its end, as the person wearing the limb sees it.
+        # Counted from the last complete cycle, as the person wearing the limb sees it.
         since = self._ring.beat if self._ring is not None and self._ring.beat else begun
         self.running = False
         self.death = Death(how, (stopped - since) / 1e6, self._save_black_box())
@@ -238,7 +237,7 @@ class Supervisor:
             helper.process = _spawn(helper.command)
 
     def _pass_on_end(self) -> None:
-        """The safe stop, by the socket; asked again each second, and by signal where nobody answers."""
+        """Requests the safe stop: first through the socket if the loop runs, then once a second by signal."""
         assert self.loop is not None
         now = time.monotonic()
         if now - self._asked < 1.0:
@@ -249,15 +248,15 @@ class Supervisor:
         if first and self.running:
             send_request(self.run_folder, "exit", timeout=0.0)
         elif not self.running and now - self._first_asked > OPENING:
-            self.loop.kill()  # nothing moves before it runs
+            self.loop.kill()  # nothing moves before the loop runs
         else:
             self.loop.terminate()
 
     def finish(self) -> list[str]:
-        """Lets the helpers read what is left and end; then makes sure that nothing is left behind.
+        """Lets the helpers read the remaining rows and end, then cleans up.
 
         Returns:
-            Names of the helpers that could not do their work to the end.
+            Names of the helpers that could not finish their work.
         """
         if self.error is not None or self.death is not None:
             self._mark_closed()
@@ -270,7 +269,7 @@ class Supervisor:
         return failed
 
     def _finish(self, helper: Helper, deadline: float) -> bool:
-        """Waits for one helper's own end; a recorder that died at the very end still has rows to save."""
+        """Waits until a helper ends by itself. A recorder that died at the very end is restarted to save its rows."""
         attempts = 3
         while time.monotonic() < deadline and attempts:
             if helper.process is None:
@@ -292,7 +291,7 @@ class Supervisor:
         return False
 
     def _mark_closed(self) -> None:
-        """Says in the dead loop's place that no row follows."""
+        """Marks the ring as closed in place of the dead loop: no row follows."""
         from runtime.ipc.ring import RingWriter
 
         if self.run_folder.rows.exists():
@@ -322,7 +321,7 @@ def helpers(run_folder: RunFolder, bus: bool, record: Path | None, view: bool) -
 
 
 def state_dir(name: str) -> Path:
-    """Where an instance keeps what outlives a reboot: the mark of a run under way, black boxes."""
+    """The folder for an instance's data that must outlive a reboot: the mark of a running instance, black boxes."""
     for variable, below in (("STATE_DIRECTORY", ""), ("XDG_STATE_HOME", "srl")):
         if value := os.environ.get(variable):
             return Path(value.split(":")[0]) / below / name
