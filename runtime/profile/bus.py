@@ -13,7 +13,7 @@ _ENDPOINT = re.compile(r"^(?P<protocol>tcp|tls)/(?P<host>\[[0-9a-fA-F:]+\]|[^:/\
 
 
 class BusConfig(BaseModel):
-    """`bus`: what the bus publishes and where it listens besides its own Unix socket."""
+    """`bus`: what the bus publishes, and where it listens in addition to its own Unix socket."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 

@@ -16,7 +16,7 @@ from runtime.profile.profile import Profile, Source
 
 @dataclass
 class Actuator:
-    """One command signal: who asks, who obeys, and where the guard's result goes."""
+    """One command signal: its device, the desired command, and the arrays for the guard."""
 
     name: str  # "finger.position_command"
     device: int  # index into the graph's devices
@@ -44,7 +44,7 @@ class Graph:
     world: World | None
     frames: Frames
     simulated: list[str]
-    intent: list[bool]  # by device index (setpoint owners included): a loss of it is a loss of intent
+    intent: list[bool]  # by device index (setpoint owners included): True if its loss is a loss of intent
 
     def actuators_of(self, device: int) -> list[Actuator]:
         """The commands of the device at this index; none for a sensor."""
@@ -63,6 +63,6 @@ class Graph:
 
 
 def form(signal: Signal) -> str:
-    """Shape, unit and frame of a signal in words: "5x3 m in hand"."""
+    """Shape, unit and frame of a signal as text: "5x3 m in hand"."""
     shape = "x".join(map(str, signal.shape))
     return f"{shape} {signal.unit}" + (f" in {signal.frame}" if signal.frame else "")

@@ -11,7 +11,7 @@ COMMANDS = ("start", "stop", "reset")
 
 
 def slug(name: str) -> str:
-    """ "sixth-finger" -> "sixth_finger"."""
+    """A name as a slug: "sixth-finger" -> "sixth_finger"."""
     return re.sub(r"[^a-z0-9_]", "_", name.lower())
 
 
@@ -31,28 +31,28 @@ class Keys:
         self.states = f"{self.root}/state/**"
 
     def state(self, signal: str) -> str:
-        """Of a signal of the row, "glove.position"."""
+        """The key of a signal of the row, e.g. "glove.position"."""
         return f"{self.root}/state/{path(signal)}"
 
     def meta(self, signal: str) -> str:
-        """Where a signal's description is asked for."""
+        """The key of a signal's description."""
         return f"{self.state(signal)}/meta"
 
     def command(self, name: str) -> str:
-        """Of a command in COMMANDS."""
+        """The key of a command in COMMANDS."""
         return f"{self.root}/cmd/{name}"
 
     def parameter(self, name: str) -> str:
-        """Of a parameter, "object-mapping.pull"."""
+        """The key of a parameter, e.g. "object-mapping.pull"."""
         return f"{self.root}/param/{path(name)}"
 
     def setpoint(self, name: str) -> str:
-        """Of a setpoint, "client.force"."""
+        """The key of a setpoint, e.g. "client.force"."""
         return f"{self.root}/setpoint/{path(name)}"
 
 
 def check(names: Iterable[str], what: str) -> None:
-    """Raises ProfileError if two of the names are the same key, or one's key is another's metadata."""
+    """Raises ProfileError if two names have the same key, or if a name's key is that of another's metadata."""
     seen: dict[str, str] = {}
     for name in names:
         other = seen.setdefault(path(name), name)

@@ -1,4 +1,4 @@
-"""What a reader of rows needs besides the rows: where they come from and what may be asked of the run."""
+"""The metadata that a reader of rows needs: where the rows come from and which requests the run accepts."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def describe(
     parameters: list[tuple[str, Parameter]],
     scenery: list[dict[str, Any]],
 ) -> dict[str, Any]:
-    """The layout's `meta`; JSON only."""
+    """Returns the layout's `meta`, which holds JSON types only."""
     return {
         "name": profile.name,
         "label": source.label,
@@ -60,7 +60,7 @@ def describe(
 def _plots(
     profile: Profile, source: Source, signals: Mapping[str, Signal], simulated: list[str]
 ) -> list[dict[str, Any]]:
-    """The profile's plots, without what only a simulated world could show when there is none."""
+    """Returns the profile's plots. Without a simulated world, curves of its signals are left out."""
     kept = []
     for i, plot in enumerate(profile.record.plots):
         missing = set()

@@ -1,4 +1,4 @@
-"""Which curves belong together in a picture of a recording: each element of a command, and a profile's `record.plots`.
+"""The plots in a picture of a recording: one for each element of a command, and a profile's `record.plots`.
 
 A line names a signal ("finger.position"), one row of it ("hand.tips[1]") or one number ("hand.tips[1,2]").
 """
@@ -43,7 +43,7 @@ class Plot(BaseModel):
         return self
 
     def curves(self, layout: Layout, rows: NDArray[np.int64]) -> dict[str, Array]:
-        """The curves over rows (k, width), each (k,), by label; a larger signal gives one for each element.
+        """The curves over rows (k, width), each (k,), by label. A larger signal gives one curve for each element.
 
         Raises:
             RecordingError: the layout lacks a signal, an index is out of range, or a point isn't (3,).
@@ -68,10 +68,10 @@ class Plot(BaseModel):
 
 
 def command_plots(layout: Layout) -> list[Plot]:
-    """Each element of each command: asked, applied and, where something tells it, measured.
+    """Makes a plot for each element of each command: asked, applied and, if available, measured.
 
     A command `finger.position_command` is measured by the device's own `finger.position` or else, in simulation,
-    by the world's `world.finger_position`, if that has the same shape and unit.
+    by the world's `world.finger_position`, if this has the same shape and unit.
     """
     found = []
     for field in layout.fields.values():
@@ -93,7 +93,7 @@ def command_plots(layout: Layout) -> list[Plot]:
 
 
 def profile_plots(layout: Layout) -> list[Plot]:
-    """The plots the profile asks for."""
+    """The plots that the profile defines."""
     return [Plot(**p) for p in (layout.meta.get("record") or {}).get("plots", ())]
 
 
@@ -106,7 +106,7 @@ def split(reference: str) -> tuple[str, tuple[int, ...]]:
 
 
 def pick(layout: Layout, rows: NDArray[np.int64], reference: str, place: str) -> Array:
-    """What a reference names, over rows (k, width): (k, *rest of the shape)."""
+    """The values of a reference over rows (k, width): (k, *rest of the shape), or (k,) for a rest of (1,)."""
     name, index = split(reference)
     if name not in layout.fields:
         raise RecordingError(place, f"the recording has no signal '{name}'", nearest(name, layout.fields))

@@ -1,6 +1,6 @@
-"""A profile: one YAML file that says what is wired to what. Read, checked for form, never executed.
+"""A profile: one YAML file that describes how a system is wired. It is read and checked for form, never executed.
 
-Whether the parts it names exist and fit together is `runtime.profile.wiring`'s business.
+`runtime.profile.wiring` checks whether the parts that it names exist and fit together.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ SIGNAL = r"^[a-z][a-z0-9_-]*(\.[a-z][a-z0-9_-]*)+$"
 
 
 class Part(BaseModel):
-    """A section of the profile: unknown keys are errors."""
+    """A section of the profile. Unknown keys are errors."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 
 
 class DeviceEntry(BaseModel):
-    """`devices.<name>`: the driver, what the runtime itself needs, and the driver's own options (the rest)."""
+    """`devices.<name>`: the driver, options of the runtime itself, and the driver's own options (all other keys)."""
 
     model_config = ConfigDict(extra="allow", frozen=True)
 
@@ -52,7 +52,7 @@ class DeviceEntry(BaseModel):
 
 
 class ControllerEntry(BaseModel):
-    """`controllers[i]`: the control law, its wiring, and its own options (the rest)."""
+    """`controllers[i]`: the control law, its wiring, and its own options (all other keys)."""
 
     model_config = ConfigDict(extra="allow", frozen=True, populate_by_name=True)
 
@@ -77,7 +77,7 @@ class SetpointEntry(Part):
 
 
 class SimEntry(BaseModel):
-    """`sim`: the world, the fakes' options by device, and the world's own options (the rest)."""
+    """`sim`: the world, the fakes' options by device, and the world's own options (all other keys)."""
 
     model_config = ConfigDict(extra="allow", frozen=True)
 
@@ -94,7 +94,7 @@ Reaction = Stop | Literal["stop"]  # "stop": each actuator's own category
 
 
 class OverrunLadder(Part):
-    """What overruns lead to: up to `tolerate` in `window` nothing, then less telemetry, at `stop` a safe stop."""
+    """The reactions to overruns: none up to `tolerate` in `window`, then less telemetry, a safe stop at `stop`."""
 
     tolerate: int = Field(5, ge=0)
     window: float = Field(1.0, gt=0, description="s")
@@ -102,7 +102,7 @@ class OverrunLadder(Part):
 
 
 class Faults(Part):
-    """`faults`: what each fault leads to."""
+    """`faults`: the reaction to each fault."""
 
     intent_loss: Reaction = Field("stop", alias="intent-loss")
     device_loss: Reaction = Field("stop", alias="device-loss")
@@ -114,7 +114,7 @@ class Faults(Part):
 
 
 class EmergencyInput(Part):
-    """`emergency[i]`: an e-stop or enabling switch: any element of any device's states."""
+    """`emergency[i]`: an e-stop or enabling switch. It may be any element of any signal."""
 
     signal: str = Field(pattern=SIGNAL)
     index: int = Field(0, ge=0)
@@ -123,13 +123,13 @@ class EmergencyInput(Part):
 
 
 class Record(Part):
-    """`record`: what a recording shows besides the signals themselves."""
+    """`record`: what a recording shows in addition to the signals themselves."""
 
     plots: tuple[Plot, ...] = ()
 
 
 class Profile(Part):
-    """The whole file."""
+    """The whole profile file."""
 
     name: str = Field(pattern=SLUG)
     summary: str = ""
@@ -171,13 +171,13 @@ class Profile(Part):
 
 @dataclass(frozen=True)
 class Source:
-    """Where a profile came from, for errors and for the recording.
+    """The origin of a profile, for errors and for the recording.
 
     Attributes:
         label: the file's name as the user gave it.
         text: the file's text.
         overrides: the `--set` options, in order.
-        lines: line (from 1) of each key path.
+        lines: line number (from 1) of each key path.
     """
 
     label: str
@@ -186,7 +186,7 @@ class Source:
     lines: dict[str, int] = field(default_factory=dict)
 
     def place(self, path: str) -> str:
-        """A key path as errors name it: "sixth-finger.yaml line 12: devices.glove.port"."""
+        """A key path as it appears in errors: "sixth-finger.yaml line 12: devices.glove.port"."""
         for override in self.overrides:
             if override.split("=", 1)[0].strip() == path:
                 return f"--set {path}"
@@ -203,7 +203,7 @@ class Source:
 
 
 def find(name: str) -> tuple[str, str]:
-    """The label and text of a profile, by its name under profiles/ or by path."""
+    """Returns the label and text of a profile, found by its name under profiles/ or by its path."""
     path = Path(name)
     if path.suffix in (".yaml", ".yml") or "/" in name:
         try:
@@ -233,7 +233,7 @@ def load(name: str, overrides: Sequence[str] = ()) -> tuple[Profile, Source]:
 
 
 def parse(label: str, text: str, overrides: Sequence[str] = ()) -> tuple[Profile, Source]:
-    """Checks a profile's text. Raises ProfileError naming the first thing that is wrong, and where."""
+    """Checks a profile's text. Raises ProfileError for the first error, with its place."""
     try:
         tree = YAML(typ="rt", pure=True).load(text)
     except MarkedYAMLError as error:
@@ -260,8 +260,8 @@ def parse(label: str, text: str, overrides: Sequence[str] = ()) -> tuple[Profile
 def first_error(
     error: ValidationError, source: Source, prefix: str = "", model: type[BaseModel] = Profile
 ) -> ProfileError:
-    """The first error of pydantic's as ours."""
-    # A misspelt key makes two errors; the unknown key says more than the missing one.
+    """Converts pydantic's first error to a ProfileError."""
+    # A misspelt key causes two errors: the unknown key says more than the missing one.
     item = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
     location = [str(part) for part in item["loc"] if not str(part).startswith(("function-", "literal", "is-instance"))]
     path = ".".join([prefix, *location] if prefix else location)
@@ -345,7 +345,7 @@ def _override(tree: Any, override: str) -> None:
         if isinstance(node, list) and parts[0].isdigit() and int(parts[0]) < len(node):
             node, parts = node[int(parts[0])], parts[1:]
         elif isinstance(node, dict):
-            # A signal's name is one key with dots in it.
+            # A signal's name is one key that contains dots.
             length = next((n for n in range(len(parts), 0, -1) if ".".join(parts[:n]) in node), 1)
             if length == len(parts):
                 parts = [".".join(parts)]

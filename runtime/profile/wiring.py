@@ -1,7 +1,8 @@
-"""From a profile to its parts, wired: built and checked before anything is opened.
+"""Builds, wires and checks the parts of a profile before anything is opened.
 
-Every input bound to a signal made earlier, shapes, units and frames equal, one writer a signal, no option
-unknown or unused. What comes out holds the parts with views into one row, ready for the loop or a replay.
+The checks: every input is bound to a signal that is made earlier; shapes, units and frames are equal; each
+signal has one writer; no option is unknown or unused. The result holds the parts with views into one row,
+ready for the loop or a replay.
 """
 
 from __future__ import annotations
@@ -25,14 +26,14 @@ from runtime.profile.profile import ControllerEntry, Profile, Source
 
 
 def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) -> Graph:
-    """Builds and checks everything; opens nothing.
+    """Builds and checks the whole system. Opens nothing.
 
     Args:
-        profile: as `runtime.profile.profile.load` gives it.
-        source: likewise.
+        profile: the profile from `runtime.profile.profile.load`.
+        source: its source, from the same function.
         sim: devices to simulate; empty for all; None for none.
     Raises:
-        ProfileError, WiringError: naming the key path and the remedy.
+        ProfileError, WiringError: with the key path and the remedy.
     """
     b = Builder(profile, source, sim)
     world = _world(b)
