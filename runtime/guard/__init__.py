@@ -1,4 +1,4 @@
-"""The guard: stands between controllers and drivers, so that nothing unsafe leaves the loop."""
+"""The guard between controllers and drivers: it limits every command, so that nothing unsafe leaves the loop."""
 
 from __future__ import annotations
 

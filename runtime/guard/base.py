@@ -1,4 +1,4 @@
-"""What every guard has in common: its place between one command's controller and its driver."""
+"""The base class of the guards. Each guard stands between one command's controller and its driver."""
 
 from __future__ import annotations
 
@@ -12,31 +12,31 @@ import numpy as np
 from runtime.contracts.errors import DeviceError, WiringError
 from runtime.contracts.signals import Array, Command, Limits, Stop
 
-LONGEST = 5  # periods: a longer pause is not made up for, the motion goes on where it was
-SHORTEST = 1e-3  # periods: a clock that stands still must not divide by zero
+LONGEST = 5  # periods: a longer pause is not made up for, the motion continues where it was
+SHORTEST = 1e-3  # periods: a clock that stands still must not cause a division by zero
 RETRACT_SPEED = 0.25  # of the velocity limit
 RATES = ("velocity", "acceleration", "jerk", "effort", "effort_rate", "inertia")
-SMALLEST, LARGEST = 1e-9, 1e9  # limits that a device gives are numbers in between, in any unit
+SMALLEST, LARGEST = 1e-9, 1e9  # limits that a device gives must lie in between, in any unit
 
 
 class CommandGuard(ABC):
-    """Bounds one command. Life: `bind` -> (`reset` -> cycles of `step` -> cycles of `stop`) again and again.
+    """Limits one command. Life cycle: `bind` -> (`reset` -> cycles of `step` -> cycles of `stop`), repeated.
 
-    Nothing here allocates for long, blocks or raises once it is reset: bad input makes it brake.
+    After `reset`, a guard makes no lasting allocations, never blocks and never raises. On bad input it brakes.
 
     Attributes:
-        applied: the command that may go to the device, of the command's shape and unit.
+        applied: the guarded command for the device, of the command's shape and unit.
         velocity: rate of `applied` (kind position) or `applied` itself (velocity); zero for torque.
-        rejected: this cycle's desired command, or a measurement it needs, was not finite.
+        rejected: this cycle's desired command was not finite, or a measurement it needs was not finite or old.
         limited: this cycle's desired command was changed by more than the tolerance.
         fallback: this cycle braked because the trajectory generator failed.
-        rejections, limitations, fallbacks: how many cycles had the flag since the guard was made.
-        held_in: it has a position limit.
-        at_rest: the stop under way is complete.
-        blind: the measurements are old. Set by the runtime; what they would decide is then left out.
+        rejections, limitations, fallbacks: number of cycles with the flag since the guard was made.
+        held_in: the command has a position limit.
+        at_rest: the present stop is complete.
+        blind: the measurements are old. The runtime sets it; the guard then makes no decision based on them.
     """
 
-    needs: tuple[str, ...] = ()  # limits without which it can't work
+    needs: tuple[str, ...] = ()  # limits that it requires
     may_be_zero: tuple[str, ...] = ("velocity", "effort", "effort_rate")
 
     def __init__(
@@ -49,17 +49,17 @@ class CommandGuard(ABC):
         rest: Array | None = None,
         tolerance: float = 1e-3,
     ) -> None:
-        """Takes what is fixed.
+        """Takes the fixed settings.
 
         Args:
-            place: for errors: `guard.<signal>`.
-            command: the command that is bounded.
-            limits: narrower of the profile's and the device's, arrays of the command's shape.
+            place: place for errors: `guard.<signal>`.
+            command: the command to limit.
+            limits: the narrower of the profile's and the device's limits, arrays of the command's shape.
             dt: nominal period, s.
-            rest: position to which the stop category `retract` goes; without one it holds.
-            tolerance: change of the command, in its unit, from which it counts as limited.
+            rest: position to which the stop category `retract` goes; without it the guard holds.
+            tolerance: change of the command, in its unit, above which it counts as limited.
         Raises:
-            WiringError: a needed limit is missing, limits leave no room, or something has another shape.
+            WiringError: a required limit is missing, limits leave no room, or an array has another shape.
         """
         self.place, self.command, self.dt, self.tolerance = place, command, dt, tolerance
         self.size = command.size
@@ -80,7 +80,7 @@ class CommandGuard(ABC):
         self.inertia = self._flat("inertia", limits.inertia, inf)
         for name in RATES:
             values = self._flat(name, getattr(limits, name), inf)
-            # Zero would divide; a joint that can't accelerate can't brake. NaN compares as no limit at all.
+            # Zero would be a divisor, and a joint that can't accelerate can't brake. NaN would act as no limit.
             least = 0.0 if name in self.may_be_zero else SMALLEST
             most = LARGEST if name in self.needs else inf
             wrong = [value for value in values if not least <= value <= most]
@@ -115,17 +115,17 @@ class CommandGuard(ABC):
         self._prepare(limits)
 
     def _prepare(self, limits: Limits) -> None:
-        """What a kind of guard makes of the limits besides; raises WiringError as `__init__` does."""
+        """Further setup from the limits by one kind of guard. Raises WiringError as `__init__` does."""
 
     def bind(self, applied: Array, position: Array | None = None, velocity: Array | None = None) -> None:
-        """Takes the arrays, made once by the runtime.
+        """Takes the arrays, which the runtime allocates once.
 
         Args:
-            applied: filled by `step` and `stop`; C-contiguous.
+            applied: array that `step` and `stop` fill; C-contiguous.
             position: measured position, read by velocity and torque guards.
             velocity: measured velocity, read by torque guards.
         Raises:
-            WiringError: one that this kind needs is missing or of another shape.
+            WiringError: an array that this kind needs is missing, or one has another shape.
         """
         for name, array in (("applied", applied), ("position", position), ("velocity", velocity)):
             if array is not None and array.shape != self.command.shape:
@@ -138,22 +138,22 @@ class CommandGuard(ABC):
 
     @abstractmethod
     def reset(self, position: Array, velocity: Array | None = None) -> None:
-        """Starts afresh, without a jump; `applied` holds the first command.
+        """Restarts the guard without a jump. Afterwards `applied` holds the first command.
 
         Args:
-            position: measured, or home for a device without feedback.
-            velocity: of the command at present, zero if None; beyond its limit it is cut.
+            position: measured position, or home for a device without feedback.
+            velocity: present velocity of the command, zero if None; it is clipped to its limit.
         Raises:
-            DeviceError: they are not finite.
+            DeviceError: the position or velocity is not finite.
         """
 
     def step(self, desired: Array, desired_velocity: Array | None, dt: float) -> None:
-        """One cycle in which the controller commands.
+        """Runs one cycle with a command from the controller.
 
         Args:
-            desired: what the controller asks for.
-            desired_velocity: its rate if the controller knows it; only read by the position guard.
-            dt: s since the last cycle, the actual one.
+            desired: the controller's desired command.
+            desired_velocity: its rate, if the controller knows it; only the position guard reads it.
+            dt: actual time since the last cycle, s.
         """
         self._begin()
         dt = self._span(dt)
@@ -170,20 +170,20 @@ class CommandGuard(ABC):
             self._halt(Stop.HOLD, dt)
 
     def stop(self, category: Stop, dt: float) -> None:
-        """One cycle of a stop; `at_rest` tells when it is complete. dt: s since the last cycle."""
+        """Runs one cycle of a stop. `at_rest` is True once the stop is complete. dt: s since the last cycle."""
         self._begin()
         self._halt(category if self._sensed() else Stop.HOLD, self._span(dt))
 
     @abstractmethod
     def _follow(self, desired: list[float], rate: list[float] | None, dt: float) -> None:
-        """Fills `applied` as near to the finite `desired` as the limits allow."""
+        """Sets `applied` as near to the finite `desired` as the limits allow."""
 
     @abstractmethod
     def _halt(self, category: Stop, dt: float) -> None:
-        """One cycle of a stop; also what is left when the desired command is useless."""
+        """Runs one cycle of a stop. Also used when the desired command is unusable."""
 
     def _sensed(self) -> bool:
-        """Whether the measurements it needs are finite."""
+        """Whether the measurements that it needs are finite and not old."""
         return True
 
     def _span(self, dt: float) -> float:
@@ -221,5 +221,5 @@ class CommandGuard(ABC):
 
 
 def finite(values: Sequence[float]) -> bool:
-    """Whether all are finite (their sum is not, where one isn't)."""
+    """Whether all values are finite. If one is not, their sum is not finite."""
     return isfinite(sum(values))

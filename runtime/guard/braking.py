@@ -1,8 +1,8 @@
-"""How a joint comes to rest: the fastest stop from position p, velocity v and acceleration a.
+"""The fastest stop of a joint from position p, velocity v and acceleration a.
 
-One degree of freedom, acceleration bounded by A and jerk by J (infinite: the acceleration may jump). The
-fastest stop has a property the guard lives by: a state on the way of a stop stops at the same place. So where
-a stop is possible within the limits, it stays possible while braking.
+The joint has one degree of freedom. Its acceleration is bounded by A and its jerk by J (infinite: the
+acceleration may jump). The guard relies on one property of the fastest stop: from any state on the way, the
+fastest stop ends at the same place. So if a stop is possible within the limits, it stays possible while braking.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ class Bounds(NamedTuple):
 def stop_phases(v: float, a: float, A: float, J: float) -> tuple[tuple[float, float], ...]:
     """The three phases of the fastest stop for finite J, as (duration s, jerk).
 
-    Ramp the acceleration down to -peak, hold it there, ramp it back to zero; in the mirror where v, left to
-    itself with the acceleration ramped out, would end negative.
+    The acceleration is ramped down to -peak, held there, and ramped back to zero. All signs are reversed if v
+    would become negative when only the acceleration is ramped to zero.
     """
     sign = 1.0 if v + a * abs(a) / (2 * J) >= 0 else -1.0
     v, a = sign * v, sign * a
@@ -56,18 +56,18 @@ def brake(state: State, A: float, J: float, dt: float) -> State:
 
 
 def stop_range(state: State, A: float, J: float) -> tuple[float, float, float]:
-    """What the fastest stop passes through: lowest position, highest position, highest speed."""
+    """The range of the fastest stop: lowest position, highest position, highest speed."""
     p, v, a = state
     if isinf(J):
         end = p + v * abs(v) / (2 * A)
         return (p, end, v) if v >= 0 else (end, p, -v)
     end = brake(state, A, J, inf)[0]
     low, high, speed = min(p, end), max(p, end), abs(v)
-    if v * a > 0:  # it goes on gaining speed while the acceleration is ramped out
+    if v * a > 0:  # the speed still increases while the acceleration is ramped to zero
         speed = abs(v) + a * a / (2 * J)
     elif v * a < 0:
-        after = abs(a) * abs(a) / (2 * J) - abs(v)  # speed it will have in the other direction
-        if after > 0:  # it turns round on the way, at time t
+        after = abs(a) * abs(a) / (2 * J) - abs(v)  # speed that it will reach in the other direction
+        if after > 0:  # it reverses its direction, at time t
             speed = max(speed, after)
             t = (abs(a) - sqrt(2 * J * after)) / J
             turn = p + t * (v + t * (a / 2 - copysign(J, a) * t / 6))
@@ -78,9 +78,9 @@ def stop_range(state: State, A: float, J: float) -> tuple[float, float, float]:
 
 
 def stoppable(distance: float, A: float, J: float) -> float:
-    """A speed from which (at zero acceleration) a joint stops within `distance`; exact for infinite J.
+    """A speed from which a joint with zero acceleration stops within `distance`; exact for infinite J.
 
-    With finite J the distance v^2/2A + vA/2J is exact above v = A^2/J and too long below it: the safe side.
+    With finite J the distance v^2/2A + vA/2J is exact above v = A^2/J. Below it is too long, on the safe side.
     """
     if distance <= 0:
         return 0.0

@@ -1,4 +1,4 @@
-"""The guard's limits: as the profile writes them, as arrays, and the narrower of two sources."""
+"""The guard's limits: the profile's entries, their conversion to arrays, and the narrower of two sources."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 class GuardLimits(BaseModel):
-    """One command's limits in the profile's `guard:`; a number is for every joint, a list has one each."""
+    """One command's limits in the profile's `guard:`. A number applies to every joint; a list has one for each."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -34,13 +34,13 @@ class GuardLimits(BaseModel):
     tolerance: Positive = Field(1e-3, description="a command changed by more than this counts as limited")
 
     def to_limits(self, shape: tuple[int, ...], place: str) -> Limits:
-        """As arrays of the command's shape.
+        """Converts the limits to arrays of the command's shape.
 
         Args:
-            shape: the command's.
-            place: where the profile has these limits, for the error.
+            shape: the command's shape.
+            place: the place of these limits in the profile, for the error.
         Raises:
-            WiringError: a list is of the wrong length.
+            WiringError: a list has the wrong length.
         """
         size = int(np.prod(shape, dtype=int))
         arrays: dict[str, Array] = {}
@@ -59,7 +59,7 @@ class GuardLimits(BaseModel):
 
 
 def merge(a: Limits, b: Limits) -> Limits:
-    """The narrower of two limits, element by element; what one source doesn't know the other decides."""
+    """The narrower of two limits, element by element. If one source has no limit, the other's applies."""
     merged: dict[str, Array] = {}
     for name in NAMES:
         x, y = getattr(a, name), getattr(b, name)

@@ -10,27 +10,28 @@ from runtime.contracts.signals import Array, Limits, Stop
 from runtime.guard.base import RETRACT_SPEED, CommandGuard
 from runtime.guard.braking import Bounds, State, brake, stop_range, stoppable
 
-SLACK = 1e-10  # rad or m: rounding in the comparison of two braking distances
+SLACK = 1e-10  # rad or m: tolerance for rounding when two braking distances are compared
 SQRT2 = sqrt(2.0)
-CATCH_UP_V, CATCH_UP_A = 0.01, 0.1  # of the limits: kept free, so that a moving target can be caught
+CATCH_UP_V, CATCH_UP_A = 0.01, 0.1  # shares of the limits that are reserved to catch up with a moving target
 
 
 class PositionGuard(CommandGuard):
     """Follows a desired position within limits of position, velocity, acceleration and jerk.
 
     The state is the last applied command (p, v, a) of each joint, never the measurement: a limiter that
-    compares with a lagging measured position slows the motion. Joints are independent. Each cycle, and joint:
+    compares with a lagging measured position slows the motion. Joints are independent. In each cycle, for
+    each joint:
 
-    1. If jerk is unbounded and the desired position can be reached in this cycle, it is applied as it is.
-    2. Otherwise the fastest way to meet the target is planned (with a jerk limit by ruckig). The target moves
-       on: first as it moves, then, if that way would leave the limits, without its acceleration, then as if it
-       stood still.
-    3. A plan's next state is taken only if the joint can still stop from there within its limits; if none is,
-       the joint brakes.
+    1. If the jerk is unbounded and the desired position can be reached in this cycle, it is applied as it is.
+    2. Otherwise the fastest motion to meet the moving target is planned with ruckig. The plan first uses the
+       target's velocity and acceleration. If this motion would leave the limits, the next plan omits the
+       acceleration, and the last one assumes that the target stands still.
+    3. A plan's next state is used only if the joint can still stop from there within its limits. If no plan
+       allows this, the joint brakes.
 
-    The target's velocity is what the controller gives, or else the difference of two desired positions. Two
-    that differ by more than the acceleration limit allows are a jump, not a motion: then the estimate changes
-    at that limit, and the acceleration counts as zero.
+    The target's velocity is the controller's, or else the difference of two desired positions. If two
+    successive velocities differ by more than the acceleration limit allows, this is a jump and not a motion.
+    Then the estimate changes at that limit, and the acceleration counts as zero.
     """
 
     needs = ("velocity", "acceleration")
@@ -40,10 +41,10 @@ class PositionGuard(CommandGuard):
         self._bounds = [Bounds(V, A, J) for V, A, J in bounds]
         self._slow = [Bounds(RETRACT_SPEED * V, A, J) for V, A, J in self._bounds]
         self._states: list[State] = []
-        self._targets: list[float] = []  # the last desired positions,
-        self._raw: list[float] = []  # their last rates as they came,
-        self._rates: list[float] = []  # and as estimated
-        # Where a stop may end: the limits, or beyond them as far as the start was, which only shrinks.
+        self._targets: list[float] = []  # the last desired positions
+        self._raw: list[float] = []  # their last rates, unfiltered
+        self._rates: list[float] = []  # their last rates, as estimated
+        # The range in which a stop may end: the limits, or wider if the start was outside. It only shrinks.
         self._floor: list[float] = []
         self._ceiling: list[float] = []
         self._beyond = True
@@ -92,14 +93,14 @@ class PositionGuard(CommandGuard):
         self._targets[i], self._raw[i] = target, raw
         if abs(change) <= step:
             self._rates[i] = raw
-            # A difference of positions is the velocity half a cycle ago.
+            # The difference of two positions is the velocity half a cycle ago.
             return (raw + change / 2 if told is None else raw), change / dt
         last = self._rates[i]
         self._rates[i] = min(max(raw, last - step), last + step)
         return (self._rates[i] if told is None else raw), 0.0
 
     def _towards(self, i: int, target: State, bounds: Bounds, dt: float) -> State:
-        """Joint i's state after dt on its way to meet `target`, which is where it should be by then."""
+        """Joint i's state after dt on its way to meet `target`, which is the desired state at that time."""
         state, (V, A, J), (wanted, speed, acceleration) = self._states[i], bounds, target
         # The target itself must be able to stop within the limits.
         if speed:
@@ -124,10 +125,10 @@ class PositionGuard(CommandGuard):
         return brake(state, A, J, dt)
 
     def _planned(self, i: int, target: State, bounds: Bounds, dt: float) -> State | None:
-        """The fastest way's state after dt, seen from the moving target: there the target rests at zero.
+        """The state after dt on the fastest motion, planned in coordinates in which the target rests at zero.
 
-        The acceleration that is left for catching up is A minus the target's own, either way: who relied on
-        more would turn too late when the target brakes, and never catch it.
+        The acceleration left for catching up is A minus the target's own, in either direction. A plan with more
+        would turn too late when the target brakes, and never catch up with it.
         """
         (p, v, a), (wanted, speed, acceleration), (V, A, J) = self._states[i], target, bounds
         room, spare = (1 - CATCH_UP_V) * V, (1 - CATCH_UP_A) * A
@@ -152,8 +153,8 @@ class PositionGuard(CommandGuard):
         except ruckig.RuckigError:
             return None
         if dt >= self._plan.duration:
-            x = xd = xdd = 0.0  # without the rounding of the way there
-        # In mid-cycle a target that brakes is faster than at its end.
+            x = xd = xdd = 0.0  # removes the rounding errors of the motion
+        # A braking target is faster in mid-cycle than at the end of the cycle.
         if not isfinite(xd + xdd) or not abs(wanted + x - p) <= V * dt * (1 + 1e-9):
             return None
         return wanted + x, speed + xd, 0.0 if isinf(J) else acceleration + xdd
@@ -168,7 +169,7 @@ class PositionGuard(CommandGuard):
         )
 
     def _settle(self) -> None:
-        """After cycles without a desired command: the next one is compared with what was applied."""
+        """Ends a cycle without a desired command: the next desired command is compared with the applied state."""
         self._targets = [p for p, _, _ in self._states]
         self._raw = [v for _, v, _ in self._states]
         self._rates = list(self._raw)
@@ -187,17 +188,17 @@ class PositionGuard(CommandGuard):
 
 
 def within(value: float, most: float) -> float:
-    """The nearest in [-most, most]."""
+    """The nearest value in [-most, most]."""
     return value if -most <= value <= most else copysign(most, value)
 
 
 def reach(state: State, target: float, speed: float, bounds: Bounds, dt: float) -> State | None:
-    """The state at `target` in exactly dt with |acceleration| <= A; None where there is no way.
+    """The state at `target` after exactly dt with |acceleration| <= A; None if this is not possible.
 
-    Two pieces of bounded acceleration lead from (p, v) to (target, u) in dt exactly if
-    |target - p - dt (v + u)/2| <= A dt^2/4 (1 - ((u - v)/(A dt))^2). Solved for u that is an interval; the
-    velocity in it that is nearest to `speed` is taken, if that is near enough for the target to be met in the
-    next cycle too, and at its own velocity: |u - speed| <= (sqrt 2 - 1) A dt. Else it would run past it.
+    Two pieces of bounded acceleration lead from (p, v) to (target, u) in dt if and only if
+    |target - p - dt (v + u)/2| <= A dt^2/4 (1 - ((u - v)/(A dt))^2). Solved for u, this gives an interval. The
+    velocity u in it that is nearest to `speed` is used, if it is near enough to meet the target in the next
+    cycle too, at the target's own velocity: |u - speed| <= (sqrt 2 - 1) A dt. Otherwise the joint would overshoot.
     """
     (p, v, _), (V, A, _) = state, bounds
     step = A * dt

@@ -13,29 +13,30 @@ from runtime.guard.base import CommandGuard, finite
 
 ZONE = 0.05  # of a joint's range: where the barrier's spring reaches the effort limit
 FADE = 0.25  # of the velocity limit: range below it in which effort that would exceed it fades out
-HOLD_TIME = 0.2  # s: damping over stiffness of the hold
-LAG = 4  # periods from a velocity to the torque it causes that a damped joint surely bears, at half its margin
-STILL = 0.02  # of the velocity limit: slower than this a joint is at rest
+HOLD_TIME = 0.2  # s: damping divided by stiffness of the hold
+LAG = 4  # periods of delay from a velocity to its torque that a damped joint surely tolerates, at half its margin
+STILL = 0.02  # of the velocity limit: a slower joint is at rest
 
 
 class Barrier(NamedTuple):
-    """One joint's bounds of a torque counted from gravity compensation; see `TorqueGuard`."""
+    """One joint's bounds of a torque relative to gravity compensation; see `TorqueGuard`."""
 
     E: float
     V: float
     lower: float
     upper: float
-    slope: float  # N m s/rad, of the velocity limit's
+    slope: float  # N m s/rad, of the velocity limit's bound
     k: float  # N m/rad; 0 without position limits
     d: float  # N m s/rad
     A: float
 
     def range(self, q: float, qd: float) -> tuple[float, float]:
-        """What velocity limit and barrier leave, N m. In plain comparisons: min and max cost four times as much."""
+        """The torque range that velocity limit and barrier allow, N m."""
+        # Plain comparisons: min and max cost four times as much.
         E, V, lower, upper, slope, k, d, A = self
         least, most = -slope * (V + qd), slope * (V - qd)
         if k > 0.0:
-            way, drag = qd * abs(qd) / (2 * A), 2 * d * qd  # the way to brake on
+            way, drag = qd * abs(qd) / (2 * A), 2 * d * qd  # braking distance, damping torque
             outward = k * (upper - q - way) - drag if qd > 0 else k * (upper - q)
             inward = k * (lower - q - way) - drag if qd < 0 else k * (lower - q)
             most = outward if outward < most else most
@@ -46,21 +47,23 @@ class Barrier(NamedTuple):
 
 
 class TorqueGuard(CommandGuard):
-    """Bounds a torque by effort, its change by the effort rate, and keeps joints off their limits.
+    """Limits a torque by the effort, its change by the effort rate, and keeps joints away from their limits.
 
-    All torques are counted from gravity compensation g, if that is bound, so that the guard neither fights
-    nor drops it. With effort limit E and velocity limit V, the damping is d = E/V: full effort at full speed, but
-    at most I/(8 dt) for the least inertia I that the joint moves: more would make a joint ring whose
-    torque acts some periods after its velocity was measured.
-    The barrier is a one-sided spring and damper, stiffness k = E/(ZONE range), damping 2d; for qd > 0
-    tau - g <= k (upper - q - qd^2/2A) - 2d qd, likewise at the lower limit, each side within [-E, E]: beyond
-    a limit what is left points inwards. It takes nothing from a torque that isn't pushing outwards. A is the
-    acceleration limit, if given: what the effort surely brakes the joint with. Without it a joint that is
-    heavy for its effort overruns the barrier. The velocity limit bounds alike:
-    tau - g <= E (V - qd)/(FADE V).
+    All torques are relative to the gravity compensation g, if it is bound, so that the guard neither opposes
+    nor removes it. With effort limit E and velocity limit V, the damping is d = E/V: full effort at full speed.
+    It is at most I/(8 dt), where I is the least inertia that the joint moves. More damping would make a joint
+    ring if its torque acts some periods after its velocity was measured.
 
-    Stops: `damp` -d qd; `limp` nothing but g; `hold` damps, then springs to where each joint came to rest,
-    stiffness d/HOLD_TIME; `brake` and `retract` are `hold`. All within effort and rate.
+    The barrier is a one-sided spring and damper with stiffness k = E/(ZONE range) and damping 2d. For qd > 0,
+    tau - g <= k (upper - q - qd^2/2A) - 2d qd, and likewise at the lower limit. Each side is kept within
+    [-E, E]: beyond a limit the allowed torque points inwards. The barrier does not reduce a torque that does not
+    push outwards. A is the acceleration limit, if given: the deceleration that the effort can surely produce.
+    Without it a joint that is heavy for its effort overruns the barrier. The velocity limit works in the same
+    way: tau - g <= E (V - qd)/(FADE V).
+
+    Stops: `damp` applies -d qd. `limp` applies only g. `hold` damps, then adds a spring to the position where
+    each joint came to rest, with stiffness d/HOLD_TIME. `brake` and `retract` act as `hold`. All stops stay
+    within effort and rate.
     """
 
     needs = ("velocity", "effort", "effort_rate", "inertia")
@@ -75,9 +78,9 @@ class TorqueGuard(CommandGuard):
                 f"Add {missing} to {self.place} in the profile",
             )
         self._gravity: Array | None = None
-        self._g = [0.0] * self.size  # the newest that was finite
+        self._g = [0.0] * self.size  # the newest finite value
         self._held: list[float | None] = [None] * self.size
-        self._q, self._qd = [0.0] * self.size, [0.0] * self.size  # measured, as `_sensed` took them
+        self._q, self._qd = [0.0] * self.size, [0.0] * self.size  # measured values, read by `_sensed`
         self._barriers = [self._barrier(i) for i in range(self.size)]
 
     def bind(
@@ -87,8 +90,10 @@ class TorqueGuard(CommandGuard):
         velocity: Array | None = None,
         gravity: Array | None = None,
     ) -> None:
-        """As the base's; `gravity` is the gravity compensation within the desired torque, None for a device
-        that adds its own."""
+        """Takes the arrays as the base class does, and the gravity compensation.
+
+        `gravity` is the gravity compensation contained in the desired torque; None for a device that adds its own.
+        """
         super().bind(applied, position, velocity)
         if position is None or velocity is None:
             raise WiringError(
@@ -116,7 +121,7 @@ class TorqueGuard(CommandGuard):
         blind = not self._sensed()
         q, qd = self._q, self._qd
         if blind:
-            self._held = [None] * self.size  # where it came to rest may be far away by the time it can be seen again
+            self._held = [None] * self.size  # the rest position may be far away when measurements return
         out = []
         for i, (g, barrier) in enumerate(zip(self._g, self._barriers, strict=True)):
             if blind or category is Stop.LIMP:

@@ -10,16 +10,16 @@ from runtime.contracts.errors import WiringError
 from runtime.contracts.signals import Array, Stop
 from runtime.guard.base import RETRACT_SPEED, CommandGuard, finite
 
-# Periods of motion kept free before a position limit. Near it the speed is distance / REACTION periods, and a
-# device that obeys one period late doesn't overshoot from four on.
+# Periods of motion reserved before a position limit. Near the limit the speed is distance / REACTION periods. With
+# four or more, a device that obeys one period late does not overshoot.
 REACTION = 4
 
 
 class VelocityGuard(CommandGuard):
-    """Bounds a velocity by its limit, its change by the acceleration limit, and both by the way left to stop.
+    """Limits a velocity, its change by the acceleration limit, and the velocity by the distance left to stop.
 
-    Acceleration is taken against the last applied command. The way left is taken from the measured position,
-    as nothing else knows where a device that integrates really is.
+    The acceleration is computed from the last applied command. The distance left is computed from the measured
+    position: only the measurement tells where a device that integrates the velocity really is.
     """
 
     needs = ("velocity", "acceleration")
@@ -60,8 +60,11 @@ class VelocityGuard(CommandGuard):
         return self._position is None or (not self.blind and finite(self._position.ravel().tolist()))
 
     def _bounded(self, desired: list[float], limits: list[float], dt: float) -> list[float]:
-        """Nearest to `desired` within speed, way left and change, the change coming last: it always holds."""
-        # In plain comparisons: min and max cost four times as much.
+        """The velocity nearest to `desired` within the speed limit, the distance left and the acceleration limit.
+
+        The acceleration limit is applied last, so it always holds.
+        """
+        # Plain comparisons: min and max cost four times as much.
         position = [0.0] * self.size if self._position is None else self._position.ravel().tolist()
         out = []
         joints = zip(desired, self.applied.ravel().tolist(), position, limits, self.max_acceleration, strict=True)
@@ -75,7 +78,7 @@ class VelocityGuard(CommandGuard):
         return out
 
     def _arrival(self, i: int, distance: float) -> float:
-        """The speed v that stops within `distance` after the reaction time T: v T + v^2/2A = distance."""
+        """The speed v from which a stop after the reaction time T takes `distance`: v T + v^2/2A = distance."""
         if distance <= 0:
             return 0.0
         A = self.max_acceleration[i]
