@@ -31,7 +31,7 @@ from runtime.messages import cdr, messages
 from runtime.profile.keys import COMMANDS, Keys, path
 
 _ENDPOINT = re.compile(r"^(tcp|tls|unixsock-stream)/")
-KEPT = 1024  # samples that wait for a slow reader; the oldest go first
+KEPT = 1024  # samples kept for a slow reader; the oldest are dropped first
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,11 +39,11 @@ class Update:
     """One sample of a signal.
 
     Attributes:
-        name: the signal's place below `state/`, "glove/position".
-        values: SI units, its shape; a pose as (x, y, z, qw, qx, qy, qz).
-        stamp: Unix time in s; None where the message has no header (Float64MultiArray).
-        labels: a JointState's names.
-        kind: the ROS 2 message's type.
+        name: the signal's key below `state/`, e.g. "glove/position".
+        values: in SI units and in the signal's shape; a pose as (x, y, z, qw, qx, qy, qz).
+        stamp: Unix time in s; None if the message has no header (Float64MultiArray).
+        labels: the names of a JointState.
+        kind: the type of the ROS 2 message.
     """
 
     name: str
@@ -54,14 +54,14 @@ class Update:
 
 
 def connect(target: str | Path | RunFolder, tls: TlsConfig | None = None, timeout: float = 2.0) -> Client:
-    """A client of one instance.
+    """Connects to one instance and returns a client.
 
     Args:
         target: the instance's name, its run directory, or a zenoh endpoint ("tls/host:7447").
         tls: certificates, for a tls endpoint.
         timeout: s to wait for the connection, and for each answer.
     Raises:
-        RequestError: nobody answers there.
+        RequestError: there is no answer.
     """
     if isinstance(target, str) and _ENDPOINT.match(target):
         return Client(target, tls, timeout)
@@ -76,7 +76,10 @@ def connect(target: str | Path | RunFolder, tls: TlsConfig | None = None, timeou
 
 
 class Client:
-    """See `connect`. Close it, or use it in a `with`: a session left open hangs the process at its end."""
+    """A client of one instance, made by `connect`.
+
+    Close it or use it in a `with` statement: an open session makes the process hang at its end.
+    """
 
     def __init__(self, endpoint: str, tls: TlsConfig | None, timeout: float) -> None:
         self._endpoint, self._timeout = endpoint, timeout
@@ -111,35 +114,35 @@ class Client:
         self.close()
 
     def alive(self) -> bool:
-        """Whether the instance's bus is there now."""
+        """Whether the instance's bus is running now."""
         return any(a.ok is not None for a in self._session.liveliness().get(self.keys.alive, timeout=self._timeout))
 
     # Reading
 
     def status(self, timeout: float | None = None) -> dict[str, Any]:
-        """The next status, as `runtime.bus.status.parse` makes it. Raises RequestError."""
+        """Waits for the next status and returns it as from `runtime.bus.status.parse`. Raises RequestError."""
         for sample in self._samples(self.keys.status, timeout or self._timeout):
             return parse(cdr.decode(messages.DIAGNOSTICS, sample.payload.to_bytes()))
         raise RequestError(self.keys.status, "no status came", "Is the service running?")
 
     def states(self, pattern: str = "**", timeout: float | None = None) -> Iterator[Update]:
-        """Samples of the signals whose name ("glove/position") matches a pattern, as they come.
+        """Yields samples of the signals whose name ("glove/position") matches a pattern, as they arrive.
 
         Args:
             pattern: a key expression below `state/`.
-            timeout: s without a sample until it ends; None: never.
+            timeout: s without a sample after which it ends; None: never.
         """
         for sample in self._samples(f"{self.keys.root}/state/{pattern}", timeout):
             yield self._update(sample)
 
     def subscribe(self, callback: Callable[[Update], None], pattern: str = "**") -> Any:
-        """Calls `callback` for each sample, on a thread of zenoh's, until its answer's `undeclare()`."""
+        """Calls `callback` for each sample, on a zenoh thread. `undeclare()` of the returned object ends it."""
         return self._session.declare_subscriber(
             f"{self.keys.root}/state/{pattern}", lambda s: callback(self._update(s))
         )
 
     def subscribe_status(self, callback: Callable[[dict[str, Any]], None]) -> Any:
-        """The same for the status."""
+        """Calls `callback` for each status, as `subscribe` does for samples."""
         return self._session.declare_subscriber(
             self.keys.status,
             lambda s: callback(parse(cdr.decode(messages.DIAGNOSTICS, s.payload.to_bytes()))),
@@ -172,7 +175,7 @@ class Client:
         return Update(name, messages.values_of(kind, message), seconds, tuple(message.get("name", ())), kind)
 
     def meta(self, pattern: str = "**") -> dict[str, dict[str, Any]]:
-        """What each signal is: unit, frame, labels, shape, type; by its name below `state/`."""
+        """The description of each signal (unit, frame, labels, shape, type), by its name below `state/`."""
         answers = self._get(f"{self.keys.root}/state/{pattern}/meta")
         return {key.removeprefix(f"{self.keys.root}/state/").removesuffix("/meta"): value for key, value in answers}
 
@@ -182,16 +185,16 @@ class Client:
         return events
 
     def parameters(self) -> dict[str, dict[str, Any]]:
-        """Every live parameter: value, lower, upper, unit, text, default; by its name."""
+        """Every live parameter (value, lower, upper, unit, text, default), by its name."""
         return {value["name"]: value for _, value in self._get(f"{self.keys.root}/param/**")}
 
-    # Asking
+    # Requests
 
     def command(self, name: str) -> dict[str, Any]:
-        """ "start", "stop" or "reset". Returns {"ok": True, "state": ...}.
+        """Sends a command: "start", "stop" or "reset". Returns {"ok": True, "state": ...}.
 
         Raises:
-            RequestError: it was refused, or nobody answered.
+            RequestError: the command was refused, or there was no answer.
         """
         if name not in COMMANDS:
             raise RequestError(f"command '{name}'", "there is no such command", nearest(name, COMMANDS))
@@ -202,17 +205,17 @@ class Client:
         return self._ask(self.keys.parameter(name))
 
     def set_param(self, name: str, value: float) -> dict[str, Any]:
-        """Sets a parameter; returns once the loop has it. Raises RequestError if it is refused."""
+        """Sets a parameter and returns once the loop has taken it. Raises RequestError if it is refused."""
         return self._ask(self.keys.parameter(name), json.dumps(float(value)).encode(), messages.JSON)
 
     def setpoint(self, name: str, values: Any, answer: bool = False) -> None:
-        """Gives the loop a setpoint; it lasts for the setpoint's `max_age`.
+        """Sends a setpoint to the loop. It is valid for the setpoint's `max_age`.
 
         Args:
-            name: "client.force".
-            values: a number or an array, of the signal's shape, SI units.
-            answer: wait until it is accepted, and raise RequestError if it isn't. Without, a refusal shows
-                only in the status.
+            name: the setpoint's name, e.g. "client.force".
+            values: a number or an array, in the signal's shape and SI units.
+            answer: True to wait until the setpoint is accepted, and to raise RequestError if it isn't. If False,
+                a refusal appears only in the status.
         """
         array = np.asarray(values, np.float64)
         payload = cdr.encode(messages.MULTI_ARRAY, messages.multi_array(array))
@@ -220,7 +223,7 @@ class Client:
         if answer:
             self._ask(self.keys.setpoint(name), payload, encoding)
         else:
-            # DROP: with BLOCK a put waits for a bus that has died.
+            # DROP: with BLOCK, a put waits for a bus that has died.
             congestion = zenoh.CongestionControl.DROP
             key = self.keys.setpoint(name)
             self._session.put(key, payload, encoding=encoding, congestion_control=congestion, express=True)

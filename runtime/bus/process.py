@@ -1,7 +1,7 @@
-"""The bus process: tails the ring, publishes, and carries clients' requests to the loop.
+"""The bus process: it follows the ring, publishes the rows, and passes clients' requests to the loop.
 
-One thread does everything; zenoh's own threads only put what arrives into a queue. It may be killed at any
-instant and started again.
+One thread does all the work; zenoh's own threads only put arriving items into a queue. The process may be killed
+at any instant and started again.
 """
 
 from __future__ import annotations
@@ -39,19 +39,19 @@ from runtime.profile.keys import Keys, check
 
 PUBLISHED = ("state", "command", "applied", "internal", "truth")  # roles
 STATUS_PERIOD = 200_000_000  # ns
-SILENT = 500_000_000  # ns without a sign of life, besides two periods, until the loop counts as dead
-MOST = 16  # rows published a turn: a simulation ahead of real time isn't followed row by row
+SILENT = 500_000_000  # ns without a sign of life, plus two periods, after which the loop counts as dead
+MOST = 16  # rows published in one turn: a simulation faster than real time isn't followed row by row
 ARRIVALS = 1024  # queries that may wait
-SAMPLES = 64  # what may wait when a sample comes, and what is worked on a turn: more would make a stop wait
+SAMPLES = 64  # items that may wait when a sample arrives, and items handled in one turn: more would delay a stop
 NOTES_KEPT = 20
 _NOW, _STATE, _CAUSE, _FLAGS = CYCLE.now, CYCLE.state, CYCLE.cause, CYCLE.flags
 
 
 class Bus:
-    """See the module's text."""
+    """The bus of one run; see the module's docstring."""
 
     def __init__(self, run_folder: RunFolder) -> None:
-        """Opens everything. Raises SrlError."""
+        """Opens the rings and the session. Raises SrlError."""
         self._ring = RingReader(run_folder.rows)
         self._layout = Layout.load(run_folder.layout)
         meta = self._layout.meta
@@ -62,7 +62,7 @@ class Bus:
         check((f.name for f in self._fields), "signal")
         check((p["name"] for p in meta.get("parameters", [])), "parameter")
         check((s["name"] for s in meta.get("setpoints", [])), "setpoint")
-        self._ring.sequence = self._ring.head  # what was written before is the recorder's
+        self._ring.sequence = self._ring.head  # earlier rows are for the recorder
         self._request_ring = RequestWriter(run_folder.requests)
         self._events = EventReader(run_folder.events)
         self._remembered: deque[dict[str, Any]] = deque(maxlen=NOTES_KEPT)
@@ -79,7 +79,7 @@ class Bus:
         self._status_due = 0
         self._silent = False
         self._ending = False
-        self._sent, self._sender = 0, os.urandom(16)  # samples, for their attachments
+        self._sent, self._sender = 0, os.urandom(16)  # for the samples' attachments: their number and sender
         self._session = session.serve(run_folder.bus_socket, config, self._keys)
         try:
             self._declare()
@@ -91,7 +91,7 @@ class Bus:
         s = self._session
 
         def publisher(key: str, kind: str) -> zenoh.Publisher:
-            # DROP: a slow subscriber costs samples; BLOCK held a put for 5 s.
+            # DROP: a slow subscriber loses samples. With BLOCK, a put was held up for 5 s.
             return s.declare_publisher(
                 key,
                 encoding=messages.encoding(kind),
@@ -117,14 +117,14 @@ class Bus:
             self._declared.append(s.declare_subscriber(key, self._into(take)))
         self._declared.append(s.declare_queryable(self._keys.states, self._into(self._describe)))
         self._declared.append(s.declare_queryable(self._keys.events, self._into(self._recall)))
-        # Last: whoever sees it finds everything else declared.
+        # Declared last: a client that sees this token finds everything else declared.
         self._declared.append(s.liveliness().declare_token(self._keys.alive))
 
     def _into(self, work: Callable[[Any], None]) -> Callable[[Any], None]:
-        """A callback for zenoh's threads that leaves its argument for the next turn."""
+        """Returns a callback for zenoh's threads that queues its argument for the next turn."""
 
         def arrive(item: Any) -> None:
-            # A flood must not grow without bounds, and one of setpoints must leave room for a stop.
+            # The queue must not grow without bounds, and a flood of setpoints must leave room for a stop.
             asked = isinstance(item, zenoh.Query)
             if self._arrivals.qsize() < (ARRIVALS if asked else SAMPLES):
                 self._arrivals.put((work, item))
@@ -134,9 +134,9 @@ class Bus:
         return arrive
 
     def run(self) -> None:
-        """Until the ring is closed, or SIGTERM."""
+        """Runs until the ring is closed or SIGTERM arrives."""
         signal.signal(signal.SIGTERM, self._end)
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the supervisor, which ends us in order
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the supervisor, which ends this process in order
         try:
             while not self._ending:
                 self._turn()
@@ -155,7 +155,7 @@ class Bus:
         self._ending = True
 
     def _wait(self) -> None:
-        """Until the next turn is due, or something has arrived and been worked on."""
+        """Waits until the next turn is due, or until arriving items have been handled."""
         try:
             work, item = self._arrivals.get(timeout=0.001 if self._requests.busy else self._pause)
             work(item)
@@ -192,7 +192,7 @@ class Bus:
             for place, encoder, publisher, column in self._signals:
                 taken = int(row[column])
                 if taken < 0 or not _matches(publisher):
-                    continue  # a device that hasn't given a sample yet has nothing to say
+                    continue  # the device has given no sample yet, or nobody listens
                 stamp = taken + self._wall
                 self._sent += 1
                 publisher.put(
@@ -201,14 +201,14 @@ class Bus:
                 )
 
     def _stamped_by(self, field: Field) -> int:
-        """The word that says when a signal's values were taken: its device's stamp, else the cycle's time."""
+        """The index of the word with the time of a signal's values: its device's stamp, else the cycle's time."""
         device = field.name.partition(".")[0]
         if field.role != "state" or device not in self._layout.devices:
             return _NOW
         return self._layout.device(self._layout.devices.index(device)).start + DEVICE.stamp
 
     def _changes(self, rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-        """The rows that begin a state or have another cause."""
+        """The rows at which the state or the cause changes."""
         found = []
         for row in rows:
             said = int(row[_STATE]), int(row[_CAUSE])
@@ -234,7 +234,7 @@ class Bus:
         return time.time_ns() - time.monotonic_ns()
 
     def _describe(self, query: zenoh.Query) -> None:
-        """Answers for the metadata of every signal the query's key expression meets."""
+        """Answers with the metadata of every signal that matches the query's key expression."""
         for field in self._fields:
             key = self._keys.meta(field.name)
             if query.key_expr.intersects(zenoh.KeyExpr(key)):
@@ -247,13 +247,13 @@ class Bus:
 
 
 def _matches(publisher: zenoh.Publisher) -> bool:
-    """Whether anyone listens. zenoh declares a bool and returns an object that is always true."""
+    """Whether there is a subscriber. zenoh declares a bool but returns an object that is always true."""
     status: Any = publisher.matching_status
     return bool(getattr(status, "matching", status))
 
 
 def main(arguments: list[str]) -> int:
-    """`python -m runtime.bus RUNDIR`; the supervisor's business. Returns the exit code."""
+    """Entry point of `python -m runtime.bus RUNDIR`, which the supervisor starts. Returns the exit code."""
     # A bus that outlived its supervisor would keep the instance's name alive on the socket.
     die_with_parent(signal.SIGTERM)
     if len(arguments) != 1:

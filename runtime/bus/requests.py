@@ -1,8 +1,8 @@
-"""Clients' requests: checked here, handed to the loop by the request ring, answered from the rows.
+"""Clients' requests: they are checked here, sent to the loop through the request ring, and answered from the rows.
 
 Every query gets one JSON object: {"ok": true, "state": ...} or {"ok": false, "state": ..., "error": "place:
-problem. Remedy."}. A stop goes to the loop at once; of the others only a few are on their way at a time, so
-that a stop never waits behind them. A setpoint goes out at most once a cycle, the newest one.
+problem. Remedy."}. A stop goes to the loop at once. Of the other requests, only a few are in the ring at a time,
+so that a stop never waits behind them. The newest value of a setpoint is sent at most once a cycle.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from runtime.ipc.words import CYCLE, Cause, State
 from runtime.messages import messages
 from runtime.profile.keys import COMMANDS, Keys
 
-PATIENCE = 1_000_000_000  # ns until a request that the loop didn't take is given up
+PATIENCE = 1_000_000_000  # ns after which a request that the loop has not taken is given up
 UNDERWAY = 4  # requests in the ring at a time, stops not counted: the loop takes one a cycle
 WAITING = 64
 _KINDS = {"start": RequestKind.START, "stop": RequestKind.STOP, "reset": RequestKind.RESET}
@@ -41,7 +41,7 @@ _CAUSE, _CULPRIT = CYCLE.cause, CYCLE.culprit
 
 @dataclass(slots=True)
 class Pending:
-    """A query on its way."""
+    """A query in progress."""
 
     query: zenoh.Query
     place: str
@@ -52,10 +52,10 @@ class Pending:
 
 
 class Requests:
-    """See the module's text. One thread calls all of it.
+    """Handles clients' requests; see the module's docstring. Only one thread may call its methods.
 
     Attributes:
-        busy: someone waits for the loop.
+        busy: True while a request or setpoint waits for the loop.
     """
 
     def __init__(self, layout: Layout, keys: Keys, ring: RequestWriter, counts: Counts) -> None:
@@ -64,14 +64,14 @@ class Requests:
         self._setpoints: list[dict[str, Any]] = layout.meta.get("setpoints", [])
         self._underway: dict[int, Pending] = {}
         self._waiting: deque[Pending] = deque()
-        self._newest: dict[int, tuple[int, Array]] = {}  # setpoints that go out next, by index: expiry, values
+        self._newest: dict[int, tuple[int, Array]] = {}  # setpoints to send next, by index: expiry, values
         self._row: NDArray[np.int64] | None = None
         self._cycle = -1
         self._said = 0.0
         self.silent = False
 
     def handlers(self) -> dict[str, Callable[[zenoh.Query], None]]:
-        """What answers a query, by key expression."""
+        """The functions that answer queries, by key expression."""
         found: dict[str, Callable[[zenoh.Query], None]] = {}
         for name in COMMANDS:
             found[self._keys.command(name)] = partial(self._command, name)
@@ -82,12 +82,12 @@ class Requests:
         return found
 
     def subscribers(self) -> dict[str, Callable[[zenoh.Sample], None]]:
-        """What takes a sample, by key."""
+        """The functions that take samples, by key."""
         return {self._keys.setpoint(s["name"]): partial(self._put_setpoint, i) for i, s in enumerate(self._setpoints)}
 
     @property
     def busy(self) -> bool:
-        """Someone waits for the loop's answer."""
+        """True while a request or setpoint waits for the loop."""
         return bool(self._underway or self._waiting or self._newest)
 
     # Queries
@@ -102,7 +102,7 @@ class Requests:
         parameter = self._parameters[index]
         key = self._keys.parameter(parameter["name"])
         if query.payload is None or not query.payload.to_bytes():
-            # Reading is harmless: a wildcard may ask for all.
+            # Reading is harmless: a wildcard may read all parameters.
             value = None if self._row is None else self._value(self._row, index)
             self._reply(query, key, {"ok": True, "value": value} | parameter)
             return
@@ -159,9 +159,10 @@ class Requests:
             )
 
     def _answerable(self, query: zenoh.Query, key: str, crowd: int) -> bool:
-        """Refuses what came by a wildcard: a look at `srl/**` must not move or stop anything.
+        """Whether a query may be handled; refuses it if not.
 
-        `crowd` is how many requests are before it: a full ring would lose the oldest.
+        A query by wildcard is refused: reading `srl/**` must not move or stop anything. `crowd` is the number of
+        requests before it: a full ring would lose the oldest.
         """
         problem = None
         if str(query.key_expr) != key:
@@ -182,7 +183,7 @@ class Requests:
     def _ask(self, pending: Pending) -> None:
         if pending.kind is RequestKind.STOP:
             for other in [p for p in self._waiting if p.kind in (RequestKind.START, RequestKind.RESET)]:
-                self._waiting.remove(other)  # it would set in motion what was stopped after it
+                self._waiting.remove(other)  # it came before the stop and would move the limb after it
                 self._refuse(other.query, other.place, RequestError(other.place, "a stop came after it", "Ask again"))
             self._send(pending)
         else:
@@ -198,12 +199,12 @@ class Requests:
             self._send(self._waiting.popleft())
 
     def turn(self, rows: NDArray[np.int64], row: NDArray[np.int64] | None, silent: bool) -> None:
-        """Once a turn: answers what the rows answer, gives up what is too old, sends what is due.
+        """Runs one turn: answers requests from the rows, gives up those too old, sends those that are due.
 
         Args:
             rows: the rows since the last turn (k, width).
             row: the newest row (width,); None before the first.
-            silent: the loop gives no sign of life.
+            silent: True if the loop gives no sign of life.
         """
         self._row, self.silent = row, silent
         for taken in rows[rows[:, _REQUEST] != 0]:
@@ -226,7 +227,7 @@ class Requests:
     def _answer(self, row: NDArray[np.int64]) -> None:
         pending = self._underway.pop(int(row[_REQUEST]), None)
         if pending is None or int(row[_KIND]) != pending.kind:
-            return  # asked by a bus process before this one
+            return  # the request came from an earlier bus process
         answer, state = Answer(int(row[_RESULT])), State(int(row[_STATE])).name.lower()
         if answer is Answer.DONE:
             content: dict[str, Any] = {"ok": True, "state": state}
@@ -265,7 +266,7 @@ class Requests:
         self._refuse(pending.query, pending.place, error)
 
     def end(self) -> None:
-        """Answers whoever still waits."""
+        """Answers all requests that still wait."""
         for pending in [*self._underway.values(), *self._waiting]:
             self._give_up(pending, "the run has ended")
         self._underway.clear()
@@ -285,6 +286,6 @@ class Requests:
 
 
 def reply(query: zenoh.Query, key: str, content: Any) -> None:
-    """Answers with JSON. The query must be dropped after its last answer, or its asker waits on."""
-    with contextlib.suppress(zenoh.ZError):  # the asker has gone
+    """Answers with JSON. The query must be dropped after its last answer, or its sender keeps waiting."""
+    with contextlib.suppress(zenoh.ZError):  # the sender has gone
         query.reply(key, json.dumps(content), encoding=messages.JSON)

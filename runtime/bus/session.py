@@ -1,6 +1,6 @@
 """zenoh sessions of the service and of its clients: explicit endpoints, no scouting.
 
-A session must be closed before its process ends, or the process hangs; and zenoh must never be forked.
+A session must be closed before its process ends, or the process hangs. A process that uses zenoh must never fork.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ SOCKET_UMASK = 0o117  # the socket's mode is 0660: the service's user and group
 
 
 def serve(socket: Path, config: BusConfig, keys: Keys) -> zenoh.Session:
-    """The service's session: listens on its Unix socket and where the profile says, nowhere else.
+    """Opens the service's session. It listens only on its Unix socket and on the profile's endpoints.
 
-    Sets the process's umask, as the socket must never have another mode, not for an instant.
+    It sets the process's umask, so that the socket never has another mode, not even for an instant.
 
     Raises:
-        HostError: an endpoint can't be listened on.
+        HostError: zenoh can't listen on an endpoint.
     """
     if len(os.fsencode(socket)) > LONGEST_PATH or set(str(socket)) & set("?#;"):
         raise HostError(str(socket), "this path can't name a Unix socket", "Set SRL_RUNTIME_DIR to a short, plain path")
@@ -51,7 +51,7 @@ def serve(socket: Path, config: BusConfig, keys: Keys) -> zenoh.Session:
 
 
 def join(endpoint: str, tls: TlsConfig | None = None, timeout: float = 2.0) -> zenoh.Session:
-    """A client's session. Raises RequestError if nobody answers at the endpoint within `timeout` s."""
+    """Opens a client's session. Raises RequestError if the endpoint does not answer within `timeout` s."""
     content = _base("client") | {
         "connect": {
             "endpoints": [endpoint],
@@ -76,7 +76,7 @@ def _base(mode: str) -> dict[str, Any]:
     return {
         "mode": mode,
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
-        "transport": {"shared_memory": {"enabled": False}},  # messages are small; it only locks memory
+        "transport": {"shared_memory": {"enabled": False}},  # messages are small; shared memory would only lock memory
     }
 
 
@@ -90,7 +90,7 @@ def _tls(tls: TlsConfig, side: str) -> dict[str, Any]:
 
 
 def _access(keys: Keys) -> dict[str, Any]:
-    """What a client may do: read, ask, put setpoints. Only the service speaks for the instance."""
+    """The rules for clients: they may read, query and put setpoints. Only the service publishes for the instance."""
     everything = [f"{keys.root}/**"]
     rules: list[dict[str, Any]] = [
         {
@@ -99,7 +99,7 @@ def _access(keys: Keys) -> dict[str, Any]:
             "messages": ["put"],
             "key_exprs": [f"{keys.root}/setpoint/**"],
         },
-        # Wider than the instance, as a client may read by `srl/**`; nothing else is published here.
+        # Wider than the instance, as a client may read by `srl/**`. Nothing else is published here.
         {
             "id": "ask",
             "flows": ["ingress"],

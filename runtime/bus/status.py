@@ -1,6 +1,6 @@
-"""What the instance says of itself: the last second's rows as diagnostic_msgs/DiagnosticArray, and back.
+"""The instance's status: the last second's rows as diagnostic_msgs/DiagnosticArray, and back.
 
-The first status is the instance's, with the state machine in words; then comes one a device.
+The first status is the instance's, with the state machine's state as text. One status for each device follows.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ CAUSES = {
 
 @dataclass
 class Counts:
-    """What the bus itself counts."""
+    """The bus's own counters."""
 
     lost_rows: int = 0
     rejected: int = 0
@@ -65,7 +65,7 @@ class Timing:
     _chunks: deque[NDArray[np.int64]] = field(default_factory=deque)
 
     def add(self, rows: NDArray[np.int64]) -> None:
-        """Takes rows (k, width)."""
+        """Adds rows (k, width)."""
         self._chunks.append(rows[:, _COLUMNS])
         newest = self._chunks[-1][-1, 0]
         while self._chunks[0][-1, 0] < newest - WINDOW:
@@ -90,11 +90,11 @@ class Timing:
 
 
 class Reporter:
-    """Makes the message.
+    """Makes the status message.
 
     Attributes:
-        counts: what the bus counts.
-        timing: fed with the rows.
+        counts: the bus's own counters.
+        timing: the cycle's times; the bus adds the rows.
     """
 
     def __init__(self, name: str, layout: Layout) -> None:
@@ -103,12 +103,12 @@ class Reporter:
         self.counts, self.timing = Counts(), Timing()
 
     def message(self, row: NDArray[np.int64] | None, stamp: int, silent: bool) -> cdr.Message:
-        """diagnostic_msgs/msg/DiagnosticArray.
+        """Returns a diagnostic_msgs/msg/DiagnosticArray.
 
         Args:
             row: the newest row (width,), None before the first.
             stamp: Unix time, ns.
-            silent: the loop gives no sign of life.
+            silent: True if the loop gives no sign of life.
         """
         own = {
             "lost_rows": self.counts.lost_rows,
@@ -175,10 +175,10 @@ def _status(level: int, name: str, message: str, hardware: str, values: dict[str
 
 
 def parse(message: cdr.Message) -> dict[str, Any]:
-    """A status as one dict: the instance's values, and `devices` with each device's; numbers as numbers.
+    """Converts a status to one dict: the instance's values, and `devices` with each device's values.
 
-    `instance`, `message` and `level` (0 well, 1 warning, 2 error, 3 stale) are the status's own; `stamp`
-    is Unix time in s.
+    Numbers become int or float. `instance`, `message` and `level` (0 well, 1 warning, 2 error, 3 stale) come from
+    the status itself. `stamp` is Unix time in s.
     """
     stamp = message["header"]["stamp"]
     found: dict[str, Any] = {"stamp": stamp["sec"] + stamp["nanosec"] * 1e-9, "devices": {}}
