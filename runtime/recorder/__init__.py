@@ -1,1 +1,1 @@
-"""Recordings: a process that writes every row of a run to rerun files, and what reads them back."""
+"""The recorder: a process that writes every row of a run to rerun files. Also the live viewer and the pictures."""

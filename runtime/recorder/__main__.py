@@ -1,9 +1,9 @@
-"""`python -m runtime.recorder RUN_FOLDER --out FILE.rrd [--view]`; `--view` alone shows the run and keeps nothing.
+"""`python -m runtime.recorder RUN_FOLDER --out FILE.rrd [--view]`; `--view` alone shows the run and saves nothing.
 
 The supervisor starts it, and starts it again with the same arguments if it dies.
 
-Exit codes: 0 the merged recording is complete; 1 it isn't, or the segments were kept (stderr says why); 2 the
-arguments are wrong.
+Exit codes: 0 if the merged recording is complete; 1 if it isn't, or if the segments were kept (stderr says why);
+2 if the arguments are wrong.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def main() -> int:
     options = parser.parse_args()
     if options.out is None and not options.view:
         parser.error("give --out, --view or both")
-    die_with_parent(signal.SIGTERM)  # it then saves what there is and ends
+    die_with_parent(signal.SIGTERM)  # on SIGTERM it saves what there is and ends
     try:
         from runtime.recorder.process import Recorder, watch
 

@@ -1,4 +1,4 @@
-"""The viewer's arrangement, made from a layout: 3D, commands, the profile's plots, timing, states, events."""
+"""The viewer's arrangement, made from a layout: 3D, commands, the profile's plots, timing, states and events."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from runtime.recorder.scene import plot_path, visuals
 from runtime.recording.columns import Words, entity
 from runtime.recording.format import EVENTS
 
-STACKED = 5  # curves' views one above the other; more go side by side
+STACKED = 5  # views of curves in one column; more go side by side
 
 
 def make(layout: Layout, row: Words | None, live: bool) -> rrb.Blueprint:
     """The blueprint of a layout.
 
-    `row` (width,), if there is one, says where the 3D view looks at first; `live` follows the newest rows.
+    `row` (width,), if there is one, decides where the 3D view looks at first. `live` follows the newest rows.
     """
     loop = [
         _series("Period and cycle (ms, largest of each 1/30 s)", "/loop/timing/period", "/loop/timing/cycle"),

@@ -1,4 +1,4 @@
-"""Where the 3D view looks at first: at all that a row shows, from the side and above, close enough to fill the view."""
+"""The first look of the 3D view: at all that a row shows, from the side and above, close enough to fill the view."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from runtime.contracts.signals import Array
 from runtime.ipc.layout import Layout
 from runtime.recording.columns import Words
 
-# From the thumb's side of a right hand (-x), from behind the wrist (-y) and from its back (+z); as good for a robot.
+# From the thumb's side of a right hand (-x), from behind the wrist (-y) and from its back (+z). It suits a robot, too.
 DIRECTION = np.array([-0.75, -0.35, 0.55]) / np.linalg.norm([-0.75, -0.35, 0.55])
-DISTANCE = 2.4  # in radii of what is shown
+DISTANCE = 2.4  # in radii of the objects shown
 UP = (0.0, 0.0, 1.0)
 
 
 def look(layout: Layout, row: Words, shapes: list[Field]) -> rrb.EyeControls3D | None:
-    """The eye for a row (width,); None if it has no shape yet. Positions in the root frame, m."""
+    """The eye for a row (width,); None if no shape is known yet. Positions in the root frame, m."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for field in shapes:
         T = _to_root(layout, row, field.frame)
         values = layout.value(row, field.name)
         if field.visual == "path" and not values.any():
-            continue  # nothing yet
+            continue  # no sample yet
         if field.visual in ("sphere", "path"):
             points, margin = values[None, :3], values[3] if field.visual == "sphere" else 0.0
         else:
@@ -35,7 +35,7 @@ def look(layout: Layout, row: Words, shapes: list[Field]) -> rrb.EyeControls3D |
         if not len(points):
             continue
         low, high = np.minimum(low, points.min(axis=0) - margin), np.maximum(high, points.max(axis=0) + margin)
-    if np.isfinite(low).all():  # what stands about is looked at too, but alone it is nothing to see
+    if np.isfinite(low).all():  # fixed objects are included, but they are not worth a view of their own
         for thing in layout.meta.get("scenery", []):
             middle, reach = np.array(thing["position"]), float(np.linalg.norm(thing["size"]))
             low, high = np.minimum(low, middle - reach), np.maximum(high, middle + reach)
@@ -47,7 +47,7 @@ def look(layout: Layout, row: Words, shapes: list[Field]) -> rrb.EyeControls3D |
 
 
 def _to_root(layout: Layout, row: Words, frame: str | None) -> Array:
-    """T with p_root = T p_frame, by the row's measured poses; not finite while one of them isn't known."""
+    """T with p_root = T p_frame, from the row's measured poses. It is not finite while one of them isn't known."""
     entries = {n: FrameEntry(**f) for n, f in layout.meta.get("frames", {}).items()}
     T = np.eye(4)
     while frame in entries:

@@ -20,9 +20,10 @@ from runtime.ipc.words import Cause, State
 from runtime.profile.plots import Plot, command_plots, profile_plots
 from runtime.recording.reader import Recording
 
-# Okabe and Ito's colours, told apart by everyone; yellow is left out, as it is faint on white.
+# Okabe and Ito's colours, which everyone can tell apart. Yellow is left out, as it is faint on white.
 COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#7A5195", "#444444")
-# Of a command: asked wide below, applied on it, measured thin on top; where they agree all three show.
+# For a command: asked is wide at the bottom, applied lies on it, measured is thin on top. Where they agree, all
+# three can be seen.
 COMMAND_STYLES: dict[str, dict[str, Any]] = {
     "asked": {"color": "#c4c4c4", "linewidth": 3.5},
     "applied": {"color": "#0072B2", "linewidth": 1.5},
@@ -38,17 +39,17 @@ STATE_COLORS = {
 }
 OTHER_STATE = "#e3dff0"
 NO_FAULT = (Cause.NONE, Cause.REQUEST, Cause.END)
-MOST_POINTS = 4000  # a curve's points; more can't be seen
-MOST_CURVES = 8  # of one panel without labels crowding it
+MOST_POINTS = 4000  # points of a curve; more can't be seen
+MOST_CURVES = 8  # curves in one panel without crowded labels
 Times = NDArray[np.float64]
-Panel = tuple[float, Callable[[Any, Recording, Times], None]]  # height, inch, and what draws it
+Panel = tuple[float, Callable[[Any, Recording, Times], None]]  # height in inches, and the function that draws it
 
 
 def draw(recording: Recording, png: Path) -> None:
-    """Draws the recording to `png`; panels come from the layout and the profile's `record.plots`.
+    """Draws the recording to `png`. The panels come from the layout and the profile's `record.plots`.
 
     Raises:
-        RecordingError: a plot names what the recording doesn't have, or the file can't be written.
+        RecordingError: a plot names a signal that the recording doesn't have, or the file can't be written.
     """
     now = recording.int("now")
     t = (now - now[0]) / 1e9
@@ -96,7 +97,7 @@ def _title(recording: Recording, t: Times) -> str:
 
 
 def _thin(t: Times, values: NDArray[np.float64]) -> tuple[Times, NDArray[np.float64]]:
-    """At most MOST_POINTS points of a curve: least and largest of each stretch, so that no peak is lost."""
+    """Reduces a curve to at most MOST_POINTS points: least and largest of each stretch, so that no peak is lost."""
     stretch = -(-len(t) // (MOST_POINTS // 2))
     if stretch < 2:
         return t, values
@@ -128,7 +129,7 @@ def _bands(axis: Any, recording: Recording, t: Times) -> None:
 
 
 def _states(axis: Any, recording: Recording, t: Times) -> None:
-    """The states as a bar, with the cause at each stop's beginning; faults in red, with who caused them."""
+    """Draws the states as a bar, with the cause at each stop's beginning. Faults are red and name the culprit."""
     states, causes, culprits = (recording.int(word) for word in ("state", "cause", "culprit"))
     span = max(float(t[-1] - t[0]), 1e-6)
     for first, start, end in _runs(states, t):
@@ -172,7 +173,7 @@ def _drawn(plot: Plot, command: bool) -> Callable[[Any, Recording, Times], None]
 
 
 def _limits(axis: Any, recording: Recording, plot: Plot) -> None:
-    """The guard's limits of a command's element, where the curves come near them."""
+    """Draws the guard's limits of a command's element, if the curves come near them."""
     low, high = axis.get_ylim()
     name, *rest = plot.lines["asked"].rstrip("]").split("[")
     limits = (recording.layout.meta.get("limits") or {}).get(name) or {}
@@ -197,7 +198,7 @@ def _finish(axis: Any, title: str, unit: str, curves: int) -> None:
 
 
 def _timing(axis: Any, recording: Recording, t: Times) -> None:
-    """Period (wake to wake) and cycle time (wake to the end of writing), ms."""
+    """Draws the period (wake to wake) and the cycle time (wake to the end of writing), ms."""
     wake, write = recording.int("wake"), recording.int("write")
     for name, values, at, color in (
         ("period", np.diff(wake) / 1e6, t[1:], COLORS[0]),
@@ -215,7 +216,7 @@ def _timing(axis: Any, recording: Recording, t: Times) -> None:
 
 
 def _ages(axis: Any, recording: Recording, t: Times) -> None:
-    """Age of each device's newest sample when the cycle began, ms; nothing while there is none."""
+    """Draws the age of each device's newest sample when the cycle began, ms; nothing before the first sample."""
     now = recording.int("now")
     for i, device in enumerate(recording.layout.devices):
         stamp = recording.int(f"{device}.stamp")

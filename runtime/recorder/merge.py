@@ -1,4 +1,4 @@
-"""Segments to one file: written beside the target, read back and compared, only then put in place."""
+"""Merges segments to one file. It is written beside the target, read back, compared, and only then put in place."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ from runtime.recording.columns import Words
 from runtime.recording.segments import folder_of, listed
 from runtime.recording.source import Source
 
-BATCH = 4096  # rows a chunk of the merged file
+BATCH = 4096  # rows in a chunk of the merged file
 
 
 @dataclass
 class Sum:
-    """What two readings of the same rows have in common."""
+    """Number and checksum of rows: equal for two readings of the same rows."""
 
     rows: int = 0
     check: int = 0
 
     def add(self, sequence: Words, rows: Words) -> None:
-        """Takes rows in their order."""
+        """Adds rows, in their order."""
         self.rows += len(rows)
         self.check = zlib.crc32(np.column_stack([sequence, rows]).tobytes(), self.check)
 
 
 def merge(target: Path) -> int:
-    """Makes `target` of its segments and removes them; returns the number of rows.
+    """Merges the segments of `target` into it and removes them. Returns the number of rows.
 
     Raises:
-        RecordingError: the segments are kept as they are; says why.
+        RecordingError: the merge failed; the text says why. The segments are kept as they are.
     """
     folder = folder_of(target)
     files = listed(folder)
@@ -74,7 +74,7 @@ def remove(folder: Path) -> None:
 
 
 def covers(target: Path, rows: int) -> bool:
-    """True if `target` is whole and ends with row `rows`: a merge was killed while tidying up."""
+    """True if `target` is whole and ends with row `rows`: a merge was killed before it removed the segments."""
     source = Source([target])
     last = max((int(sequence[-1]) for sequence, _ in source.blocks()), default=0)
     return last == rows and source.cut == 0
@@ -94,7 +94,7 @@ def _write(source: Source, part: Path) -> Sum:
         stream.rows(sequence, rows)
         cycle = int(stream.layout.word(rows, "cycle")[-1])
         _events(stream, source, sent, cycle)
-        stream.recording.flush()  # bounds what waits in memory
+        stream.recording.flush()  # limits the data that waits in memory
     if stream is None:
         raise RecordingError(str(part.with_suffix("")), "no row was recorded", "The run ended before its first cycle")
     _events(stream, source, sent, None)
@@ -104,7 +104,7 @@ def _write(source: Source, part: Path) -> Sum:
 
 
 def _events(stream: Stream, source: Source, sent: set[int], cycle: int | None) -> None:
-    """Sends the events up to `cycle` that weren't sent yet."""
+    """Sends the events up to `cycle` that have not been sent yet."""
     new = sorted(n for n, event in source.events.items() if n not in sent and (cycle is None or event.cycle <= cycle))
     stream.events(new, [source.events[n] for n in new])
     sent.update(new)

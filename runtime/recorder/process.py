@@ -1,7 +1,7 @@
-"""The recorder's loop: rows and events from the rings to segments, and at the end to one file.
+"""The recorder's loop: it writes rows and events from the rings to segments, and merges them at the end to one file.
 
-It can be killed at any moment and started again: the ring's `consumed` moves only over rows that have left this
-process, and what follows it is still in the ring. Rows that were written twice around a kill are dropped on reading.
+It can be killed at any moment and started again: the ring's `consumed` advances only over rows that have left this
+process, and later rows are still in the ring. Rows that were written twice because of a kill are dropped on reading.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from runtime.recording.framing import HEADER, strip
 from runtime.recording.reader import check_run
 from runtime.recording.segments import Segments, check_target, folder_of, listed
 
-RETRY = 0.5  # s between tries on a full disk
-PATIENCE = 10.0  # s that a full disk is waited for after the run's end
+RETRY = 0.5  # s between attempts to write to a full disk
+PATIENCE = 10.0  # s after the run's end during which the recorder waits for room on a full disk
 
 WELL, INCOMPLETE = 0, 1
 
@@ -30,10 +30,10 @@ class Recorder:
     """One run's recorder."""
 
     def __init__(self, run: RunFolder, target: Path, view: bool) -> None:
-        """Opens the rings and finds where to begin, or to go on.
+        """Opens the rings and finds where to begin or to continue.
 
         Raises:
-            RecordingError: no run is there, or a recording of another run is in the way.
+            RecordingError: there is no run, or a recording of another run exists at the target.
         """
         self._target = target
         self._tail = Tail(run, recorder=True)
@@ -54,7 +54,7 @@ class Recorder:
         self._lost = 0
 
     def run(self) -> int:
-        """Records until the run ends, then merges; returns the exit code."""
+        """Records until the run ends, then merges. Returns the exit code."""
         if self._target.exists():
             return self._tidy()
         self._tail.catch_signals()
@@ -78,7 +78,7 @@ class Recorder:
         return WELL
 
     def _record(self) -> bool:
-        """Takes rows until there will be no more; False if the last ones found no room."""
+        """Takes rows until no more will follow. Returns False if there was no room for the last ones."""
         while True:
             batch, over = self._tail.next()
             if over:
@@ -105,7 +105,7 @@ class Recorder:
         self._viewer.show(batch)
 
     def _store(self, data: bytes) -> bool:
-        """Writes messages, waiting for room if need be; False if the run is over and there still is none."""
+        """Writes messages and waits for room if necessary. Returns False if the run is over without room."""
         over_since = None
         while True:
             try:
@@ -126,7 +126,7 @@ class Recorder:
             time.sleep(RETRY)
 
     def _tidy(self) -> int:
-        """The merged file is there already: an earlier recorder of this run was killed while tidying up."""
+        """Cleans up after an earlier recorder of this run that was killed between merging and removing segments."""
         if not self._segments_there or not self._ring.closed or not covers(self._target, self._ring.head):
             check_target(self._target)
         remove(folder_of(self._target))
@@ -134,10 +134,10 @@ class Recorder:
 
 
 def watch(run: RunFolder) -> int:
-    """Shows a run live until it ends and keeps nothing; returns the exit code: no run fails for want of a viewer.
+    """Shows a run live until it ends and saves nothing. Returns the exit code: a missing viewer fails no run.
 
     Raises:
-        RecordingError: no run is there.
+        RecordingError: there is no run.
     """
     tail = Tail(run, recorder=False)
     tail.catch_signals()
@@ -154,7 +154,7 @@ def watch(run: RunFolder) -> int:
 
 
 def start_viewer(tail: Tail) -> Viewer | None:
-    """A viewer for people; none, with the reason said, if it doesn't start: no recording is given up for it."""
+    """Starts a viewer. If it doesn't start, prints the reason and returns None: the recording goes on without it."""
     try:
         viewer = Viewer(tail.text, tail.ring.newest())
     except RecordingError as error:
@@ -165,5 +165,5 @@ def start_viewer(tail: Tail) -> Viewer | None:
 
 
 def say(text: str) -> None:
-    """A line for people."""
+    """Prints a line for people."""
     print(f"recorder: {text}", file=sys.stderr, flush=True)

@@ -1,6 +1,6 @@
-"""What people look at besides the numbers: 3D, loop timing, device ages, states; derived, thinned to 30 Hz.
+"""The views of a recording for people: 3D, loop timing, device ages, states; derived, thinned to 30 Hz.
 
-Nothing here is read back: the rows are in the columns.
+Nothing of this is read back: the rows are in the columns.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ VIEW_RATE = 30.0  # Hz of the loop's clock
 PHASES = ("read", "control", "guard", "write", "log")
 # Okabe and Ito's colours without black, for a dark background.
 PALETTE = ((86, 180, 233), (230, 159, 0), (0, 158, 115), (204, 121, 167), (240, 228, 66), (213, 94, 0), (70, 130, 200))
-# Of a command's plot: asked wide below, applied on it, measured thin on top; where they agree all three show.
+# For a command's plot: asked is wide at the bottom, applied lies on it, measured is thin on top. Where they agree,
+# all three can be seen.
 COMMAND_COLORS = {"asked": (130, 130, 130), "applied": (86, 180, 233), "measured": (230, 159, 0)}
 COMMAND_WIDTHS = {"asked": 4.0, "applied": 2.0, "measured": 1.0}
 STATE_COLORS = {
@@ -37,14 +38,14 @@ STATE_COLORS = {
     State.ENDED: (90, 90, 90),
 }
 OTHER_STATE = (0, 114, 178)
-# Causes that are no fault stay in the background.
+# Causes that are no faults have muted colours.
 CAUSE_COLORS = {Cause.NONE: (50, 50, 50), Cause.REQUEST: (90, 90, 90), Cause.END: (90, 90, 90)}
 FAULT = (213, 94, 0)
 JOINT, POINT, LINK, WIRE = 0.003, 0.004, 0.0012, 0.0004  # m, radii in 3D
-ELBOW, LIMB, ARROW, TRAIL = 0.03, 0.02, 0.012, 0.006  # m, radii of what is as large as an arm
+ELBOW, LIMB, ARROW, TRAIL = 0.03, 0.02, 0.012, 0.006  # m, radii for objects of an arm's size
 TRAILING = 150  # points of a path that are kept: 5 s
-NEWTON = 0.02  # m, of an arrow a newton
-AXES = 0.03  # m, of a frame
+NEWTON = 0.02  # m, length of an arrow for each newton
+AXES = 0.03  # m, length of a frame's axes
 ROOT = "tf#/"  # rerun's own name of the frame of "/"
 
 
@@ -62,7 +63,7 @@ class Scene:
         self._trails: dict[str, NDArray[np.float64]] = {}  # the newest positions of each path
 
     def statics(self, recording: rr.RecordingStream) -> None:
-        """Sends what doesn't change: names, colours, fixed frames."""
+        """Sends the data that doesn't change: names, colours, fixed frames."""
 
         def log(path: str, *what: Any) -> None:
             rr.log(path, *what, static=True, recording=recording, strict=True)
@@ -101,7 +102,7 @@ class Scene:
                 log(path, look)
 
     def send(self, recording: rr.RecordingStream, rows: Words) -> None:
-        """Sends the views of rows (k, width), which follow those of the last call."""
+        """Sends the views of rows (k, width). The rows must follow those of the last call."""
 
         def columns(path: str, at: Words, *what: Any) -> None:
             rr.send_columns(
@@ -112,7 +113,7 @@ class Scene:
         bins = np.floor_divide(now, int(1e9 / VIEW_RATE))
         ends = np.append(np.flatnonzero(np.diff(bins)), len(rows) - 1)
         starts = np.append(0, ends[:-1] + 1)
-        if self._wake == 0 and ends[0] > 0:  # the very first row, so that something shows from the start
+        if self._wake == 0 and ends[0] > 0:  # the very first row, so that the views show data from the start
             ends, starts = np.append(0, ends), np.insert(starts, 1, 1)
         thin = rows[ends]
         for path, values in self._timing(rows).items():
@@ -148,12 +149,12 @@ class Scene:
         return timing
 
     def _trail(self, name: str, positions: NDArray[np.float64]) -> list[Any]:
-        """Where it was in the last seconds, for each of the positions (k, 3)."""
+        """The path of the last seconds, for each of the positions (k, 3)."""
         before = self._trails.get(name, positions[:0])
         whole = np.concatenate([before, positions])
         self._trails[name] = whole[-TRAILING:]
         strips = [whole[max(end - TRAILING, 0) : end] for end in range(len(before) + 1, len(whole) + 1)]
-        strips = [strip[strip.any(axis=1)] for strip in strips]  # before the first sample it is all zeros
+        strips = [strip[strip.any(axis=1)] for strip in strips]  # a position before the first sample is all zeros
         return [rr.LineStrips3D.columns(strips=strips).partition(np.ones(len(strips), int))]
 
     def _measured_frames(self, thin: Words, columns: Any) -> None:
@@ -162,7 +163,7 @@ class Scene:
                 continue
             pose = self._layout.value(thin, frame.pose)
             norm = np.linalg.norm(pose[:, 3:], axis=1)
-            known = np.isfinite(pose).all(axis=1) & (norm > 0)  # before the first sample it is all zeros
+            known = np.isfinite(pose).all(axis=1) & (norm > 0)  # a pose before the first sample is all zeros
             if known.any():
                 p = pose[known]
                 xyzw = p[:, [4, 5, 6, 3]] / norm[known, None]
@@ -187,7 +188,7 @@ class Scene:
 
 
 def plot_path(plot: Plot) -> str:
-    """The entity that carries a plot's curves."""
+    """The path of the entity with a plot's curves."""
     path: str = rr.new_entity_path(["plots", plot.title])
     return path
 
@@ -212,7 +213,7 @@ def _shows(f: Field) -> bool:
 
 
 def _scenery(shapes: Sequence[Mapping[str, Any]]) -> list[tuple[str, Any]]:
-    """What stands in the simulated world, by kind."""
+    """The fixed objects of the simulated world, by kind."""
     found: list[tuple[str, Any]] = []
     for kind in dict.fromkeys(s["kind"] for s in shapes):
         chosen = [s for s in shapes if s["kind"] == kind]
@@ -225,7 +226,7 @@ def _scenery(shapes: Sequence[Mapping[str, Any]]) -> list[tuple[str, Any]]:
         elif kind == "cylinder":
             found.append((kind, rr.Cylinders3D(lengths=2 * size[:, 1], radii=size[:, 0], centers=at, **place)))
         elif kind == "capsule":
-            # The viewer's begin at their centre and go along z.
+            # The viewer's capsules begin at the given point and extend along z.
             along = np.stack([row[2] for row in rotation.rows(w, x, y, z)], axis=1)
             start = at - along * size[:, 1:2]
             found.append((kind, rr.Capsules3D(lengths=2 * size[:, 1], radii=size[:, 0], translations=start, **place)))
@@ -235,7 +236,7 @@ def _scenery(shapes: Sequence[Mapping[str, Any]]) -> list[tuple[str, Any]]:
 
 
 def _looks(field: Field, color: tuple[int, int, int]) -> list[Any]:
-    """Colours, radii and names, which don't change."""
+    """The colours, radii and names of a signal, which don't change."""
     match field.visual:
         case "sphere":
             fill = rr.components.FillMode.TransparentFillMajorWireframe
@@ -254,7 +255,7 @@ def _looks(field: Field, color: tuple[int, int, int]) -> list[Any]:
 
 
 def lines(names: Sequence[str], first: int = 0) -> rr.SeriesLines:
-    """Names and colours of series; the colours begin with the palette's `first`."""
+    """Names and colours of series. The colours begin with the palette's colour number `first`."""
     if set(names) <= COMMAND_COLORS.keys():
         return rr.SeriesLines(
             names=names, colors=[COMMAND_COLORS[n] for n in names], widths=[COMMAND_WIDTHS[n] for n in names]
@@ -269,7 +270,7 @@ def _colored(names: type[IntEnum], colors: Mapping[Any, tuple[int, int, int]], o
 
 
 def scalars(values: NDArray[np.float64]) -> Any:
-    """The columns of values (k, n): n series."""
+    """The columns of values (k, n), which are n series."""
     k, n = values.shape
     return rr.Scalars.columns(scalars=values.ravel()).partition(np.full(k, n))
 

@@ -1,4 +1,4 @@
-"""One rerun stream of a run: what every file and viewer of it gets, in the same order."""
+"""One rerun stream of a run: every file and viewer of the run gets the same data in the same order."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-os.environ.pop("RERUN", None)  # RERUN=off would make a recorder that records nothing
+os.environ.pop("RERUN", None)  # with RERUN=off the recorder would record nothing
 
 import pyarrow as pa
 import rerun as rr
@@ -22,12 +22,15 @@ from runtime.recording.format import APPLICATION, EVENT, EVENTS, FORMAT, LEVELS,
 
 
 def recording_id(text: str) -> str:
-    """The same for every segment of one run: from the layout's text, which holds the run's clock offset."""
+    """The recording's id, the same for every segment of one run.
+
+    It is a hash of the layout's text, which contains the run's clock offset.
+    """
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
 class Stream:
-    """Rows and events into rerun's data model; the caller attaches a file or a viewer."""
+    """Converts rows and events to rerun's data model. The caller attaches a file or a viewer."""
 
     def __init__(self, text: str) -> None:
         """`text` is the layout's JSON."""
@@ -39,9 +42,9 @@ class Stream:
         self.recording = rr.RecordingStream(APPLICATION, recording_id=recording_id(text), send_properties=False)
 
     def prologue(self, row: Words | None, live: bool = False) -> None:
-        """Sends what stands at the head of every file: layout, profile, names, blueprint.
+        """Sends the data at the head of every file: layout, profile, names, blueprint.
 
-        `row` (width,), if there is one, says where the 3D view looks; `live` makes it follow the newest rows.
+        `row` (width,), if there is one, decides where the 3D view looks. `live` makes the view follow the newest rows.
         """
         meta = self.layout.meta
         profile, digest = str(meta.get("profile", "")), str(meta.get("sha256", ""))
@@ -60,7 +63,7 @@ class Stream:
             self._newest = rows
 
     def events(self, sequence: Sequence[int], events: Sequence[Event]) -> None:
-        """Sends events; they show at the time of their cycle's row, or of the newest row before."""
+        """Sends events. Each appears at the time of its cycle's row, or of the newest row before it."""
         if not events:
             return
         cycles = self.layout.word(self._newest, "cycle")

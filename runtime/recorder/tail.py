@@ -1,4 +1,4 @@
-"""Follows a run: the rows and events that its rings get, in batches, until no more will come."""
+"""Follows a run: reads new rows and events from its rings in batches until no more will follow."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from runtime.recording.columns import Words
 BATCH = 4096  # rows at once, at most
 FLUSH = 0.2  # s between batches, at most
 POLL = 0.005  # s
-SILENCE = 1.0  # s without a row after which a run that was told to end has ended
+SILENCE = 1.0  # s without a row after which a run counts as ended, if this process was told to end
 
 
 @dataclass(frozen=True)
 class Batch:
-    """Rows (k, width) and events with their sequence numbers; false if there are neither."""
+    """Rows (k, width) and events with their sequence numbers. It is false if it has neither."""
 
     sequence: Words
     rows: Words
@@ -35,18 +35,18 @@ class Batch:
 
 
 class Tail:
-    """One reader's place in a run.
+    """One reader's position in a run.
 
     Attributes:
         text: the layout's JSON.
-        ring: the rows; `ring.lost` counts those that were overwritten before they were taken.
+        ring: the rows; `ring.lost` counts the rows that were overwritten before they were read.
     """
 
     def __init__(self, run: RunFolder, recorder: bool) -> None:
-        """Opens the rings; `recorder`: this reader says what is safe on disk.
+        """Opens the rings. `recorder`: True if this reader marks which rows are safe on disk.
 
         Raises:
-            RecordingError: no run is there.
+            RecordingError: there is no run.
         """
         try:
             self.text = run.layout.read_text()
@@ -60,17 +60,17 @@ class Tail:
         self._last_row = time.monotonic()
 
     def catch_signals(self) -> None:
-        """SIGINT and SIGTERM end the tail once the loop is silent.
+        """Makes SIGINT and SIGTERM end the tail once the loop is silent.
 
-        A service's stop signals all its processes; the loop's own stop takes a while and is to be seen.
+        Stopping a service signals all its processes. The loop's own stop takes a while and must be recorded.
         """
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._tell)
 
     def next(self) -> tuple[Batch, bool]:
-        """Waits for the next batch; True with an empty one if nothing will follow."""
+        """Waits for the next batch and returns it; True with an empty batch if nothing will follow."""
         while True:
-            over = self.over  # asked first: whatever came before the end is taken below
+            over = self.over  # read first: rows from before the end are taken below
             waiting = self.ring.head - self.ring.sequence
             now = time.monotonic()
             if over or now >= self._due or waiting >= min(BATCH, self.ring.capacity // 4):
@@ -81,7 +81,7 @@ class Tail:
 
     @property
     def over(self) -> bool:
-        """True once no row will follow: the loop said so, or is silent and we were told to end."""
+        """True once no row will follow: the ring is closed, or the loop is silent and this process was told to end."""
         if self.ring.closed:
             return True
         told = self._told or os.getppid() != self._parent

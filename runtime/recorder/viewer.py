@@ -1,4 +1,4 @@
-"""The live viewer: rerun's own server on 127.0.0.1, shown in a browser, fed a thinned stream."""
+"""The live viewer: rerun's own server on 127.0.0.1, shown in a browser. It gets a thinned stream."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from runtime.recorder.tail import Batch
 from runtime.recording.columns import Words
 
 HOST = "127.0.0.1"
-GRPC_PORT, WEB_PORT = 9876, 9090  # rerun's own, where they are free
+GRPC_PORT, WEB_PORT = 9876, 9090  # rerun's own ports, used if they are free
 RATE = 100.0  # rows/s of the loop's clock that a viewer gets
-# Runs a program that ends with the process that started it (PR_SET_PDEATHSIG is 1, SIGTERM 15), however that
-# dies. Not by `preexec_fn`: this process has threads.
+# Runs a program that ends when the process that started it dies, in whatever way (PR_SET_PDEATHSIG is 1, SIGTERM
+# 15). `preexec_fn` is not used, as this process has threads.
 _MORTAL = "import ctypes, os, sys; ctypes.CDLL(None).prctl(1, 15); os.execv(sys.argv[1], sys.argv[1:])"
 
 
@@ -32,10 +32,10 @@ class Viewer:
     """
 
     def __init__(self, text: str, newest: Words | None) -> None:
-        """Starts it; `text` is the layout's JSON, `newest` a row (width,) if there is one.
+        """Starts the server. `text` is the layout's JSON, `newest` a row (width,) if there is one.
 
         Raises:
-            RecordingError: it doesn't start.
+            RecordingError: the server doesn't start.
         """
         grpc, web = _free_port(GRPC_PORT), _free_port(WEB_PORT)
         self.url = f"http://{HOST}:{web}/?url=rerun%2Bhttp://{HOST}:{grpc}/proxy"
@@ -72,7 +72,7 @@ class Viewer:
         self._stream.events(batch.numbers, batch.events)
 
     def close(self) -> None:
-        """Ends the server, once it has what was sent."""
+        """Ends the server, once it has received what was sent."""
         if self.alive:
             self._stream.recording.disconnect()
         self._process.terminate()
@@ -83,7 +83,7 @@ class Viewer:
 
 
 def _executable() -> str:
-    """rerun's own binary: its Python wrapper would take the signals meant for it."""
+    """The path of rerun's own binary. Its Python wrapper is not used, as it would take the signals for the binary."""
     spec = find_spec("rerun_cli")
     path = Path(spec.origin).parent / "rerun" if spec is not None and spec.origin else None
     if path is None or not path.exists():
