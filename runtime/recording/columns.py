@@ -1,7 +1,7 @@
-"""Rows to columns and back, bit for bit: each signal an entity of float64, the loop's words of int64.
+"""Converts rows to columns and back, bit for bit: each signal is an entity of float64, the loop's words of int64.
 
-Every column carries three timelines: `row` (the ring's sequence number, which ties a row's columns together),
-`cycle`, and `time` (Unix time: the loop's clock plus the offset measured at start-up).
+Every column has three timelines: `row` (the ring's sequence number, which links a row's columns), `cycle`, and
+`time` (Unix time: the loop's clock plus the offset measured at start-up).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ ROW = "row"
 
 @dataclass(frozen=True)
 class Column:
-    """Where a component's numbers are in a row: `size` words from `start`."""
+    """The place of a component's numbers in a row: `size` words from `start`."""
 
     descriptor: rr.ComponentDescriptor
     start: int
@@ -33,13 +33,13 @@ class Column:
 
 
 class ArrowBatch:
-    """An Arrow array as rerun's columns take it."""
+    """An Arrow array in the form that rerun's columns take."""
 
     def __init__(self, array: pa.Array) -> None:
         self._array = array
 
     def as_arrow_array(self) -> pa.Array:
-        """The array."""
+        """Returns the array."""
         return self._array
 
 
@@ -47,7 +47,7 @@ class Columns:
     """The entities and components of a layout.
 
     Attributes:
-        entities: by entity path, the columns that together hold every word of a row exactly once.
+        entities: columns by entity path. Together they hold every word of a row exactly once.
     """
 
     def __init__(self, layout: Layout) -> None:
@@ -86,7 +86,7 @@ class Columns:
 
 
 class Assembler:
-    """Puts columns together into rows again; a row counts once all its columns are there."""
+    """Assembles columns into rows again. A row is complete once all its columns are there."""
 
     def __init__(self, columns: Columns) -> None:
         self._width = columns.layout.width
@@ -101,7 +101,7 @@ class Assembler:
         """Takes a chunk of the entity at `path`.
 
         Raises:
-            RecordingError: a column isn't as the layout says.
+            RecordingError: a column doesn't fit the layout.
         """
         names = batch.schema.names
         if ROW not in names:
@@ -119,7 +119,7 @@ class Assembler:
             self.bytes += block.nbytes
 
     def take(self) -> tuple[Words, Words]:
-        """Sequence numbers (k,) and rows (k, width) that are complete, in order; keeps the rest."""
+        """Returns the sequence numbers (k,) and rows (k, width) that are complete, in order. Keeps the rest."""
         if not self._pending:
             return np.empty(0, np.int64), np.empty((0, self._width), np.int64)
         sequence = np.unique(np.concatenate([s for _, _, s, _ in self._pending]))

@@ -1,4 +1,4 @@
-"""What makes a .rrd file a recording of srl: the writer's and the readers' common names."""
+"""The format of a recording of srl in a .rrd file: the names that the writer and the readers share."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """The framing of a `.rrd` stream, as far as salvage needs it: where whole messages end.
 
 A stream is a header of 12 bytes ("RRF2", version, options), then messages: kind and length (uint64, little
-endian), then that many bytes. Kind 0 ends a stream and carries its manifest; a footer of 32 bytes follows it:
-offset and length of the manifest (uint64), checksum, "RRF2FOOT", version. Found by looking at the bytes of
+endian), then that many bytes. Kind 0 ends a stream and contains its manifest. A footer of 32 bytes follows it:
+offset and length of the manifest (uint64), checksum, "RRF2FOOT", version. This was found from the bytes of
 rerun 0.41, whose own reader refuses a file that ends inside a message.
 """
 
@@ -19,13 +19,13 @@ from runtime.contracts.errors import RecordingError
 HEADER = 12
 _MAGIC = b"RRF2"
 _MESSAGE = struct.Struct("<QQ")
-_KINDS = range(1, 16)  # 1 store, 2 data, 3 blueprint; room for more
+_KINDS = range(1, 16)  # 1 store, 2 data, 3 blueprint; with room for more
 _END = 0
 _FOOTER = 32
 
 
 def strip(stream: bytes) -> bytes:
-    """The messages of a whole stream in memory, without its header, end and footer."""
+    """Returns the messages of a whole stream in memory, without its header, end and footer."""
     at = HEADER
     while at + _MESSAGE.size <= len(stream):
         kind, length = _MESSAGE.unpack_from(stream, at)
@@ -36,10 +36,10 @@ def strip(stream: bytes) -> bytes:
 
 
 def whole(path: Path) -> int:
-    """How many bytes of the file, from its start, are whole messages; its size if nothing is torn.
+    """The number of bytes from the file's start that are whole messages; its size if nothing is torn.
 
     Raises:
-        RecordingError: it doesn't begin as a rerun stream does.
+        RecordingError: the file doesn't begin like a rerun stream.
     """
     size = path.stat().st_size
     with open(path, "rb") as file:
@@ -57,7 +57,7 @@ def whole(path: Path) -> int:
 
 
 def _walk(file: BinaryIO, size: int) -> Iterator[tuple[int, int]]:
-    """Kind and end of each whole message; stops before one that is torn or unknown."""
+    """Yields kind and end of each whole message. Stops before a torn or unknown message."""
     at = HEADER
     while at + _MESSAGE.size <= size:
         file.seek(at)

@@ -21,16 +21,16 @@ from runtime.recording.source import Source, gaps
 
 @dataclass
 class Recording:
-    """What was recorded, as it was in the ring.
+    """A recording in memory, with the rows as they were in the ring.
 
     Attributes:
-        path: where it was read from.
-        layout: what the words mean.
+        path: the file or folder it was read from.
+        layout: the meaning of the words.
         sequence: (k,) sequence numbers of the rows, ascending.
         rows: (k, width) int64 words.
-        missing: (first, last) of the gaps in the sequence numbers, from 1.
+        missing: (first, last) of each gap in the sequence numbers, which start at 1.
         events: events in their order.
-        salvaged: bytes of torn tails that were cut off.
+        salvaged: number of bytes of torn tails that were cut off.
     """
 
     path: Path
@@ -46,7 +46,7 @@ class Recording:
         return self.layout.word(self.rows, name)
 
     def states(self, device: str) -> list[Field]:
-        """The signals that a device gave; none for one that isn't there or gives none."""
+        """The signals that a device gave; none for a device that doesn't exist or gives none."""
         fields = self.layout.fields.values() if device in self.layout.devices else ()
         return [f for f in fields if f.role == "state" and f.name.partition(".")[0] == device]
 
@@ -63,7 +63,8 @@ def read(path: Path) -> Recording:
     """Reads all rows into memory.
 
     Raises:
-        RecordingError: nothing is there, it isn't a recording, it is of another version, or it has no rows.
+        RecordingError: there is nothing at the path, it isn't a recording, it is of another version, or it has no
+            rows.
     """
     if path.is_dir():
         recording = _black_box(path) if (path / "rows.ring").exists() else _files(path, listed(path))
@@ -79,10 +80,10 @@ def read(path: Path) -> Recording:
 
 
 def check_run(folder: Path, text: str) -> None:
-    """Asks whether the newest segment belongs to the run whose layout's JSON is `text`.
+    """Checks that the newest segment belongs to the run whose layout's JSON is `text`.
 
     Raises:
-        RecordingError: it belongs to another.
+        RecordingError: it belongs to another run.
     """
     for file in reversed(listed(folder)):
         found = Source([file]).head()
@@ -107,7 +108,7 @@ def _files(path: Path, files: list[Path]) -> Recording:
 
 
 def _black_box(path: Path) -> Recording:
-    """The ring as a crash left it: its newest rows."""
+    """Reads the newest rows of the ring, as a crash left it."""
     try:
         layout = Layout.load(path / "layout.json")
     except (OSError, ValueError, KeyError) as error:

@@ -1,6 +1,6 @@
-"""The files of a recording under way: `FILE.rrd.segments/000001.rrd`, each readable by itself.
+"""The files of a recording in progress: `FILE.rrd.segments/000001.rrd`, each readable by itself.
 
-A batch goes out in one `write`: a killed process leaves whole messages and at most one torn one.
+A batch is written with one `write`: a killed process leaves whole messages and at most one torn message.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ BYTES = 64 << 20
 
 
 def folder_of(target: Path) -> Path:
-    """Where the segments of a recording to `target` are."""
+    """The folder with the segments of a recording to `target`."""
     return target.with_name(f"{target.name}.segments")
 
 
@@ -26,10 +26,10 @@ def listed(folder: Path) -> list[Path]:
 
 
 def check_target(target: Path) -> None:
-    """Asks whether a recording to `target` can begin.
+    """Checks that a recording to `target` can begin.
 
     Raises:
-        RecordingError: a recording is there already, finished or not, or the folder can't be written.
+        RecordingError: a recording exists there already, finished or not, or the folder can't be written.
     """
     if target.suffix != ".rrd":
         raise RecordingError(str(target), "the name doesn't end in .rrd", "Name it like run.rrd")
@@ -46,10 +46,10 @@ def check_target(target: Path) -> None:
 
 
 class Segments:
-    """Writes them; a write that fails leaves the file as it was, to be tried again."""
+    """Writes segments. A failed write leaves the file as it was, so that it can be tried again."""
 
     def __init__(self, folder: Path, prologue: bytes) -> None:
-        """`prologue`: stream header and messages that begin each file."""
+        """`prologue`: stream header and messages at the beginning of each file."""
         self.folder = folder
         self._prologue = prologue
         self._file: int | None = None
@@ -57,10 +57,10 @@ class Segments:
         self._begun = 0.0
 
     def write(self, data: bytes) -> None:
-        """Appends whole messages; when it returns they have left this process.
+        """Appends whole messages. When it returns, they have left this process.
 
         Raises:
-            OSError: they haven't; what was there before is unharmed.
+            OSError: the write failed; earlier data is unharmed.
         """
         if self._file is not None and (self._size >= BYTES or time.monotonic() - self._begun >= SECONDS):
             self.close()

@@ -1,4 +1,4 @@
-"""Recorded rows, file by file: torn tails cut, duplicates dropped, never more in memory than one file."""
+"""Reads recorded rows file by file: cuts torn tails, drops duplicates, never holds more than one file in memory."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class Source:
     """A merged recording or segments, in their order.
 
     Attributes:
-        text: the layout's JSON; known once a block has come or all were read, as `layout` is.
-        events: by sequence number, of what was read so far.
-        cut: bytes of torn tails, of what was read so far.
+        text: the layout's JSON. Like `layout`, it is known once a block has been returned or all have been read.
+        events: the events read so far, by sequence number.
+        cut: number of bytes of torn tails in the files read so far.
     """
 
     def __init__(self, files: Sequence[Path]) -> None:
@@ -43,10 +43,10 @@ class Source:
         self._assembler: Assembler | None = None
 
     def blocks(self) -> Iterator[tuple[Words, Words]]:
-        """Sequence numbers (k,), ascending throughout, and rows (k, width).
+        """Yields sequence numbers (k,), ascending throughout, and rows (k, width).
 
         Raises:
-            RecordingError: a file isn't a recording of srl, or of another version or run than the first.
+            RecordingError: a file isn't a recording of srl, or belongs to another version or run than the first.
         """
         last = 0
         for file in self.files:
@@ -67,7 +67,7 @@ class Source:
                     yield sequence[new], rows[new]
 
     def head(self) -> str:
-        """The layout's JSON of the first file, without reading its rows; "" if the file was cut before it."""
+        """The layout's JSON of the first file, without reading its rows; "" if the file ends before it."""
         for path, batch in self._chunks(self.files[0]):
             self._take(self.files[0], path, batch)
             if self.text:
@@ -75,7 +75,7 @@ class Source:
         return self.text
 
     def _chunks(self, file: Path) -> Iterator[Chunk]:
-        """The chunks of a file's whole messages, those of the layout first."""
+        """Yields the chunks of a file's whole messages, those of the layout first."""
         size, good = file.stat().st_size, whole(file)
         self.cut += size - good
         if good == 0:
@@ -118,18 +118,18 @@ class Source:
 
 
 def column(batch: pa.RecordBatch, name: str) -> list[Any]:
-    """The values of a component that has one a row."""
+    """The values of a component that has one value in each row."""
     values: list[Any] = batch.column(batch.schema.names.index(name)).flatten().to_pylist()
     return values
 
 
 def _ordered(file: Path, shown: Path) -> Iterator[Chunk]:
-    """The chunks of a file of whole messages; rows are held back until the layout has come."""
+    """Yields the chunks of a file of whole messages. Rows are held back until the layout has been read."""
     held: list[Chunk] = []
     known = False
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # a segment has no manifest at its end, which is as it must be
+            warnings.simplefilter("ignore")  # a segment correctly has no manifest at its end
             reader = rr.chunk.RrdReader(file)
             if not any(store.application_id == APPLICATION for store in reader.recordings()):
                 raise RecordingError(str(shown), "no run of srl is recorded in it", "Give a .rrd file that srl wrote")
@@ -142,7 +142,7 @@ def _ordered(file: Path, shown: Path) -> Iterator[Chunk]:
                 held.sort(key=lambda item: item[0] != f"/__properties/{PROPERTY}")
                 yield from held
                 held.clear()
-    except RuntimeError as error:  # how rerun reports a file that it can't decode
+    except RuntimeError as error:  # rerun raises this for a file that it can't decode
         reason = str(error).splitlines()[0]
         raise RecordingError(
             str(shown), f"rerun can't read it: {reason}", "It is damaged, or from another rerun"
@@ -150,7 +150,7 @@ def _ordered(file: Path, shown: Path) -> Iterator[Chunk]:
 
 
 def gaps(sequence: Words) -> list[tuple[int, int]]:
-    """(first, last) of what is missing among ascending sequence numbers from 1."""
+    """(first, last) of each gap in ascending sequence numbers from 1."""
     before = np.append(0, sequence[:-1])
     at = np.flatnonzero(sequence != before + 1)
     return [(int(before[i]) + 1, int(sequence[i]) - 1) for i in at]
