@@ -1,4 +1,4 @@
-"""The attachment of a sample: its number, when it was taken, and who sent it, as ROS 2's rmw_zenoh_cpp has it.
+"""The attachment of a sample in the format of ROS 2's rmw_zenoh_cpp: its number, time and sender.
 
 33 bytes: sequence number (int64, from 1), source time (int64, Unix ns), the length 16, and 16 bytes that are
 the same for all samples of one sender. All little endian. Source: protocol sheet summit-xl-zenoh, section 4.
@@ -13,12 +13,12 @@ SIZE = _FORM.size
 
 
 def encode(number: int, stamp: int, sender: bytes) -> bytes:
-    """The attachment's bytes. number: from 1; stamp: Unix ns; sender: 16 bytes."""
+    """Returns the attachment's bytes. number: from 1; stamp: Unix ns; sender: 16 bytes."""
     return _FORM.pack(number, stamp, 16, sender)
 
 
 def stamp_of(attachment: bytes) -> int:
-    """The source time, Unix ns; -1 where the bytes aren't such an attachment."""
+    """Returns the source time, Unix ns; -1 if the bytes aren't such an attachment."""
     if len(attachment) != SIZE or attachment[16] != 16:
         return -1
     stamp = int.from_bytes(attachment[8:16], "little", signed=True)

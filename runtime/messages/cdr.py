@@ -1,10 +1,10 @@
-"""ROS 2's Common Data Representation (XCDR1, little endian) of the standard messages the bus speaks.
+"""ROS 2's Common Data Representation (XCDR1, little endian) of the standard messages that the bus uses.
 
-A message is a dict of its fields; sequences and arrays of numbers are numpy arrays. `TYPES` holds the message
-definitions, and one encoder and one decoder walk it.
+A message is a dict of its fields. Sequences and arrays of numbers are numpy arrays. `TYPES` holds the message
+definitions; one encoder and one decoder follow it.
 
-A payload begins with the 4-byte encapsulation header `00 01 00 00`; alignment counts from the byte after it.
-Every number is aligned to its own size; a string is its length with the final NUL (uint32), its bytes, NUL; a
+A payload begins with the 4-byte encapsulation header `00 01 00 00`. Alignment counts from the byte after it.
+Every number is aligned to its own size. A string is its length with the final NUL (uint32), its bytes, NUL. A
 sequence is its length (uint32) and its elements. Source: OMG formal/02-06-51 (CDR), the ROS 2 message
 definitions.
 """
@@ -22,12 +22,12 @@ import numpy as np
 from runtime.contracts.errors import RequestError, nearest
 
 HEADER = b"\x00\x01\x00\x00"
-LONGEST = 1 << 20  # bytes of a payload that is looked at
+LONGEST = 1 << 20  # bytes; a longer payload is refused
 
 _XYZ = (("x", "float64"), ("y", "float64"), ("z", "float64"))
 _HEADER = ("header", "std_msgs/msg/Header")
 
-# Message definitions: (field, type); a type ends in [] for a sequence, [n] for an array.
+# Message definitions: (field, type). A type ends in [] for a sequence, in [n] for an array.
 TYPES: dict[str, tuple[tuple[str, str], ...]] = {
     "builtin_interfaces/msg/Time": (("sec", "int32"), ("nanosec", "uint32")),
     "std_msgs/msg/Header": (("stamp", "builtin_interfaces/msg/Time"), ("frame_id", "string")),
@@ -108,17 +108,17 @@ Message = dict[str, Any]
 
 @cache
 def _split(kind: str) -> tuple[str, int | None]:
-    """("float64", 36) of "float64[36]"; 0 for a sequence; None for one element."""
+    """Splits a type: "float64[36]" gives ("float64", 36). The count is 0 for a sequence, None for one element."""
     match = _ARRAY.fullmatch(kind)
     return (kind, None) if match is None else (match[1], int(match[2] or 0))
 
 
 def encode(kind: str, message: Mapping[str, Any]) -> bytes:
-    """The payload of a message.
+    """Encodes a message and returns the payload.
 
     Args:
-        kind: a name in TYPES, "sensor_msgs/msg/JointState".
-        message: its fields, all of them.
+        kind: a name in TYPES, e.g. "sensor_msgs/msg/JointState".
+        message: all its fields.
     """
     out = bytearray(HEADER)
     _write(out, kind, message)
@@ -160,13 +160,13 @@ def _write(out: bytearray, kind: str, value: Any) -> None:
 
 
 def decode(kind: str, payload: bytes) -> Message:
-    """The fields of a payload.
+    """Decodes a payload and returns the message's fields.
 
     Args:
         kind: a name in TYPES.
         payload: with its encapsulation header; up to 3 bytes of padding may follow the message.
     Raises:
-        RequestError: it isn't a little-endian CDR payload of that message, whole and no longer.
+        RequestError: it isn't a little-endian CDR payload of that message, or it is too short or too long.
     """
     if kind not in TYPES:
         raise RequestError(f"payload '{kind}'", "this message type isn't spoken here", nearest(kind, TYPES))
@@ -186,7 +186,7 @@ def _bad(kind: str, problem: str) -> RequestError:
 
 
 class _Reader:
-    """A place in a payload."""
+    """Reads values from a payload and keeps the position."""
 
     def __init__(self, kind: str, data: memoryview) -> None:
         self._kind, self._data, self.at = kind, data, 0
@@ -202,7 +202,7 @@ class _Reader:
             if count == 0:
                 return np.empty(0, dtype)
             return np.frombuffer(self._take(count * dtype.itemsize, dtype.itemsize), dtype).copy()
-        if count > len(self._data) - self.at:  # no element is shorter than a byte
+        if count > len(self._data) - self.at:  # an element has at least one byte
             raise _bad(self._kind, f"a sequence claims {count} elements, more than there are bytes")
         return [self._one(base) for _ in range(count)]
 

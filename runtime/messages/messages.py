@@ -1,8 +1,8 @@
-"""Which standard ROS 2 message carries a signal, and the values a client's payload carries.
+"""Converts signals to standard ROS 2 messages, and clients' payloads to values.
 
-JointState has one value a joint, the name a signal's label; a pose is (x, y, z, qw, qx, qy, qz) inside the
-runtime and x, y, z, w in ROS; a wrench is force then torque, a twist linear then angular velocity. What no
-standard message fits is a Float64MultiArray; its meaning is asked for at `<key>/meta`.
+A JointState has one value for each joint, with the signal's label as its name. A pose is (x, y, z, qw, qx, qy, qz)
+inside the runtime and x, y, z, w in ROS. A wrench is force then torque, a twist linear then angular velocity. A
+signal that fits no standard message becomes a Float64MultiArray; a query at `<key>/meta` gives its meaning.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 STRING = "std_msgs/msg/String"
 JSON = "application/json"
 
-# A signal's term -> the field of JointState it fills.
+# A signal's term -> the field of JointState that it fills.
 _JOINT = {
     "position": "position",
     "position_command": "position",
@@ -43,7 +43,7 @@ _STAMPED: dict[tuple[str, tuple[int, ...]], str] = {
     ("twist", (6,)): TWIST,
     ("pose", (7,)): POSE,
 }
-_SENTINEL = -1.2345678901234567e99  # finds the place of the first value in a payload
+_SENTINEL = -1.2345678901234567e99  # used to find the place of the first value in a payload
 
 
 def encoding(kind: str) -> str:
@@ -56,7 +56,7 @@ def _term(field: Field) -> str:
 
 
 def kind_of(field: Field) -> str:
-    """The message that carries a signal."""
+    """The type of the message for a signal."""
     term = _term(field)
     if term in _JOINT and len(field.shape) == 1 and field.frame is None:
         return JOINT_STATE
@@ -64,7 +64,7 @@ def kind_of(field: Field) -> str:
 
 
 def time_of(stamp: int) -> dict[str, int]:
-    """builtin_interfaces/msg/Time of Unix time in ns."""
+    """Converts Unix time in ns to a builtin_interfaces/msg/Time."""
     return {"sec": stamp // 1_000_000_000, "nanosec": stamp % 1_000_000_000}
 
 
@@ -75,7 +75,7 @@ def joint_names(field: Field) -> list[str]:
 
 
 def message_of(field: Field, values: Array, stamp: int) -> tuple[str, cdr.Message]:
-    """A signal's message: (type, fields).
+    """Returns a signal's message: (type, fields).
 
     Args:
         field: the signal.
@@ -101,7 +101,7 @@ def message_of(field: Field, values: Array, stamp: int) -> tuple[str, cdr.Messag
 
 
 def multi_array(values: Array) -> cdr.Message:
-    """std_msgs/msg/Float64MultiArray of an array of any shape, row by row."""
+    """Converts an array of any shape to a std_msgs/msg/Float64MultiArray, row by row."""
     dims = []
     for axis, size in enumerate(values.shape):
         dims.append({"label": f"axis{axis}", "size": size, "stride": math.prod(values.shape[axis:])})
@@ -113,7 +113,7 @@ def _xyz(v: Array) -> dict[str, float]:
 
 
 class Encoder:
-    """A signal's payloads. Between two only the stamp and the values differ, and they have fixed places."""
+    """Encodes a signal's payloads. Only the stamp and the values change, and their places in a payload are fixed."""
 
     def __init__(self, field: Field) -> None:
         self.kind = kind_of(field)
@@ -124,7 +124,7 @@ class Encoder:
         self._order = [0, 1, 2, 4, 5, 6, 3] if self.kind == POSE else slice(None)
 
     def encode(self, values: Array, stamp: int) -> bytes:
-        """As `cdr.encode(*message_of(field, values, stamp))`."""
+        """Returns the same bytes as `cdr.encode(*message_of(field, values, stamp))`."""
         if self._stamped:
             self._payload[4:12] = (stamp // 1_000_000_000).to_bytes(4, "little") + (stamp % 1_000_000_000).to_bytes(
                 4, "little"
@@ -134,13 +134,13 @@ class Encoder:
 
 
 def values_of(kind: str, message: cdr.Message) -> Array:
-    """The values a message carries, in the runtime's order: the reverse of `message_of`.
+    """Returns the values of a message in the runtime's order: the reverse of `message_of`.
 
     Raises:
-        RequestError: this message carries no values.
+        RequestError: this message has no values.
     """
     if kind == JOINT_STATE:
-        # The one that is there: velocity and effort come alone.
+        # The first field that has values: velocity and effort are sent alone.
         return next((message[k] for k in ("position", "velocity", "effort") if len(message[k])), np.empty(0))
     if kind in (WRENCH, TWIST):
         first, second = ("force", "torque") if kind == WRENCH else ("linear", "angular")
@@ -157,7 +157,7 @@ def values_of(kind: str, message: cdr.Message) -> Array:
 
 
 def describe(field: Field) -> dict[str, Any]:
-    """What the metadata queryable answers, for JSON."""
+    """Returns the answer of the metadata queryable, for JSON."""
     return {
         "name": field.name,
         "role": field.role,
@@ -170,17 +170,17 @@ def describe(field: Field) -> dict[str, Any]:
 
 
 def read_values(payload: bytes, declared: str, field: Field, place: str) -> Array:
-    """The values of a client's payload for a signal, checked: as many as it has, all finite.
+    """Reads the values of a client's payload for a signal and checks that their number fits and all are finite.
 
     Args:
         payload: JSON (a number or a list) or CDR (Float64MultiArray, or JointState's position).
-        declared: the sample's zenoh encoding; where none is declared, the payload's first bytes decide.
+        declared: the sample's zenoh encoding; if it declares none, the payload's first bytes decide.
         field: the signal.
         place: the key, for the error.
     Returns:
         (field.size,) float64.
     Raises:
-        RequestError: anything else.
+        RequestError: the payload is anything else.
     """
     kind = declared.partition(";")[2] if declared.startswith("application/cdr") else ""
     if kind or payload.startswith(cdr.HEADER):
