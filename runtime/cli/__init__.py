@@ -14,7 +14,7 @@ COMMANDS = ("list", "check", "run", "stop", "twin", "replay", "study", "top", "d
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs one command. Returns 0 well, 1 ended in a fault, 2 the user's input is wrong."""
+    """Runs one command. Returns 0 for success, 1 for an end in a fault, 2 for wrong input from the user."""
     parser = argparse.ArgumentParser(
         prog="srl", description="Runtime for supernumerary robotic limbs.",
         epilog="Start with: srl run sixth-finger --sim", formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -30,14 +30,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"srl {args.command}: {error}", file=sys.stderr)
         return 2
     except BrokenPipeError:
-        sys.stderr.close()  # the reader of our output has gone; nobody is left to tell
+        sys.stderr.close()  # the reader of the output has gone, so there is nobody to inform
         return 0
 
 
 def add_command(
     subparsers: argparse._SubParsersAction[argparse.ArgumentParser], name: str, text: str, example: str
 ) -> argparse.ArgumentParser:
-    """A subcommand's parser: one line of help and an example each."""
+    """Adds a subcommand's parser with one line of help and an example."""
     return subparsers.add_parser(
         name, help=text, description=f"{text[0].upper()}{text[1:]}.", epilog=f"example:\n  {example}",
         formatter_class=argparse.RawDescriptionHelpFormatter,

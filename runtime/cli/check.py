@@ -1,4 +1,4 @@
-"""`srl check`: validates a profile and prints its wiring; opens nothing."""
+"""`srl check`: validates a profile and prints its wiring. Opens nothing."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 
 def run(args: argparse.Namespace) -> int:
-    """Checks, prints, returns 0; errors are raised."""
+    """Checks the profile, prints the wiring and returns 0. Errors are raised."""
     if args.schema:
         print(json.dumps(schema(), indent=1))
         return 0
@@ -60,10 +60,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 def check_guards(graph: Graph) -> dict[str, str]:
-    """Builds the guards as far as the profile alone decides them; returns each command's stop category.
+    """Builds the guards as far as the profile alone decides them. Returns each command's stop category.
 
-    What a device reads from its own hardware isn't known before it is open; a limit that only the device
-    can give is checked at the start of a run.
+    The values that a device reads from its own hardware aren't known before it is open. A limit that only the
+    device can give is checked at the start of a run.
     """
     from runtime.loop.cycle import limits_of
 

@@ -1,8 +1,8 @@
-"""Remarks for people, to a terminal, a pipe or the journal, that can't hold up whoever says them.
+"""Messages for people, to a terminal, a pipe or the journal, which never block the sender.
 
-A terminal stopped with Ctrl-S or a pipe that nobody reads would block a write; the supervisor has better to do,
-so what can't be written at once is dropped. Under systemd (JOURNAL_STREAM) a remark goes to the journal with
-structured fields.
+A terminal stopped with Ctrl-S, or a pipe that nobody reads, would block a write. The supervisor must not wait, so
+a message that can't be written at once is dropped. Under systemd (JOURNAL_STREAM) a message goes to the journal
+with structured fields.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ _WORDS = {Level.INFO: "", Level.WARNING: "warning: ", Level.ERROR: "error: "}
 
 
 class Console:
-    """Where a command says what it has to say beside its result.
+    """The output for a command's messages, apart from its result.
 
     Attributes:
-        terminal: somebody looks at it: a status line may be rewritten in place.
-        dropped: remarks that could not be written.
-        fields: of every journal entry: the instance and what it does.
+        terminal: True for a terminal, where a status line may be rewritten in place.
+        dropped: number of messages that could not be written.
+        fields: fields of every journal entry: the instance and its state.
     """
 
     def __init__(self, stream: TextIO, journal: str = JOURNAL) -> None:
-        """`journal` is the socket that takes entries if JOURNAL_STREAM says that systemd is there."""
+        """`journal` is the socket for entries, used if JOURNAL_STREAM shows that systemd is present."""
         self._descriptor = stream.fileno()
         self.terminal = stream.isatty()
         self.dropped = 0
@@ -41,24 +41,24 @@ class Console:
             )
 
     def say(self, text: str, level: Level = Level.WARNING) -> None:
-        """A remark, a line of its own."""
+        """Writes a message as a line of its own."""
         if self._journal is not None and self._enter(text, level):
             return
         self.write(f"srl: {_WORDS[level]}{text}\n")
 
     def write(self, text: str) -> None:
-        """As it is, at once or not at all."""
-        data = text.encode(errors="replace")[: select.PIPE_BUF]  # as much as a ready pipe takes without waiting
+        """Writes a text as it is, at once or not at all."""
+        data = text.encode(errors="replace")[: select.PIPE_BUF]  # as much as a ready pipe takes without blocking
         try:
             if select.select([], [self._descriptor], [], 0)[1]:
                 os.write(self._descriptor, data)
                 return
         except OSError:
-            pass  # whoever listened has gone
+            pass  # the reader has gone
         self.dropped += 1
 
     def _enter(self, text: str, level: Level) -> bool:
-        """An entry by journald's native protocol; False if it can't be had."""
+        """Sends an entry by journald's native protocol. Returns False if this fails."""
         assert self._journal is not None
         fields = {
             "MESSAGE": text.replace("\n", " | "),

@@ -1,4 +1,4 @@
-"""`srl doctor`: is this host fit for the rate asked for?"""
+"""`srl doctor`: checks whether this host is fit for the requested rate."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 
 def run(args: argparse.Namespace) -> int:
-    """Returns 0 if nothing is bad, else 1."""
+    """Prints the findings. Returns 0 if nothing is bad, else 1."""
     rate, ports = Fraction(100), {}
     if args.profile is not None:
         checked, _ = profile.load(args.profile, args.set)

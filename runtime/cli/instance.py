@@ -1,4 +1,4 @@
-"""Which running instance a command means."""
+"""Finds the running instance to which a command refers."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from runtime.ipc.run_folder import RunFolder, base, running
 
 
 def choose(name: str | None) -> RunFolder:
-    """The instance called `name`, or the only one. Raises RequestError."""
+    """Returns the running instance called `name`, or the only one. Raises RequestError."""
     found = {run_folder.path.name: run_folder for run_folder in running()}
     if name is not None:
         if name not in found:

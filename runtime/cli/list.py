@@ -1,4 +1,4 @@
-"""`srl list`: drivers, controllers and profiles, a line each."""
+"""`srl list`: lists drivers, controllers and profiles, one line each."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 
 def run(args: argparse.Namespace) -> int:
-    """Prints the lists; a part that can't be imported is listed with the reason."""
+    """Prints the lists. A part that can't be imported is listed with the reason."""
     content = {"drivers": _drivers(), "controllers": _controllers(), "profiles": _profiles()}
     if args.json:
         print(json.dumps(content))

@@ -27,7 +27,7 @@ from runtime.profile.graph import Graph
 from runtime.service.summary import Summary
 from runtime.service.supervisor import Supervisor, helpers, state_dir
 
-REFRESH = 0.1  # s between looks at the rows
+REFRESH = 0.1  # s between two readings of the rows
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -54,7 +54,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 
 def run(args: argparse.Namespace) -> int:
-    """Runs until the duration is over, a signal, or a fault that ends it."""
+    """Runs until the duration is over, a signal arrives, or a fault ends the run."""
     _check_names()
     overrides = list(args.set)
     if args.wearer:
@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
     cycles = round(args.duration * float(checked.rate)) if args.duration is not None else _wearers_end(graph)
     where = RunFolder.of(name)
     where.claim()
-    # A run that doesn't end well leaves its mark, over a reboot, too. Only a real limb needs the stop after it.
+    # A run that doesn't end well leaves its mark, which survives a reboot. Only a real limb then starts in the stop.
     mark = state / "running"
     real = any(graph.devices[a.device].name not in graph.simulated for a in graph.actuators)
     crashed = real and mark.exists()
@@ -117,7 +117,7 @@ def _leave(mark: Path) -> None:
 
 
 def _supervise(supervisor: Supervisor, args: argparse.Namespace, advice: str, console: Console) -> dict[str, Any]:
-    """Starts it, looks after it, and returns the figures."""
+    """Starts the supervisor, runs it until the end, and returns the figures."""
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, lambda *_: supervisor.end())
     status = Status(console, quiet=args.json)
@@ -178,7 +178,7 @@ def _report(supervisor: Supervisor, result: dict[str, Any], args: argparse.Names
 
 
 def _automatic(args: argparse.Namespace, graph: Graph) -> tuple[bool, str]:
-    """Whether motion begins without being asked for, and what to tell the user if it doesn't."""
+    """Returns whether motion begins without a request, and the text for the user if it doesn't."""
     if graph.profile.start == "manual":
         return False, "ready; `srl start` lets the limb move"
     blind = [
@@ -194,7 +194,7 @@ def _automatic(args: argparse.Namespace, graph: Graph) -> tuple[bool, str]:
 
 
 def _wearers_end(graph: Graph) -> int | None:
-    """Cycles until the wearer's recording is over; None where there is no end."""
+    """Number of cycles until the wearer's recording is over; None where there is no end."""
     if graph.world is None or graph.world.duration is None:
         return None
     return round(graph.world.duration * float(graph.profile.rate))
@@ -221,7 +221,7 @@ def _check_arguments(args: argparse.Namespace, graph: Graph) -> None:
 
 
 def _check_names() -> None:
-    """Our import packages have common names; another distribution that owns one would be run in our place."""
+    """Checks that our packages are imported from here: their names are common, so others could take their place."""
     import importlib.util
 
     ours = Path(__file__).parents[2]

@@ -1,4 +1,4 @@
-"""The live status line of `srl run`: rewritten in place on a terminal, now and then a line elsewhere."""
+"""The live status line of `srl run`: rewritten in place on a terminal, otherwise printed every 10 s."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ _EVERY = 10.0  # s between lines where there is no terminal
 
 
 class Status:
-    """See the module's text."""
+    """The status line; see the module's docstring."""
 
     def __init__(self, console: Console, quiet: bool = False) -> None:
-        """`quiet`: remarks only, no status."""
+        """`quiet`: messages only, no status."""
         self._console, self._quiet = console, quiet
         self._shown = False
         self._next = 0.0
 
     def show(self, summary: Summary) -> None:
-        """The present state in one line."""
+        """Shows the present state in one line."""
         if summary.row is None:
             return
         cause = Cause(summary.word("cause"))
@@ -48,13 +48,13 @@ class Status:
             self._console.say(text, Level.INFO)
 
     def line(self, text: str, level: Level) -> None:
-        """A remark of its own, above the status."""
+        """Writes a message on a line of its own, above the status."""
         if self._shown:
             self._console.write("\r\033[2K")
         self._console.say(text, level)
 
     def end(self) -> None:
-        """Leaves the last status standing."""
+        """Ends the status line, so that the last status stays visible."""
         if self._shown:
             self._console.write("\n")
             self._shown = False

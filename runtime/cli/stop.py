@@ -1,4 +1,4 @@
-"""`srl stop`, `srl reset`, `srl start`: straight to the loop, without the bus."""
+"""`srl stop`, `srl reset`, `srl start`: they send a request directly to the loop, without the bus."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 
 def run(args: argparse.Namespace) -> int:
-    """Asks and prints the answer."""
+    """Sends the request and prints the answer."""
     run_folder = choose(args.instance)
     answer = send_request(run_folder, "exit" if args.exit else args.command)
     if answer is None:

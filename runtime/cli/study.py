@@ -1,4 +1,4 @@
-"""`srl study`: a paper's experiment, with its table beside the paper's figures."""
+"""`srl study`: runs a paper's experiment and prints its table beside the paper's figures."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 
 def run(args: argparse.Namespace) -> int:
-    """Returns 0 also where a claim doesn't hold: it is printed as such."""
+    """Runs the study. Returns 0 also if a claim doesn't hold; the output says so."""
     study = registry.load("studies", args.name, f"srl study {args.name}")
     folder = args.out / args.name
     try:
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _keep(file: Path, figures: dict[str, Any]) -> None:
-    """Some take hours: what came out stays beside the recordings."""
+    """Saves the results beside the recordings, as some studies take hours."""
     try:
         file.write_text(_json(figures) + "\n", encoding="utf-8")
     except OSError as error:
@@ -69,7 +69,7 @@ def _json(figures: dict[str, Any]) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """JSON knows no NaN."""
+    """Replaces numbers that are not finite with None, as JSON has no NaN."""
     if isinstance(value, dict):
         return {key: _plain(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):

@@ -22,7 +22,7 @@ from runtime.ipc.run_folder import running
 from runtime.profile.keys import path
 
 REFRESH = 5.0  # Hz
-GONE = 5.0  # s without a status until we ask whether the instance is still there
+GONE = 5.0  # s without a status after which the client checks whether the instance still exists
 BAR = 15  # characters
 SHOWN_EVENTS = 6
 SHOWN_COMMANDS = 24
@@ -40,7 +40,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 
 def run(args: argparse.Namespace) -> int:
-    """Raises RequestError if the instance isn't there or isn't named where several run."""
+    """Shows the instance. Raises RequestError if it isn't running, or if several run and none is named."""
     with connect(_instance(args.instance)) as client:
         view = View(client)
         if args.json:
@@ -82,11 +82,11 @@ def _live(view: View, client: Client) -> None:
 
 
 class View:
-    """What is known of the instance, and the picture of it."""
+    """The newest data of the instance, and its display."""
 
     def __init__(self, client: Client) -> None:
         self._client = client
-        self._lock = threading.Lock()  # updates come on a thread of zenoh's
+        self._lock = threading.Lock()  # updates arrive on a zenoh thread
         self._meta = client.meta()
         self._status: dict[str, Any] = {}
         self._heard = time.monotonic()
@@ -106,7 +106,7 @@ class View:
             self._updates[update.name] = update
 
     def gather(self, timeout: float = 2.0) -> None:
-        """Waits until there is a status and, as far as they come, a sample of each signal."""
+        """Waits until there is a status and, if they arrive in time, a sample of each signal."""
         until = time.monotonic() + timeout
         while time.monotonic() < until and not (self._status and len(self._updates) >= len(self._meta)):
             time.sleep(0.01)
@@ -118,13 +118,13 @@ class View:
         return time.monotonic() - self._heard
 
     def refresh_events(self) -> None:
-        """Asks for the newest events, once a second."""
+        """Queries the newest events, at most once a second."""
         if time.monotonic() - self._events_at > 1.0:
             self._events_at = time.monotonic()
             self._events = self._client.events() or self._events
 
     def content(self) -> dict[str, Any]:
-        """For `--json`: the status, every signal's values, the events."""
+        """Returns the content for `--json`: the status, every signal's values, the events."""
         with self._lock:
             signals = {
                 name: {
@@ -137,7 +137,7 @@ class View:
             return {**self._status, "signals": signals, "events": self._events}
 
     def frame(self) -> Group:
-        """The whole picture."""
+        """Returns the whole display."""
         with self._lock:
             status, updates = self._status, dict(self._updates)
         if not status:
@@ -227,7 +227,7 @@ def _devices(devices: dict[str, dict[str, Any]]) -> Table:
 
 
 def _bar(share: float) -> str:
-    """-1 to 1 as a bar from the middle."""
+    """Draws a value from -1 to 1 as a bar from the middle."""
     if not np.isfinite(share):
         return "not finite".center(BAR)
     middle = BAR // 2

@@ -23,7 +23,7 @@ from runtime.loop.clock import MonotonicClock
 from runtime.profile import profile, wiring
 from runtime.profile.graph import Graph
 
-RATE = Fraction(1000)  # Hz, how often the world is stepped and the twins look at their lines
+RATE = Fraction(1000)  # Hz, how often the world is stepped and the twins check their links
 LOG_PERIOD = 10_000_000  # ns of world time between rows of the log
 
 
@@ -46,7 +46,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 
 def run(args: argparse.Namespace) -> int:
-    """Serves until the duration is over or a signal comes."""
+    """Serves until the duration is over or a signal arrives."""
     _check_arguments(args)
     overrides = list(args.set)
     if args.wearer:
@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def make_twins(graph: Graph, names: list[str]) -> dict[str, Twin]:
-    """A twin for each named device, by default for all that have one; none is open yet.
+    """Makes a twin for each named device, by default for all that have one. None is opened yet.
 
     Raises:
         ProfileError: no such device, or its driver has no twin.
@@ -118,7 +118,7 @@ def _serve(world: World, twins: dict[str, Twin], args: argparse.Namespace, ended
         elapsed = tick.deadline - start
         if args.duration is not None and elapsed > args.duration * 1e9:
             break
-        # What was missed is made good step by step: a device's own watchdogs must see the time pass.
+        # Missed ticks are made up step by step: a device's own watchdogs must see the time pass.
         for due in range(tick.deadline - tick.missed * clock.period, tick.deadline + 1, clock.period):
             world.advance(round((due - start) * args.speed))
             for twin in twins.values():
@@ -157,7 +157,7 @@ def _say(text: str, quiet: bool) -> None:
 
 
 class _Control:
-    """Faults from standard input, a line each: VERB DEVICE; each is answered by a line."""
+    """Faults from standard input, one line each: VERB DEVICE. Each is answered by one line."""
 
     def __init__(self, twins: dict[str, Twin], as_json: bool) -> None:
         self._twins, self._json = twins, as_json
@@ -167,7 +167,7 @@ class _Control:
         self._open = True
 
     def service(self) -> None:
-        """Does what has come in; never blocks."""
+        """Carries out the lines that have arrived. Never blocks."""
         if not self._open or not self._poll.poll(0):
             return
         data = os.read(sys.stdin.fileno(), 4096)
@@ -210,7 +210,7 @@ _VERBS: dict[str, tuple[str, bool | None]] = {  # a method to call, or an attrib
 
 
 class _Log:
-    """The world's truth at 100 Hz of its time, for a file at the end."""
+    """The world's ground truth at 100 Hz of its time, saved to a file at the end."""
 
     def __init__(self, world: World) -> None:
         self._world = world
@@ -219,7 +219,7 @@ class _Log:
         self._rows: dict[str, list[Any]] = {name: [] for name in world.truth_arrays}
 
     def take(self, now: int) -> None:
-        """Keeps a row if one is due."""
+        """Takes a row if one is due."""
         time = self._world.time
         if time < self._next:
             return
