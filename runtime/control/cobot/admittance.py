@@ -2,10 +2,10 @@
 
     M_adm x_dd + D_adm x_d = lambda_h
 
-The orientation moves on SO(3): its velocity is integrated by the exponential map, there are no Euler angles.
-Two things go beyond the paper, both as forces on the same virtual mass, so that nothing in the desired motion
-jumps: the leash, which keeps the desired pose near the measured one when the robot is blocked, and the tank,
-which damps what the loop's delay would otherwise make of a stiff arm that holds the handle.
+The orientation moves on SO(3): its velocity is integrated by the exponential map, without Euler angles.
+Two things go beyond the paper. Both are forces on the same virtual mass, so that nothing in the desired motion
+jumps. The leash keeps the desired pose near the measured one when the robot is blocked. The tank damps the
+oscillation that the loop's delay would otherwise cause when a stiff arm holds the handle.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from runtime.contracts.controller import Controller, ControllerConfig, Parameter
 from runtime.contracts.gravity import GRAVITY
 from runtime.contracts.signals import Signal
 
-_FULL: Final = 0.25  # of the tank: above it there is no brake
-_DEBT: Final = 5.0  # tanks that may be owed at most; what is beyond is forgiven, and the brake stays on
-_RELEASE: Final = 2.0  # s, in which the brake goes: a swing that it let fill the tank would begin again
+_FULL: Final = 0.25  # of the tank: above this level there is no brake
+_DEBT: Final = 5.0  # greatest debt, in tank sizes; any debt beyond it is dropped, and the brake stays on
+_RELEASE: Final = 2.0  # s, time constant of the brake's release: an oscillation that filled the tank would restart
 _ZEROS: Final = [0.0] * 6  # read only
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 _Six = tuple[float, float, float, float, float, float]
@@ -34,7 +34,7 @@ _Three = tuple[float, float, float]
 
 
 class LeashConfig(BaseModel):
-    """How far the desired pose may run ahead of the measured one; None at `distance` or `angle`: not at all held."""
+    """How far the desired pose may run ahead of the measured one. It is free within `distance` and `angle`."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -68,12 +68,14 @@ class AdmittanceConfig(ControllerConfig):
 
 
 class Admittance(Controller):
-    """Inputs: `wrench` (6,) of the hand on the sensor, in the sensor's frame; `pose` (7,) m and w x y z and
+    """Converts the force of a person's hand to a desired motion.
+
+    Inputs: `wrench` (6,) of the hand on the sensor, in the sensor's frame; `pose` (7,) m and w x y z and
     `twist` (6,) of the control point, measured, world; `modes` (4,): admittance on, rotation too, -, -.
 
     Outputs: `pose` (7,) and `twist` (6,), desired, world axes; `hand` (6,), the hand's wrench at the control point in
-    world axes, gravity and bias taken out; `force` (6,), what of it acts on the virtual mass: nothing while switched
-    off, no torque without rotation, the dead band taken out; `tank` (1,) J.
+    world axes, without gravity and bias; `force` (6,), the part of it that acts on the virtual mass: zero while
+    switched off, no torque without rotation, without the dead band; `tank` (1,) J.
 
     Switched off, or without rotation, the hand's part is zero and the motion fades out by the law's own
     damping (M/D: 0.15 s), so no switch makes a step.
@@ -109,7 +111,7 @@ class Admittance(Controller):
         self._orientation: rotation.Quaternion = (1.0, 0.0, 0.0, 0.0)
         self._tank = self._brake = 0.0
         self._shares = [m / config.mass[0] for m in config.mass]  # of the brake, by axis
-        self._past: deque[list[float]] = deque()  # measured twists, the oldest as old as the wrench
+        self._past: deque[list[float]] = deque()  # measured twists; the oldest has the age of the wrench
         self._emptied = self._leashed = 0
 
     def reset(self) -> None:
@@ -133,16 +135,17 @@ class Admittance(Controller):
             return
         if on > 0.5:
             force = self._felt(F, T, r, rotates > 0.5)
-            # Switched off, the desired pose stays: whoever pushes the robot away stretches its spring, not the leash.
+            # Switched off, the desired pose stays: a person who pushes the robot away stretches its spring, not the
+            # leash.
             pull, drag = self._held((x, y, z), (qw, qx, qy, qz))
         brake = self._passive(force, dt, D)
-        # Semi-implicit: the force at the velocity before, then the pose with the velocity after.
+        # Semi-implicit: the force with the old velocity, then the pose with the new velocity.
         self._velocity = v = [
             v + dt / (M * m) * (f + p - (D * d + b) * v)
             for v, m, d, f, p, b in zip(self._velocity, self._M, self._D, force, pull, drag, strict=True)
         ]
         if brake > 0.0:
-            slow = 1.0 + dt * brake / (M * self._M[0])  # of all axes alike, by their shares of the mass
+            slow = 1.0 + dt * brake / (M * self._M[0])  # the same for all axes, by their shares of the mass
             v[:] = [x / slow for x in v]
         x, y, z = self._position
         self._position = [x + dt * v[0], y + dt * v[1], z + dt * v[2]]
@@ -151,13 +154,13 @@ class Admittance(Controller):
         self._write(force)
 
     def figures(self) -> dict[str, object]:
-        """Cycles in which the leash pulled, and in which the tank was empty."""
+        """Returns the numbers of cycles in which the leash pulled and in which the tank was empty."""
         return {"leashed_cycles": self._leashed, "damped_cycles": self._emptied}
 
     # -- forces on the virtual mass
 
     def _hand(self, actual: rotation.Quaternion) -> tuple[rotation.Vector, rotation.Vector, rotation.Vector]:
-        """The hand's force and torque at the sensor, and the sensor's place from the control point; world axes."""
+        """The hand's force and torque at the sensor, and the sensor's position from the control point; world axes."""
         c = self._config
         turn = rotation.product(actual, self._mount)  # sensor to world
         fx, fy, fz, tx, ty, tz = map(sub, self.input["wrench"].tolist(), c.bias)
@@ -172,7 +175,7 @@ class Admittance(Controller):
         return F, T, r
 
     def _felt(self, F: rotation.Vector, T: rotation.Vector, r: rotation.Vector, rotates: bool) -> list[float]:
-        """lambda_h: what of the hand's wrench acts on the virtual mass."""
+        """lambda_h: the part of the hand's wrench that acts on the virtual mass."""
         F = beyond(F, self._config.dead_band[0])
         return _about(F, beyond(T, self._config.dead_band[1]), r) if rotates else [*F, 0.0, 0.0, 0.0]
 
@@ -192,14 +195,14 @@ class Admittance(Controller):
         return [*pulls, *twists], [brakes, brakes, brakes, slows, slows, slows]
 
     def _passive(self, force: list[float], dt: float, scale: float) -> float:
-        """Damping, N s/m, that comes in as the tank runs dry.
+        """The damping, N s/m, which grows as the tank runs empty.
 
-        What the port gives the hand is lambda (x_d - xdot_measured), fed by what all damping dissipates. With a
+        The port gives the hand lambda (x_d - xdot_measured). The tank is fed by what all damping dissipates. With a
         perfect robot the first is zero; delay and compliance make it cost energy. Power is the force times the
-        motion of the same instant: a late sensor's force goes with the motion of then.
+        motion at the same instant: a late sensor's force belongs to the motion at that earlier instant.
 
-        The damping is bounded: an unbounded one would lock the robot against a hand that pushes on, since
-        measured motion is noisy. What couldn't be held back is owed, and paid before the damping goes again.
+        The damping is bounded. As measured motion is noisy, an unbounded damping would lock the robot against a hand
+        that keeps pushing. Energy that couldn't be held back is a debt; it is paid before the damping fades again.
         """
         size = self._config.tank
         if size is None:
@@ -222,7 +225,7 @@ class Admittance(Controller):
         return self._brake
 
     def _refuse(self, dt: float, M: float, D: float) -> None:
-        """A measurement isn't finite: neither is the output, so that the guard refuses it; the motion fades."""
+        """Handles a measurement that isn't finite: outputs NaN, so that the guard refuses it; the motion fades out."""
         velocity = zip(self._velocity, self._M, self._D, strict=True)
         self._velocity = [v / (1.0 + dt * D * d / (M * m)) for v, m, d in velocity]
         for name in ("pose", "twist", "force"):
@@ -237,12 +240,12 @@ class Admittance(Controller):
 
 
 def _about(F: rotation.Vector, T: rotation.Vector, r: rotation.Vector) -> list[float]:
-    """The wrench F, T that acts at r, about the origin of r."""
+    """Converts the wrench F, T that acts at r to a wrench about the origin of r."""
     return [*F, T[0] + r[1] * F[2] - r[2] * F[1], T[1] + r[2] * F[0] - r[0] * F[2], T[2] + r[0] * F[1] - r[1] * F[0]]
 
 
 def beyond(v: tuple[float, float, float], band: float) -> tuple[float, float, float]:
-    """What is left of a vector when `band` is taken off its length: continuous, and zero below it."""
+    """Shortens a vector by `band`: continuous, and zero for a length below `band`."""
     size = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     if size <= band:
         return (0.0, 0.0, 0.0)
@@ -253,7 +256,7 @@ def beyond(v: tuple[float, float, float], band: float) -> tuple[float, float, fl
 def _stretched(
     away: tuple[float, float, float], free: float, stiffness: float, mass: float
 ) -> tuple[tuple[float, float, float], float]:
-    """A leash's pull on what is `away` by more than `free`, and its damping, which comes in gradually."""
+    """A leash's pull for a distance `away` longer than `free`, and its damping, which grows gradually."""
     x, y, z = away
     size = sqrt(x * x + y * y + z * z)
     if size <= free:

@@ -1,16 +1,16 @@
-"""Compliance for a robot that is stiff by itself: the desired motion gives way to the measured contact force.
+"""Compliance for a robot that is stiff by itself: the desired motion yields to the measured contact force.
 
-Not in the paper, whose Kairos fails at the peg-in-hole. A deviation e (6,) of the desired pose follows
+This is not in the paper, whose Kairos fails at the peg-in-hole. A deviation e (6,) of the desired pose follows
 
     M_c e_dd + D_c e_d + K_c e = f
 
-with the contact's wrench f on the tool. Against a rigid thing the tool presses with K_c times how far the desired
-pose is inside it, besides D_c times the speed at which it came. M_c and D_c are larger than feels light: behind a
-velocity-controlled arm's delay T a contact of stiffness k stays stable while D_c is well above k T.
+with the contact's wrench f on the tool. The force of the tool on a rigid object has two parts: K_c times the depth of
+the desired pose inside the object, and D_c times the speed of arrival. M_c and D_c are larger than feels light: with
+the delay T of a velocity-controlled arm, a contact of stiffness k stays stable while D_c is well above k T.
 
-So that a person who pushes on doesn't push with D_c times the speed the admittance makes of it, the part of the
-desired motion that goes against the contact is taken over by e as far as the contact is firm: at once as it
-becomes firm, and given back slowly after it is lost, since a contact behind a delay comes and goes.
+A person who keeps pushing must not push with D_c times the speed that the admittance makes of the push. So e takes
+over the part of the desired motion that goes against the contact, as far as the contact is firm. It does so at once
+when the contact becomes firm, and releases it slowly after the contact is lost: with a delay, contact comes and goes.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _LATELY: Final = 0.1  # s of contact
 
 
 class WeightConfig(BaseModel):
-    """Something whose weight the sensor feels."""
+    """An object whose weight the sensor measures."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -90,11 +90,11 @@ class ComplianceConfig(BaseModel):
 
 
 class ContactCompliance:
-    """See the module's text.
+    """Computes the deviation from the contact force; see the module's docstring.
 
     Attributes:
         deviation: e (6,) m and rad (a rotation vector), world axes.
-        velocity: its rate (6,), what it takes over of the desired motion included.
+        velocity: its rate (6,), including the part that it takes over of the desired motion.
         contact: f (6,) N and N m of the surroundings on the tool, at the control point, world axes.
     """
 
@@ -102,15 +102,15 @@ class ContactCompliance:
         self._config = config
         self._turn = rotation.normalised(config.quaternion)
         self._mount = rotation.normalised(config.mount_quaternion)
-        self._share = 0.0  # 1 while something may be held
-        self._quiet = 0.0  # s for which nothing has been felt
+        self._share = 0.0  # 1 while the gripper may hold something
+        self._quiet = 0.0  # s during which the sensor has measured nothing
         self._against = (_Against(config.firm[0], config.release), _Against(config.firm[1], config.release))
         self._hands: deque[list[float]] = deque()  # the hand's wrenches of the last `hand_lead`
         self._yielding = [0.0] * 6
         self.deviation, self.velocity, self.contact = [0.0] * 6, [0.0] * 6, [0.0] * 6
 
     def reset(self, closed: bool) -> None:
-        """Begins without a deviation."""
+        """Starts without a deviation."""
         self._share, self._quiet = float(closed), 0.0
         for against in self._against:
             against.reset()
@@ -128,19 +128,19 @@ class ContactCompliance:
         closed: bool,
         dt: float,
     ) -> None:
-        """One step of dt seconds.
+        """Computes one step of dt seconds.
 
         Args:
             desired: (6,) m/s and rad/s, the desired twist, world axes.
-            wrench: (6,) N, N m, on the tool, as it is measured.
-            hand: (6,) N, N m, the hand's at the control point, world axes.
-            orientation: of the control point, world.
-            yaw: rad, of the mobile base.
-            closed: whether the gripper is.
+            wrench: (6,) N, N m, the measured wrench on the tool.
+            hand: (6,) N, N m, the hand's wrench at the control point, world axes.
+            orientation: orientation of the control point, world.
+            yaw: yaw of the mobile base, rad.
+            closed: whether the gripper is closed.
         """
         c = self._config
         if not isfinite(sum(wrench) + sum(hand) + sum(desired) + sum(orientation) + yaw):
-            # Neither is what comes of it, so that the guard refuses it; what was felt before stays.
+            # The outputs are not finite either, so that the guard refuses them. The earlier state is kept.
             self.velocity, self.contact = [nan] * 6, [nan] * 6
             return
         if c.hand:
@@ -159,27 +159,27 @@ class ContactCompliance:
             e[i] += dt * self.velocity[i]
 
     def _settle(self, whole: list[float], closed: bool, dt: float) -> None:
-        """Something is held from the closing on, until the gripper was opened and the sensor feels nothing of it."""
+        """Updates whether something may be held: from closing until the gripper is open and nothing is measured."""
         least, most = self._config.dead_band
         felt = _square(whole[:3]) > least * least or _square(whole[3:]) > most * most
         self._quiet = 0.0 if felt else self._quiet + dt
         step = dt / self._config.load_time
         if closed:
             self._share = min(self._share + step, 1.0)
-        elif self._share < 1.0 or self._quiet >= self._config.load_time:  # else the fingers still open
+        elif self._share < 1.0 or self._quiet >= self._config.load_time:  # otherwise the fingers are still opening
             self._share = max(self._share - step, 0.0)
 
     def _contact(self, whole: list[float]) -> list[float]:
-        """Without what a load in the gripper may be, and the dead band."""
+        """The contact wrench, without the possible load in the gripper and without the dead band."""
         c, share = self._config, self._share
         fx, fy, fz = whole[:3]
         bands = [open_ + share * (closed - open_) for open_, closed in zip(c.dead_band, c.carrying, strict=True)]
-        # It comes off the table bit by bit, and nobody says how heavy it is.
+        # The load leaves the table gradually, and its weight is not known.
         fz += min(max(-fz, 0.0), share * c.load * GRAVITY)
         return [*beyond((fx, fy, fz), bands[0]), *beyond((whole[3], whole[4], whole[5]), bands[1])]
 
     def _felt(self, wrench: list[float], orientation: rotation.Quaternion, yaw: float) -> list[float]:
-        """(6,) N, N m at the control point, world axes, without tool and hand."""
+        """The measured wrench (6,) N, N m at the control point, world axes, without tool and hand."""
         c = self._config
         turn = self._turn
         if c.axes == "tool":
@@ -195,7 +195,8 @@ class ContactCompliance:
             lever = _cross(rotation.turned(orientation, c.tool.com), weight)
             f = list(map(sub, f, (*weight, *lever)))
         if c.hand:
-            # Which of the hand's forces the flange feels now isn't known: the one that leaves least is no contact.
+            # It isn't known which of the hand's forces the flange measures now. The one that leaves the smallest rest
+            # is used: what it explains is no contact.
             hands = self._hands
             left = [list(map(sub, f, hands[k])) for k in {0, len(hands) // 2, len(hands) - 1}]
             f = [*min((v[:3] for v in left), key=_square), *min((v[3:] for v in left), key=_square)]
@@ -203,7 +204,7 @@ class ContactCompliance:
 
 
 class _Against:
-    """What of a desired motion goes against a contact."""
+    """The part of a desired motion that goes against a contact."""
 
     def __init__(self, firm: float, release: float) -> None:
         self._firm, self._release = firm, release
@@ -211,10 +212,10 @@ class _Against:
 
     def reset(self) -> None:
         self._firmness = 0.0  # 0 to 1
-        self._pushed = [0.0, 0.0, 0.0]  # what the contact gave lately: single forces of an impact go astray
+        self._pushed = [0.0, 0.0, 0.0]  # recent contact force: single forces of an impact have wrong directions
 
     def take(self, f: list[float], motion: list[float], dt: float) -> list[float]:
-        """The velocity (3,) that keeps `motion` (3,) from going on against the contact's force f (3,)."""
+        """The velocity (3,) that keeps `motion` (3,) from continuing against the contact's force f (3,)."""
         size = sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])
         keep = self._release / (self._release + dt)
         self._firmness = max(keep * self._firmness, min(size / self._firm, 1.0))

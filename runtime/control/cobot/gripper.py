@@ -1,4 +1,4 @@
-"""The gripper of a guided robot: a mode becomes a closure that moves at a limited speed."""
+"""The gripper of a guided robot: converts a mode to a closure that moves at a limited speed."""
 
 from __future__ import annotations
 
@@ -19,8 +19,11 @@ class GripperConfig(ControllerConfig):
 
 
 class Gripper(Controller):
-    """Input `modes` (4,), of which the third closes. Outputs `closure` (1,), 0 open to 1 closed, and its
-    `velocity` (1,), 1/s."""
+    """Opens and closes a gripper at a limited speed.
+
+    Input `modes` (4,), of which the third closes the gripper. Outputs `closure` (1,), 0 open to 1 closed, and its
+    `velocity` (1,), 1/s.
+    """
 
     Config = GripperConfig
     summary = "opens and closes a SoftHand at a limited speed"
@@ -36,7 +39,7 @@ class Gripper(Controller):
         self._closure = 0.0
 
     def reset(self) -> None:
-        """Begins where the hand is."""
+        """Starts at the hand's applied closure."""
         self._closure = self._applied()
         self.output["closure"][0], self.output["velocity"][0] = self._closure, 0.0
 

@@ -1,4 +1,4 @@
-"""The four buttons of the guiding handle (Giammarino et al. 2022, III-A): presses become modes."""
+"""The four buttons of the guiding handle (Giammarino et al. 2022, III-A): converts presses to modes."""
 
 from __future__ import annotations
 
@@ -21,11 +21,13 @@ class GuideButtonsConfig(ControllerConfig):
 
 
 class GuideButtons(Controller):
-    """Input `buttons` (4,): A, M, G, P, each 1 while pressed, debounced by the device. Output `modes` (4,):
+    """Converts presses of the handle's buttons to modes.
+
+    Input `buttons` (4,): A, M, G, P, each 1 while pressed, debounced by the device. Output `modes` (4,):
     admittance on, rotation too, gripper closed, locomotion; each 0 or 1.
 
-    Each press toggles its mode. A reset gives admittance off, translation only, manipulation; the gripper stays as
-    it is, since it may hold something. A button held during the reset counts only after it was let go.
+    Each press toggles its mode. A reset gives admittance off, translation only, manipulation. The gripper stays as
+    it is, since it may hold something. A button held during the reset counts only after it has been released.
     """
 
     Config = GuideButtonsConfig
@@ -55,7 +57,7 @@ class GuideButtons(Controller):
         self.output["modes"][:] = self._modes
 
     def figures(self) -> dict[str, object]:
-        """Presses of each button."""
+        """Returns the number of presses of each button."""
         return {"presses": dict(zip(BUTTONS, self._presses, strict=True))}
 
     def _pressed(self) -> list[bool]:

@@ -1,7 +1,7 @@
 """Kairos' weighted whole-body closed-loop inverse kinematics (Giammarino et al. 2022, eqs. 10 to 17, appendix B).
 
-Velocities of base and arm that follow a desired motion of the tool; w_b and w_a decide who of them moves.
-Errata of the paper and what is added: docs/super-man.md.
+It computes velocities of base and arm that follow a desired motion of the tool. w_b and w_a decide which of them
+moves. Errata of the paper and additions: docs/super-man.md.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _Three = tuple[_Positive, _Positive, _Positive]
 
 
 class KairosPriority(BaseModel):
-    """What a priority means."""
+    """The weights of one priority."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -62,10 +62,12 @@ class KairosClikConfig(RobotName, ControllerConfig):
 
 
 class KairosClik(Controller):
-    """Inputs: `q` (n,) rad; `base_pose` (3,) m and rad; measured `pose` (7,) and `jacobian` (6, 3 + n) as
-    `tool-pose` gives them; `desired_pose` (7,) m and w x y z, `desired_twist` (6,) m/s and rad/s, world; `modes`
+    """Weighted whole-body inverse kinematics of an arm on a mobile base.
+
+    Inputs: `q` (n,) rad; `base_pose` (3,) m and rad; measured `pose` (7,) and `jacobian` (6, 3 + n) from
+    `tool-pose`; `desired_pose` (7,) m and w x y z, `desired_twist` (6,) m/s and rad/s, world; `modes`
     (4,): -, -, gripper closed, locomotion. With `force_feedback` also `flange_wrench` (6,) N and N m, and with its
-    `hand` the `hand` (6,) N and N m, the admittance's.
+    option `hand` also `hand` (6,) N and N m from the admittance.
 
     Outputs: `velocity` (n,) rad/s; `base_twist` (3,) vx, vy (m/s), wz (rad/s) in the base's frame; `manipulability`
     (1,) of the arm, eq. 12. With `force_feedback` also `contact` (6,) N and N m, world axes.
@@ -123,7 +125,10 @@ class KairosClik(Controller):
         self._step(dt)
 
     def figures(self) -> dict[str, object]:
-        """Least manipulability; shares of cycles near a singular posture, and slowed down to the joints' speeds."""
+        """Returns the least manipulability and the shares of cycles near a singular posture and slowed down to limits.
+
+        A cycle is slowed down if a joint or the base would otherwise exceed its speed.
+        """
         cycles = max(self._cycles, 1)
         return {
             "least_manipulability": self._least if self._cycles else None,
@@ -158,11 +163,11 @@ class KairosClik(Controller):
         self._send(arm, base, w_a, dt)
 
     def _send(self, arm: list[float], base: list[float], w_a: float, dt: float) -> None:
-        """Fills the outputs; `base` is in its own axes, `w_a` is the arm's part of W_2^-1."""
+        """Fills the outputs. `base` is in its own axes; `w_a` is the arm's part of W_2^-1."""
         arm, base = self._slow_down(arm, base)
         late = self._held_back(base, dt)
         if any(late):
-            # The arm does what the base can't do yet: (14) of the arm alone, for what is missing.
+            # The arm makes up for what the base can't do yet: (14) of the arm alone, for the missing motion.
             J = self.input["jacobian"]
             Ja, u, v = J[:, BASE:], J.item(0, 2), J.item(1, 2)
             vx, vy, wz = self._world_axes(late)
@@ -176,7 +181,7 @@ class KairosClik(Controller):
         self.output["base_twist"][:] = base
 
     def _eased(self, arm: list[float], dt: float) -> list[float]:
-        """Near a singular posture small changes of the task are large ones of the joints."""
+        """Limits the joints' accelerations: near a singular posture, small task changes are large joint changes."""
         most = self._config.acceleration
         if most is None or dt == 0.0:
             return arm
@@ -198,7 +203,7 @@ class KairosClik(Controller):
         return 1.0 + c.damping * away * away
 
     def _task(self, dt: float) -> Array:
-        """xd_d + K (x_d - x) (6,), of the desired motion after it gave way to contact."""
+        """xd_d + K (x_d - x) (6,), for the desired motion after it has yielded to contact."""
         x, y, z, *o = self.input["pose"].tolist()
         X, Y, Z, *r = self.input["desired_pose"].tolist()
         twist = self.input["desired_twist"].tolist()
@@ -227,7 +232,7 @@ class KairosClik(Controller):
         return np.array([v + K * e for v, K, e in zip(twist, self._config.gain, away, strict=True)])
 
     def _own_axes(self, vx: float, vy: float, wz: float) -> list[float]:
-        """A twist of the base (3,), world axes, in its own."""
+        """Converts a twist of the base (3,) from world axes to its own axes."""
         yaw = self.input["base_pose"].item(2)
         c, s = cos(yaw), sin(yaw)
         return [c * vx + s * vy, c * vy - s * vx, wz]
@@ -238,7 +243,7 @@ class KairosClik(Controller):
         return c * twist[0] - s * twist[1], s * twist[0] + c * twist[1], twist[2]
 
     def _slow_down(self, arm: list[float], base: list[float]) -> tuple[list[float], list[float]]:
-        """All alike where one would be too fast, which keeps the direction."""
+        """Scales all velocities alike if one would be too fast, which keeps the direction."""
         share = 1.0
         if self._fastest is not None:
             share = max(share, *[abs(v) / V for v, V in zip(arm, self._fastest, strict=True)])
@@ -250,7 +255,7 @@ class KairosClik(Controller):
         return [v / share for v in arm], [v / share for v in base]
 
     def _held_back(self, base: list[float], dt: float) -> list[float]:
-        """What of a twist of the base, its own axes, is beyond its acceleration from what the guard let through."""
+        """The part of the base's twist (own axes) beyond its acceleration limit, from the last guarded command."""
         most = self._config.base_acceleration
         if most is None:
             return []

@@ -1,7 +1,7 @@
 """Kairos' whole-body inverse kinematics under limits: a quadratic program with two priorities.
 
-`kairos-clik` (Giammarino et al. 2022, eqs. 10 to 17) with position, velocity and acceleration limits of joints and
-base as inequalities. Formulation: docs/whole-body-qp.md.
+This is `kairos-clik` (Giammarino et al. 2022, eqs. 10 to 17) with position, velocity and acceleration limits of joints
+and base as inequalities. Formulation: docs/whole-body-qp.md.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ class KairosQpConfig(KairosClikConfig):
 
 
 class KairosQp(KairosClik):
-    """Inputs and outputs are those of `kairos-clik`.
+    """Whole-body inverse kinematics under limits. Inputs and outputs are those of `kairos-clik`.
 
-    Where a limit is in the way, the other joints and the base take over, so that the tool follows as well as it
-    can; `kairos-clik` slows down altogether instead. Changes of the velocity are bounded from the first cycle on.
+    Where a limit is active, the other joints and the base take over, so that the tool follows as well as it can.
+    `kairos-clik` slows down all velocities instead. Changes of the velocity are bounded from the first cycle on.
     """
 
     Config = KairosQpConfig
@@ -58,7 +58,10 @@ class KairosQp(KairosClik):
         self._missed = 0.0
 
     def figures(self) -> dict[str, object]:
-        """Also: share of cycles with an active limit; greatest speed missed by the tool; solver failures."""
+        """Returns the base class's figures, without `slowed`, and those of the limits.
+
+        They are the share of cycles with an active limit, the greatest speed missed by the tool, and solver failures.
+        """
         found = super().figures()
         del found["slowed"]
         return found | {
@@ -76,7 +79,7 @@ class KairosQp(KairosClik):
         return self._k
 
     def _send(self, arm: list[float], base: list[float], w_a: float, dt: float) -> None:
-        """Fills the outputs with what is nearest to the law's velocities within the limits."""
+        """Fills the outputs with the velocities nearest to the law's within the limits."""
         yaw = self.input["base_pose"].item(2)
         c, s = cos(yaw), sin(yaw)
         x0 = np.array([*base, *arm])
@@ -94,7 +97,7 @@ class KairosQp(KairosClik):
         self.output["velocity"][:] = x[BASE:]
 
     def _limits(self) -> tuple[Array, Array]:
-        """Least and greatest velocities (3 + n,), base first and in its own axes."""
+        """Least and greatest velocities (3 + n,), the base's first and in its own axes."""
         dt = self._dt
         out, applied = self.output, self.applied
         least, most = self._approach.speeds(self.input["q"], applied.get("velocity", out["velocity"]), dt)

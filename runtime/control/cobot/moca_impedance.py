@@ -1,8 +1,8 @@
 """MOCA's weighted whole-body Cartesian impedance (Giammarino et al. 2022, eqs. 2 to 9, appendix B).
 
-An arm in torque control on a base in velocity control. The base is given the dynamics of a virtual mass, so that
-both are one system of generalised torques tau_c = (tau_v, tau_a); eta_B and eta_A decide who of them moves.
-Errata of the paper and what is added: docs/super-man.md.
+The arm is in torque control, the base in velocity control. The base gets the dynamics of a virtual mass, so that
+both form one system with generalised torques tau_c = (tau_v, tau_a). eta_B and eta_A decide which of them moves.
+Errata of the paper and additions: docs/super-man.md.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from runtime.control.shared.spd6 import NEAR, Equations
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 _Six = tuple[_Positive, _Positive, _Positive, _Positive, _Positive, _Positive]
 _FIRM: Final = 1e-6 * np.eye(6)  # 1/kg, 1/(kg m^2): makes the mobility invertible in singular postures, too
-_SELDOM: Final = 10  # cycles after which the masses are worked out anew: they change with the posture only
-_HEAVIEST: Final = 20.0  # kg, kg m^2: near singular postures they grow without bounds
-_HELD_BACK: Final = 0.1  # N m: more than this between asked and applied torque counts
+_SELDOM: Final = 10  # cycles after which the masses are computed again: they change only with the posture
+_HEAVIEST: Final = 20.0  # kg, kg m^2: near singular postures the masses grow without bounds
+_HELD_BACK: Final = 0.1  # N m: a larger difference of desired and applied torque counts as held back
 
 
 class MocaPriority(BaseModel):
-    """What a priority means."""
+    """The weights of one priority."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -72,9 +72,9 @@ class MocaImpedanceConfig(RobotName, ControllerConfig):
 
 
 class WeightedTorque:
-    """Eq. 4: torques with a given task force F, the least in the metric W besides.
+    """Eq. 4: the torques that have a given task force F and are otherwise least in the metric W.
 
-    Written without W^-1, which isn't needed: with y from (J M^-1 H^-2 J^T) y = J M^-1 (J^T F - tau_0),
+    It is written without W^-1, which isn't needed: with y from (J M^-1 H^-2 J^T) y = J M^-1 (J^T F - tau_0),
     tau_c = tau_0 + H^-2 J^T y. M and H commute, so the matrix is symmetric.
     """
 
@@ -87,12 +87,12 @@ class WeightedTorque:
         self.independence = 1.0
 
     def masses(self) -> list[float]:
-        """The diagonal of (J_a M_a^-1 J_a^T)^-1, kg, kg m^2: what moves along each axis while the others are held."""
+        """The diagonal of (J_a M_a^-1 J_a^T)^-1, kg, kg m^2: the mass along each axis while the others are held."""
         found: list[float] = np.linalg.inv(self._S + _FIRM).diagonal().tolist()
         return found
 
     def mobility(self) -> list[float]:
-        """The diagonal of J_a M_a^-1 J_a^T, 1/kg and 1/(kg m^2): what a force at the tip accelerates along its axis."""
+        """The diagonal of J_a M_a^-1 J_a^T, 1/kg and 1/(kg m^2): acceleration along each axis for a tip force on it."""
         found: list[float] = self._S.diagonal().tolist()
         return found
 
@@ -106,9 +106,9 @@ class WeightedTorque:
     def __call__(
         self, F: list[float], tau_0: list[float], eta_B: float, eta_A: float
     ) -> tuple[tuple[float, float, float], Array]:
-        """tau_v (3,), world axes, and tau_a (n,), N and N m, for F (6,) N, N m; tau_0 (n,) is the arm's only."""
+        """tau_v (3,), world axes, and tau_a (n,), N and N m, for F (6,) N, N m; tau_0 (n,) is only the arm's."""
         m, j = self._m, self._j
-        u, v = self._J.item(0, 2), self._J.item(1, 2)  # what yaw does to the control point, m
+        u, v = self._J.item(0, 2), self._J.item(1, 2)  # effect of yaw on the control point, m
         w_b, w_a = 1.0 / (eta_B * eta_B), 1.0 / (eta_A * eta_A)
         null = np.array(tau_0)
         A = w_a * self._S
@@ -124,8 +124,10 @@ class WeightedTorque:
 
 
 class MocaImpedance(Controller):
-    """Inputs: `q` (n,) rad, `qd` (n,) rad/s; `base_pose` (3,) m and rad; measured `pose` (7,), `twist` (6,) and
-    `jacobian` (6, 3 + n) as `tool-pose` gives them; `desired_pose` (7,) m and w x y z, `desired_twist` (6,) m/s and
+    """Weighted whole-body impedance control of an arm on a mobile base.
+
+    Inputs: `q` (n,) rad, `qd` (n,) rad/s; `base_pose` (3,) m and rad; measured `pose` (7,), `twist` (6,) and
+    `jacobian` (6, 3 + n) from `tool-pose`; `desired_pose` (7,) m and w x y z, `desired_twist` (6,) m/s and
     rad/s, world; `modes` (4,): -, -, gripper closed, locomotion.
 
     Outputs: `torque` (n,) N m; `base_twist` (3,) vx, vy (m/s), wz (rad/s) in the base's frame; `force` (6,) N and
@@ -158,7 +160,7 @@ class MocaImpedance(Controller):
         self._config = config
         self._K = config.stiffness
         self._D = [2 * config.damping_ratio * sqrt(k) for k in config.stiffness]  # for 1 kg, 1 kg m^2
-        self._now, self._age = self._D, 0  # D_d of this posture, and the cycles since
+        self._now, self._age = self._D, 0  # D_d of this posture, and the cycles since it was computed
         self._priority = Priority(n, config.blend)
         self._weighted = WeightedTorque(n, config.virtual_mass)
         payload = None if config.payload is None else config.payload.payload()
@@ -169,7 +171,7 @@ class MocaImpedance(Controller):
     def reset(self) -> None:
         modes = self.input["modes"]
         self._priority.reset(modes[LOCOMOTION] > 0.5, self.input["q"])
-        # What is held now is held by somebody: its weight comes in at once, like the arm's.
+        # Somebody already supports an object that is held now: its weight is added at once, like the arm's.
         self._dynamics.carry(float(modes[GRIPPER] > 0.5))
         self.output["base_twist"][:] = self.applied.get("base_twist", 0.0)
         self._age = 0
@@ -183,7 +185,7 @@ class MocaImpedance(Controller):
         self._step(dt)
 
     def figures(self) -> dict[str, object]:
-        """Strongest F; shares of cycles in which the guard held torque back, and near a singular posture."""
+        """Returns the strongest F, and the shares of cycles with torque held back by the guard and near singularity."""
         cycles = max(self._cycles, 1)
         return {
             "strongest_force_n": self._strongest,
@@ -218,19 +220,19 @@ class MocaImpedance(Controller):
         return [K * e + D * (W - w) for K, e, D, W, w in zip(self._K, away, self._damping(), V, v, strict=True)]
 
     def _damping(self) -> list[float]:
-        """D_d of this posture, less where it would overshoot within the lag."""
+        """D_d of this posture, reduced where it would overshoot within the lag."""
         if self._age == 0:
             D, lag = self._D, self._config.lag
             if not self._config.unit_mass:
                 D = [d * sqrt(min(max(m, 1.0), _HEAVIEST)) for d, m in zip(D, self._weighted.masses(), strict=True)]
             self._now = [d / (1.0 + lag * d * s) for d, s in zip(D, self._weighted.mobility(), strict=True)]
             if not isfinite(sum(self._now)):
-                return self._now  # of a measurement that failed: not kept
+                return self._now  # from a failed measurement: not kept
         self._age = (self._age + 1) % _SELDOM
         return self._now
 
     def _posture(self, inverse_mass: Array) -> list[float]:
-        """Eq. 9 of the arm: tau_0 = -D_0 qd + K_0 (q_pref - q); the base has none."""
+        """Eq. 9 for the arm: tau_0 = -D_0 qd + K_0 (q_pref - q). The base has no tau_0."""
         c = self._config
         K = self._priority.between(c.manipulation.posture, c.locomotion.posture)
         D, lag = 2 * c.damping_ratio * sqrt(K), c.lag
@@ -241,7 +243,7 @@ class MocaImpedance(Controller):
         ]
 
     def _move_base(self, tau_v: tuple[float, float, float], dt: float) -> None:
-        """Eq. 2: M_v q_b_dd + D_v q_b_d = tau_v, from the velocity that the guard let through."""
+        """Eq. 2: M_v q_b_dd + D_v q_b_d = tau_v, starting from the guarded velocity (`.applied`)."""
         m, j = self._config.virtual_mass
         decay = 1.0 / (1.0 + dt * self._config.base_damping)
         yaw = self.input["base_pose"].item(2)

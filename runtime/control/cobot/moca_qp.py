@@ -1,7 +1,7 @@
 """MOCA's whole-body impedance under limits: a quadratic program with two priorities.
 
-`moca-impedance` (Giammarino et al. 2022, eqs. 2 to 9) with position, velocity, acceleration and torque limits of
-the joints and speed and acceleration limits of the base as inequalities. Formulation: docs/whole-body-qp.md.
+This is `moca-impedance` (Giammarino et al. 2022, eqs. 2 to 9) with position, velocity, acceleration and torque limits
+of the joints and speed and acceleration limits of the base as inequalities. Formulation: docs/whole-body-qp.md.
 """
 
 from __future__ import annotations
@@ -45,10 +45,11 @@ class MocaQpConfig(MocaImpedanceConfig):
 
 
 class MocaQp(MocaImpedance):
-    """Inputs and outputs are those of `moca-impedance`.
+    """Whole-body impedance control under limits. Inputs and outputs are those of `moca-impedance`.
 
-    The variables are the generalised torques tau_c = (tau_v, tau_a), the base's in its own axes. Torque and base
-    limits bound them singly; the joints' motion limits bound M_a^-1 tau_a, the acceleration the arm is given.
+    The variables are the generalised torques tau_c = (tau_v, tau_a), with the base's torques in its own axes. Torque
+    and base limits bound each of them singly. The joints' motion limits bound M_a^-1 tau_a, the acceleration that the
+    arm is given.
     """
 
     Config = MocaQpConfig
@@ -63,7 +64,7 @@ class MocaQp(MocaImpedance):
         self._base_speed = base_speeds(limits.base_speed)
         self._base_acceleration = np.array(limits.base_acceleration)
         self._nearest = Nearest(limits.priority)
-        # A missed acceleration counts as a missed force would: K_d says how metres compare with radians.
+        # A missed acceleration counts like a missed force: K_d says how metres compare with radians.
         self._Q = np.array(config.stiffness) / max(config.stiffness)
         m, j = config.virtual_mass
         self._base_mass = np.array([m, m, j])
@@ -73,8 +74,11 @@ class MocaQp(MocaImpedance):
         self._missed = 0.0
 
     def figures(self) -> dict[str, object]:
-        """Also: shares of cycles with an active limit, and in which torques can't keep the motion's limits;
-        greatest acceleration missed by the tool; solver failures."""
+        """Returns the base class's figures and those of the limits.
+
+        They are the shares of cycles with an active limit and with torques too weak to keep the motion's limits, the
+        greatest acceleration missed by the tool, and solver failures.
+        """
         cycles = max(self._cycles, 1)
         return super().figures() | {
             "limited": self._limited / cycles,
@@ -110,7 +114,7 @@ class MocaQp(MocaImpedance):
         eta_A: float,
         dt: float,
     ) -> tuple[tuple[float, float, float], Array]:
-        """The law's torques, or what is nearest to them within the limits; world axes, without the bias."""
+        """The law's torques, or the nearest ones within the limits; world axes, without the bias."""
         yaw = self.input["base_pose"].item(2)
         c, s = cos(yaw), sin(yaw)
         vx, vy, wz = tau_v
@@ -123,7 +127,7 @@ class MocaQp(MocaImpedance):
         if not ((x0 < lower).any() or (x0 > upper).any() or (a0 < least).any() or (a0 > most).any()):
             return tau_v, tau_a
         self._limited += dt > 0.0
-        # A stop that the torques can give: it keeps the program solvable where they are too weak for the limits.
+        # A stop that the torques can produce: it keeps the program solvable if they are too weak for the limits.
         qd = self.input["qd"]
         wanted = np.minimum(np.maximum(-self._approach.rate(dt) * qd, least), most)
         stop = np.minimum(np.maximum(np.linalg.solve(inverse_mass, wanted), lower[BASE:]), upper[BASE:])
@@ -154,16 +158,16 @@ class MocaQp(MocaImpedance):
         return (c * X - s * Y, s * X + c * Y, turn), x[BASE:]
 
     def _base_limits(self, dt: float) -> tuple[Array, Array]:
-        """Least and greatest tau_v (3,), N, N, N m in the base's own axes. Never empty."""
+        """Least and greatest tau_v (3,), N, N, N m in the base's own axes. The range is never empty."""
         if dt == 0.0:
             return np.full(BASE, -np.inf), np.full(BASE, np.inf)  # nothing moves
         v = self.applied.get("base_twist", self.output["base_twist"])
         most, V = self._base_acceleration, self._base_speed
         rate = self._approach.rate(dt)
-        # Accelerations: towards the greatest speed they fade out.
+        # Accelerations: they fade out towards the greatest speed.
         up = np.maximum(np.minimum(rate * (V - v), most), -most)
         down = np.minimum(np.maximum(-rate * (V + v), -most), most)
-        # Backwards through eq. 2 as `_move_base` steps it: v + dt a = (v + dt tau / m) / (1 + dt damping).
+        # Eq. 2 as `_move_base` steps it, solved for tau: v + dt a = (v + dt tau / m) / (1 + dt damping).
         drag = self._config.base_damping
         grown = 1.0 + dt * drag
         mass = self._base_mass

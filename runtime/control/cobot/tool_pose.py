@@ -1,4 +1,4 @@
-"""Where the tool of an arm on a mobile base is and how it moves, in world axes."""
+"""Pose, twist and Jacobian of the tool of an arm on a mobile base, in world axes."""
 
 from __future__ import annotations
 
@@ -24,11 +24,13 @@ class ToolPoseConfig(RobotName, ControllerConfig):
 
 
 class ToolPose(Controller):
-    """Inputs: `q` (n,) rad and `qd` (n,) rad/s of the arm; `base_pose` (3,) x, y (m), yaw (rad) in the world and
+    """Computes pose, twist and Jacobian of the tool from the measured states of arm and base.
+
+    Inputs: `q` (n,) rad and `qd` (n,) rad/s of the arm; `base_pose` (3,) x, y (m), yaw (rad) in the world and
     `base_twist` (3,) vx, vy (m/s), wz (rad/s) in the base's own frame.
 
     Outputs, of the control point, world axes: `pose` (7,) m and w x y z; `twist` (6,) m/s and rad/s; `jacobian`
-    (6, 3 + n), by which the velocities of x, y (world), yaw and the joints give the twist.
+    (6, 3 + n), which maps the velocities of x, y (world), yaw and the joints to the twist.
     """
 
     Config = ToolPoseConfig

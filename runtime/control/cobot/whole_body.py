@@ -1,7 +1,7 @@
 """Kinematics of an arm on a mobile base for a control point fixed to its flange, and the arm's dynamics.
 
 Coordinates of the body: x, y (m) and yaw (rad) of the base in the world, then the arm's n joints. The base's
-velocities are those of the world's axes. World: z up from the ground, x and y as the base's pose has them.
+velocities are along the world's axes. World frame: z up from the ground, x and y as in the base's pose.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ BASE: Final = 3  # the base's coordinates
 
 
 class PlaceConfig(BaseModel):
-    """One frame in another."""
+    """The pose of one frame in another."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -31,7 +31,7 @@ class PlaceConfig(BaseModel):
     quaternion: tuple[float, float, float, float] = Field((1.0, 0.0, 0.0, 0.0), description="w x y z")
 
     def matrix(self) -> Array:
-        """(4, 4)."""
+        """Returns the transform (4, 4)."""
         place = np.eye(4)
         place[:3, :3] = rotation.matrix(rotation.normalised(self.quaternion))
         place[:3, 3] = self.position
@@ -39,7 +39,7 @@ class PlaceConfig(BaseModel):
 
 
 class LoadConfig(BaseModel):
-    """What the gripper carries while it is closed."""
+    """The load that the gripper carries while it is closed."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -47,12 +47,12 @@ class LoadConfig(BaseModel):
     com: tuple[float, float, float] = Field((0.0, 0.0, 0.0), description="m, its centre of mass in the flange frame")
 
     def payload(self) -> Payload:
-        """As the models take it."""
+        """Converts the load to a Payload, as the models take it."""
         return Payload(self.mass, self.com)
 
 
 class RobotName(BaseModel):
-    """Mixed into the options of what needs to know the arm."""
+    """A mix-in for the options of controllers that need to know the arm."""
 
     robot: str = Field("panda", description="the arm: " + ", ".join(sorted(ARMS)))
 
@@ -68,18 +68,18 @@ class WholeBody:
     """Pose and Jacobian of the control point.
 
     Attributes:
-        n: the arm's joints.
+        n: number of the arm's joints.
         position: (3,) m, world.
         orientation: w x y z, world, w not negative.
-        jacobian: (6, 3 + n): velocity of the control point (m/s, above) and rate of turning (rad/s, below), in the
-            world's axes, for the velocities of the body's coordinates.
+        jacobian: (6, 3 + n): linear velocity of the control point (m/s, upper rows) and angular velocity (rad/s, lower
+            rows), in the world's axes, for the velocities of the body's coordinates.
     """
 
     def __init__(self, robot: RobotDescription, mount: Array, tool: Array, height: float = 0.0) -> None:
         """Args:
-        mount: (4, 4), the arm's base frame in the mobile base's.
-        tool: (4, 4), the control point's frame in the flange's.
-        height: m, of the mobile base's frame over the ground.
+        mount: (4, 4), the arm's base frame in the mobile base's frame.
+        tool: (4, 4), the control point's frame in the flange's frame.
+        height: m, of the mobile base's frame above the ground.
         """
         self.n = robot.n
         raised = np.array(mount)
@@ -104,16 +104,16 @@ class WholeBody:
 
 
 class ArmDynamics:
-    """The arm's own dynamics on a base at rest (M_a, C_a, g_a of eq. 3), with a load that may come and go.
+    """The arm's own dynamics on a base at rest (M_a, C_a, g_a of eq. 3), with a load that may be added and removed.
 
     Attributes:
-        load: share of the load that is on, 0 to 1.
+        load: share of the load that is included, 0 to 1.
     """
 
     def __init__(self, robot: RobotDescription, load: Payload | None = None, mount: rotation.Quaternion | None = None):
         """Args:
-        load: None: never any.
-        mount: turns the arm's base axes into upright ones; None: the arm stands upright.
+        load: the load; None: never any.
+        mount: rotates the arm's base axes into upright ones; None: the arm stands upright.
         """
         gravity = rotation.turned(rotation.conjugate(rotation.normalised(mount or (1.0, 0.0, 0.0, 0.0))), DOWN)
         self._bare = pinocchio_model(robot, gravity=gravity)
@@ -128,7 +128,7 @@ class ArmDynamics:
         self.load = 0.0
 
     def carry(self, share: float) -> None:
-        """Puts this share of the load on."""
+        """Sets the share of the load that is included."""
         load = self._payload
         if load is None or share == self.load:
             return
@@ -144,11 +144,11 @@ class ArmDynamics:
         return found
 
     def bias(self, q: Array, qd: Array, *, gravity: bool, coriolis: bool) -> Array:
-        """(n,) N m against weight and Coriolis forces.
+        """Returns the torques (n,) N m against weight and Coriolis forces.
 
         Args:
-            gravity: the arm's weight too; without it that of the load alone.
-            coriolis: C_a qd too.
+            gravity: True to include the arm's weight; otherwise only the load's weight is included.
+            coriolis: True to include C_a qd.
         """
         qd = qd if coriolis else self._still
         found: Array

@@ -1,8 +1,8 @@
-"""What the two whole-body laws have in common when they keep limits: a quadratic program with two priorities.
+"""The common part of the two whole-body laws under limits: a quadratic program with two priorities.
 
 Both laws are least-squares problems without inequalities. Under limits the best command is the one nearest to
-theirs, counting first what the tool misses and then, where that leaves a choice, the law's own weights
-(docs/whole-body-qp.md has the proof). So a limit that isn't active changes nothing, not even a bit.
+the law's own. The first criterion is the tool's deviation; if this leaves a choice, the second one is the law's own
+weights (docs/whole-body-qp.md has the proof). So a limit that isn't active changes nothing, not even a bit.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Three = tuple[_Positive, _Positive, _Positive]
 
 ITERATIONS: Final = 200
-"""Of the solver; it needs some 10. A count, not a time, so that a replay does the same."""
+"""Limit of the solver's iterations; it needs some 10. It is a count, not a time, so that a replay does the same."""
 ACCELERATION: Final = 10.0
-"""rad/s^2, of a joint whose maker publishes no limit."""
+"""rad/s^2, for a joint whose maker publishes no limit."""
 _BRAKING: Final = 0.8
-"""Share of the acceleration limit that the approach to a position limit reckons with; the rest covers the cycle."""
+"""Share of the acceleration limit that the approach to a position limit uses; the rest covers the cycle."""
 _OPTIMAL: Final = 1
 _TOLERANCE: Final = 1e-9
 
 
 class LimitsConfig(BaseModel):
-    """Options under `limits` of the laws that keep them."""
+    """Options under `limits` of the laws that keep limits."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -48,25 +48,25 @@ class LimitsConfig(BaseModel):
 
 
 def base_speeds(speed: Three | None) -> Array:
-    """(3,) m/s, m/s, rad/s; infinite where there is no limit."""
+    """The base's speed limits (3,) m/s, m/s, rad/s; infinite without a limit."""
     return np.full(3, np.inf) if speed is None else np.array(speed)
 
 
 def maker_base_speed() -> Three:
-    """m/s, m/s, rad/s: what the maker's own planner asks of the base."""
+    """The base's speeds, m/s, m/s, rad/s, that the maker's own planner commands."""
     return (*SUMMIT_XL.v_guard, SUMMIT_XL.w_guard)
 
 
 class Approach:
     """Braking curves: the greatest speed at which a joint can still stop before its position limit.
 
-    Over the distance d to the limit: k d close to it, where the braking fades out, and the square root of a steady
-    deceleration further away; value and slope are continuous. k is half the inverse of `approach`.
-    Both directions are worked out at once: arrays of 2n have those upwards first, then those downwards.
+    The curve depends on the distance d to the limit. Close to it, where the braking fades out, it is k d. Further away
+    it is the square root of a steady deceleration. Value and slope are continuous. k is half the inverse of `approach`.
+    Both directions are computed at once: arrays of 2n hold the upward directions first, then the downward ones.
     """
 
     def __init__(self, robot: RobotDescription, config: LimitsConfig, speed: float | None) -> None:
-        """speed: share of the joints' greatest speeds; None: unbounded."""
+        """`speed`: share of the joints' greatest speeds; None: unbounded."""
         self._n = robot.n
         self._ends = np.concatenate([robot.q_upper - config.margin, -robot.q_lower - config.margin])
         known = np.where(np.isfinite(robot.ddq_max), robot.ddq_max, ACCELERATION)
@@ -77,7 +77,7 @@ class Approach:
         self._time = config.approach
 
     def rate(self, dt: float) -> float:
-        """1/s, of the approach; no faster than one cycle of dt seconds."""
+        """The rate of the approach, 1/s; no faster than one cycle of dt seconds."""
         return 1.0 / max(self._time, dt)
 
     def _curve(self, q: Array, k: float) -> tuple[Array, Array]:
@@ -89,43 +89,44 @@ class Approach:
         return steady + np.minimum(k * (left - 2.0 * near), 0.0), a / steady
 
     def speeds(self, q: Array, before: Array, dt: float) -> tuple[Array, Array]:
-        """Least and greatest velocity (n,), rad/s, of the next dt seconds. Never empty: braking is always among them.
+        """Least and greatest velocity (n,), rad/s, for the next dt seconds.
 
-        before: (n,) rad/s, the velocity commanded in the cycle before.
+        The range is never empty: it always contains braking. before: (n,) rad/s, the velocity commanded in the cycle
+        before.
         """
         n = self._n
         most = np.minimum(self._curve(q, 0.5 * self.rate(dt))[0], self._fastest)
         return intervals(-most[n:], most[:n], before, self.acceleration * dt)
 
     def accelerations(self, q: Array, qd: Array, dt: float) -> tuple[Array, Array]:
-        """Least and greatest acceleration (n,), rad/s^2, at q (n,) and qd (n,). Never empty."""
+        """Least and greatest acceleration (n,), rad/s^2, at q (n,) and qd (n,). The range is never empty."""
         n, rate = self._n, self.rate(dt)
         curve, slope = self._curve(q, 0.5 * rate)
         v = np.concatenate([qd, -qd])
-        # What is left of a speed limit shrinks at least like exp(-rate t): h_dot >= -rate h, h = limit - v.
+        # The distance to a speed limit shrinks no faster than exp(-rate t): h_dot >= -rate h, h = limit - v.
         most = np.minimum(rate * (curve - v) - slope * v, rate * (self._fastest - v))
         most = np.minimum(np.maximum(most, -self._braking), self._most)
         least, greatest = -most[n:], most[:n]
-        if (least > greatest).any():  # between limits that are too near to each other
+        if (least > greatest).any():  # between limits that are too close to each other
             middle = 0.5 * (least + greatest)
             least, greatest = np.minimum(least, middle), np.maximum(greatest, middle)
         return least, greatest
 
 
 def intervals(lower: Array, upper: Array, before: Array, step: Array) -> tuple[Array, Array]:
-    """What of lower..upper can be reached by a change of at most `step`; if nothing, the nearest to it."""
+    """The part of lower..upper that a change of at most `step` can reach; if there is none, the nearest to it."""
     least, most = before - step, before + step
     return np.minimum(np.maximum(lower, least), most), np.maximum(np.minimum(upper, most), least)
 
 
 class Nearest:
-    """The point within limits nearest to a law's own x_0: first in the task A (x - x_0), then in the metric W.
+    """Finds the point within limits nearest to a law's own x_0: first in the task A (x - x_0), then in the metric W.
 
-    The order is kept by a weight, `priority`, both parts being scaled to one. Less of it follows the task less where
-    limits leave it little choice, and moves less for it; a strict order jumps there.
+    A weight, `priority`, sets the order; both parts are scaled to one. Where limits leave the task little choice, a
+    smaller weight follows the task less and moves less for it. A strict order jumps there.
 
     Attributes:
-        failures: how often the solver found none.
+        failures: number of times that the solver found no solution.
     """
 
     def __init__(self, priority: float) -> None:
@@ -135,16 +136,16 @@ class Nearest:
     def __call__(
         self, A: Array, Q: Array, W: Array, lower: Array, upper: Array, rows: Array | None = None
     ) -> Array | None:
-        """x - x_0 (m,); None if the solver failed. Limits are those of x - x_0.
+        """Returns x - x_0 (m,); None if the solver failed. The limits are those of x - x_0.
 
         Args:
             A: (6, m), the task.
             Q: (6,), weights of the task's residual.
-            W: (m, m), positive definite.
-            lower, upper: (m + r,), of each variable and of each row.
-            rows: (r, m).
+            W: (m, m), the metric, positive definite.
+            lower, upper: (m + r,), limits of each variable and of each row.
+            rows: (r, m), the rows.
         """
-        # Variables of similar size, so that one priority does for any weights.
+        # The variables are scaled to similar size, so that one priority suits any weights.
         scale = 1.0 / np.sqrt(W.diagonal())
         task = A * scale
         H = task.T.dot(Q[:, None] * task)

@@ -1,4 +1,4 @@
-"""A robotic extra finger: where it is worn, its chain, and its inverse kinematics, equation (5)."""
+"""A robotic extra finger: its place on the body, its chain, and its inverse kinematics, equation (5)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _HELD: Final = (0.0, 0.0, 0.0)  # the column of J of a joint at its limit
 
 
 class Base(BaseModel):
-    """A place in frame `hand`."""
+    """A pose in frame `hand`."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -29,8 +29,9 @@ class Base(BaseModel):
 class ExtraFinger(BaseModel):
     """One extra finger. The default is the sixth finger, worn at the wrist, opposite the palm.
 
-    Its modules' size and where it is worn are the paper's. The paper's Denavit-Hartenberg table is lost, so
-    rows and base are ours: straight out of the palm at zero, positive flexion closing toward the fingers.
+    The size of its modules and its place are the paper's. The paper's Denavit-Hartenberg table is lost, so the
+    rows and the base are ours: at zero the finger points straight out of the palm, and positive flexion closes it
+    toward the fingers.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -108,18 +109,19 @@ class FingerKinematics:
 
         Args:
             q: (n,) rad, for which `chain.forward` was called last.
-            dp: m, how far the tip is to go.
-            v: m/s, its velocity.
+            dp: m, desired displacement of the tip.
+            v: m/s, desired velocity of the tip.
             pull: chi = pull (middle - q), 0..1.
         Returns:
             dq (n,) rad, dq/dt (n,) rad/s.
         """
         J = self.chain.jacobian()
         room = [(low - x, high - x) for x, (low, _, high) in zip(q, self._limits, strict=True)]
-        # chi, and J, of the joints that are free; a held joint's way is given, and its column zero.
+        # chi and J of the free joints. A held joint has a given step, and its column of J is zero.
         chi = [pull * (middle - x) for x, (_, middle, _) in zip(q, self._limits, strict=True)]
         free = list(J)
-        # Near the border of the workspace the way is quadratic in the joints: a long step would overshoot.
+        # Near the border of the workspace the tip's displacement is quadratic in the joints: a long step would
+        # overshoot.
         floor = max(self._damping2, self._curvature * sqrt(dot(dp, dp)))
         while True:
             # J^+ = J^T (J J^T)^-1, and N_J chi = chi - J^+ J chi

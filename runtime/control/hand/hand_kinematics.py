@@ -1,4 +1,4 @@
-"""Fingertips of the human hand from a data glove's joint angles."""
+"""Computes the fingertips of the human hand from a data glove's joint angles."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from runtime.contracts.signals import Array, Signal
 from runtime.control.hand.human_hand import FINGERS, JOINTS, LOWER, MODEL_LENGTH, UPPER, hand_geometry
 from runtime.control.hand.point_series import PointSeries
 
-_DIP: Final = 2.0 / 3.0  # DIP angle over PIP angle where a glove doesn't measure the DIP
-_BEYOND: Final = np.deg2rad(2.0)  # a reading further outside than this is counted
+_DIP: Final = 2.0 / 3.0  # DIP angle divided by PIP angle, for a glove that doesn't measure the DIP
+_BEYOND: Final = np.deg2rad(2.0)  # a reading further outside its range than this is counted
 
 
 class HandKinematicsConfig(ControllerConfig):
@@ -27,13 +27,13 @@ class HandKinematicsConfig(ControllerConfig):
 
 
 class HandKinematics(Controller):
-    """Direct kinematics of the 20-DoF hand.
+    """Forward kinematics of the 20-DoF hand.
 
     Input `angles` (22,) or (18,) rad in the glove's sensor order. Outputs `angles` (20,) rad of the model's
     joints, `tips` (5, 3) m and `skeleton` (21, 3) m, both in frame `hand`.
 
-    Angles are clamped to the hand's ranges: a glove that slips, or was calibrated on someone else, reads
-    beyond anatomy, and so can't put a fingertip where no hand reaches. `figures` says how often.
+    Angles are clamped to the hand's ranges. A glove that slips, or was calibrated on someone else, gives angles
+    beyond anatomy; the clamp keeps every fingertip where a hand can reach. `figures` says how often this happens.
     """
 
     Config = HandKinematicsConfig
@@ -77,21 +77,21 @@ class HandKinematics(Controller):
         np.minimum(np.maximum(measured, LOWER), UPPER, out=q)
         self._cycles += 1
         self._beyond += max(map(abs, (measured - q).tolist())) > _BEYOND
-        # The first row has no length and ends on the base; the wrist is the origin.
+        # The first row has no length, so it ends at the base. The wrist is the origin.
         skeleton[0] = 0.0
         skeleton[1:] = self._points.at(q)
         self.output["tips"][:] = skeleton[4::4]
 
     def figures(self) -> dict[str, object]:
-        """beyond_range: share of the cycles with a joint read more than 2 degrees outside its range."""
+        """Returns beyond_range: the share of cycles with a joint angle more than 2 degrees outside its range."""
         return {"beyond_range": self._beyond / max(self._cycles, 1)}
 
 
 def glove_matrix(sensors: int) -> Array:
-    """(20, sensors): the model's joints from the glove's sensors.
+    """The matrix (20, sensors) from the glove's sensors to the model's joints.
 
-    Abduction sensors measure the angle between neighbours and the middle finger is the zero, so ring and
-    little abduct by the (negative) sums. Palm arch and wrist are not among the 20 degrees of freedom.
+    Abduction sensors measure the angle between neighbouring fingers, and the middle finger is the zero. So ring and
+    little finger abduct by the (negative) sums. Palm arch and wrist are not among the 20 degrees of freedom.
     """
     M = np.zeros((20, sensors))
     full = sensors == 22

@@ -1,7 +1,7 @@
 """The 20-DoF "paradigmatic" human hand of the SynGrasp toolbox: geometry and ranges.
 
-Frame `hand` (the paper's S0): origin at the wrist's centre of rotation, y distal, z dorsal (the palm looks
-to -z), x completes it; in a right hand x points toward the little finger, in a left hand toward the thumb.
+Frame `hand` (the paper's S0): origin at the wrist's centre of rotation, y distal, z dorsal (the palm faces
+-z), x completes it. In a right hand x points toward the little finger, in a left hand toward the thumb.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ JOINTS: Final = tuple(
         else ("mcp_abduction", "mcp_flexion", "pip_flexion", "dip_flexion")
     )
 )
-"""Positive flexion curls toward the palm, positive abduction turns toward the thumb's side."""
+"""Positive flexion bends toward the palm. Positive abduction rotates toward the thumb's side."""
 
 MODEL_LENGTH: Final = 0.189
-"""m, wrist crease to the middle fingertip of the unscaled model (165 mm of them from the wrist's centre)."""
+"""m, wrist crease to the middle fingertip of the unscaled model (165 mm of it from the wrist's centre)."""
 
-# SynGrasp, SGparadigmatic: base origins and standard DH rows (alpha rad, a m). The thumb's third row turns
-# its IP axis across the MCP axis; odd anatomically, but the published model.
+# SynGrasp, SGparadigmatic: base origins and standard DH rows (alpha rad, a m). The thumb's third row puts
+# its IP axis across the MCP axis. This is odd anatomically, but it is the published model.
 _ORIGINS: Final = np.array(
     [
         [-0.037, 0.045, 0.0],
@@ -61,17 +61,17 @@ RANGES: Final[Array] = np.deg2rad(
     ]
 )
 """(20, 2) rad: lower and upper limit of each joint, in the order of JOINTS. Our choice after Cobos et al. (2008, 2010)
-and MyoHand; contains the mean posture of Santello et al. (1998)."""
+and MyoHand. It contains the mean posture of Santello et al. (1998)."""
 RANGES.setflags(write=False)
 LOWER: Final[Array] = np.ascontiguousarray(RANGES[:, 0])
 UPPER: Final[Array] = np.ascontiguousarray(RANGES[:, 1])
-"""(20,) rad, their columns."""
+"""LOWER and UPPER: the columns (20,) of RANGES, rad."""
 LOWER.setflags(write=False)
 UPPER.setflags(write=False)
 
 
 def hand_geometry(length: float = MODEL_LENGTH) -> tuple[Array, Array]:
-    """The five fingers of a right hand of this length (m), in the order of FINGERS.
+    """Returns the geometry of a right hand's five fingers for a hand length (m), in the order of FINGERS.
 
     Returns:
         bases (5, 4, 4) in frame `hand`, m, and Denavit-Hartenberg rows (5, 4, 2), alpha (rad) and a (m).

@@ -1,6 +1,6 @@
 """Object-based mapping of the human hand's motion onto robotic extra fingers.
 
-Prattichizzo et al., RO-MAN 2014, section II. Errata, and what is added: docs/object-mapping.md.
+Prattichizzo et al., RO-MAN 2014, section II. Errata and additions: docs/object-mapping.md.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from runtime.control.shared.symmetric import Vector
 
 FingerName = Literal["thumb", "index", "middle", "ring", "little"]
 
-_SMOOTHING: Final = 0.03  # s, time constant of the tips' velocity: a glove slower than the loop moves in steps
+_SMOOTHING: Final = 0.03  # s, time constant of the tips' velocity: the data of a glove slower than the loop has steps
 
 
 class ObjectMappingConfig(ControllerConfig):
@@ -53,14 +53,14 @@ class ObjectMappingConfig(ControllerConfig):
 
 
 class ObjectMapping(Controller):
-    """Extra fingers follow the virtual object that the fingertips hold.
+    """Makes extra fingers follow the virtual object that the fingertips hold.
 
     Input `tips` (5, 3) m. Outputs `q` (n,) rad and `q_velocity` (n,) rad/s of all extra fingers' joints in
-    turn; `sphere` (4,) m, centre and radius of the least sphere around the reference points and robotic tips;
-    `target` (m, 3) m, where the robotic tips are to go; `skeleton` (k, 3) m of the extra fingers. All
+    turn; `sphere` (4,) m, centre and radius of the smallest sphere around the reference points and robotic tips;
+    `target` (m, 3) m, target positions of the robotic tips; `skeleton` (k, 3) m of the extra fingers. All
     coordinates are in frame `hand`.
 
-    The fingers move only while the hand moves (or to make up for what the guard held back), so the drift pull
+    The fingers move only while the hand moves (or to make up for motion that the guard held back). So the drift pull
     and the joint centring are per metre of fingertip motion, not per second.
     """
 
@@ -93,7 +93,7 @@ class ObjectMapping(Controller):
             Signal(name="target", shape=(m, 3), unit="m", frame="hand", labels=names, visual="points"),
             Signal(name="skeleton", shape=(n + m, 3), unit="m", frame="hand", visual="points", links=links),
         )
-        # A richer deformation than a similarity must not be pulled back onto one.
+        # A deformation richer than a similarity must not be pulled back to a similarity.
         richer = deformation in (Deformation.NON_ISOTROPIC, Deformation.SHEAR)
         self.parameters = (
             Parameter(
@@ -129,7 +129,7 @@ class ObjectMapping(Controller):
         self._leashed = 0
 
     def reset(self) -> None:
-        """Takes the present posture as the reference and the applied joint angles as the fingers'."""
+        """Takes the present posture as the reference, and the applied joint angles as those of the fingers."""
         self._clear()
         q = self._where()
         self._before = self.input["tips"].take(self._chosen, axis=0)
@@ -179,12 +179,12 @@ class ObjectMapping(Controller):
         self.output["target"][:] = self._target
 
     def _where(self) -> list[float]:
-        """What the guard let through; the own last output where no device is wired to it."""
+        """The guarded joint angles (`.applied`); the controller's last output if no device is wired to it."""
         q: list[float] = self.applied.get("q", self.output["q"]).tolist()
         return q
 
     def _locate(self, q: list[float]) -> None:
-        """Tips and skeleton at the applied joint angles."""
+        """Computes tips and skeleton at the applied joint angles."""
         points: list[Vector] = []
         for i, (finger, joints) in enumerate(zip(self._fingers, self._joints, strict=True)):
             self._tips[i] = finger.chain.forward(q[joints])
@@ -192,7 +192,7 @@ class ObjectMapping(Controller):
         self.output["skeleton"][:] = points
 
     def _hold_back(self) -> list[Vector]:
-        """m, from the tips to their targets, after drawing in the targets that ran too far ahead."""
+        """Draws in targets that are too far ahead. Returns the vectors from the tips to their targets, m."""
         ahead: list[Vector] = []
         leashed = False
         for i, (target, tip) in enumerate(zip(self._target.tolist(), self._tips, strict=True)):
@@ -207,7 +207,7 @@ class ObjectMapping(Controller):
         return ahead
 
     def _enclose(self) -> None:
-        """The sphere of the present points, for the viewer, the next step's psi and the figures."""
+        """Computes the sphere of the present points, for the viewer, the next step's psi and the figures."""
         sphere = self._enclosing.around([*self._before.tolist(), *self._tips])
         self.output["sphere"][:] = sphere
         self._radii = min(self._radii[0], sphere[3]), max(self._radii[1], sphere[3])
@@ -215,11 +215,11 @@ class ObjectMapping(Controller):
         self._nearest = min(self._nearest, *[dist(tip, thumb) for tip in self._tips])
 
     def figures(self) -> dict[str, object]:
-        """Of the run, since the last reset.
+        """Returns the figures of the run, since the last reset.
 
-        noise_gain, noise_gain_undamped: rms motion of the robotic tip over the fingertips' rms noise, at the
-        present posture; sphere_radius_m: least and greatest; nearest_to_thumb_m: of any robotic tip;
-        leashed: cycles in which a target ran ahead of what the guard let through by more than the leash.
+        noise_gain, noise_gain_undamped: rms motion of the robotic tip divided by the fingertips' rms noise, at the
+        present posture; sphere_radius_m: least and greatest; nearest_to_thumb_m: least distance of any robotic tip;
+        leashed: number of cycles in which a target was ahead of the guarded position by more than the leash.
         """
         damped, undamped = self._object.noise_gain(self._before, np.array(self._tips))
         return {

@@ -1,4 +1,4 @@
-"""The points of many chains at once, as one trigonometric sum."""
+"""Computes the points of many chains at once, as one trigonometric sum."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ _ZERO: Final = 1e-15  # m or 1, below which a coefficient is rounding
 
 
 class PointSeries:
-    """Where the rows of k chains of n revolute joints end, for chains as in `kinematics.Chain`.
+    """The ends of the rows of k chains of n revolute joints, for chains as in `kinematics.Chain`.
 
-    A row's transformation is C cos q + S sin q + K, that is a sum of exp(i s q) with s = -1, 0, 1. So a point is
-    p = Re sum_s P_s exp(i s . q) over the sums and differences s . q of joint angles that occur: four joints of
-    a finger need about ten. All P_s are constant, and an update is two products and a cosine and sine.
+    A row's transformation is C cos q + S sin q + K, which is a sum of exp(i s q) with s = -1, 0, 1. So a point is
+    p = Re sum_s P_s exp(i s . q) over the sums and differences s . q of joint angles that occur. Four joints of
+    a finger need about ten. All P_s are constant, so an update is two products and a cosine and sine.
     """
 
     def __init__(self, bases: Array, rows: Array) -> None:
@@ -36,7 +36,7 @@ class PointSeries:
         self._waves = np.empty((2, len(terms)))
 
     def at(self, q: Array) -> Array:
-        """(k n, 3) m, the rows' ends, chain by chain, for joint angles q (k n,), rad."""
+        """Returns the rows' ends (k n, 3), m, chain by chain, for joint angles q (k n,), rad."""
         phases = self._S.dot(q)
         np.cos(phases, out=self._waves[0])
         np.sin(phases, out=self._waves[1])
@@ -44,7 +44,7 @@ class PointSeries:
 
 
 def _expand(base: Array, rows: Array) -> dict[tuple[int, ...], Array]:
-    """P_s (n, 3), complex, by s: one of s and -s, as the other is its conjugate."""
+    """Returns P_s (n, 3), complex, by s. It has only one of s and -s, as the other is its conjugate."""
     n = len(rows)
     frames: dict[tuple[int, ...], Array] = {(0,) * n: base}
     series: dict[tuple[int, ...], Array] = {}
@@ -57,7 +57,7 @@ def _expand(base: Array, rows: Array) -> dict[tuple[int, ...], Array]:
         frames = {(*s[:j], sign, *s[j + 1 :]): F @ W for s, F in frames.items() for sign, W in waves.items()}
         frames = {s: F for s, F in frames.items() if np.abs(F).max() > _ZERO}
         for s, F in frames.items():
-            # s and -s give twice the real part.
+            # s and -s together give twice the real part.
             if s >= (0,) * n and np.abs(F[:3, 3]).max() > _ZERO:
                 series.setdefault(s, np.zeros((n, 3), complex))[j] = F[:3, 3] * (2.0 if any(s) else 1.0)
     return series

@@ -1,4 +1,4 @@
-"""The minimum enclosing sphere of a few points, exactly and without chance."""
+"""The minimum enclosing sphere of a few points, exact and without random numbers."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from runtime.contracts.signals import Array
 
 Point = Sequence[float]
 
-_INSIDE = 1e-11  # relative to r^2, when a point counts as inside a candidate
+_INSIDE = 1e-11  # relative to r^2, tolerance within which a point counts as inside a candidate
 _FLAT = 1e-14  # relative determinant below which points lie on a line or plane, or coincide
 
 
 class MinimumSphere:
     """The smallest sphere around points that move little from one call to the next.
 
-    The last support is tried first: the sphere on it is the smallest around all points if it holds them and
-    its centre lies in the support's hull. Else the search begins afresh.
+    The last support is tried first. The sphere on it is the smallest around all points if it contains them and
+    its centre lies in the support's hull. Otherwise a new search begins.
     """
 
     def __init__(self) -> None:
@@ -29,7 +29,7 @@ class MinimumSphere:
         self._support = []
 
     def around(self, cloud: list[Point]) -> tuple[float, float, float, float]:
-        """As `minimum_sphere`; always as many points in the same order."""
+        """Returns the same as `minimum_sphere`. Each call must have as many points in the same order."""
         if self._support:
             p, *others = [cloud[i] for i in self._support]
             found = _circumcentre(p, tuple(others))
@@ -49,10 +49,10 @@ def minimum_sphere(points: Array) -> tuple[float, float, float, float]:
 
 
 def _search(cloud: list[Point]) -> tuple[Point, float, list[Point]]:
-    """Centre, radius and support.
+    """Searches for centre, radius and support.
 
-    The support (at most four points, all on the surface) takes in the farthest point until none is outside;
-    the radius grows with every step, so it ends. r is the farthest point's distance: none is outside.
+    The support (at most four points, all on the surface) takes in the farthest point until no point is outside.
+    The radius grows with every step, so the search ends. r is the farthest point's distance, so no point is outside.
     """
     first, _ = _farthest(cloud, cloud[0])
     second, d2 = _farthest(cloud, first)
@@ -61,7 +61,7 @@ def _search(cloud: list[Point]) -> tuple[Point, float, list[Point]]:
     farthest, reach2 = _farthest(cloud, centre)
     while reach2 > r2 * (1.0 + _INSIDE):
         grown, grown2, next_support = _smallest(support, farthest)
-        if grown2 <= r2:  # rounding only is left
+        if grown2 <= r2:  # only rounding is left
             break
         point, far2 = _farthest(cloud, grown)
         centre, r2, support, farthest, reach2 = grown, grown2, next_support, point, far2
@@ -86,7 +86,7 @@ def _smallest(support: list[Point], p: Point) -> tuple[Point, float, list[Point]
     """The smallest sphere around `support` and p, with p on its surface, and the points that support it."""
     best: tuple[Point, float, list[Point]] = (p, 0.0, [p])
     least = float("inf")
-    for q in support:  # a sphere on two points that holds all is the least
+    for q in support:  # a sphere on two points that contains all is the smallest
         centre: Point = [0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1]), 0.5 * (p[2] + q[2])]
         r2 = _distance2(p, centre)
         if _farthest(support, centre)[1] <= r2 * (1.0 + _INSIDE):
@@ -106,9 +106,9 @@ def _smallest(support: list[Point], p: Point) -> tuple[Point, float, list[Point]
 def _circumcentre(p: Point, others: tuple[Point, ...]) -> tuple[Point, bool] | None:
     """The point of the affine hull as far from p as from up to three others; None if they are flat.
 
-    And whether it lies in their convex hull, so that no smaller sphere holds them.
+    Also returns whether it lies in their convex hull, so that no smaller sphere contains them.
 
-    With edges e_i = p_i - p it is p + sum w_i e_i, where sum_j (e_i . e_j) w_j = e_i . e_i / 2.
+    With edges e_i = p_i - p, the point is p + sum w_i e_i, where sum_j (e_i . e_j) w_j = e_i . e_i / 2.
     """
     px, py, pz = p
     edges = [(q[0] - px, q[1] - py, q[2] - pz) for q in others]

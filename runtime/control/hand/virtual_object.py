@@ -1,7 +1,7 @@
-"""The virtual object between the fingertips: how the human points move it, and how it moves others.
+"""The virtual object between the fingertips: how the human points move it, and how it moves other points.
 
 Prattichizzo et al., RO-MAN 2014, equations (1) to (4). Notation: p_h (n_h, 3) human reference points, p_a
-robotic ones, c the centroid of p_h, o and r the virtual sphere's centre and radius.
+robotic points, c the centroid of p_h, o and r the virtual sphere's centre and radius.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from runtime.contracts.rotation import matrix
 from runtime.contracts.signals import Array
 from runtime.control.shared.symmetric import FIRM, Symmetric, Vector, gram, inverse, is_above, times
 
-_NULL: Final = 1e-12  # an eigenvalue of A^T A below this share of the largest is a zero
-_POINT: Final = 1e-12  # m^2, below which the largest is one: all points coincide
-_STEP: Final = 1.0  # greatest norm of one step's deformation gradient; more is a fault of the input
-_TWIST: Final = 0.2  # turns about the line through points flatter than this are held back, see `Similarity`
-_NEWTON: Final = 6  # steps; six reach the last bit for any K that is firm
+_NULL: Final = 1e-12  # an eigenvalue of A^T A below this share of the largest counts as zero
+_POINT: Final = 1e-12  # m^2; if the largest eigenvalue is below this, it is zero, too: all points coincide
+_STEP: Final = 1.0  # greatest norm of one step's deformation gradient; a larger one is a fault of the input
+_TWIST: Final = 0.2  # rotations about the line through points flatter than this are held back, see `Similarity`
+_NEWTON: Final = 6  # steps; six reach the last bit for any firm K
 
 _I: Final = np.eye(3)
 _IDENTITY: Final = np.diag([3.0, -1.0, -1.0, -1.0])  # N of Horn for a^T b = I
@@ -36,7 +36,7 @@ _SHEARS: Final = np.abs(_ROTATIONS)
 
 
 class Deformation(StrEnum):
-    """What the object may do besides moving rigidly."""
+    """The deformations that the object may have in addition to rigid motion."""
 
     RIGID = "rigid"
     ISOTROPIC = "isotropic"  # the paper's: one ds
@@ -45,11 +45,11 @@ class Deformation(StrEnum):
 
 
 class Psi(StrEnum):
-    """What fills the null space N_A of (3)."""
+    """The motion in the null space N_A of (3)."""
 
     NONE = "none"  # nothing: no rotation or deformation about c that the points don't show
     MINIMUM_NORM = "minimum-norm"  # smallest |do|, r |dPhi|, r |ds| about the sphere's centre
-    MAXIMISE_SCALE = "maximise-scale"  # as much as can be by deformation, the least by do and dPhi
+    MAXIMISE_SCALE = "maximise-scale"  # as much as possible by deformation, as little as possible by do and dPhi
 
 
 _BASES: Final = {
@@ -61,18 +61,18 @@ _BASES: Final = {
 
 
 class VirtualObject:
-    """Estimates the object's motion from the human points and applies it to others.
+    """Estimates the object's motion from the human points and applies it to other points.
 
     With G = S(dPhi) + ds I (or a richer deformation), (1) is dp = do + G (p - o). It is taken about c, where
     the translation is the points' mean motion and separates from G; do about o follows. Both sides are
-    evaluated in the middle of the step, which makes a finite rotation or scaling exact (Cayley), not only a
+    evaluated in the middle of the step. This makes a finite rotation or scaling exact (Cayley), not only a
     small one.
 
-    Damping is selective: a direction of G (an eigenvector of A^T A) is left as it is unless one metre at the
-    fingertips along it would become more than `gain_limit` metres at a robotic tip; its share then falls with
+    Damping is selective. A direction of G (an eigenvector of A^T A) stays unchanged unless one metre at the
+    fingertips along it would become more than `gain_limit` metres at a robotic tip. Its share then falls with
     the square of the excess. A translation is never damped.
 
-    A rotation and one scale separate, too: where nothing is damped, they have a closed form.
+    A rotation and one scale separate, too: without damping, they have a closed form.
     """
 
     def __init__(self, deformation: Deformation, psi: Psi, gain_limit: float) -> None:
@@ -86,12 +86,12 @@ class VirtualObject:
         self._is_similar = deformation in (Deformation.ISOTROPIC, Deformation.RIGID)
 
     def move(self, before: Array, after: Array, p_a: Array, sphere: Array) -> Array:
-        """Robotic points (m, 3) after the object's motion, equation (4).
+        """Returns the robotic points (m, 3) after the object's motion, equation (4).
 
         Args:
             before, after: (n_h, 3) human points at both ends of the step.
-            p_a: (m, 3) robotic points before it.
-            sphere: (4,) centre and radius before it; only `psi` asks for it.
+            p_a: (m, 3) robotic points before the step.
+            sphere: (4,) centre and radius before the step; only `psi` needs it.
         """
         mid = 0.5 * (before + after)
         dp = after - before
@@ -104,9 +104,9 @@ class VirtualObject:
         return self._move_generally(mid, dp, c, v, p_a, sphere)
 
     def _move_similarly(self, d: Array, dp: Array, c: list[float], v: list[float], p_a: Array) -> Array | None:
-        """`move` for G = S(w) + s I in closed form; None where a direction may have to be damped.
+        """`move` for G = S(w) + s I in closed form; None if a direction may have to be damped.
 
-        With H = sum d d^T and T = sum d dp^T the normal equations are (tr(H) I - H) w = vee(T) and
+        With H = sum d d^T and T = sum d dp^T, the normal equations are (tr(H) I - H) w = vee(T) and
         tr(H) s = tr(T).
         """
         (hxx, hxy, hxz), (_, hyy, hyz), (_, _, hzz) = d.T.dot(d).tolist()
@@ -142,8 +142,8 @@ class VirtualObject:
         return np.array(after)
 
     def _is_firm(self, M: Symmetric, trace: float, tip: Vector) -> bool:
-        """Whether no turn w is damped for a robotic tip x from c: lam >= |w x x|^2 / limit^2 for all."""
-        # |w x x|^2 = w^T (x.x I - x x^T) w, and its share is taken from M. Where what is left is positive, so is
+        """Whether no rotation w is damped for a robotic tip at x from c: lam >= |w x x|^2 / limit^2 for all."""
+        # |w x x|^2 = w^T (x.x I - x x^T) w, and its share is subtracted from M. If the rest is positive, so is
         # its trace, 2 (tr(H) - x.x / limit^2): then the scale isn't damped either.
         (x, y, z), k = tip, self._share
         xx, xy, xz, yy, yz, zz = M
@@ -168,9 +168,9 @@ class VirtualObject:
         return cast(Array, p_a + (v + x @ G.T) @ _inverse(_I - 0.5 * G).T)
 
     def noise_gain(self, p_h: Array, p_a: Array) -> tuple[float, float]:
-        """Of the worst robotic tip, its rms motion over the fingertips' rms noise: damped, undamped.
+        """The rms motion of the worst robotic tip divided by the fingertips' rms noise: damped, undamped.
 
-        |K|_F / sqrt(3) of the matrix K in dp_a = K dp_h, for noise that is independent in every coordinate.
+        It is |K|_F / sqrt(3) of the matrix K in dp_a = K dp_h, for noise that is independent in every coordinate.
         """
         n, c = len(p_h), p_h.mean(axis=0)
         A, lam, W, damped = self._decompose(p_h - c, p_a - c)
@@ -188,7 +188,7 @@ class VirtualObject:
         k = len(self._B)
         A = (d @ self._Bt).reshape(k, -1)
         lam, W = np.linalg.eigh(A @ A.T)
-        # Metres at the robotic tips for one unit along each direction, the largest of the tips.
+        # Metres at the robotic tips for one unit along each direction; the largest of all tips counts.
         E = (W.T @ (x @ self._Bt).reshape(k, -1)).reshape(k, -1, 3)
         reach2 = (E * E).sum(axis=2).max(axis=1)
         # gain^2 = reach2 / lam, and the factor min(1, limit^2 / gain^2) on 1 / lam
@@ -197,11 +197,11 @@ class VirtualObject:
         return A, lam, W, inverse
 
     def _effect(self, x: Array) -> Array:
-        """(3, k): a point's motion, at x from c, for one unit of each parameter."""
+        """The motion (3, k) of a point at x from c, for one unit of each parameter."""
         return (self._B @ x).T
 
     def _null_motion(self, Z: Array, xi: Array, v: Array, o: Array, r: float) -> Array:
-        """N_A psi (k,): makes |do|, r |dPhi| (and, for the minimum norm, r |ds|) about o smallest."""
+        """N_A psi (k,), which makes |do|, r |dPhi| (and, for the minimum norm, r |ds|) about o smallest."""
         scale = np.full(len(xi), r)
         if self._psi is Psi.MAXIMISE_SCALE:
             scale[3:] = 0.0
@@ -213,11 +213,11 @@ class VirtualObject:
 
 
 class Similarity:
-    """The finite similarity that takes `reference` (n, 3) to present points, in least squares.
+    """The finite similarity that takes `reference` (n, 3) to present points, in the least-squares sense.
 
-    The rotation is the R of the largest tr(R^T K), K = sum b a^T, where a and b are the points about their
-    centroids. Where the points are nearly on a line the turn about it is ill-defined and would jump; it is
-    drawn toward the identity there, continuously, so that any number of points will do.
+    The rotation is the R with the largest tr(R^T K), K = sum b a^T, where a and b are the points about their
+    centroids. If the points are nearly on a line, the rotation about the line is ill-defined and would jump. There
+    it is drawn toward the identity, continuously, so that any number of points can be used.
     """
 
     def __init__(self, reference: Array, rigid: bool) -> None:
@@ -229,20 +229,20 @@ class Similarity:
         self._rigid = rigid
 
     def carry(self, points: Array, p_a: Array) -> Array:
-        """Robotic points p_a (m, 3) carried by the similarity that takes `reference` to `points` (n, 3)."""
+        """Moves robotic points p_a (m, 3) by the similarity that takes `reference` to `points` (n, 3)."""
         c1: Array = self._mean.dot(points)
-        K = points.T.dot(self._a)  # the centroid of a is zero, so that of b may be anything
+        K = points.T.dot(self._a)  # the centroid of a is zero, so the centroid of b may be anything
         R, first = _firm_rotation(K) or _any_rotation(K)
         scale = 1.0 if self._rigid or first == 0.0 else max(first / self._a2, 0.0)
         return cast(Array, c1 + scale * (p_a - self._c0).dot(R.T))
 
 
 def _firm_rotation(K: Array) -> tuple[Array, float] | None:
-    """The rotation R of the largest f = tr(R^T K), and f; None where the points may be nearly on a line.
+    """The rotation R with the largest f = tr(R^T K), and f; None if the points may be nearly on a line.
 
     K = R P with P symmetric and tr P = f. In terms of K's singular values, the last signed by its determinant,
-    f = s_1 + s_2 + s_3; that is the largest root of p(f) = (f^2 - |K|^2)^2 - 8 f det K - 4 |cof K|^2. From
-    Cayley and Hamilton for P then follows R = ((f^2 - g) K + f cof K - K K^T K) / (f g - det K), where
+    f = s_1 + s_2 + s_3. This is the largest root of p(f) = (f^2 - |K|^2)^2 - 8 f det K - 4 |cof K|^2. From the
+    Cayley-Hamilton theorem for P follows R = ((f^2 - g) K + f cof K - K K^T K) / (f g - det K), where
     g = s_1 s_2 + s_2 s_3 + s_3 s_1.
     """
     (a, b, c), (d, e, f), (g, h, i) = rows = K.tolist()
@@ -254,7 +254,7 @@ def _firm_rotation(K: Array) -> tuple[Array, float] | None:
     det = a * cofactors[0] + b * cofactors[1] + c * cofactors[2]
     xx, xy, xz, yy, yz, zz = gram(zip(*rows, strict=True))  # K K^T
     K2, C2 = xx + yy + zz, sum([x * x for x in cofactors])
-    # Firm is f >= (1 + _TWIST) s_1; as s_1 <= |K| it is if p is negative at (1 + _TWIST) |K|.
+    # K is firm if f >= (1 + _TWIST) s_1. As s_1 <= |K|, this holds if p is negative at (1 + _TWIST) |K|.
     low = (1.0 + _TWIST) ** 2
     if K2 < _POINT**2 or ((low - 1.0) * K2) ** 2 >= 8.0 * sqrt(low * K2) * det + 4.0 * C2:
         return None
@@ -271,9 +271,9 @@ def _firm_rotation(K: Array) -> tuple[Array, float] | None:
 
 
 def _any_rotation(K: Array) -> tuple[Array, float]:
-    """The same from Horn's quaternion (1987), drawn toward the identity where it is ill-defined.
+    """The same as `_firm_rotation`, from Horn's quaternion (1987), drawn toward the identity where ill-defined.
 
-    The identity and a zero if all points of a side coincide.
+    Returns the identity and zero if all points of one side coincide.
     """
     (xx, yx, zx), (xy, yy, zy), (xz, yz, zz) = K.tolist()
     N = np.array(
@@ -285,7 +285,7 @@ def _any_rotation(K: Array) -> tuple[Array, float]:
         ]
     )
     lam, Q = np.linalg.eigh(N)
-    # The two largest are s_1 + s_2 + s_3 and s_1 - s_2 - s_3: their gap tells how firmly the turn is held.
+    # The two largest are s_1 + s_2 + s_3 and s_1 - s_2 - s_3. Their gap tells how well the rotation is defined.
     second, first = lam[2:].tolist()
     if first + second < _POINT:
         return _I, 0.0
@@ -312,5 +312,5 @@ def _inverse(M: Array) -> Array:
 
 
 def _null_below(largest: float) -> float:
-    """The bound up to which eigenvalues of A^T A are zeros; all are, if the points coincide."""
+    """The bound up to which eigenvalues of A^T A count as zero. All do if the points coincide."""
     return _NULL * largest if largest > _POINT else np.inf

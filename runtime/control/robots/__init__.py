@@ -1,4 +1,4 @@
-"""Descriptions of robots, each written once; Pinocchio's and MuJoCo's models come from them."""
+"""Descriptions of robots. Each is written once; the Pinocchio and MuJoCo models are made from it."""
 
 from runtime.control.robots.description import Capsule, Inertial, Joint, Payload, RobotDescription
 from runtime.control.robots.mecanum import SUMMIT_XL, MecanumBase

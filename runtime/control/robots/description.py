@@ -1,7 +1,7 @@
-"""What a serial arm is: placements of its joints, inertias of its links, limits of its drives.
+"""The description of a serial arm: placements of its joints, inertias of its links, limits of its drives.
 
-Frames: the arm's base frame; one frame a link, fixed to it at the joint before it, whose z axis is the joint's
-axis; the flange frame, fixed to the last link, z outward.
+Frames: the arm's base frame; one frame for each link, fixed to the link at the joint before it, with z along the
+joint's axis; the flange frame, fixed to the last link, with z outward.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ class Inertial:
     inertia: Array
 
     def moved(self, placement: Array) -> Inertial:
-        """The same body seen from another frame, in which this one's is placed at (4, 4)."""
+        """The same body in another frame; `placement` (4, 4) is this frame in the other one."""
         turn = placement[:3, :3]
         return Inertial(self.mass, placement[:3, 3] + turn @ self.com, turn @ self.inertia @ turn.T)
 
 
 @dataclass(frozen=True)
 class Payload:
-    """A load as a robot is told about it: mass (kg) and centre of mass in the flange frame (m)."""
+    """A load as it is given to a robot: mass (kg) and centre of mass in the flange frame (m)."""
 
     mass: float = 0.0
     com: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -40,7 +40,7 @@ class Payload:
 
 @dataclass(frozen=True)
 class Capsule:
-    """A shape that stands for a link where it touches things: a segment in the link's frame, m, and its radius."""
+    """A contact shape of a link: a segment in the link's frame, m, and its radius."""
 
     start: tuple[float, float, float]
     end: tuple[float, float, float]
@@ -54,7 +54,7 @@ class Joint:
     Attributes:
         placement: (4, 4), the joint's frame at angle 0 in the frame of the link before it (the base for the first).
         link: the link's inertial parameters in its own frame.
-        shape: what of the link can be touched.
+        shape: the link's contact shapes.
     """
 
     name: str
@@ -65,7 +65,7 @@ class Joint:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RobotDescription:
-    """A serial arm with n revolute joints; arrays (n,) are read-only. Limits are inf where none is published.
+    """A serial arm with n revolute joints. Arrays (n,) are read-only. Unpublished limits are inf.
 
     Attributes:
         base: the part that doesn't move, in the base frame.
@@ -73,10 +73,10 @@ class RobotDescription:
         q_lower, q_upper: rad.
         dq_max, ddq_max, dddq_max: rad/s, rad/s^2, rad/s^3.
         tau_max, dtau_max: N m, N m/s.
-        rotor_inertia: kg m^2 at the joint; zero where the drive's torque control hides it.
-        friction: N m, dry, which the robot's own controller compensates wholly or in part.
-        stiffness: N m/rad of the position controller.
-        inertia: kg m^2, of the kind each joint usually moves; what the position controller's damping is made for.
+        rotor_inertia: kg m^2 at the joint; zero if the drive's torque control hides it.
+        friction: dry friction, N m, which the robot's own controller compensates wholly or in part.
+        stiffness: stiffness of the position controller, N m/rad.
+        inertia: kg m^2, the inertia that each joint usually moves; the position controller's damping is made for it.
         home: rad, a configuration far from limits and singularities.
         payload: kg, the greatest load.
     """
@@ -116,7 +116,7 @@ class RobotDescription:
         return tuple(joint.name for joint in self.joints)
 
     def forward(self, q: Array) -> Array:
-        """The flange (4, 4) in the base frame, m, at joint angles q (n,), rad. Plain and slow: for checks."""
+        """The flange (4, 4) in the base frame, m, at joint angles q (n,), rad. Simple and slow: for checks."""
         place = np.eye(4)
         for joint, angle in zip(self.joints, q.tolist(), strict=True):
             place = place @ joint.placement @ rot_z(angle)
@@ -134,25 +134,25 @@ def everywhere(value: float, n: int) -> Array:
 
 
 def inertial(mass: float, com: ArrayLike, moments: tuple[float, float, float, float, float, float]) -> Inertial:
-    """From mass (kg), centre of mass (m) and moments xx, yy, zz, xy, xz, yz (kg m^2) about it."""
+    """Makes an Inertial from mass (kg), centre of mass (m) and moments xx, yy, zz, xy, xz, yz (kg m^2) about it."""
     xx, yy, zz, xy, xz, yz = moments
     return Inertial(mass, np.array(com, dtype=float), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
 
 
 def rot_x(angle: float) -> Array:
-    """(4, 4), a turn about x, rad."""
+    """The rotation (4, 4) about x by an angle, rad."""
     c, s = _cos_sin(angle)
     return np.array([[1.0, 0, 0, 0], [0, c, -s, 0], [0, s, c, 0], [0, 0, 0, 1]])
 
 
 def rot_z(angle: float) -> Array:
-    """(4, 4), a turn about z, rad."""
+    """The rotation (4, 4) about z by an angle, rad."""
     c, s = _cos_sin(angle)
     return np.array([[c, -s, 0.0, 0], [s, c, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
 
 
 def trans(x: float, y: float, z: float) -> Array:
-    """(4, 4), a shift, m."""
+    """The translation (4, 4), m."""
     place = np.eye(4)
     place[:3, 3] = x, y, z
     return place
@@ -160,5 +160,5 @@ def trans(x: float, y: float, z: float) -> Array:
 
 def _cos_sin(angle: float) -> tuple[float, float]:
     c, s = cos(angle), sin(angle)
-    # Right angles of a kinematic table are exact.
+    # Right angles of a kinematic table must be exact.
     return (0.0 if abs(c) < 1e-16 else c), (0.0 if abs(s) < 1e-16 else s)

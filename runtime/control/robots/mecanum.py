@@ -1,7 +1,7 @@
 """A base on four mecanum wheels, and Robotnik's SUMMIT-XL STEEL (sheet summit_xl_steel).
 
-Body frame: x forward, y left, origin at the height of the wheels' axles. Wheels: front left, front right, back
-left, back right; seen from above the rollers' axes point to the middle.
+Body frame: x forward, y left, origin at the height of the wheels' axles. Order of the wheels: front left, front
+right, back left, back right. Seen from above, the rollers' axes point to the middle.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ class MecanumBase:
         inertia: kg m^2 about the vertical axis through its middle.
         wheel_radius: m.
         half_length, half_width: m, from the middle to the wheels' centres.
-        size: m, length, width and height of the box that can be touched.
+        size: m, length, width and height of the contact box.
         clearance: m, from the ground to the box.
         wheel_speed: rad/s, the greatest.
-        v_max, w_max: m/s, rad/s along one axis alone, as the wheels allow.
-        v_guard, w_guard, a_guard, dw_guard: forward and sideways m/s, rad/s, m/s^2, rad/s^2: what the maker's own
-            planner asks for; sensible near people.
+        v_max, w_max: m/s, rad/s, the greatest that the wheels allow along one axis alone.
+        v_guard, w_guard, a_guard, dw_guard: forward and sideways m/s, rad/s, m/s^2, rad/s^2: the values that the
+            maker's own planner commands; sensible near people.
         payload: kg.
     """
 
@@ -53,7 +53,7 @@ class MecanumBase:
 
     @property
     def lever(self) -> float:
-        """m, half length plus half width: how fast a wheel rolls for each rad/s of turning."""
+        """m, half length plus half width: a wheel's rolling speed for each rad/s of rotation."""
         return self.half_length + self.half_width
 
     @property

@@ -1,8 +1,8 @@
 """Franka Emika Panda (FER) and FR3 (sheet panda): modified DH after Craig, link parameters of Gaz et al. 2019.
 
-The inertias reproduce joint torques, not the true distribution of mass: use them for dynamics of the whole arm,
-not for a single link's momentum. The FR3 has the same kinematics; no inertias of its own are known, so it
-carries the Panda's.
+The inertias reproduce joint torques, not the true distribution of mass: use them for the dynamics of the whole arm,
+not for a single link's momentum. The FR3 has the same kinematics. Its own inertias are not known, so it has the
+Panda's.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _LINKS: Final = (
         0.735522, (0.010517, -0.004252, 0.061597), (0.012516, 0.010027, 0.004815, -0.000428, -0.001196, -0.000741)
     ),
 )
-# Rough hulls of our own, for contact only.
+# Our own rough hulls, for contact only.
 _SHAPES: Final = (
     (Capsule((0.0, 0.0, -0.19), (0.0, 0.0, -0.05), 0.06),),
     (Capsule((0.0, 0.0, -0.06), (0.0, 0.0, 0.06), 0.06),),
@@ -76,7 +76,7 @@ PANDA: Final = RobotDescription(
     tau_max=array(87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0),
     dtau_max=everywhere(1000.0, 7),
     rotor_inertia=everywhere(0.0, 7),
-    # Half the span of the law of Gaz et al., which runs from one direction of motion to the other.
+    # Half the span of the friction law of Gaz et al., which goes from one direction of motion to the other.
     friction=array(0.273075, 0.43612, 0.32034, 0.6397, 0.41952, 0.151505, 0.282445),
     stiffness=array(3000.0, 3000.0, 3000.0, 2500.0, 2500.0, 2000.0, 2000.0),
     inertia=array(2.0, 2.5, 1.2, 0.8, 0.05, 0.05, 0.02),
@@ -87,7 +87,7 @@ PANDA: Final = RobotDescription(
 FR3: Final = replace(
     PANDA,
     name="fr3",
-    # The maker's table of the FR3; the greatest velocity also depends on the distance to the joint's limit.
+    # The maker's table of the FR3. The greatest velocity also depends on the distance to the joint's limit.
     q_lower=array(-2.9007, -1.8361, -2.9007, -3.0770, -2.8763, 0.4398, -3.0508),
     q_upper=array(2.9007, 1.8361, 2.9007, -0.1169, 2.8763, 4.6216, 3.0508),
     dq_max=array(2.62, 2.62, 2.62, 2.62, 5.26, 4.18, 5.26),

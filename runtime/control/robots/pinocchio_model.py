@@ -1,4 +1,4 @@
-"""Pinocchio models from robot descriptions."""
+"""Makes Pinocchio models from robot descriptions."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ def pinocchio_model(
     gravity: tuple[float, float, float] = DOWN,
     rotors: bool = False,
 ) -> Any:
-    """A `pinocchio.Model` with the arm's n joints and the frame `flange`.
+    """Makes a `pinocchio.Model` with the arm's n joints and the frame `flange`.
 
     Args:
         payload: a point mass at the flange.
         gravity: m/s^2, in the base frame.
-        rotors: whether the mass matrix contains the rotors' inertia.
+        rotors: True if the mass matrix contains the rotors' inertia.
     """
     model = pin.Model()
     model.name = robot.name
@@ -49,9 +49,9 @@ def mobile_model(
     payload: Payload | None = None,
     gravity: tuple[float, float, float] = DOWN,
 ) -> Any:
-    """An arm on a mobile base: q = (x, y, yaw, arm's joints), m and rad; frames `base` and `flange`.
+    """Makes the model of an arm on a mobile base: q = (x, y, yaw, arm's joints), m and rad; frames `base`, `flange`.
 
-    The base's velocities are those of the world's axes, not of its own: turn its twist by the yaw.
+    The base's velocities are along the world's axes, not along its own: rotate its twist by the yaw.
 
     Args:
         mount: (4, 4), the arm's base frame in the base's.
@@ -73,9 +73,9 @@ def mobile_model(
 
 
 def add_arm(model: Any, robot: RobotDescription, parent: int, placement: Any, prefix: str = "") -> int:
-    """Adds an arm to a model behind joint `parent`; gives the number of its last joint.
+    """Adds an arm to a model behind joint `parent` and returns the number of its last joint.
 
-    Names of joints and of the frame `flange` get `prefix` in front.
+    The names of the joints and of the frame `flange` get `prefix` in front.
     """
     if parent:
         model.appendBodyToJoint(parent, _inertia(robot.base), placement)

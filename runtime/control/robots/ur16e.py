@@ -1,6 +1,6 @@
-"""Universal Robots UR16e (sheet ur16e): standard DH, nominal values without the single arm's calibration.
+"""Universal Robots UR16e (sheet ur16e): standard DH, nominal values without an individual arm's calibration.
 
-The base frame is the controller's `base` (ROS `base_link` turned by pi about z); the flange is its `tool0`.
+The base frame is the controller's `base` (ROS `base_link` rotated by pi about z). The flange is its `tool0`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from runtime.control.robots.description import (
 )
 
 _NAMES: Final = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
-# (a, alpha, d): what follows the turn about z
+# (a, alpha, d): the transforms after the rotation about z
 _ROWS: Final = (
     (0.0, pi / 2, 0.1807),
     (-0.4784, 0.0, 0.0),
@@ -40,7 +40,7 @@ _LINKS: Final = (
     inertial(2.033, (0.0, 0.018, 0.012), (0.00389, 0.00219, 0.00363, -1e-05, 0.0, -0.00045)),
     inertial(0.907, (0.0, 0.0, -0.044), (0.00117, 0.00118, 0.00084, 0.0, 0.0, 0.0)),
 )
-# Rough hulls of our own, for contact only; in the link's frame, at its near end.
+# Our own rough hulls, for contact only; in the link's frame, at its near end.
 _SHAPES: Final = (
     (Capsule((0.0, 0.0, 0.09), (0.0, 0.0, 0.19), 0.075),),
     (Capsule((0.0, 0.0, 0.1), (0.0, 0.0, 0.18), 0.07), Capsule((0.0, 0.0, 0.16), (-0.4784, 0.0, 0.16), 0.06)),
@@ -62,7 +62,7 @@ UR16E: Final = RobotDescription(
         )
     ),
     flange=_ENDS[-1],
-    # The elbow could turn further, but there the arm hits itself.
+    # The elbow could rotate further, but there the arm hits itself.
     q_lower=array(-2 * pi, -2 * pi, -pi, -2 * pi, -2 * pi, -2 * pi),
     q_upper=array(2 * pi, 2 * pi, pi, 2 * pi, 2 * pi, 2 * pi),
     dq_max=np.radians([120.0, 120.0, 180.0, 180.0, 180.0, 180.0]),
@@ -70,7 +70,7 @@ UR16E: Final = RobotDescription(
     dddq_max=everywhere(inf, 6),
     tau_max=array(330.0, 330.0, 150.0, 54.0, 54.0, 54.0),
     dtau_max=everywhere(inf, 6),
-    # Rotors behind harmonic drives: an order of magnitude, nobody publishes them.
+    # Rotors behind harmonic drives: only an order of magnitude, as nobody publishes them.
     rotor_inertia=array(3.0, 3.0, 1.5, 0.5, 0.5, 0.5),
     friction=array(8.0, 8.0, 5.0, 2.0, 2.0, 2.0),
     stiffness=array(40000.0, 40000.0, 25000.0, 6000.0, 6000.0, 6000.0),

@@ -1,4 +1,4 @@
-"""Joint angles set by a client of the bus: for jogging a finger when it is brought up."""
+"""Joint angles set by a client of the bus, for jogging a finger during bring-up."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ class JointSetpointConfig(ControllerConfig):
 
 
 class JointSetpoint(Controller):
-    """Hands a client's target on to the joints; the guard makes the motion.
+    """Passes a client's target on to the joints. The guard makes the motion.
 
-    Input `target` (n,); all NaN (or any) means that none has come. Outputs `q` (n,) in the same unit and
-    `q_velocity` (n,), zero. After a reset it holds what was applied until a target comes that differs from the one
-    then present, so that leaving a stop never resumes an old motion.
+    Input `target` (n,); if any value is NaN, no target has arrived. Outputs `q` (n,) in the same unit and
+    `q_velocity` (n,), zero. After a reset the controller holds the applied position until a target arrives that
+    differs from the one at the reset. So leaving a stop never resumes an old motion.
     """
 
     Config = JointSetpointConfig

@@ -1,4 +1,4 @@
-"""A velocity set by a client of the bus: for jogging arms and bases when they are brought up."""
+"""A velocity set by a client of the bus, for jogging arms and bases during bring-up."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ class VelocitySetpointConfig(ControllerConfig):
 
 
 class VelocitySetpoint(Controller):
-    """Hands a client's velocity on; the guard bounds it and its change.
+    """Passes a client's velocity on. The guard bounds it and its change.
 
-    Input `target` (n,) and output `velocity` (n,), both in the command's unit. While the target isn't finite,
-    and after a reset until a client sends another one than was there, the velocity is zero.
+    Input `target` (n,) and output `velocity` (n,), both in the command's unit. The velocity is zero while the target
+    isn't finite, and after a reset until a client sends a target that differs from the one at the reset.
     """
 
     Config = VelocitySetpointConfig

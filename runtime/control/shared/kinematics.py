@@ -1,6 +1,6 @@
 """A serial chain in standard Denavit-Hartenberg form: forward kinematics and geometric Jacobian.
 
-In plain numbers: for a chain this short a call of numpy costs more than its arithmetic.
+It uses plain numbers: for a chain this short, a call of numpy costs more than its arithmetic.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from runtime.control.shared.symmetric import Vector
 
 
 class Chain:
-    """n revolute joints in a row: T_j = RotZ(q_j) TransX(a_j) RotX(alpha_j), with d = 0."""
+    """A chain of n revolute joints: T_j = RotZ(q_j) TransX(a_j) RotX(alpha_j), with d = 0."""
 
     def __init__(self, base: Array, rows: Array) -> None:
         """Args:
@@ -23,17 +23,17 @@ class Chain:
         self._base = cast(list[Vector], [tuple(column) for column in base[:3].T.tolist()])
         self._rows = [(cos(alpha), sin(alpha), a) for alpha, a in rows.tolist()]
         self.points: list[Vector] = []
-        """The base, then each row's end (n + 1), m, as `forward` left them."""
+        """The base, then each row's end (n + 1), m, from the last call of `forward`."""
         self._axes: list[Vector] = []
 
     def forward(self, q: list[float]) -> Vector:
-        """The tip, m, for joint angles q (n,), rad."""
+        """Returns the tip, m, for joint angles q (n,), rad."""
         (xx, xy, xz), (yx, yy, yz), z, o = self._base
         ox, oy, oz = o
         points, axes, turn = [o], [], 0.0
         for angle, (ca, sa, a) in zip(q, self._rows, strict=True):
             axes.append(z)
-            # x, y stay those of the first of parallel axes: there the angles add up.
+            # For parallel axes, x and y stay those of the first axis, and the angles are added.
             turn += angle
             c, s = cos(turn), sin(turn)
             ux, uy, uz = c * xx + s * yx, c * xy + s * yy, c * xz + s * yz
@@ -51,7 +51,7 @@ class Chain:
         return points[-1]
 
     def jacobian(self) -> list[Vector]:
-        """Its n columns, m/rad: z x (tip - o) with axis z and origin o before each row, at the last q."""
+        """Returns the n columns, m/rad: z x (tip - o) with axis z and origin o before each row, at the last q."""
         x, y, z = self.points[-1]
         columns = []
         for (ax, ay, az), (ox, oy, oz) in zip(self._axes, self.points, strict=False):

@@ -10,10 +10,10 @@ from runtime.contracts.signals import Array
 
 
 class Priority:
-    """Goes from manipulation to locomotion and back over a blend time, so that the switch makes no step.
+    """Changes from manipulation to locomotion and back over a blend time, so that the switch makes no step.
 
-    At the switch to locomotion the present configuration becomes the preferred one. The old one fades out over the
-    blend time as well, as it may still act.
+    At the switch to locomotion, the present configuration becomes the preferred one. The old one fades out over the
+    blend time as well, as it may still have an effect.
 
     Attributes:
         level: 0 in manipulation, 1 in locomotion.
@@ -21,7 +21,7 @@ class Priority:
     """
 
     def __init__(self, n: int, blend: float) -> None:
-        """blend: s."""
+        """blend: blend time, s."""
         self._blend = blend
         self.level = 0.0
         self.preferred = np.zeros(n)
@@ -30,12 +30,12 @@ class Priority:
         self._locomotion = False
 
     def reset(self, locomotion: bool, q: Array) -> None:
-        """Begins in this priority, with q (n,) preferred."""
+        """Starts in this priority, with q (n,) as the preferred configuration."""
         self._locomotion, self.level, self._fade = locomotion, float(locomotion), 0.0
         self._chosen[:] = self.preferred[:] = q
 
     def update(self, locomotion: bool, q: Array, dt: float) -> None:
-        """One step of dt seconds with the arm at q (n,)."""
+        """Computes one step of dt seconds with the arm at q (n,)."""
         step = dt / self._blend
         if locomotion and not self._locomotion:
             self._chosen[:] = q
@@ -49,11 +49,11 @@ class Priority:
             self.preferred += self._chosen
 
     def between(self, manipulation: float, locomotion: float) -> float:
-        """The value at the present level, evenly."""
+        """Interpolates linearly between two values at the present level."""
         return manipulation + self.level * (locomotion - manipulation)
 
     def between_ratios(self, manipulation: float, locomotion: float) -> float:
-        """The value at the present level, even in its logarithm: for weights, of which only ratios count."""
+        """Interpolates the logarithm linearly at the present level: for weights, of which only ratios matter."""
         if self.level in (0.0, 1.0):
             return locomotion if self.level else manipulation
         return exp(log(manipulation) + self.level * (log(locomotion) - log(manipulation)))

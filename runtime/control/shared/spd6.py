@@ -1,6 +1,6 @@
 """Linear equations with a symmetric positive definite 6 x 6 matrix.
 
-By Eigen's L D L^T, which comes with pinocchio: at this size a call of numpy's own solver costs ten times as much.
+It uses Eigen's L D L^T, which comes with pinocchio: at this size, numpy's own solver costs ten times as much.
 """
 
 from __future__ import annotations
@@ -14,31 +14,32 @@ import numpy as np
 from runtime.contracts.signals import Array
 
 NEAR: Final = 1e-6
-"""Independence below which `damped` begins to damp; a Panda in 4000 random postures has 7e-6 at least."""
+"""Independence below which `damped` begins to damp. A Panda in 4000 random postures has at least 7e-6."""
 DAMPING: Final = 1e-6
-"""What it adds at most to each diagonal element, as a share of it."""
+"""The most that `damped` adds to each diagonal element, as a share of it."""
 
 
 class Equations:
-    """Solves A x = b; of A (6, 6) only the lower triangle is read. One for each that uses it: it has a memory.
+    """Solves A x = b. Only the lower triangle of A (6, 6) is read.
 
-    A must be finite: Eigen takes what isn't for zero.
+    Each user needs its own instance, as an instance has memory. A must be finite: Eigen takes other values for zero.
     """
 
     def __init__(self) -> None:
         self._factors = eigenpy.LDLT(6)
 
     def solve(self, A: Array, b: Array) -> Array:
-        """x (6,); a row of zeros gives zero there."""
+        """Returns x (6,). A row of zeros gives zero there."""
         self._factors.compute(A)
         x: Array = self._factors.solve(b)
         return x
 
     def damped(self, A: Array, b: Array) -> tuple[Array, float]:
-        """As `solve`; near a singular A each diagonal element grows by a share of it, gradually (see NEAR, DAMPING).
+        """Solves like `solve`, with damping near a singular A, and returns x and the rows' independence.
 
-        Also gives the rows' independence: det A over the product of its diagonal. It is 1 where they don't interfere
-        and 0 where A is singular, and doesn't depend on their units nor on their order.
+        Near a singular A, each diagonal element grows gradually by a share of it (see NEAR, DAMPING). The
+        independence is det A divided by the product of its diagonal. It is 1 if the rows don't interfere and 0 if A is
+        singular. It depends neither on their units nor on their order.
         """
         independence = self.determinant(A) / (prod(A.diagonal().tolist()) or 1.0)
         if independence >= NEAR:
@@ -51,7 +52,7 @@ class Equations:
         return self.solve(grown, b), independence
 
     def determinant(self, A: Array) -> float:
-        """det A; zero where A is singular within rounding."""
+        """Returns det A; zero if A is singular within rounding."""
         factors = self._factors
         factors.compute(A)
         return max(prod(factors.vectorD().tolist()), 0.0)

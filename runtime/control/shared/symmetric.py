@@ -12,7 +12,7 @@ from runtime.contracts.signals import Array
 Vector = tuple[float, float, float]
 Symmetric = tuple[float, float, float, float, float, float]  # xx, xy, xz, yy, yz, zz
 
-FIRM: Final = 1e-3  # of the trace: closed forms are used only where all eigenvalues are above
+FIRM: Final = 1e-3  # of the trace: closed forms are used only if all eigenvalues are above this
 
 
 def dot(a: Vector, b: Vector) -> float:
@@ -38,7 +38,7 @@ def is_above(M: Symmetric, floor: float) -> bool:
 
 
 def inverse(M: Symmetric) -> Symmetric:
-    """By cofactors; for M whose eigenvalues are above FIRM of the trace."""
+    """The inverse by cofactors, for M with all eigenvalues above FIRM of the trace."""
     xx, xy, xz, yy, yz, zz = M
     a, b, c = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
     k = 1.0 / (xx * a + xy * b + xz * c)
@@ -46,7 +46,7 @@ def inverse(M: Symmetric) -> Symmetric:
 
 
 def raised_inverse(M: Symmetric, floor: float) -> Symmetric:
-    """The inverse of M >= 0 after its eigenvalues below `floor` > 0 are raised to it."""
+    """The inverse of M >= 0 after its eigenvalues below `floor` > 0 have been raised to `floor`."""
     if is_above(M, max(floor, FIRM * (M[0] + M[3] + M[5]))):
         return inverse(M)
     lam, U = np.linalg.eigh(full(M))
@@ -55,7 +55,7 @@ def raised_inverse(M: Symmetric, floor: float) -> Symmetric:
 
 
 def full(M: Symmetric) -> Array:
-    """As an array (3, 3)."""
+    """M as an array (3, 3)."""
     xx, xy, xz, yy, yz, zz = M
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
