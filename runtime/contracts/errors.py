@@ -38,7 +38,7 @@ class WiringError(SrlError):
 
 
 class DeviceError(SrlError):
-    """A device can't be reached, isn't what the profile says, or refuses what is asked of it."""
+    """A device can't be reached, isn't what the profile says, or refuses a request."""
 
 
 class DeviceLostError(DeviceError):

@@ -80,7 +80,7 @@ class Cycle:
         # start and after a limp stop. After a loss it is near its last position and goes home slowly.
         self._homed = [True for a in graph.actuators]
         self._put_home = [a.command.feedback is None for a in graph.actuators]
-        self._leaving = 0  # ns since the exit was asked for
+        self._leaving = 0  # ns since the exit was requested
         self._fault: Fault | None = None
         self._was = State.STARTING
 

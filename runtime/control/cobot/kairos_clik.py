@@ -211,7 +211,7 @@ class KairosClik(Controller):
         desired: rotation.Quaternion = (r[0], r[1], r[2], r[3])
         compliance = self._compliance
         if compliance is not None:
-            # What gave way by e turns with it.
+            # The desired pose is rotated by the deviation e, so its angular velocity is rotated, too.
             w = rotation.turned(rotation.exp(*compliance.deviation[3:]), (twist[3], twist[4], twist[5]))
             twist = [*twist[:3], *w]
             compliance.update(
