@@ -41,6 +41,14 @@ WRONG_TEXTS = {
     "misspelt key below": (("velocity: 4.0", "velocty: 4.0"), ["guard.finger.position_command.velocty", "velocity"]),
     "misspelt option of a driver": (("sensors: 22", "sensor: 22"), ["devices.glove.sensor", "sensors"]),
     "misspelt option of a controller": (("    points: [", "    point: ["), ["controllers.1.point", "points"]),
+    "a sample that is never stale": (
+        ("sensors: 22}", "sensors: 22, max_age: .inf}"),
+        ["devices.glove.max_age", "finite number"],
+    ),
+    "aliases of aliases": (
+        ("frames:\n", "a: &a {x: 1}\nb: &b {y: *a, z: *a}\nframes:\n"),
+        ["line", "the alias '*a'", "Write one of the two out"],
+    ),
     "rate out of range": (("rate: 100 ", "rate: 0 "), ["rate", "1 to 10000"]),
     "key twice": (("rate: 100 ", "rate: 100\nrate: 100 "), ["line", "rate"]),
     "not YAML": (("devices:", "devices: ["), ["line", "YAML"]),

@@ -26,11 +26,14 @@ def send_request(
         The loop's answer; None if there was none in time.
     """
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as sender:
-        sender.bind("")  # an abstract address of its own, for the answer
         sender.settimeout(timeout)
         message = {"ask": what} | ({"cause": cause} if cause else {})
         try:
-            sender.sendto(json.dumps(message).encode(), str(run_folder.loop_socket))
+            # Connected before it has an address: the kernel then refuses answers from anybody but the loop. Any
+            # local user could send one to an abstract address and claim that the limb has stopped.
+            sender.connect(str(run_folder.loop_socket))
+            sender.bind("")  # an abstract address of its own, for the answer
+            sender.send(json.dumps(message).encode())
             answer: dict[str, object] = json.loads(sender.recv(2048))
         except (OSError, ValueError):
             return None

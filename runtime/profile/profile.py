@@ -19,6 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.events import AliasEvent, MappingEndEvent, MappingStartEvent, SequenceEndEvent, SequenceStartEvent
 
 from runtime.contracts.errors import ProfileError, nearest
 from runtime.contracts.frames import FrameEntry
@@ -43,7 +44,7 @@ class DeviceEntry(BaseModel):
     model_config = ConfigDict(extra="allow", frozen=True)
 
     driver: str
-    max_age: float | None = Field(None, gt=0, description="s; older than this a sample is stale")
+    max_age: float | None = Field(None, gt=0, allow_inf_nan=False, description="s; older than this a sample is stale")
 
     @property
     def options(self) -> dict[str, Any]:
@@ -72,7 +73,9 @@ class SetpointEntry(Part):
 
     shape: tuple[int, ...]
     unit: str
-    max_age: float = Field(0.5, gt=0, description="s; older than this it is stale, a loss of intent")
+    max_age: float = Field(
+        0.5, gt=0, allow_inf_nan=False, description="s; older than this it is stale, a loss of intent"
+    )
     frame: str | None = None
 
 
@@ -235,6 +238,7 @@ def load(name: str, overrides: Sequence[str] = ()) -> tuple[Profile, Source]:
 def parse(label: str, text: str, overrides: Sequence[str] = ()) -> tuple[Profile, Source]:
     """Checks a profile's text. Raises ProfileError for the first error, with its place."""
     try:
+        _refuse_nested_aliases(label, text)
         tree = YAML(typ="rt", pure=True).load(text)
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
@@ -255,6 +259,20 @@ def parse(label: str, text: str, overrides: Sequence[str] = ()) -> tuple[Profile
         return Profile.model_validate(plain), source
     except ValidationError as error:
         raise first_error(error, source) from None
+
+
+def _refuse_nested_aliases(label: str, text: str) -> None:
+    """An alias within what has an anchor may double the text with every line, until no memory is left."""
+    anchored: list[bool] = []  # of the collections that are open
+    for event in YAML(typ="rt", pure=True).parse(text):
+        if isinstance(event, MappingStartEvent | SequenceStartEvent):
+            anchored.append(event.anchor is not None)
+        elif isinstance(event, MappingEndEvent | SequenceEndEvent):
+            anchored.pop()
+        elif isinstance(event, AliasEvent) and any(anchored):
+            line = event.start_mark.line + 1
+            problem = f"the alias '*{event.anchor}' stands within a part that has an anchor itself"
+            raise ProfileError(f"{label} line {line}", problem, "Write one of the two out")
 
 
 def first_error(
