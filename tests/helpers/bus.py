@@ -174,14 +174,17 @@ def spawn(run_folder: RunFolder, **options: Any) -> subprocess.Popen[bytes]:
 
 def reach(run_folder: RunFolder) -> Client:
     """A client, once the bus is there."""
+    said = ""
 
     def client() -> Client | None:
+        nonlocal said
         try:
             return connect(run_folder, timeout=1.5)
-        except RequestError:
+        except RequestError as error:
+            said = str(error)
             return None
 
-    found = until(client, what="the bus", pause=0.01)
+    found = until(client, what=lambda: f"the bus; {said}", pause=0.01)
     assert found is not None
     return found
 
