@@ -18,6 +18,8 @@ from scipy.spatial import cKDTree
 from runtime.ipc.words import LINK_STALE, Cause, State
 from runtime.recording.reader import Recording, read
 
+pytestmark = pytest.mark.serial  # a loop that is held up for 0.1 s counts as hung, a glove silent for 0.1 s as lost
+
 QUIET = "sim.devices.glove={noise: 0.0}"  # so that both runs see the same bytes at the same posture
 REST = 8.0  # s in which the recorded hand lies still, so that every run begins from the same posture
 
