@@ -26,6 +26,7 @@ def driver(cls, name: str, port: str):
     return bound(made, getattr(made, "home", None))
 
 
+@pytest.mark.serial  # the pace of the log
 def test_both_devices_with_faults_and_log(tmp_path: Path):
     log = tmp_path / "log.npz"
     with TwinProcess("sixth-finger", "--link", str(tmp_path), "--log", str(log), "--control") as twin:
