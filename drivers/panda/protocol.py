@@ -1,8 +1,8 @@
 """FCI's command channel (TCP 1337): requests and replies, both directions. No I/O.
 
-A message is a header of 12 bytes (u32 command, u32 the client's counter, u32 size with header) and a body.
-A reply's body begins with a status byte. The numbers of commands and statuses differ between protocol 5 (Panda,
-FER) and 10 (FR3). Source: protocol sheet franka-fci, sections 2, 3 and 5. The datagrams are in `packets`.
+A message is a header of 12 bytes (u32 command, u32 the client's counter, u32 size with header) and a body. A reply's
+body begins with a status byte. Protocols 5 (Panda, FER) and 10 (FR3) number commands and statuses differently.
+Source: protocol sheet franka-fci, sections 2, 3 and 5. The datagrams are in `packets`.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 from helpers.fci import HOME, Robot
-from helpers.fci_pair import MS, VERSIONS, Pair
+from helpers.fci_pair import MS, VERSIONS
 from helpers.fuzz import mutations
 from pydantic import ValidationError
 
@@ -23,20 +23,6 @@ from drivers.panda.protocol import (
     Status,
 )
 from runtime.contracts.errors import DeviceError
-
-
-@pytest.fixture
-def pair(request):
-    made = []
-
-    def make(*args, **options):
-        made.append(Pair(*args, **options))
-        return made[-1]
-
-    yield make
-    for one in made:
-        one.close()
-
 
 # -- opening
 

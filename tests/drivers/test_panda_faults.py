@@ -3,7 +3,7 @@
 import time
 
 import pytest
-from helpers.fci_pair import MS, VERSIONS, Pair
+from helpers.fci_pair import MS, VERSIONS
 
 from drivers.panda import Panda
 from drivers.panda.config import PandaConfig
@@ -16,20 +16,6 @@ from drivers.panda.protocol import (
 )
 from runtime.contracts.errors import DeviceLostError
 from runtime.contracts.signals import Stop
-
-
-@pytest.fixture
-def pair(request):
-    made = []
-
-    def make(*args, **options):
-        made.append(Pair(*args, **options))
-        return made[-1]
-
-    yield make
-    for one in made:
-        one.close()
-
 
 # -- faults
 

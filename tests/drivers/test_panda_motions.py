@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from helpers.fci import HOME
-from helpers.fci_pair import INTERFACES, VERSIONS, Pair
+from helpers.fci_pair import INTERFACES, VERSIONS
 
 from drivers.panda.packets import Controller, Generator
 from drivers.panda.protocol import (
@@ -11,20 +11,6 @@ from drivers.panda.protocol import (
     StopMove,
 )
 from runtime.contracts.signals import Kind, Stop
-
-
-@pytest.fixture
-def pair(request):
-    made = []
-
-    def make(*args, **options):
-        made.append(Pair(*args, **options))
-        return made[-1]
-
-    yield make
-    for one in made:
-        one.close()
-
 
 # -- motions
 

@@ -83,7 +83,7 @@ class LoadPart(Part):
         add(body, "geom", name=f"{name}/bar", type="capsule", size=0.012, fromto=(0, -0.07, top, 0, 0.07, top), **bar)
         add(body, "site", name=f"{name}/grasp", pos=(0, 0, top), size=0.002)
         if config.gripper is not None:
-            # To the world for now: the gripper may not exist yet; `bind` sets its palm.
+            # Welded to the world here, since the gripper may not be built yet; `bind` replaces it by the palm.
             add(mjcf.equality, "weld", name=f"{name}/held", body1=f"{name}/box", active=False, solref=(0.01, 1.0))
 
     def bind(self, model: Any, data: Any) -> None:
