@@ -73,6 +73,7 @@ def check_driver(driver: Driver) -> None:
     states = {s.name: s for s in driver.states}
     for command in driver.commands:
         assert command.stops, f"{name}.{command.name} can't be stopped: `stops` is empty"
+        assert command.period, f"{name}.{command.name} declares no `period`: how often does a command leave?"
         if command.feedback is None:
             assert command.name in driver.home, f"{name}.{command.name} has no feedback, so it needs a `home`"
         else:

@@ -26,6 +26,7 @@ UNIT = "m/s, rad/s"
 SILENT = 1_000_000_000  # ns without odometry after which the link is opened again
 FIRST = 5.0  # s that the first odometry may take
 FARTHEST = 0.1  # s for which the pose is extrapolated at most
+LATE = 1.5  # periods of the command: a loop that isn't a multiple of its rate sends some commands a cycle later
 PRESSED = "its emergency stop is pressed, or the robot holds itself stopped; release it at the robot"
 _ODOMETRY, _EMERGENCY = 0, 1
 
@@ -54,7 +55,7 @@ class MobileBase(Driver):
         self.commands = (
             Command(
                 name=COMMAND, shape=(3,), unit=UNIT, labels=AXES,
-                kind=Kind.VELOCITY, feedback="pose", stops=(Stop.BRAKE, Stop.HOLD),
+                kind=Kind.VELOCITY, feedback="pose", stops=(Stop.BRAKE, Stop.HOLD), period=LATE / config.rate,
             ),
         )  # fmt: skip
         speed = np.array(config.speed)
@@ -74,6 +75,7 @@ class MobileBase(Driver):
         self._offset = 0  # the robot's clock minus ours, ns
         self._arrived = 0
         self._written = 0
+        self._expires = 0  # ns, CLOCK_MONOTONIC: the end of the newest command
         self._published = 0
         self._frame = ""
         self._heard_emergency = False
@@ -133,6 +135,8 @@ class MobileBase(Driver):
                 f"no odometry came for {SILENT / 1e9:g} s" + (f" ({reader.problem})" if reader.errors else ""),
                 "Check the robot, its bridge and the network",
             )
+        if time.monotonic_ns() > self._expires:
+            self._publish_zero()
         states = self.state_arrays
         states["twist"][:] = self._twist
         age = min(max((now - health.stamp) * 1e-9, 0.0), FARTHEST) if self._config.extrapolate else 0.0
@@ -150,7 +154,10 @@ class MobileBase(Driver):
         vx, vy, wz = (min(max(v, -t), t) for v, t in zip((vx, vy, wz), top, strict=True))
         payload = protocol.velocity(self._kind, vx, vy, wz)
         try:
-            if self._link.publish(0, payload, clock + self._expiry, clock + self._offset):
+            expires = clock + self._expiry
+            if self._link.publish(0, payload, expires, clock + self._offset):
+                self.sent_arrays[COMMAND][:] = vx, vy, wz
+                self._expires = expires
                 # The phase is kept, so that a loop of 100 Hz sends 50 commands per second and not 33.
                 late = clock - self._written - self._period
                 self._written = clock - late if 0 <= late < self._period else clock
@@ -162,6 +169,7 @@ class MobileBase(Driver):
     def stop(self, category: Stop) -> None:
         """See `Driver.stop`: sends zero velocity; the robot brakes along its own ramp."""
         self._link.stop()
+        self._publish_zero()
 
     def recover(self, now: int) -> None:
         """See `Driver.recover`. An e-stop is released at the robot, which then reports it.
@@ -271,6 +279,11 @@ class MobileBase(Driver):
             turns = round((self._pose[2] - yaw) / math.tau)
             self._pose[:] = x, y, yaw + turns * math.tau
             self._twist[:] = message.twist
+
+    def _publish_zero(self) -> None:
+        """Reports that the command in force has ended: the zenoh process sends zero then."""
+        if self._published:
+            self.sent_arrays[COMMAND][:] = 0.0
 
     def _lose(self) -> None:
         self.health.connected = False

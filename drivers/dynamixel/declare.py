@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 from drivers.dynamixel.config import DynamixelConfig
@@ -18,6 +19,7 @@ _STOPS: Final = {
     Kind.VELOCITY: (Stop.HOLD, Stop.BRAKE, Stop.RETRACT),
     Kind.TORQUE: (Stop.HOLD, Stop.DAMP, Stop.LIMP),
 }
+PERIOD: Final = 0.06  # s: an exchange over USB with a latency timer of 16 ms each way, a second one between samples
 _ROTARY: Final = {"position": "rad", "velocity": "rad/s", "effort": "N m", "temperature": "degC", "voltage": "V"}
 _LINEAR: Final = _ROTARY | {"position": "m", "velocity": "m/s", "effort": "N"}
 
@@ -34,8 +36,8 @@ def states(config: DynamixelConfig) -> tuple[Signal, ...]:
     return tuple(Signal(name=key, shape=(len(labels),), unit=units[key], labels=labels) for key in STATES)
 
 
-def command(config: DynamixelConfig) -> Command:
-    """The command of the profile's `mode`, (n,)."""
+def command(config: DynamixelConfig, unit: Sequence[float]) -> Command:
+    """The command of the profile's `mode`, (n,); `unit` is that of the goal's register, in the command's (n,)."""
     labels, kind = tuple(config.motors), KINDS[config.command]
     homed = all(motor.home is not None for motor in config.motors.values())
     return Command(
@@ -46,4 +48,6 @@ def command(config: DynamixelConfig) -> Command:
         kind=kind,
         feedback="position",
         stops=tuple(stop for stop in _STOPS[kind] if stop is not Stop.RETRACT or homed),
+        period=PERIOD,
+        resolution=tuple(abs(x) for x in unit),
     )

@@ -49,13 +49,13 @@ class Dynamixel(Driver):
     def __init__(self, name: str, config: DynamixelConfig) -> None:
         super().__init__(name, config)
         self.config: DynamixelConfig = config
-        self.states, self.commands = declare.states(config), (declare.command(config),)
+        self._family = family(config)
+        self.states, self.commands = declare.states(config), (declare.command(config, self._family.unit.tolist()),)
         self._kind = self.commands[0].kind
         motors = config.motors
         homes = [motor.home for motor in motors.values() if motor.home is not None]
         if homes and self._kind is not Kind.TORQUE:
             self.home[config.command] = np.array(homes)
-        self._family = family(config)
         self._faults = Faults(tuple(motors))
         self._link: Transport | None = None
         self._line: Line | None = None
@@ -161,7 +161,7 @@ class Dynamixel(Driver):
         if self._words and self._line.free:
             with contextlib.suppress(DeviceError):  # the next read reports a lost link
                 if self._line.link.write(self._words):
-                    self._words = b""
+                    self._publish_words()
 
     def close(self) -> None:
         """See `Driver.close`. Servos hold their last position; velocity and effort become 0; the watchdog is off."""
@@ -275,14 +275,29 @@ class Dynamixel(Driver):
         if commanding:
             self._words = b""
         if line.send(request, now, self._prefix + self._words + goals):
-            self._prefix = self._words = b""
+            self._prefix = b""
+            self._publish_words()
             self._exchanges += 1
             if goals:
+                self._publish(waking)
                 self._commanded = self._driven = True
                 self._goal_frame = goals
                 self._let_go = False
             for i in waking:
                 self._powered[i] = True
+
+    def _publish(self, waking: list[int]) -> None:
+        """Reports the goals that were sent: those of the motors with torque, before rounding."""
+        command, sent = self.command_arrays[self.config.command], self.sent_arrays[self.config.command]
+        given = np.array(self._powered)
+        given[waking] = True
+        np.copyto(sent, self._family.bounded(command), where=given & np.isfinite(command))
+
+    def _publish_words(self) -> None:
+        """Notes that the stop command has left; it may set goals of velocity and effort to 0."""
+        if self._words and self._words == self._zero and self._commanded:
+            self.sent_arrays[self.config.command][:] = 0.0
+        self._words = b""
 
     def _rest(self) -> None:
         """Handles the end of commands, e.g. after a fault: velocity and effort goals must not stay in force."""

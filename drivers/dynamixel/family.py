@@ -70,6 +70,7 @@ class Family(ABC):
         extra: (address, size) of the same plus voltage and temperature.
         check: (address, size) of torque enable and of the registers that show a fault.
         velocity_unit: rad/s per unit; current_unit: A per unit.
+        unit: the command of one unit of the goals' register, (n,), negative for a reversed motor.
         filler: bytes that complete any packet that was cut short, without harm.
     """
 
@@ -96,6 +97,8 @@ class Family(ABC):
         self.per_velocity = self.velocity_unit * scale
         self.current_effort = np.array([motor.newton_metres for motor in motors]) * self.current_unit / scale
         self.load_effort = np.array([motor.facts.stall_torque for motor in motors]) * LOAD / scale
+        self.unit = {"velocity": self.per_velocity, "effort": self.current_effort}.get(self.mode, self.per_count)
+        self._zero = self.offset if self.unit is self.per_count else np.zeros(len(motors))  # the command of goal 0
         self.low, self.high = np.zeros(len(motors)), np.zeros(len(motors))  # of the goals, in register units
         self.last = np.zeros(len(motors), np.int64)  # the newest goals, in register units
         self.seen: NDArray[np.int16] | NDArray[np.int32] | None = None  # positions of the newest sample, counts
@@ -132,13 +135,7 @@ class Family(ABC):
 
         If a command isn't finite, that motor keeps its last goal.
         """
-        mode = self.mode
-        if mode == "velocity":
-            wanted = command / self.per_velocity
-        elif mode == "effort":
-            wanted = command / self.current_effort
-        else:
-            wanted = (command - self.offset) / self.per_count
+        wanted = (command - self._zero) / self.unit
         finite = np.isfinite(wanted)
         np.rint(wanted, out=wanted)
         np.maximum(wanted, self.low, out=wanted)
@@ -147,9 +144,9 @@ class Family(ABC):
         return self.again()
 
     def bounded(self, command: Array) -> Array:
-        """Returns the positions (n,), axis units, that `encode` makes of these: within the servos' own limits."""
-        goals = np.clip((command - self.offset) / self.per_count, self.low, self.high)
-        found: Array = goals * self.per_count + self.offset
+        """Returns the commands (n,) that `encode` makes of these, before rounding: within the servos' own limits."""
+        goals = np.clip((command - self._zero) / self.unit, self.low, self.high)
+        found: Array = goals * self.unit + self._zero
         return found
 
     def own_range(self, i: int, memory: bytes) -> tuple[float, float]:

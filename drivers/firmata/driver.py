@@ -23,6 +23,7 @@ from runtime.contracts.errors import DeviceError, DeviceLostError
 from runtime.contracts.signals import Array, Command, Kind, Limits, Signal, Stop
 
 COMMAND = "position_command"
+PERIOD = 0.05  # s: a command waits for the answer to the one before, over USB with a latency timer of 16 ms
 ASK_ACTIVE = 400_000_000  # ns between version queries while `write` is called
 ASK_IDLE = 500_000_000  # ns between version queries otherwise
 
@@ -63,6 +64,8 @@ class Firmata(Driver):
                     labels=tuple(servos),
                     kind=Kind.POSITION,
                     stops=(Stop.HOLD, Stop.RETRACT, Stop.LIMP),
+                    period=PERIOD,
+                    resolution=tuple(1 / abs(servo.calibration.us_per_rad) for servo in servos.values()),  # 1 us
                 ),
             )
             self.home[COMMAND] = np.array([servo.home for servo in servos.values()])
@@ -158,6 +161,8 @@ class Firmata(Driver):
         except DeviceLostError:
             self._lose()
             raise
+        if taken or wanted == self._sent:
+            self._publish(angles)
         if frame and taken:
             self._sent = wanted
             self._was_limp = False
@@ -220,6 +225,13 @@ class Firmata(Driver):
             "firmware": self._firmware,
             "pulses_us": dict(zip(self.config.servos, self._sent, strict=True)),
         }
+
+    def _publish(self, angles: list[float]) -> None:
+        """Reports the angles whose pulses are in force, within the servos' reach; a non-finite one has no pulse."""
+        sent = self.sent_arrays[COMMAND]
+        for i, (angle, servo) in enumerate(zip(angles, self._calibrations, strict=True)):
+            if math.isfinite(angle):
+                sent[i] = min(max(angle, servo.lower), servo.upper)
 
     def _set_up(self, link: Transport) -> None:
         board = identify(link, self._decoder, self.name)

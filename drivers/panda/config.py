@@ -12,7 +12,7 @@ from runtime.contracts.signals import Command, Kind, Signal, Stop
 
 JOINTS = tuple(f"joint{i}" for i in range(1, 8))
 WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
-STATES = ("position", "velocity", "effort", "external_effort", "wrench", "pose", "success_rate")
+STATES = ("position", "velocity", "effort", "desired_effort", "external_effort", "wrench", "pose", "success_rate")
 COMMANDS = ("torque_command", "velocity_command", "position_command")
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -102,12 +102,19 @@ class PandaConfig(DeviceConfig):
         return tuple(found)
 
 
+PERIOD = 0.02  # s: after 20 missing commands the robot itself ends the motion
+# The limiter bounds the jerk, which the guard needn't: it follows a change of acceleration within this, in the
+# command's unit. A limited torque parts from the guard's at once.
+RESOLUTION = {Kind.TORQUE: 1e-6, Kind.VELOCITY: 0.05, Kind.POSITION: 0.01}
+
+
 def states(config: PandaConfig) -> tuple[Signal, ...]:
     """Returns the arm's states; see the driver's docstring."""
     return (
         Signal(name="position", shape=(7,), unit="rad", labels=JOINTS),
         Signal(name="velocity", shape=(7,), unit="rad/s", labels=JOINTS),
         Signal(name="effort", shape=(7,), unit="N m", labels=JOINTS),
+        Signal(name="desired_effort", shape=(7,), unit="N m", labels=JOINTS),
         Signal(name="external_effort", shape=(7,), unit="N m", labels=JOINTS),
         Signal(name="wrench", shape=(6,), unit="N, N m", frame=config.frame, labels=WRENCH),
         Signal(name="pose", shape=(7,), unit="m", frame=config.frame),
@@ -127,6 +134,8 @@ def command(config: PandaConfig) -> Command:
         kind=config.kind,
         feedback="position",
         stops=stops,
+        period=PERIOD,
+        resolution=RESOLUTION[config.kind],
     )
 
 

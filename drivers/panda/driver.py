@@ -40,8 +40,9 @@ class Panda(Driver):
     """Panda (FER) or FR3; one of `torque_command` (N m), `velocity_command` (rad/s), `position_command` (rad), (7,).
 
     The robot adds its own gravity compensation to the torques. States (7,): `position`, `velocity`, `effort`
-    (measured), `external_effort` (estimated); `wrench` (6,) at the stiffness frame and `pose` of the end effector,
-    both in the base frame; `success_rate` (1,), share of the last 100 commands that came in time.
+    (measured), `desired_effort` (N m, the torque that the robot took last), `external_effort` (estimated); `wrench`
+    (6,) at the stiffness frame and `pose` of the end effector, both in the base frame; `success_rate` (1,), share of
+    the last 100 commands that came in time.
 
     A motion begins with the first `write`. It ends with `stop`, with `close` or when no more writes come. The robot
     stops by itself 20 ms after the last command, so no stop frame is needed. `health.errors` counts states that were
@@ -295,6 +296,8 @@ class Panda(Driver):
             self._lose()
             raise
         self.health.unsent = 0 if sent else len(packet)
+        if sent and arrays:
+            self.sent_arrays[self._command.name][:] = self._motion.values
         self._answered = self._id
 
     def _may_move(self, channel: Channel) -> bool:

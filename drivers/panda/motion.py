@@ -6,6 +6,7 @@ state. The last commands carry the flag that ends the motion.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import Enum
 from math import isfinite
 from struct import Struct
@@ -39,12 +40,14 @@ class Motion:
         phase: the present phase.
         started: number of motions that began.
         outcome: why the last motion ended or couldn't begin, if we didn't end it; "" otherwise.
+        values: (7,), the command in the newest packet, within the robot's limits, rad, rad/s or N m.
     """
 
     def __init__(self, version: int, kind: Kind, reader: StateReader) -> None:
         self.phase = Phase.NONE
         self.started = 0
         self.outcome = ""
+        self.values: Sequence[float] = [0.0] * 7
         self._kind, self._reader = kind, reader
         self._limits = BY_VERSION[version]
         self._torque, self._motion = TorqueLimiter(self._limits), MotionLimiter(self._limits)
@@ -124,7 +127,9 @@ class Motion:
             data: the state.
             wanted: (7,) rad, rad/s or N m; not used while the motion is being ended.
         """
-        values = self._torques(data, wanted) if self._kind is Kind.TORQUE else self._movement(data, wanted)
+        self.values = values = (
+            self._torques(data, wanted) if self._kind is Kind.TORQUE else self._movement(data, wanted)
+        )
         packet = self._packet
         packet[0:8] = data[0:8]  # the message id
         _SEVEN.pack_into(packet, self._setpoint_at, *values)

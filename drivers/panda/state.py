@@ -18,6 +18,7 @@ _COPIED = {
     "position": "q",
     "velocity": "dq",
     "effort": "tau_J",
+    "desired_effort": "tau_J_d",
     "external_effort": "tau_ext_hat_filtered",
     "wrench": "O_F_ext_hat_K",
     "success_rate": "control_command_success_rate",

@@ -26,6 +26,8 @@ from runtime.contracts.errors import DeviceError, DeviceLostError
 from runtime.contracts.signals import Command, Kind, Limits, Signal, Stop
 
 COMMAND: Final = "position_command"
+PERIOD: Final = 0.05  # s: a command waits for the answer to the one before, over USB with a latency timer of 16 ms
+RESOLUTION: Final = 1e-3  # a tick of a hand with a short range
 TRIES: Final = 3
 ANSWER: Final = 0.2  # s, the timeout of the public API itself
 QUIET: Final = 0.05  # s without a byte after which a long answer has ended
@@ -69,6 +71,8 @@ class SoftHand(Driver):
                 kind=Kind.POSITION,
                 feedback="position",
                 stops=(Stop.HOLD, Stop.LIMP),
+                period=PERIOD,
+                resolution=RESOLUTION,
             ),
         )
         self.limits[COMMAND] = Limits(lower=np.array([0.0]), upper=np.array([1.0]))
@@ -170,6 +174,9 @@ class SoftHand(Driver):
             if reference != self._sent:
                 self._hold_frame = None
             self._sent, self._sent_at = reference, now
+        closure = float(self.command_arrays[COMMAND][0])
+        if self._motor is Motor.ON and reference is not None and reference == self._sent and math.isfinite(closure):
+            self.sent_arrays[COMMAND][0] = min(max(closure, 0.0), 1.0)  # its reference is in force
 
     def stop(self, category: Stop) -> None:
         """See `Driver.stop`. LIMP commands the motor off until the hand confirms it; HOLD keeps the reference."""

@@ -16,6 +16,9 @@ from runtime.contracts.signals import Command, Kind, Limits, Signal, Stop
 WRENCH: Final = ("fx", "fy", "fz", "tx", "ty", "tz")
 
 
+PERIOD = 0.02  # s, ten cycles of the controller: commands go every cycle, two may be unanswered
+
+
 def states(config: UrConfig) -> tuple[Signal, ...]:
     """Returns an arm's states."""
     found = [
@@ -39,7 +42,7 @@ def command(config: UrConfig) -> Command:
     }[config.interface]
     return Command(
         name=f"{config.interface}_command", shape=(6,), unit=unit, labels=JOINTS, kind=kind,
-        feedback="position", stops=(Stop.HOLD, Stop.BRAKE),
+        feedback="position", stops=(Stop.HOLD, Stop.BRAKE), period=PERIOD,
     )  # fmt: skip
 
 

@@ -129,6 +129,8 @@ class Ur(Driver):
             if self._steps is not None:
                 self._recovering()
             self._tend(link, now)
+            if self._follows and now - self._sent > self.config.timeout * 1e9:
+                self._publish_rest()
         except DeviceLostError as error:
             self.health.connected = False
             self.health.message = error.problem
@@ -145,6 +147,8 @@ class Ur(Driver):
         try:
             if self._pending() >= UNANSWERED or not self._send(link, Mode.FOLLOW, values, now):
                 self._held_back += 1
+            else:
+                self.sent_arrays[self._command][:] = values
             self.health.unsent = registers.SIZE
         except DeviceLostError:
             self.health.connected = False
@@ -266,8 +270,15 @@ class Ur(Driver):
             return False
         self._sent = now
         self._follows = mode is Mode.FOLLOW
+        if not self._follows:
+            self._publish_rest()
         self._stay = self._stay and not self._follows
         return True
+
+    def _publish_rest(self) -> None:
+        """Reports that no velocity is in force any more: STAY was sent, or the newest command's time has run out."""
+        if self.config.interface == "velocity" and self.sent_arrays and isfinite(self.sent_arrays[self._command][0]):
+            self.sent_arrays[self._command][:] = 0.0
 
     def _frame(self, mode: Mode, values: list[float] | tuple[float, ...]) -> bytes:
         return registers.command(self._recipe, self._nonce, mode, self._sequence, self._cycles, values)

@@ -37,7 +37,7 @@ from runtime.messages import attachment, cdr, messages
 from runtime.profile.bus import BusConfig
 from runtime.profile.keys import Keys, check
 
-PUBLISHED = ("state", "command", "applied", "internal", "truth")  # roles
+PUBLISHED = ("state", "command", "applied", "sent", "internal", "truth")  # roles
 STATUS_PERIOD = 200_000_000  # ns
 SILENT = 500_000_000  # ns without a sign of life, plus two periods, after which the loop counts as dead
 MOST = 16  # rows published in one turn: a simulation faster than real time isn't followed row by row

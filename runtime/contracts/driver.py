@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from runtime.contracts.signals import Array, Command, Limits, Signal, Stop
@@ -71,6 +72,10 @@ class Driver(ABC):
         max_age: s; the newest sample is stale when it is older than this, unless the profile sets another
             value. 0 for a device that gives no samples.
         health: see `Health`.
+        sent_arrays: by command name, the last value that left for the device and can't be taken back, in the
+            command's unit and before it was rounded for the wire; NaN before the first. `write` (or the `read` that
+            sends something later) fills it. It stays as it is while nothing leaves, and when the device is opened
+            again. Where a device stops by itself after a silence, the driver reports that, too.
         home: for commands without feedback, by name: the position where the user places the limb before a
             start. `retract` also goes there. Known after `__init__`.
         limits: the device's own limits by command name, known after `open`. The guard takes the
@@ -94,14 +99,17 @@ class Driver(ABC):
         self.limits: dict[str, Limits] = {}
         self.state_arrays: Mapping[str, Array] = {}
         self.command_arrays: Mapping[str, Array] = {}
+        self.sent_arrays: Mapping[str, Array] = {}
 
     def bind(self, states: Mapping[str, Array], commands: Mapping[str, Array]) -> None:
         """Takes the arrays, which the runtime allocates once.
 
-        `read` fills the state arrays. `write` sends the command arrays, which hold the guarded commands.
+        `read` fills the state arrays. `write` sends the command arrays, which hold the guarded commands, and fills
+        the sent arrays. The runtime copies these into the row once a cycle, after all writes.
         """
         self.state_arrays = states
         self.command_arrays = commands
+        self.sent_arrays = {c.name: np.full(c.shape, np.nan) for c in self.commands}
 
     @abstractmethod
     def open(self) -> None:
@@ -124,6 +132,7 @@ class Driver(ABC):
     def write(self, now: int) -> None:
         """Sends the command arrays. Never blocks; at most one command is ever unsent.
 
+        Copies what left into the sent arrays. A command that the link refuses isn't sent.
         The loop calls it only while the device is active. The first call after `open` carries the measured
         state, or `home` for a device without feedback. Raises `DeviceLostError`.
         """

@@ -15,7 +15,7 @@ class Field:
 
     Attributes:
         name: `<device or controller>.<signal>`.
-        role: state, command (as the controller requested it), applied, internal, parameter, setpoint or truth.
+        role: state, command (as the controller requested it), applied, sent, internal, parameter, setpoint or truth.
         offset: index of its first word among the float64 words.
         shape: the signal's shape.
     """

@@ -89,8 +89,14 @@ class Command(Signal):
         feedback: the device's state signal that measures the same coordinates; None for a device
             without feedback (a hobby servo). A command without feedback starts at the profile's `home`.
         stops: the stop categories this interface supports, the default first.
+        period: s; in normal operation a command leaves for the device at least this often while it is active. The
+            runtime takes a longer pause for a stalled link. Required for every command that is wired.
+        resolution: the largest difference between a command and what leaves for the device that is normal
+            (rounding, a filter in the driver), in the command's unit; one number, or one for each element.
     """
 
     kind: Kind
     feedback: str | None = None
     stops: tuple[Stop, ...] = (Stop.HOLD,)
+    period: float | None = None
+    resolution: float | tuple[float, ...] = 0.0

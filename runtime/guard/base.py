@@ -12,7 +12,7 @@ import numpy as np
 from runtime.contracts.errors import DeviceError, WiringError
 from runtime.contracts.signals import Array, Command, Limits, Stop
 
-LONGEST = 5  # periods: a longer pause is not made up for, the motion continues where it was
+LONGEST = 5  # periods: a longer pause is not made up for, the motion continues from where the device is
 SHORTEST = 1e-3  # periods: a clock that stands still must not cause a division by zero
 RETRACT_SPEED = 0.25  # of the velocity limit
 RATES = ("velocity", "acceleration", "jerk", "effort", "effort_rate", "inertia")
@@ -20,7 +20,11 @@ SMALLEST, LARGEST = 1e-9, 1e9  # limits that a device gives must lie in between,
 
 
 class CommandGuard(ABC):
-    """Limits one command. Life cycle: `bind` -> (`reset` -> cycles of `step` -> cycles of `stop`), repeated.
+    """Limits one command. Life cycle: `bind` -> (`reset` -> cycles of `reseat` and `step` or `stop`), repeated.
+
+    Limits apply to the guard's own state, the last applied command. It runs freely while the device keeps its
+    command's `period` and `resolution`. Where the two part (a stalled link, a limiter in the device), `reseat` puts
+    the state back to what was sent.
 
     After `reset`, a guard makes no lasting allocations, never blocks and never raises. On bad input it brakes.
 
@@ -30,7 +34,8 @@ class CommandGuard(ABC):
         rejected: this cycle's desired command was not finite, or a measurement it needs was not finite or old.
         limited: this cycle's desired command was changed by more than the tolerance.
         fallback: this cycle braked because the trajectory generator failed.
-        rejections, limitations, fallbacks: number of cycles with the flag since the guard was made.
+        reseated: this cycle began at what was sent instead of the last applied command.
+        rejections, limitations, fallbacks, reseats: number of cycles with the flag since the guard was made.
         held_in: the command has a position limit.
         at_rest: the present stop is complete.
         blind: the measurements are old. The runtime sets it; the guard then makes no decision based on them.
@@ -106,8 +111,14 @@ class CommandGuard(ABC):
 
         self.applied: Array = np.zeros(command.shape)
         self.velocity: Array = np.zeros(command.shape)
-        self.rejected = self.limited = self.fallback = self.at_rest = False
-        self.rejections = self.limitations = self.fallbacks = 0
+        self.rejected = self.limited = self.fallback = self.reseated = self.at_rest = False
+        self.rejections = self.limitations = self.fallbacks = self.reseats = 0
+        self._patience = max(command.period or 0.0, LONGEST * dt)
+        self._resolution = np.broadcast_to(np.ravel(command.resolution), self.size).tolist()
+        self._sent: Array | None = None
+        self._seen = b""  # the newest value that was sent, its bits
+        self._seat_at = b""  # where `reseat` begins: the newest finite one since the reset, else the first command
+        self._unsent = 0.0  # s since a command was sent as it was applied
         self._position: Array | None = None
         self._velocity: Array | None = None
         self._ready = False
@@ -117,26 +128,32 @@ class CommandGuard(ABC):
     def _prepare(self, limits: Limits) -> None:
         """Further setup from the limits by one kind of guard. Raises WiringError as `__init__` does."""
 
-    def bind(self, applied: Array, position: Array | None = None, velocity: Array | None = None) -> None:
+    def bind(
+        self,
+        applied: Array,
+        position: Array | None = None,
+        velocity: Array | None = None,
+        sent: Array | None = None,
+    ) -> None:
         """Takes the arrays, which the runtime allocates once.
 
         Args:
             applied: array that `step` and `stop` fill; C-contiguous.
             position: measured position, read by velocity and torque guards.
             velocity: measured velocity, read by torque guards.
+            sent: what left for the device, read by `reseat`; NaN before the first command.
         Raises:
             WiringError: an array that this kind needs is missing, or one has another shape.
         """
-        for name, array in (("applied", applied), ("position", position), ("velocity", velocity)):
+        for name, array in (("applied", applied), ("position", position), ("velocity", velocity), ("sent", sent)):
             if array is not None and array.shape != self.command.shape:
                 raise WiringError(
                     self.place,
                     f"{name} has shape {array.shape}, the command {self.command.shape}",
                     "Wire arrays of the command's shape",
                 )
-        self.applied, self._position, self._velocity = applied, position, velocity
+        self.applied, self._position, self._velocity, self._sent = applied, position, velocity, sent
 
-    @abstractmethod
     def reset(self, position: Array, velocity: Array | None = None) -> None:
         """Restarts the guard without a jump. Afterwards `applied` holds the first command.
 
@@ -146,6 +163,38 @@ class CommandGuard(ABC):
         Raises:
             DeviceError: the position or velocity is not finite.
         """
+        self._restart(*self._start(position, velocity))
+        self._seat_at = self.applied.tobytes()
+        self._seen = b"" if self._sent is None else self._sent.tobytes()
+        self._unsent = 0.0
+
+    def reseat(self, dt: float) -> None:
+        """Begins anew at what was sent if the device hasn't kept its command's period and resolution.
+
+        Called once a cycle before the controllers, which then read the new state back. A position begins at rest.
+        If nothing was sent since the reset, the guard begins at the first command again.
+
+        Args:
+            dt: actual time since the last cycle, s.
+        """
+        self.reseated = False
+        if self._sent is None or not self._ready:
+            return
+        raw, applied = self._sent.tobytes(), self.applied.tobytes()
+        left, taken = raw != self._seen, raw == applied
+        self._seen = raw
+        if not taken:
+            sent = self._sent.ravel().tolist()
+            differences = map(sub, sent, self.applied.ravel().tolist())
+            taken = all(abs(d) <= r for d, r in zip(differences, self._resolution, strict=True))  # False for NaN
+            left = left and finite(sent)
+        if left:
+            self._seat_at = raw
+        self._unsent = dt if taken else self._unsent + dt
+        if self._unsent > self._patience or (left and not taken):
+            self._seat(np.frombuffer(self._seat_at).tolist())
+            self.reseated = True
+            self.reseats += 1
 
     def step(self, desired: Array, desired_velocity: Array | None, dt: float) -> None:
         """Runs one cycle with a command from the controller.
@@ -175,6 +224,14 @@ class CommandGuard(ABC):
         self._halt(category if self._sensed() else Stop.HOLD, self._span(dt))
 
     @abstractmethod
+    def _restart(self, position: list[float], velocity: list[float]) -> None:
+        """Sets the state and `applied` for `reset`."""
+
+    @abstractmethod
+    def _seat(self, sent: list[float]) -> None:
+        """Sets the state and `applied` to what was sent; a position is at rest there."""
+
+    @abstractmethod
     def _follow(self, desired: list[float], rate: list[float] | None, dt: float) -> None:
         """Sets `applied` as near to the finite `desired` as the limits allow."""
 
@@ -187,7 +244,8 @@ class CommandGuard(ABC):
         return True
 
     def _span(self, dt: float) -> float:
-        return min(max(dt, SHORTEST * self.dt), LONGEST * self.dt)
+        # After a stall the motion goes on with one period's span, never with the time since.
+        return min(max(dt, SHORTEST * self.dt), (1 if self.reseated else LONGEST) * self.dt)
 
     def _begin(self) -> None:
         if not self._ready:
@@ -203,7 +261,7 @@ class CommandGuard(ABC):
                 "the position to start from is not finite",
                 "Check the device's feedback, then reset",
             )
-        self.rejected = self.limited = self.fallback = self.at_rest = False
+        self.rejected = self.limited = self.fallback = self.reseated = self.at_rest = False
         self._ready = True
         return p, [min(max(x, -limit), limit) for x, limit in zip(v, self.max_velocity, strict=True)]
 

@@ -6,7 +6,7 @@ from math import copysign, inf, isfinite, isinf, sqrt
 
 import ruckig
 
-from runtime.contracts.signals import Array, Limits, Stop
+from runtime.contracts.signals import Limits, Stop
 from runtime.guard.base import RETRACT_SPEED, CommandGuard
 from runtime.guard.braking import Bounds, State, brake, stop_range, stoppable
 
@@ -54,12 +54,14 @@ class PositionGuard(CommandGuard):
         for ask, J in zip(self._inputs, self.max_jerk, strict=True):
             ask.target_position, ask.max_jerk = [0.0], [J]
 
-    def reset(self, position: Array, velocity: Array | None = None) -> None:
-        p, v = self._start(position, velocity)
-        self._states = [(x, y, 0.0) for x, y in zip(p, v, strict=True)]
+    def _restart(self, position: list[float], velocity: list[float]) -> None:
+        self._states = [(p, v, 0.0) for p, v in zip(position, velocity, strict=True)]
         self._floor, self._ceiling = [-inf] * self.size, [inf] * self.size
         self._beyond = True
         self._settle()
+
+    def _seat(self, sent: list[float]) -> None:
+        self._restart(sent, [0.0] * self.size)
 
     def _follow(self, desired: list[float], rate: list[float] | None, dt: float) -> None:
         for i, wanted in enumerate(desired):

@@ -88,13 +88,14 @@ class TorqueGuard(CommandGuard):
         applied: Array,
         position: Array | None = None,
         velocity: Array | None = None,
+        sent: Array | None = None,
         gravity: Array | None = None,
     ) -> None:
         """Takes the arrays as the base class does, and the gravity compensation.
 
         `gravity` is the gravity compensation contained in the desired torque; None for a device that adds its own.
         """
-        super().bind(applied, position, velocity)
+        super().bind(applied, position, velocity, sent)
         if position is None or velocity is None:
             raise WiringError(
                 self.place,
@@ -103,13 +104,15 @@ class TorqueGuard(CommandGuard):
             )
         self._gravity = gravity
 
-    def reset(self, position: Array, velocity: Array | None = None) -> None:
-        self._start(position, velocity)
+    def _restart(self, position: list[float], velocity: list[float]) -> None:
         self._held = [None] * self.size
         self._g = [0.0] * self.size
         self._read_gravity()
         start = [min(max(g, -E), E) for g, E in zip(self._g, self.max_effort, strict=True)]
         self.applied.reshape(-1)[:] = start
+
+    def _seat(self, sent: list[float]) -> None:
+        self.applied.reshape(-1)[:] = sent
 
     def _follow(self, desired: list[float], rate: list[float] | None, dt: float) -> None:
         self._held = [None] * self.size

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from math import sqrt
 
-import numpy as np
-
 from runtime.contracts.errors import WiringError
 from runtime.contracts.signals import Array, Stop
 from runtime.guard.base import RETRACT_SPEED, CommandGuard, finite
@@ -24,8 +22,14 @@ class VelocityGuard(CommandGuard):
 
     needs = ("velocity", "acceleration")
 
-    def bind(self, applied: Array, position: Array | None = None, velocity: Array | None = None) -> None:
-        super().bind(applied, position, velocity)
+    def bind(
+        self,
+        applied: Array,
+        position: Array | None = None,
+        velocity: Array | None = None,
+        sent: Array | None = None,
+    ) -> None:
+        super().bind(applied, position, velocity, sent)
         if position is None and (self.held_in or self.rest is not None):
             raise WiringError(
                 self.place,
@@ -34,9 +38,11 @@ class VelocityGuard(CommandGuard):
             )
         self.velocity = applied
 
-    def reset(self, position: Array, velocity: Array | None = None) -> None:
-        self._start(position, velocity)
-        self._apply(np.zeros(self.size).tolist())
+    def _restart(self, position: list[float], velocity: list[float]) -> None:
+        self._apply([0.0] * self.size)
+
+    def _seat(self, sent: list[float]) -> None:
+        self._apply(sent)
 
     def _follow(self, desired: list[float], rate: list[float] | None, dt: float) -> None:
         self._apply(self._bounded(desired, self.max_velocity, dt))

@@ -26,7 +26,7 @@ class Layout:
     Attributes:
         devices: names of the devices, in the order of their words.
         fields: signals by name. A command `finger.position_command` is the controller's desired command;
-            `finger.position_command.applied` is the guarded command.
+            `finger.position_command.applied` is the guarded command, `finger.position_command.sent` what left.
         meta: other data for readers of rows: profile name, text and sha256, rate, seed, versions, clock,
             `wall` (ns to add to CLOCK_MONOTONIC for Unix time), parameters with their bounds,
             controllers, devices' drivers.

@@ -59,6 +59,7 @@ FLAG_DEGRADED = 2  # overruns: telemetry must reduce its load
 FLAG_REJECTED = 4  # the guard refused a command: it was not finite, or a measurement for it was not finite or old
 FLAG_FALLBACK = 8  # the guard braked because its trajectory generator failed
 FLAG_LIMITED = 16  # the guard changed a command
+FLAG_RESEATED = 32  # the guard began anew at what was sent: the link or the device didn't take its commands
 # Bits of a device's `link`.
 LINK_CONNECTED = 1
 LINK_STALE = 2

@@ -14,7 +14,7 @@ import numpy as np
 
 from runtime.contracts.errors import DeviceError, WiringError, nearest
 from runtime.contracts.signals import Kind, Limits, Stop
-from runtime.guard import GUARDS, CommandGuard
+from runtime.guard import GUARDS, CommandGuard, TorqueGuard
 from runtime.guard.limits import merge
 from runtime.ipc.requests import Answer, RequestKind
 from runtime.ipc.words import (
@@ -25,6 +25,7 @@ from runtime.ipc.words import (
     FLAG_LATE,
     FLAG_LIMITED,
     FLAG_REJECTED,
+    FLAG_RESEATED,
     LINK_ACTIVE,
     LINK_CONNECTED,
     LINK_ERROR,
@@ -77,7 +78,7 @@ class Cycle:
             for e in graph.profile.emergency
         ]
         # A device without feedback starts at its `home` position, where the user has placed it: at the first
-        # start and after a limp stop. After a loss it is near its last position and goes home slowly.
+        # start and after a limp stop. After a loss it is near what was sent last and goes home slowly.
         self._homed = [True for a in graph.actuators]
         self._put_home = [a.command.feedback is None for a in graph.actuators]
         self._leaving = 0  # ns since the exit was requested
@@ -166,7 +167,10 @@ class Cycle:
         return fault is not None and fault.cause is Cause.INTENT_LOSS and fault.culprit >= self._count
 
     def control(self) -> None:
-        """Runs the controllers while the limb is active."""
+        """Lets the guards see what was sent, then runs the controllers while the limb is active."""
+        for actuator, guard in zip(self.graph.actuators, self.guards, strict=True):
+            if self._links.item(actuator.device) & LINK_ACTIVE:
+                guard.reseat(self._ints.item(_DT) * 1e-9)
         state = self.machine.state
         if state is not State.ACTIVE:
             return
@@ -211,6 +215,7 @@ class Cycle:
                 at_rest &= guard.at_rest
             ints[_CATEGORY] = _CATEGORIES[category]
             flags |= FLAG_REJECTED * guard.rejected | FLAG_FALLBACK * guard.fallback | FLAG_LIMITED * guard.limited
+            flags |= FLAG_RESEATED * guard.reseated
         if flags:
             ints[_FLAGS] |= flags
         self._was = state
@@ -228,11 +233,13 @@ class Cycle:
         """Resets the guards, so that the commands start without a jump, and activates the devices.
 
         A position command starts at the measured position, else at home where the user has placed the limb
-        there, else at the last applied command. Velocity and torque guards choose their start themselves.
+        there, else at what was sent last. Velocity and torque guards choose their start themselves.
         """
         for i, (actuator, guard) in enumerate(zip(self.graph.actuators, self.guards, strict=True)):
             start = actuator.applied.copy()
             if actuator.command.kind is Kind.POSITION:
+                if np.isfinite(actuator.sent).all():
+                    start = actuator.sent.copy()
                 if actuator.measured is not None:
                     start = actuator.measured.copy()
                 elif self._put_home[i] and actuator.home is not None:
@@ -252,7 +259,10 @@ class Cycle:
         tolerance = entry.tolerance if entry is not None else 1e-3
         make, dt = GUARDS[a.command.kind], float(1 / profile.rate)
         guard = make(place, a.command, limits, dt, rest=a.home, tolerance=tolerance)
-        guard.bind(a.applied, a.measured, a.measured_velocity)
+        if isinstance(guard, TorqueGuard):
+            guard.bind(a.applied, a.measured, a.measured_velocity, a.sent, a.gravity)
+        else:
+            guard.bind(a.applied, a.measured, a.measured_velocity, a.sent)
         return guard
 
 

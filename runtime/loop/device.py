@@ -22,6 +22,7 @@ from runtime.ipc.words import DEVICE, LINK_ACTIVE, LINK_CONNECTED, LINK_ERROR, L
 from runtime.profile.graph import Actuator
 
 RETRY = 0.5  # s between attempts to open a lost device
+SILENT = 2_000_000_000  # ns that an active device may take for its first command
 _KEPT = ~(LINK_CONNECTED | LINK_ERROR | LINK_STALE | LINK_FAULT)
 
 
@@ -52,6 +53,8 @@ class Device:
         self._reopener: threading.Thread | None = None
         self._next_try = 0
         self._fault = ""  # the newest reported fault
+        # ns, since when it is active without a command; -1 while it isn't active; None once it has sent one
+        self._active_since: int | None = -1
 
     @property
     def active(self) -> bool:
@@ -86,7 +89,7 @@ class Device:
         if self._failing:
             # A method that is not called now can't show that it works again.
             if not link & LINK_ACTIVE:
-                self._failing.discard("write")
+                self._failing -= {"write", "send"}
             if not health.fault:
                 self._failing.discard("recover")
             link |= LINK_ERROR * bool(self._failing)
@@ -96,6 +99,25 @@ class Device:
         """Sends the commands, except while the device is lost."""
         if not self.lost:
             self._call("write", self.driver.write, now)
+
+    def publish(self, now: int) -> None:
+        """Copies what was sent into the row. Called once a cycle, after all writes, also while nothing is written."""
+        for actuator in self.actuators:
+            actuator.sent[...] = self.driver.sent_arrays[actuator.command.name]
+        if self._active_since is not None:
+            self._await_first(now)
+
+    def _await_first(self, now: int) -> None:
+        """Refuses a driver that is active and reports no command as sent: its limb would never move, or unseen."""
+        if all(np.isfinite(actuator.sent).all() for actuator in self.actuators):
+            self._active_since = None
+        elif not self.active:
+            self._active_since = -1
+        elif self._active_since is not None and self._active_since < 0:
+            self._active_since = now
+        elif self._active_since is not None and now - self._active_since > SILENT and "send" not in self._failing:
+            self._failing.add("send")
+            self._report(f"driver '{self.driver.name}' reports no command as sent, {SILENT / 1e9:g} s after the start")
 
     def stop(self, category: Stop, now: int) -> None:
         """Starts the device's own stop, except while the device is lost."""

@@ -61,6 +61,7 @@ class Lockstep:
         for device in self.devices:
             if device.active:
                 device.write(self.count * self.period)
+            device.publish(self.count * self.period)
         return self.cycle.machine.state
 
     def step(self, request: RequestKind = RequestKind.NONE) -> State:

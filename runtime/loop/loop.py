@@ -72,6 +72,8 @@ class Loop:
                     device.write(tick.now)
                     self.after_write(device)
             self._release(tick.now)
+            for device in self.commanded:
+                device.publish(tick.now)
             ints[_WRITE] = written = monotonic()
 
             self.ring.append(self.graph.row.words)

@@ -199,7 +199,7 @@ class Process:
         figures: dict[str, Any] = {c.name: c.figures() for c in graph.controllers}
         figures |= {d.name: f for d in graph.devices if (f := d.figures())}
         figures["guard"] = {
-            a.name: {"rejected": g.rejections, "limited": g.limitations, "fallback": g.fallbacks}
+            a.name: {"rejected": g.rejections, "limited": g.limitations, "fallback": g.fallbacks, "reseated": g.reseats}
             for a, g in zip(graph.actuators, loop.cycle.guards, strict=True)
         }
         return {str(name): _finite(value) for name, value in figures.items()}

@@ -1,8 +1,9 @@
 """Replays recorded inputs through the same profile and compares the commands with the recorded ones, bit for bit.
 
 The inputs are what came from outside the cycle: device states with their stamps and links, setpoints,
-parameters, `now`, `dt`, overruns and the requests that concern the state. The comparison covers what the cycle
-computed from them: every controller output, every command, every applied command, and the state.
+parameters, what the cycle before sent (`.sent`), `now`, `dt`, overruns and the requests that concern the state.
+The comparison covers what the cycle computed from them: every controller output, every command, every applied
+command, and the state.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from runtime.profile import profile, wiring
 from runtime.profile.graph import Graph
 
 _INPUT = ("state", "setpoint", "parameter", "truth")
+_SENT = "sent"  # the row has it after the cycle's writes, so it is an input of the next cycle
 _OUTPUT = ("command", "applied", "internal")
 _DECIDED = [CYCLE.state, CYCLE.cause, CYCLE.culprit, CYCLE.category, CYCLE.flags]
 _COPIED = [CYCLE.cycle, CYCLE.now, CYCLE.dt, CYCLE.overruns]
@@ -84,6 +86,7 @@ def replay(layout: Layout, rows: NDArray[np.int64], place: str) -> Comparison:
     comparison = Comparison(warnings=_other_versions(layout))
     made = graph.row
     inputs = [(made.views[f.name], layout.value(rows, f.name)) for f in layout.fields.values() if f.role in _INPUT]
+    sent = [(made.views[f.name], layout.value(rows, f.name)) for f in layout.fields.values() if f.role == _SENT]
     outputs = [
         (f.name, made.views[f.name], layout.value(rows, f.name)) for f in layout.fields.values() if f.role in _OUTPUT
     ]
@@ -95,6 +98,8 @@ def replay(layout: Layout, rows: NDArray[np.int64], place: str) -> Comparison:
         _copy_devices(made.devices, row, layout)
         for view, values in inputs:
             view[...] = values[k]
+        for view, values in sent:
+            view[...] = values[k - 1] if k else np.nan
         missed = int(ints[CYCLE.overruns]) - overruns
         overruns += missed
         _decide(cycle, row, missed)
@@ -164,7 +169,7 @@ def perturbed(layout: Layout, rows: NDArray[np.int64], what: str) -> NDArray[np.
         k, by = int(cycle), float(amount)
         fields = layout.fields[name]
     except (ValueError, KeyError):
-        inputs = ", ".join(n for n, f in layout.fields.items() if f.role in _INPUT[:3])
+        inputs = ", ".join(n for n, f in layout.fields.items() if f.role in (*_INPUT[:3], _SENT))
         raise RecordingError(f"--perturb {what}", "expected SIGNAL:CYCLE:AMOUNT", f"Inputs are: {inputs}") from None
     if not 0 <= k < len(rows):
         raise RecordingError(f"--perturb {what}", f"there is no cycle {k}", f"Cycles go from 0 to {len(rows) - 1}")

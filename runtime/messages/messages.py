@@ -52,7 +52,7 @@ def encoding(kind: str) -> str:
 
 
 def _term(field: Field) -> str:
-    return field.name.removesuffix(".applied").rpartition(".")[2]
+    return field.name.removesuffix(".applied").removesuffix(".sent").rpartition(".")[2]
 
 
 def kind_of(field: Field) -> str:

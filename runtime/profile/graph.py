@@ -23,7 +23,9 @@ class Actuator:
     command: Command
     asked: Array
     asked_velocity: Array | None
+    gravity: Array | None  # the gravity compensation that a torque contains, if a controller gives it
     applied: Array
+    sent: Array
     measured: Array | None
     measured_velocity: Array | None
     category: Stop

@@ -66,7 +66,7 @@ def _plots(
         missing = set()
         for references in [*((r,) for r in plot.lines.values()), *plot.distance.values()]:
             for name in (split(reference)[0] for reference in references):
-                if name in signals or f"{name}".removesuffix(".applied") in signals:
+                if name in signals or name.removesuffix(".applied").removesuffix(".sent") in signals:
                     continue
                 if not name.startswith("world.") or simulated:
                     place = source.place(f"record.plots.{i}")

@@ -68,7 +68,7 @@ class Plot(BaseModel):
 
 
 def command_plots(layout: Layout) -> list[Plot]:
-    """Makes a plot for each element of each command: asked, applied and, if available, measured.
+    """Makes a plot for each element of each command: asked, applied, sent and, if available, measured.
 
     A command `finger.position_command` is measured by the device's own `finger.position` or else, in simulation,
     by the world's `world.finger_position`, if this has the same shape and unit.
@@ -78,7 +78,7 @@ def command_plots(layout: Layout) -> list[Plot]:
         if field.role != "command":
             continue
         stem = field.name.removesuffix("_command")
-        signals = {"asked": field.name, "applied": f"{field.name}.applied"}
+        signals = {"asked": field.name, "applied": f"{field.name}.applied", "sent": f"{field.name}.sent"}
         for name in (stem, f"world.{stem.replace('.', '_')}"):
             other = layout.fields.get(name)
             if other is not None and (other.shape, other.unit) == (field.shape, field.unit):

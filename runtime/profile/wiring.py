@@ -24,6 +24,10 @@ from runtime.profile.graph import Actuator, Graph, form
 from runtime.profile.meta import describe
 from runtime.profile.profile import ControllerEntry, Profile, Source
 
+# What a controller may give beside a command: the rate of a position, the gravity compensation that a torque contains.
+_COMPANIONS = {Kind.POSITION: "velocity", Kind.TORQUE: "gravity"}
+LONGEST_PERIOD = 0.25  # s between commands; a slower device can't be told from a stalled link in time
+
 
 def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) -> Graph:
     """Builds and checks the whole system. Opens nothing.
@@ -56,6 +60,9 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
         row.views[item["name"]][()] = item["default"]
     for entry in layout.meta["setpoints"]:
         row.views[entry["name"]][...] = np.nan  # none yet
+    for item in layout.fields.values():
+        if item.role == "sent":
+            row.views[item.name][...] = np.nan  # nothing yet
     graph = Graph(
         profile, source, layout, row, devices, controllers, _actuators(b, devices, row), world, b.frames,
         b.simulated, [_is_intent(name, devices, fed) for name in names],
@@ -90,6 +97,8 @@ def _devices(b: Builder, world: World | None) -> list[Driver]:
         if device.commands and type(device).write is Sensor.write:
             problem = f"driver '{entry.driver}' is a Sensor and declares commands, which nothing would send"
             raise WiringError(b.source.place(path), problem, "Derive it from Driver, with write and stop")
+        for command in device.commands:
+            _check_report(command, b.source.place(path), entry.driver)
         if entry.max_age is not None:
             device.max_age = entry.max_age
         for signal in device.states:
@@ -104,6 +113,19 @@ def _devices(b: Builder, world: World | None) -> list[Driver]:
             place = b.source.place(f"stop.{name}")
             raise ProfileError(place, f"there is no device '{name}'", nearest(name, b.profile.devices))
     return devices
+
+
+def _check_report(command: Command, place: str, driver: str) -> None:
+    """Refuses a command whose driver doesn't say how it is sent: a stall couldn't be told from a slow device."""
+    widths = np.ravel(command.resolution)
+    if command.period is None or not 0 < command.period <= LONGEST_PERIOD:
+        problem = f"driver '{driver}' doesn't declare how often it sends '{command.name}' (period: {command.period})"
+    elif widths.size not in (1, command.size) or not (np.isfinite(widths) & (widths >= 0)).all():
+        problem = f"driver '{driver}' declares no usable resolution of '{command.name}': {command.resolution}"
+    else:
+        return
+    remedy = f"Give its Command a `period` of at most {LONGEST_PERIOD:g} s and a `resolution`, and fill `sent_arrays`"
+    raise WiringError(place, problem, remedy)
 
 
 def _setpoints(b: Builder) -> list[str]:
@@ -146,6 +168,7 @@ def _controllers(b: Builder, devices: list[Driver]) -> tuple[list[Controller], s
             )  # fmt: skip
     for name, command in commands.items():
         b.add(f"{name}.applied", command, "applied", "the guard", "guard")
+        b.add(f"{name}.sent", command, "sent", f"device '{name.partition('.')[0]}'", "guard")
     return controllers, fed
 
 
@@ -193,17 +216,15 @@ def _outputs(
         if target in commands:
             b.match(place, signal, f"{controller.name}.{name}", commands[target], target)
             b.add(target, commands[target], "command", writer, place)
-        elif last == "velocity" and base in commands and commands[base].kind is Kind.POSITION:
-            rate = Signal(
-                name="velocity",
-                shape=commands[base].shape,
-                unit=f"{commands[base].unit}/s",
-                labels=commands[base].labels,
-            )
-            b.match(place, signal, f"{controller.name}.{name}", rate, target)
-            b.add(target, rate, "internal", writer, place)
+        elif base in commands and last == _COMPANIONS.get(commands[base].kind):
+            command = commands[base]
+            unit = f"{command.unit}/s" if last == "velocity" else command.unit
+            companion = Signal(name=last, shape=command.shape, unit=unit, labels=command.labels)
+            b.match(place, signal, f"{controller.name}.{name}", companion, target)
+            b.add(target, companion, "internal", writer, place)
         elif target.split(".")[0] in b.profile.devices:
-            remedy = nearest(target, [*commands, *(f"{c}.velocity" for c in commands)])
+            companions = [f"{n}.{_COMPANIONS[c.kind]}" for n, c in commands.items() if c.kind in _COMPANIONS]
+            remedy = nearest(target, [*commands, *companions])
             raise WiringError(b.source.place(place), f"'{target}' isn't a command of that device", remedy)
         else:
             b.add(target, signal, "internal", writer, place)
@@ -297,7 +318,9 @@ def _actuators(b: Builder, devices: list[Driver], row: Row) -> list[Actuator]:
                     command,
                     row.views[name],
                     row.views.get(f"{name}.velocity"),
+                    row.views.get(f"{name}.gravity"),
                     row.views[f"{name}.applied"],
+                    row.views[f"{name}.sent"],
                     row.views[state] if state else None,
                     row.views.get(f"{device.name}.velocity"),
                     category or command.stops[0],

@@ -1,4 +1,4 @@
-"""A picture of a recording: commands asked, applied and measured, the profile's plots, states, loop timing."""
+"""A picture of a recording: commands asked, applied, sent and measured, the profile's plots, states, loop timing."""
 
 from __future__ import annotations
 
@@ -22,11 +22,12 @@ from runtime.recording.reader import Recording
 
 # Okabe and Ito's colours, which everyone can tell apart. Yellow is left out, as it is faint on white.
 COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#7A5195", "#444444")
-# For a command: asked is wide at the bottom, applied lies on it, measured is thin on top. Where they agree, all
-# three can be seen.
+# For a command: asked is wide at the bottom, applied and sent lie on it, measured is thin on top. Where they agree,
+# all four can be seen.
 COMMAND_STYLES: dict[str, dict[str, Any]] = {
     "asked": {"color": "#c4c4c4", "linewidth": 3.5},
-    "applied": {"color": "#0072B2", "linewidth": 1.5},
+    "applied": {"color": "#0072B2", "linewidth": 2.0},
+    "sent": {"color": "#009E73", "linewidth": 1.2, "linestyle": (0, (3, 2))},
     "measured": {"color": "#D55E00", "linewidth": 0.9},
 }
 STATE_COLORS = {

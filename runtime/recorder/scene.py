@@ -27,8 +27,8 @@ PHASES = ("read", "control", "guard", "write", "log")
 PALETTE = ((86, 180, 233), (230, 159, 0), (0, 158, 115), (204, 121, 167), (240, 228, 66), (213, 94, 0), (70, 130, 200))
 # For a command's plot: asked is wide at the bottom, applied lies on it, measured is thin on top. Where they agree,
 # all three can be seen.
-COMMAND_COLORS = {"asked": (130, 130, 130), "applied": (86, 180, 233), "measured": (230, 159, 0)}
-COMMAND_WIDTHS = {"asked": 4.0, "applied": 2.0, "measured": 1.0}
+COMMAND_COLORS = {"asked": (130, 130, 130), "applied": (86, 180, 233), "sent": (0, 158, 115), "measured": (230, 159, 0)}
+COMMAND_WIDTHS = {"asked": 4.5, "applied": 3.0, "sent": 1.7, "measured": 0.8}
 STATE_COLORS = {
     State.STARTING: (150, 150, 150),
     State.READY: (86, 180, 233),
@@ -70,7 +70,7 @@ class Scene:
 
         for field in self._layout.fields.values():
             if field.size:
-                suffix = {"command": " asked", "applied": " applied"}.get(field.role, "")
+                suffix = {"command": " asked", "applied": " applied", "sent": " sent"}.get(field.role, "")
                 names = [name + suffix for name in series_names(self._layout, field.name)]
                 log(entity(field.name), lines(names))
         log("/loop/timing/period", lines(["period"]))

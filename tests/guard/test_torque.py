@@ -23,7 +23,7 @@ class Joint:
         self.guard = guard_of(Kind.TORQUE, dt=DT, **limits)
         self.inertia, self.load = inertia, load
         self.q, self.qd, self.tau, self.g = np.zeros(1), np.zeros(1), np.zeros(1), np.array([load])
-        self.guard.bind(self.tau, self.q, self.qd, self.g)
+        self.guard.bind(self.tau, self.q, self.qd, gravity=self.g)
         self.guard.reset(self.q)
 
     def after(self, action):

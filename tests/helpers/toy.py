@@ -79,7 +79,15 @@ class Toy(Driver):
             feedback = "position" if part == "arm" else None
             stops = (Stop.HOLD, Stop.RETRACT, Stop.LIMP)
             self.commands = (
-                Command(name="command", shape=(2,), unit="rad", kind=Kind.POSITION, feedback=feedback, stops=stops),
+                Command(
+                    name="command",
+                    shape=(2,),
+                    unit="rad",
+                    kind=Kind.POSITION,
+                    feedback=feedback,
+                    stops=stops,
+                    period=0.02,
+                ),
             )
             self.home = {"command": np.full(2, 0.7)}
         self.values = {s.name: np.zeros(s.shape) for s in self.states}
@@ -104,6 +112,7 @@ class Toy(Driver):
         if self.defect is not None:
             raise self.defect
         self.sent.append(self.command_arrays["command"].copy())
+        self.sent_arrays["command"][:] = self.sent[-1]
         if "position" in self.values:
             self.values["position"][:] = self.sent[-1]
 

@@ -47,7 +47,7 @@ def _cycles(steps: list[dict[str, Any]], automatic: bool) -> Any:
     cycle = Cycle(graph, limits_of(graph), automatic)
     ints, views = graph.row.ints, graph.row.views
     devices = dict(zip(graph.layout.devices, graph.row.devices, strict=True))
-    applied, measured = views["arm.command.applied"], views["arm.position"]
+    applied, measured, sent = views["arm.command.applied"], views["arm.position"], views["arm.command.sent"]
     now = 1_000_000_000
     stamps = dict.fromkeys(("hand", "arm", "panel"), now)
     for s in steps:
@@ -73,7 +73,7 @@ def _cycles(steps: list[dict[str, Any]], automatic: bool) -> Any:
                 connected=bool(devices["arm"][DEVICE.link] & LINK_CONNECTED),
             )  # fmt: skip
             if active:
-                measured[:] = applied  # the arm is where it was told to be
+                sent[:] = measured[:] = applied  # the arm is where it was told to be
             if state is State.ENDED:
                 return
 

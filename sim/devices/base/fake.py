@@ -61,7 +61,8 @@ class FakeBase(SampledFake):
 
     def read(self, now: int) -> None:
         super().read(now)
-        self.watch()
+        if self.watch() and not np.isnan(self.sent_arrays[COMMAND][0]):
+            self.sent_arrays[COMMAND][:] = 0.0
         self.health.fault = PRESSED if self.pressed() else ""
         age = min((self.world.time - self._taken) * 1e-9, FARTHEST) if self._config.extrapolate else 0.0
         self.state_arrays["pose"][:] = protocol.carried(self._pose, self._twist, age)
@@ -70,9 +71,11 @@ class FakeBase(SampledFake):
         values = self.command_arrays[COMMAND]
         if np.isfinite(values).all():
             self.obey(*np.clip(values, -self._top, self._top).tolist())
+            np.clip(values, -self._top, self._top, out=self.sent_arrays[COMMAND])
 
     def stop(self, category: Stop) -> None:
         self.base.command(0.0, 0.0, 0.0)
+        self.sent_arrays[COMMAND][:] = 0.0
 
     def close(self) -> None:
         if self.health.connected:
@@ -93,10 +96,15 @@ class FakeBase(SampledFake):
         vx, vy = (min(max(v, -TOP_SPEED), TOP_SPEED) for v in (vx, vy if self._config.sideways else 0.0))
         self.base.command(vx, vy, min(max(wz, -TOP_TURN), TOP_TURN))
 
-    def watch(self) -> None:
-        """Applies the robot's own time-out and its emergency stop; must be called often."""
-        if self.pressed() or self.world.time - self._obeyed > WATCHDOG:
+    def watch(self) -> bool:
+        """Applies the robot's own time-out and its emergency stop; must be called often.
+
+        Returns whether the base stopped by its time-out.
+        """
+        silent = self.world.time - self._obeyed > WATCHDOG
+        if self.pressed() or silent:
             self.base.command(0.0, 0.0, 0.0)
+        return silent
 
     def pressed(self) -> bool:
         """Whether the emergency stop is pressed now."""

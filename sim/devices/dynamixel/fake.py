@@ -132,7 +132,8 @@ class FakeDynamixel(Fake):
         command = self.command_arrays[self._config.command]
         self.family.encode(command)
         where = self.state_arrays["position"]
-        near = np.abs(self.family.bounded(command) - where) <= self._tolerance
+        bounded = self.family.bounded(command)
+        near = np.abs(bounded - where) <= self._tolerance
         for k, i in enumerate(self.numbers):
             if not motors.torque[i]:
                 if faults.concerns(k) or k in self._back_at:
@@ -142,6 +143,8 @@ class FakeDynamixel(Fake):
                     continue
                 motors.switch(i, True)
             self._give(motors, i, int(self.family.last[k]))
+            if np.isfinite(command[k]):
+                self.sent_arrays[self._config.command][k] = bounded[k]
         self._find_faults()
 
     def stop(self, category: Stop) -> None:
@@ -190,6 +193,8 @@ class FakeDynamixel(Fake):
         """Sets velocity and effort goals to 0."""
         for i in self.numbers:
             self._give(self.chain.motors, i, 0)
+        if (sent := self.sent_arrays.get(self._config.command)) is not None:
+            sent[np.isfinite(sent)] = 0.0
 
     def _talk(self, time: int) -> None:
         """Requests the next sample, which also resets the watchdogs (protocol 2)."""

@@ -154,6 +154,7 @@ class FakeFirmata(Fake):
             if not math.isfinite(angle):
                 continue
             calibration = self._calibrations[i]
+            self.sent_arrays[COMMAND][i] = min(max(angle, calibration.lower), calibration.upper)
             if self._pulses[i] is None:
                 self._bounds[i] = (calibration.shortest, calibration.longest)
             targets[self._first + i] = self._angle(i, calibration.pulse(angle))

@@ -153,6 +153,7 @@ class FakePanda(Fake):
         wanted = self.command_arrays[self._command].tolist()
         # The packet is one object that is refilled; packets in transit must not change.
         self.robot.receive(bytes(self._motion.packet(self._data, wanted)))
+        self.sent_arrays[self._command][:] = self._motion.values
         self._answered = True
 
     def _reply(self, status: Status) -> None:

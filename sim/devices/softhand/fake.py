@@ -60,6 +60,7 @@ class FakeSoftHand(SampledFake):
             self.activate(True)
         closure = float(self.command_arrays[COMMAND][0])
         if np.isfinite(closure):
+            self.sent_arrays[COMMAND][0] = min(max(closure, 0.0), 1.0)
             self.refer(round(self.open_ticks + min(max(closure, 0.0), 1.0) * self._span))
 
     def stop(self, category: Stop) -> None:

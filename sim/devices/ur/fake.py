@@ -169,6 +169,7 @@ class FakeUr(SampledFake):
             fault = f"{fault} ({self._failed})"
         if fault and self._program is not None:
             self._program.stay()
+            self._publish_rest()
         self.health.fault = fault
 
     def fill(self, values: Array, number: int) -> None:
@@ -187,10 +188,16 @@ class FakeUr(SampledFake):
         values = self.command_arrays[self._command].tolist()
         if self._program is not None and not self.health.fault and isfinite(sum(values)):
             self._program.follow(values)
+            self.sent_arrays[self._command][:] = values
 
     def stop(self, category: Stop) -> None:
         if self._program is not None:
             self._program.stay()
+            self._publish_rest()
+
+    def _publish_rest(self) -> None:
+        if self._config.interface == "velocity" and isfinite(self.sent_arrays[self._command][0]):
+            self.sent_arrays[self._command][:] = 0.0
 
     def close(self) -> None:
         super().close()

@@ -1,0 +1,188 @@
+"""The guard against a link that takes only some of its commands: no step beyond the limits from what was sent."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from runtime.contracts.signals import Command, Kind, Stop
+from runtime.guard import GUARDS, CommandGuard, GuardLimits
+
+DT = 0.01
+LIMITS: dict[Kind, dict[str, Any]] = {
+    Kind.POSITION: {"lower": -2.0, "upper": 2.0, "velocity": 4.0, "acceleration": 40.0},
+    Kind.VELOCITY: {"velocity": 1.0, "acceleration": 5.0},
+    Kind.TORQUE: {"velocity": 2.0, "effort": 20.0, "effort_rate": 200.0, "inertia": 1.0},
+}
+RATE = {Kind.POSITION: 4.0, Kind.VELOCITY: 5.0, Kind.TORQUE: 200.0}  # of the command at most, a second
+
+
+class Link:
+    """A guard, and a device that takes what it is given in some cycles."""
+
+    def __init__(self, kind: Kind, period: float = 0.02, resolution: float = 0.0, **limits: Any) -> None:
+        command = Command(name="c", shape=(1,), unit="1", kind=kind, period=period, resolution=resolution)
+        given_limits = GuardLimits(**(LIMITS[kind] | limits)).to_limits((1,), "guard.c")
+        self.guard: CommandGuard = GUARDS[kind]("guard.c", command, given_limits, DT)
+        self.applied, self.sent = np.zeros(1), np.full(1, np.nan)
+        self.q, self.qd = np.zeros(1), np.zeros(1)
+        self.guard.bind(self.applied, self.q, self.qd, self.sent)
+        self.guard.reset(np.zeros(1))
+        self.seen: list[bool] = []
+
+    def cycle(self, desired: float, takes: bool = True, dt: float = DT, stop: bool = False) -> float:
+        self.guard.reseat(dt)
+        self.seen.append(self.guard.reseated)
+        if stop:
+            self.guard.stop(Stop.HOLD, dt)
+        else:
+            self.guard.step(np.array([desired]), None, dt)
+        if takes:
+            self.sent[:] = self.applied
+        return float(self.sent[0])
+
+
+cycles = st.lists(
+    st.tuples(
+        st.sampled_from([-3.0, -1.0, 0.0, 0.3, 1.0, 3.0, np.nan]),
+        st.integers(1, 12),  # cycles with it
+        st.sampled_from([True, True, False]),  # whether the link takes commands meanwhile
+        st.sampled_from([1.0, 1.0, 1.0, 0.5, 2.0, 7.0, 60.0]),  # periods that the first cycle takes
+        st.booleans(),  # a stop
+    ),
+    min_size=2,
+    max_size=25,
+)
+
+
+@pytest.mark.parametrize("kind", list(Kind))
+@settings(max_examples=150, deadline=None)
+@given(script=cycles)
+def test_what_is_sent_never_steps_beyond_the_limits_from_what_was_sent_before(kind: Kind, script: Any) -> None:
+    link = Link(kind)
+    patience = 5 * DT  # the longer of the command's period and five of the loop's
+    gap, before = 0.0, np.nan
+    for desired, times, takes, periods, stop in script:
+        for k in range(times):
+            dt = DT * (periods if k == 0 else 1.0)
+            gap += dt
+            sent = link.cycle(desired, takes, dt, stop)
+            if takes:
+                if np.isfinite(before):
+                    most = RATE[kind] * (gap if gap <= patience + 1e-9 else DT)
+                    assert abs(sent - before) <= most * (1 + 1e-9) + 1e-9, (sent, before, gap)
+                gap, before = 0.0, sent
+            elif link.applied[0] == before:
+                gap = 0.0  # it holds where the device is: what follows begins there
+
+
+def test_a_stall_is_followed_by_a_ramp_from_where_the_limb_is() -> None:
+    """A servo board that took nothing for 0.9 s was then given one step of 1.12 rad."""
+    link = Link(Kind.POSITION)
+    t = 0.0
+
+    def wave() -> float:
+        return 0.8 * np.sin(2 * np.pi * 0.5 * t)
+
+    for _ in range(150):
+        t += DT
+        link.cycle(wave())
+    last = float(link.sent[0])
+    for _ in range(90):
+        t += DT
+        link.cycle(wave(), takes=False)
+    assert abs(wave() - last) > 1.0
+    steps = []
+    for _ in range(100):
+        t += DT
+        before = float(link.sent[0])
+        steps.append(abs(link.cycle(wave()) - before))
+    assert steps[0] <= 0.5 * 40.0 * DT**2 + 1e-9, "it begins at rest"
+    assert max(np.abs(np.diff(steps))) <= 40.0 * DT**2 + 1e-9, "and speeds up within the acceleration limit"
+    assert abs(float(link.sent[0]) - wave()) < 1e-6, "and meets the wave again"
+    assert any(link.seen[200:240])
+    assert not any(link.seen[-90:])
+
+
+def test_the_law_reads_back_where_the_device_is_before_it_computes_the_next_command() -> None:
+    link = Link(Kind.POSITION)
+    for _ in range(20):
+        link.cycle(1.0)
+    for _ in range(20):
+        link.cycle(1.0, takes=False)
+    link.guard.reseat(DT)
+    assert link.applied[0] == link.sent[0]
+
+
+def test_a_slow_device_and_one_that_rounds_leave_the_guard_alone() -> None:
+    """What was sent isn't fed back while the device keeps its period: it would slow every law down."""
+    slow, free = Link(Kind.VELOCITY, period=0.2), Link(Kind.VELOCITY)
+    for k in range(100):
+        slow.cycle(0.7, takes=k % 15 == 14)
+        free.cycle(0.7)
+        assert slow.applied[0] == free.applied[0]
+    assert not any(slow.seen)
+    rounding = Link(Kind.POSITION, resolution=1e-3)
+    for k in range(300):
+        wanted = 0.2 * np.sin(0.02 * k)
+        rounding.cycle(wanted, takes=False)
+        rounding.sent[:] = np.round(rounding.applied, 3)
+        assert abs(rounding.applied[0] - wanted) < 1e-9
+    assert not any(rounding.seen)
+
+
+def test_a_limiter_in_the_device_is_known_in_the_next_cycle() -> None:
+    link = Link(Kind.TORQUE)
+    torques = []
+    for _ in range(30):
+        link.cycle(10.0, takes=False)
+        link.sent[:] = np.minimum(link.applied, 3.0)
+        torques.append(float(link.applied[0]))
+    assert max(torques) <= 3.0 + 200.0 * DT, "the guard's torque doesn't run away from the limited one"
+    assert link.guard.reseats > 10
+
+
+@pytest.mark.parametrize("kind", list(Kind))
+def test_until_the_first_command_has_left_the_guard_waits_at_its_start(kind: Kind) -> None:
+    link = Link(kind)
+    link.sent[:] = 0.5  # of a run before; the limb has been moved since
+    link.guard.reset(np.zeros(1))
+    start = float(link.applied[0])
+    for _ in range(50):
+        link.cycle(1.0, takes=False)
+    assert abs(link.applied[0] - start) <= RATE[kind] * DT
+    link.guard.reseat(DT)
+    assert link.applied[0] == start
+
+
+def test_a_pause_of_the_loop_is_a_stall_too() -> None:
+    link = Link(Kind.POSITION)
+    for _ in range(30):
+        link.cycle(2.0)
+    before = float(link.sent[0])
+    assert abs(link.cycle(2.0, dt=0.3) - before) <= 0.5 * 40.0 * DT**2 + 1e-9
+    assert link.seen[-1]
+
+
+def test_what_a_driver_reports_as_no_number_is_no_place_to_begin() -> None:
+    link = Link(Kind.POSITION)
+    for _ in range(30):
+        link.cycle(1.0)
+    last = float(link.sent[0])
+    for _ in range(30):
+        link.cycle(1.0, takes=False)
+        link.sent[:] = np.nan
+    link.guard.reseat(DT)
+    assert link.applied[0] == last
+
+
+def test_what_was_sent_must_have_the_commands_shape() -> None:
+    from runtime.contracts.errors import WiringError
+
+    link = Link(Kind.VELOCITY)
+    with pytest.raises(WiringError, match="sent has shape"):
+        link.guard.bind(np.zeros(1), None, None, np.zeros(2))
