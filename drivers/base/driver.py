@@ -281,9 +281,10 @@ class MobileBase(Driver):
             self._twist[:] = message.twist
 
     def _publish_zero(self) -> None:
-        """Reports that the command in force has ended: the zenoh process sends zero then."""
-        if self._published:
+        """Reports that no command is in force any more: the zenoh process sends zero then."""
+        if self._expires:
             self.sent_arrays[COMMAND][:] = 0.0
+            self._expires = 0
 
     def _lose(self) -> None:
         self.health.connected = False

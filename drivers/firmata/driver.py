@@ -161,9 +161,8 @@ class Firmata(Driver):
         except DeviceLostError:
             self._lose()
             raise
-        if taken or wanted == self._sent:
-            self._publish(angles)
         if frame and taken:
+            self._publish(angles)
             self._sent = wanted
             self._was_limp = False
             self._hold_frame = None
@@ -227,7 +226,7 @@ class Firmata(Driver):
         }
 
     def _publish(self, angles: list[float]) -> None:
-        """Reports the angles whose pulses are in force, within the servos' reach; a non-finite one has no pulse."""
+        """Reports the angles whose pulses were sent, within the servos' reach; a non-finite one has no pulse."""
         sent = self.sent_arrays[COMMAND]
         for i, (angle, servo) in enumerate(zip(angles, self._calibrations, strict=True)):
             if math.isfinite(angle):

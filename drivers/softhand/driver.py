@@ -174,9 +174,7 @@ class SoftHand(Driver):
             if reference != self._sent:
                 self._hold_frame = None
             self._sent, self._sent_at = reference, now
-        closure = float(self.command_arrays[COMMAND][0])
-        if self._motor is Motor.ON and reference is not None and reference == self._sent and math.isfinite(closure):
-            self.sent_arrays[COMMAND][0] = min(max(closure, 0.0), 1.0)  # its reference is in force
+            self.sent_arrays[COMMAND][0] = min(max(float(self.command_arrays[COMMAND][0]), 0.0), 1.0)
 
     def stop(self, category: Stop) -> None:
         """See `Driver.stop`. LIMP commands the motor off until the hand confirms it; HOLD keeps the reference."""

@@ -80,6 +80,7 @@ class Ur(Driver):
         self._sequence = 1
         self._sent = -1  # ns, time of the newest command of any kind
         self._follows = False  # the newest command that was sent moves the arm
+        self._moves = False  # the newest command that moves the arm is still in force
         self._stay = False  # a STAY command waits for the link
         self._held_back = 0
         self._stop_frame = b""
@@ -129,7 +130,7 @@ class Ur(Driver):
             if self._steps is not None:
                 self._recovering()
             self._tend(link, now)
-            if self._follows and now - self._sent > self.config.timeout * 1e9:
+            if now - self._sent > self.config.timeout * 1e9:
                 self._publish_rest()
         except DeviceLostError as error:
             self.health.connected = False
@@ -149,6 +150,7 @@ class Ur(Driver):
                 self._held_back += 1
             else:
                 self.sent_arrays[self._command][:] = values
+                self._moves = True
             self.health.unsent = registers.SIZE
         except DeviceLostError:
             self.health.connected = False
@@ -277,8 +279,9 @@ class Ur(Driver):
 
     def _publish_rest(self) -> None:
         """Reports that no velocity is in force any more: STAY was sent, or the newest command's time has run out."""
-        if self.config.interface == "velocity" and self.sent_arrays and isfinite(self.sent_arrays[self._command][0]):
+        if self._moves and self.config.interface == "velocity":
             self.sent_arrays[self._command][:] = 0.0
+        self._moves = False
 
     def _frame(self, mode: Mode, values: list[float] | tuple[float, ...]) -> bytes:
         return registers.command(self._recipe, self._nonce, mode, self._sequence, self._cycles, values)

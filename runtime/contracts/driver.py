@@ -72,14 +72,10 @@ class Driver(ABC):
         max_age: s; the newest sample is stale when it is older than this, unless the profile sets another
             value. 0 for a device that gives no samples.
         health: see `Health`.
-        sent_arrays: by command name, the last value that left for the device and can't be taken back, in the
-            command's unit and before it was rounded for the wire; NaN before the first. `write` (or the `read` that
-            sends something later) fills it. It stays as it is while nothing leaves, and when the device is opened
-            again. Where a device stops by itself after a silence, the driver reports that, too.
-        home: for commands without feedback, by name: the position where the user places the limb before a
-            start. `retract` also goes there. Known after `__init__`.
-        limits: the device's own limits by command name, known after `open`. The guard takes the
-            narrower of these and the profile's.
+        sent_arrays: by command name, what has left for the device and can't be taken back, in the command's unit
+            and before it was rounded for the wire. Fill it when a command leaves (in `write`, or in the `read` that
+            sends it later). The runtime takes it once a cycle, after all writes, and sets it to NaN. Where a device
+            stops by itself after a silence, report that, too.
     """
 
     Config: type[DeviceConfig] = DeviceConfig
@@ -105,7 +101,7 @@ class Driver(ABC):
         """Takes the arrays, which the runtime allocates once.
 
         `read` fills the state arrays. `write` sends the command arrays, which hold the guarded commands, and fills
-        the sent arrays. The runtime copies these into the row once a cycle, after all writes.
+        the sent arrays.
         """
         self.state_arrays = states
         self.command_arrays = commands

@@ -116,7 +116,6 @@ class CommandGuard(ABC):
         self._patience = max(command.period or 0.0, LONGEST * dt)
         self._resolution = np.broadcast_to(np.ravel(command.resolution), self.size).tolist()
         self._sent: Array | None = None
-        self._seen = b""  # the newest value that was sent, its bits
         self._seat_at = b""  # where `reseat` begins: the newest finite one since the reset, else the first command
         self._unsent = 0.0  # s since a command was sent as it was applied
         self._position: Array | None = None
@@ -165,24 +164,23 @@ class CommandGuard(ABC):
         """
         self._restart(*self._start(position, velocity))
         self._seat_at = self.applied.tobytes()
-        self._seen = b"" if self._sent is None else self._sent.tobytes()
         self._unsent = 0.0
 
-    def reseat(self, dt: float) -> None:
+    def reseat(self, left: bool, dt: float) -> None:
         """Begins anew at what was sent if the device hasn't kept its command's period and resolution.
 
         Called once a cycle before the controllers, which then read the new state back. A position begins at rest.
         If nothing was sent since the reset, the guard begins at the first command again.
 
         Args:
+            left: a command has left for the device since the last call.
             dt: actual time since the last cycle, s.
         """
         self.reseated = False
         if self._sent is None or not self._ready:
             return
-        raw, applied = self._sent.tobytes(), self.applied.tobytes()
-        left, taken = raw != self._seen, raw == applied
-        self._seen = raw
+        raw = self._sent.tobytes()
+        taken = raw == self.applied.tobytes()
         if not taken:
             sent = self._sent.ravel().tolist()
             differences = map(sub, sent, self.applied.ravel().tolist())

@@ -1,6 +1,6 @@
 """The layout of a row: one description, written beside the ring, that every reader shares.
 
-A row's payload is `Layout.ints` int64 words (the cycle's own, then six for each device: `runtime.ipc.words`),
+A row's payload is `Layout.ints` int64 words (the cycle's own, then seven for each device: `runtime.ipc.words`),
 then float64 words (every signal's values).
 """
 

@@ -40,7 +40,10 @@ class CycleWords(NamedTuple):
 
 
 class DeviceWords(NamedTuple):
-    """Words of one device, from its driver's `Health`. A row has one set for each device."""
+    """Words of one device, from its driver's `Health`. A row has one set for each device.
+
+    `commands` counts the cycles in which a command left for the device.
+    """
 
     stamp: int
     link: int
@@ -48,6 +51,7 @@ class DeviceWords(NamedTuple):
     errors: int
     resyncs: int
     reconnects: int
+    commands: int
 
 
 CYCLE: Final = CycleWords(*range(len(CycleWords._fields)))

@@ -71,6 +71,8 @@ class Cycle:
         self.guards = [self._make_guard(a, limits[a.name]) for a in graph.actuators]
         self._ints = graph.row.ints
         self._stamps, self._links = graph.row.devices[:, DEVICE.stamp], graph.row.devices[:, DEVICE.link]
+        self._commands = graph.row.devices[:, DEVICE.commands]
+        self._counts = self._commands.tolist()  # commands sent to each device until the cycle before
         self._max_age = self._ages()
         self._count = len(graph.devices)
         self._emergency = [
@@ -168,9 +170,7 @@ class Cycle:
 
     def control(self) -> None:
         """Lets the guards see what was sent, then runs the controllers while the limb is active."""
-        for actuator, guard in zip(self.graph.actuators, self.guards, strict=True):
-            if self._links.item(actuator.device) & LINK_ACTIVE:
-                guard.reseat(self._ints.item(_DT) * 1e-9)
+        self._reseat()
         state = self.machine.state
         if state is not State.ACTIVE:
             return
@@ -185,6 +185,13 @@ class Cycle:
                 self.report(f"controller '{controller.name}' failed: {traceback.format_exc(limit=-3)}")
                 self.machine.stop(Fault(Cause.CONTROLLER_ERROR, i))
                 return
+
+    def _reseat(self) -> None:
+        dt, counts = self._ints.item(_DT) * 1e-9, self._commands.tolist()
+        for actuator, guard in zip(self.graph.actuators, self.guards, strict=True):
+            if self._links.item(actuator.device) & LINK_ACTIVE:
+                guard.reseat(counts[actuator.device] != self._counts[actuator.device], dt)
+        self._counts = counts
 
     def guard(self) -> None:
         """Bounds every command or carries out the stop, then updates the state."""

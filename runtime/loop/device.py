@@ -23,6 +23,7 @@ from runtime.profile.graph import Actuator
 
 RETRY = 0.5  # s between attempts to open a lost device
 SILENT = 2_000_000_000  # ns that an active device may take for its first command
+_HEALTH = DEVICE.commands  # number of words that `Health` gives
 _KEPT = ~(LINK_CONNECTED | LINK_ERROR | LINK_STALE | LINK_FAULT)
 
 
@@ -32,7 +33,7 @@ class Device:
     Attributes:
         driver: the driver.
         actuators: its commands, as the guard bounds them; empty for a sensor.
-        words: (6,) int64, its words in the row (`DEVICE`).
+        words: (7,) int64, its words in the row (`DEVICE`).
         lost: True while the device is lost.
         on_loss, on_return: called in the loop's thread.
     """
@@ -93,7 +94,7 @@ class Device:
             if not health.fault:
                 self._failing.discard("recover")
             link |= LINK_ERROR * bool(self._failing)
-        words[:] = health.stamp, link, health.frames, health.errors, health.resyncs, health.reconnects
+        words[:_HEALTH] = health.stamp, link, health.frames, health.errors, health.resyncs, health.reconnects
 
     def write(self, now: int) -> None:
         """Sends the commands, except while the device is lost."""
@@ -101,9 +102,16 @@ class Device:
             self._call("write", self.driver.write, now)
 
     def publish(self, now: int) -> None:
-        """Copies what was sent into the row. Called once a cycle, after all writes, also while nothing is written."""
+        """Takes what has left into the row. Called once a cycle, after all writes, also while nothing is written."""
+        left = False
         for actuator in self.actuators:
-            actuator.sent[...] = self.driver.sent_arrays[actuator.command.name]
+            found = self.driver.sent_arrays[actuator.command.name]
+            given = np.isfinite(found)
+            if given.any():
+                np.copyto(actuator.sent, found, where=given)
+                found.fill(np.nan)
+                left = True
+        self.words[DEVICE.commands] += left
         if self._active_since is not None:
             self._await_first(now)
 

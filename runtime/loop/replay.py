@@ -95,7 +95,7 @@ def replay(layout: Layout, rows: NDArray[np.int64], place: str) -> Comparison:
     for k, row in enumerate(rows):
         ints = made.ints
         ints[_COPIED] = row[_COPIED]
-        _copy_devices(made.devices, row, layout)
+        _copy_devices(made.devices, row, rows[k - 1] if k else None, layout)
         for view, values in inputs:
             view[...] = values[k]
         for view, values in sent:
@@ -128,12 +128,18 @@ def _decide(cycle: Cycle, row: NDArray[np.int64], missed: int) -> None:
     cycle.guard()
 
 
-def _copy_devices(made: NDArray[np.int64], row: NDArray[np.int64], layout: Layout) -> None:
-    """Copies stamps and links as the drivers gave them. The cycle itself determines staleness and activity."""
+def _copy_devices(
+    made: NDArray[np.int64], row: NDArray[np.int64], before: NDArray[np.int64] | None, layout: Layout
+) -> None:
+    """Copies stamps and links as the drivers gave them. The cycle itself determines staleness and activity.
+
+    The count of commands is that of the cycle `before`: this cycle's were sent after its decisions.
+    """
     own = LINK_ACTIVE | LINK_STALE
     for i, words in enumerate(made):
         link = words.item(DEVICE.link)
         words[:] = row[layout.device(i)]
+        words[DEVICE.commands] = 0 if before is None else before[layout.device(i)][DEVICE.commands]
         words[DEVICE.link] = (words.item(DEVICE.link) & ~own) | (link & own)
 
 

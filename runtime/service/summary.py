@@ -109,6 +109,7 @@ class Summary:
                 "errors": self.word(f"{name}.errors"),
                 "resyncs": self.word(f"{name}.resyncs"),
                 "reconnects": self.word(f"{name}.reconnects"),
+                "commands": self.word(f"{name}.commands"),
             }
         return found
 

@@ -74,6 +74,7 @@ def _cycles(steps: list[dict[str, Any]], automatic: bool) -> Any:
             )  # fmt: skip
             if active:
                 sent[:] = measured[:] = applied  # the arm is where it was told to be
+                devices["arm"][DEVICE.commands] += 1
             if state is State.ENDED:
                 return
 

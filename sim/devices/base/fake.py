@@ -57,12 +57,13 @@ class FakeBase(SampledFake):
         self._obeyed = -WATCHDOG  # world time of the newest command, ns
         self._pose, self._twist = np.zeros(3), np.zeros(3)
         self._taken = 0
+        self._driven = False  # a command of the loop is in force
         self.sampled(6, self._measure)
 
     def read(self, now: int) -> None:
         super().read(now)
-        if self.watch() and not np.isnan(self.sent_arrays[COMMAND][0]):
-            self.sent_arrays[COMMAND][:] = 0.0
+        if self.watch() and self._driven:
+            self._publish_zero()
         self.health.fault = PRESSED if self.pressed() else ""
         age = min((self.world.time - self._taken) * 1e-9, FARTHEST) if self._config.extrapolate else 0.0
         self.state_arrays["pose"][:] = protocol.carried(self._pose, self._twist, age)
@@ -72,10 +73,15 @@ class FakeBase(SampledFake):
         if np.isfinite(values).all():
             self.obey(*np.clip(values, -self._top, self._top).tolist())
             np.clip(values, -self._top, self._top, out=self.sent_arrays[COMMAND])
+            self._driven = True
 
     def stop(self, category: Stop) -> None:
         self.base.command(0.0, 0.0, 0.0)
+        self._publish_zero()
+
+    def _publish_zero(self) -> None:
         self.sent_arrays[COMMAND][:] = 0.0
+        self._driven = False
 
     def close(self) -> None:
         if self.health.connected:

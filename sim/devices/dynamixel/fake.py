@@ -194,7 +194,7 @@ class FakeDynamixel(Fake):
         for i in self.numbers:
             self._give(self.chain.motors, i, 0)
         if (sent := self.sent_arrays.get(self._config.command)) is not None:
-            sent[np.isfinite(sent)] = 0.0
+            sent[:] = 0.0
 
     def _talk(self, time: int) -> None:
         """Requests the next sample, which also resets the watchdogs (protocol 2)."""

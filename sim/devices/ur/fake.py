@@ -196,7 +196,7 @@ class FakeUr(SampledFake):
             self._publish_rest()
 
     def _publish_rest(self) -> None:
-        if self._config.interface == "velocity" and isfinite(self.sent_arrays[self._command][0]):
+        if self._config.interface == "velocity":
             self.sent_arrays[self._command][:] = 0.0
 
     def close(self) -> None:
