@@ -62,12 +62,14 @@ class Toy(Driver):
 
     Config = ToyConfig
     max_age = 0.05
+    publishes = True  # it reports what it sent
 
     def __init__(self, name: str, config: ToyConfig) -> None:
         super().__init__(name, config)
         self.sent: list[Array] = []
         self.recoveries = 0
         self.gone = self.silent = self.gone_in_write = False
+        self.stalled = False  # its link takes nothing
         self.defect: Exception | None = None
         part = config.part
         position = Signal(name="position", shape=(2,), unit="rad")
@@ -111,8 +113,11 @@ class Toy(Driver):
             raise DeviceLostError(self.name, "it went away", "Plug it in")
         if self.defect is not None:
             raise self.defect
+        if self.stalled:
+            return
         self.sent.append(self.command_arrays["command"].copy())
-        self.sent_arrays["command"][:] = self.sent[-1]
+        if self.publishes:
+            self.sent_arrays["command"][:] = self.sent[-1]
         if "position" in self.values:
             self.values["position"][:] = self.sent[-1]
 

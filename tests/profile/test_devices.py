@@ -76,6 +76,24 @@ def test_limits_of_a_command_narrow_the_profiles(monkeypatch: pytest.MonkeyPatch
     assert found["arm.command"].upper.tolist() == [1.0, 2.0]
 
 
+@pytest.mark.parametrize(
+    ("declared", "said"),
+    [
+        ({"period": None}, r"driver 'toy' doesn't declare how often it sends 'command' \(period: None\)"),
+        ({"period": 3.0}, "doesn't declare how often"),
+        ({"resolution": (0.1, 0.1, 0.1)}, "no usable resolution"),
+        ({"resolution": float("nan")}, "no usable resolution"),
+    ],
+)
+def test_a_driver_must_declare_how_it_sends(
+    monkeypatch: pytest.MonkeyPatch, declared: dict[str, Any], said: str
+) -> None:
+    with pytest.raises(WiringError, match=said) as caught:
+        build(monkeypatch, **declared)
+    assert "devices.arm" in str(caught.value)
+    assert "sent_arrays" in str(caught.value)
+
+
 def test_a_sensor_that_declares_commands_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     class Silent(Sensor, Toy):
         """Its commands would never be sent."""

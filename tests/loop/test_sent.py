@@ -1,0 +1,158 @@
+"""What was sent: in the row, in the guard of the next cycle, in the replay, and where a start begins."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.toy import PROFILE, SPEED, Bench, Law, Toy, ToyConfig, _load
+
+from runtime.contracts import registry
+from runtime.contracts.controller import ControllerConfig
+from runtime.contracts.errors import WiringError
+from runtime.contracts.signals import Command, Kind, Signal, Stop
+from runtime.guard import TorqueGuard
+from runtime.ipc.words import FLAG_RESEATED, Cause, State
+from runtime.loop import device as device_module
+from runtime.loop.cycle import Cycle, limits_of
+from runtime.loop.replay import perturbed, replay
+from runtime.profile import profile, wiring
+
+
+def _follow(b: Bench, stalls: tuple[int, int], k: int) -> None:
+    """The hand goes to and fro; the arm's link takes nothing from one cycle to the other."""
+    b.hand.values["position"][:] = 1.2 * np.sin(0.05 * k)
+    b.arm.stalled = stalls[0] <= k < stalls[1]
+
+
+def _value(b: Bench, name: str) -> Any:
+    return b.graph.layout.value(b.rows(), name)
+
+
+def test_the_row_shows_a_stall_and_what_follows_is_a_ramp(tmp_path: Path) -> None:
+    b = Bench(tmp_path)
+    b.run(300, lambda k: _follow(b, (100, 190), k))
+    sent, applied = _value(b, "arm.command.sent")[:, 0], _value(b, "arm.command.applied")[:, 0]
+    reseated = (b.word("flags") & FLAG_RESEATED) > 0
+    assert (sent[100:190] == sent[99]).all()
+    assert np.abs(np.diff(sent[50:])).max() <= SPEED * 0.01 * (1 + 1e-6)
+    assert abs(sent[190] - sent[99]) <= 10 * 0.01**2, "the first step after the stall is one from rest"
+    assert np.abs(applied[110:190] - sent[99]).max() <= 10 * 0.01**2, "the guard stays where the arm is"
+    assert reseated[110:190].all()
+    assert not reseated[:100].any()
+    assert not reseated[192:].any()
+    commands = b.word("arm.commands")
+    assert commands[189] == commands[99]
+    assert commands[299] - commands[189] == 110
+
+
+def test_before_the_first_command_nothing_is_sent(tmp_path: Path) -> None:
+    b = Bench(tmp_path, automatic=False)
+    b.run(30, lambda k: b.ask("start") if k == 10 else None)
+    sent = _value(b, "arm.command.sent")
+    assert np.isnan(sent[:10]).all()
+    assert np.isfinite(sent[12:]).all()
+
+
+def test_a_stall_replays_and_a_perturbed_value_doesnt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(registry, "load", _load)
+    b = Bench(tmp_path)
+    b.run(300, lambda k: _follow(b, (100, 190), k))
+    rows = b.rows()[:-1]
+    assert replay(b.graph.layout, rows, "toy").identical
+    changed = replay(b.graph.layout, perturbed(b.graph.layout, rows, "arm.command.sent:60:1e-3"), "toy")
+    assert changed.largest > 0
+    assert not changed.identical
+
+
+def test_a_driver_that_reports_nothing_as_sent_stops_the_limb(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    b = Bench(tmp_path)
+    monkeypatch.setattr(type(b.arm), "publishes", False)
+    b.run(260, lambda k: _follow(b, (0, 0), k))
+    assert np.ptp(_value(b, "arm.command.applied")[:, 0]) <= 10 * 0.01**2 * 6**2, "it never gets far from its start"
+    assert b.states[-1][1] is Cause.DRIVER_ERROR
+    assert any("reports no command as sent" in event for event in b.events)
+
+
+def test_without_feedback_a_start_begins_at_what_was_sent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The guard may have gone on by some cycles when a loss is seen: the servo hasn't."""
+    monkeypatch.setattr(device_module, "RETRY", 0.01)
+    b = Bench(tmp_path, arm="servo")
+    first: list[Any] = []
+
+    def script(k: int) -> None:
+        b.hand.values["position"][:] = -1.5
+        b.arm.stalled = 60 <= k < 64
+        b.arm.gone = 64 <= k < 80
+        if k == 90:
+            b.until_back(b.arm)
+            first.append(len(b.arm.sent))
+        if k == 95:
+            b.ask("reset")
+
+    b.run(160, script)
+    index = first[0]
+    assert b.states[-1][0] in (State.HOMING, State.ACTIVE)
+    step = np.abs(b.arm.sent[index] - b.arm.sent[index - 1])
+    assert (step <= 10 * 0.01**2).all()
+    assert np.abs(np.diff(np.array(b.arm.sent), axis=0)).max() <= SPEED * 0.01 * (1 + 1e-6)
+
+
+class Weigher(Law):
+    """Gives a torque and the gravity compensation that it contains."""
+
+    def __init__(self, name: str, config: ControllerConfig) -> None:
+        super().__init__(name, config)
+        self.outputs = (*(Signal(name=n, shape=(2,), unit="N m") for n in ("tau", "g")),)
+
+    def update(self, dt: float) -> None:
+        self.output["g"][:] = 3.0
+        self.output["tau"][:] = 3.0
+
+
+class TorqueArm(Toy):
+    """An arm whose weight its commands must carry."""
+
+    def __init__(self, name: str, config: ToyConfig) -> None:
+        super().__init__(name, config)
+        if name == "arm":
+            self.states = tuple(Signal(name=n, shape=(2,), unit="rad") for n in ("position", "velocity"))
+            self.values = {s.name: np.zeros(2) for s in self.states}
+            self.commands = (
+                Command(
+                    name="command", shape=(2,), unit="N m", kind=Kind.TORQUE, feedback="position",
+                    stops=(Stop.DAMP,), period=0.02,
+                ),
+            )  # fmt: skip
+
+
+_TORQUE = (
+    PROFILE.replace("out: {{q: arm.command}}", "out: {{tau: arm.command, g: {gravity}}}")
+    .replace("lower: -2, upper: 2, velocity: {speed}", "effort: 10, effort_rate: 1000, inertia: 1, velocity: {speed}")
+    .format(arm="arm", speed=1.0, emergency="", more="", gravity="{gravity}")
+)
+
+
+def _torque_profile(monkeypatch: pytest.MonkeyPatch, gravity: str) -> Any:
+    monkeypatch.setattr(registry, "load", lambda group, *_: {"drivers": TorqueArm, "controllers": Weigher}[group])
+    return wiring.build(*profile.parse("toy.yaml", _TORQUE.replace("{gravity}", gravity)))
+
+
+def test_the_guard_knows_the_gravity_that_a_torque_contains(monkeypatch: pytest.MonkeyPatch) -> None:
+    graph = _torque_profile(monkeypatch, "arm.command.gravity")
+    cycle = Cycle(graph, limits_of(graph), automatic=True)
+    (guard,) = cycle.guards
+    assert isinstance(guard, TorqueGuard)
+    graph.row.views["arm.command.gravity"][:] = 3.0
+    guard.reset(np.zeros(2))
+    assert guard.applied.tolist() == [3.0, 3.0], "it starts at gravity compensation"
+    for _ in range(50):
+        guard.stop(Stop.DAMP, 0.01)
+    assert guard.applied.tolist() == [3.0, 3.0], "and a stop keeps it"
+
+
+def test_gravity_belongs_to_a_torque(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(WiringError, match=r"'arm\.command\.velocity' isn't a command.*\n?.*arm\.command\.gravity"):
+        _torque_profile(monkeypatch, "arm.command.velocity")
