@@ -23,7 +23,7 @@ from runtime.profile.keys import path
 
 REFRESH = 5.0  # Hz
 GONE = 5.0  # s without a status after which the client checks whether the instance still exists
-BAR = 15  # characters
+BAR = 13  # characters
 SHOWN_EVENTS = 6
 SHOWN_COMMANDS = 24
 _LEVELS = ("green", "yellow", "bold red", "magenta")  # of diagnostic_msgs/DiagnosticStatus
@@ -176,35 +176,26 @@ class View:
         return Panel(text, title=f"{status['instance']} ({status['profile']})", title_align="left")
 
     def _commands(self, updates: dict[str, Update]) -> Table:
-        table = Table(title="commands: asked, applied", title_justify="left", expand=True, box=None)
-        for heading, how in (
-            ("command", "left"),
-            ("asked", "right"),
-            ("", "left"),
-            ("applied", "right"),
-            ("", "left"),
-        ):
-            table.add_column(heading, justify=how, no_wrap=True)  # type: ignore[arg-type]
+        table = Table(title="commands: asked, applied, sent", title_justify="left", expand=True, box=None)
+        table.add_column("command", no_wrap=True)
+        for heading in ("asked", "", "applied", "", "sent"):
+            table.add_column(heading, justify="right" if heading else "left", no_wrap=True)
         for name, update in sorted(updates.items()):
-            applied = updates.get(f"{name}/applied")
-            if applied is None or applied.values.shape != update.values.shape:
+            found = [updates.get(f"{name}/{value}") for value in ("applied", "sent")]
+            given = [u.values.ravel() for u in found if u is not None and u.values.shape == update.values.shape]
+            if len(given) < 2:
                 continue
-            meta = self._meta.get(name, {})
-            asked, given = update.values.ravel(), applied.values.ravel()
-            labels = update.labels or tuple(str(i) for i in range(asked.size))
-            span = max(self._span.get(name, 1e-9), *np.nan_to_num(np.abs([*asked, *given]), posinf=0.0))
+            values = np.array([update.values.ravel(), *given])
+            labels = update.labels or tuple(str(i) for i in range(update.values.size))
+            span = max(self._span.get(name, 1e-9), float(np.nan_to_num(np.abs(values), posinf=0.0).max(initial=0.0)))
             self._span[name] = span
-            for label, a, g in zip(labels, asked, given, strict=False):
+            unit = self._meta.get(name, {}).get("unit", "")
+            for label, column in zip(labels, values.T.tolist(), strict=False):
                 if table.row_count < SHOWN_COMMANDS:
-                    unit = meta.get("unit", "")
                     short = path(label).replace("/", ".")
-                    table.add_row(
-                        f"{name} {short}",
-                        f"{a:.3f} {unit}",
-                        _bar(a / span),
-                        f"{g:.3f} {unit}",
-                        _bar(g / span),
-                    )
+                    asked, applied, sent = (f"{value:.3f}" for value in column)
+                    bars = [_bar(value / span) for value in column[:2]]
+                    table.add_row(f"{name} {short} ({unit})", asked, bars[0], applied, bars[1], sent)
         return table
 
 
