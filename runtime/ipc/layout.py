@@ -18,6 +18,13 @@ from runtime.contracts.field import Field
 from runtime.contracts.signals import Array
 from runtime.ipc.words import CYCLE, DEVICE, Cause
 
+# The words of the first recordings, whose layouts don't name them.
+_FIRST_CYCLE = (
+    *("cycle", "now", "dt", "deadline", "wake", "read", "control", "guard", "write", "log", "state", "cause"),
+    *("culprit", "category", "overruns", "flags", "request", "request_kind", "request_target", "request_result"),
+)
+_FIRST_DEVICE = ("stamp", "link", "frames", "errors", "resyncs", "reconnects")
+
 
 @dataclass
 class Layout:
@@ -30,11 +37,14 @@ class Layout:
         meta: other data for readers of rows: profile name, text and sha256, rate, seed, versions, clock,
             `wall` (ns to add to CLOCK_MONOTONIC for Unix time), parameters with their bounds,
             controllers, devices' drivers.
+        recorded: names of the words of the cycle, and of a device, that the rows were written with. They differ from
+            this version's for a recording of an earlier one. Readers get this version's words; see `upgrade`.
     """
 
     devices: list[str] = field(default_factory=list)
     fields: dict[str, Field] = field(default_factory=dict)
     meta: dict[str, Any] = field(default_factory=dict)
+    recorded: tuple[tuple[str, ...], tuple[str, ...]] = (CYCLE._fields, DEVICE._fields)
 
     @property
     def int_names(self) -> list[str]:
@@ -60,6 +70,27 @@ class Layout:
     def width(self) -> int:
         """Number of words in a row's payload."""
         return self.ints + self.floats
+
+    @property
+    def recorded_names(self) -> list[str]:
+        """Names of the int64 words that the rows were written with, in their order."""
+        cycle, device = self.recorded
+        return [*cycle, *(f"{name}.{word}" for name in self.devices for word in device)]
+
+    def upgrade(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Returns rows (k, width then) as they were written, in this version's form (k, width).
+
+        Words that were not written are 0; words that this version doesn't know are left out.
+        """
+        then = self.recorded_names
+        if then == self.int_names:
+            return rows
+        made = np.zeros((len(rows), self.width), np.int64)
+        for i, name in enumerate(self.int_names):
+            if name in then:
+                made[:, i] = rows[:, then.index(name)]
+        made[:, self.ints :] = rows[:, len(then) :]
+        return made
 
     def add(self, name: str, role: str, shape: tuple[int, ...], unit: str, **rest: Any) -> Field:
         """Appends a signal; its name must be new."""
@@ -90,7 +121,12 @@ class Layout:
 
     def save(self, path: Path) -> None:
         """Writes the layout as JSON."""
-        content = {"devices": self.devices, "fields": [asdict(f) for f in self.fields.values()], "meta": self.meta}
+        content = {
+            "devices": self.devices,
+            "words": {"cycle": self.recorded[0], "device": self.recorded[1]},
+            "fields": [asdict(f) for f in self.fields.values()],
+            "meta": self.meta,
+        }
         scratch = path.with_suffix(".new")
         scratch.write_text(json.dumps(content))
         scratch.rename(path)
@@ -112,4 +148,6 @@ class Layout:
                 "links": tuple(tuple(link) for link in item["links"]),
             }
             fields[item["name"]] = Field(**item)
-        return cls(content["devices"], fields, content["meta"])
+        words = content.get("words", {"cycle": _FIRST_CYCLE, "device": _FIRST_DEVICE})
+        recorded = tuple(words["cycle"]), tuple(words["device"])
+        return cls(content["devices"], fields, content["meta"], recorded)

@@ -94,6 +94,12 @@ class Assembler:
             (path, column.descriptor.component): (number, column)
             for number, (path, column) in enumerate((p, c) for p, cs in columns.entities.items() for c in cs)
         }
+        # Words that an earlier version didn't write; they stay 0.
+        written = set(columns.layout.recorded_names)
+        names = columns.layout.int_names
+        self._absent = np.array(
+            [column.start < len(names) and names[column.start] not in written for _, column in self._columns.values()]
+        )
         self._pending: list[tuple[int, Column, Words, Words]] = []
         self.bytes = 0
 
@@ -124,7 +130,7 @@ class Assembler:
             return np.empty(0, np.int64), np.empty((0, self._width), np.int64)
         sequence = np.unique(np.concatenate([s for _, _, s, _ in self._pending]))
         rows = np.zeros((len(sequence), self._width), np.int64)
-        have: NDArray[np.bool_] = np.zeros((len(sequence), len(self._columns)), bool)
+        have: NDArray[np.bool_] = np.tile(self._absent, (len(sequence), 1))
         for number, column, numbers, block in self._pending:
             at = np.searchsorted(sequence, numbers)
             rows[at, column.start : column.start + column.size] = block

@@ -116,13 +116,14 @@ def _black_box(path: Path) -> Recording:
             str(path / "layout.json"), f"the layout can't be read: {error}", "It is kept beside the ring"
         ) from None
     with RingReader(path / "rows.ring") as ring:
-        if ring.width != layout.width:
-            problem = f"rows are {ring.width} words wide, the layout says {layout.width}"
+        width = len(layout.recorded_names) + layout.floats
+        if ring.width != width:
+            problem = f"rows are {ring.width} words wide, the layout says {width}"
             raise RecordingError(str(path), problem, "Ring and layout are of different runs")
         numbers, blocks = [np.empty(0, np.int64)], [np.empty((0, layout.width), np.int64)]
         while len(rows := ring.take()):
             numbers.append(np.arange(ring.sequence - len(rows) + 1, ring.sequence + 1))
-            blocks.append(rows)
+            blocks.append(layout.upgrade(rows))
     events: list[Event] = []
     written = [file for name in ("events.ring", "notes.ring") if (file := path / name).exists()]  # now, and in 0.1.0
     if written:
