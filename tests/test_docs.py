@@ -29,6 +29,7 @@ from runtime.ipc.requests import RequestKind
 from runtime.ipc.words import Cause, State
 from runtime.loop.machine import Machine
 from runtime.profile import profile, wiring
+from sim.devices.examples import DEVICES
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -311,3 +312,20 @@ def test_every_path_a_page_names_is_there() -> None:
         if not (ROOT / name).exists()
     ]
     assert wrong == []
+
+
+# The guard's page
+
+
+def test_the_guards_page_has_each_commands_period() -> None:
+    """docs/guard.md, "What was sent": a row for each device that takes commands, with the period it declares."""
+    rows = re.findall(r"^\| ([\w ]+) \| ([\w, ]+) \| ([^|]+) \| ([^|]+) \|$", (DOCS / "guard.md").read_text(), re.M)
+    table = {
+        device.lower(): (kinds.split(", "), period) for device, kinds, period, _ in rows if re.search(r"\d", period)
+    }
+    for driver_name, (config, _, _, port) in DEVICES.items():
+        cls = registry.load("drivers", driver_name, "test")
+        for command in cls(driver_name, cls.Config.model_validate({"port": port} | config)).commands:
+            kinds, period = table[driver_name]
+            assert ("effort" if driver_name == "dynamixel" and command.kind == "torque" else command.kind) in kinds
+            assert f"{command.period:g}" in period, f"{driver_name}: {command.period} is not in '{period}'"
