@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import shutil
+import stat
 import tempfile
 from pathlib import Path
 
@@ -29,7 +30,12 @@ class RunFolder:
         self.bus_socket = path / "zenoh.sock"
         self.stops = path / "stops.slots"
         self.result = path / "result.json"  # the loop's own figures, written at its end
-        self._lock: int | None = None
+        self.lock: int | None = None  # of a claimed folder; what inherits it keeps the claim
+
+    @property
+    def evidence(self) -> tuple[Path, ...]:
+        """What a black box holds."""
+        return self.rows, self.events, self.layout, self.launch
 
     @classmethod
     def of(cls, name: str) -> RunFolder:
@@ -40,7 +46,8 @@ class RunFolder:
         """Makes the folder and locks it for this process.
 
         Raises:
-            HostError: another process runs this instance, or the folder can't be made or used.
+            HostError: another process runs this instance, the folder can't be made or used, or another user could
+            replace it.
         """
         if len(str(self.loop_socket)) > _SOCKET_PATH:
             raise HostError(
@@ -48,30 +55,31 @@ class RunFolder:
                 "Set SRL_RUNTIME_DIR to a shorter one, best on tmpfs",
             )  # fmt: skip
         try:
-            self.path.mkdir(mode=MODE, parents=True, exist_ok=True)
-            self._lock = os.open(self.path / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
+            self.path.parent.mkdir(mode=0o755, parents=True, exist_ok=True)  # whatever the umask
+            self.path.mkdir(mode=MODE, exist_ok=True)
+            _check_owners(self.path)
+            os.chmod(self.path, MODE)  # an older one may let others in
+            self.lock = os.open(self.path / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
         except OSError as error:
             raise HostError(
                 str(self.path),
                 f"the instance's folder can't be made: {error.strerror}",
                 "Set SRL_RUNTIME_DIR to a folder of yours, best on tmpfs",
             ) from None
-        if self.path.stat().st_uid != os.geteuid():
-            raise HostError(str(self.path), "the folder belongs to another user", "Set SRL_RUNTIME_DIR to one of yours")
         try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise HostError(
                 f"instance '{self.path.name}'",
-                "it is running already",
+                "it is running already, or something it started hasn't ended yet",
                 f"End it first (`srl stop --exit {self.path.name}`), or run this one with --instance NAME",
             ) from None
 
     def release(self) -> None:
         """Releases the folder. Its files remain, so that they can be examined."""
-        if self._lock is not None:
-            os.close(self._lock)
-            self._lock = None
+        if self.lock is not None:
+            os.close(self.lock)
+            self.lock = None
 
     def is_claimed(self) -> bool:
         """Whether a process runs this instance now."""
@@ -86,6 +94,26 @@ class RunFolder:
         finally:
             os.close(descriptor)
         return False
+
+
+def _check_owners(path: Path) -> None:
+    """Checks that nobody but this user (and root) can replace the folder: it and all above it are theirs.
+
+    Raises:
+        HostError: another user owns one of them, or may write it.
+        OSError: one of them can't be looked at.
+    """
+    remedy = "Set SRL_RUNTIME_DIR to a folder that nobody else can replace, best on tmpfs"
+    ours = (os.geteuid(), 0)
+    for folder in dict.fromkeys((path.absolute(), *path.absolute().parents, *path.resolve().parents)):
+        status = folder.lstat()
+        if status.st_uid not in (ours[:1] if folder == path.absolute() else ours):
+            raise HostError(str(folder), "the folder belongs to another user, who could replace the instance's", remedy)
+        # Where the sticky bit is set (/tmp), only its owner can replace what is in it.
+        if stat.S_ISDIR(status.st_mode) and status.st_mode & 0o022 and not status.st_mode & stat.S_ISVTX:
+            if folder == path.absolute():
+                continue  # `claim` closes it
+            raise HostError(str(folder), "others may write this folder, and so replace the instance's", remedy)
 
 
 def base() -> Path:
