@@ -167,6 +167,8 @@ class Device:
             if not self._wanted.wait(RETRY):
                 said = ""
                 continue
+            if self._closing.is_set():
+                return
             try:
                 self.driver.close()
                 self.driver.open()
@@ -200,8 +202,9 @@ class Device:
         self.on_return(self)
 
     def close(self) -> None:
-        """Releases the device and ends a reopening attempt in progress."""
+        """Releases the device and ends the thread that reopens it, idle or at work."""
         self._closing.set()
-        if self._reopener is not None and self._wanted.is_set():
+        self._wanted.set()  # wakes it
+        if self._reopener is not None:
             self._reopener.join(2.0)
         self.driver.close()
