@@ -2,6 +2,10 @@
 
 import sys
 
-from runtime.bus.process import main
+from runtime.ipc.child import Ending
 
-sys.exit(main(sys.argv[1:]))
+ending = Ending()  # before the imports that take long
+
+from runtime.bus.process import main  # noqa: E402
+
+sys.exit(main(sys.argv[1:], ending))

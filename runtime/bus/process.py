@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import queue
-import signal
 import sys
 import time
 from collections import deque
@@ -26,13 +25,13 @@ from runtime.bus.requests import Requests, reply
 from runtime.bus.status import Reporter
 from runtime.contracts.errors import SrlError
 from runtime.contracts.field import Field
+from runtime.ipc.child import Ending
 from runtime.ipc.events import EventReader
 from runtime.ipc.layout import Layout
 from runtime.ipc.requests import RequestWriter
 from runtime.ipc.ring import RingReader
 from runtime.ipc.run_folder import RunFolder
 from runtime.ipc.words import CYCLE, DEVICE, FLAG_DEGRADED
-from runtime.loop.realtime import die_with_parent
 from runtime.messages import attachment, cdr, messages
 from runtime.profile.bus import BusConfig
 from runtime.profile.keys import Keys, check
@@ -52,9 +51,10 @@ class Bus:
 
     def __init__(self, run_folder: RunFolder) -> None:
         """Opens the rings and the session. Raises SrlError."""
-        self._ring = RingReader(run_folder.rows)
         self._layout = Layout.load(run_folder.layout)
+        self._ring = RingReader(run_folder.rows, width=self._layout.width)
         meta = self._layout.meta
+        self._layout.needs(str(run_folder.layout), "bus", "wall", "rate")
         config = BusConfig.model_validate(meta["bus"] or {})
         self._name = run_folder.path.name
         self._keys = Keys(self._name)
@@ -78,7 +78,6 @@ class Bus:
         self._said: tuple[int, int] | None = None  # state and cause of the last status
         self._status_due = 0
         self._silent = False
-        self._ending = False
         self._sent, self._sender = 0, os.urandom(16)  # for the samples' attachments: their number and sender
         self._session = session.serve(run_folder.bus_socket, config, self._keys)
         try:
@@ -133,12 +132,10 @@ class Bus:
 
         return arrive
 
-    def run(self) -> None:
-        """Runs until the ring is closed or SIGTERM arrives."""
-        signal.signal(signal.SIGTERM, self._end)
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the supervisor, which ends this process in order
+    def run(self, ending: Ending | None = None) -> None:
+        """Runs until the ring is closed or this process is to end."""
         try:
-            while not self._ending:
+            while ending is None or not ending.asked:
                 self._turn()
                 if self._ring.closed and self._ring.sequence >= self._ring.head:
                     break
@@ -150,9 +147,6 @@ class Bus:
             self._request_ring.close()
             self._events.close()
             self._ring.close()
-
-    def _end(self, *_: object) -> None:
-        self._ending = True
 
     def _wait(self) -> None:
         """Waits until the next turn is due, or until arriving items have been handled."""
@@ -252,15 +246,19 @@ def _matches(publisher: zenoh.Publisher) -> bool:
     return bool(getattr(status, "matching", status))
 
 
-def main(arguments: list[str]) -> int:
-    """Entry point of `python -m runtime.bus RUNDIR`, which the supervisor starts. Returns the exit code."""
-    # A bus that outlived its supervisor would keep the instance's name alive on the socket.
-    die_with_parent(signal.SIGTERM)
+def main(arguments: list[str], ending: Ending) -> int:
+    """Entry point of `python -m runtime.bus RUNDIR`, which the supervisor starts. Returns the exit code.
+
+    `ending` was made before this module's imports.
+    """
+    if ending.orphan:  # a bus that outlived its supervisor would keep the instance's name alive on the socket
+        print("bus: the supervisor that started it has ended, so it doesn't begin", file=sys.stderr)
+        return 1
     if len(arguments) != 1:
         print("usage: python -m runtime.bus RUNDIR", file=sys.stderr)
         return 2
     try:
-        Bus(RunFolder(Path(arguments[0]))).run()
+        Bus(RunFolder(Path(arguments[0]))).run(ending)
     except (SrlError, OSError) as error:
         print(f"bus: {error}", file=sys.stderr)
         return 2

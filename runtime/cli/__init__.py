@@ -15,6 +15,13 @@ COMMANDS = ("list", "check", "run", "stop", "twin", "replay", "study", "top", "d
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command. Returns 0 for success, 1 for an end in a fault, 2 for wrong input from the user."""
+    try:
+        return _main(arguments)
+    except KeyboardInterrupt:
+        return 130  # by Ctrl-C, as a shell says it
+
+
+def _main(arguments: Sequence[str] | None) -> int:
     parser = argparse.ArgumentParser(
         prog="srl", description="Runtime for supernumerary robotic limbs.",
         epilog="Start with: srl run sixth-finger --sim", formatter_class=argparse.RawDescriptionHelpFormatter,

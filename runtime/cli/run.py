@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import re
-import signal
 import sys
 import time
 from pathlib import Path
@@ -16,16 +15,15 @@ from runtime.cli.check import check_guards
 from runtime.cli.console import Console
 from runtime.cli.status import Status
 from runtime.contracts.errors import HostError, RequestError
-from runtime.ipc.events import EventReader
 from runtime.ipc.launch import Launch
-from runtime.ipc.layout import Layout
-from runtime.ipc.ring import RingReader
 from runtime.ipc.run_folder import RunFolder
 from runtime.ipc.words import Cause
 from runtime.profile import profile, wiring
 from runtime.profile.graph import Graph
+from runtime.service.end_signals import EndSignals
+from runtime.service.helpers import helpers
 from runtime.service.summary import Summary
-from runtime.service.supervisor import Supervisor, helpers, state_dir
+from runtime.service.supervisor import Supervisor, state_dir
 
 REFRESH = 0.1  # s between two readings of the rows
 
@@ -55,6 +53,11 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> int:
     """Runs until the duration is over, a signal arrives, or a fault ends the run."""
+    with EndSignals() as signals:
+        return _run(args, signals)
+
+
+def _run(args: argparse.Namespace, signals: EndSignals) -> int:
     _check_names()
     overrides = list(args.set)
     if args.wearer:
@@ -89,6 +92,7 @@ def run(args: argparse.Namespace) -> int:
         console = Console(sys.stderr)
         telemetry = helpers(where, checked.bus is not None, record, args.view)
         supervisor = Supervisor(where, launch, state, telemetry, console.say)
+        signals.pass_to(supervisor.end)
         result = _supervise(supervisor, args, advice, console)
         if supervisor.error is not None:
             if not crashed:
@@ -118,37 +122,42 @@ def _leave(mark: Path) -> None:
 
 def _supervise(supervisor: Supervisor, args: argparse.Namespace, advice: str, console: Console) -> dict[str, Any]:
     """Starts the supervisor, runs it until the end, and returns the figures."""
-    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
-        signal.signal(number, lambda *_: supervisor.end())
     status = Status(console, quiet=args.json)
     summary: Summary | None = None
-    events: EventReader | None = None
     next_look = 0.0
     supervisor.start()
     while supervisor.step():
         if not supervisor.running or time.monotonic() < next_look:
             continue
         next_look = time.monotonic() + REFRESH
-        if summary is None or events is None:
-            summary = Summary(Layout.load(supervisor.run_folder.layout), RingReader(supervisor.run_folder.rows))
-            events = EventReader(supervisor.run_folder.events)
+        if summary is None:
+            summary = _summary(supervisor)
             if advice:
                 console.say(advice)
-        summary.update()
-        _pass_on(events, status)
-        status.show(summary)
-    if summary is None and supervisor.error is None and supervisor.run_folder.rows.exists():
-        summary = Summary(Layout.load(supervisor.run_folder.layout), RingReader(supervisor.run_folder.rows))
-        events = EventReader(supervisor.run_folder.events)
-    if summary is not None and events is not None:
-        summary.update()
-        _pass_on(events, status)
-        status.show(summary)
+        if summary is not None:
+            _show(supervisor, summary, status)
+    summary = summary or _summary(supervisor)
+    if summary is not None:
+        _show(supervisor, summary, status)
     status.end()
     failed = supervisor.finish()
     if "recorder" in failed:
         console.say("the recording is NOT complete; what was saved is in its .segments folder")
     return (summary.figures() if summary is not None else {}) | {"recording_complete": "recorder" not in failed}
+
+
+def _summary(supervisor: Supervisor) -> Summary | None:
+    """The figures of a run whose loop has begun."""
+    if supervisor.layout is None or supervisor.rows is None:
+        return None
+    return Summary(supervisor.layout, supervisor.rows)
+
+
+def _show(supervisor: Supervisor, summary: Summary, status: Status) -> None:
+    summary.update()
+    for event in supervisor.events.take() if supervisor.events is not None else ():
+        status.line(f"cycle {event.cycle}: {event.text}", event.level)
+    status.show(summary)
 
 
 def _report(supervisor: Supervisor, result: dict[str, Any], args: argparse.Namespace, console: Console) -> int:
@@ -166,9 +175,10 @@ def _report(supervisor: Supervisor, result: dict[str, Any], args: argparse.Names
             "actuators_stopped_ms": round(death.stopped_after_ms, 3),
             "black_box": str(death.black_box) if death.black_box else None,
         }
+        rows = f"The last rows are in {death.black_box}. " if death.black_box else ""
         console.say(
             f"{death.how}; the actuators had their stop {death.stopped_after_ms:.1f} ms after its last sign of life. "
-            f"The last rows are in {death.black_box}. Find the cause before the next run, which begins in the stop."
+            f"{rows}Find the cause before the next run, which begins in the stop."
         )
     elif cause not in (Cause.NONE, Cause.REQUEST, Cause.END):
         console.say(f"ended in a fault: {cause.name.lower().replace('_', ' ')} {result['culprit']}".rstrip())
@@ -238,11 +248,6 @@ def _check_names() -> None:
                 f"package '{name}'", f"it would be imported from {origin}, not from srl-runtime in {ours}",
                 "Run it elsewhere, if that is this folder; or install srl-runtime into an environment of its own",
             )  # fmt: skip
-
-
-def _pass_on(events: EventReader, status: Status) -> None:
-    for event in events.take():
-        status.line(f"cycle {event.cycle}: {event.text}", event.level)
 
 
 def _draw(record: Path, figure: Path) -> None:

@@ -61,20 +61,30 @@ class EventReader:
     """The side of any other process."""
 
     def __init__(self, path: Path, after: int = 0) -> None:
-        self._ring = RingReader(path, after)
+        self._ring = RingReader(path, after, width=WIDTH)
 
     @property
     def sequence(self) -> int:
         """Sequence number of the last event taken."""
         return self._ring.sequence
 
+    @property
+    def content(self) -> memoryview:
+        """The whole file, as it is now."""
+        return self._ring.content
+
     def take(self) -> list[Event]:
         """The events since the last call."""
         return [
-            Event(int(r[0]), Level(int(r[1])), int(r[2]), r[3:].tobytes().rstrip(b"\0").decode(errors="replace"))
+            Event(int(r[0]), _level(int(r[1])), int(r[2]), r[3:].tobytes().rstrip(b"\0").decode(errors="replace"))
             for r in self._ring.take()
         ]
 
     def close(self) -> None:
         """Unmaps the file."""
         self._ring.close()
+
+
+def _level(number: int) -> Level:
+    """The level; a damaged record's text is still worth reading."""
+    return Level(number) if number in set(Level) else Level.WARNING

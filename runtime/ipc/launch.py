@@ -5,6 +5,12 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import ClassVar
+
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+from runtime.contracts.errors import HostError
+from runtime.ipc import private_file
 
 
 @dataclass
@@ -21,6 +27,8 @@ class Launch:
         recorded: True if a recorder reads the rows: an unpaced simulation then waits for it.
     """
 
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
+
     label: str
     text: str
     overrides: list[str] = field(default_factory=list)
@@ -31,11 +39,28 @@ class Launch:
     crashed: bool = False
     recorded: bool = False
 
+    @property
+    def content(self) -> bytes:
+        """The launch file's content: JSON."""
+        return json.dumps(asdict(self)).encode()
+
     def save(self, path: Path) -> None:
-        """Writes the launch file as JSON."""
-        path.write_text(json.dumps(asdict(self)))
+        """Writes the launch file. Raises OSError."""
+        private_file.replace(path, self.content)
 
     @classmethod
     def load(cls, path: Path) -> Launch:
-        """Reads what `save` wrote."""
-        return cls(**json.loads(path.read_text()))
+        """Reads what `save` wrote.
+
+        Raises:
+            RecordingError: there is no such file, or it is no text.
+            HostError: it is damaged, or of another version.
+        """
+        text = private_file.read_text(path)
+        try:
+            return TypeAdapter(cls).validate_json(text)
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(str(part) for part in first["loc"]) or "the file"
+            problem = f"the launch file is damaged: {where}: {first['msg']}"
+            raise HostError(str(path), problem, "Start the run again with `srl run`: it writes a new one") from None

@@ -14,8 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.contracts.errors import RecordingError
 from runtime.contracts.field import Field
 from runtime.contracts.signals import Array
+from runtime.ipc import private_file
 from runtime.ipc.words import CYCLE, DEVICE, Cause
 
 # The words of the first recordings, whose layouts don't name them.
@@ -119,6 +121,12 @@ class Layout:
             return str(self.meta["controllers"][index]["name"])
         return str(self.meta["emergency"][index] if cause is Cause.EMERGENCY else self.devices[index])
 
+    def needs(self, place: str, *keys: str) -> None:
+        """Checks that `meta` says all of this. Raises RecordingError."""
+        if missing := [key for key in keys if key not in self.meta]:
+            problem = f"the layout is damaged: it lacks {', '.join(missing)}"
+            raise RecordingError(place, problem, "Use another recording, or the version of srl that wrote this one")
+
     def save(self, path: Path) -> None:
         """Writes the layout as JSON."""
         content = {
@@ -127,27 +135,36 @@ class Layout:
             "fields": [asdict(f) for f in self.fields.values()],
             "meta": self.meta,
         }
-        scratch = path.with_suffix(".new")
-        scratch.write_text(json.dumps(content))
-        scratch.rename(path)
+        private_file.replace(path, json.dumps(content).encode())
 
     @classmethod
     def load(cls, path: Path) -> Layout:
-        """Reads what `save` wrote."""
-        return cls.from_json(path.read_text())
+        """Reads what `save` wrote. Raises RecordingError."""
+        return cls.from_json(private_file.read_text(path), str(path))
 
     @classmethod
-    def from_json(cls, text: str) -> Layout:
-        """Makes a layout from the text that `save` writes."""
-        content = json.loads(text)
-        fields = {}
-        for item in content["fields"]:
-            item |= {
-                "shape": tuple(item["shape"]),
-                "labels": tuple(item["labels"]),
-                "links": tuple(tuple(link) for link in item["links"]),
-            }
-            fields[item["name"]] = Field(**item)
-        words = content.get("words", {"cycle": _FIRST_CYCLE, "device": _FIRST_DEVICE})
-        recorded = tuple(words["cycle"]), tuple(words["device"])
-        return cls(content["devices"], fields, content["meta"], recorded)
+    def from_json(cls, text: str, place: str = "the layout") -> Layout:
+        """Makes a layout from the text that `save` writes.
+
+        Raises:
+            RecordingError: the text is damaged; `place` is where it was found.
+        """
+        try:
+            content = json.loads(text)
+            words = content.get("words", {"cycle": _FIRST_CYCLE, "device": _FIRST_DEVICE})
+            recorded = tuple(map(str, words["cycle"])), tuple(map(str, words["device"]))
+            layout = cls([str(device) for device in content["devices"]], {}, dict(content["meta"]), recorded)
+            for item in content["fields"]:
+                item |= {
+                    "shape": tuple(int(size) for size in item["shape"]),
+                    "labels": tuple(item["labels"]),
+                    "links": tuple(tuple(link) for link in item["links"]),
+                }
+                f = Field(**item)
+                if f.offset != layout.floats or min(f.shape, default=1) < 0 or f.name in layout.fields:
+                    raise ValueError(f"signal '{f.name}' has no place of its own")
+                layout.fields[f.name] = f
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            problem = f"the layout is damaged: {type(error).__name__}: {error}"
+            raise RecordingError(place, problem, "Without it no row can be read; use another recording") from None
+        return layout

@@ -65,7 +65,7 @@ class RequestWriter:
     """The bus process's side of the requests."""
 
     def __init__(self, path: Path) -> None:
-        self._ring = RingWriter(path)
+        self._ring = RingWriter(path, WIDTH)
         self._words = np.zeros(WIDTH, np.int64)
         self._values = self._words[5:].view(np.float64)
 
@@ -95,7 +95,7 @@ class RequestReader:
     """The loop's side of the requests."""
 
     def __init__(self, path: Path) -> None:
-        self._ring = RingReader(path)
+        self._ring = RingReader(path, width=WIDTH)
         self._ring.sequence = self._ring.head  # requests to an earlier loop do not concern this one
 
     def take(self, most: int = 16) -> list[Request]:

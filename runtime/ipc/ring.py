@@ -20,11 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.contracts.errors import HostError, RecordingError
+from runtime.ipc import private_file
 
 PAGE = 4096
 MAGIC = int.from_bytes(b"SRLRING1", "little")
 # Indices of the header's words.
 _MAGIC, _WIDTH, _CAPACITY, _HEAD, _BEAT, _CONSUMED, _CLOSED = range(7)
+# Values of `_CLOSED`, beside 0.
+_SETTLED, _UNSAVED = 1, 2
 
 Words = NDArray[np.int64]
 
@@ -32,7 +35,8 @@ Words = NDArray[np.int64]
 class _Ring:
     """The mapped file; see the module's docstring."""
 
-    def __init__(self, path: Path, writable: bool) -> None:
+    def __init__(self, path: Path, writable: bool, width: int | None) -> None:
+        """`width`: what a row must hold; None: whatever the header says. Raises RecordingError."""
         self.path = path
         try:
             descriptor = os.open(path, os.O_RDWR if writable else os.O_RDONLY)
@@ -44,12 +48,24 @@ class _Ring:
                 raise RecordingError(str(path), "the file is too short to be a ring", "It wasn't written by srl")
             access = mmap.ACCESS_WRITE if writable else mmap.ACCESS_READ
             self._map = mmap.mmap(descriptor, size, access=access)
+        except OSError as error:
+            raise RecordingError(str(path), f"the ring can't be mapped: {error.strerror}", "Free memory") from None
         finally:
             os.close(descriptor)
         self.header: Words = np.frombuffer(self._map, np.int64, PAGE // 8)
         if self.header[_MAGIC] != MAGIC:
             raise RecordingError(str(path), "the file isn't a ring", "It wasn't written by this version of srl")
         self.width, self.capacity = int(self.header[_WIDTH]), int(self.header[_CAPACITY])
+        consumed, head = self.consumed, self.head  # in this order: `head` is written first
+        whole = self.width > 0 and self.capacity > 0 and size == PAGE + self.capacity * (self.width + 2) * 8
+        if not whole or not 0 <= consumed <= head:
+            problem = f"the ring is damaged: {size} bytes aren't {self.capacity} rows of {self.width} words"
+            if whole:
+                problem = f"the ring is damaged: {consumed} of {head} rows are said to be recorded"
+            raise RecordingError(str(path), problem, "Its rows can't be read; use another recording")
+        if width is not None and self.width != width:
+            problem = f"its rows are {self.width} words wide, not {width}"
+            raise RecordingError(str(path), problem, "Ring and layout are of different runs")
         words = np.frombuffer(self._map, np.int64, self.capacity * (self.width + 2), PAGE)
         self.rows: Words = words.reshape(self.capacity, self.width + 2)
 
@@ -70,8 +86,18 @@ class _Ring:
 
     @property
     def closed(self) -> bool:
-        """True once the writer has ended by itself."""
+        """True once no row will follow."""
         return bool(self.header[_CLOSED])
+
+    @property
+    def settled(self) -> bool:
+        """True once the writer has ended by itself, or its rows were saved after its death."""
+        return int(self.header[_CLOSED]) == _SETTLED
+
+    @property
+    def content(self) -> memoryview:
+        """The whole file, as it is now."""
+        return memoryview(self._map)
 
     def close(self) -> None:
         """Unmaps the file. The file itself remains."""
@@ -95,7 +121,8 @@ class RingWriter(_Ring):
     def create(cls, path: Path, width: int, capacity: int) -> RingWriter:
         """Makes a new file, replacing an old one, for `capacity` rows of `width` payload words."""
         scratch = path.with_suffix(".new")
-        with open(scratch, "wb") as file:
+        scratch.unlink(missing_ok=True)
+        with open(private_file.create(scratch), "wb") as file:
             header = np.zeros(PAGE // 8, np.int64)
             header[[_MAGIC, _WIDTH, _CAPACITY]] = MAGIC, width, capacity
             file.write(header.tobytes())
@@ -107,13 +134,12 @@ class RingWriter(_Ring):
                 scratch.unlink()
                 problem = f"there is no room for {size >> 20} MiB of rows: {error.strerror}"
                 raise HostError(str(path), problem, "Make room there, or set SRL_RUNTIME_DIR") from None
-        os.chmod(scratch, 0o640)
         scratch.rename(path)
         return cls(path)
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, width: int | None = None) -> None:
         """Opens an existing ring to continue writing at its end."""
-        super().__init__(path, writable=True)
+        super().__init__(path, writable=True, width=width)
 
     def append(self, payload: Words) -> int:
         """Writes one row of `width` words; returns its sequence number."""
@@ -132,15 +158,15 @@ class RingWriter(_Ring):
 
     def finish(self) -> None:
         """Marks the ring as closed: no row will follow."""
-        self.header[_CLOSED] = 1
+        self.header[_CLOSED] = _SETTLED
 
 
 class RingReader(_Ring):
     """A reader of a ring, with its own read position."""
 
-    def __init__(self, path: Path, after: int = 0, recorder: bool = False) -> None:
-        """Opens the ring to read rows with sequence numbers above `after`. Only a `recorder` may set `consumed`."""
-        super().__init__(path, writable=recorder)
+    def __init__(self, path: Path, after: int = 0, marks: bool = False, width: int | None = None) -> None:
+        """Opens the ring to read rows with sequence numbers above `after`. `marks`: for `set_consumed` and `finish`."""
+        super().__init__(path, writable=marks, width=width)
         self.sequence = after
         self.lost = 0
 
@@ -185,3 +211,7 @@ class RingReader(_Ring):
     def set_consumed(self, sequence: int) -> None:
         """Sets the recorder's mark: rows up to this sequence number are safe on disk."""
         self.header[_CONSUMED] = sequence
+
+    def finish(self, saved: bool) -> None:
+        """Marks the ring as closed in place of a dead writer. `saved`: whether its rows are safe elsewhere."""
+        self.header[_CLOSED] = _SETTLED if saved else _UNSAVED

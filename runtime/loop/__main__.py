@@ -3,9 +3,13 @@
 import os
 import sys
 
-from runtime.loop.process import main
+from runtime.ipc.child import Ending
 
-code = main()
+ending = Ending()  # before the imports that take long
+
+from runtime.loop.process import main  # noqa: E402
+
+code = main(ending)
 sys.stderr.flush()
 # Garbage collection is frozen here: an orderly shutdown would only complain about what it can't free.
 os._exit(code)

@@ -14,6 +14,10 @@ from runtime.contracts.world import World
 SECOND = 1_000_000_000
 # ns before the deadline at which the loop stops sleeping and spins: waking up takes some tens of microseconds.
 SPIN = 60_000
+# A loop that is always late must not keep its processor for itself: the supervisor may need it, and the kernel takes it
+# away for 50 ms or more once real-time processes have had it for 0.95 s (sched_rt_runtime_us).
+BREATH = 50_000_000  # ns of computing, at most, between two sleeps
+SHARE = 15  # ns of computing for one ns of sleep, at most, over such a time
 
 
 @dataclass(slots=True)
@@ -40,6 +44,8 @@ class Clock(ABC):
         self.rate = rate
         self.period = round(SECOND / rate)
         self.tick = Tick()
+        self._woke = 0
+        self._owed = 0  # ns of computing for which there was no sleep yet
 
     @abstractmethod
     def start(self) -> None:
@@ -48,6 +54,16 @@ class Clock(ABC):
     @abstractmethod
     def wait(self) -> Tick:
         """Waits until the next tick is due."""
+
+    def _breathe(self, begun: int) -> None:
+        """Ends a wait that began at `begun` (CLOCK_MONOTONIC ns): sleeps on where sleep is overdue."""
+        now = time.monotonic_ns()
+        if self._woke:
+            self._owed = max(0, self._owed + (begun - self._woke) - SHARE * (now - begun))
+        if self._owed > BREATH:
+            time.sleep(self._owed / SHARE / SECOND)
+            self._owed, now = 0, time.monotonic_ns()
+        self._woke = now
 
     def deadline_of(self, start: int, count: int) -> int:
         """When tick number `count` is due. Exact also for rates whose period is not a whole number of ns."""
@@ -68,6 +84,11 @@ class MonotonicClock(Clock):
         self._count += 1
         deadline = self.deadline_of(self._start, self._count)
         now = time.monotonic_ns()
+        if (rest := deadline - now - SPIN) > 0:
+            time.sleep(rest / SECOND)
+        self._breathe(now)
+        while (now := time.monotonic_ns()) < deadline:
+            pass
         tick.missed = 0
         if now > deadline + self.period:
             # Late by one or more whole periods: take the newest deadline that has passed and keep the phase.
@@ -75,10 +96,6 @@ class MonotonicClock(Clock):
             tick.missed = behind - self._count
             self._count = behind
             deadline = self.deadline_of(self._start, behind)
-        elif (rest := deadline - now - SPIN) > 0:
-            time.sleep(rest / SECOND)
-        while (now := time.monotonic_ns()) < deadline:
-            pass
         tick.now, tick.dt, tick.deadline = now, deadline - last, deadline
         return tick
 
@@ -149,6 +166,7 @@ class DeviceClock(Clock):
         tick = self.tick
         last = tick.deadline
         self._register()
+        begun = time.monotonic_ns()
         limit = last + self.period * 3 // 2
         heard = gone = False
         while not heard and (rest := limit - time.monotonic_ns()) > 0:
@@ -162,6 +180,7 @@ class DeviceClock(Clock):
         # A descriptor that nobody reads must not make the loop spin.
         if heard and (early := last + self.period // 2 - time.monotonic_ns()) > 0:
             time.sleep(early / SECOND)
+        self._breathe(begun)
         now = time.monotonic_ns()
         if heard:
             tick.deadline = now

@@ -10,7 +10,6 @@ import dataclasses
 import json
 import math
 import os
-import signal
 import socket
 import sys
 import time
@@ -19,16 +18,18 @@ from typing import Any
 
 import numpy as np
 
-from runtime.contracts.errors import DeviceError, ProfileError, SrlError, nearest
+from runtime.contracts.errors import DeviceError, ProfileError, SrlError, WiringError, nearest
 from runtime.contracts.signals import Limits, Stop
 from runtime.contracts.world import Fake
+from runtime.ipc import private_file
 from runtime.ipc.channel import Channel
+from runtime.ipc.child import Ending
 from runtime.ipc.events import EventWriter, Level
 from runtime.ipc.launch import Launch
 from runtime.ipc.notify import Notifier
 from runtime.ipc.ring import RingWriter
 from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.stop_slots import StopSlots
+from runtime.ipc.stop_slots import SLOTS, StopSlots
 from runtime.ipc.words import CYCLE, Cause, State
 from runtime.loop import realtime
 from runtime.loop.clock import Clock, DeviceClock, MonotonicClock, SimClock
@@ -44,11 +45,16 @@ LEAST = 4096  # least number of rows in the ring
 READS = 16  # reads before the first cycle: more than any buffer holds
 
 
+class AskedToEndError(BaseException):
+    """A request to end came before the loop ran. No `except Exception` of a driver may hold it up."""
+
+
 class Process:
     """The process of one run; see the module's docstring."""
 
-    def __init__(self, run_folder: RunFolder, channel: Channel) -> None:
-        self.run_folder, self.channel = run_folder, channel
+    def __init__(self, run_folder: RunFolder, channel: Channel, ending: Ending) -> None:
+        """Raises SrlError."""
+        self.run_folder, self.channel, self.ending = run_folder, channel, ending
         self.launch = Launch.load(run_folder.launch)
         self.events = EventWriter(run_folder.events)
         self.graph: Graph | None = None
@@ -68,15 +74,42 @@ class Process:
             Device(d, graph.row.devices[i], graph.actuators_of(i), self.report) for i, d in enumerate(graph.devices)
         ]
         try:
-            for device in self.devices:
-                device.driver.open()
-                device.watch()
-            self._loop(graph)
+            try:
+                self._end_at_once()
+                for device in self.devices:
+                    device.driver.open()
+                    device.watch()
+                self._loop(graph)
+            finally:
+                self.ending.on_ask = lambda: None  # what follows must not be cut short
+        except AskedToEndError:
+            pass
         finally:
             for device in self.devices:
                 device.close()
             if graph.world is not None:
                 graph.world.close()
+
+    def _end_at_once(self) -> None:
+        """Until the loop runs, a request to end breaks off what is going on: a device may take long to open."""
+
+        def give_up() -> None:
+            self.ending.on_ask = lambda: None  # once is enough
+            raise AskedToEndError
+
+        self.ending.on_ask = give_up
+        if self.ending.asked:
+            give_up()
+
+    def _end_safely(self, requests: RequestQueue) -> None:
+        """From here on a request to end is one of the loop's."""
+
+        def ask() -> None:
+            requests.end_asked = True
+
+        self.ending.on_ask = ask
+        if self.ending.asked:
+            ask()
 
     def _loop(self, graph: Graph) -> None:
         limits = limits_of(graph)
@@ -93,16 +126,17 @@ class Process:
         if unpaced:
             meta["wall"] = time.time_ns()  # simulated time begins at 0
         graph.layout.save(self.run_folder.layout)
+        requests = RequestQueue(self.run_folder, graph)
+        self._end_safely(requests)
+        slots = self._slots(graph)
         capacity = max(LEAST, KEPT * round(float(graph.profile.rate)))
         ring = RingWriter.create(self.run_folder.rows, graph.layout.width, capacity)
-        requests = RequestQueue(self.run_folder, graph)
         self._ring = ring
         loop = Loop(graph, self.devices, clock, cycle, requests, ring)
-        self._watch(loop, graph)
+        self._watch(loop, graph, slots)
         if not unpaced:
-            for refused in realtime.enter():
+            for refused in realtime.enter(realtime.STUCK + 2 * clock.period):
                 self.report(refused)
-        signal.signal(signal.SIGTERM, lambda *_: setattr(requests, "end_asked", True))
         ring.touch(time.monotonic_ns())
         if not unpaced:
             self._catch_up()
@@ -113,8 +147,9 @@ class Process:
         finally:
             for device in loop.commanded:
                 device.stop(self._category(loop, device), 0)
+            realtime.leave()
             requests.close()
-        self.run_folder.result.write_text(json.dumps(self._figures(loop)))
+        private_file.replace(self.run_folder.result, json.dumps(self._figures(loop)).encode())
 
     def _catch_up(self) -> None:
         """Reads what the first devices have sent while the last one was opened.
@@ -149,9 +184,15 @@ class Process:
             time.sleep(0.001)
             ring.touch(time.monotonic_ns())
 
-    def _watch(self, loop: Loop, graph: Graph) -> None:
+    def _slots(self, graph: Graph) -> StopSlots:
+        commanded = sum(bool(device.actuators) for device in self.devices)
+        if commanded > SLOTS:
+            problem = f"{commanded} devices take commands, {SLOTS} at most can be stopped if the loop dies"
+            raise WiringError(graph.source.place("devices"), problem, "Split the profile into two instances")
+        return StopSlots(self.run_folder.stops)
+
+    def _watch(self, loop: Loop, graph: Graph, slots: StopSlots) -> None:
         """Gives the supervisor what it needs to stop the actuators, and keeps systemd notified."""
-        slots = StopSlots(self.run_folder.stops, len(loop.commanded), create=True)
         notifier = Notifier()
 
         numbers = {d: i for i, d in enumerate(loop.commanded)}
@@ -222,15 +263,15 @@ def _plain(limits: Limits) -> dict[str, Any]:
     }
 
 
-def main() -> int:
-    """Entry point of the process."""
-    realtime.die_with_parent(signal.SIGTERM)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the supervisor, which asks for the safe stop
+def main(ending: Ending) -> int:
+    """Entry point of the process; `ending` was made before this module's imports."""
+    if ending.orphan:
+        print("loop: the supervisor that started it has ended, so it doesn't begin", file=sys.stderr)
+        return 1
     channel = Channel(socket.socket(fileno=int(sys.argv[2])))
     os.set_inheritable(channel.socket.fileno(), False)
-    process = Process(RunFolder(Path(sys.argv[1])), channel)
     try:
-        process.run()
+        Process(RunFolder(Path(sys.argv[1])), channel, ending).run()
     except SrlError as error:
         kind = "device" if isinstance(error, DeviceError) else "other"
         channel.send(

@@ -5,17 +5,25 @@ from __future__ import annotations
 import ctypes
 import gc
 import os
+import resource
 import sys
 
 PRIORITY = 80  # below the kernel's own threads (90 and up on PREEMPT_RT), above all ordinary processes
+# ns that the loop may compute, plus two periods, without a sleep. Then the kernel kills it (RLIMIT_RTTIME): nothing of
+# ordinary priority, such as the supervisor, may get this processor meanwhile. Above the supervisor's own patience.
+STUCK = 150_000_000
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
-_PR_SET_PDEATHSIG, _PR_SET_TIMERSLACK = 1, 29
+_PR_SET_TIMERSLACK = 29
 _libc = ctypes.CDLL(None, use_errno=True)
 
 
-def enter(priority: int = PRIORITY) -> list[str]:
+def enter(stuck: int | None = None, priority: int = PRIORITY) -> list[str]:
     """Sets SCHED_FIFO, locked memory and a timer slack of 1 ns; freezes garbage collection and turns it off.
 
+    Args:
+        stuck: ns of computing without a sleep, at real-time priority, after which the kernel ends this process
+            (SIGXCPU); None: as long as it likes.
+        priority: of SCHED_FIFO.
     Returns:
         What the host did not allow, one sentence each, if possible with a remedy; empty without problems.
     """
@@ -25,6 +33,12 @@ def enter(priority: int = PRIORITY) -> list[str]:
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
     except PermissionError:
         refused.append("no real-time priority: raise LimitRTPRIO (systemd) or `ulimit -r` to 80")
+    if stuck is not None:
+        _, most = resource.getrlimit(resource.RLIMIT_RTTIME)
+        wanted = stuck // 1000
+        resource.setrlimit(
+            resource.RLIMIT_RTTIME, (wanted if most == resource.RLIM_INFINITY else min(wanted, most), most)
+        )
     if _libc.mlockall(_MCL_CURRENT | _MCL_FUTURE) != 0:
         refused.append("memory isn't locked: raise LimitMEMLOCK (systemd) or `ulimit -l`")
     if _libc.prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0) != 0:
@@ -37,6 +51,11 @@ def enter(priority: int = PRIORITY) -> list[str]:
     return refused
 
 
+def leave() -> None:
+    """Gives the real-time priority up, for what may take long after the last cycle."""
+    os.sched_setscheduler(0, os.SCHED_OTHER | os.SCHED_RESET_ON_FORK, os.sched_param(0))
+
+
 def _stay_awake() -> None:
     """Keeps the processors out of deep sleep as long as this process lives, if the host allows it."""
     try:
@@ -44,16 +63,3 @@ def _stay_awake() -> None:
         os.write(descriptor, (0).to_bytes(4, "little"))  # the request is valid until the descriptor is closed
     except OSError:
         pass
-
-
-PARENT = "SRL_SUPERVISOR"  # environment: the supervisor's process id
-
-
-def die_with_parent(signal_number: int) -> None:
-    """Makes the kernel send `signal_number` to this process when its supervisor dies.
-
-    If the supervisor has died already, this process ends at once.
-    """
-    _libc.prctl(_PR_SET_PDEATHSIG, signal_number, 0, 0, 0)
-    if (parent := os.environ.get(PARENT)) and os.getppid() != int(parent):
-        os._exit(1)

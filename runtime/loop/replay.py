@@ -82,6 +82,7 @@ def replay(layout: Layout, rows: NDArray[np.int64], place: str) -> Comparison:
             place, f"the recording begins at cycle {int(layout.word(rows[0], 'cycle'))}, not at the start of the run",
             "A replay needs the whole run: give the recording rather than a black box",
         )  # fmt: skip
+    layout.needs(place, "label", "profile", "overrides", "simulated", "limits", "automatic", "versions", "blas")
     graph, cycle = _rebuild(layout, place)
     comparison = Comparison(warnings=_other_versions(layout))
     made = graph.row

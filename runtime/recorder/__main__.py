@@ -9,17 +9,17 @@ Exit codes: 0 if the merged recording is complete; 1 if it isn't, or if the segm
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
 from pathlib import Path
 
 from runtime.contracts.errors import SrlError
+from runtime.ipc.child import Ending
 from runtime.ipc.run_folder import RunFolder
-from runtime.loop.realtime import die_with_parent
 
 
 def main() -> int:
-    """Runs the recorder."""
+    """Runs the recorder. Told to end, even before it has begun, it saves what there is."""
+    ending = Ending(interrupt=True)  # before the imports that take long
     parser = argparse.ArgumentParser(prog="python -m runtime.recorder")
     parser.add_argument("run_folder", type=Path)
     parser.add_argument("--out", type=Path)
@@ -27,12 +27,13 @@ def main() -> int:
     options = parser.parse_args()
     if options.out is None and not options.view:
         parser.error("give --out, --view or both")
-    die_with_parent(signal.SIGTERM)  # on SIGTERM it saves what there is and ends
     try:
         from runtime.recorder.process import Recorder, watch
 
         run = RunFolder(options.run_folder)
-        return watch(run) if options.out is None else Recorder(run, options.out, options.view).run()
+        if options.out is None:
+            return watch(run, ending)
+        return Recorder(run, options.out, options.view, ending).run()
     except SrlError as error:
         print(f"recorder: {error}", file=sys.stderr)
         return 2

@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 from runtime.contracts.errors import RecordingError
+from runtime.ipc.child import Ending
 from runtime.ipc.run_folder import RunFolder
 from runtime.recorder.merge import covers, merge, remove
 from runtime.recorder.stream import Stream
@@ -29,14 +30,14 @@ WELL, INCOMPLETE = 0, 1
 class Recorder:
     """One run's recorder."""
 
-    def __init__(self, run: RunFolder, target: Path, view: bool) -> None:
+    def __init__(self, run: RunFolder, target: Path, view: bool, ending: Ending | None = None) -> None:
         """Opens the rings and finds where to begin or to continue.
 
         Raises:
             RecordingError: there is no run, or a recording of another run exists at the target.
         """
         self._target = target
-        self._tail = Tail(run, recorder=True)
+        self._tail = Tail(run, recorder=True, ending=ending)
         self._ring = self._tail.ring
         self._segments_there = bool(listed(folder_of(target)))
         if self._segments_there:
@@ -57,7 +58,6 @@ class Recorder:
         """Records until the run ends, then merges. Returns the exit code."""
         if self._target.exists():
             return self._tidy()
-        self._tail.catch_signals()
         try:
             stored = self._record()
         finally:
@@ -133,14 +133,13 @@ class Recorder:
         return WELL
 
 
-def watch(run: RunFolder) -> int:
+def watch(run: RunFolder, ending: Ending | None = None) -> int:
     """Shows a run live until it ends and saves nothing. Returns the exit code: a missing viewer fails no run.
 
     Raises:
         RecordingError: there is no run.
     """
-    tail = Tail(run, recorder=False)
-    tail.catch_signals()
+    tail = Tail(run, recorder=False, ending=ending)
     viewer = start_viewer(tail)
     over = False
     while viewer is not None and viewer.alive and not over:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import os
-import signal
 import time
 from dataclasses import dataclass
 
 import numpy as np
 
 from runtime.contracts.errors import RecordingError
+from runtime.ipc import private_file
+from runtime.ipc.child import Ending
 from runtime.ipc.events import Event, EventReader
+from runtime.ipc.layout import Layout
 from runtime.ipc.ring import RingReader
 from runtime.ipc.run_folder import RunFolder
 from runtime.recording.columns import Words
@@ -42,30 +43,26 @@ class Tail:
         ring: the rows; `ring.lost` counts the rows that were overwritten before they were read.
     """
 
-    def __init__(self, run: RunFolder, recorder: bool) -> None:
-        """Opens the rings. `recorder`: True if this reader marks which rows are safe on disk.
+    def __init__(self, run: RunFolder, recorder: bool, ending: Ending | None = None) -> None:
+        """Opens the rings.
 
+        Args:
+            run: the run's folder.
+            recorder: True if this reader marks which rows are safe on disk.
+            ending: whether this process is to end. Then it does so once the loop is silent: stopping a service
+                signals all its processes, and the loop's own stop takes a while and must be recorded.
         Raises:
-            RecordingError: there is no run.
+            RecordingError: there is no run, or its files are damaged.
         """
-        try:
-            self.text = run.layout.read_text()
-            self.ring = RingReader(run.rows, recorder=recorder)
-            self._events = EventReader(run.events)
-        except OSError as error:
-            raise RecordingError(str(run.path), f"no run is here: {error.strerror}", "Start it first") from None
+        if not run.layout.exists():
+            raise RecordingError(str(run.path), "no run is here", "Start it first")
+        self.text = private_file.read_text(run.layout)
+        width = Layout.from_json(self.text, str(run.layout)).width
+        self.ring = RingReader(run.rows, marks=recorder, width=width)
+        self._events = EventReader(run.events)
         self._due = 0.0
-        self._told = False
-        self._parent = os.getppid()
+        self._ending = ending
         self._last_row = time.monotonic()
-
-    def catch_signals(self) -> None:
-        """Makes SIGINT and SIGTERM end the tail once the loop is silent.
-
-        Stopping a service signals all its processes. The loop's own stop takes a while and must be recorded.
-        """
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._tell)
 
     def next(self) -> tuple[Batch, bool]:
         """Waits for the next batch and returns it; True with an empty batch if nothing will follow."""
@@ -84,7 +81,7 @@ class Tail:
         """True once no row will follow: the ring is closed, or the loop is silent and this process was told to end."""
         if self.ring.closed:
             return True
-        told = self._told or os.getppid() != self._parent
+        told = self._ending is not None and self._ending.asked
         return told and time.monotonic() - self._last_row > SILENCE and self.ring.head == self.ring.sequence
 
     def _take(self) -> Batch:
@@ -95,6 +92,3 @@ class Tail:
             self._last_row = time.monotonic()
         sequence = np.arange(self.ring.sequence - len(rows) + 1, self.ring.sequence + 1)
         return Batch(sequence, rows, numbers, events)
-
-    def _tell(self, *_: object) -> None:
-        self._told = True

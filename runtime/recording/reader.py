@@ -109,17 +109,8 @@ def _files(path: Path, files: list[Path]) -> Recording:
 
 def _black_box(path: Path) -> Recording:
     """Reads the newest rows of the ring, as a crash left it."""
-    try:
-        layout = Layout.load(path / "layout.json")
-    except (OSError, ValueError, KeyError) as error:
-        raise RecordingError(
-            str(path / "layout.json"), f"the layout can't be read: {error}", "It is kept beside the ring"
-        ) from None
-    with RingReader(path / "rows.ring") as ring:
-        width = len(layout.recorded_names) + layout.floats
-        if ring.width != width:
-            problem = f"rows are {ring.width} words wide, the layout says {width}"
-            raise RecordingError(str(path), problem, "Ring and layout are of different runs")
+    layout = Layout.load(path / "layout.json")
+    with RingReader(path / "rows.ring", width=len(layout.recorded_names) + layout.floats) as ring:
         numbers, blocks = [np.empty(0, np.int64)], [np.empty((0, layout.width), np.int64)]
         while len(rows := ring.take()):
             numbers.append(np.arange(ring.sequence - len(rows) + 1, ring.sequence + 1))

@@ -105,7 +105,7 @@ class Source:
         if self.text and text != self.text:
             raise RecordingError(str(file), "it belongs to another run than the files before", "Keep runs apart")
         if not self.text:
-            self.text, self.layout = text, Layout.from_json(text)
+            self.text, self.layout = text, Layout.from_json(text, str(file))
         assert self.layout is not None
         self._assembler = Assembler(Columns(self.layout))
 

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import select
+import signal
 import socket
+import subprocess
+import sys
 import time
 from fractions import Fraction
 
 import numpy as np
 import pytest
+from helpers import environment
 from numpy.typing import NDArray
 
 from runtime.contracts.world import World, WorldConfig
-from runtime.loop.clock import SECOND, DeviceClock, MonotonicClock, SimClock
+from runtime.loop import clock as clock_module
+from runtime.loop import realtime
+from runtime.loop.clock import SECOND, Clock, DeviceClock, MonotonicClock, SimClock
+from runtime.service import supervisor
 
 
 class Still(World):
@@ -110,3 +118,100 @@ def test_a_robots_tick_paces_the_loop_and_its_silence_does_not_stop_it() -> None
     clock.wait()
     ours.close()
     assert time.monotonic_ns() - begun >= 9_000_000
+
+
+class FakeTime:
+    """A clock of the test's own, in place of the module `time`: sleeping and computing pass it on."""
+
+    def __init__(self) -> None:
+        self.now = 1_000_000_000
+        self.slept = 0
+
+    def monotonic_ns(self) -> int:
+        self.now += 100  # so that spinning ends
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.slept += round(seconds * SECOND)
+        self.now += round(seconds * SECOND)
+
+
+class AlwaysReady:
+    """A robot whose data is always waiting: the poll never blocks."""
+
+    def register(self, *_: object) -> None: ...
+
+    def poll(self, _: float) -> list[tuple[int, int]]:
+        return [(0, select.POLLIN)]
+
+
+@pytest.mark.parametrize("kind", [MonotonicClock, DeviceClock])
+@pytest.mark.parametrize("length", [0.0007, 0.0015, 0.03])  # s of computing in a period of 1 ms
+def test_a_loop_that_is_always_late_leaves_the_processor_to_others(
+    kind: type[Clock], length: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The kernel takes the processor from real-time processes that use more than 0.95 of a second."""
+    fake = FakeTime()
+    monkeypatch.setattr(clock_module, "time", fake)
+    rate = Fraction(1000)
+    clock = DeviceClock(rate, lambda: 0) if kind is DeviceClock else MonotonicClock(rate)
+    if isinstance(clock, DeviceClock):
+        clock._poll, clock._registered = AlwaysReady(), 0  # type: ignore[assignment]
+    clock.start()
+    begun, awake = fake.now, fake.now
+    while fake.now < begun + 3 * SECOND:
+        slept = fake.slept
+        clock.wait()
+        if fake.slept > slept:
+            awake = fake.now
+        fake.now += round(length * SECOND)
+        assert fake.now - awake < 100_000_000, "never long without a sleep: the supervisor may need this processor"
+    assert fake.slept / (fake.now - begun) > 0.055
+
+
+def test_a_single_late_cycle_costs_no_sleep(monkeypatch: pytest.MonkeyPatch) -> None:
+    fake = FakeTime()
+    monkeypatch.setattr(clock_module, "time", fake)
+    clock = MonotonicClock(Fraction(100))
+    clock.start()
+    for _ in range(10):
+        clock.wait()
+        fake.now += 2_000_000
+    fake.now += 18_000_000
+    slept = fake.slept
+    assert clock.wait().missed == 1
+    assert fake.slept == slept
+
+
+STUCK = """
+import os, sys
+from runtime.loop import realtime
+try:
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+except PermissionError:
+    sys.exit("refused")
+realtime.enter(50_000_000)
+print("entered", flush=True)
+if sys.argv[1] == "leave":
+    realtime.leave()
+    end = __import__("time").process_time() + 0.2
+    while __import__("time").process_time() < end:
+        pass
+    sys.exit("left")
+while True:
+    pass
+"""
+
+
+@pytest.mark.parametrize(("what", "code"), [("spin", -signal.SIGXCPU), ("leave", 1)])
+def test_a_loop_stuck_in_one_call_is_ended_by_the_kernel(what: str, code: int) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", STUCK, what], env=environment(), capture_output=True, text=True, timeout=60, check=False
+    )
+    if done.stderr == "refused\n":
+        pytest.skip("no real-time priority here")
+    assert done.returncode == code, done.stderr
+
+
+def test_the_supervisor_acts_before_the_kernel_does() -> None:
+    assert realtime.STUCK > supervisor.HUNG

@@ -1,16 +1,21 @@
-"""Before the first cycle: what came from one device while another was opened isn't taken for fresh."""
+"""Before the first cycle: what waited isn't taken for fresh, and a request to end is never lost."""
 
 from __future__ import annotations
 
 import time
-from typing import Any
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
+import pytest
 
 from runtime.contracts.driver import DeviceConfig, Driver
 from runtime.contracts.signals import Stop
 from runtime.contracts.world import Fake
+from runtime.ipc.launch import Launch
 from runtime.ipc.words import DEVICE, LINK_ERROR
+from runtime.loop import process as process_module
 from runtime.loop.device import Device
 from runtime.loop.process import Process
 
@@ -75,3 +80,85 @@ def test_a_recovery_that_failed_is_over_once_the_device_is_well() -> None:
     driver.health.fault = ""
     made.read(time.monotonic_ns())
     assert not int(made.words[DEVICE.link]) & LINK_ERROR
+
+
+class Asked:
+    """An `Ending` of the test's own."""
+
+    def __init__(self) -> None:
+        self.asked = False
+        self.on_ask: Callable[[], None] = lambda: None
+
+    def ask(self) -> None:
+        self.asked = True
+        self.on_ask()
+
+
+class Opened(Counted):
+    """Tells when it is opened and closed."""
+
+    def __init__(self, name: str, log: list[str], ask: Callable[[], None] = lambda: None) -> None:
+        super().__init__()
+        self.name, self.log, self.ask = name, log, ask
+
+    def open(self) -> None:
+        self.log.append(f"open {self.name}")
+        try:
+            self.ask()  # in the middle of what takes long
+        except Exception:  # as a driver may do
+            pass
+
+    def close(self) -> None:
+        self.log.append(f"close {self.name}")
+
+
+def starting(monkeypatch: pytest.MonkeyPatch, devices: list[Opened], ending: Asked) -> Process:
+    """A process whose profile has these devices."""
+    graph = SimpleNamespace(
+        devices=devices, row=SimpleNamespace(devices=np.zeros((9, len(DEVICE)), np.int64)), world=None,
+        actuators_of=lambda _: [],
+    )  # fmt: skip
+    monkeypatch.setattr(process_module.profile, "parse", lambda *_: (None, None))
+    monkeypatch.setattr(process_module.wiring, "build", lambda *_: graph)
+    process = Process.__new__(Process)
+    process.launch, process.ending = Launch("", ""), cast(Any, ending)
+    return process
+
+
+def test_a_request_to_end_breaks_off_an_opening_and_closes_what_is_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    log: list[str] = []
+    ending = Asked()
+    devices = [Opened("a", log), Opened("b", log, ending.ask), Opened("c", log)]
+    starting(monkeypatch, devices, ending).run()
+    assert log == ["open a", "open b", "close a", "close b", "close c"]
+    ending.ask()  # once more: nothing left to break off
+
+
+def test_a_request_from_before_the_first_instruction_opens_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    log: list[str] = []
+    ending = Asked()
+    ending.asked = True
+    starting(monkeypatch, [Opened("a", log)], ending).run()
+    assert log == ["close a"]
+
+
+def test_a_request_between_opening_and_the_loop_is_one_to_the_loop() -> None:
+    process = Process.__new__(Process)
+    ending = Asked()
+    process.ending = cast(Any, ending)
+    requests = SimpleNamespace(end_asked=False)
+    process._end_safely(cast(Any, requests))
+    assert not requests.end_asked
+    ending.ask()
+    assert requests.end_asked
+    late = SimpleNamespace(end_asked=False)
+    process._end_safely(cast(Any, late))
+    assert late.end_asked
+
+
+def test_closing_a_device_ends_its_idle_thread() -> None:
+    made = device(Counted(), [])
+    made.watch()
+    made.close()
+    assert made._reopener is not None
+    assert not made._reopener.is_alive()

@@ -187,7 +187,7 @@ def test_a_restart_goes_on_from_the_ring_without_reading_the_segments(tmp_path: 
     for row in expected(layout, 400):
         ring.append(row)
     make_segments(folder_of(out), layout, 300)
-    RingReader(run.rows, recorder=True).set_consumed(250)  # killed after a write, before it counted as taken
+    RingReader(run.rows, marks=True).set_consumed(250)  # killed after a write, before it counted as taken
     ring.finish()
     assert Recorder(run, out, view=False).run() == 0
     recording = read(out)
@@ -236,7 +236,7 @@ def test_wrong_arguments_and_an_absent_run_are_refused(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setattr(sys, "argv", ["runtime.recorder", str(tmp_path), *arguments])
-    monkeypatch.setattr(command, "die_with_parent", lambda _: None)
+    monkeypatch.setattr(command, "Ending", lambda **_: None)  # it would be this process's
     try:
         code = command.main()
     except SystemExit as end:  # argparse's

@@ -1,0 +1,187 @@
+"""The supervisor at the loop's death: what it holds, in which order it acts, and what it needs no more."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import resource
+import select
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from helpers.loop_double import LoopDouble
+from helpers.run import alive
+from helpers.wait import until
+
+from runtime.recording.reader import read
+
+
+@pytest.fixture
+def loop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[LoopDouble]:
+    double = LoopDouble(tmp_path, monkeypatch)
+    yield double
+    double.close()
+
+
+def pipe() -> tuple[int, int]:
+    """Its ends: for the device, and for the loop."""
+    ours, theirs = os.pipe()
+    os.set_blocking(ours, False)
+    return ours, theirs
+
+
+def taken(end: int) -> bytes:
+    try:
+        return os.read(end, 4096)
+    except BlockingIOError:
+        return b""
+
+
+def fill(end: int) -> None:
+    """Writes until the device would take no more."""
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            os.write(end, bytes(4096))
+
+
+def use_up(filler: list[int]) -> None:
+    """Opens descriptors until there are none."""
+    with contextlib.suppress(OSError):
+        while True:
+            filler.append(os.open(os.devnull, os.O_RDONLY))
+
+
+def hang_up(loop: LoopDouble) -> None:
+    """The channel closes, as when the process dies; the process itself is still there."""
+    loop.channel.socket.close()
+    until(lambda: not loop.supervisor.step())
+
+
+def test_frames_go_out_before_the_dead_process_is_reaped_and_again_after(loop: LoopDouble) -> None:
+    ours, theirs = pipe()
+    loop.hand_over(0, theirs, b"stop")
+    loop.run()
+    until(lambda: loop.supervisor.step() and loop.supervisor.running)
+    before: list[bytes] = []
+    loop.process.before_wait = lambda: before.append(taken(ours))
+    hang_up(loop)
+    assert before == [b"stop"]
+    assert taken(ours) == b"stop"
+
+
+def test_a_process_that_is_half_dead_is_killed(loop: LoopDouble) -> None:
+    loop.run()
+    until(lambda: loop.supervisor.step() and loop.supervisor.running)
+    hang_up(loop)
+    assert not alive(loop.process.pid)
+    assert loop.supervisor.death is not None
+    assert "SIGKILL" in loop.supervisor.death.how
+
+
+def test_a_device_that_takes_nothing_delays_no_other(loop: LoopDouble, monkeypatch: pytest.MonkeyPatch) -> None:
+    full, theirs = pipe()
+    ours, other = pipe()
+    os.set_blocking(theirs, False)
+    fill(theirs)
+    loop.hand_over(0, theirs, b"stop")
+    loop.hand_over(1, other, b"halt")
+    loop.run()
+    until(lambda: loop.supervisor.step() and loop.supervisor.running)
+    before: list[bytes] = []
+    poll = select.poll
+    monkeypatch.setattr(select, "poll", lambda: before.append(taken(ours)) or poll())
+    hang_up(loop)
+    assert before[0] == b"halt", "before anything was waited for"
+    assert any("'servo 0' can't be reached for its stop: it took no bytes" in line for line in loop.said)
+    os.close(full)
+
+
+def test_a_device_that_has_gone_delays_no_other(loop: LoopDouble) -> None:
+    gone, theirs = pipe()
+    os.close(gone)
+    ours, other = pipe()
+    loop.hand_over(0, theirs, b"stop")
+    loop.hand_over(1, other, b"halt")
+    loop.run()
+    until(lambda: loop.supervisor.step() and loop.supervisor.running)
+    hang_up(loop)
+    assert taken(ours) == b"halthalt"
+    assert any("'servo 0' can't be reached for its stop: Broken pipe" in line for line in loop.said)
+
+
+def test_the_box_is_written_from_memory(loop: LoopDouble) -> None:
+    ours, theirs = pipe()
+    loop.hand_over(0, theirs, b"stop")
+    loop.run()
+    until(lambda: loop.supervisor.step() and loop.supervisor.running)
+    shutil.rmtree(loop.run_folder.path)
+    hang_up(loop)
+    assert taken(ours) == b"stopstop"
+    assert loop.supervisor.death is not None
+    assert loop.supervisor.death.black_box is not None
+    assert len(read(loop.supervisor.death.black_box).rows) == 3
+
+
+def test_a_state_folder_that_cant_be_written_is_said(loop: LoopDouble) -> None:
+    ours, theirs = pipe()
+    loop.state.touch()
+    loop.hand_over(0, theirs, b"stop")
+    loop.run()
+    until(lambda: loop.supervisor.step() and loop.supervisor.running)
+    hang_up(loop)
+    assert taken(ours) == b"stopstop"
+    assert any("the black box can't be saved" in line for line in loop.said)
+    loop.supervisor.finish()
+    assert loop.ring.closed
+    assert not loop.ring.settled  # so that the next start tries again
+
+
+def test_an_actuator_is_taken_over_with_the_last_descriptor(loop: LoopDouble) -> None:
+    """And its stop and the black box need no more than that one."""
+    ours, theirs = pipe()
+    loop.run()
+    until(lambda: loop.supervisor.step() and loop.supervisor.running)
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    used = max(int(name) for name in os.listdir("/proc/self/fd")) + 1
+    filler = []
+    resource.setrlimit(resource.RLIMIT_NOFILE, (used, hard))
+    try:
+        use_up(filler)
+        loop.hand_over(0, theirs, b"stop")
+        assert any("no descriptor can be kept" in line for line in loop.said)
+        os.close(filler.pop())
+        assert loop.supervisor.step()
+        loop.channel.send({"say": "lost", "slot": 5})
+        assert loop.supervisor.step()
+        hang_up(loop)
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+        for descriptor in filler:
+            os.close(descriptor)
+    assert taken(ours) == b"stopstop"
+    assert loop.supervisor.death is not None
+    assert loop.supervisor.death.black_box is not None
+
+
+def test_a_loop_that_cant_be_watched_gets_to_move_nothing(loop: LoopDouble) -> None:
+    loop.say_running()
+    until(lambda: not loop.supervisor.step())
+    assert loop.supervisor.death is not None
+    assert "can't be watched" in loop.supervisor.death.how
+    assert "layout.json" in loop.supervisor.death.how
+    assert not alive(loop.process.pid)
+
+
+def test_an_end_with_an_error_is_a_death_even_after_the_last_row(loop: LoopDouble) -> None:
+    """It may have died before it had told its devices to stop."""
+    ours, theirs = pipe()
+    loop.hand_over(0, theirs, b"stop")
+    loop.run()
+    until(lambda: loop.supervisor.step() and loop.supervisor.running)
+    loop.ring.finish()
+    loop.process.kill()
+    hang_up(loop)
+    assert loop.supervisor.death is not None
+    assert taken(ours) == b"stopstop"
