@@ -1,14 +1,17 @@
-"""`python -m bench [NAME ...] [--json]`: what `make bench` runs."""
+"""`python -m bench [NAME ...] [--trials N] [--json]`: what `make bench` runs."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import sys
+from collections.abc import Callable
+from functools import partial
 
-from bench import clock, drivers, dynamixel, noitom, panda, sixth_finger, superman, ur
+from bench import clock, drivers, dynamixel, noitom, panda, sixth_finger, stop_latency, superman, ur
+from bench.pairs import Row
 
-BENCHES = {
+BENCHES: dict[str, Callable[[], list[Row]]] = {
     "clock-100hz": lambda: clock.run(100),
     "clock-1khz": lambda: clock.run(1000),
     "drivers": drivers.run,
@@ -18,6 +21,7 @@ BENCHES = {
     "ur-rtde-receive": ur.run,
     "cycle-sixth-finger": sixth_finger.cycle,
     "sim-sixth-finger": sixth_finger.speed,
+    "stop-latency": stop_latency.run,
     "superman": superman.run,
     "telemetry-1khz": sixth_finger.telemetry,
 }
@@ -28,6 +32,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m bench", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of: {', '.join(BENCHES)}")
     parser.add_argument("--json", action="store_true", help="one JSON object")
+    parser.add_argument(
+        "--trials", type=int, default=stop_latency.TRIALS, metavar="N", help="of stop-latency (%(default)s)"
+    )
     args = parser.parse_args()
     unknown = set(args.names) - set(BENCHES)
     if unknown:
@@ -39,7 +46,8 @@ def main() -> int:
     for name in args.names or BENCHES:
         if not args.json:
             print(name, flush=True)
-        for row in BENCHES[name]():
+        bench = BENCHES[name] if name != "stop-latency" else partial(stop_latency.run, args.trials)
+        for row in bench():
             rows.append(row)
             if not args.json:
                 judged = "" if row.holds is None else f"  aim {row.aim}: {'met' if row.holds else 'NOT met'}"

@@ -51,9 +51,12 @@ def enter(stuck: int | None = None, priority: int = PRIORITY) -> list[str]:
     return refused
 
 
-def leave() -> None:
-    """Gives the real-time priority up, for what may take long after the last cycle."""
-    os.sched_setscheduler(0, os.SCHED_OTHER | os.SCHED_RESET_ON_FORK, os.sched_param(0))
+def leave(pid: int = 0) -> None:
+    """Gives the real-time priority of a process up (0: of this one), for what may take long after the last cycle.
+
+    It may also be done to another process of the same user. Raises OSError if that has gone.
+    """
+    os.sched_setscheduler(pid, os.SCHED_OTHER | os.SCHED_RESET_ON_FORK, os.sched_param(0))
 
 
 def _stay_awake() -> None:

@@ -8,6 +8,7 @@ the start. It starts the bus and the recorder again when they die.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import select
@@ -33,8 +34,10 @@ from runtime.ipc.requests import RequestWriter
 from runtime.ipc.ring import RingReader
 from runtime.ipc.run_folder import RunFolder
 from runtime.ipc.stop_slots import StopSlots
+from runtime.loop import realtime
 from runtime.service import evidence
 from runtime.service.actuators import Actuators
+from runtime.service.dying import Dying
 from runtime.service.helpers import Helper, spawn
 
 POLL = 0.005  # s between two checks of the loop's sign of life
@@ -104,6 +107,7 @@ class Supervisor:
         end = theirs.fileno()
         command = [sys.executable, "-m", "runtime.loop", str(run_folder.path), str(end)]
         self.loop = spawn(command, run_folder, end)
+        self._dying = Dying(self.loop.pid)
         theirs.close()
 
     def end(self) -> None:
@@ -119,6 +123,9 @@ class Supervisor:
             self._loop_ended()
             return False
         if self.running and self.rows is not None:
+            if not self.rows.closed and self._dying.seen():
+                self._loop_died("the loop's process ended")
+                return False
             silent = time.monotonic_ns() - self.rows.beat
             if silent > (LET_GO if self.rows.closed else self._hung_after):
                 self._loop_died(f"the loop gave no sign of life for {silent / 1e6:.0f} ms")
@@ -198,11 +205,14 @@ class Supervisor:
 
         Nothing before the first frame waits or can fail. What is left of the loop is killed first, so that it can't
         wake up and move the limb. A last write of it may still come between: the frames are sent again once it is gone.
+        It ends at ordinary priority: freeing its locked memory takes long, and would take this processor meanwhile.
         """
         assert self.loop is not None
         begun = time.monotonic_ns()
-        if self.loop.returncode is None:
-            os.kill(self.loop.pid, signal.SIGKILL)  # not reaped, so the number is still its own
+        if self.loop.returncode is None:  # not reaped, so the number is still its own
+            with contextlib.suppress(OSError):
+                realtime.leave(self.loop.pid)
+            os.kill(self.loop.pid, signal.SIGKILL)
         self._actuators.stop()
         stopped = time.monotonic_ns()
         code = self._reap(REAP)
@@ -308,6 +318,7 @@ class Supervisor:
             deadline = time.monotonic() + FINISH
             failed = [h.name for h in self.helpers if not h.finish(self.run_folder, deadline)]
         self._actuators.close()
+        self._dying.close()
         self._free_spare()
         return failed
 

@@ -15,6 +15,7 @@ from helpers.loop_double import LoopDouble
 from helpers.run import alive
 from helpers.wait import until
 
+from runtime.loop import realtime
 from runtime.recording.reader import read
 
 
@@ -78,6 +79,39 @@ def test_a_process_that_is_half_dead_is_killed(loop: LoopDouble) -> None:
     assert not alive(loop.process.pid)
     assert loop.supervisor.death is not None
     assert "SIGKILL" in loop.supervisor.death.how
+
+
+def test_a_death_is_seen_before_the_channel_closes(loop: LoopDouble) -> None:
+    """The kernel frees a dead process's memory first and closes its descriptors afterwards."""
+    ours, theirs = pipe()
+    loop.hand_over(0, theirs, b"stop")
+    loop.run()
+    until(lambda: loop.supervisor.step() and loop.supervisor.running)
+    loop.process.kill()
+    assert not loop.supervisor.step()
+    assert taken(ours) == b"stopstop"
+    assert loop.supervisor.death is not None
+    assert "SIGKILL" in loop.supervisor.death.how
+
+
+@pytest.mark.parametrize("refused", [False, True])
+def test_a_loop_gives_up_its_priority_before_it_is_killed(
+    loop: LoopDouble, monkeypatch: pytest.MonkeyPatch, refused: bool
+) -> None:
+    """Its end takes long, and would take the supervisor's processor before the frames are out."""
+    living: list[bool] = []
+
+    def leave(pid: int) -> None:
+        living.append(alive(pid))
+        if refused:
+            raise PermissionError
+
+    monkeypatch.setattr(realtime, "leave", leave)
+    loop.run()
+    until(lambda: loop.supervisor.step() and loop.supervisor.running)
+    hang_up(loop)
+    assert living == [True]
+    assert not alive(loop.process.pid)
 
 
 def test_a_device_that_takes_nothing_delays_no_other(loop: LoopDouble, monkeypatch: pytest.MonkeyPatch) -> None:
