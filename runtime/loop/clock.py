@@ -16,7 +16,7 @@ SECOND = 1_000_000_000
 SPIN = 60_000
 # A loop that is always late must not keep its processor for itself: the supervisor may need it, and the kernel takes it
 # away for 50 ms or more once real-time processes have had it for 0.95 s (sched_rt_runtime_us).
-BREATH = 50_000_000  # ns of computing, at most, between two sleeps
+BREATH = 25_000_000  # ns of computing, at most, between two sleeps
 SHARE = 15  # ns of computing for one ns of sleep, at most, over such a time
 
 

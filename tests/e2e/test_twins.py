@@ -215,8 +215,9 @@ def test_the_supervisor_stops_the_servos_when_the_loop_dies(how: signal.Signals,
     after = log["finger.servo_ns"] > died
     commands = log["finger.servo"][after].tolist()
     after[:-4] = False
-    assert sorted(commands[-4:]) == [0, 1, 2, 3], "one stop command for each servo, the last thing that came"
-    on_the_way = commands[:-4]  # the dead loop's last frame, of the servos whose pulses it changed
+    for stop in (commands[-4:], commands[-8:-4]):
+        assert sorted(stop) == [0, 1, 2, 3], "each servo's stop, before the dead loop was reaped and after it"
+    on_the_way = commands[:-8]  # the dead loop's last frame, of the servos whose pulses it changed
     assert len(set(on_the_way)) == len(on_the_way), "not more than one frame besides"
     arrived = (log["finger.servo_ns"][after].max() - died) / 1e6
     box = read(Path(found["death"]["black_box"]))
