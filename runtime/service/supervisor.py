@@ -327,6 +327,8 @@ def _by(code: int | None) -> str:
     """How a process ended, in brackets."""
     if code is None:
         return ""
+    if code == -signal.SIGXCPU:
+        return " (killed by SIGXCPU: it computed for too long without a pause)"
     return f" (killed by {signal.Signals(-code).name})" if code < 0 else f" (exit code {code})"
 
 

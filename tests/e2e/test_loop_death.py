@@ -91,6 +91,7 @@ def test_a_recorder_outlives_a_supervisor_that_dies_while_it_starts(tmp_path: Pa
         children = run.children()
         run.process.kill()
         run.process.wait()
+        assert run.run_folder.is_claimed()  # by what it started: no other run may begin there
         reader = run.reader
         until(lambda: not any(alive(pid) for pid in children.values()), what="the end of all it started")
     assert reader.closed

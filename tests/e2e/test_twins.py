@@ -214,12 +214,12 @@ def test_the_supervisor_stops_the_servos_when_the_loop_dies(how: signal.Signals,
     log = np.load(tmp_path / "log.npz")
     after = log["finger.servo_ns"] > died
     commands = log["finger.servo"][after].tolist()
+    arrived = (log["finger.servo_ns"][after][-8:-4].max() - died) / 1e6
     after[:-4] = False
     for stop in (commands[-4:], commands[-8:-4]):
         assert sorted(stop) == [0, 1, 2, 3], "each servo's stop, before the dead loop was reaped and after it"
     on_the_way = commands[:-8]  # the dead loop's last frame, of the servos whose pulses it changed
     assert len(set(on_the_way)) == len(on_the_way), "not more than one frame besides"
-    arrived = (log["finger.servo_ns"][after].max() - died) / 1e6
     box = read(Path(found["death"]["black_box"]))
     applied = box.layout.value(box.rows, "finger.position_command.applied")[-1]
     held = (log["finger.pulse_us"][after] - 1472.0) / (2400 - 544) * 3.142
