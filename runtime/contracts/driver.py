@@ -157,9 +157,9 @@ class Driver(ABC):
         """Bytes that put the device into its stop when another process writes them to `fileno()` at any instant.
 
         They begin with the bytes that end an incomplete frame, and are written twice: once when the loop's death is
-        found, and once when nothing of it can follow any more. The second time they change nothing. The loop calls this after each `write`: it
-        must be cheap and return the same object while nothing has changed. Empty where the device's own
-        watchdog stops it.
+        found, and once when nothing of it can follow any more. The second time they change nothing. The loop calls
+        this after each `write`: it must be cheap and return the same object while nothing has changed. Empty where
+        the device's own watchdog stops it.
         """
         return b""
 

@@ -32,7 +32,10 @@ class Channel:
 
     def receive(self) -> tuple[dict[str, Any], int | None] | None:
         """The next message and its descriptor; None once the other end is closed."""
-        data, descriptors, _, _ = socket.recv_fds(self.socket, _MOST, 1)
+        try:
+            data, descriptors, _, _ = socket.recv_fds(self.socket, _MOST, 1)
+        except OSError:
+            data = b""
         if not data:
             return None
         return json.loads(data), descriptors[0] if descriptors else None

@@ -29,10 +29,12 @@ class Actuators:
         """`slots`: the mapped stop frames. `report` takes a line of text."""
         self._slots, self._report = slots, report
         self._held: dict[int, _Held] = {}
+        self._settled: set[int] = set()  # slots that have taken a whole frame, or whose failure was reported
 
     def hold(self, slot: int, name: str, descriptor: int) -> None:
         """Takes over an actuator's descriptor, in place of an older one. Writing to it must never block."""
         self.drop(slot)
+        self._settled.discard(slot)
         os.set_blocking(descriptor, False)
         self._held[slot] = _Held(name, descriptor)
 
@@ -46,7 +48,7 @@ class Actuators:
 
         Each is tried once before any is waited for: one that takes nothing delays no other. Those with a rest are
         then tried in turn. May be called again: a frame that was written twice is the same stop. What went wrong is
-        reported at the end.
+        reported at the end, once for each actuator; the second frame of one that has taken the first may be refused.
         """
         deadline = time.monotonic() + PATIENCE
         failures: dict[int, str] = {}
@@ -60,7 +62,10 @@ class Actuators:
                 poll.register(self._held[slot].descriptor, select.POLLOUT)
             poll.poll(min(left * 1e3, 10))
         for slot, why in failures.items():
+            if slot in self._settled:
+                continue
             self._report(f"'{self._held[slot].name}' can't be reached for its stop: {why}")
+        self._settled = set(self._held)
 
     def _give(self, frames: dict[int, bytes], failures: dict[int, str]) -> dict[int, bytes]:
         """Writes what can be written at once. Returns the rest of each frame that has one."""

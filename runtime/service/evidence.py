@@ -6,6 +6,7 @@ import os
 import shutil
 import time
 from collections.abc import Callable, Mapping
+from itertools import count
 from pathlib import Path
 
 from runtime.contracts.errors import HostError, SrlError
@@ -26,8 +27,8 @@ def save(state: Path, contents: Mapping[str, bytes | memoryview | Path]) -> Path
     Raises:
         OSError: the state folder can't be written.
     """
-    name = _name()
-    target, part = state / name, state / f"{name}.part"
+    target = _new(state)
+    part = target.with_name(f"{target.name}.part")
     state.mkdir(parents=True, exist_ok=True)
     part.mkdir(mode=0o700)
     try:
@@ -60,7 +61,7 @@ def rescue(run_folder: RunFolder, state: Path, report: Callable[[str], None]) ->
     try:
         box = save(state, {path.name: path for path in there})
     except OSError as error:
-        box = run_folder.path / _name()
+        box = _new(run_folder.path)
         report(f"{why}; its last rows can't be saved in {state}: {error.strerror}; they stay in {box}")
         try:
             box.mkdir(mode=0o700)
@@ -91,5 +92,8 @@ def _needed(run_folder: RunFolder) -> str:
     return ""
 
 
-def _name() -> str:
-    return f"blackbox-{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}"
+def _new(folder: Path) -> Path:
+    """The name of a black box that isn't there yet."""
+    name = f"blackbox-{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}"
+    names = (name if k == 0 else f"{name}-{k}" for k in count())
+    return next(folder / n for n in names if not (folder / n).exists())

@@ -94,7 +94,7 @@ def _rights() -> Iterator[Finding]:
 def _throttling(rate: Fraction) -> Finding:
     runtime = _read("/proc/sys/kernel/sched_rt_runtime_us")
     period = _read("/proc/sys/kernel/sched_rt_period_us") or "1000000"
-    if runtime and runtime != "-1" and int(runtime) < 0.9 * int(period):
+    if runtime and runtime != "-1" and int(runtime) < 0.95 * int(period):
         return Finding(
             "real-time throttling", "doubtful", f"real-time tasks get {int(runtime) / int(period):.0%}",
             "sysctl kernel.sched_rt_runtime_us=950000",

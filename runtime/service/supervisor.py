@@ -155,13 +155,8 @@ class Supervisor:
             return False
         content, descriptor = message
         match content["say"]:
-            case "actuator" if descriptor is not None:
-                self._actuators.hold(content["slot"], content["name"], descriptor)
-            case "actuator":
-                self._actuators.drop(content["slot"])
-                self.report(f"'{content['name']}' could not be stopped if the loop died: no descriptor is left")
-            case "lost":
-                self._actuators.drop(content["slot"])
+            case "actuator" | "lost":
+                self._take_over(content, descriptor)
             case "running":
                 self._watch_over(content)
             case "failed":
@@ -169,6 +164,24 @@ class Supervisor:
                 self.error = cls(content["place"], content["problem"], content["remedy"])
         self._keep_spare()
         return True
+
+    def _take_over(self, content: dict[str, Any], descriptor: int | None) -> None:
+        if descriptor is not None:
+            self._actuators.hold(content["slot"], content["name"], descriptor)
+            return
+        self._actuators.drop(content["slot"])
+        if content["say"] == "actuator":
+            self.report(f"'{content['name']}' could not be stopped if the loop died: no descriptor is left")
+
+    def _take_over_the_rest(self) -> bool:
+        """Takes over what the loop handed over last and nobody has read yet. Returns whether there was anything."""
+        found = False
+        self._free_spare()
+        while select.select([self.channel.socket], [], [], 0)[0] and (message := self.channel.receive()) is not None:
+            if message[0]["say"] in ("actuator", "lost"):
+                self._take_over(*message)
+                found = True
+        return found
 
     def _watch_over(self, content: dict[str, Any]) -> None:
         """Maps what the loop has made. A loop that can't be watched doesn't get to move anything."""
@@ -195,6 +208,8 @@ class Supervisor:
         if self.error is None and code != 0 and (self.running or not self._ask_to_end):
             self._loop_died("the loop's process ended")
             return
+        if code is None:
+            self.loop.kill()  # it said why it can't run and hangs
         self._notifier.stopping()
         self._actuators.close()
         self._read_figures()
@@ -214,6 +229,8 @@ class Supervisor:
                 realtime.leave(self.loop.pid)
             os.kill(self.loop.pid, signal.SIGKILL)
         self._actuators.stop()
+        if self._take_over_the_rest():
+            self._actuators.stop()
         stopped = time.monotonic_ns()
         code = self._reap(REAP)
         self._actuators.stop()

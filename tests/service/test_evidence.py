@@ -17,7 +17,7 @@ from runtime.ipc.launch import Launch
 from runtime.ipc.ring import RingReader, RingWriter
 from runtime.ipc.run_folder import RunFolder
 from runtime.recording.reader import read
-from runtime.service.evidence import rescue
+from runtime.service.evidence import rescue, save
 
 
 @pytest.fixture
@@ -43,6 +43,12 @@ def test_rows_that_nobody_saved_are_saved(left: tuple[RunFolder, RingWriter], tm
     assert np.array_equal(read(box).rows, make_rows(make_layout(), 3))
     assert said == [f"the run before didn't end properly; its last rows are in {box}"]
     assert {path.stat().st_mode & 0o777 for path in box.iterdir()} == {0o600}
+
+
+def test_two_boxes_of_one_second_are_kept(tmp_path: Path) -> None:
+    first, second = save(tmp_path, {"a": b"1"}), save(tmp_path, {"a": b"2"})
+    assert (first / "a").read_bytes() == b"1"
+    assert (second / "a").read_bytes() == b"2"
 
 
 def test_rows_that_are_recorded_are_not(left: tuple[RunFolder, RingWriter], tmp_path: Path) -> None:

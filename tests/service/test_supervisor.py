@@ -7,7 +7,7 @@ import os
 import resource
 import select
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -94,6 +94,26 @@ def test_a_death_is_seen_before_the_channel_closes(loop: LoopDouble) -> None:
     assert "SIGKILL" in loop.supervisor.death.how
 
 
+def test_an_actuator_that_was_handed_over_just_before_the_death_is_stopped(loop: LoopDouble) -> None:
+    ours, theirs = pipe()
+    loop.run()
+    until(lambda: loop.supervisor.step() and loop.supervisor.running)
+    loop.slots.write(3, b"stop")
+    loop.supervisor._dying.seen = loop_handing_over(loop, theirs)  # type: ignore[method-assign]
+    assert not loop.supervisor.step()
+    assert taken(ours) == b"stopstop"
+
+
+def loop_handing_over(loop: LoopDouble, descriptor: int) -> Callable[[], bool]:
+    """The loop's last words come after the supervisor has listened; then it is seen to die."""
+
+    def seen() -> bool:
+        loop.channel.send({"say": "actuator", "slot": 3, "name": "servo 3"}, descriptor)
+        return True
+
+    return seen
+
+
 @pytest.mark.parametrize("refused", [False, True])
 def test_a_loop_gives_up_its_priority_before_it_is_killed(
     loop: LoopDouble, monkeypatch: pytest.MonkeyPatch, refused: bool
@@ -142,7 +162,18 @@ def test_a_device_that_has_gone_delays_no_other(loop: LoopDouble) -> None:
     until(lambda: loop.supervisor.step() and loop.supervisor.running)
     hang_up(loop)
     assert taken(ours) == b"halthalt"
-    assert any("'servo 0' can't be reached for its stop: Broken pipe" in line for line in loop.said)
+    assert loop.said == ["'servo 0' can't be reached for its stop: Broken pipe"]
+
+
+def test_a_device_that_hangs_up_after_its_stop_isnt_reported(loop: LoopDouble) -> None:
+    ours, theirs = pipe()
+    loop.hand_over(0, theirs, b"stop")
+    loop.run()
+    until(lambda: loop.supervisor.step() and loop.supervisor.running)
+    with open(ours, "rb") as end:
+        loop.process.before_wait = end.close
+        hang_up(loop)
+    assert loop.said == []
 
 
 def test_the_box_is_written_from_memory(loop: LoopDouble) -> None:
