@@ -23,7 +23,6 @@ import numpy as np
 
 from bench import differential_ik
 from bench.pairs import PAIRS, Pairs, Row, measure
-from runtime.ipc.requests import RequestKind
 from runtime.ipc.ring import RingWriter
 from runtime.ipc.words import CYCLE, State
 from runtime.loop import realtime
@@ -116,7 +115,7 @@ class Decisions:
             self._at = (self._at + 1) % len(self._rows)
             words[:] = self._rows[self._at]
             begun = clock()
-            step.check(0, RequestKind.NONE, 0)
+            step.check(0)
             step.control()
             controlled = clock()
             step.guard()

@@ -26,7 +26,7 @@ from runtime.cli import COMMANDS
 from runtime.cli.check import check_guards
 from runtime.contracts import registry
 from runtime.ipc.requests import RequestKind
-from runtime.ipc.words import Cause, State
+from runtime.ipc.words import Cause, Origin, State
 from runtime.loop.machine import Machine
 from runtime.profile import profile, wiring
 from sim.devices.examples import DEVICES
@@ -214,7 +214,7 @@ def test_the_safety_pages_defaults_are_the_machines() -> None:
         machine.start_if_ready(None)
         machine.settle(at_rest=True)
         assert machine.state is State.ACTIVE
-        machine.request(RequestKind.FAULT, int(Cause[cause.upper()]), None)
+        machine.request(RequestKind.FAULT, Origin.SERVICE, int(Cause[cause.upper()]), None)
         assert (machine.state is State.ACTIVE) == (reaction == "ignore"), cause
         assert machine.override is None
 

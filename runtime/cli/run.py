@@ -15,6 +15,7 @@ from runtime.cli.check import check_guards
 from runtime.cli.console import Console
 from runtime.cli.status import Status
 from runtime.contracts.errors import HostError, RequestError
+from runtime.ipc import latches
 from runtime.ipc.launch import Launch
 from runtime.ipc.run_folder import RunFolder
 from runtime.ipc.words import Cause
@@ -22,10 +23,12 @@ from runtime.profile import profile, wiring
 from runtime.profile.graph import Graph
 from runtime.service.end_signals import EndSignals
 from runtime.service.helpers import helpers
+from runtime.service.standing import Standing
 from runtime.service.summary import Summary
 from runtime.service.supervisor import Supervisor, state_dir
 
 REFRESH = 0.1  # s between two readings of the rows
+_WELL = (Cause.NONE, Cause.REQUEST, Cause.END, Cause.RESTART)  # causes of a stop in which a run may end well
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -74,59 +77,50 @@ def _run(args: argparse.Namespace, signals: EndSignals) -> int:
     cycles = round(args.duration * float(checked.rate)) if args.duration is not None else _wearers_end(graph)
     where = RunFolder.of(name)
     where.claim()
-    # A run that doesn't end well leaves its mark, which survives a reboot. Only a real limb then starts in the stop.
-    mark = state / "running"
-    real = any(graph.devices[a.device].name not in graph.simulated for a in graph.actuators)
-    crashed = real and mark.exists()
-    if real:
-        _leave(mark)
+    console = Console(sys.stderr)
+    standing: Standing | None = None
+    well = False
     try:
+        # Only what stopped a real limb outlives its run.
+        if any(graph.devices[a.device].name not in graph.simulated for a in graph.actuators):
+            standing = Standing(state, where, console.say)
         record = args.record
         if args.figure is not None and record is None:
             record = where.path / "figure.rrd"
             record.unlink(missing_ok=True)
         launch = Launch(
-            source.label, source.text, list(source.overrides), args.sim, args.fast, cycles, automatic, crashed,
-            record is not None,
+            source.label, source.text, list(source.overrides), args.sim, args.fast, cycles, automatic,
+            [] if standing is None else latches.names(standing.latches), record is not None,
         )  # fmt: skip
-        console = Console(sys.stderr)
         telemetry = helpers(where, checked.bus is not None, record, args.view)
         supervisor = Supervisor(where, launch, state, telemetry, console.say)
         signals.pass_to(supervisor.end)
-        result = _supervise(supervisor, args, advice, console)
+        result = _supervise(supervisor, standing, args, advice, console)
         if supervisor.error is not None:
-            if not crashed:
-                mark.unlink(missing_ok=True)  # nothing has moved
+            well = standing is not None and not standing.began  # nothing has moved
             raise supervisor.error
         if args.figure is not None and record is not None:
             _draw(record, args.figure)
         code = _report(supervisor, result, args, console)
-        if code == 0:
-            mark.unlink(missing_ok=True)
+        well = code == 0
     finally:
+        if standing is not None:
+            standing.close(well)
         where.release()
     return code
 
 
-def _leave(mark: Path) -> None:
-    try:
-        mark.parent.mkdir(parents=True, exist_ok=True)
-        mark.touch()
-    except OSError as error:
-        raise HostError(
-            str(mark.parent),
-            f"the state folder can't be written: {error.strerror}",
-            "Set XDG_STATE_HOME to one of yours",
-        ) from None
-
-
-def _supervise(supervisor: Supervisor, args: argparse.Namespace, advice: str, console: Console) -> dict[str, Any]:
+def _supervise(
+    supervisor: Supervisor, standing: Standing | None, args: argparse.Namespace, advice: str, console: Console
+) -> dict[str, Any]:
     """Starts the supervisor, runs it until the end, and returns the figures."""
     status = Status(console, quiet=args.json)
     summary: Summary | None = None
     next_look = 0.0
     supervisor.start()
     while supervisor.step():
+        if standing is not None and supervisor.running:
+            standing.follow()
         if not supervisor.running or time.monotonic() < next_look:
             continue
         next_look = time.monotonic() + REFRESH
@@ -162,7 +156,7 @@ def _show(supervisor: Supervisor, summary: Summary, status: Status) -> None:
 
 def _report(supervisor: Supervisor, result: dict[str, Any], args: argparse.Namespace, console: Console) -> int:
     cause = Cause[result.get("cause", "none").upper()]
-    code = 0 if cause in (Cause.NONE, Cause.REQUEST, Cause.END) and result["recording_complete"] else 1
+    code = 0 if cause in _WELL and result["recording_complete"] else 1
     result["instance"] = supervisor.run_folder.path.name
     result["restarts"] = {h.name: h.restarts for h in supervisor.helpers}
     result["result"] = supervisor.figures
@@ -180,7 +174,7 @@ def _report(supervisor: Supervisor, result: dict[str, Any], args: argparse.Names
             f"{death.how}; the actuators had their stop {death.stopped_after_ms:.1f} ms after its last sign of life. "
             f"{rows}Find the cause before the next run, which begins in the stop."
         )
-    elif cause not in (Cause.NONE, Cause.REQUEST, Cause.END):
+    elif cause not in _WELL:
         console.say(f"ended in a fault: {cause.name.lower().replace('_', ' ')} {result['culprit']}".rstrip())
     if args.json:
         print(json.dumps(result))

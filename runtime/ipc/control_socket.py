@@ -1,15 +1,23 @@
-"""The callers' side of the loop's Unix socket: `srl stop` and the supervisor reach the loop without the bus.
+"""The callers' side of the loop's Unix sockets: `srl stop` and the supervisor reach the loop without the bus.
 
-Datagrams are JSON: {"ask": "stop"}, with a "cause" for "exit" and "fault". The loop answers to the sender's
-own address. `runtime.loop.request_queue` is the loop's side.
+Datagrams are JSON: {"ask": "reset", "expires": CLOCK_MONOTONIC ns}; {"ask": "exit"} and {"ask": "fault"} may have a
+"cause". The loop answers to the sender's own address. The kernel tells it the sender's process and user.
+
+What stops goes to a socket of its own, where every datagram stops: so no flood of other requests can leave a stop
+without room in the kernel's queue, and a flood of stops is one. `runtime.loop.request_queue` is the loop's side.
 """
 
 from __future__ import annotations
 
 import json
 import socket
+import time
+from typing import Any
 
 from runtime.ipc.run_folder import RunFolder
+
+LIFETIME = 2_000_000_000  # ns that a request lives; a stop has no end
+STOPS = ("stop", "exit", "fault")
 
 
 def send_request(
@@ -20,18 +28,20 @@ def send_request(
     Args:
         run_folder: the instance's folder.
         what: "start", "stop", "reset", "exit" or "fault".
-        cause: for "exit" and "fault": the name of a `Cause`.
+        cause: for "exit" and "fault" of the supervisor: the name of a `Cause`.
         timeout: s.
     Returns:
         The loop's answer; None if there was none in time.
     """
+    message: dict[str, Any] = {"ask": what} | ({"cause": cause} if cause else {})
+    if what not in STOPS:
+        message["expires"] = time.monotonic_ns() + LIFETIME
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as sender:
         sender.settimeout(timeout)
-        message = {"ask": what} | ({"cause": cause} if cause else {})
         try:
             # Connected before it has an address: the kernel then refuses answers from anybody but the loop. Any
             # local user could send one to an abstract address and claim that the limb has stopped.
-            sender.connect(str(run_folder.loop_socket))
+            sender.connect(str(run_folder.stop_socket if what in STOPS else run_folder.loop_socket))
             sender.bind("")  # an abstract address of its own, for the answer
             sender.send(json.dumps(message).encode())
             answer: dict[str, object] = json.loads(sender.recv(2048))

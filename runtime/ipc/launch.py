@@ -23,7 +23,7 @@ class Launch:
         fast: True to run simulated time as fast as possible.
         cycles: number of cycles after which the run ends; None: no such end.
         automatic: True to go from READY to motion without a request.
-        crashed: True if the previous run ended in a crash: this run then starts in STOPPED.
+        latches: names of the latches that stand from an earlier run: this run then starts in STOPPED.
         recorded: True if a recorder reads the rows: an unpaced simulation then waits for it.
     """
 
@@ -36,7 +36,7 @@ class Launch:
     fast: bool = False
     cycles: int | None = None
     automatic: bool = True
-    crashed: bool = False
+    latches: list[str] = field(default_factory=list)
     recorded: bool = False
 
     @property

@@ -1,4 +1,4 @@
-"""Requests of bus clients to the loop: fixed-size records in a ring, written by the bus, read by the loop.
+"""Requests to the loop, and the ring through which those of bus clients come, written by the bus, read by the loop.
 
 The bus checks a request before it writes it. The loop repeats the checks that concern safety (finite, in bounds,
 not expired). The answer needs no channel of its own: the loop writes the request's number and its result into
@@ -17,6 +17,7 @@ import numpy as np
 
 from runtime.contracts.signals import Array
 from runtime.ipc.ring import RingReader, RingWriter
+from runtime.ipc.words import Origin
 
 VALUES = 64
 WIDTH = 5 + VALUES
@@ -36,7 +37,13 @@ class RequestKind(IntEnum):
     FAULT = 7  # target: a `words.Cause` seen outside the loop (the bus died, the duration is over)
 
 
-_KINDS = frozenset(RequestKind)
+# What a client of the bus may ask for. The rest is for the service itself.
+_KINDS = frozenset(
+    {RequestKind.START, RequestKind.STOP, RequestKind.RESET, RequestKind.PARAMETER, RequestKind.SETPOINT}
+)
+STATE_REQUESTS = frozenset(
+    {RequestKind.START, RequestKind.STOP, RequestKind.RESET, RequestKind.EXIT, RequestKind.FAULT}
+)
 
 
 class Answer(IntEnum):
@@ -48,17 +55,21 @@ class Answer(IntEnum):
     REFUSED_FAULT = 3  # the cause of the stop is still present
     REFUSED_VALUE = 4  # not finite, out of bounds, wrong size
     EXPIRED = 5
+    REFUSED_LATCH = 6  # a latch stands that its origin may not release
+    REFUSED_RATE = 7  # too many of its origin
+    OVERTAKEN = 8  # a stop came after it
 
 
 @dataclass(slots=True)
 class Request:
-    """One record."""
+    """One request. `id` is its number in the ring; 0 for one that came another way."""
 
     id: int
     kind: RequestKind
     target: int
     expires: int
     values: Array
+    origin: Origin
 
 
 class RequestWriter:
@@ -98,11 +109,11 @@ class RequestReader:
         self._ring = RingReader(path, width=WIDTH)
         self._ring.sequence = self._ring.head  # requests to an earlier loop do not concern this one
 
-    def take(self, most: int = 16) -> list[Request]:
-        """Returns the next requests, oldest first. An empty list is the usual case and costs little."""
+    def take(self) -> list[Request]:
+        """Returns all new requests, oldest first. An empty list is the usual case and costs little."""
         if self._ring.head == self._ring.sequence:
             return []
-        rows = [row for row in self._ring.take(most) if int(row[1]) in _KINDS]
+        rows = [row for row in self._ring.take(CAPACITY) if int(row[1]) in _KINDS]
         return [
             Request(
                 int(row[0]),
@@ -110,6 +121,7 @@ class RequestReader:
                 int(row[2]),
                 int(row[3]),
                 row[5 : 5 + int(row[4])].view(np.float64),
+                Origin.BUS,
             )
             for row in rows
         ]

@@ -27,6 +27,7 @@ class RunFolder:
         self.launch = path / "launch.json"
         self.layout = path / "layout.json"
         self.loop_socket = path / "loop.sock"
+        self.stop_socket = path / "stop.sock"
         self.bus_socket = path / "zenoh.sock"
         self.stops = path / "stops.slots"
         self.result = path / "result.json"  # the loop's own figures, written at its end

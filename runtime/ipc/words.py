@@ -6,7 +6,7 @@ among the words of one device (`runtime.ipc.row.Row.devices`, `runtime.ipc.layou
 
 from __future__ import annotations
 
-from enum import IntEnum
+from enum import IntEnum, IntFlag
 from typing import Final, NamedTuple
 
 
@@ -14,7 +14,9 @@ class CycleWords(NamedTuple):
     """Words of the cycle itself.
 
     Times are in ns: `now` on the loop's clock; `deadline`, `wake` and the ends of the phases on
-    CLOCK_MONOTONIC; `log` is the time it took to append the previous row.
+    CLOCK_MONOTONIC; `log` is the time it took to append the previous row. `request` to `request_result` and
+    `request_origin` describe the request that this cycle took. `refused` counts all requests refused so far.
+    New words are added at the end: a recording says which of them it has.
     """
 
     cycle: int
@@ -37,6 +39,9 @@ class CycleWords(NamedTuple):
     request_kind: int
     request_target: int
     request_result: int
+    request_origin: int
+    latches: int
+    refused: int
 
 
 class DeviceWords(NamedTuple):
@@ -100,3 +105,23 @@ class Cause(IntEnum):
     RESTART = 10  # started again after a crash
     END = 11  # the run's duration is over
     DEVICE_FAULT = 12  # a device refuses to move: protective stop, reflex, hardware error
+
+
+class Origin(IntEnum):
+    """Where a request came from. The receiver decides it; no sender can claim it."""
+
+    NONE = 0  # no request
+    LOCAL = 1  # a process of this machine, through the loop's sockets: `srl stop`
+    INPUT = 2  # a button that the profile names under `reset:`
+    BUS = 3  # a client of the bus
+    SERVICE = 4  # the service itself: the supervisor, SIGTERM, the end of the duration
+
+
+class Latch(IntFlag):
+    """What keeps a stop after its cause has gone. `runtime.ipc.latches` says who may end which."""
+
+    PERSON = 1  # a person's stop on this machine
+    BUS = 2  # a stop by a client of the bus
+    EMERGENCY = 4  # an emergency input
+    FAULT = 8  # any fault that stopped the limb
+    RESTART = 16  # the run before ended badly

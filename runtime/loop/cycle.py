@@ -16,7 +16,8 @@ from runtime.contracts.errors import DeviceError, WiringError, nearest
 from runtime.contracts.signals import Kind, Limits, Stop
 from runtime.guard import GUARDS, CommandGuard, TorqueGuard
 from runtime.guard.limits import merge
-from runtime.ipc.requests import Answer, RequestKind
+from runtime.ipc import latches
+from runtime.ipc.requests import STATE_REQUESTS, Answer, Request, RequestKind
 from runtime.ipc.words import (
     CYCLE,
     DEVICE,
@@ -32,15 +33,21 @@ from runtime.ipc.words import (
     LINK_FAULT,
     LINK_STALE,
     Cause,
+    Latch,
+    Origin,
     State,
 )
 from runtime.loop.machine import Fault, Ladder, Machine
+from runtime.loop.reset_inputs import ResetInputs
 from runtime.profile.graph import Actuator, Graph
 
 PATIENCE = 5_000_000_000  # ns that a stop may take before the exit: after that the run ends without rest
 _CATEGORIES = {category: i for i, category in enumerate(Stop)}
 _NOW, _DT, _STATE, _CAUSE = CYCLE.now, CYCLE.dt, CYCLE.state, CYCLE.cause
 _CULPRIT, _CATEGORY, _FLAGS = CYCLE.culprit, CYCLE.category, CYCLE.flags
+_LATCHES, _ORIGIN, _REFUSED = CYCLE.latches, CYCLE.request_origin, CYCLE.refused
+_REQUEST = slice(CYCLE.request, CYCLE.request_result + 1)
+_STOPS = (RequestKind.STOP, RequestKind.EXIT, RequestKind.FAULT)
 
 
 class Cycle:
@@ -51,7 +58,7 @@ class Cycle:
         graph: Graph,
         limits: dict[str, Limits],
         automatic: bool,
-        stopped_by: Cause = Cause.NONE,
+        standing: Latch = latches.NONE,
         report: Callable[[str], None] = lambda text: None,
     ) -> None:
         """Builds the guards.
@@ -60,11 +67,14 @@ class Cycle:
             graph: the wired system.
             limits: by command name: the narrower of the profile's and the device's own.
             automatic: leave READY without a request.
-            stopped_by: start in the state STOPPED, with this cause.
+            standing: latches of an earlier run: with one, start in the state STOPPED.
             report: takes the text of an event; called rarely.
         """
         self.graph = graph
-        self.machine = Machine(graph.profile.faults, graph.profile.emergency, automatic, stopped_by)
+        profile = graph.profile
+        granted = latches.of_names(profile.reset.bus)
+        self.machine = Machine(profile.faults, profile.emergency, automatic, standing, granted)
+        self.reset_inputs = ResetInputs(graph)
         overrun = graph.profile.faults.overrun
         self.ladder = Ladder(overrun.tolerate, overrun.window, overrun.stop)
         self.report = report
@@ -100,13 +110,16 @@ class Cycle:
             ages.append(round(min(e.max_age for n, e in entries if n.startswith(f"{owner}.")) * 1e9))
         return ages
 
-    def check(self, missed: int, kind: RequestKind, target: int) -> Answer:
+    def check(self, missed: int, request: Request | None = None, answer: Answer = Answer.NONE) -> Answer:
         """Looks for faults, then applies them and the request to the state.
 
         Args:
             missed: number of periods by which this cycle is late.
-            kind: a request that concerns the state, or NONE.
-            target: the request's target.
+            request: the request that this cycle takes, if there is one. A press of a reset input is one, too: while
+                `reset_inputs.pressed` says that one waits, only a stop may come before it.
+            answer: the request's answer, if it has one already.
+        Returns:
+            The request's answer. The row's words hold it, too.
         """
         ints, machine = self._ints, self.machine
         now = int(ints[_NOW])
@@ -118,16 +131,31 @@ class Cycle:
             machine.stop(self._fault)
         elif too_many:
             machine.stop(Fault(Cause.OVERRUN))
-        answer = Answer.NONE
-        if kind is not RequestKind.NONE:
-            # A client that no longer sends must not prevent a restart of the limb without it.
-            answer = machine.request(kind, target, None if self._client_is_silent() else self._fault)
+        pressed = self.reset_inputs.take()
+        if request is None and pressed >= 0:
+            request = Request(0, RequestKind.RESET, pressed, 0, np.empty(0), Origin.INPUT)
+            if not self.reset_inputs.limit.take(now):
+                answer = Answer.REFUSED_RATE
+        stop = False
+        if request is None:
+            ints[_REQUEST] = ints[_ORIGIN] = 0
+        else:
+            stop = request.kind in _STOPS
+            if answer is Answer.NONE and request.kind in STATE_REQUESTS:
+                # A client that no longer sends must not prevent a restart of the limb without it.
+                present = None if self._client_is_silent() else self._fault
+                answer = machine.request(request.kind, request.origin, request.target, present)
+            ints[_REQUEST] = request.id, request.kind, request.target, answer
+            ints[_ORIGIN] = request.origin
+            ints[_REFUSED] += answer is not Answer.DONE
         machine.start_if_ready(self._fault)
+        self.reset_inputs.look(machine.state in (State.STOPPING, State.STOPPED) and not stop)
         return answer
 
     def _find_fault(self, now: int) -> Fault | None:
         stamps, links = self._stamps.tolist(), self._links.tolist()  # plain integers: each costs a tenth of a numpy one
         fault: Fault | None = None
+        trouble = False  # in what the stop depends on
         for i, max_age in enumerate(self._max_age):
             stamp, link = stamps[i], links[i]
             client = i >= self._count
@@ -138,6 +166,8 @@ class Cycle:
                 self._links[i] = link
             if link & LINK_ACTIVE and (not link & LINK_CONNECTED or link & LINK_FAULT):
                 self._lost(i)
+            if not client and self.graph.devices[i].commands:
+                trouble |= stale or not link & LINK_CONNECTED or bool(link & (LINK_ERROR | LINK_FAULT))
             if fault is not None:
                 continue
             if link & LINK_ERROR:
@@ -153,8 +183,11 @@ class Cycle:
             if element[0] == when or not isfinite(element[0]):
                 return Fault(Cause.EMERGENCY, i)
             link = self._links.item(device) if device >= 0 else LINK_CONNECTED
-            if fault is None and (not link & LINK_CONNECTED or link & LINK_STALE):
-                fault = Fault(Cause.DEVICE_LOSS, device)  # a switch that can't be read can't stop anything
+            if not link & LINK_CONNECTED or link & LINK_STALE:
+                trouble = True
+                if fault is None:
+                    fault = Fault(Cause.DEVICE_LOSS, device)  # a switch that can't be read can't stop anything
+        self.machine.watch(trouble)
         return fault
 
     def _lost(self, device: int) -> None:
@@ -230,6 +263,7 @@ class Cycle:
             self._leaving += ints.item(_DT)
         machine.settle(at_rest or self._leaving > PATIENCE)
         ints[_STATE], ints[_CAUSE], ints[_CULPRIT] = machine.state, machine.cause, machine.culprit
+        ints[_LATCHES] = machine.latches
 
     def category(self, actuator: Actuator) -> Stop:
         """The present stop category of this actuator: the fault's if the actuator supports it, else its own."""

@@ -7,8 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from runtime.ipc.requests import RequestKind
-from runtime.ipc.words import CYCLE, State
+import numpy as np
+
+from runtime.ipc.requests import Request, RequestKind
+from runtime.ipc.words import CYCLE, Origin, State
 from runtime.loop.cycle import Cycle, limits_of
 from runtime.loop.device import Device
 from runtime.profile.graph import Graph
@@ -53,9 +55,9 @@ class Lockstep:
         for device in self.devices:
             device.read(now)
 
-    def act(self, request: RequestKind = RequestKind.NONE) -> State:
+    def act(self, kind: RequestKind = RequestKind.NONE, origin: Origin = Origin.LOCAL) -> State:
         """The second half of a step: makes the decisions, sends the commands and returns the new state."""
-        self.cycle.check(0, request, 0)
+        self.cycle.check(0, Request(0, kind, 0, 0, np.empty(0), origin) if kind else None)
         self.cycle.control()
         self.cycle.guard()
         for device in self.devices:
@@ -64,7 +66,7 @@ class Lockstep:
             device.publish(self.count * self.period)
         return self.cycle.machine.state
 
-    def step(self, request: RequestKind = RequestKind.NONE) -> State:
-        """Runs one whole cycle. `request` concerns the state (start, stop, reset)."""
+    def step(self, kind: RequestKind = RequestKind.NONE, origin: Origin = Origin.LOCAL) -> State:
+        """Runs one whole cycle, with a request that concerns the state (start, stop, reset)."""
         self.sense()
-        return self.act(request)
+        return self.act(kind, origin)

@@ -10,19 +10,20 @@ import time
 from collections.abc import Callable
 
 from runtime.contracts.signals import Stop
-from runtime.ipc.requests import Answer, RequestKind
+from runtime.ipc.requests import STATE_REQUESTS, Answer, RequestKind
 from runtime.ipc.ring import RingWriter
-from runtime.ipc.words import CYCLE, Cause, State
+from runtime.ipc.words import CYCLE, Cause, Origin, State
 from runtime.loop.clock import Clock
 from runtime.loop.cycle import Cycle
 from runtime.loop.device import Device
+from runtime.loop.refusals import Refusals, described, refusal
 from runtime.loop.request_queue import PendingRequest, RequestQueue
 from runtime.profile.graph import Graph
 
 _TICK = slice(CYCLE.cycle, CYCLE.wake + 1)  # cycle, now, dt, deadline, wake
-_REQUEST = slice(CYCLE.request, CYCLE.request_result + 1)
 _READ, _CONTROL, _GUARD, _WRITE, _LOG = CYCLE.read, CYCLE.control, CYCLE.guard, CYCLE.write, CYCLE.log
-_OVERRUNS, _NOW = CYCLE.overruns, CYCLE.now
+_OVERRUNS, _NOW, _REFUSED = CYCLE.overruns, CYCLE.now, CYCLE.refused
+_KIND, _RESULT, _ORIGIN = CYCLE.request_kind, CYCLE.request_result, CYCLE.request_origin
 
 
 class Loop:
@@ -38,6 +39,7 @@ class Loop:
         self.graph, self.devices, self.clock = graph, devices, clock
         self.cycle, self.requests, self.ring = cycle, requests, ring
         self.commanded = [d for d in devices if d.actuators]
+        self.refusals = Refusals(cycle.report)
         self.after_write: Callable[[Device], None] = lambda device: None  # keeps the supervisor's stop frames current
         self.each_cycle: Callable[[State], None] = lambda state: None  # sign of life, events about state changes
 
@@ -55,7 +57,7 @@ class Loop:
             ints[_OVERRUNS] += tick.missed
             for device in self.devices:
                 device.read(tick.now)
-            pending = self.requests.take(tick.now)
+            pending = self.requests.take(tick.now, stops_only=self.cycle.reset_inputs.pressed >= 0)
             over = (cycles is not None and count >= cycles) or (world is not None and world.finished)
             if pending is None and over and not self.cycle.machine.exiting:
                 pending = self.requests.own(RequestKind.EXIT, Cause.END)
@@ -78,34 +80,51 @@ class Loop:
 
             self.ring.append(self.graph.row.words)
             self.ring.touch(written)
-            if pending is not None:
-                self._answer(pending)
+            for each in self.requests.refused if pending is None else (pending, *self.requests.refused):
+                self._answer(each)
+            self.refusals.turn(tick.now)
             self.each_cycle(self.cycle.machine.state)
             ints[_LOG] = monotonic() - written
             count += 1
 
     def _check(self, pending: PendingRequest | None, missed: int) -> None:
         """Applies faults and the request to the state. The row says which request this cycle took."""
-        ints = self.graph.row.ints
+        ints, machine = self.graph.row.ints, self.cycle.machine
+        if others := len(self.requests.refused) + self.requests.dropped:
+            self._count(others)
+        before = machine.state, machine.latches
         if pending is None:
-            self.cycle.check(missed, RequestKind.NONE, 0)
-            ints[_REQUEST] = 0
-            return
-        request = pending.request
-        kind = request.kind if pending.answer is Answer.NONE else RequestKind.NONE
-        answer = self.cycle.check(missed, kind, request.target)
-        if pending.answer is Answer.NONE:
-            pending.answer = answer
-        if answer is Answer.DONE and kind in (RequestKind.START, RequestKind.RESET):
-            self.requests.forget_setpoints()
-        if self.cycle.machine.recover:
+            self.cycle.check(missed)
+        else:
+            pending.answer = self.cycle.check(missed, pending.request, pending.answer)
+        if ints.item(_ORIGIN):
+            self._note(-1 if pending is None else pending.uid, (machine.state, machine.latches) != before)
+        if machine.recover:
             for device in self.devices:
                 device.recover(int(ints[_NOW]))
-        ints[_REQUEST] = request.id, request.kind, request.target, pending.answer
+
+    def _count(self, others: int) -> None:
+        """Counts refused requests that no row tells of."""
+        self.graph.row.ints[_REFUSED] += others
+        what = "no request" if self.requests.dropped else ""
+        for each in self.requests.refused:
+            what = refusal(each.request.kind, each.request.origin, each.uid, each.answer)
+        self.refusals.add(others, what)
+
+    def _note(self, uid: int, changed: bool) -> None:
+        """Follows up the request that the row tells of: its event, and the setpoints after a start."""
+        ints = self.graph.row.ints
+        kind, origin, answer = RequestKind(ints.item(_KIND)), Origin(ints.item(_ORIGIN)), Answer(ints.item(_RESULT))
+        if answer is not Answer.DONE:
+            self.refusals.add(1, refusal(kind, origin, uid, answer))
+        elif kind in STATE_REQUESTS and changed:
+            self.cycle.report(described(kind, origin, uid))
+        if answer is Answer.DONE and kind in (RequestKind.START, RequestKind.RESET):
+            self.requests.forget_setpoints()
 
     def _answer(self, pending: PendingRequest) -> None:
         machine = self.cycle.machine
-        self.requests.reply(pending, machine.state, machine.cause, self.culprit())
+        self.requests.reply(pending, machine.state, machine.cause, self.culprit(), machine.latches)
 
     def culprit(self) -> str:
         """The name of the part that caused the stop, or an empty text."""

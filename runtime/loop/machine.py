@@ -1,6 +1,8 @@
 """The state machine: how faults and requests change the run's state. The same inputs give the same states.
 
 READY -> HOMING -> ACTIVE -> STOPPING -> STOPPED -> (reset) -> HOMING or ACTIVE
+
+What stops the limb sets a latch. A latch keeps the stop until a reset whose origin may release it.
 """
 
 from __future__ import annotations
@@ -10,8 +12,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from runtime.contracts.signals import Stop
+from runtime.ipc import latches
 from runtime.ipc.requests import Answer, RequestKind
-from runtime.ipc.words import Cause, State
+from runtime.ipc.words import Cause, Latch, Origin, State
 from runtime.profile.profile import EmergencyInput, Faults
 
 # The reaction to a fault: one category for every actuator, or "stop" for each actuator's own.
@@ -32,6 +35,7 @@ class Machine:
     Attributes:
         state: the present state.
         cause, culprit: why the limb stopped last; the cause is NONE in normal operation.
+        latches: what keeps the stop; none of them stands while the limb may move.
         override: the stop category of every actuator; None: each actuator's own.
         exiting: True if the run ends once the limb is at rest.
         recover: True in the cycle in which a start or reset was refused because a fault is present. The devices
@@ -39,16 +43,32 @@ class Machine:
     """
 
     def __init__(
-        self, faults: Faults, emergency: Sequence[EmergencyInput], automatic: bool, stopped_by: Cause = Cause.NONE
+        self,
+        faults: Faults,
+        emergency: Sequence[EmergencyInput],
+        automatic: bool,
+        standing: Latch = latches.NONE,
+        granted: Latch = latches.GRANTED,
     ) -> None:
-        """`automatic`: leave READY without a request. `stopped_by`: start in STOPPED (after a crash)."""
-        self.state = State.STOPPED if stopped_by else State.READY
-        self.cause = stopped_by
+        """Begins in READY, or in STOPPED if a latch stands.
+
+        Args:
+            faults: the reactions to faults.
+            emergency: the emergency inputs.
+            automatic: leave READY without a request.
+            standing: latches of an earlier run.
+            granted: latches that clients of the bus may release.
+        """
+        self.state = State.STOPPED if standing else State.READY
+        self.cause = Cause.RESTART if standing else Cause.NONE
+        self.latches = standing
         self.culprit = -1
         self.override: Stop | None = None
         self.exiting = False
         self.recover = False
         self._automatic = automatic
+        self._granted = granted
+        self._well = False  # every device that concerns the stop has been well since the start
         self._emergency = emergency
         self._reactions = {
             Cause.INTENT_LOSS: faults.intent_loss,
@@ -63,11 +83,15 @@ class Machine:
         """Enters the stop. The first cause is kept until the reset; only an emergency replaces it."""
         if self.state is State.ENDED:
             return
+        moving = self.state in (State.ACTIVE, State.HOMING)
+        latch = latches.of_cause(fault.cause)
+        if moving or latch is Latch.EMERGENCY:
+            self.latches |= latch
         # Of two emergencies, the one that comes first in the profile counts.
         emergency = fault.cause is Cause.EMERGENCY and (
             self.cause is not Cause.EMERGENCY or fault.culprit < self.culprit
         )
-        if self.state in (State.ACTIVE, State.HOMING):
+        if moving:
             self._enter(State.STOPPING, fault)
         elif emergency or (self.state is State.READY and fault.cause in (Cause.REQUEST, Cause.END)):
             self._enter(State.STOPPED if self.state is State.READY else self.state, fault)
@@ -80,14 +104,29 @@ class Machine:
             reaction = self._reactions.get(fault.cause, _OWN)
         self.override = reaction if isinstance(reaction, Stop) else None
 
-    def request(self, kind: RequestKind, target: int, present: Fault | None) -> Answer:
-        """Handles a client's request. `present` is a fault that is present in this cycle."""
+    def watch(self, trouble: bool) -> None:
+        """Sets FAULT if a device is lost or refuses to move during a stop: a hand may have cut its power.
+
+        `trouble`: an actuator or an emergency input is lost, stale or at fault in this cycle. Before all of them
+        were well for the first time, they are still starting.
+        """
+        if not trouble:
+            self._well = True
+        elif self._well and self.state in (State.STOPPING, State.STOPPED):
+            self.latches |= Latch.FAULT
+
+    def request(self, kind: RequestKind, origin: Origin, target: int, present: Fault | None) -> Answer:
+        """Handles a request that concerns the state. `present` is a fault that is present in this cycle."""
         if kind in (RequestKind.STOP, RequestKind.EXIT, RequestKind.FAULT):
             self.exiting |= kind is RequestKind.EXIT
             fault = Fault(Cause(target) if target else Cause.REQUEST)
             if kind is not RequestKind.FAULT or self._reactions.get(fault.cause) != "ignore":
                 self.stop(fault)
+            if kind is RequestKind.STOP and self.state is not State.ENDED:
+                self.latches |= latches.OF_STOP[origin]
             return Answer.DONE
+        if self.latches & ~latches.releasable(origin, self._granted):
+            return Answer.REFUSED_LATCH  # before anything else: nor may it have a device recover
         wanted = State.READY if kind is RequestKind.START else State.STOPPED
         if self.state is not wanted or self.exiting:
             return Answer.REFUSED_STATE
@@ -104,6 +143,7 @@ class Machine:
 
     def _begin(self) -> None:
         self.state, self.cause, self.culprit, self.override = State.HOMING, Cause.NONE, -1, None
+        self.latches = latches.NONE
 
     def settle(self, at_rest: bool) -> None:
         """Ends homing or a stop once at rest. Called once a cycle, after the guards."""

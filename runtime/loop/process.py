@@ -21,7 +21,7 @@ import numpy as np
 from runtime.contracts.errors import DeviceError, ProfileError, SrlError, WiringError, nearest
 from runtime.contracts.signals import Limits, Stop
 from runtime.contracts.world import Fake
-from runtime.ipc import private_file
+from runtime.ipc import latches, private_file
 from runtime.ipc.channel import Channel
 from runtime.ipc.child import Ending
 from runtime.ipc.events import EventWriter, Level
@@ -114,13 +114,11 @@ class Process:
     def _loop(self, graph: Graph) -> None:
         limits = limits_of(graph)
         clock = self._clock(graph)
-        cycle = Cycle(
-            graph, limits, self.launch.automatic, Cause.RESTART if self.launch.crashed else Cause.NONE, self.report
-        )
+        cycle = Cycle(graph, limits, self.launch.automatic, latches.of_names(self.launch.latches), self.report)
         meta = graph.layout.meta
         meta["limits"] = {name: _plain(value) for name, value in limits.items()}
         meta["clock"] = type(clock).__name__
-        meta["automatic"], meta["crashed"] = self.launch.automatic, self.launch.crashed
+        meta["automatic"], meta["latches"] = self.launch.automatic, self.launch.latches
         unpaced = isinstance(clock, SimClock) and self.launch.fast
         meta["unpaced"] = unpaced
         if unpaced:

@@ -1,9 +1,10 @@
 """Replays recorded inputs through the same profile and compares the commands with the recorded ones, bit for bit.
 
 The inputs are what came from outside the cycle: device states with their stamps and links, setpoints,
-parameters, what the cycle before sent (`.sent`), `now`, `dt`, overruns and the requests that concern the state.
-The comparison covers what the cycle computed from them: every controller output, every command, every applied
-command, and the state.
+parameters, what the cycle before sent (`.sent`), `now`, `dt`, overruns, the latches at the start and the requests with
+their origin. The comparison covers what the cycle computed from them: every controller output, every command, every
+applied command, the state with its latches, and each request's answer. What was refused without a cycle of its own is
+only counted, and so an input.
 """
 
 from __future__ import annotations
@@ -17,9 +18,10 @@ from numpy.typing import NDArray
 from runtime.contracts import provenance
 from runtime.contracts.errors import RecordingError
 from runtime.contracts.signals import Limits
+from runtime.ipc import latches
 from runtime.ipc.layout import Layout
-from runtime.ipc.requests import Answer, RequestKind
-from runtime.ipc.words import CYCLE, DEVICE, LINK_ACTIVE, LINK_STALE, Cause
+from runtime.ipc.requests import STATE_REQUESTS, Answer, Request, RequestKind
+from runtime.ipc.words import CYCLE, DEVICE, LINK_ACTIVE, LINK_STALE, Origin
 from runtime.loop.cycle import Cycle
 from runtime.profile import profile, wiring
 from runtime.profile.graph import Graph
@@ -27,9 +29,11 @@ from runtime.profile.graph import Graph
 _INPUT = ("state", "setpoint", "parameter", "truth")
 _SENT = "sent"  # the row has it after the cycle's writes, so it is an input of the next cycle
 _OUTPUT = ("command", "applied", "internal")
-_DECIDED = [CYCLE.state, CYCLE.cause, CYCLE.culprit, CYCLE.category, CYCLE.flags]
+_DECIDED = [CYCLE.state, CYCLE.cause, CYCLE.culprit, CYCLE.category, CYCLE.flags, CYCLE.latches, CYCLE.refused]
+_DECIDED += [CYCLE.request, CYCLE.request_kind, CYCLE.request_target, CYCLE.request_result, CYCLE.request_origin]
 _COPIED = [CYCLE.cycle, CYCLE.now, CYCLE.dt, CYCLE.overruns]
-_STATE_REQUESTS = (RequestKind.START, RequestKind.STOP, RequestKind.RESET, RequestKind.EXIT, RequestKind.FAULT)
+# Answers that the state machine gives; the others are given before a request reaches it, and so are inputs.
+_MACHINES = (Answer.DONE, Answer.REFUSED_STATE, Answer.REFUSED_FAULT, Answer.REFUSED_LATCH)
 
 
 @dataclass
@@ -41,7 +45,7 @@ class Comparison:
         largest: the largest absolute difference of any command, in its unit.
         where: (signal, cycle) of this difference.
         signals: largest difference by signal.
-        states_differ: number of rows whose state, cause, culprit, category or flags differ.
+        states_differ: number of rows whose state, cause, culprit, category, flags, latches or request differ.
         identical: True if every compared bit is the same.
         warnings: reasons why bits may differ: other versions, another BLAS kernel.
     """
@@ -121,10 +125,17 @@ def replay(layout: Layout, rows: NDArray[np.int64], place: str) -> Comparison:
 
 
 def _decide(cycle: Cycle, row: NDArray[np.int64], missed: int) -> None:
-    kind = RequestKind(int(row[CYCLE.request_kind]))
-    if kind not in _STATE_REQUESTS or row[CYCLE.request_result] != Answer.DONE:
-        kind = RequestKind.NONE
-    cycle.check(missed, kind, int(row[CYCLE.request_target]))
+    origin, answer = Origin(int(row[CYCLE.request_origin])), Answer(int(row[CYCLE.request_result]))
+    request = None
+    # The cycle sees presses of reset inputs by itself.
+    if origin not in (Origin.NONE, Origin.INPUT):
+        kind, target = RequestKind(int(row[CYCLE.request_kind])), int(row[CYCLE.request_target])
+        request = Request(int(row[CYCLE.request]), kind, target, 0, np.empty(0), origin)
+        if kind in STATE_REQUESTS and answer in _MACHINES:
+            answer = Answer.NONE
+    ints = cycle.graph.row.ints
+    ints[CYCLE.refused] = row[CYCLE.refused] - (origin is not Origin.NONE and row[CYCLE.request_result] != Answer.DONE)
+    cycle.check(missed, request, Answer.NONE if request is None else answer)
     cycle.control()
     cycle.guard()
 
@@ -146,6 +157,11 @@ def _copy_devices(
 
 def _rebuild(layout: Layout, place: str) -> tuple[Graph, Cycle]:
     meta = layout.meta
+    if layout.recorded_names != layout.int_names:
+        raise RecordingError(
+            place, "its rows have other words than this version's",
+            f"Replay it with srl-runtime {meta['versions'].get('srl-runtime', '?')}",
+        )  # fmt: skip
     checked, source = profile.parse(meta["label"], meta["profile"], meta["overrides"])
     graph = wiring.build(checked, source, None if not meta["simulated"] else meta["simulated"])
     have = {n: (f.shape, f.unit, f.role) for n, f in graph.layout.fields.items() if f.role != "truth"}
@@ -157,7 +173,7 @@ def _rebuild(layout: Layout, place: str) -> tuple[Graph, Cycle]:
             f"Replay it with srl-runtime {meta['versions'].get('srl-runtime', '?')}",
         )  # fmt: skip
     limits = {name: Limits(**{k: np.array(v) for k, v in value.items()}) for name, value in meta["limits"].items()}
-    return graph, Cycle(graph, limits, meta["automatic"], Cause.RESTART if meta["crashed"] else Cause.NONE)
+    return graph, Cycle(graph, limits, meta["automatic"], latches.of_names(meta["latches"]))
 
 
 def _other_versions(layout: Layout) -> list[str]:

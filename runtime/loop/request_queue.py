@@ -1,120 +1,212 @@
-"""The loop's requests: `srl stop` and the supervisor send them through the socket, bus clients through the ring.
+"""The loop's requests: `srl stop` and the supervisor send them through sockets, bus clients through the ring.
 
-Setpoints and parameters take effect here. Requests that concern the state go to the cycle, one a cycle.
-The datagrams of the socket are described in `runtime.ipc.control_socket`.
+Setpoints and parameters take effect here. Requests that concern the state go to the cycle, one a cycle, with their
+origin: it follows from the way they came and from what the kernel says of the sender, never from what they claim.
+A stop comes before everything else, is never limited and never expires. Starts and resets are limited in rate and
+expire, and one that was sent before a stop is refused after it.
 """
 
 from __future__ import annotations
 
-import json
 import os
-import socket
 import time
 from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from runtime.ipc import latches
+from runtime.ipc.control_socket import LIFETIME
 from runtime.ipc.requests import Answer, Request, RequestKind, RequestReader
 from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.words import DEVICE, LINK_CONNECTED, Cause, State
+from runtime.ipc.words import DEVICE, LINK_CONNECTED, Cause, Latch, Origin, State
+from runtime.loop.control_end import ControlEnd, Datagram
+from runtime.loop.rate import TokenBucket
 from runtime.profile.graph import Graph
 
-_KINDS = {
-    "start": RequestKind.START,
-    "stop": RequestKind.STOP,
-    "reset": RequestKind.RESET,
-    "exit": RequestKind.EXIT,
-    "fault": RequestKind.FAULT,
-}
-_CAUSES = {"bus_loss": Cause.BUS_LOSS, "end": Cause.END}  # causes that a sender outside the loop may give
-_DATAGRAMS = 8  # datagrams read in one cycle: a flood of them must not delay the loop
-_WAITING = 64  # requests in the queue; there is always room for a stop
+_MOVES = {"start": RequestKind.START, "reset": RequestKind.RESET}
+_CAUSES = {"bus_loss": Cause.BUS_LOSS, "end": Cause.END}  # causes that the supervisor may give
+_DATAGRAMS = 8  # datagrams read in one cycle of each socket: a flood of them must not delay the loop
+_WAITING = 64  # requests of one origin in the queue, and senders that wait for the same stop
 _ANSWERS = {
     Answer.REFUSED_STATE: "not possible in this state",
     Answer.REFUSED_FAULT: "what caused the stop is still there; a device that refuses to move was told to recover",
     Answer.REFUSED_VALUE: "the value isn't finite, in bounds and of the right size",
-    Answer.EXPIRED: "the request came too late",
+    Answer.REFUSED_LATCH: "it may not end this stop",
+    Answer.REFUSED_RATE: "too many requests, more than 5 a second",
+    Answer.EXPIRED: "the request came too late, or doesn't say until when it is valid",
+    Answer.OVERTAKEN: "a stop came after it",
 }
 
 
 @dataclass(slots=True)
 class PendingRequest:
-    """A request in progress. `sender` is the address for the answer; None for a request from the ring."""
+    """A request in progress.
+
+    Attributes:
+        request: the request.
+        answer: its answer; NONE until it has one.
+        end: the socket through which it came; None for a request that came another way.
+        senders: addresses there for the answer.
+        uid: the user who sent it; -1: unknown.
+    """
 
     request: Request
-    sender: str | None = None
     answer: Answer = Answer.NONE
+    end: ControlEnd | None = None
+    senders: list[str | bytes] = field(default_factory=list)
+    uid: int = -1
 
 
-@dataclass
 class RequestQueue:
-    """Collects the requests to the loop; see the module's docstring."""
+    """Collects the requests to the loop; see the module's docstring.
 
-    run_folder: RunFolder
-    graph: Graph
-    waiting: deque[PendingRequest] = field(default_factory=deque)
+    Attributes:
+        end_asked: set by a signal handler, at any instant: the run shall end.
+        refused: requests that were refused since the last cycle and take no cycle of their own.
+        dropped: number of requests since the last cycle for which there was no room.
+        supervisor: the process whose datagrams are the service's own.
+    """
 
-    def __post_init__(self) -> None:
-        self._requests = RequestReader(self.run_folder.requests)
-        self.run_folder.loop_socket.unlink(missing_ok=True)
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK | socket.SOCK_CLOEXEC)
-        self._socket.bind(str(self.run_folder.loop_socket))
-        os.chmod(self.run_folder.loop_socket, 0o660)
-        meta, row = self.graph.layout.meta, self.graph.row
+    def __init__(self, run_folder: RunFolder, graph: Graph) -> None:
+        self.graph = graph
+        self._requests = RequestReader(run_folder.requests)
+        self._control, self._stop = ControlEnd(run_folder.loop_socket), ControlEnd(run_folder.stop_socket)
+        meta, row = graph.layout.meta, graph.row
         self._parameters = [(row.views[p["name"]], p["lower"], p["upper"]) for p in meta["parameters"]]
         self._setpoints = []
         for entry in meta["setpoints"]:
-            owner = self.graph.layout.devices.index(entry["name"].partition(".")[0])
+            owner = graph.layout.devices.index(entry["name"].partition(".")[0])
             self._setpoints.append((row.views[entry["name"]], owner))
             row.devices[owner, DEVICE.stamp] = -1
             row.devices[owner, DEVICE.link] |= LINK_CONNECTED
         self._stamps = [-1] * len(self._setpoints)
-        self.end_asked = False  # set by a signal handler, at any instant
+        self._stops: deque[PendingRequest] = deque()
+        self._waiting: dict[Origin, deque[PendingRequest]] = {Origin.LOCAL: deque(), Origin.BUS: deque()}
+        self._limits = {Origin.LOCAL: TokenBucket(), Origin.BUS: TokenBucket()}
+        self._stopped = 0  # CLOCK_MONOTONIC ns: when the newest stop came
+        self.end_asked = False
+        self.refused: list[PendingRequest] = []
+        self.dropped = 0
+        self.supervisor = os.getppid()
 
-    def take(self, now: int) -> PendingRequest | None:
-        """Takes over new setpoints and returns the next request that needs an answer; usually None."""
+    def take(self, now: int, stops_only: bool = False) -> PendingRequest | None:
+        """Takes over new setpoints and returns the next request that needs an answer; usually None.
+
+        `stops_only`: this cycle has another request already, before which only a stop may come.
+        """
+        self.refused.clear()
+        self.dropped = 0
         if self.end_asked:
             self.end_asked = False
-            self._queue(self.own(RequestKind.EXIT, Cause.REQUEST))
+            self._queue_stop(self.own(RequestKind.EXIT, Cause.REQUEST))
+        # What moves is read before what stops: of two that came in one cycle, the stop counts.
         for _ in range(_DATAGRAMS):
-            try:
-                data, sender = self._socket.recvfrom(512)
-            except BlockingIOError:
+            if (datagram := self._control.take()) is None:
                 break
-            if (pending := _parse(data, sender)) is not None:
-                self._queue(pending)
-        clock = 0
-        for request in self._requests.take():
-            clock = clock or time.monotonic_ns()
-            if request.kind is RequestKind.SETPOINT:
-                self._set(request, now, clock)
-            else:
-                late = request.expires < clock and request.kind is not RequestKind.STOP
-                self._queue(PendingRequest(request, answer=Answer.EXPIRED if late else Answer.NONE))
-        if not self.waiting:
-            return None
-        pending = self.waiting.popleft()
-        if pending.request.kind is RequestKind.PARAMETER and pending.answer is Answer.NONE:
-            pending.answer = self._change(pending.request)
-        return pending
+            self._take_local(datagram, now)
+        if requests := self._requests.take():
+            clock = time.monotonic_ns()
+            for request in requests:
+                self._take_bus(request, now, clock)
+        for _ in range(_DATAGRAMS):
+            if (datagram := self._stop.take()) is None:
+                break
+            self._take_stop(datagram)
+        return self._next(stops_only)
 
-    def _queue(self, pending: PendingRequest) -> None:
-        """Queues a request. A stop goes to the front, and waiting requests that would start motion are refused."""
-        if pending.request.kind not in (RequestKind.STOP, RequestKind.EXIT, RequestKind.FAULT):
-            if len(self.waiting) < _WAITING:
-                self.waiting.append(pending)
+    def _next(self, stops_only: bool) -> PendingRequest | None:
+        if self._stops:
+            # Those of this machine come first: a crowd at the bus must not delay them.
+            pending = next((p for p in self._stops if p.request.origin is not Origin.BUS), self._stops[0])
+            self._stops.remove(pending)
+            return pending
+        if stops_only:
+            return None
+        for waiting in self._waiting.values():
+            if waiting:
+                pending = waiting.popleft()
+                if pending.request.kind is RequestKind.PARAMETER and pending.answer is Answer.NONE:
+                    pending.answer = self._change(pending.request)
+                return pending
+        return None
+
+    def _take_local(self, datagram: Datagram, now: int) -> None:
+        """A datagram of the socket for what moves."""
+        ask, expires = datagram.content.get("ask"), datagram.content.get("expires")
+        kind = _MOVES.get(ask) if isinstance(ask, str) else None
+        if kind is None:
+            self.dropped += 1
             return
-        while self.waiting and len(self.waiting) >= _WAITING:
-            self.waiting.pop()
-        for other in self.waiting:
-            if other.request.kind in (RequestKind.START, RequestKind.RESET):
-                other.answer = Answer.REFUSED_STATE
-        self.waiting.appendleft(pending)
+        pending = self._received(datagram, kind, 0, Origin.LOCAL, self._control)
+        if not isinstance(expires, int) or not 0 <= expires - time.monotonic_ns() <= LIFETIME:
+            pending.answer = Answer.EXPIRED
+        elif expires - LIFETIME < self._stopped:
+            pending.answer = Answer.OVERTAKEN
+        elif not self._limits[Origin.LOCAL].take(now):
+            pending.answer = Answer.REFUSED_RATE
+        if pending.answer is Answer.NONE:
+            self._waiting[Origin.LOCAL].append(pending)  # the limit keeps this queue short
+        else:
+            self.refused.append(pending)
+
+    def _take_stop(self, datagram: Datagram) -> None:
+        """A datagram of the socket for what stops: each is a stop at least, and none is a service's but its own."""
+        ask, cause = datagram.content.get("ask"), 0
+        origin = Origin.SERVICE if datagram.pid == self.supervisor else Origin.LOCAL
+        kind = RequestKind.EXIT if ask == "exit" else RequestKind.STOP
+        if origin is Origin.SERVICE:
+            kind = RequestKind.FAULT if ask == "fault" else kind
+            cause = int(_CAUSES.get(str(datagram.content.get("cause")), 0))
+        self._queue_stop(self._received(datagram, kind, cause, origin, self._stop))
+
+    @staticmethod
+    def _received(
+        datagram: Datagram, kind: RequestKind, target: int, origin: Origin, end: ControlEnd
+    ) -> PendingRequest:
+        senders = [] if datagram.sender is None else [datagram.sender]
+        return PendingRequest(Request(0, kind, target, 0, np.empty(0), origin), Answer.NONE, end, senders, datagram.uid)
+
+    def _take_bus(self, request: Request, now: int, clock: int) -> None:
+        """A request from the ring. The bus waits for its number in a row, so a refused one takes a cycle, too."""
+        pending = PendingRequest(request)
+        if request.kind is RequestKind.SETPOINT:
+            self._set(request, now, clock)
+        elif request.kind is RequestKind.STOP:
+            self._queue_stop(pending)
+        elif len(self._waiting[Origin.BUS]) >= _WAITING:
+            self.dropped += 1
+        else:
+            if request.expires < clock:
+                pending.answer = Answer.EXPIRED
+            elif request.kind is not RequestKind.PARAMETER and not self._limits[Origin.BUS].take(now):
+                pending.answer = Answer.REFUSED_RATE
+            self._waiting[Origin.BUS].append(pending)
+
+    def _queue_stop(self, pending: PendingRequest) -> None:
+        """Queues a stop and refuses what waits and would move. A stop as one that waits already joins that one."""
+        self._stopped = time.monotonic_ns()
+        for waiting in self._waiting.values():
+            for other in waiting:
+                if other.request.kind in _MOVES.values() and other.answer is Answer.NONE:
+                    other.answer = Answer.OVERTAKEN
+        request, same = pending.request, 0
+        for other in self._stops:
+            if (other.request.kind, other.request.target, other.request.origin) == (
+                request.kind,
+                request.target,
+                request.origin,
+            ):
+                if request.id == 0:
+                    other.senders += pending.senders[: _WAITING - len(other.senders)]
+                    return
+                same += 1
+        if same < _WAITING:
+            self._stops.append(pending)
 
     def own(self, kind: RequestKind, cause: Cause) -> PendingRequest:
         """Returns a request that the loop itself makes."""
-        return PendingRequest(Request(0, kind, int(cause), 0, np.empty(0)))
+        return PendingRequest(Request(0, kind, int(cause), 0, np.empty(0), Origin.SERVICE))
 
     def _set(self, request: Request, now: int, clock: int) -> None:
         if request.expires < clock or not 0 <= request.target < len(self._setpoints):
@@ -147,31 +239,20 @@ class RequestQueue:
             view[...] = np.nan
             self.graph.row.devices[owner, DEVICE.stamp] = -1
 
-    def reply(self, pending: PendingRequest, state: State, cause: Cause, culprit: str) -> None:
-        """Answers a request from the socket. Senders through the ring read the row instead."""
-        if pending.sender is None:
+    def reply(self, pending: PendingRequest, state: State, cause: Cause, culprit: str, standing: Latch) -> None:
+        """Answers a request from a socket. Senders through the ring read the row instead."""
+        if pending.end is None or not pending.senders:
             return
         done = pending.answer is Answer.DONE
         content = {"ok": done, "state": state.name.lower(), "cause": cause.name.lower(), "culprit": culprit}
+        content["latches"] = latches.names(standing)
         if not done:
             content["error"] = _ANSWERS.get(pending.answer, "refused")
-        try:
-            self._socket.sendto(json.dumps(content).encode(), pending.sender)
-        except OSError:
-            pass  # the sender has gone; nobody waits for the answer
+        for sender in pending.senders:
+            pending.end.answer(sender, content)
 
     def close(self) -> None:
-        """Closes and removes the socket."""
-        self._socket.close()
-        self.run_folder.loop_socket.unlink(missing_ok=True)
+        """Closes and removes the sockets."""
+        self._control.close()
+        self._stop.close()
         self._requests.close()
-
-
-def _parse(data: bytes, sender: str | None) -> PendingRequest | None:
-    try:
-        content = json.loads(data)
-        kind = _KINDS[content["ask"]]
-        target = int(_CAUSES[content["cause"]]) if "cause" in content else 0
-    except (ValueError, KeyError, TypeError, AttributeError):
-        return None
-    return PendingRequest(Request(0, kind, target, 0, np.empty(0)), sender or None)

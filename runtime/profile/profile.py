@@ -27,6 +27,7 @@ from runtime.contracts.signals import Stop
 from runtime.guard.limits import GuardLimits
 from runtime.profile.bus import BusConfig
 from runtime.profile.plots import Plot
+from runtime.profile.reset import ResetConfig
 
 SLUG = r"^[a-z][a-z0-9_-]*$"
 SIGNAL = r"^[a-z][a-z0-9_-]*(\.[a-z][a-z0-9_-]*)+$"
@@ -149,6 +150,7 @@ class Profile(Part):
     stop: dict[str, Stop] = Field(default_factory=dict)
     faults: Faults = Faults()
     emergency: tuple[EmergencyInput, ...] = ()
+    reset: ResetConfig = ResetConfig()
     bus: BusConfig | None = Field(default_factory=BusConfig, description="null: no bus")
     record: Record = Record()
 

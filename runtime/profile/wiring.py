@@ -22,7 +22,8 @@ from runtime.profile import keys
 from runtime.profile.builder import Builder, text
 from runtime.profile.graph import Actuator, Graph, form
 from runtime.profile.meta import describe
-from runtime.profile.profile import ControllerEntry, Profile, Source
+from runtime.profile.profile import ControllerEntry, EmergencyInput, Profile, Source
+from runtime.profile.reset import ResetInput
 
 # What a controller may give beside a command: the rate of a position, the gravity compensation that a torque contains.
 _COMPANIONS = {Kind.POSITION: "velocity", Kind.TORQUE: "gravity"}
@@ -251,17 +252,9 @@ def _unused(b: Builder, devices: list[Driver]) -> None:
             raise WiringError(
                 b.source.place(f"guard.{name}"), f"no command is called '{name}'", nearest(name, commands)
             )
-    for entry in b.profile.emergency:
-        signal = b.signals.get(entry.signal)
-        if signal is None:
-            raise WiringError(
-                b.source.place("emergency"), f"no signal is called '{entry.signal}'", nearest(entry.signal, b.signals)
-            )
-        if entry.index >= signal.size:
-            raise WiringError(
-                b.source.place("emergency"), f"'{entry.signal}' has {signal.size} elements, none at {entry.index}",
-                "Indices start at 0",
-            )  # fmt: skip
+    for i, entry in enumerate(b.profile.emergency):
+        _element(b, f"emergency.{i}", entry)
+    _reset_inputs(b, devices)
     for name, frame in b.profile.frames.items():
         if frame.pose is not None:
             pose = b.signals.get(frame.pose)
@@ -270,6 +263,32 @@ def _unused(b: Builder, devices: list[Driver]) -> None:
                     b.source.place(f"frames.{name}.pose"), f"'{frame.pose}' is no pose signal of shape 7",
                     nearest(frame.pose, [n for n, s in b.signals.items() if s.shape == (7,)]),
                 )  # fmt: skip
+
+
+def _element(b: Builder, path: str, entry: EmergencyInput | ResetInput) -> None:
+    """Checks that the element of a signal that an input names is there."""
+    signal = b.signals.get(entry.signal)
+    if signal is None:
+        remedy = nearest(entry.signal, b.signals)
+        raise WiringError(b.source.place(path), f"no signal is called '{entry.signal}'", remedy)
+    if entry.index >= signal.size:
+        problem = f"'{entry.signal}' has {signal.size} elements, none at {entry.index}"
+        raise WiringError(b.source.place(path), problem, "Indices start at 0")
+
+
+def _reset_inputs(b: Builder, devices: list[Driver]) -> None:
+    """A reset input is a button of a device: what a client or a law writes would release a person's stop."""
+    states = {f"{d.name}.{s.name}" for d in devices for s in d.states}
+    stops = {(e.signal, e.index) for e in b.profile.emergency}
+    for i, entry in enumerate(b.profile.reset.inputs):
+        path = f"reset.inputs.{i}"
+        _element(b, path, entry)
+        if entry.signal not in states:
+            problem = f"'{entry.signal}' isn't the state of a device, and only a button of a device may reset"
+            raise WiringError(b.source.place(path), problem, f"Name one of: {', '.join(sorted(states)) or 'none'}")
+        if (entry.signal, entry.index) in stops:
+            problem = f"'{entry.signal}' element {entry.index} is an emergency input, whose release must not reset"
+            raise WiringError(b.source.place(path), problem, "Wire a button of its own")
 
 
 def _feedback(b: Builder, device: Driver, command: Command) -> str | None:

@@ -114,7 +114,7 @@ class Run(threading.Thread):
                     self.setpoints.append((request.expires, request.values.copy()))
                 else:
                     waiting.append(request)
-            words[CYCLE.request] = 0
+            words[CYCLE.request] = words[CYCLE.request_origin] = 0
             if waiting:
                 request = waiting.pop(0)
                 self.taken.append(request.kind)
@@ -125,6 +125,7 @@ class Run(threading.Thread):
                     request.target,
                     answer,
                 )
+                words[CYCLE.request_origin] = request.origin
             words[CYCLE.state], words[CYCLE.cause], words[CYCLE.culprit] = (
                 self.state,
                 self.cause,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import socket
 from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
@@ -18,10 +16,12 @@ from runtime.contracts.controller import Controller, ControllerConfig
 from runtime.contracts.driver import DeviceConfig, Driver
 from runtime.contracts.errors import DeviceError, DeviceLostError
 from runtime.contracts.signals import Array, Command, Kind, Signal, Stop
+from runtime.ipc.control_socket import send_request
+from runtime.ipc.latches import NONE, names
 from runtime.ipc.requests import RequestWriter
 from runtime.ipc.ring import RingReader, RingWriter
 from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.words import Cause, State
+from runtime.ipc.words import Cause, Latch, State
 from runtime.loop.clock import Clock, Tick
 from runtime.loop.cycle import Cycle, limits_of
 from runtime.loop.device import Device
@@ -161,7 +161,7 @@ def wired(arm: str = "arm", emergency: str = ESTOPS, more: str = "") -> Graph:
 class Bench:
     """A whole loop on a clock of the test's own; `script` is called before each cycle with its number."""
 
-    def __init__(self, folder: Path, automatic: bool = True, **options: Any) -> None:
+    def __init__(self, folder: Path, automatic: bool = True, standing: Latch = NONE, **options: Any) -> None:
         graph = self.graph = wired(**options)
         self.events: list[str] = []
         devices = [
@@ -178,8 +178,8 @@ class Bench:
         limits = limits_of(graph)
         meta = graph.layout.meta
         meta["limits"] = {n: _plain(v) for n, v in limits.items()}
-        meta["automatic"], meta["crashed"] = automatic, False
-        self.cycle = Cycle(graph, limits, automatic, report=self.events.append)
+        meta["automatic"], meta["latches"] = automatic, names(standing)
+        self.cycle = Cycle(graph, limits, automatic, standing, report=self.events.append)
         self.states: list[tuple[State, Cause]] = []
         bench = self
 
@@ -207,10 +207,8 @@ class Bench:
             device.close()  # ends its thread, which holds it and so the whole loop
         return self
 
-    def ask(self, what: str, **more: str) -> None:
-        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as asker:
-            asker.bind("")
-            asker.sendto(json.dumps({"ask": what} | more).encode(), str(self.run_folder.loop_socket))
+    def ask(self, what: str, cause: str | None = None) -> None:
+        send_request(self.run_folder, what, cause, timeout=0.0)
 
     def until_back(self, driver: Driver) -> None:
         """Waits until the thread that opens it again is done."""

@@ -15,10 +15,10 @@ from runtime.ipc.run_folder import RunFolder
 
 @pytest.fixture
 def loop(tmp_path: Path) -> tuple[RunFolder, socket.socket]:
-    """A run folder, and the socket at which a loop would listen."""
+    """A run folder, and the socket at which a loop would listen for stops."""
     run_folder = RunFolder(tmp_path)
     end = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-    end.bind(str(run_folder.loop_socket))
+    end.bind(str(run_folder.stop_socket))
     end.settimeout(10)
     return run_folder, end
 

@@ -10,8 +10,8 @@ from helpers.toy import PERIOD, SPEED, wired
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.ipc.requests import RequestKind
-from runtime.ipc.words import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, Cause, State
+from runtime.ipc.requests import Request, RequestKind
+from runtime.ipc.words import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, Cause, Origin, State
 from runtime.loop.cycle import Cycle, limits_of
 
 # Any order of events
@@ -41,6 +41,10 @@ step = st.fixed_dictionaries(
 )
 
 
+def _request(kind: RequestKind, s: dict[str, Any]) -> Request | None:
+    return Request(0, kind, int(s["target"]), 0, np.empty(0), Origin.LOCAL) if kind else None
+
+
 def _cycles(steps: list[dict[str, Any]], automatic: bool) -> Any:
     """Runs them; yields what each cycle began with and ended with."""
     graph = wired(emergency="{signal: panel.buttons, index: 0, category: retract}")
@@ -62,7 +66,7 @@ def _cycles(steps: list[dict[str, Any]], automatic: bool) -> Any:
             views["panel.buttons"][0], views["hand.position"][:] = s["button"], s["x"]
             before, was = applied.copy(), cycle.machine.state
             ask = s["ask"] if k == 0 else RequestKind.NONE
-            cycle.check(s["periods"] - 1, ask, int(s["target"]))
+            cycle.check(s["periods"] - 1, _request(ask, s))
             present = cycle._fault
             cycle.control()
             cycle.guard()
@@ -101,7 +105,7 @@ def test_after_the_end_nothing_changes(steps: list[dict[str, Any]]) -> None:
     cycle = Cycle(graph, limits_of(graph), True)
     cycle.machine.state, cycle.machine.exiting = State.ENDED, True
     for s in steps:
-        cycle.check(s["periods"] - 1, s["ask"], int(s["target"]))
+        cycle.check(s["periods"] - 1, _request(s["ask"], s))
         cycle.control()
         cycle.guard()
         assert cycle.machine.state is State.ENDED

@@ -7,16 +7,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from runtime.contracts.signals import Stop
+from runtime.ipc import latches
 from runtime.ipc.requests import Answer, RequestKind
-from runtime.ipc.words import Cause, State
+from runtime.ipc.words import Cause, Latch, Origin, State
 from runtime.loop.machine import Fault, Ladder, Machine
 from runtime.profile.profile import EmergencyInput, Faults
 
 EMERGENCY = [EmergencyInput(signal="panel.buttons", category=Stop.LIMP)]
 
 
-def machine(automatic: bool = True, stopped_by: Cause = Cause.NONE, **faults: object) -> Machine:
-    return Machine(Faults.model_validate(faults), EMERGENCY, automatic, stopped_by)
+def machine(automatic: bool = True, standing: Latch = latches.NONE, **faults: object) -> Machine:
+    return Machine(Faults.model_validate(faults), EMERGENCY, automatic, standing)
 
 
 def active() -> Machine:
@@ -39,15 +40,15 @@ def test_without_being_asked_a_manual_profile_stays_ready() -> None:
     m = machine(automatic=False)
     m.start_if_ready(None)
     assert m.state is State.READY
-    assert m.request(RequestKind.START, 0, None) is Answer.DONE
+    assert m.request(RequestKind.START, Origin.LOCAL, 0, None) is Answer.DONE
     assert m.state is State.HOMING
 
 
 def test_a_run_after_a_crash_begins_in_the_stop() -> None:
-    m = machine(stopped_by=Cause.RESTART)
+    m = machine(standing=Latch.RESTART)
     m.start_if_ready(None)
     assert (m.state, m.cause) == (State.STOPPED, Cause.RESTART)
-    assert m.request(RequestKind.RESET, 0, None) is Answer.DONE
+    assert m.request(RequestKind.RESET, Origin.LOCAL, 0, None) is Answer.DONE
 
 
 @pytest.mark.parametrize("cause", [Cause.INTENT_LOSS, Cause.DEVICE_LOSS, Cause.OVERRUN, Cause.DRIVER_ERROR])
@@ -61,8 +62,8 @@ def test_a_fault_stops_and_stays_until_a_reset(cause: Cause) -> None:
     assert m.state is State.STOPPED
     m.start_if_ready(None)
     assert m.state is State.STOPPED
-    assert m.request(RequestKind.RESET, 0, Fault(cause, 3)) is Answer.REFUSED_FAULT
-    assert m.request(RequestKind.RESET, 0, None) is Answer.DONE
+    assert m.request(RequestKind.RESET, Origin.LOCAL, 0, Fault(cause, 3)) is Answer.REFUSED_FAULT
+    assert m.request(RequestKind.RESET, Origin.LOCAL, 0, None) is Answer.DONE
     assert (m.state, m.cause) == (State.HOMING, Cause.NONE)
 
 
@@ -78,15 +79,15 @@ def test_the_first_cause_stands_but_an_emergency_overrules() -> None:
 
 def test_what_the_profile_ignores_does_not_stop() -> None:
     m = active()
-    m.request(RequestKind.FAULT, Cause.BUS_LOSS, None)
+    m.request(RequestKind.FAULT, Origin.LOCAL, Cause.BUS_LOSS, None)
     assert m.state is State.ACTIVE  # bus-loss is ignored by default
 
 
 def test_exit_ends_after_the_stop() -> None:
     m = active()
-    assert m.request(RequestKind.EXIT, Cause.END, None) is Answer.DONE
+    assert m.request(RequestKind.EXIT, Origin.LOCAL, Cause.END, None) is Answer.DONE
     assert m.state is State.STOPPING
-    assert m.request(RequestKind.RESET, 0, None) is Answer.REFUSED_STATE
+    assert m.request(RequestKind.RESET, Origin.LOCAL, 0, None) is Answer.REFUSED_STATE
     m.settle(True)
     assert (m.state, m.cause) == (State.ENDED, Cause.END)
 
@@ -106,7 +107,7 @@ def test_no_way_into_motion_but_an_explicit_one(events: list[tuple[str, object]]
         if what == "fault":
             m.stop(Fault(value, 0))  # type: ignore[arg-type]
         elif what == "ask":
-            m.request(value, 0, None)  # type: ignore[arg-type]
+            m.request(value, Origin.LOCAL, 0, None)  # type: ignore[arg-type]
         else:
             m.settle(bool(value))
         m.start_if_ready(None)
