@@ -43,7 +43,7 @@ MOST = 16  # rows published in one turn: a simulation faster than real time isn'
 ARRIVALS = 1024  # queries that may wait
 SAMPLES = 64  # items that may wait when a sample arrives, and items handled in one turn: more would delay a stop
 NOTES_KEPT = 20
-_NOW, _STATE, _CAUSE, _FLAGS = CYCLE.now, CYCLE.state, CYCLE.cause, CYCLE.flags
+_NOW, _STATE, _CAUSE, _FLAGS, _LATCHES = CYCLE.now, CYCLE.state, CYCLE.cause, CYCLE.flags, CYCLE.latches
 
 
 class Bus:
@@ -73,9 +73,12 @@ class Bus:
         self._pause = min(max(config.decimate * period / 2e9, 0.002), 0.02)
         self._reporter = Reporter(self._name, self._layout)
         self._requests = Requests(self._layout, self._keys, self._request_ring, self._reporter.counts)
-        self._arrivals: queue.SimpleQueue[tuple[Callable[[Any], None], Any]] = queue.SimpleQueue()
+        # Work, what it is done with, and when that came (CLOCK_MONOTONIC ns).
+        self._arrivals: queue.SimpleQueue[tuple[Callable[[Any], None], Any, int]] = queue.SimpleQueue()
+        self._stops: queue.SimpleQueue[tuple[Callable[[Any], None], Any, int]] = queue.SimpleQueue()
+        self._stopped = 0  # when the newest stop came
         self._row = self._ring.newest()
-        self._said: tuple[int, int] | None = None  # state and cause of the last status
+        self._said: tuple[int, ...] | None = None  # state, cause and latches of the last status
         self._status_due = 0
         self._silent = False
         self._sent, self._sender = 0, os.urandom(16)  # for the samples' attachments: their number and sender
@@ -111,7 +114,8 @@ class Bus:
         self._events_out = publisher(self._keys.events, messages.STRING)
         self._declared: list[Any] = []
         for key, answer in self._requests.handlers().items():
-            self._declared.append(s.declare_queryable(key, self._into(answer)))
+            first = key == self._keys.command("stop")
+            self._declared.append(s.declare_queryable(key, self._into(answer, first)))
         for key, take in self._requests.subscribers().items():
             self._declared.append(s.declare_subscriber(key, self._into(take)))
         self._declared.append(s.declare_queryable(self._keys.states, self._into(self._describe)))
@@ -119,14 +123,26 @@ class Bus:
         # Declared last: a client that sees this token finds everything else declared.
         self._declared.append(s.liveliness().declare_token(self._keys.alive))
 
-    def _into(self, work: Callable[[Any], None]) -> Callable[[Any], None]:
-        """Returns a callback for zenoh's threads that queues its argument for the next turn."""
+    def _into(self, work: Callable[[Any], None], first: bool = False) -> Callable[[Any], None]:
+        """Returns a callback for zenoh's threads that queues its argument for the next turn.
+
+        `first`: it is for stops, which come before everything else and always find room.
+        """
 
         def arrive(item: Any) -> None:
+            now = time.monotonic_ns()
+            if first:
+                if self._stops.qsize() >= ARRIVALS:
+                    item.drop()  # as many stops wait already
+                    return
+                self._stopped = now
+                self._stops.put((work, item, now))
+                self._arrivals.put((_nothing, None, now))  # wakes the turn
+                return
             # The queue must not grow without bounds, and a flood of setpoints must leave room for a stop.
             asked = isinstance(item, zenoh.Query)
             if self._arrivals.qsize() < (ARRIVALS if asked else SAMPLES):
-                self._arrivals.put((work, item))
+                self._arrivals.put((work, item, now))
             elif asked:
                 item.drop()
 
@@ -151,13 +167,18 @@ class Bus:
     def _wait(self) -> None:
         """Waits until the next turn is due, or until arriving items have been handled."""
         try:
-            work, item = self._arrivals.get(timeout=0.001 if self._requests.busy else self._pause)
-            work(item)
+            self._handle(*self._arrivals.get(timeout=0.001 if self._requests.busy else self._pause))
             for _ in range(SAMPLES):
-                work, item = self._arrivals.get_nowait()
-                work(item)
+                self._handle(*self._arrivals.get_nowait())
         except queue.Empty:
             pass
+
+    def _handle(self, work: Callable[[Any], None], item: Any, came: int) -> None:
+        while not self._stops.empty():
+            stop, query, _ = self._stops.get_nowait()
+            stop(query)
+        self._requests.overtaken = came < self._stopped
+        work(item)
 
     def _turn(self) -> None:
         rows = self._ring.take()
@@ -202,10 +223,10 @@ class Bus:
         return self._layout.device(self._layout.devices.index(device)).start + DEVICE.stamp
 
     def _changes(self, rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-        """The rows at which the state or the cause changes."""
+        """The rows at which the state, the cause or the latches change."""
         found = []
         for row in rows:
-            said = int(row[_STATE]), int(row[_CAUSE])
+            said = int(row[_STATE]), int(row[_CAUSE]), int(row[_LATCHES])
             if said != self._said:
                 self._said = said
                 found.append(row)
@@ -238,6 +259,10 @@ class Bus:
     def _recall(self, query: zenoh.Query) -> None:
         reply(query, self._keys.events, list(self._remembered))
         query.drop()
+
+
+def _nothing(item: None) -> None:
+    pass
 
 
 def _matches(publisher: zenoh.Publisher) -> bool:

@@ -25,18 +25,20 @@ from runtime.bus.status import CAUSES, Counts
 from runtime.contracts.errors import RequestError
 from runtime.contracts.field import Field
 from runtime.contracts.signals import Array
+from runtime.ipc import latches
 from runtime.ipc.layout import Layout
 from runtime.ipc.requests import Answer, RequestKind, RequestWriter
-from runtime.ipc.words import CYCLE, Cause, State
+from runtime.ipc.words import CYCLE, Cause, Origin, State
 from runtime.messages import messages
 from runtime.profile.keys import COMMANDS, Keys
 
 PATIENCE = 1_000_000_000  # ns after which a request that the loop has not taken is given up
 UNDERWAY = 4  # requests in the ring at a time, stops not counted: the loop takes one a cycle
 WAITING = 64
+_OVERTAKEN = "a stop came after it", "Ask again"
 _KINDS = {"start": RequestKind.START, "stop": RequestKind.STOP, "reset": RequestKind.RESET}
 _REQUEST, _KIND, _RESULT, _STATE = CYCLE.request, CYCLE.request_kind, CYCLE.request_result, CYCLE.state
-_CAUSE, _CULPRIT = CYCLE.cause, CYCLE.culprit
+_CAUSE, _CULPRIT, _LATCHES, _ORIGIN = CYCLE.cause, CYCLE.culprit, CYCLE.latches, CYCLE.request_origin
 
 
 @dataclass(slots=True)
@@ -56,6 +58,7 @@ class Requests:
 
     Attributes:
         busy: True while a request or setpoint waits for the loop.
+        overtaken: True while a query is handled that came before a stop which was handled already.
     """
 
     def __init__(self, layout: Layout, keys: Keys, ring: RequestWriter, counts: Counts) -> None:
@@ -68,7 +71,7 @@ class Requests:
         self._row: NDArray[np.int64] | None = None
         self._cycle = -1
         self._said = 0.0
-        self.silent = False
+        self.silent = self.overtaken = False
 
     def handlers(self) -> dict[str, Callable[[zenoh.Query], None]]:
         """The functions that answer queries, by key expression."""
@@ -95,7 +98,9 @@ class Requests:
     def _command(self, name: str, query: zenoh.Query) -> None:
         key = self._keys.command(name)
         crowd = len(self._underway if name == "stop" else self._waiting)
-        if self._answerable(query, key, crowd):
+        if name != "stop" and self.overtaken:
+            self._refuse(query, key, RequestError(key, *_OVERTAKEN))
+        elif self._answerable(query, key, crowd):
             self._ask(Pending(query, key, _KINDS[name], 0, None, time.monotonic_ns() + PATIENCE))
 
     def _parameter(self, index: int, query: zenoh.Query) -> None:
@@ -184,7 +189,7 @@ class Requests:
         if pending.kind is RequestKind.STOP:
             for other in [p for p in self._waiting if p.kind in (RequestKind.START, RequestKind.RESET)]:
                 self._waiting.remove(other)  # it came before the stop and would move the limb after it
-                self._refuse(other.query, other.place, RequestError(other.place, "a stop came after it", "Ask again"))
+                self._refuse(other.query, other.place, RequestError(other.place, *_OVERTAKEN))
             self._send(pending)
         else:
             self._waiting.append(pending)
@@ -226,7 +231,7 @@ class Requests:
 
     def _answer(self, row: NDArray[np.int64]) -> None:
         pending = self._underway.pop(int(row[_REQUEST]), None)
-        if pending is None or int(row[_KIND]) != pending.kind:
+        if pending is None or int(row[_KIND]) != pending.kind or int(row[_ORIGIN]) != Origin.BUS:
             return  # the request came from an earlier bus process
         answer, state = Answer(int(row[_RESULT])), State(int(row[_STATE])).name.lower()
         if answer is Answer.DONE:
@@ -250,6 +255,12 @@ class Requests:
                 f"what caused the stop is still there: {why}",
                 "Mend that (a device that refuses to move was told to recover), then ask again",
             ),
+            Answer.REFUSED_LATCH: (
+                f"clients of the bus may not end this stop ({', '.join(latches.names(int(row[_LATCHES])))})",
+                f"Run `srl reset {self._keys.instance}` on its machine, or press its reset button",
+            ),
+            Answer.REFUSED_RATE: ("too many requests, more than 5 a second from the bus", "Ask less often"),
+            Answer.OVERTAKEN: _OVERTAKEN,
             Answer.REFUSED_VALUE: (
                 "the loop found the value not finite or out of bounds",
                 "Ask without payload for the bounds",

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.ipc import latches
 from runtime.ipc.layout import Layout
 from runtime.ipc.words import (
     CYCLE,
@@ -44,7 +45,7 @@ CAUSES = {
     Cause.EMERGENCY: "an e-stop or enabling input",
     Cause.BUS_LOSS: "the bus died",
     Cause.SUPERVISOR_LOSS: "the supervisor died",
-    Cause.RESTART: "started again after a crash",
+    Cause.RESTART: "the stop of an earlier run",
     Cause.END: "the run's duration is over",
 }
 
@@ -137,12 +138,17 @@ class Reporter:
         words = state.name.lower()
         if cause is not Cause.NONE:
             words += f": {CAUSES[cause]}" + (f" ({who})" if who else "")
+        standing = latches.names(ints["latches"])
+        if standing:
+            words += f"; latched: {', '.join(standing)}"
         if silent:
             level, words = STALE, f"the loop gives no sign of life (last: {words})"
         values = {
             "state": state.name.lower(),
             "cause": cause.name.lower(),
             "culprit": who,
+            "latches": " ".join(standing),
+            "refused": ints["refused"],
             "cycle": ints["cycle"],
             "overruns": ints["overruns"],
             "degraded": int(bool(ints["flags"] & FLAG_DEGRADED)),
@@ -178,13 +184,15 @@ def parse(message: cdr.Message) -> dict[str, Any]:
     """Converts a status to one dict: the instance's values, and `devices` with each device's values.
 
     Numbers become int or float. `instance`, `message` and `level` (0 well, 1 warning, 2 error, 3 stale) come from
-    the status itself. `stamp` is Unix time in s.
+    the status itself. `latches` is a list of names. `stamp` is Unix time in s.
     """
     stamp = message["header"]["stamp"]
     found: dict[str, Any] = {"stamp": stamp["sec"] + stamp["nanosec"] * 1e-9, "devices": {}}
     for i, status in enumerate(message["status"]):
         values: dict[str, Any] = {"message": status["message"], "level": status["level"]}
         values |= {pair["key"]: _number(pair["value"]) for pair in status["values"]}
+        if "latches" in values:
+            values["latches"] = str(values["latches"]).split()
         if i == 0:
             found |= {"instance": status["name"], "profile": status["hardware_id"]} | values
         else:

@@ -6,6 +6,7 @@ import shutil
 import time
 
 from runtime.cli.console import Console
+from runtime.ipc import latches
 from runtime.ipc.events import Level
 from runtime.ipc.words import Cause
 from runtime.service.summary import Summary
@@ -64,6 +65,8 @@ def _line(summary: Summary, cause: Cause) -> str:
     seconds, wall = summary.seconds()
     culprit = summary.layout.culprit(cause, summary.word("culprit"))
     why = f" ({cause.name.lower()} {culprit})".replace(" )", ")") if cause else ""
+    if standing := latches.names(summary.word("latches")):
+        why += f" latched: {', '.join(standing)}"
     devices = "  ".join(
         f"{name} {d['state']}" + (f" {d['age_ms']:.0f} ms" if d["age_ms"] is not None else "")
         for name, d in summary.devices().items()

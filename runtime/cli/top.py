@@ -156,6 +156,9 @@ class View:
         text.append(f"{status['message']}\n", style=_LEVELS[min(status["level"], 3)])
         if self.silence() > 1.0:
             text.append(f"no status for {self.silence():.0f} s\n", style="bold red")
+        if status.get("latches"):
+            kept, how = ", ".join(status["latches"]), f"`srl reset {status['instance']}` on its machine ends this"
+            text.append(f"latched: {kept}   {how}\n", style="yellow")
         if "rate_hz" in status:
             text.append(
                 f"rate {status['rate_hz']:.1f} of {status['rate_nominal_hz']:g} Hz"
@@ -168,6 +171,8 @@ class View:
                 f"cycle p50 {status['cycle_p50_us']:.0f} us, p99 {status['cycle_p99_us']:.0f} us   in us: {phases}\n"
             )
         text.append(f"cycle {status.get('cycle', 0)}   rows lost by the bus {status['lost_rows']}")
+        if status.get("refused"):
+            text.append(f"   requests refused {status['refused']}", style="yellow")
         if status["rejected_setpoints"]:
             text.append(
                 f"\nsetpoints refused {status['rejected_setpoints']}: {status['last_rejection']}",

@@ -21,9 +21,10 @@ def path(name: str) -> str:
 
 
 class Keys:
-    """The keys of one instance."""
+    """The keys of one instance. `instance`: its name."""
 
     def __init__(self, instance: str) -> None:
+        self.instance = instance
         self.root = f"srl/{slug(instance)}"
         self.status = f"{self.root}/status"
         self.events = f"{self.root}/events"

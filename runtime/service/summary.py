@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.ipc import latches
 from runtime.ipc.layout import Layout
 from runtime.ipc.ring import RingReader
 from runtime.ipc.words import FLAG_DEGRADED, LINK_CONNECTED, LINK_STALE, Cause, State
@@ -122,6 +123,8 @@ class Summary:
             "state": self.state.name.lower(),
             "cause": cause.name.lower(),
             "culprit": self.layout.culprit(cause, self.word("culprit")),
+            "latches": latches.names(self.word("latches")),
+            "refused": self.word("refused"),
             "cycles": self.cycles,
             "rate_hz": round((self.cycles - 1) / duration, 3) if duration > 0 else None,
             "duration_s": round(duration, 4),

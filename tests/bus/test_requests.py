@@ -14,7 +14,7 @@ from runtime.bus.requests import UNDERWAY, WAITING, Requests
 from runtime.bus.status import Counts
 from runtime.ipc.requests import Answer, RequestKind, RequestReader, RequestWriter
 from runtime.ipc.row import Row
-from runtime.ipc.words import CYCLE, State
+from runtime.ipc.words import CYCLE, Latch, Origin, State
 from runtime.profile.keys import Keys
 
 
@@ -69,6 +69,8 @@ class Desk:
             kind,
             answer,
         )
+        words[CYCLE.request_origin] = Origin.BUS if number else Origin.NONE
+        words[CYCLE.latches] = Latch.PERSON
         rows = self.row.words[np.newaxis].copy()
         self.requests.turn(rows, rows[-1], silent)
 
@@ -132,6 +134,9 @@ def test_no_setpoint_waits_for_a_dead_loop(desk: Desk) -> None:
         (Answer.REFUSED_FAULT, "still there"),
         (Answer.REFUSED_VALUE, "out of bounds"),
         (Answer.EXPIRED, "too late"),
+        (Answer.REFUSED_LATCH, r"may not end this stop (person). Run `srl reset sixth-finger` on its machine"),
+        (Answer.REFUSED_RATE, "more than 5 a second"),
+        (Answer.OVERTAKEN, "a stop came after it"),
     ],
 )
 def test_every_answer_of_the_loop_has_words(desk: Desk, answer: Answer, said: str) -> None:

@@ -72,9 +72,13 @@ def test_setpoints_move_the_finger_and_bad_ones_are_refused(tmp_path: Path) -> N
             assert row is not None
             applied = run.layout.value(row, "finger.position_command.applied")
             assert applied == pytest.approx(goal, abs=1e-3)
-            # The client falls silent: a loss of intent; a reset is granted, and nothing old is obeyed.
+            # The client falls silent: a loss of intent. Clients may not end a fault's stop. A reset on this machine is
+            # granted, and nothing old is obeyed.
             run.until(lambda: run.word("cause") == Cause.INTENT_LOSS, "the loss of intent")
-            assert client.command("reset")["ok"] is True
+            run.until(lambda: run.word("state") == State.STOPPED, "the stop")
+            with pytest.raises(RequestError, match=r"may not end this stop \(fault\)"):
+                client.command("reset")
+            call(tmp_path, "reset", "finger-jog")
             time.sleep(0.3)  # in which it could stop again
             assert run.word("state") == State.ACTIVE
             _stream(client, [0.0, 0.7, 0.5, 0.5], 1.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,7 +17,7 @@ from helpers.wait import until
 from ruamel.yaml import YAML
 
 from runtime.bus.client import Client, connect
-from runtime.contracts.errors import SrlError
+from runtime.ipc.control_socket import send_request
 from runtime.ipc.words import Cause, State
 
 PROFILES = Path(__file__).resolve().parents[2] / "profiles"
@@ -102,8 +102,7 @@ def until_moving(run: Running, client: Client, peer: Peer, case: Case) -> None:
 
     def ask() -> None:
         if run.word("state") != State.ACTIVE:
-            with suppress(SrlError):  # refused while the device is away or recovers
-                client.command("reset")
+            send_request(run.run_folder, "reset")  # refused while the device is away or recovers
 
     until(
         lambda: run.word("state") == State.ACTIVE and np.abs(moved(peer, case) - begin).max() >= 0.05,
