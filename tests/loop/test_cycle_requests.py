@@ -10,8 +10,9 @@ from helpers.toy import PERIOD, SPEED, wired
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.ipc.requests import Request, RequestKind
-from runtime.ipc.words import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, Cause, Origin, State
+from runtime.ipc.latches import NONE
+from runtime.ipc.requests import Answer, Request, RequestKind
+from runtime.ipc.words import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, Cause, Latch, Origin, State
 from runtime.loop.cycle import Cycle, limits_of
 
 # Any order of events
@@ -30,10 +31,12 @@ step = st.fixed_dictionaries(
                 RequestKind.EXIT,
             ]
         ),
+        "origin": st.sampled_from([Origin.LOCAL, Origin.BUS, Origin.BUS, Origin.SERVICE]),
         "target": st.sampled_from([Cause.NONE, Cause.BUS_LOSS, Cause.OVERRUN]),
         "stale": st.sampled_from([""] * 5 + ["hand", "arm", "panel"]),
-        "lost": st.sampled_from([""] * 6 + ["hand", "arm"]),
+        "lost": st.sampled_from([""] * 6 + ["hand", "arm", "panel"]),
         "button": st.sampled_from([0.0] * 6 + [1.0]),
+        "reset": st.sampled_from([0.0] * 4 + [1.0, 1.0, np.nan]),
         "x": st.sampled_from([0.0, 0.5, -3.0, 1.9, np.nan, np.inf, 1e300]),
         "periods": st.sampled_from([1] * 8 + [2, 7, 40]),
         "times": st.integers(1, 30),
@@ -42,13 +45,18 @@ step = st.fixed_dictionaries(
 
 
 def _request(kind: RequestKind, s: dict[str, Any]) -> Request | None:
-    return Request(0, kind, int(s["target"]), 0, np.empty(0), Origin.LOCAL) if kind else None
+    # Only the service gives a cause.
+    target = int(s["target"]) if s["origin"] is Origin.SERVICE else 0
+    return Request(0, kind, target, 0, np.empty(0), s["origin"]) if kind else None
 
 
-def _cycles(steps: list[dict[str, Any]], automatic: bool) -> Any:
+def _cycles(steps: list[dict[str, Any]], automatic: bool, standing: Latch) -> Any:
     """Runs them; yields what each cycle began with and ended with."""
-    graph = wired(emergency="{signal: panel.buttons, index: 0, category: retract}")
-    cycle = Cycle(graph, limits_of(graph), automatic)
+    graph = wired(
+        emergency="{signal: panel.buttons, index: 0, category: retract}",
+        more="reset: {inputs: [{signal: panel.buttons, index: 2}], bus: [bus, fault]}",
+    )
+    cycle = Cycle(graph, limits_of(graph), automatic, standing)
     ints, views = graph.row.ints, graph.row.views
     devices = dict(zip(graph.layout.devices, graph.row.devices, strict=True))
     applied, measured, sent = views["arm.command.applied"], views["arm.position"], views["arm.command.sent"]
@@ -64,7 +72,8 @@ def _cycles(steps: list[dict[str, Any]], automatic: bool) -> Any:
                 words[DEVICE.stamp] = stamps[name]
                 words[DEVICE.link] = (words.item(DEVICE.link) & LINK_ACTIVE) | connected
             views["panel.buttons"][0], views["hand.position"][:] = s["button"], s["x"]
-            before, was = applied.copy(), cycle.machine.state
+            views["panel.buttons"][2] = s["reset"]
+            before, was, stood = applied.copy(), cycle.machine.state, cycle.machine.latches
             ask = s["ask"] if k == 0 else RequestKind.NONE
             cycle.check(s["periods"] - 1, _request(ask, s))
             present = cycle._fault
@@ -72,7 +81,10 @@ def _cycles(steps: list[dict[str, Any]], automatic: bool) -> Any:
             cycle.guard()
             state, active = cycle.machine.state, bool(devices["arm"][DEVICE.link] & LINK_ACTIVE)
             yield SimpleNamespace(
-                was=was, state=state, ask=ask, present=present, active=active, before=before,
+                was=was, state=state, present=present, stood=stood, latches=cycle.machine.latches,
+                asked=(ints.item(CYCLE.request_kind), ints.item(CYCLE.request_origin)),
+                granted=ints.item(CYCLE.request_result) == Answer.DONE, pressed=(stamps["panel"] == now, s["reset"]),
+                active=active, before=before,
                 applied=applied.copy(), measured=measured.copy(), dt=min(s["periods"], 5) * PERIOD * 1e-9,
                 connected=bool(devices["arm"][DEVICE.link] & LINK_CONNECTED),
             )  # fmt: skip
@@ -83,19 +95,43 @@ def _cycles(steps: list[dict[str, Any]], automatic: bool) -> Any:
                 return
 
 
+standing = st.sampled_from([NONE, NONE, Latch.PERSON, Latch.BUS, Latch.RESTART | Latch.BUS])
+
+
 @settings(max_examples=150, deadline=None)
-@given(steps=st.lists(step, min_size=1, max_size=12), automatic=st.booleans())
-def test_no_order_of_events_steps_or_moves_unasked(steps: list[dict[str, Any]], automatic: bool) -> None:
-    for c in _cycles(steps, automatic):
+@given(steps=st.lists(step, min_size=1, max_size=12), automatic=st.booleans(), standing=standing)
+def test_no_order_of_events_steps_or_moves_unasked(
+    steps: list[dict[str, Any]], automatic: bool, standing: Latch
+) -> None:
+    for c in _cycles(steps, automatic, standing):
         assert np.isfinite(c.applied).all()
         assert (np.abs(c.applied) <= 2 + 1e-9).all()
         assert (np.abs(c.applied - c.before) <= SPEED * c.dt * (1 + 1e-6) + 1e-9).all()
         assert c.state is not State.READY or not c.active
         assert c.state is not State.ACTIVE or c.present is None
         began = c.was in (State.READY, State.STOPPED) and c.state in (State.HOMING, State.ACTIVE)
-        asked = c.ask is (RequestKind.START if c.was is State.READY else RequestKind.RESET)
+        asked = c.granted and c.asked[0] == (RequestKind.START if c.was is State.READY else RequestKind.RESET)
         assert not began or (asked or (automatic and c.was is State.READY))
         assert not began or c.present is None
+
+
+@settings(max_examples=150, deadline=None)
+@given(steps=st.lists(step, min_size=1, max_size=12), automatic=st.booleans(), standing=standing)
+def test_no_order_of_events_ends_a_stop_that_its_origin_may_not_end(
+    steps: list[dict[str, Any]], automatic: bool, standing: Latch
+) -> None:
+    released = False  # whether the reset input was seen released
+    for c in _cycles(steps, automatic, standing):
+        kind, origin = c.asked
+        assert not (c.latches and c.state in (State.READY, State.HOMING, State.ACTIVE))
+        gone = c.stood & ~c.latches
+        assert not gone or (kind == RequestKind.RESET and c.granted)
+        assert not gone & ~(Latch.BUS | Latch.FAULT) or origin in (Origin.LOCAL, Origin.INPUT)
+        assert not gone or origin is not Origin.SERVICE
+        if kind == RequestKind.STOP:
+            assert c.latches & (Latch.PERSON if origin == Origin.LOCAL else Latch.BUS) or origin == Origin.SERVICE
+        assert origin != Origin.INPUT or released
+        released |= c.pressed == (True, 0.0)
 
 
 @settings(max_examples=30, deadline=None)

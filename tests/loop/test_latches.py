@@ -1,4 +1,4 @@
-"""A stop lasts: a client of the bus that asks for motion at full speed never gets it after a person's stop."""
+"""A stop lasts: a client of the bus that asks for motion at full speed never gets it while a latch stands."""
 
 from __future__ import annotations
 
@@ -7,12 +7,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.toy import Bench
+from helpers.toy import Bench, _load
 
-from runtime.ipc.requests import RequestKind, RequestWriter
-from runtime.ipc.words import State
+from runtime.contracts import registry
+from runtime.ipc.latches import NONE, of_names
+from runtime.ipc.requests import Answer, RequestKind, RequestWriter
+from runtime.ipc.words import CYCLE, Latch, Origin, State
+from runtime.loop.replay import replay
 
 MOVING = (State.HOMING, State.ACTIVE)
+EVER = 1 << 62  # ns: never expires
+MINUTE = 6000  # cycles
+DECIDED = ("state", "latches", "refused", "request_kind", "request_result", "request_origin")
 
 
 def insist(b: Bench, script: Callable[[int], None] = lambda k: None) -> Callable[[int], None]:
@@ -23,7 +29,7 @@ def insist(b: Bench, script: Callable[[int], None] = lambda k: None) -> Callable
         b.hand.values["position"][:] = np.sin(k / 20)
         script(k)
         for kind in (RequestKind.RESET, RequestKind.START):
-            ring.send(kind, expires=1 << 62)
+            ring.send(kind, EVER)
 
     return each
 
@@ -32,29 +38,138 @@ def states(b: Bench) -> list[State]:
     return [state for state, _ in b.states]
 
 
-def test_a_persons_stop_lasts(tmp_path: Path) -> None:
-    b = Bench(tmp_path, emergency="")
-    b.run(200, insist(b, lambda k: b.ask("stop") if k == 50 else None))
-    assert states(b)[40] is State.ACTIVE
-    assert not set(states(b)[52:]) & set(MOVING)
+def assert_replays(b: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The rows replay the same; with any of the new words changed in one row, or other latches at the start, not."""
+    monkeypatch.setattr(registry, "load", _load)
+    layout, rows = b.graph.layout, b.rows()[:-1]
+    assert replay(layout, rows, "toy").identical
+    for word in ("latches", "request_origin"):
+        changed = rows.copy()
+        changed[len(rows) // 2 :, getattr(CYCLE, word)] ^= 2
+        assert replay(layout, changed, "toy").states_differ > 0
+    layout.meta["latches"] = [] if layout.meta["latches"] else ["person"]
+    assert replay(layout, rows, "toy").states_differ > 0
 
 
-@pytest.mark.parametrize("first", ["stop of a client", "fault"])
-def test_a_persons_stop_lasts_whatever_stopped_the_limb_before(tmp_path: Path, first: str) -> None:
-    b = Bench(tmp_path, emergency="")
+@pytest.mark.parametrize("what", ["local stop", "e-stop", "fault", "restart"])
+def test_for_a_minute_no_client_at_full_speed_moves_the_limb(tmp_path: Path, what: str) -> None:
+    b = Bench(tmp_path, standing=Latch.RESTART if what == "restart" else NONE)
+
+    def script(k: int) -> None:
+        if k == 50 and what == "local stop":
+            b.ask("stop")
+        b.panel.values["buttons"][1] = k == 50 and what == "e-stop"
+        if k in (50, 51):
+            b.arm.health.fault = "protective stop" if k == 50 and what == "fault" else ""
+
+    b.run(MINUTE, insist(b, script))
+    begun = 52
+    assert what == "restart" or states(b)[40] is State.ACTIVE
+    assert not set(states(b)[begun:]) & set(MOVING)
+    where = b.graph.layout.value(b.rows(), "arm.command.applied")  # the newest 4096 rows
+    assert np.ptp(where, axis=0).max() == 0
+    assert len(b.arm.sent) <= begun or not np.ptp(b.arm.sent[100:], axis=0).any()
+    latch = {"local stop": "person", "e-stop": "emergency"}.get(what, what)
+    rows = b.rows()
+    assert b.graph.layout.word(rows, "latches")[-2] == of_names([latch])
+    # Every request that came is in the recording: those that took a cycle, and those for which there was no room.
+    refused = b.graph.layout.word(rows, "refused")
+    assert refused[-1] - refused[-1001] == 2 * 1000
+    taken = rows[-1000:, [CYCLE.request_origin, CYCLE.request_result]]
+    assert set(taken[:, 0]) == {Origin.BUS}
+    assert set(taken[:, 1]) == {Answer.REFUSED_LATCH, Answer.REFUSED_RATE}
+    seconds = [event for event in b.events if event.startswith("refused")]
+    assert MINUTE / 100 - 5 <= len(seconds) <= MINUTE / 100 + 1
+    assert b.arm.recoveries == 0  # nor does it have a device recover
+
+
+@pytest.mark.parametrize("first", ["stop of a client", "fault", "local stop", "exit"])
+def test_a_persons_stop_latches_whatever_stopped_the_limb_before(tmp_path: Path, first: str) -> None:
+    b = Bench(tmp_path, emergency="", automatic=first != "exit")
     client = RequestWriter(b.run_folder.requests)
 
     def script(k: int) -> None:
         if k == 50 and first == "fault":
             b.arm.health.fault = "protective stop"
-        elif k == 50:
-            client.send(RequestKind.STOP, 1 << 62)
+        elif k == 50 and first == "stop of a client":
+            client.send(RequestKind.STOP, EVER)
+        elif k in (50, 80) and first != "exit":
+            b.ask("stop")
         if k == 80:
             b.arm.health.fault = ""
-            b.ask("stop")
+            b.ask("stop")  # with "exit": while ready
         if k >= 100:
-            client.send(RequestKind.RESET, 1 << 62)
+            client.send(RequestKind.RESET, EVER)
 
     b.run(200, script)
-    assert states(b)[79] is State.STOPPED
-    assert not set(states(b)[80:]) & set(MOVING)
+    assert states(b)[82] is State.STOPPED
+    assert not set(states(b)[82:]) & set(MOVING)
+    assert b.word("latches")[-2] & Latch.PERSON
+
+
+@pytest.mark.parametrize("granted", [True, False])
+def test_the_profile_says_whether_the_bus_may_end_a_faults_stop(tmp_path: Path, granted: bool) -> None:
+    b = Bench(tmp_path, emergency="", more="reset: {bus: [bus, fault]}" if granted else "")
+    client = RequestWriter(b.run_folder.requests)
+
+    def script(k: int) -> None:
+        b.hand.silent = 50 <= k < 60
+        if k in (80, 120):
+            client.send(RequestKind.RESET, EVER)
+        if k == 100:
+            client.send(RequestKind.STOP, EVER)
+
+    b.run(140, script)
+    assert b.word("latches")[79] == Latch.FAULT
+    assert (states(b)[90] is State.ACTIVE) == granted
+    assert b.word("latches")[110] == (Latch.BUS if granted else Latch.BUS | Latch.FAULT)
+    assert (states(b)[130] is State.ACTIVE) == granted
+
+
+def test_a_local_reset_releases_every_latch(tmp_path: Path) -> None:
+    b = Bench(tmp_path, standing=Latch.RESTART | Latch.PERSON | Latch.BUS)
+    b.run(60, lambda k: b.ask("reset") if k == 20 else None)
+    assert states(b)[19] is State.STOPPED
+    assert states(b)[-1] is State.ACTIVE
+    assert b.word("latches")[-2] == 0
+    assert any(event.startswith("reset (local, user ") for event in b.events)
+
+
+def test_an_actuator_whose_power_is_cut_during_a_clients_stop_latches(tmp_path: Path) -> None:
+    """A hardware stop that a person presses while a client has stopped the limb: its release moves nothing."""
+    b = Bench(tmp_path, emergency="", standing=Latch.BUS)
+    client = RequestWriter(b.run_folder.requests)
+
+    def script(k: int) -> None:
+        b.arm.silent = k < 5 or 50 <= k < 60  # it starts as slowly as any, which latches nothing
+        if k in (40, 80):
+            client.send(RequestKind.RESET if k == 80 else RequestKind.STOP, EVER)
+
+    b.run(100, script)
+    assert b.word("latches")[45] == Latch.BUS
+    assert b.word("latches")[-2] == Latch.BUS | Latch.FAULT
+    assert not set(states(b)) & set(MOVING)
+
+
+def test_requests_replay_with_their_origins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    b = Bench(tmp_path, standing=Latch.RESTART)
+    client = RequestWriter(b.run_folder.requests)
+
+    def script(k: int) -> None:
+        b.hand.values["position"][:] = np.sin(k / 20)
+        if k in (10, 20, 180):
+            b.ask("reset")
+        if k in (60, 110):
+            client.send(RequestKind.STOP, EVER)
+        if k == 80 or k > 110:
+            client.send(RequestKind.RESET, EVER)
+        if k == 140:
+            b.ask("stop")
+
+    b.run(200, script)
+    results = {(r[CYCLE.request_origin], r[CYCLE.request_result]) for r in b.rows() if r[CYCLE.request_origin]}
+    assert results >= {
+        (Origin.LOCAL, Answer.DONE), (Origin.LOCAL, Answer.REFUSED_STATE), (Origin.BUS, Answer.DONE),
+        (Origin.BUS, Answer.REFUSED_LATCH), (Origin.BUS, Answer.REFUSED_RATE),
+    }  # fmt: skip
+    assert_replays(b, monkeypatch)
