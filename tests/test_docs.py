@@ -25,8 +25,9 @@ from pydantic_core import PydanticUndefined
 from runtime.cli import COMMANDS
 from runtime.cli.check import check_guards
 from runtime.contracts import registry
-from runtime.ipc.requests import RequestKind
-from runtime.ipc.words import Cause, Origin, State
+from runtime.ipc import latches
+from runtime.ipc.requests import Answer, RequestKind
+from runtime.ipc.words import Cause, Latch, Origin, State
 from runtime.loop.machine import Machine
 from runtime.profile import profile, wiring
 from sim.devices.examples import DEVICES
@@ -217,6 +218,25 @@ def test_the_safety_pages_defaults_are_the_machines() -> None:
         machine.request(RequestKind.FAULT, Origin.SERVICE, int(Cause[cause.upper()]), None)
         assert (machine.state is State.ACTIVE) == (reaction == "ignore"), cause
         assert machine.override is None
+
+
+def test_the_safety_page_says_who_may_end_which_stop_as_the_code_does() -> None:
+    """Write it anew: replace what stands between the two comments by `python -m runtime.ipc.latches`."""
+    text = (DOCS / "safety.md").read_text()
+    (written,) = re.findall(r"<!-- latches: .* -->\n(.*?)\n<!-- end -->", text, re.DOTALL)
+    assert written == latches.table()
+
+
+@pytest.mark.parametrize("latch", latches.ALL)
+@pytest.mark.parametrize("origin", [Origin.LOCAL, Origin.INPUT, Origin.BUS, Origin.SERVICE])
+def test_the_machine_ends_the_stops_that_the_safety_page_says(latch: Latch, origin: Origin) -> None:
+    (row,) = (line for line in latches.table().splitlines() if f"| `{latches.names(latch)[0]}` |" in line)
+    said = row.split(" | ")[1 + origin].strip("| ")
+    for granted in (latches.NONE, latches.GRANTED, latches.GRANTABLE):
+        machine = Machine(profile.Faults(), (), automatic=True, standing=latch, granted=granted)
+        done = machine.request(RequestKind.RESET, origin, 0, None) is Answer.DONE
+        expected = said == "yes" or (said != "no" and bool(latch & granted))
+        assert done == expected, (said, granted)
 
 
 # extending.md
