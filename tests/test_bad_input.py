@@ -62,6 +62,34 @@ WRONG_TEXTS = {
     "stop of no device": (("stop: {finger: hold}", "stop: {finge: hold}"), ["stop.finge", "finger"]),
     "truth as input": (("in: {tips: hand.tips}", "in: {tips: world.hand_tips}"), ["controllers.1.in.tips"]),
     "home outside": (("home: 0.0}", "home: 9.0}"), ["finger"]),
+    "a person's stop for the bus": (
+        ("frames:\n", "reset: {bus: [bus, person]}\nframes:\n"),
+        ["line", "reset.bus", "may not release 'person'", "srl reset", "may be granted: bus, fault"],
+    ),
+    "no latch": (("frames:\n", "reset: {bus: [buss]}\nframes:\n"), ["reset.bus", "'buss' is no latch", "bus, fault"]),
+    "reset by no signal": (
+        ("frames:\n", "reset: {inputs: [{signal: glove.button}]}\nframes:\n"),
+        ["line", "reset.inputs.0", "'glove.button'", "glove.position"],
+    ),
+    "reset by no element": (
+        ("frames:\n", "reset: {inputs: [{signal: glove.position, index: 22}]}\nframes:\n"),
+        ["reset.inputs.0", "22 elements"],
+    ),
+    "reset by a law": (
+        ("frames:\n", "reset: {inputs: [{signal: hand.tips}]}\nframes:\n"),
+        ["reset.inputs.0", "'hand.tips' isn't the state of a device", "glove.position"],
+    ),
+    "reset by an emergency input": (
+        (
+            "frames:\n",
+            "emergency: [{signal: glove.position}]\nreset: {inputs: [{signal: glove.position, when: 0}]}\nframes:\n",
+        ),
+        ["reset.inputs.0", "is an emergency input"],
+    ),
+    "a button that is never pressed": (
+        ("frames:\n", "reset: {inputs: [{signal: glove.position, when: .nan}]}\nframes:\n"),
+        ["reset.inputs.0.when", "finite"],
+    ),
 }
 
 
