@@ -11,16 +11,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from helpers.peer import Peer
+from helpers.peer import Peer, load, peer_of
 from helpers.run import Running
 from helpers.wait import until
-from ruamel.yaml import YAML
 
 from runtime.bus.client import Client, connect
 from runtime.ipc.control_socket import send_request
 from runtime.ipc.words import Cause, State
 
-PROFILES = Path(__file__).resolve().parents[2] / "profiles"
 HANG = 3.0  # s
 
 pytestmark = [pytest.mark.slow, pytest.mark.serial]  # how far an actuator goes on by itself, and for how long
@@ -57,20 +55,6 @@ CASES = [
     # Three seconds of commands at once would be 0.6 m.
     Case("base-jog", "client.twist", _swing(0.15, 3), "base_pose", 0.25),
 ]
-
-
-def load(profile: str) -> tuple[str, dict[str, Any], dict[str, Any]]:
-    """The profile's actuator: its name, its options, the profile."""
-    text = YAML(typ="safe", pure=True).load(PROFILES / f"{profile}.yaml")
-    ((name, entry),) = text["devices"].items()
-    return name, entry, text
-
-
-def peer_of(profile: str, **options: Any) -> Peer:
-    _, entry, text = load(profile)
-    world = {key: value for key, value in text["sim"].items() if key != "devices"}
-    config = {key: value for key, value in entry.items() if key not in ("driver", "max_age")}
-    return Peer(entry["driver"], config, options, world)
 
 
 @contextmanager

@@ -17,8 +17,9 @@ from fractions import Fraction
 from typing import Any, Self
 
 import numpy as np
+from ruamel.yaml import YAML
 
-from helpers import environment
+from helpers import ROOT, environment
 from runtime.contracts.driver import Driver
 from runtime.contracts.world import Fake, Twin, World
 
@@ -96,6 +97,21 @@ class Peer:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def load(profile: str) -> tuple[str, dict[str, Any], dict[str, Any]]:
+    """The profile's actuator: its name, its options, the profile."""
+    text = YAML(typ="safe", pure=True).load(ROOT / "profiles" / f"{profile}.yaml")
+    ((name, entry),) = text["devices"].items()
+    return name, entry, text
+
+
+def peer_of(profile: str, **options: Any) -> Peer:
+    """The twin of the profile's actuator, in the profile's own simulated world."""
+    _, entry, text = load(profile)
+    world = {key: value for key, value in text["sim"].items() if key != "devices"}
+    config = {key: value for key, value in entry.items() if key not in ("driver", "max_age")}
+    return Peer(entry["driver"], config, options, world)
 
 
 def cycles(driver: Driver, seconds: float, rate: float, each: Callable[[int], None] | None = None) -> None:

@@ -1,0 +1,137 @@
+"""A client of the bus that resets and starts at full speed, against the whole runtime: the limb doesn't move."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.peer import load, peer_of
+from helpers.run import Running, call
+
+from runtime.bus.client import Client, connect
+from runtime.contracts.errors import RequestError
+from runtime.ipc.words import CYCLE, State
+
+MOVING = (State.HOMING, State.ACTIVE)
+
+
+@contextmanager
+def streaming(run: Running, size: int) -> Iterator[threading.Event]:
+    """A client that says where to go, 25 times a second, until the event is set."""
+    ended = threading.Event()
+
+    def stream() -> None:
+        with connect(run.run_folder) as client:
+            while not ended.wait(0.04):
+                client.setpoint("client.position", np.full(size, 0.3 * np.sin(time.monotonic())))
+
+    thread = threading.Thread(target=stream)
+    thread.start()
+    try:
+        yield ended
+    finally:
+        ended.set()
+        thread.join()
+
+
+def insist(run: Running, client: Client, seconds: float) -> tuple[np.ndarray[Any, Any], int]:
+    """Asks for reset and start as fast as answers come; returns the rows of that time, and how often it asked."""
+    blocks, asked, end = [], 0, time.monotonic() + seconds
+    run.reader.take()
+    while time.monotonic() < end:
+        for what in ("reset", "start"):
+            with pytest.raises(RequestError):
+                client.command(what)
+            asked += 1
+        blocks.append(run.reader.take())
+    return np.concatenate(blocks), asked
+
+
+def assert_still(run: Running, rows: np.ndarray[Any, Any], asked: int, command: str) -> None:
+    assert run.reader.lost == 0
+    assert not set(rows[:, CYCLE.state].tolist()) & set(MOVING)
+    assert np.ptp(run.layout.value(rows, f"{command}.applied"), axis=0).max() == 0
+    assert run.word("refused") >= asked  # every refusal is in the rows
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("what", "seconds"), [("local stop", 60), ("fault", 20), ("e-stop", 20)])
+def test_no_client_ends_a_stop_that_is_not_its_own(tmp_path: Path, what: str, seconds: float) -> None:
+    # A setpoint that isn't there yet is no number, and an emergency input that is none stops.
+    estop = ["--set", "emergency=[{signal: client.position, when: 9}]"] if what == "e-stop" else []
+    arguments = ("finger-jog", "--sim", "--record", "x.rrd", "--duration", "200", *estop)
+    with Running(tmp_path, *arguments, instance="finger-jog") as run:
+        run.started()
+        run.until(run.run_folder.bus_socket.exists, "the bus")
+        with connect(run.run_folder) as client, streaming(run, 4) as streamed:
+            run.until(lambda: run.word("client.frames") > 20, "setpoints")
+            if what == "fault":
+                streamed.set()
+            elif what == "local stop":
+                call(tmp_path, "stop")
+            run.until(lambda: run.word("state") == State.STOPPED, "the stop")
+            assert client.status()["latches"] == [{"local stop": "person", "e-stop": "emergency"}.get(what, what)]
+            rows, asked = insist(run, client, seconds)
+            assert_still(run, rows, asked, "finger.position_command")
+            print(f"{what}: {asked} requests in {seconds} s, all refused")
+            call(tmp_path, "reset")
+            run.until(lambda: run.word("state") == State.ACTIVE, "motion after a local reset")
+        call(tmp_path, "stop", "--exit")
+        found = run.finish()
+    assert found["latches"] == []
+    assert found["refused"] >= asked
+    # The machine's decisions about all of them are the same in a replay.
+    assert json.loads(call(tmp_path, "replay", "x.rrd", "--json").stdout)["identical"] is True
+
+
+@pytest.mark.slow
+def test_latches_of_real_actuators_outlive_their_run(tmp_path: Path) -> None:
+    name, _, _ = load("servo-jog")
+    kept = tmp_path / "state" / "servo-jog" / "latches.json"
+    with peer_of("servo-jog") as peer:
+        arguments = ("servo-jog", "--set", f"devices.{name}.port={peer.address}", "--confirm")
+
+        def begin() -> Running:
+            run = Running(tmp_path, *arguments, instance="servo-jog")
+            run.started()
+            run.until(run.run_folder.bus_socket.exists, "the bus")
+            return run
+
+        with begin() as run, streaming(run, 2):
+            run.until(lambda: run.word("state") == State.ACTIVE, "motion")
+            assert json.loads(kept.read_text()) == {"latches": ["restart"]}
+            os.kill(run.children()["loop"], signal.SIGKILL)
+            run.finish(code=1)
+        # A clean end of a run that nobody reset keeps the latch.
+        with begin() as run:
+            assert run.word("state") == State.STOPPED
+            call(tmp_path, "stop", "--exit")
+            assert run.finish()["latches"] == ["restart"]
+        with begin() as run, connect(run.run_folder) as client, streaming(run, 2):
+            rows, asked = insist(run, client, 5.0)
+            assert_still(run, rows, asked, f"{name}.position_command")
+            call(tmp_path, "reset")
+            run.until(lambda: run.word("state") == State.ACTIVE, "motion after a local reset")
+            client.command("stop")
+            call(tmp_path, "stop")
+            run.until(lambda: json.loads(kept.read_text())["latches"] == ["person", "bus", "restart"], "the file")
+            call(tmp_path, "stop", "--exit")
+            assert run.finish()["latches"] == ["person", "bus"]
+        assert json.loads(kept.read_text()) == {"latches": ["person", "bus"]}
+        with begin() as run:
+            assert run.word("state") == State.STOPPED
+            run.until(lambda: run.word(f"{name}.stamp") > 0, "a sample")
+            call(tmp_path, "reset")
+            run.until(lambda: run.word("state") in MOVING, "motion")
+            call(tmp_path, "stop", "--exit")
+            run.finish()
+        assert not kept.exists()
