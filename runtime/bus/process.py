@@ -7,11 +7,9 @@ at any instant and started again.
 from __future__ import annotations
 
 import os
-import queue
 import sys
 import time
 from collections import deque
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -21,6 +19,7 @@ import zenoh
 from numpy.typing import NDArray
 
 from runtime.bus import session
+from runtime.bus.arrivals import Arrivals
 from runtime.bus.requests import Requests, reply
 from runtime.bus.status import Reporter
 from runtime.contracts.errors import SrlError
@@ -40,8 +39,6 @@ PUBLISHED = ("state", "command", "applied", "sent", "internal", "truth")  # role
 STATUS_PERIOD = 200_000_000  # ns
 SILENT = 500_000_000  # ns without a sign of life, plus two periods, after which the loop counts as dead
 MOST = 16  # rows published in one turn: a simulation faster than real time isn't followed row by row
-ARRIVALS = 1024  # queries that may wait
-SAMPLES = 64  # items that may wait when a sample arrives, and items handled in one turn: more would delay a stop
 NOTES_KEPT = 20
 _NOW, _STATE, _CAUSE, _FLAGS, _LATCHES = CYCLE.now, CYCLE.state, CYCLE.cause, CYCLE.flags, CYCLE.latches
 
@@ -72,11 +69,9 @@ class Bus:
         self._decimate = config.decimate
         self._pause = min(max(config.decimate * period / 2e9, 0.002), 0.02)
         self._reporter = Reporter(self._name, self._layout)
-        self._requests = Requests(self._layout, self._keys, self._request_ring, self._reporter.counts)
-        # Work, what it is done with, and when that came (CLOCK_MONOTONIC ns).
-        self._arrivals: queue.SimpleQueue[tuple[Callable[[Any], None], Any, int]] = queue.SimpleQueue()
-        self._stops: queue.SimpleQueue[tuple[Callable[[Any], None], Any, int]] = queue.SimpleQueue()
-        self._stopped = 0  # when the newest stop came
+        self._arrivals = Arrivals()
+        counts = self._reporter.counts
+        self._requests = Requests(self._layout, self._keys, self._request_ring, counts, self._arrivals)
         self._row = self._ring.newest()
         self._said: tuple[int, ...] | None = None  # state, cause and latches of the last status
         self._status_due = 0
@@ -114,39 +109,14 @@ class Bus:
         self._events_out = publisher(self._keys.events, messages.STRING)
         self._declared: list[Any] = []
         for key, answer in self._requests.handlers().items():
-            first = key == self._keys.command("stop")
-            self._declared.append(s.declare_queryable(key, self._into(answer, first)))
+            into = self._arrivals.into_stops if key == self._keys.command("stop") else self._arrivals.into
+            self._declared.append(s.declare_queryable(key, into(answer)))
         for key, take in self._requests.subscribers().items():
-            self._declared.append(s.declare_subscriber(key, self._into(take)))
-        self._declared.append(s.declare_queryable(self._keys.states, self._into(self._describe)))
-        self._declared.append(s.declare_queryable(self._keys.events, self._into(self._recall)))
+            self._declared.append(s.declare_subscriber(key, self._arrivals.into(take)))
+        self._declared.append(s.declare_queryable(self._keys.states, self._arrivals.into(self._describe)))
+        self._declared.append(s.declare_queryable(self._keys.events, self._arrivals.into(self._recall)))
         # Declared last: a client that sees this token finds everything else declared.
         self._declared.append(s.liveliness().declare_token(self._keys.alive))
-
-    def _into(self, work: Callable[[Any], None], first: bool = False) -> Callable[[Any], None]:
-        """Returns a callback for zenoh's threads that queues its argument for the next turn.
-
-        `first`: it is for stops, which come before everything else and always find room.
-        """
-
-        def arrive(item: Any) -> None:
-            now = time.monotonic_ns()
-            if first:
-                if self._stops.qsize() >= ARRIVALS:
-                    item.drop()  # as many stops wait already
-                    return
-                self._stopped = now
-                self._stops.put((work, item, now))
-                self._arrivals.put((_nothing, None, now))  # wakes the turn
-                return
-            # The queue must not grow without bounds, and a flood of setpoints must leave room for a stop.
-            asked = isinstance(item, zenoh.Query)
-            if self._arrivals.qsize() < (ARRIVALS if asked else SAMPLES):
-                self._arrivals.put((work, item, now))
-            elif asked:
-                item.drop()
-
-        return arrive
 
     def run(self, ending: Ending | None = None) -> None:
         """Runs until the ring is closed or this process is to end."""
@@ -166,19 +136,7 @@ class Bus:
 
     def _wait(self) -> None:
         """Waits until the next turn is due, or until arriving items have been handled."""
-        try:
-            self._handle(*self._arrivals.get(timeout=0.001 if self._requests.busy else self._pause))
-            for _ in range(SAMPLES):
-                self._handle(*self._arrivals.get_nowait())
-        except queue.Empty:
-            pass
-
-    def _handle(self, work: Callable[[Any], None], item: Any, came: int) -> None:
-        while not self._stops.empty():
-            stop, query, _ = self._stops.get_nowait()
-            stop(query)
-        self._requests.overtaken = came < self._stopped
-        work(item)
+        self._arrivals.handle(0.001 if self._requests.busy else self._pause)
 
     def _turn(self) -> None:
         rows = self._ring.take()
@@ -259,10 +217,6 @@ class Bus:
     def _recall(self, query: zenoh.Query) -> None:
         reply(query, self._keys.events, list(self._remembered))
         query.drop()
-
-
-def _nothing(item: None) -> None:
-    pass
 
 
 def _matches(publisher: zenoh.Publisher) -> bool:

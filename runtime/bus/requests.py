@@ -21,6 +21,7 @@ import numpy as np
 import zenoh
 from numpy.typing import NDArray
 
+from runtime.bus.arrivals import Arrivals
 from runtime.bus.status import CAUSES, Counts
 from runtime.contracts.errors import RequestError
 from runtime.contracts.field import Field
@@ -58,11 +59,11 @@ class Requests:
 
     Attributes:
         busy: True while a request or setpoint waits for the loop.
-        overtaken: True while a query is handled that came before a stop which was handled already.
     """
 
-    def __init__(self, layout: Layout, keys: Keys, ring: RequestWriter, counts: Counts) -> None:
+    def __init__(self, layout: Layout, keys: Keys, ring: RequestWriter, counts: Counts, arrivals: Arrivals) -> None:
         self._layout, self._keys, self._ring, self._counts = layout, keys, ring, counts
+        self._arrivals = arrivals
         self._parameters: list[dict[str, Any]] = layout.meta.get("parameters", [])
         self._setpoints: list[dict[str, Any]] = layout.meta.get("setpoints", [])
         self._underway: dict[int, Pending] = {}
@@ -71,7 +72,7 @@ class Requests:
         self._row: NDArray[np.int64] | None = None
         self._cycle = -1
         self._said = 0.0
-        self.silent = self.overtaken = False
+        self.silent = False
 
     def handlers(self) -> dict[str, Callable[[zenoh.Query], None]]:
         """The functions that answer queries, by key expression."""
@@ -98,9 +99,11 @@ class Requests:
     def _command(self, name: str, query: zenoh.Query) -> None:
         key = self._keys.command(name)
         crowd = len(self._underway if name == "stop" else self._waiting)
-        if name != "stop" and self.overtaken:
+        if not self._answerable(query, key, crowd):
+            return
+        if name != "stop" and self._arrivals.overtaken:
             self._refuse(query, key, RequestError(key, *_OVERTAKEN))
-        elif self._answerable(query, key, crowd):
+        else:
             self._ask(Pending(query, key, _KINDS[name], 0, None, time.monotonic_ns() + PATIENCE))
 
     def _parameter(self, index: int, query: zenoh.Query) -> None:

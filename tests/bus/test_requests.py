@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from helpers.bus import layout
 
+from runtime.bus.arrivals import SAMPLES, Arrivals
 from runtime.bus.requests import UNDERWAY, WAITING, Requests
 from runtime.bus.status import Counts
 from runtime.ipc.requests import Answer, RequestKind, RequestReader, RequestWriter
@@ -45,9 +46,11 @@ class Desk:
         RequestWriter.create(path / "requests.ring")
         self.layout = layout("sixth-finger", 100)
         self.sent = RequestReader(path / "requests.ring")
-        self.counts = Counts()
+        self.counts, self.arrivals = Counts(), Arrivals()
         self.keys = Keys("sixth-finger")
-        self.requests = Requests(self.layout, self.keys, RequestWriter(path / "requests.ring"), self.counts)
+        self.requests = Requests(
+            self.layout, self.keys, RequestWriter(path / "requests.ring"), self.counts, self.arrivals
+        )
         self.row = Row(self.layout)
         self.handlers = self.requests.handlers()
         self.turn()
@@ -151,3 +154,20 @@ def test_every_query_is_answered_at_the_end(desk: Desk) -> None:
     queries = [desk.ask(desk.keys.command(name)) for name in ("start", "reset", "stop")]
     desk.requests.end()
     assert all(q.dropped == 1 and q.answers for q in queries)
+
+
+def test_a_crowd_leaves_room_for_a_stop_and_what_came_before_it_moves_nothing(desk: Desk) -> None:
+    """What came before the stop is refused, though it is handled after it."""
+    keys = {name: desk.keys.command(name) for name in ("start", "reset", "stop")}
+    into = {name: desk.arrivals.into(desk.handlers[keys[name]]) for name in ("start", "reset")}  # type: ignore[arg-type]
+    crowd = [Query(keys["reset"]) for _ in range(2 * SAMPLES)]
+    for query in crowd:
+        into["reset"](query)
+    desk.arrivals.into_stops(desk.handlers[keys["stop"]])(Query(keys["stop"]))  # type: ignore[arg-type]
+    desk.arrivals.handle(1.0)
+    assert [r.kind for r in desk.sent.take()] == [RequestKind.STOP]
+    assert all("a stop came after it" in query.answers[0]["error"] for query in crowd[:SAMPLES])
+    desk.arrivals.handle(0.0)
+    into["start"](Query(keys["start"]))
+    desk.arrivals.handle(1.0)
+    assert [r.kind for r in desk.sent.take()] == [RequestKind.START]

@@ -1,0 +1,77 @@
+"""What arrives on zenoh's threads, queued for the bus's one thread. Stops come first and always find room."""
+
+from __future__ import annotations
+
+import queue
+import time
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import zenoh
+
+QUERIES = 1024  # queries that may wait
+SAMPLES = 64  # items that may wait when a sample arrives, and items handled in one turn: more would delay a stop
+
+
+class _Item(NamedTuple):
+    """One arrival: the work to do, what with, and when it came (CLOCK_MONOTONIC ns)."""
+
+    work: Callable[[Any], None]
+    what: Any
+    came: int
+
+
+class Arrivals:
+    """The queues; see the module's docstring.
+
+    Attributes:
+        overtaken: True while an item is handled that came before a stop which was handled already.
+    """
+
+    def __init__(self) -> None:
+        self.overtaken = False
+        self._items: queue.SimpleQueue[_Item] = queue.SimpleQueue()
+        self._stops: queue.SimpleQueue[_Item] = queue.SimpleQueue()
+        self._stopped = 0  # when the newest stop came
+
+    def into(self, work: Callable[[Any], None]) -> Callable[[Any], None]:
+        """Returns a callback for zenoh's threads that queues its argument for `work`."""
+
+        def arrive(what: Any) -> None:
+            # The queue must not grow without bounds, and a flood of setpoints must leave room for queries.
+            asked = isinstance(what, zenoh.Query)
+            if self._items.qsize() < (QUERIES if asked else SAMPLES):
+                self._items.put(_Item(work, what, time.monotonic_ns()))
+            elif asked:
+                what.drop()
+
+        return arrive
+
+    def into_stops(self, work: Callable[[Any], None]) -> Callable[[Any], None]:
+        """As `into`, for stops."""
+
+        def arrive(what: Any) -> None:
+            if self._stops.qsize() >= QUERIES:
+                what.drop()  # so many stops wait already
+                return
+            self._stopped = time.monotonic_ns()
+            self._stops.put(_Item(work, what, self._stopped))
+            self._items.put(_Item(lambda _: None, None, self._stopped))  # ends a wait
+
+        return arrive
+
+    def handle(self, timeout: float) -> None:
+        """Waits until something arrives or `timeout` (s) is over, then handles what is there, at most one turn's."""
+        try:
+            self._handle(self._items.get(timeout=timeout))
+            for _ in range(SAMPLES):
+                self._handle(self._items.get_nowait())
+        except queue.Empty:
+            pass
+
+    def _handle(self, item: _Item) -> None:
+        while not self._stops.empty():
+            stop = self._stops.get_nowait()
+            stop.work(stop.what)
+        self.overtaken = item.came < self._stopped
+        item.work(item.what)
