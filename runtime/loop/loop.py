@@ -40,6 +40,7 @@ class Loop:
         self.cycle, self.requests, self.ring = cycle, requests, ring
         self.commanded = [d for d in devices if d.actuators]
         self.refusals = Refusals(cycle.report)
+        self._begun = False  # whether a start or reset was granted in this cycle
         self.after_write: Callable[[Device], None] = lambda device: None  # keeps the supervisor's stop frames current
         self.each_cycle: Callable[[State], None] = lambda state: None  # sign of life, events about state changes
 
@@ -83,6 +84,9 @@ class Loop:
             for each in self.requests.refused if pending is None else (pending, *self.requests.refused):
                 self._answer(each)
             self.refusals.turn(tick.now)
+            if self._begun:  # after the row, which holds what this cycle saw
+                self._begun = False
+                self.requests.forget_setpoints()
             self.each_cycle(self.cycle.machine.state)
             ints[_LOG] = monotonic() - written
             count += 1
@@ -112,15 +116,14 @@ class Loop:
         self.refusals.add(others, what)
 
     def _note(self, uid: int, changed: bool) -> None:
-        """Follows up the request that the row tells of: its event, and the setpoints after a start."""
+        """Follows up the request that the row tells of."""
         ints = self.graph.row.ints
         kind, origin, answer = RequestKind(ints.item(_KIND)), Origin(ints.item(_ORIGIN)), Answer(ints.item(_RESULT))
         if answer is not Answer.DONE:
             self.refusals.add(1, refusal(kind, origin, uid, answer))
         elif kind in STATE_REQUESTS and changed:
             self.cycle.report(described(kind, origin, uid))
-        if answer is Answer.DONE and kind in (RequestKind.START, RequestKind.RESET):
-            self.requests.forget_setpoints()
+        self._begun = answer is Answer.DONE and kind in (RequestKind.START, RequestKind.RESET)
 
     def _answer(self, pending: PendingRequest) -> None:
         machine = self.cycle.machine

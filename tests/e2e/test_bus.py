@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import time
 from pathlib import Path
 
@@ -11,7 +13,7 @@ from helpers.run import Running, call
 
 from runtime.bus.client import Client, connect
 from runtime.contracts.errors import RequestError
-from runtime.ipc.words import Cause, State
+from runtime.ipc.words import Cause, Latch, State
 
 
 def test_states_requests_and_parameters(tmp_path: Path) -> None:
@@ -82,7 +84,10 @@ def test_setpoints_move_the_finger_and_bad_ones_are_refused(tmp_path: Path) -> N
             time.sleep(0.3)  # in which it could stop again
             assert run.word("state") == State.ACTIVE
             _stream(client, [0.0, 0.7, 0.5, 0.5], 1.0)
-            client.command("stop")
+        # The supervisor's own word that the bus died is no person's stop, though it comes the same way.
+        os.kill(run.children()["bus"], signal.SIGKILL)
+        run.until(lambda: run.word("state") == State.STOPPED, "the stop")
+        assert (run.word("cause"), run.word("latches")) == (Cause.BUS_LOSS, Latch.FAULT)
 
 
 def _stream(client: Client, goal: list[float], seconds: float) -> None:
