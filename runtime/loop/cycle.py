@@ -45,8 +45,8 @@ PATIENCE = 5_000_000_000  # ns that a stop may take before the exit: after that 
 _CATEGORIES = {category: i for i, category in enumerate(Stop)}
 _NOW, _DT, _STATE, _CAUSE = CYCLE.now, CYCLE.dt, CYCLE.state, CYCLE.cause
 _CULPRIT, _CATEGORY, _FLAGS = CYCLE.culprit, CYCLE.category, CYCLE.flags
-_LATCHES, _ORIGIN, _REFUSED = CYCLE.latches, CYCLE.request_origin, CYCLE.refused
-_REQUEST = slice(CYCLE.request, CYCLE.request_result + 1)
+_LATCHES, _REFUSED = CYCLE.latches, CYCLE.refused
+_REQUEST = slice(CYCLE.request, CYCLE.request_origin + 1)
 _STOPS = (RequestKind.STOP, RequestKind.EXIT, RequestKind.FAULT)
 
 
@@ -138,15 +138,14 @@ class Cycle:
                 answer = Answer.REFUSED_RATE
         stop = False
         if request is None:
-            ints[_REQUEST] = ints[_ORIGIN] = 0
+            ints[_REQUEST] = 0
         else:
             stop = request.kind in _STOPS
             if answer is Answer.NONE and request.kind in STATE_REQUESTS:
                 # A client that no longer sends must not prevent a restart of the limb without it.
                 present = None if self._client_is_silent() else self._fault
                 answer = machine.request(request.kind, request.origin, request.target, present)
-            ints[_REQUEST] = request.id, request.kind, request.target, answer
-            ints[_ORIGIN] = request.origin
+            ints[_REQUEST] = request.id, request.kind, request.target, answer, request.origin
             ints[_REFUSED] += answer is not Answer.DONE
         machine.start_if_ready(self._fault)
         self.reset_inputs.look(machine.state in (State.STOPPING, State.STOPPED) and not stop)

@@ -26,7 +26,7 @@ from runtime.profile.graph import Graph
 
 _MOVES = {"start": RequestKind.START, "reset": RequestKind.RESET}
 _CAUSES = {"bus_loss": Cause.BUS_LOSS, "end": Cause.END}  # causes that the supervisor may give
-_DATAGRAMS = 8  # datagrams read in one cycle of each socket: a flood of them must not delay the loop
+_DATAGRAMS = 4  # datagrams read in one cycle of each socket: a flood of them must not delay the loop
 _WAITING = 64  # requests of one origin in the queue, and senders that wait for the same stop
 _ANSWERS = {
     Answer.REFUSED_STATE: "not possible in this state",
