@@ -110,7 +110,7 @@ class Loop:
     def _count(self, others: int) -> None:
         """Counts refused requests that no row tells of."""
         self.graph.row.ints[_REFUSED] += others
-        what = "no request" if self.requests.dropped else ""
+        what = "what is no request, or one too many" if self.requests.dropped else ""
         for each in self.requests.refused:
             what = refusal(each.request.kind, each.request.origin, each.uid, each.answer)
         self.refusals.add(others, what)

@@ -80,7 +80,7 @@ class Machine:
         }
 
     def stop(self, fault: Fault) -> None:
-        """Enters the stop. The first cause is kept until the reset; only an emergency replaces it."""
+        """Enters the stop and latches it. The first cause is kept until the reset; only an emergency replaces it."""
         if self.state is State.ENDED:
             return
         moving = self.state in (State.ACTIVE, State.HOMING)

@@ -11,6 +11,7 @@ from helpers.bus import Run, reach, spawn
 from runtime.cli import top
 from runtime.contracts.errors import RequestError
 from runtime.ipc.run_folder import RunFolder
+from runtime.ipc.words import Latch
 
 
 @pytest.fixture
@@ -55,6 +56,19 @@ def test_one_frame_as_text(instance: Run, capsys: pytest.CaptureFixture[str]) ->
     ):
         assert word in frame
     assert "\x1b" not in frame
+
+
+def test_latches_are_shown_with_what_ends_them(instance: Run, capsys: pytest.CaptureFixture[str]) -> None:
+    instance.refused = 17
+    instance.latches = Latch.PERSON | Latch.FAULT  # a change is told at once
+    assert call("--once") == 0
+    frame = " ".join(capsys.readouterr().out.split())
+    assert "ready; latched: person, fault" in frame
+    assert "`srl reset sixth-finger` on its machine ends this" in frame
+    assert "requests refused 17" in frame
+    assert call("--json") == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["latches"], found["refused"]) == (["person", "fault"], 17)
 
 
 def test_one_object(instance: Run, capsys: pytest.CaptureFixture[str]) -> None:

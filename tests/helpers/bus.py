@@ -25,7 +25,7 @@ from runtime.ipc.requests import Answer, RequestKind, RequestReader, RequestWrit
 from runtime.ipc.ring import RingWriter
 from runtime.ipc.row import Row
 from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.words import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, Cause, State
+from runtime.ipc.words import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, Cause, Latch, State
 
 JOINTS = ("thumb", "index-1", "index-2")
 
@@ -71,6 +71,7 @@ class Run(threading.Thread):
     Attributes:
         setpoints: what was taken, with its expiry.
         fault: a fault that is present, so that a reset is refused.
+        latches, refused: words of the rows.
         paused: no rows and no sign of life, as a dead loop.
         started: requests that set in motion, by kind.
     """
@@ -88,6 +89,7 @@ class Run(threading.Thread):
         self.row = Row(self.layout)
         self.state, self.cause, self.culprit = State.READY, Cause.NONE, -1
         self.fault = False
+        self.latches, self.refused = Latch(0), 0
         self.paused = threading.Event()
         self.setpoints: list[tuple[int, np.ndarray]] = []
         self.taken: list[RequestKind] = []
@@ -131,6 +133,7 @@ class Run(threading.Thread):
                 self.cause,
                 self.culprit,
             )
+            words[CYCLE.latches], words[CYCLE.refused] = self.latches, self.refused
             client[DEVICE.stamp], client[DEVICE.link] = -1, LINK_CONNECTED
             for device, active in zip(others, (0, LINK_ACTIVE), strict=True):
                 device[DEVICE.stamp], device[DEVICE.link] = wake - 2_000_000, LINK_CONNECTED | active
