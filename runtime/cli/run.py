@@ -97,7 +97,6 @@ def _run(args: argparse.Namespace, signals: EndSignals) -> int:
         signals.pass_to(supervisor.end)
         result = _supervise(supervisor, standing, args, advice, console)
         if supervisor.error is not None:
-            well = standing is not None and not standing.began  # nothing has moved
             raise supervisor.error
         if args.figure is not None and record is not None:
             _draw(record, args.figure)
@@ -105,7 +104,7 @@ def _run(args: argparse.Namespace, signals: EndSignals) -> int:
         well = code == 0
     finally:
         if standing is not None:
-            standing.close(well)
+            standing.close(well or not standing.began)  # before the first cycle nothing has moved
         where.release()
     return code
 

@@ -52,7 +52,8 @@ def test_one_frame_as_text(instance: Run, capsys: pytest.CaptureFixture[str]) ->
         "connected, active",
         "of 200 Hz",
         "█",
-        "1.000 rad",
+        "(rad)",
+        "1.000",
     ):
         assert word in frame
     assert "\x1b" not in frame

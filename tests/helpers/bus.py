@@ -40,6 +40,7 @@ def layout(name: str, rate: int, **bus: Any) -> Layout:
     made.add("hand.tips", "internal", (5, 3), "m", frame="palm", visual="points")
     made.add("finger.position_command", "command", (2,), "rad")
     made.add("finger.position_command.applied", "applied", (2,), "rad")
+    made.add("finger.position_command.sent", "sent", (2,), "rad")
     made.add("object-mapping.pull", "parameter", (), "N")
     made.add("client.force", "setpoint", (3,), "N")
     made.meta = {
@@ -144,6 +145,7 @@ class Run(threading.Thread):
             views["hand.tips"][:] = np.arange(15).reshape(5, 3)
             views["finger.position_command"][:] = math.sin(cycle / self.rate), 2.0
             views["finger.position_command.applied"][:] = views["finger.position_command"] / 2
+            views["finger.position_command.sent"][:] = views["finger.position_command.applied"]
             self.ring.append(self.row.words)
             self.ring.touch(time.monotonic_ns())
             rest = start + cycle * 1_000_000_000 // self.rate - time.monotonic_ns()
