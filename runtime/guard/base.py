@@ -118,6 +118,7 @@ class CommandGuard(ABC):
         self._sent: Array | None = None
         self._seat_at = b""  # where `reseat` begins: the newest finite one since the reset, else the first command
         self._unsent = 0.0  # s since a command was sent as it was applied
+        self._stalled = False  # that is longer than the guard's patience
         self._position: Array | None = None
         self._velocity: Array | None = None
         self._ready = False
@@ -164,7 +165,7 @@ class CommandGuard(ABC):
         """
         self._restart(*self._start(position, velocity))
         self._seat_at = self.applied.tobytes()
-        self._unsent = 0.0
+        self._unsent, self._stalled = 0.0, False
 
     def reseat(self, left: bool, dt: float) -> None:
         """Begins anew at what was sent if the device hasn't kept its command's period and resolution.
@@ -188,8 +189,12 @@ class CommandGuard(ABC):
             left = left and finite(sent)
         if left:
             self._seat_at = raw
-        self._unsent = dt if taken else self._unsent + dt
-        if self._unsent > self._patience or (left and not taken):
+        # A device that rounds may hold what is applied without being sent anything. But in a stall, being near to what
+        # was sent shows nothing, as the guard has begun there: until a command leaves, it gets no new patience.
+        known = taken and (left or not self._stalled)
+        self._unsent = dt if known else self._unsent + dt
+        self._stalled = self._unsent > self._patience
+        if known and self._stalled or not taken and (left or self._stalled):
             self._seat(np.frombuffer(self._seat_at).tolist())
             self.reseated = True
             self.reseats += 1
@@ -243,7 +248,7 @@ class CommandGuard(ABC):
 
     def _span(self, dt: float) -> float:
         # After a stall the motion goes on with one period's span, never with the time since.
-        return min(max(dt, SHORTEST * self.dt), (1 if self.reseated else LONGEST) * self.dt)
+        return min(max(dt, SHORTEST * self.dt), (1 if self._stalled or self.reseated else LONGEST) * self.dt)
 
     def _begin(self) -> None:
         if not self._ready:

@@ -140,6 +140,50 @@ def test_a_slow_device_and_one_that_rounds_leave_the_guard_alone() -> None:
     assert not any(rounding.seen)
 
 
+@pytest.mark.parametrize(("kind", "resolution"), [(Kind.POSITION, 5e-3), (Kind.VELOCITY, 0.12), (Kind.TORQUE, 2.5)])
+def test_a_coarse_device_that_stalls_is_followed_by_no_step_either(kind: Kind, resolution: float) -> None:
+    """One period's step from what was sent is less than what is rounded: it doesn't show that a command was taken."""
+    link = Link(kind, period=0.06, resolution=resolution)
+    period = 0.5 * LIMITS[kind]["acceleration"] * DT**2 if kind is Kind.POSITION else RATE[kind] * DT
+    assert period < resolution
+    target = {Kind.POSITION: 1.5, Kind.VELOCITY: 0.9, Kind.TORQUE: 15.0}[kind]
+    for _ in range(5):
+        link.cycle(target)
+    last = float(link.sent[0])
+    apart = []
+    for _ in range(200):
+        link.cycle(target, takes=False)
+        apart.append(abs(float(link.applied[0]) - last))
+    faster = (2 * 40.0 * resolution) ** 0.5 * DT if kind is Kind.POSITION else 0.0  # while it is within the resolution
+    assert max(apart[:6]) > resolution + period + faster, "for the command's period it goes on"
+    assert max(apart[7:]) <= resolution + period + faster
+    link.cycle(target)
+    for _ in range(200):
+        link.cycle(target)
+    assert link.sent[0] == link.applied[0] == pytest.approx(target)
+    assert not any(link.seen[-190:])
+
+
+def test_a_device_that_sends_only_what_it_can_tell_apart_leaves_a_stall_again() -> None:
+    """A servo board sends no pulse that rounds to the last one: the guard must get beyond that."""
+    link = Link(Kind.POSITION, resolution=5e-3, acceleration=4.0)
+    t = 0.0
+
+    def cycle(takes: bool) -> None:
+        nonlocal t
+        t += DT
+        link.cycle(0.3 * np.sin(2.0 * t), takes=False)
+        if takes and not abs(link.applied[0] - link.sent[0]) <= 5e-3:
+            link.send(link.applied)
+
+    for takes, times in ((True, 100), (False, 100), (True, 200)):
+        for _ in range(times):
+            cycle(takes)
+    assert any(link.seen[100:200])
+    assert not any(link.seen[-150:])
+    assert abs(link.applied[0] - 0.3 * np.sin(2.0 * t)) < 1e-6
+
+
 def test_a_limiter_in_the_device_is_known_in_the_next_cycle() -> None:
     link = Link(Kind.TORQUE)
     torques = []
