@@ -154,6 +154,7 @@ class Firmata(Driver):
         try:
             if self._waiting:
                 taken = False
+                link.write(b"")  # sends the rest of a command that the kernel took in part
             elif frame:
                 taken = self._ask(link, now, frame)
             else:
