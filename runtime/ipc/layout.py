@@ -164,7 +164,7 @@ class Layout:
                 if f.offset != layout.floats or min(f.shape, default=1) < 0 or f.name in layout.fields:
                     raise ValueError(f"signal '{f.name}' has no place of its own")
                 layout.fields[f.name] = f
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
+        except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
             problem = f"the layout is damaged: {type(error).__name__}: {error}"
             raise RecordingError(place, problem, "Without it no row can be read; use another recording") from None
         return layout

@@ -41,7 +41,9 @@ class Loop:
         self.commanded = [d for d in devices if d.actuators]
         self.refusals = Refusals(cycle.report)
         self._begun = False  # whether a start or reset was granted in this cycle
-        self.after_write: Callable[[Device], None] = lambda device: None  # keeps the supervisor's stop frames current
+        # Keeps the supervisor's stop frames current. Not for a device that this write lost: its frame was for a
+        # connection that is gone, and its driver belongs to the thread that opens it again.
+        self.after_write: Callable[[Device], None] = lambda device: None
         self.each_cycle: Callable[[State], None] = lambda state: None  # sign of life, events about state changes
 
     def run(self, cycles: int | None = None) -> None:
@@ -73,7 +75,8 @@ class Loop:
             for device in self.commanded:
                 if device.active:
                     device.write(tick.now)
-                    self.after_write(device)
+                    if not device.lost:
+                        self.after_write(device)
             self._release(tick.now)
             for device in self.commanded:
                 device.publish(tick.now)
@@ -143,4 +146,5 @@ class Loop:
             for actuator in device.actuators:
                 if self.cycle.category(actuator) is Stop.LIMP:
                     device.stop(Stop.LIMP, now)
-                    self.after_write(device)
+                    if not device.lost:
+                        self.after_write(device)

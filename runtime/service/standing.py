@@ -64,7 +64,7 @@ class Standing:
             found = latches.of_names(json.loads(self._path.read_text())["latches"])
         except FileNotFoundError:
             found = latches.NONE
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
             self._report(
                 f"{self._path} can't be read ({type(error).__name__}), so this run begins as after a person's stop and "
                 "a bad end: look at the limb, then `srl reset`"

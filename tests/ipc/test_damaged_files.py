@@ -71,6 +71,10 @@ def a_list(path: Path) -> None:
     path.write_text("[1, 2]")
 
 
+def nested(path: Path) -> None:
+    path.write_text("[" * 100_000)
+
+
 def header(index: int, value: int) -> Callable[[Path], None]:
     """A ring's header that lies."""
 
@@ -83,7 +87,7 @@ def header(index: int, value: int) -> Callable[[Path], None]:
     return damage
 
 
-ANY = [truncated, emptied, binary, other_keys, a_list]
+ANY = [truncated, emptied, binary, other_keys, a_list, nested]
 WIDTH, CAPACITY, HEAD, CONSUMED = 1, 2, 3, 5
 RING = [*ANY, header(WIDTH, 0), header(WIDTH, 1 << 60), header(CAPACITY, -1), header(HEAD, -5), header(CONSUMED, 99)]
 READERS: dict[str, tuple[Callable[[Path], object], list[Callable[[Path], None]]]] = {
@@ -114,6 +118,15 @@ def test_a_layout_whose_signals_overlap_is_refused(run: RunFolder) -> None:
     content["fields"][1]["offset"] = 0
     run.layout.write_text(json.dumps(content))
     with pytest.raises(SrlError, match="no place of its own"):
+        Layout.load(run.layout)
+
+
+@pytest.mark.parametrize("size", [float("inf"), 1 << 70])
+def test_a_layout_with_a_size_that_is_none_is_refused(run: RunFolder, size: float) -> None:
+    content = json.loads(run.layout.read_text())
+    content["fields"][0]["shape"] = [size]
+    run.layout.write_text(json.dumps(content))
+    with pytest.raises(SrlError, match="the layout is damaged"):
         Layout.load(run.layout)
 
 

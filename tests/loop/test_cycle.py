@@ -193,6 +193,27 @@ def test_a_homing_that_was_broken_off_goes_on_without_a_step(tmp_path: Path) -> 
     assert np.abs(np.diff(sent[begun[0] :][:5], axis=0)).max() <= SPEED * 0.01 / 4 * (1 + 1e-6)
 
 
+def test_a_loss_in_write_leaves_no_stop_frame(tmp_path: Path) -> None:
+    """The frame would reach the device after it was opened again, and its driver belongs to another thread by then."""
+    b = Bench(tmp_path)
+    stored: list[bool] = []
+    (arm,) = b.loop.commanded
+    arm.on_loss = lambda device: stored.clear()
+    b.loop.after_write = lambda device: stored.append(device.lost)
+
+    def script(k: int) -> None:
+        if k == 100:
+            assert stored
+            b.arm.gone_in_write = True
+        if k == 102:
+            assert stored == []
+            b.until_back(b.arm)
+
+    b.run(120, script)
+    assert arm.lost is False
+    assert stored == []
+
+
 def test_a_reset_that_was_overtaken_replays_as_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     b = Bench(tmp_path)
     b.run(80, _stop_then_both(b))

@@ -91,7 +91,7 @@ def test_a_run_without_a_cycle_leaves_what_stood(host: Host, before: Latch) -> N
     assert host.kept() == names(before)
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", '{"latches": ["persn"]}', '{"latches": 3}', "\x00" * 40, "{}"])
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"latches": ["persn"]}', '{"latches": 3}', "\x00" * 40, "{}", "[" * 100_000])
 def test_a_damaged_file_counts_as_the_worst(host: Host, text: str) -> None:
     host.state.mkdir()
     (host.state / "latches.json").write_text(text)
