@@ -83,7 +83,7 @@ def _run(args: argparse.Namespace, signals: EndSignals) -> int:
     try:
         # Only what stopped a real limb outlives its run.
         if any(graph.devices[a.device].name not in graph.simulated for a in graph.actuators):
-            standing = Standing(state, where, console.say)
+            standing = Standing(state, console.say)
         record = args.record
         if args.figure is not None and record is None:
             record = where.path / "figure.rrd"
@@ -118,8 +118,8 @@ def _supervise(
     next_look = 0.0
     supervisor.start()
     while supervisor.step():
-        if standing is not None and supervisor.running:
-            standing.follow()
+        if standing is not None and supervisor.running and supervisor.rows is not None:
+            standing.follow(supervisor.rows)
         if not supervisor.running or time.monotonic() < next_look:
             continue
         next_look = time.monotonic() + REFRESH

@@ -147,7 +147,10 @@ class Process:
                 device.stop(self._category(loop, device), 0)
             realtime.leave()
             requests.close()
-        private_file.replace(self.run_folder.result, json.dumps(self._figures(loop)).encode())
+        try:
+            private_file.replace(self.run_folder.result, json.dumps(self._figures(loop)).encode())
+        except OSError as error:  # the run itself went well
+            self.report(f"the run's own figures can't be kept: {error.strerror}")
 
     def _catch_up(self) -> None:
         """Reads what the first devices have sent while the last one was opened.

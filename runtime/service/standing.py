@@ -15,7 +15,6 @@ from pathlib import Path
 from runtime.contracts.errors import HostError
 from runtime.ipc import latches
 from runtime.ipc.ring import RingReader
-from runtime.ipc.run_folder import RunFolder
 from runtime.ipc.words import CYCLE, Latch
 
 _NAME = "latches.json"
@@ -30,17 +29,16 @@ class Standing:
         latches: what stood when the run began.
     """
 
-    def __init__(self, state: Path, run_folder: RunFolder, report: Callable[[str], None]) -> None:
+    def __init__(self, state: Path, report: Callable[[str], None]) -> None:
         """Reads the file, then marks the run as under way.
 
         Args:
             state: the instance's state folder.
-            run_folder: where the run's rows will be.
             report: takes a line of text.
         Raises:
             HostError: the file can't be written.
         """
-        self._path, self._run_folder, self._report = state / _NAME, run_folder, report
+        self._path, self._report = state / _NAME, report
         self.latches = self._read()
         self._now = self.latches  # of the newest row
         self._ring: RingReader | None = None
@@ -77,14 +75,13 @@ class Standing:
         """Whether the run had a cycle: before that nothing can have moved."""
         return self._ring is not None
 
-    def follow(self) -> None:
-        """Looks at the newest row, and has its latches written if they changed. Never waits for the disk."""
-        if self._ring is None:
-            try:
-                self._ring = RingReader(self._run_folder.rows)
-            except (OSError, ValueError):
-                return  # not yet
-        row = self._ring.newest()
+    def follow(self, rows: RingReader) -> None:
+        """Looks at the newest row, and has its latches written if they changed. Never waits for the disk.
+
+        `rows` are the supervisor's own: at a loss of the run folder nothing has to be opened.
+        """
+        self._ring = rows
+        row = rows.newest()
         if row is None or int(row[CYCLE.latches]) == self._now:
             return
         self._now = Latch(int(row[CYCLE.latches]))
@@ -95,7 +92,7 @@ class Standing:
     def close(self, well: bool) -> None:
         """Writes the last state. `well`: the run ended well, or never began to move anything."""
         if self._ring is not None:
-            self.follow()
+            self.follow(self._ring)
         with self._changed:
             self._wanted = self._now if well else self._now | Latch.RESTART
             self._closing = True

@@ -307,7 +307,7 @@ class Supervisor:
             self.report(f"the loop can't be asked for {what}: {error.strerror}")
 
     def _pass_on_end(self) -> None:
-        """Requests the safe stop: first through the socket if the loop runs, then once a second by signal."""
+        """Requests the safe stop: first through the socket, if there is one, then once a second by signal."""
         assert self.loop is not None
         now = time.monotonic()
         if now - self._asked < 1.0:
@@ -315,7 +315,7 @@ class Supervisor:
         first, self._asked = self._asked == 0.0, now
         if first:
             self._first_asked = now
-        if first and self.running:
+        if first and self.running and self.run_folder.stop_socket.exists():
             self._ask("exit")
         elif not self.running and now - self._first_asked > OPENING:
             self.loop.kill()  # nothing moves before the loop runs

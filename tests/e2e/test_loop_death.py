@@ -58,6 +58,16 @@ def test_the_run_folder_is_gone(run: Running, board: ScriptedBoard) -> None:
     assert len(read(stopped(run, board, mark)).rows) >= head
 
 
+def test_a_run_whose_folder_is_gone_still_ends_well(run: Running) -> None:
+    shutil.rmtree(run.run_folder.path)
+    run.process.send_signal(signal.SIGTERM)
+    found = run.finish(code=0)
+    assert "Traceback" not in run.stderr
+    assert "figures can't be kept" in run.stderr
+    assert found["cause"] == "request"
+    assert "death" not in found
+
+
 def test_the_supervisor_has_no_descriptor_left(run: Running, board: ScriptedBoard) -> None:
     head, loop, mark = run.reader.head, run.children()["loop"], len(board.seen)
     used = max(int(name) for name in os.listdir(f"/proc/{run.process.pid}/fd")) + 1

@@ -14,8 +14,7 @@ from helpers.wait import until
 
 from runtime.contracts.errors import HostError
 from runtime.ipc.latches import NONE, names
-from runtime.ipc.ring import RingWriter
-from runtime.ipc.run_folder import RunFolder
+from runtime.ipc.ring import RingReader, RingWriter
 from runtime.ipc.words import CYCLE, Latch
 from runtime.service.standing import Standing
 
@@ -24,12 +23,13 @@ class Host:
     """A state folder and the rows of a loop."""
 
     def __init__(self, folder: Path) -> None:
-        self.state, self.run_folder = folder / "state", RunFolder(folder)
+        self.state, path = folder / "state", folder / "rows.ring"
         self.said: list[str] = []
-        self.ring = RingWriter.create(self.run_folder.rows, len(CYCLE), 64)
+        self.ring = RingWriter.create(path, len(CYCLE), 64)
+        self.rows = RingReader(path)
 
     def begin(self) -> Standing:
-        return Standing(self.state, self.run_folder, self.said.append)
+        return Standing(self.state, self.said.append)
 
     def row(self, latches: Latch) -> None:
         words = np.zeros(len(CYCLE), np.int64)
@@ -54,7 +54,7 @@ def test_a_run_that_ends_well_leaves_what_stands(host: Host) -> None:
     assert run.latches == NONE
     assert host.kept() == ["restart"]  # if the host lost its power now
     host.row(Latch.PERSON)
-    run.follow()
+    run.follow(host.rows)
     until(lambda: host.kept() == ["person", "restart"])
     run.close(well=True)
     assert host.kept() == ["person"]
@@ -64,20 +64,29 @@ def test_a_run_that_ends_well_leaves_what_stands(host: Host) -> None:
 def test_a_bad_end_is_gone_only_once_a_reset_released_it(host: Host) -> None:
     run = host.begin()
     host.row(NONE)
-    run.follow()
+    run.follow(host.rows)
     run.close(well=False)
     for _ in range(2):  # runs that end well before anybody resets
         run = host.begin()
         assert run.latches == Latch.RESTART
         host.row(Latch.RESTART)
-        run.follow()
+        run.follow(host.rows)
         run.close(well=True)
     run = host.begin()
     host.row(NONE)  # reset
-    run.follow()
+    run.follow(host.rows)
     run.close(well=True)
     assert host.kept() == []
     assert host.begin().latches == NONE
+
+
+def test_it_needs_no_run_folder(host: Host) -> None:
+    run = host.begin()
+    host.row(Latch.PERSON)
+    host.rows.path.unlink()
+    run.follow(host.rows)
+    run.close(well=True)
+    assert host.kept() == ["person"]
 
 
 @pytest.mark.parametrize("before", [NONE, Latch.PERSON | Latch.RESTART])
@@ -91,7 +100,9 @@ def test_a_run_without_a_cycle_leaves_what_stood(host: Host, before: Latch) -> N
     assert host.kept() == names(before)
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", '{"latches": ["persn"]}', '{"latches": 3}', "\x00" * 40, "{}", "[" * 100_000])
+@pytest.mark.parametrize(
+    "text", ["", "{", "[]", '{"latches": ["persn"]}', '{"latches": 3}', "\x00" * 40, "{}", "[" * 100_000]
+)
 def test_a_damaged_file_counts_as_the_worst(host: Host, text: str) -> None:
     host.state.mkdir()
     (host.state / "latches.json").write_text(text)
@@ -117,7 +128,7 @@ def test_the_mark_of_an_earlier_version_counts(host: Host) -> None:
 def test_a_state_folder_that_cant_be_written_is_said(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(HostError, match="can't be written"):
-        Standing(tmp_path / "file" / "state", RunFolder(tmp_path), print)
+        Standing(tmp_path / "file" / "state", print)
 
 
 def test_a_slow_disk_holds_up_nobody_and_the_newest_state_is_written_last(
@@ -135,7 +146,7 @@ def test_a_slow_disk_holds_up_nobody_and_the_newest_state_is_written_last(
     monkeypatch.setattr(run, "_write", slow)
     for latches in (Latch.BUS, Latch.PERSON, Latch.PERSON | Latch.FAULT):
         host.row(latches)
-        run.follow()
+        run.follow(host.rows)
     asked.wait()
     disk.set()
     run.close(well=True)
