@@ -95,6 +95,7 @@ class Cycle:
         self._put_home = [a.command.feedback is None for a in graph.actuators]
         self._leaving = 0  # ns since the exit was requested
         self._fault: Fault | None = None
+        self.struck = False  # a fault began in this cycle: what asks for motion came before it
         self._was = State.STARTING
 
     def _device_of(self, signal: str) -> int:
@@ -123,7 +124,8 @@ class Cycle:
         """
         ints, machine = self._ints, self.machine
         now = int(ints[_NOW])
-        self._fault = self._find_fault(now)
+        before, self._fault = self._fault, self._find_fault(now)
+        self.struck = self._fault is not None and self._fault != before
         machine.recover = False
         degraded, too_many = self.ladder.count(now, missed)
         ints[_FLAGS] = FLAG_LATE * (missed > 0) + FLAG_DEGRADED * degraded
@@ -148,7 +150,8 @@ class Cycle:
             ints[_REQUEST] = request.id, request.kind, request.target, answer, request.origin
             ints[_REFUSED] += answer is not Answer.DONE
         machine.start_if_ready(self._fault)
-        self.reset_inputs.look(machine.state in (State.STOPPING, State.STOPPED) and not stop)
+        stopped = machine.state in (State.STOPPING, State.STOPPED)
+        self.reset_inputs.look(now, stopped and not stop and not self.struck)
         return answer
 
     def _find_fault(self, now: int) -> Fault | None:

@@ -104,6 +104,8 @@ class Loop:
             self.cycle.check(missed)
         else:
             pending.answer = self.cycle.check(missed, pending.request, pending.answer)
+        if self.cycle.struck:
+            self.requests.overtake()
         if ints.item(_ORIGIN):
             self._note(-1 if pending is None else pending.uid, (machine.state, machine.latches) != before)
         if machine.recover:

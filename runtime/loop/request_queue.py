@@ -185,11 +185,7 @@ class RequestQueue:
 
     def _queue_stop(self, pending: PendingRequest) -> None:
         """Queues a stop and refuses what waits and would move. A stop as one that waits already joins that one."""
-        self._stopped = time.monotonic_ns()
-        for waiting in self._waiting.values():
-            for other in waiting:
-                if other.request.kind in _MOVES.values() and other.answer is Answer.NONE:
-                    other.answer = Answer.OVERTAKEN
+        self.overtake()
         request, same = pending.request, 0
         for other in self._stops:
             if (other.request.kind, other.request.target, other.request.origin) == (
@@ -203,6 +199,14 @@ class RequestQueue:
                 same += 1
         if same < _WAITING:
             self._stops.append(pending)
+
+    def overtake(self) -> None:
+        """A stop, or a fault, comes now: what waits and would move, and what was sent before, is refused."""
+        self._stopped = time.monotonic_ns()
+        for waiting in self._waiting.values():
+            for other in waiting:
+                if other.request.kind in _MOVES.values() and other.answer is Answer.NONE:
+                    other.answer = Answer.OVERTAKEN
 
     def own(self, kind: RequestKind, cause: Cause) -> PendingRequest:
         """Returns a request that the loop itself makes."""

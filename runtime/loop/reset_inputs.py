@@ -9,6 +9,9 @@ from runtime.loop.rate import TokenBucket
 from runtime.profile.graph import Graph
 
 
+RELEASED = 50_000_000  # ns for which it was released before a press counts: a contact that is let go bounces, too
+
+
 class ResetInputs:
     """Finds presses; reads only the row.
 
@@ -23,23 +26,34 @@ class ResetInputs:
             words = graph.row.devices[graph.layout.devices.index(entry.signal.partition(".")[0])]
             element = graph.row.views[entry.signal].reshape(-1)[entry.index : entry.index + 1]
             self._inputs.append((element, entry.when, words))
-        # Whether each was seen released since the stop began and since its device came back.
-        self._released = [False] * len(self._inputs)
+        # ns, since when each was seen released without a break, in this stop and since its device came back; -1: it wasn't
+        self._since = [-1] * len(self._inputs)
+        self._old = [-1] * len(self._inputs)  # stamp of the sample that a lost device left behind
         self.pressed = -1
         self.limit = TokenBucket()
 
-    def look(self, stopped: bool) -> None:
-        """Looks for a press. `stopped`: the limb is in a stop. Called once a cycle, once staleness is known."""
+    def look(self, now: int, stopped: bool) -> None:
+        """Looks for a press. Called once a cycle, once staleness is known.
+
+        Args:
+            now: ns.
+            stopped: the limb is in a stop, which didn't get a new cause in this cycle.
+        """
         for i, (element, when, words) in enumerate(self._inputs):
-            link = words.item(DEVICE.link)
-            if not stopped or not link & LINK_CONNECTED or link & LINK_STALE or words.item(DEVICE.stamp) < 0:
-                self._released[i] = False
+            link, stamp = words.item(DEVICE.link), words.item(DEVICE.stamp)
+            if not link & LINK_CONNECTED:
+                self._old[i] = stamp
+            if not stopped or not link & LINK_CONNECTED or link & LINK_STALE or stamp in (-1, self._old[i]):
+                self._since[i] = -1
                 continue
             value = element.item()
-            if value != when:
-                self._released[i] |= isfinite(value)
-            elif self._released[i]:
-                self._released[i], self.pressed = False, i
+            if value != when and isfinite(value):
+                if self._since[i] < 0:
+                    self._since[i] = now
+                continue
+            if value == when and self._since[i] >= 0 and now - self._since[i] >= RELEASED:
+                self.pressed = i
+            self._since[i] = -1
 
     def take(self) -> int:
         """Returns the index of the input that was pressed, and forgets it; -1: none."""

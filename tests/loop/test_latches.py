@@ -151,6 +151,21 @@ def test_an_actuator_whose_power_is_cut_during_a_clients_stop_latches(tmp_path: 
     assert not set(states(b)) & set(MOVING)
 
 
+def test_a_reset_that_waits_while_an_emergency_comes_and_goes_is_refused(tmp_path: Path) -> None:
+    """One request is taken in a cycle: what waited behind others came before the person pressed."""
+    b = Bench(tmp_path, emergency="{signal: panel.buttons, index: 1}", standing=Latch.PERSON)
+
+    def script(k: int) -> None:
+        b.panel.values["buttons"][1] = k == 50
+        if k == 50:
+            b.ask("start")  # refused, but it takes the cycle
+            b.ask("reset")
+
+    b.run(80, script)
+    assert not set(states(b)) & set(MOVING)
+    assert b.word("latches")[-2] == Latch.PERSON | Latch.EMERGENCY
+
+
 def test_requests_replay_with_their_origins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     b = Bench(tmp_path, standing=Latch.RESTART)
     client = RequestWriter(b.run_folder.requests)

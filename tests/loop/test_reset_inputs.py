@@ -75,12 +75,64 @@ def test_a_button_counts_only_while_it_can_be_read_and_after_it_was_seen_release
     assert b.states[-1][0] is State.ACTIVE  # but with that of 150
 
 
+@pytest.mark.parametrize("when", [0.0, 1.0])
+def test_a_button_whose_contact_bounces_as_it_is_let_go_does_not_reset(tmp_path: Path, when: float) -> None:
+    """A button that is held over a stop: letting it go gives edges, too, and so does a contact that flickers."""
+    b = Bench(tmp_path, emergency="", more=RESET.replace("2}", f"2, when: {when}}}"))
+
+    def script(k: int) -> None:
+        pressed = 45 <= k < 100 or k in (101, 103, 104) or k >= 150
+        b.panel.values["buttons"][2] = when if pressed and k != 70 else 1 - when
+        if k == 50:
+            b.ask("stop")
+
+    b.run(170, script)
+    assert {state for state, _ in b.states[60:150]} == {State.STOPPED}
+    assert b.states[-1][0] is State.ACTIVE  # a press after that counts
+
+
+def test_a_press_in_the_cycle_of_an_emergency_does_not_reset_after_it(tmp_path: Path) -> None:
+    """The emergency input is released in the next cycle, in which the press would be taken."""
+    b = Bench(tmp_path, emergency="{signal: panel.buttons, index: 1}", more=RESET)
+
+    def script(k: int) -> None:
+        b.panel.values["buttons"][1] = k == 100
+        b.panel.values["buttons"][2] = k >= 100
+        if k == 50:
+            b.ask("stop")
+
+    b.run(120, script)
+    assert {state for state, _ in b.states[60:]} == {State.STOPPED}
+    assert b.rows()[-2, CYCLE.latches] == Latch.PERSON | Latch.EMERGENCY
+
+
+def test_what_a_button_gave_before_its_device_was_lost_is_no_release_after_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The device is back before its last sample is old, and the first one after it finds the button held."""
+    monkeypatch.setattr(device_module, "RETRY", 0.01)
+    b = Bench(tmp_path, emergency="", more=RESET)
+    b.cycle._max_age = [10_000_000_000] * 3
+
+    def script(k: int) -> None:
+        if k == 50:
+            b.ask("stop")
+        b.panel.gone = 80 <= k < 90
+        b.panel.silent = 80 <= k < 110  # it is back, and hasn't given a sample yet
+        b.panel.values["buttons"][2] = k >= 110
+        if k == 91:
+            b.until_back(b.panel)
+
+    b.run(150, script)
+    assert {state for state, _ in b.states[60:]} == {State.STOPPED}
+
+
 def test_a_press_is_refused_as_other_resets_are_and_limited(tmp_path: Path) -> None:
     b = Bench(tmp_path, emergency="{signal: panel.buttons, index: 1}", more=RESET)
 
     def script(k: int) -> None:
         b.panel.values["buttons"][1] = k >= 50  # an emergency input stays pressed
-        b.panel.values["buttons"][2] = k % 4 < 2
+        b.panel.values["buttons"][2] = k % 8 < 2
 
     b.run(150, script)
     rows = b.rows()
