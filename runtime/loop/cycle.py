@@ -187,7 +187,7 @@ class Cycle:
             link = self._links.item(device) if device >= 0 else LINK_CONNECTED
             if not link & LINK_CONNECTED or link & LINK_STALE:
                 trouble = True
-                if fault is None:
+                if fault is None or self._of_client(fault):  # a client's silence doesn't hinder a reset, this does
                     fault = Fault(Cause.DEVICE_LOSS, device)  # a switch that can't be read can't stop anything
         self.machine.watch(trouble)
         return fault
@@ -200,8 +200,10 @@ class Cycle:
                 self._homed[i] = False
 
     def _client_is_silent(self) -> bool:
-        fault = self._fault
-        return fault is not None and fault.cause is Cause.INTENT_LOSS and fault.culprit >= self._count
+        return self._fault is not None and self._of_client(self._fault)
+
+    def _of_client(self, fault: Fault) -> bool:
+        return fault.cause is Cause.INTENT_LOSS and fault.culprit >= self._count
 
     def control(self) -> None:
         """Lets the guards see what was sent, then runs the controllers while the limb is active."""

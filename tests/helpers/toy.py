@@ -148,13 +148,16 @@ def _load(group: str, name: str, place: str) -> Any:
     return {"drivers": Toy, "controllers": Law}[group]
 
 
+CLIENT = "setpoints: {client.position: {shape: [2], unit: rad, max_age: 0.05}}"
 ESTOPS = ", ".join(f"{{signal: panel.buttons, index: {i}}}" for i in range(4))
 
 
-def wired(arm: str = "arm", emergency: str = ESTOPS, more: str = "") -> Graph:
+def wired(arm: str = "arm", emergency: str = ESTOPS, more: str = "", client: bool = False) -> Graph:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(registry, "load", _load)
         text = PROFILE.format(arm=arm, speed=SPEED, emergency=emergency, more=more)
+        if client:  # the law follows a setpoint in place of the hand
+            text = text.replace("hand.position", "client.position").replace("bus: null", CLIENT)
         return wiring.build(*profile.parse("toy.yaml", text))
 
 

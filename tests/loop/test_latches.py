@@ -166,6 +166,24 @@ def test_a_reset_that_waits_while_an_emergency_comes_and_goes_is_refused(tmp_pat
     assert b.word("latches")[-2] == Latch.PERSON | Latch.EMERGENCY
 
 
+def test_a_silent_client_hides_no_emergency_input_that_is_away(tmp_path: Path) -> None:
+    """A client's silence doesn't block a reset. The unplugged e-stop beside it does."""
+    b = Bench(tmp_path, emergency="{signal: panel.buttons, index: 1}", client=True)
+    client = RequestWriter(b.run_folder.requests)
+
+    def script(k: int) -> None:
+        if k < 50:
+            client.send(RequestKind.SETPOINT, EVER, 0, np.zeros(2))
+        b.panel.silent = k >= 60
+        if k == 80:
+            b.ask("reset")
+
+    b.run(100, script)
+    assert states(b)[55] is State.ACTIVE
+    assert not set(states(b)[70:]) & set(MOVING)
+    assert b.word("request_result")[80] == Answer.REFUSED_FAULT
+
+
 def test_requests_replay_with_their_origins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     b = Bench(tmp_path, standing=Latch.RESTART)
     client = RequestWriter(b.run_folder.requests)
