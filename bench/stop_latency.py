@@ -38,6 +38,7 @@ from runtime.ipc.child import PARENT, Ending, starting
 from runtime.ipc.launch import Launch
 from runtime.ipc.run_folder import RunFolder
 from runtime.loop import process as loop_process
+from runtime.loop.control_end import ControlEnd
 from runtime.service import supervisor as service
 
 TRIALS = 200
@@ -98,7 +99,7 @@ def _supervise(folder: Path, port: str, spin: float, tell: int) -> int:
         def loop() -> int:
             os.environ[PARENT] = str(os.getppid())
             sys.argv = command[2:]
-            return loop_process.main(Ending())
+            return loop_process.main(Ending(), ControlEnd(run_folder.stop_socket))
 
         with starting():
             forked = _Forked(_fork(loop))

@@ -16,6 +16,7 @@ from typing import Any
 
 from runtime.ipc.run_folder import RunFolder
 
+RETRY = 0.02  # s between attempts to reach a loop that is about to begin
 LIFETIME = 2_000_000_000  # ns that a request lives; a stop has no end
 STOPS = ("stop", "exit", "fault")
 
@@ -23,7 +24,7 @@ STOPS = ("stop", "exit", "fault")
 def send_request(
     run_folder: RunFolder, what: str, cause: str | None = None, timeout: float = 2.0
 ) -> dict[str, object] | None:
-    """Sends a request to a running loop.
+    """Sends a request to a running loop. A stop waits for one that is about to begin, and until then is tried again.
 
     Args:
         run_folder: the instance's folder.
@@ -36,15 +37,28 @@ def send_request(
     message: dict[str, Any] = {"ask": what} | ({"cause": cause} if cause else {})
     if what not in STOPS:
         message["expires"] = time.monotonic_ns() + LIFETIME
+    deadline = time.monotonic() + timeout
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as sender:
         sender.settimeout(timeout)
         try:
             # Connected before it has an address: the kernel then refuses answers from anybody but the loop. Any
             # local user could send one to an abstract address and claim that the limb has stopped.
-            sender.connect(str(run_folder.stop_socket if what in STOPS else run_folder.loop_socket))
+            _connect(sender, run_folder, what, deadline)
             sender.bind("")  # an abstract address of its own, for the answer
             sender.send(json.dumps(message).encode())
             answer: dict[str, object] = json.loads(sender.recv(2048))
         except (OSError, ValueError):
             return None
         return answer
+
+
+def _connect(sender: socket.socket, run_folder: RunFolder, what: str, deadline: float) -> None:
+    """Raises OSError: there is no loop; for a stop, not until `deadline` (CLOCK_MONOTONIC s) either."""
+    while True:
+        try:
+            sender.connect(str(run_folder.stop_socket if what in STOPS else run_folder.loop_socket))
+            return
+        except (FileNotFoundError, ConnectionRefusedError):
+            if what not in STOPS or time.monotonic() >= deadline:
+                raise
+        time.sleep(RETRY)

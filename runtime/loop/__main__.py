@@ -2,14 +2,19 @@
 
 import os
 import sys
+from pathlib import Path
 
 from runtime.ipc.child import Ending
+from runtime.ipc.run_folder import RunFolder
+from runtime.loop.control_end import ControlEnd
 
-ending = Ending()  # before the imports that take long
+# Before what takes long, the imports and the devices: a stop that comes meanwhile waits there, and nothing moves after.
+ending = Ending()
+stops = ControlEnd(RunFolder(Path(sys.argv[1])).stop_socket)
 
 from runtime.loop.process import main  # noqa: E402
 
-code = main(ending)
+code = main(ending, stops)
 sys.stderr.flush()
 # Garbage collection is frozen here: an orderly shutdown would only complain about what it can't free.
 os._exit(code)

@@ -33,6 +33,7 @@ from runtime.ipc.stop_slots import SLOTS, StopSlots
 from runtime.ipc.words import CYCLE, Cause, State
 from runtime.loop import realtime
 from runtime.loop.clock import Clock, DeviceClock, MonotonicClock, SimClock
+from runtime.loop.control_end import ControlEnd
 from runtime.loop.cycle import Cycle, limits_of
 from runtime.loop.device import Device
 from runtime.loop.loop import Loop
@@ -52,9 +53,9 @@ class AskedToEndError(BaseException):
 class Process:
     """The process of one run; see the module's docstring."""
 
-    def __init__(self, run_folder: RunFolder, channel: Channel, ending: Ending) -> None:
+    def __init__(self, run_folder: RunFolder, channel: Channel, ending: Ending, stops: ControlEnd) -> None:
         """Raises SrlError."""
-        self.run_folder, self.channel, self.ending = run_folder, channel, ending
+        self.run_folder, self.channel, self.ending, self.stops = run_folder, channel, ending, stops
         self.launch = Launch.load(run_folder.launch)
         self.events = EventWriter(run_folder.events)
         self.graph: Graph | None = None
@@ -124,7 +125,7 @@ class Process:
         if unpaced:
             meta["wall"] = time.time_ns()  # simulated time begins at 0
         graph.layout.save(self.run_folder.layout)
-        requests = RequestQueue(self.run_folder, graph)
+        requests = RequestQueue(self.run_folder, graph, self.stops)
         self._end_safely(requests)
         slots = self._slots(graph)
         capacity = max(LEAST, KEPT * round(float(graph.profile.rate)))
@@ -264,15 +265,15 @@ def _plain(limits: Limits) -> dict[str, Any]:
     }
 
 
-def main(ending: Ending) -> int:
-    """Entry point of the process; `ending` was made before this module's imports."""
+def main(ending: Ending, stops: ControlEnd) -> int:
+    """Entry point of the process; `ending`, and the socket for stops, were made before this module's imports."""
     if ending.orphan:
         print("loop: the supervisor that started it has ended, so it doesn't begin", file=sys.stderr)
         return 1
     channel = Channel(socket.socket(fileno=int(sys.argv[2])))
     os.set_inheritable(channel.socket.fileno(), False)
     try:
-        Process(RunFolder(Path(sys.argv[1])), channel, ending).run()
+        Process(RunFolder(Path(sys.argv[1])), channel, ending, stops).run()
     except SrlError as error:
         kind = "device" if isinstance(error, DeviceError) else "other"
         channel.send(

@@ -68,10 +68,11 @@ class RequestQueue:
         supervisor: the process whose datagrams are the service's own.
     """
 
-    def __init__(self, run_folder: RunFolder, graph: Graph) -> None:
+    def __init__(self, run_folder: RunFolder, graph: Graph, stops: ControlEnd) -> None:
+        """`stops`: the socket for what stops, which was there before the devices were opened."""
         self.graph = graph
         self._requests = RequestReader(run_folder.requests)
-        self._control, self._stop = ControlEnd(run_folder.loop_socket), ControlEnd(run_folder.stop_socket)
+        self._control, self._stop = ControlEnd(run_folder.loop_socket), stops
         meta, row = graph.layout.meta, graph.row
         self._parameters = [(row.views[p["name"]], p["lower"], p["upper"]) for p in meta["parameters"]]
         self._setpoints = []

@@ -8,7 +8,6 @@ from runtime.ipc.words import DEVICE, LINK_CONNECTED, LINK_STALE
 from runtime.loop.rate import TokenBucket
 from runtime.profile.graph import Graph
 
-
 RELEASED = 50_000_000  # ns for which it was released before a press counts: a contact that is let go bounces, too
 
 
@@ -26,7 +25,7 @@ class ResetInputs:
             words = graph.row.devices[graph.layout.devices.index(entry.signal.partition(".")[0])]
             element = graph.row.views[entry.signal].reshape(-1)[entry.index : entry.index + 1]
             self._inputs.append((element, entry.when, words))
-        # ns, since when each was seen released without a break, in this stop and since its device came back; -1: it wasn't
+        # ns, since when each was seen released without a break, in this stop and since its device came back; -1: not
         self._since = [-1] * len(self._inputs)
         self._old = [-1] * len(self._inputs)  # stamp of the sample that a lost device left behind
         self.pressed = -1

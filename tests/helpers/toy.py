@@ -23,6 +23,7 @@ from runtime.ipc.ring import RingReader, RingWriter
 from runtime.ipc.run_folder import RunFolder
 from runtime.ipc.words import Cause, Latch, State
 from runtime.loop.clock import Clock, Tick
+from runtime.loop.control_end import ControlEnd
 from runtime.loop.cycle import Cycle, limits_of
 from runtime.loop.device import Device
 from runtime.loop.loop import Loop
@@ -201,7 +202,8 @@ class Bench:
                 self.count += 1
                 return tick
 
-        self.loop = Loop(graph, devices, Steps(Fraction(100)), self.cycle, RequestQueue(self.run_folder, graph), ring)
+        requests = RequestQueue(self.run_folder, graph, ControlEnd(self.run_folder.stop_socket))
+        self.loop = Loop(graph, devices, Steps(Fraction(100)), self.cycle, requests, ring)
 
     def run(self, cycles: int, script: Callable[[int], None]) -> Bench:
         self.cycles, self.script = cycles, script

@@ -22,6 +22,7 @@ from runtime.ipc.control_socket import LIFETIME, send_request
 from runtime.ipc.requests import Answer, RequestKind, RequestWriter
 from runtime.ipc.run_folder import RunFolder
 from runtime.ipc.words import Cause, Latch, Origin, State
+from runtime.loop.control_end import ControlEnd
 from runtime.loop.request_queue import PendingRequest, RequestQueue
 
 
@@ -32,7 +33,7 @@ class Desk:
         self.folder = RunFolder(folder)
         RequestWriter.create(self.folder.requests)
         self.ring = RequestWriter(self.folder.requests)
-        self.queue = RequestQueue(self.folder, wired())
+        self.queue = RequestQueue(self.folder, wired(), ControlEnd(self.folder.stop_socket))
         self.now = 0
 
     def take(self) -> PendingRequest | None:

@@ -1,0 +1,23 @@
+"""A stop that a person asks for while the run begins: nothing moves afterwards."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from helpers.run import Running, call
+
+from runtime.ipc.words import Latch, State
+
+
+def test_a_stop_during_the_start_is_a_stop(tmp_path: Path) -> None:
+    """It found no socket, said that the loop didn't answer, and the limb began to move a moment later."""
+    with Running(tmp_path, "sixth-finger", "--sim", "--duration", "60", "--set", "bus=null") as run:
+        run.until(run.run_folder.is_claimed, "the claim")
+        # On a slow machine the loop's answer takes longer than a person should wait. The stop counts all the same.
+        said = call(tmp_path, "stop", "sixth-finger", code=None)
+        assert said.stdout == "sixth-finger: stopped\n" or "use the hardware stop" in said.stderr.lower()
+        run.started()
+        assert run.word("state") == State.STOPPED
+        assert run.word("latches") == Latch.PERSON
+        call(tmp_path, "stop", "--exit")
+        assert run.finish()["latches"] == ["person"]
