@@ -59,7 +59,10 @@ class Standing:
     def _read(self) -> Latch:
         old = (self._path.parent / _OLD).exists()
         try:
-            found = latches.of_names(json.loads(self._path.read_text())["latches"])
+            listed = json.loads(self._path.read_text())["latches"]
+            if not isinstance(listed, list):
+                raise TypeError  # a text is a list of letters, an empty one would be no latch
+            found = latches.of_names(listed)
         except FileNotFoundError:
             found = latches.NONE
         except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
@@ -72,7 +75,7 @@ class Standing:
 
     @property
     def began(self) -> bool:
-        """Whether the run had a cycle: before that nothing can have moved."""
+        """Whether the loop was followed: before that nothing can have moved."""
         return self._ring is not None
 
     def follow(self, rows: RingReader) -> None:

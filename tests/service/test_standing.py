@@ -101,7 +101,19 @@ def test_a_run_without_a_cycle_leaves_what_stood(host: Host, before: Latch) -> N
 
 
 @pytest.mark.parametrize(
-    "text", ["", "{", "[]", '{"latches": ["persn"]}', '{"latches": 3}', "\x00" * 40, "{}", "[" * 100_000]
+    "text",
+    [
+        "",
+        "{",
+        "[]",
+        '{"latches": ["persn"]}',
+        '{"latches": 3}',
+        "\x00" * 40,
+        "{}",
+        '{"latches": ""}',
+        '{"latches": {}}',
+        "[" * 9999,
+    ],
 )
 def test_a_damaged_file_counts_as_the_worst(host: Host, text: str) -> None:
     host.state.mkdir()
