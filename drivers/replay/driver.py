@@ -92,6 +92,7 @@ class Replay(Sensor):
     summary = "a recorded device: its samples again, in the place of any device that gives the same"
     gives = ("<signal>",)
     max_age = 0.3
+    here = False
 
     def __init__(self, name: str, config: ReplayConfig) -> None:
         super().__init__(name, config)

@@ -79,6 +79,7 @@ class Zenoh(Sensor):
     gives = ("<signal>",)
     summary = "signals of another machine: another runtime's, or ROS 2 topics, over zenoh"
     max_age = 0.3
+    here = False
 
     def __init__(self, name: str, config: ZenohConfig) -> None:
         super().__init__(name, config)

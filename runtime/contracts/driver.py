@@ -84,6 +84,8 @@ class Driver(ABC):
     gives: tuple[str, ...] = ()
     takes: tuple[str, ...] = ()  # the same for the commands
     max_age: float = 0.0
+    # Whether its signals are given by what stands here, now. A button of anything else releases no person's stop.
+    here: bool = True
 
     def __init__(self, name: str, config: DeviceConfig) -> None:
         self.name = name

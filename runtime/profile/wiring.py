@@ -280,6 +280,10 @@ def _reset_inputs(b: Builder, devices: list[Driver]) -> None:
     """A reset input is a button of a device: what a client or a law writes would release a person's stop."""
     states = {f"{d.name}.{s.name}" for d in devices for s in d.states}
     stops = {(e.signal, e.index) for e in b.profile.emergency}
+    real = [d.name for d in devices if d.commands and d.name not in b.simulated]
+    elsewhere = {d.name: "gives what another machine or a recording says" for d in devices if not d.here}
+    if real:
+        elsewhere |= {name: f"is simulated, and '{real[0]}' is real" for name in b.simulated}
     for i, entry in enumerate(b.profile.reset.inputs):
         path = f"reset.inputs.{i}"
         _element(b, path, entry)
@@ -289,6 +293,9 @@ def _reset_inputs(b: Builder, devices: list[Driver]) -> None:
         if (entry.signal, entry.index) in stops:
             problem = f"'{entry.signal}' element {entry.index} is an emergency input, whose release must not reset"
             raise WiringError(b.source.place(path), problem, "Wire a button of its own")
+        if why := elsewhere.get(entry.signal.partition(".")[0]):
+            problem = f"'{entry.signal}' is no button that a person presses here: its device {why}"
+            raise WiringError(b.source.place(path), problem, "Wire a button of this machine, or remove this input")
 
 
 def _feedback(b: Builder, device: Driver, command: Command) -> str | None:
