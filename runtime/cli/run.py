@@ -79,6 +79,7 @@ def _run(args: argparse.Namespace, signals: EndSignals) -> int:
     where.claim()
     console = Console(sys.stderr)
     standing: Standing | None = None
+    supervisor: Supervisor | None = None
     well = False
     try:
         # Only what stopped a real limb outlives its run.
@@ -104,7 +105,8 @@ def _run(args: argparse.Namespace, signals: EndSignals) -> int:
         well = code == 0
     finally:
         if standing is not None:
-            standing.close(well or not standing.began)  # before the first cycle nothing has moved
+            ran = standing.began or (supervisor is not None and supervisor.death is not None)
+            standing.close(well or not ran)  # before the first cycle nothing has moved
         where.release()
     return code
 

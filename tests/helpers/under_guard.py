@@ -15,8 +15,8 @@ import pytest
 from runtime.contracts import registry
 from runtime.contracts.controller import Controller, ControllerConfig
 from runtime.contracts.signals import Array, Command, Kind, Signal
-from runtime.ipc.requests import RequestKind
-from runtime.ipc.words import CYCLE, DEVICE, FLAG_LIMITED, FLAG_RESEATED, LINK_ACTIVE, State
+from runtime.ipc.requests import Request, RequestKind
+from runtime.ipc.words import CYCLE, DEVICE, FLAG_LIMITED, FLAG_RESEATED, LINK_ACTIVE, Origin, State
 from runtime.loop.cycle import Cycle, limits_of
 from runtime.loop.device import Device
 from runtime.profile import profile, wiring
@@ -223,7 +223,7 @@ class UnderGuard:
         ints[CYCLE.now], ints[CYCLE.dt] = wire.now, wire.now - self._before
         self._before = wire.now
         device.read(wire.now)
-        self.cycle.check(0, request, 0)
+        self.cycle.check(0, Request(0, request, 0, 0, np.empty(0), Origin.LOCAL) if request else None)
         if self.cycle.machine.recover:
             device.recover(wire.now)
         self.cycle.control()
