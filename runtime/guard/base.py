@@ -194,7 +194,7 @@ class CommandGuard(ABC):
         known = taken and (left or not self._stalled)
         self._unsent = dt if known else self._unsent + dt
         self._stalled = self._unsent > self._patience
-        if (known and self._stalled) or (not taken and (left or self._stalled)):
+        if (self._stalled and (known or not taken)) or (left and not taken):
             self._seat(np.frombuffer(self._seat_at).tolist())
             self.reseated = True
             self.reseats += 1
