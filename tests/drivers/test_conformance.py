@@ -67,7 +67,7 @@ def test_in_normal_operation_the_guard_is_left_alone(under):
     u.judge()
 
 
-@wires(slow=("base",))
+@wires(slow=DATAGRAMS)
 @pytest.mark.parametrize(
     "seconds", [pytest.param(0.1, marks=pytest.mark.slow), 0.5, pytest.param(2.0, marks=pytest.mark.slow)]
 )
