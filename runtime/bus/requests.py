@@ -259,8 +259,9 @@ class Requests:
                 "Mend that (a device that refuses to move was told to recover), then ask again",
             ),
             Answer.REFUSED_LATCH: (
-                f"clients of the bus may not end this stop ({', '.join(latches.names(int(row[_LATCHES])))})",
-                f"Run `srl reset {self._keys.instance}` on its machine, or press its reset button",
+                f"clients of the bus may not release what stands ({', '.join(latches.names(int(row[_LATCHES])))})",
+                f"Run `srl {'start' if state == 'ready' else 'reset'} {self._keys.instance}` on its machine, or let "
+                "the profile grant it (`reset: {bus: [...]}`)",
             ),
             Answer.REFUSED_RATE: ("too many requests, more than 5 a second from the bus", "Ask less often"),
             Answer.OVERTAKEN: _OVERTAKEN,

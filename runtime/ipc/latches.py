@@ -11,19 +11,22 @@ from collections.abc import Iterable
 from runtime.ipc.words import Cause, Latch, Origin
 
 NONE = Latch(0)
-ALL = Latch.PERSON | Latch.BUS | Latch.EMERGENCY | Latch.FAULT | Latch.RESTART
+LASTING = Latch.PERSON | Latch.BUS | Latch.EMERGENCY | Latch.FAULT | Latch.RESTART  # those that outlive a run
+ALL = LASTING | Latch.START
 # Which latch the request for a stop sets, by its origin.
 OF_STOP = {Origin.LOCAL: Latch.PERSON, Origin.INPUT: Latch.PERSON, Origin.BUS: Latch.BUS, Origin.SERVICE: NONE}
 # Which latches a start or a reset may release, by its origin. For the bus the profile decides.
 RELEASES = {Origin.LOCAL: ALL, Origin.INPUT: ALL, Origin.SERVICE: NONE}
 GRANTED = Latch.BUS  # what clients of the bus may release unless the profile says otherwise (`reset.bus`)
-GRANTABLE = Latch.BUS | Latch.FAULT  # what the profile may grant them
+GRANTABLE = Latch.BUS | Latch.FAULT | Latch.START  # what the profile may grant them
 
 _SET_BY = {
     Latch.PERSON: "`srl stop` on the machine, in any state",
     Latch.BUS: "the request `stop` of a client of the bus, in any state",
     Latch.EMERGENCY: "an `emergency` input, in any state",
     Latch.FAULT: "any other fault that stops the limb; also an actuator lost or at fault while the limb is stopped",
+    Latch.START: "a run that waits for its first start: `start: manual`, or an actuator without feedback and no "
+    "`--confirm`",
     Latch.RESTART: "an earlier run of the instance on real actuators was killed or ended with exit code 1",
 }
 

@@ -125,3 +125,4 @@ class Latch(IntFlag):
     EMERGENCY = 4  # an emergency input
     FAULT = 8  # any fault that stopped the limb
     RESTART = 16  # the run before ended badly
+    START = 32  # the run waits for a person's first start

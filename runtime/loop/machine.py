@@ -55,13 +55,13 @@ class Machine:
         Args:
             faults: the reactions to faults.
             emergency: the emergency inputs.
-            automatic: leave READY without a request.
+            automatic: leave READY without a request. Otherwise a person must give the first start: START is latched.
             standing: latches of an earlier run.
             granted: latches that clients of the bus may release.
         """
         self.state = State.STOPPED if standing else State.READY
         self.cause = Cause.RESTART if standing else Cause.NONE
-        self.latches = standing
+        self.latches = standing if automatic else standing | Latch.START
         self.culprit = -1
         self.override: Stop | None = None
         self.exiting = False

@@ -85,9 +85,9 @@ class Standing:
         """
         self._ring = rows
         row = rows.newest()
-        if row is None or int(row[CYCLE.latches]) == self._now:
+        if row is None or (found := Latch(int(row[CYCLE.latches])) & latches.LASTING) == self._now:
             return
-        self._now = Latch(int(row[CYCLE.latches]))
+        self._now = found
         with self._changed:
             self._wanted = self._now | Latch.RESTART
             self._changed.notify()

@@ -137,7 +137,7 @@ def test_no_setpoint_waits_for_a_dead_loop(desk: Desk) -> None:
         (Answer.REFUSED_FAULT, "still there"),
         (Answer.REFUSED_VALUE, "out of bounds"),
         (Answer.EXPIRED, "too late"),
-        (Answer.REFUSED_LATCH, r"may not end this stop (person). Run `srl reset sixth-finger` on its machine"),
+        (Answer.REFUSED_LATCH, r"may not release what stands (person). Run `srl reset sixth-finger` on its machine"),
         (Answer.REFUSED_RATE, "more than 5 a second"),
         (Answer.OVERTAKEN, "a stop came after it"),
     ],

@@ -78,7 +78,7 @@ def test_setpoints_move_the_finger_and_bad_ones_are_refused(tmp_path: Path) -> N
             # granted, and nothing old is obeyed.
             run.until(lambda: run.word("cause") == Cause.INTENT_LOSS, "the loss of intent")
             run.until(lambda: run.word("state") == State.STOPPED, "the stop")
-            with pytest.raises(RequestError, match=r"may not end this stop \(fault\)"):
+            with pytest.raises(RequestError, match=r"may not release what stands \(fault\)"):
                 client.command("reset")
             call(tmp_path, "reset", "finger-jog")
             time.sleep(0.3)  # in which it could stop again

@@ -44,6 +44,22 @@ def test_without_being_asked_a_manual_profile_stays_ready() -> None:
     assert m.state is State.HOMING
 
 
+@pytest.mark.parametrize("granted", [False, True])
+def test_the_first_start_is_a_persons_unless_the_profile_grants_it(granted: bool) -> None:
+    """A client could start a limb without feedback before anyone had placed it, also by a stop and a reset."""
+    given = latches.GRANTED | Latch.START if granted else latches.GRANTED
+    m = Machine(Faults(), EMERGENCY, False, granted=given)
+    if not granted:
+        assert m.request(RequestKind.START, Origin.BUS, 0, None) is Answer.REFUSED_LATCH
+        assert m.request(RequestKind.STOP, Origin.BUS, 0, None) is Answer.DONE
+        assert m.request(RequestKind.RESET, Origin.BUS, 0, None) is Answer.REFUSED_LATCH
+        assert m.latches == Latch.START | Latch.BUS
+        assert m.request(RequestKind.RESET, Origin.LOCAL, 0, None) is Answer.DONE
+    else:
+        assert m.request(RequestKind.START, Origin.BUS, 0, None) is Answer.DONE
+    assert m.latches == latches.NONE
+
+
 def test_a_run_after_a_crash_begins_in_the_stop() -> None:
     m = machine(standing=Latch.RESTART)
     m.start_if_ready(None)
