@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
@@ -73,8 +74,9 @@ class Driver(ABC):
             value. 0 for a device that gives no samples.
         health: see `Health`.
         sent_arrays: by command name, what has left for the device and can't be taken back, in the command's unit
-            and before it was rounded for the wire. Fill it when a command leaves (in `write`, or in the `read` that
-            sends it later). The runtime takes it once a cycle, after all writes, and sets it to NaN. Where a device
+            and before it was rounded for the wire. Fill the array, all elements at once, when a command leaves (in
+            `write`, or in the next `read` if that sends it). The runtime takes it once a cycle, after all writes, and
+            sets it to NaN. Where a device
             stops by itself after a silence, report that, too.
     """
 
@@ -107,7 +109,8 @@ class Driver(ABC):
         """
         self.state_arrays = states
         self.command_arrays = commands
-        self.sent_arrays = {c.name: np.full(c.shape, np.nan) for c in self.commands}
+        # The arrays are there to be filled: one put in their place, as the command's own, would be cleared each cycle.
+        self.sent_arrays = MappingProxyType({c.name: np.full(c.shape, np.nan) for c in self.commands})
 
     @abstractmethod
     def open(self) -> None:

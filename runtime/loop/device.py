@@ -48,7 +48,7 @@ class Device:
         self.on_return: Callable[[Device], None] = lambda device: None
         self.words[DEVICE.stamp] = -1
         self._report = report
-        self._failing: set[str] = set()  # which of read, write, stop and recover failed in their last call
+        self._failing: set[str] = set()  # which of read, write, report, stop and recover failed in their last call
         self._events: deque[str] = deque()  # from the reopening thread: only the loop writes events
         self._wanted, self._back, self._closing = threading.Event(), threading.Event(), threading.Event()
         self._reopener: threading.Thread | None = None
@@ -103,6 +103,11 @@ class Device:
 
     def publish(self, now: int) -> None:
         """Takes what has left into the row. Called once a cycle, after all writes, also while nothing is written."""
+        self._call("report", self._take_sent, now)
+        if self._active_since is not None:
+            self._await_first(now)
+
+    def _take_sent(self, now: int) -> None:
         left = False
         for actuator in self.actuators:
             found = self.driver.sent_arrays[actuator.command.name]
@@ -112,8 +117,6 @@ class Device:
                 found.fill(np.nan)
                 left = True
         self.words[DEVICE.commands] += left
-        if self._active_since is not None:
-            self._await_first(now)
 
     def _await_first(self, now: int) -> None:
         """Refuses a driver that is active and reports no command as sent: its limb would never move, or unseen."""

@@ -15,7 +15,7 @@ from runtime.contracts import registry
 from runtime.contracts.controller import Controller, Parameter
 from runtime.contracts.driver import Driver, Sensor
 from runtime.contracts.errors import ProfileError, WiringError, nearest
-from runtime.contracts.signals import Command, Kind, Signal
+from runtime.contracts.signals import Array, Command, Kind, Signal
 from runtime.contracts.world import World
 from runtime.ipc.row import Row
 from runtime.profile import keys
@@ -370,12 +370,19 @@ def _is_intent(name: str, devices: list[Driver], fed: set[str]) -> bool:
     return any(target.split(".")[0] == name for target in fed)
 
 
+def _read_only(array: Array) -> Array:
+    """A view that a driver can't change: the guard's state is in it."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
 def _bind(graph: Graph) -> None:
     views = graph.row.views
     for device in graph.devices:
         device.bind(
             {s.name: views[f"{device.name}.{s.name}"] for s in device.states},
-            {c.name: views[f"{device.name}.{c.name}.applied"] for c in device.commands},
+            {c.name: _read_only(views[f"{device.name}.{c.name}.applied"]) for c in device.commands},
         )
     for controller, entry in zip(graph.controllers, graph.profile.controllers, strict=True):
         targets = {s.name: entry.outputs.get(s.name, f"{controller.name}.{s.name}") for s in controller.outputs}

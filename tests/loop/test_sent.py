@@ -100,6 +100,46 @@ def test_without_feedback_a_start_begins_at_what_was_sent(tmp_path: Path, monkey
     assert np.abs(np.diff(np.array(b.arm.sent), axis=0)).max() <= SPEED * 0.01 * (1 + 1e-6)
 
 
+def _replaced(arm: Any) -> None:
+    arm.sent_arrays["command"] = arm.command_arrays["command"]
+
+
+def _misshaped(arm: Any) -> None:
+    arm.sent_arrays["command"] = np.zeros(3)
+
+
+def _forgotten(arm: Any) -> None:
+    arm.sent_arrays = {}
+
+
+def _misnamed(arm: Any) -> None:
+    arm.sent_arrays["comand"][:] = arm.command_arrays["command"]
+
+
+def _scribbled(arm: Any) -> None:
+    np.clip(arm.command_arrays["command"], -0.1, 0.1, out=arm.command_arrays["command"])
+
+
+@pytest.mark.parametrize("defect", [_replaced, _misshaped, _forgotten, _misnamed, _scribbled])
+def test_a_driver_that_reports_wrongly_stops_the_limb_and_not_the_loop(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, defect: Any
+) -> None:
+    write = Toy.write
+
+    def wrong(arm: Toy, now: int) -> None:
+        write(arm, now)
+        if len(arm.sent) > 50:
+            defect(arm)
+
+    monkeypatch.setattr(Toy, "write", wrong)
+    b = Bench(tmp_path)
+    b.run(120, lambda k: _follow(b, (0, 0), k))
+    assert b.states[-1][1] is Cause.DRIVER_ERROR
+    assert np.isfinite(_value(b, "arm.command.applied")).all()
+    # What it sent and didn't report may be taken back: at most what five periods made.
+    assert np.abs(np.diff(np.array(b.arm.sent), axis=0)).max() <= SPEED * 0.05
+
+
 class Weigher(Law):
     """Gives a torque and the gravity compensation that it contains."""
 
