@@ -11,6 +11,7 @@ import numpy as np
 
 from runtime.contracts.errors import DeviceError, WiringError
 from runtime.contracts.signals import Array, Command, Limits, Stop
+from runtime.guard.sent import SentTracker
 
 LONGEST = 5  # periods: a longer pause is not made up for, the motion continues from where the device is
 SHORTEST = 1e-3  # periods: a clock that stands still must not cause a division by zero
@@ -24,7 +25,7 @@ class CommandGuard(ABC):
 
     Limits apply to the guard's own state, the last applied command. It runs freely while the device keeps its
     command's `period` and `resolution`. Where the two part (a stalled link, a limiter in the device), `reseat` puts
-    the state back to what was sent.
+    the state back to what was sent, for those elements alone that part.
 
     After `reset`, a guard makes no lasting allocations, never blocks and never raises. On bad input it brakes.
 
@@ -113,12 +114,11 @@ class CommandGuard(ABC):
         self.velocity: Array = np.zeros(command.shape)
         self.rejected = self.limited = self.fallback = self.reseated = self.at_rest = False
         self.rejections = self.limitations = self.fallbacks = self.reseats = 0
-        self._patience = max(command.period or 0.0, LONGEST * dt)
-        self._resolution = np.broadcast_to(np.ravel(command.resolution), self.size).tolist()
+        # One period of the loop more: a command that is due may leave in this cycle.
+        patience = max((command.period or 0.0) + dt, LONGEST * dt)
+        resolution = np.broadcast_to(np.ravel(command.resolution), self.size).tolist()
+        self._tracker = SentTracker(command.kind, patience, resolution)
         self._sent: Array | None = None
-        self._seat_at = b""  # where `reseat` begins: the newest finite one since the reset, else the first command
-        self._unsent = 0.0  # s since a command was sent as it was applied
-        self._stalled = False  # that is longer than the guard's patience
         self._position: Array | None = None
         self._velocity: Array | None = None
         self._ready = False
@@ -164,14 +164,14 @@ class CommandGuard(ABC):
             DeviceError: the position or velocity is not finite.
         """
         self._restart(*self._start(position, velocity))
-        self._seat_at = self.applied.tobytes()
-        self._unsent, self._stalled = 0.0, False
+        self._tracker.restart(self.applied.ravel().tolist())
 
     def reseat(self, left: bool, dt: float) -> None:
-        """Begins anew at what was sent if the device hasn't kept its command's period and resolution.
+        """Begins anew at what was sent where the device hasn't kept its command's period and resolution.
 
-        Called once a cycle before the controllers, which then read the new state back. A position begins at rest.
-        If nothing was sent since the reset, the guard begins at the first command again.
+        Called once a cycle before the controllers, which then read the new state back. A position begins at rest. An
+        element that was sent as it was applied, now or one cycle ago (a driver may send it in its next `read`), goes
+        on unchanged. If nothing was sent since the reset, the guard begins at the first command again.
 
         Args:
             left: a command has left for the device since the last call.
@@ -180,24 +180,19 @@ class CommandGuard(ABC):
         self.reseated = False
         if self._sent is None or not self._ready:
             return
-        raw = self._sent.tobytes()
-        taken = raw == self.applied.tobytes()
-        if not taken:
-            sent = self._sent.ravel().tolist()
-            differences = map(sub, sent, self.applied.ravel().tolist())
-            taken = all(abs(d) <= r for d, r in zip(differences, self._resolution, strict=True))  # False for NaN
-            left = left and finite(sent)
-        if left:
-            self._seat_at = raw
-        # A device that rounds may hold what is applied without being sent anything. But in a stall, being near to what
-        # was sent shows nothing, as the guard has begun there: until a command leaves, it gets no new patience.
-        known = taken and (left or not self._stalled)
-        self._unsent = dt if known else self._unsent + dt
-        self._stalled = self._unsent > self._patience
-        if (self._stalled and (known or not taken)) or (left and not taken):
-            self._seat(np.frombuffer(self._seat_at).tolist())
+        parted = self._tracker.compare(self._sent.ravel().tolist(), self.applied.ravel().tolist(), left, dt)
+        if parted:
+            self._seat(self._tracker.seats, parted)
             self.reseated = True
             self.reseats += 1
+
+    def last_sent(self) -> Array:
+        """What was sent last, for a start there; NaN where nothing was."""
+        assert self._sent is not None
+        sent = self._sent.ravel().tolist()
+        if self._ready:
+            sent = self._tracker.last(sent, self.applied.ravel().tolist())
+        return np.array(sent).reshape(self.command.shape)
 
     def step(self, desired: Array, desired_velocity: Array | None, dt: float) -> None:
         """Runs one cycle with a command from the controller.
@@ -231,8 +226,8 @@ class CommandGuard(ABC):
         """Sets the state and `applied` for `reset`."""
 
     @abstractmethod
-    def _seat(self, sent: list[float]) -> None:
-        """Sets the state and `applied` to what was sent; a position is at rest there."""
+    def _seat(self, sent: list[float], which: list[int]) -> None:
+        """Sets the state and `applied` of these elements to what was sent; a position is at rest there."""
 
     @abstractmethod
     def _follow(self, desired: list[float], rate: list[float] | None, dt: float) -> None:
@@ -248,7 +243,7 @@ class CommandGuard(ABC):
 
     def _span(self, dt: float) -> float:
         # After a stall the motion goes on with one period's span, never with the time since.
-        return min(max(dt, SHORTEST * self.dt), (1 if self._stalled or self.reseated else LONGEST) * self.dt)
+        return min(max(dt, SHORTEST * self.dt), (1 if self._tracker.stalled or self.reseated else LONGEST) * self.dt)
 
     def _begin(self) -> None:
         if not self._ready:

@@ -60,8 +60,13 @@ class PositionGuard(CommandGuard):
         self._beyond = True
         self._settle()
 
-    def _seat(self, sent: list[float]) -> None:
-        self._restart(sent, [0.0] * self.size)
+    def _seat(self, sent: list[float], which: list[int]) -> None:
+        for i in which:
+            self._states[i] = sent[i], 0.0, 0.0
+            self._targets[i], self._raw[i], self._rates[i] = sent[i], 0.0, 0.0
+            self._floor[i], self._ceiling[i] = -inf, inf
+        self._beyond = True
+        self._publish()
 
     def _follow(self, desired: list[float], rate: list[float] | None, dt: float) -> None:
         for i, wanted in enumerate(desired):

@@ -111,8 +111,9 @@ class TorqueGuard(CommandGuard):
         start = [min(max(g, -E), E) for g, E in zip(self._g, self.max_effort, strict=True)]
         self.applied.reshape(-1)[:] = start
 
-    def _seat(self, sent: list[float]) -> None:
-        self.applied.reshape(-1)[:] = sent
+    def _seat(self, sent: list[float], which: list[int]) -> None:
+        for i in which:
+            self.applied.flat[i] = sent[i]
 
     def _follow(self, desired: list[float], rate: list[float] | None, dt: float) -> None:
         self._held = [None] * self.size

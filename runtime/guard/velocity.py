@@ -41,8 +41,9 @@ class VelocityGuard(CommandGuard):
     def _restart(self, position: list[float], velocity: list[float]) -> None:
         self._apply([0.0] * self.size)
 
-    def _seat(self, sent: list[float]) -> None:
-        self._apply(sent)
+    def _seat(self, sent: list[float], which: list[int]) -> None:
+        for i in which:
+            self.applied.flat[i] = sent[i]
 
     def _follow(self, desired: list[float], rate: list[float] | None, dt: float) -> None:
         self._apply(self._bounded(desired, self.max_velocity, dt))

@@ -83,6 +83,9 @@ class Cycle:
         self._stamps, self._links = graph.row.devices[:, DEVICE.stamp], graph.row.devices[:, DEVICE.link]
         self._commands = graph.row.devices[:, DEVICE.commands]
         self._counts = self._commands.tolist()  # commands sent to each device until the cycle before
+        # Of a device with several commands the count doesn't tell which left: there, one that is new has.
+        self._alone = [len(graph.actuators_of(a.device)) == 1 for a in graph.actuators]
+        self._sent = [a.sent.tobytes() for a in graph.actuators]  # as it was in the cycle before
         self._max_age = self._ages()
         self._count = len(graph.devices)
         self._emergency = [
@@ -225,9 +228,13 @@ class Cycle:
 
     def _reseat(self) -> None:
         dt, counts = self._ints.item(_DT) * 1e-9, self._commands.tolist()
-        for actuator, guard in zip(self.graph.actuators, self.guards, strict=True):
+        for i, (actuator, guard) in enumerate(zip(self.graph.actuators, self.guards, strict=True)):
+            left = counts[actuator.device] != self._counts[actuator.device]
+            if not self._alone[i]:
+                sent = actuator.sent.tobytes()
+                left, self._sent[i] = left and sent != self._sent[i], sent
             if self._links.item(actuator.device) & LINK_ACTIVE:
-                guard.reseat(counts[actuator.device] != self._counts[actuator.device], dt)
+                guard.reseat(left, dt)
         self._counts = counts
 
     def guard(self) -> None:
@@ -284,7 +291,7 @@ class Cycle:
             start = actuator.applied.copy()
             if actuator.command.kind is Kind.POSITION:
                 if np.isfinite(actuator.sent).all():
-                    start = actuator.sent.copy()
+                    start = guard.last_sent()
                 if actuator.measured is not None:
                     start = actuator.measured.copy()
                 elif self._put_home[i] and actuator.home is not None:

@@ -24,28 +24,30 @@ RATE = {Kind.POSITION: 4.0, Kind.VELOCITY: 5.0, Kind.TORQUE: 200.0}  # of the co
 class Link:
     """A guard, and a device that takes what it is given in some cycles."""
 
-    def __init__(self, kind: Kind, period: float = 0.02, resolution: float = 0.0, **limits: Any) -> None:
-        command = Command(name="c", shape=(1,), unit="1", kind=kind, period=period, resolution=resolution)
-        given_limits = GuardLimits(**(LIMITS[kind] | limits)).to_limits((1,), "guard.c")
-        self.guard: CommandGuard = GUARDS[kind]("guard.c", command, given_limits, DT)
-        self.applied, self.sent = np.zeros(1), np.full(1, np.nan)
-        self.q, self.qd = np.zeros(1), np.zeros(1)
+    def __init__(
+        self, kind: Kind, period: float = 0.02, resolution: float = 0.0, size: int = 1, dt: float = DT, **limits: Any
+    ) -> None:
+        command = Command(name="c", shape=(size,), unit="1", kind=kind, period=period, resolution=resolution)
+        given_limits = GuardLimits(**(LIMITS[kind] | limits)).to_limits((size,), "guard.c")
+        self.guard: CommandGuard = GUARDS[kind]("guard.c", command, given_limits, dt)
+        self.applied, self.sent = np.zeros(size), np.full(size, np.nan)
+        self.q, self.qd = np.zeros(size), np.zeros(size)
         self.guard.bind(self.applied, self.q, self.qd, self.sent)
-        self.guard.reset(np.zeros(1))
+        self.guard.reset(np.zeros(size))
         self.seen: list[bool] = []
         self.left = False
 
     def send(self, values: Array) -> None:
         self.sent[:], self.left = values, True
 
-    def cycle(self, desired: float, takes: bool = True, dt: float = DT, stop: bool = False) -> float:
+    def cycle(self, desired: float | Array, takes: bool = True, dt: float = DT, stop: bool = False) -> float:
         self.guard.reseat(self.left, dt)
         self.left = False
         self.seen.append(self.guard.reseated)
         if stop:
             self.guard.stop(Stop.HOLD, dt)
         else:
-            self.guard.step(np.array([desired]), None, dt)
+            self.guard.step(np.broadcast_to(desired, self.applied.shape), None, dt)
         if takes:
             self.send(self.applied)
         return float(self.sent[0])
@@ -235,3 +237,70 @@ def test_what_was_sent_must_have_the_commands_shape() -> None:
     link = Link(Kind.VELOCITY)
     with pytest.raises(WiringError, match="sent has shape"):
         link.guard.bind(np.zeros(1), None, None, np.zeros(2))
+
+
+@pytest.mark.parametrize("rate", [60.0, 100.0, 333.0, 1000 / 3, 1000.0])
+@pytest.mark.parametrize("every", [1, 3, 5, 6, 10, 11, 12, 20])
+def test_a_device_that_keeps_exactly_its_period_is_never_taken_for_a_stalled_one(rate: float, every: int) -> None:
+    """50 commands/s declared as 0.02 s from a 1 kHz loop: a law of 0.1 s never arrived."""
+    dt = 1 / rate
+    link = Link(Kind.VELOCITY, period=every * dt, dt=dt)
+    for k in range(10 * every + 100):
+        jitter = 1.0 + 0.05 * (-1) ** (k // every)  # some spans between two commands are longer
+        link.cycle(link.applied + (0.3 - link.applied) * dt / 0.1, takes=k % every == 0, dt=dt * jitter)
+    assert not any(link.seen)
+
+
+def test_an_element_that_the_device_limits_leaves_the_others_alone() -> None:
+    """Each cycle began at rest for all: another joint braked with 139 rad/s^2 of 40, and lagged by 0.15 rad."""
+    link = Link(Kind.POSITION, resolution=1e-4, size=2)
+    sent, wanted = [], []
+    for k in range(400):
+        wanted.append(0.5 * np.sin(0.04 * k))
+        link.cycle(wanted[-1], takes=False)
+        link.send(np.minimum(link.applied, [1.0, 0.3]))
+        sent.append(link.sent.copy())
+    other = np.array(sent)[60:, 0]
+    assert any(link.seen)
+    assert np.abs(np.diff(other, 2)).max() <= 40.0 * DT**2 * (1 + 1e-6)
+    assert np.abs(other - wanted[60:]).max() < 1e-6
+
+
+def test_a_law_that_integrates_moves_while_another_element_is_limited() -> None:
+    link = Link(Kind.POSITION, resolution=1e-3, size=2)
+    for _ in range(1000):
+        link.guard.reseat(link.left, DT)  # before the law, which reads it back
+        link.guard.step(link.applied + np.array([1e-5, 1e-2]), None, DT)
+        link.send(np.minimum(np.round(link.applied, 3), [1.0, 0.1]))
+    assert link.applied[0] == pytest.approx(1000 * 1e-5, rel=0.01)
+
+
+def test_a_command_that_leaves_in_the_next_read_is_no_limited_one() -> None:
+    link = Link(Kind.POSITION)
+    applied, wanted = [np.zeros(1)], []
+    for k in range(400):
+        wanted.append(0.5 * np.sin(0.04 * k))
+        link.cycle(wanted[-1], takes=False)
+        link.send(applied[-1])
+        applied.append(link.applied.copy())
+    assert not any(link.seen)
+    assert abs(float(applied[-1][0]) - wanted[-1]) < 1e-6
+    for _ in range(20):
+        link.cycle(wanted[-1] + 1.0, takes=False)
+    link.guard.reseat(False, DT)
+    assert link.applied[0] == link.sent[0], "and a stall is still found"
+
+
+@pytest.mark.parametrize("kind", list(Kind))
+@pytest.mark.parametrize("wrong", [-1.0, 57.3, 1e6])
+def test_a_report_in_another_unit_or_sign_moves_nothing_there(kind: Kind, wrong: float) -> None:
+    """A driver that reported degrees had its joint at 1e30 rad in 30 cycles, beyond every limit."""
+    link = Link(kind)
+    for k in range(200):
+        before = float(link.applied[0])
+        link.cycle(0.5 * np.sin(0.04 * k), takes=False)
+        step, most = abs(float(link.applied[0]) - before), RATE[kind] * DT * (1 + 1e-9)
+        ended = kind is not Kind.POSITION and abs(link.applied[0]) <= most  # a device may end a velocity or torque
+        assert step <= most or ended
+        link.send(link.applied * (wrong if k > 60 else 1.0))
+    assert abs(link.applied[0]) <= 0.6

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from helpers import toy
 from helpers.toy import PROFILE, SPEED, Bench, Law, Toy, ToyConfig, _load
 
 from runtime.contracts import registry
@@ -138,6 +140,81 @@ def test_a_driver_that_reports_wrongly_stops_the_limb_and_not_the_loop(
     assert np.isfinite(_value(b, "arm.command.applied")).all()
     # What it sent and didn't report may be taken back: at most what five periods made.
     assert np.abs(np.diff(np.array(b.arm.sent), axis=0)).max() <= SPEED * 0.05
+
+
+def test_a_start_without_feedback_is_never_where_nothing_was_given(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A servo whose driver reports degrees was sent to 40 rad after a loss."""
+    monkeypatch.setattr(device_module, "RETRY", 0.01)
+    write = Toy.write
+
+    def wrong(arm: Toy, now: int) -> None:
+        write(arm, now)
+        arm.sent_arrays["command"][:] = np.degrees(arm.command_arrays["command"])
+
+    monkeypatch.setattr(Toy, "write", wrong)
+    b = Bench(tmp_path, arm="servo")
+
+    def script(k: int) -> None:
+        b.arm.gone = 64 <= k < 80
+        if k == 90:
+            b.until_back(b.arm)
+        if k == 95:
+            b.ask("reset")
+
+    b.run(160, script)
+    assert b.states[-1][0] in (State.HOMING, State.ACTIVE)
+    assert np.abs(np.diff(np.array(b.arm.sent), axis=0)).max() <= SPEED * 0.01 * (1 + 1e-6)
+
+
+class Slow(Toy):
+    """An arm of two axes with a command each; the second one takes every third."""
+
+    def __init__(self, name: str, config: ToyConfig) -> None:
+        super().__init__(name, config)
+        if name == "arm":
+            axis = Command(
+                name="first", shape=(2,), unit="rad/s", kind=Kind.VELOCITY, feedback="position", stops=(Stop.BRAKE,),
+                period=0.04,
+            )  # fmt: skip
+            self.commands = (axis, replace(axis, name="second"))
+            self.home = {}
+
+    def write(self, now: int) -> None:
+        self.recoveries += 1
+        for name in ("first", "second") if self.recoveries % 3 == 0 else ("first",):
+            self.sent_arrays[name][:] = self.command_arrays[name]
+
+
+class Both(Law):
+    """A first-order law to 0.3 rad/s of 0.1 s for both, from what was applied."""
+
+    def __init__(self, name: str, config: ControllerConfig) -> None:
+        super().__init__(name, config)
+        self.outputs = tuple(Signal(name=n, shape=(2,), unit="rad/s") for n in ("first", "second"))
+
+    def update(self, dt: float) -> None:
+        for name, output in self.output.items():
+            output[:] = self.applied[name] + (0.3 - self.applied[name]) * dt / 0.1
+
+
+def test_a_command_isnt_taken_for_sent_because_another_of_its_device_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its law was slowed from 0.1 to 0.2 s: a naive feedback of what was sent."""
+    text = PROFILE.replace("out: {{q: arm.command}}", "out: {{first: arm.first, second: arm.second}}").replace(
+        "guard: {{arm.command: {{lower: -2, upper: 2, velocity: {speed}, acceleration: 10}}}}",
+        "guard: {{arm.first: {{velocity: 1, acceleration: 10}}, arm.second: {{velocity: 1, acceleration: 10}}}}",
+    )
+    monkeypatch.setattr(toy, "PROFILE", text)
+    for module, name in ((toy, "_load"), (registry, "load")):
+        monkeypatch.setattr(module, name, lambda group, *_: {"drivers": Slow, "controllers": Both}[group])
+    b = Bench(tmp_path)
+    b.run(60, lambda k: None)
+    assert replay(b.graph.layout, b.rows()[:-1], "toy").identical
+    assert np.array_equal(_value(b, "arm.first.applied"), _value(b, "arm.second.applied"))
+    assert not (b.word("flags") & FLAG_RESEATED).any()
 
 
 class Weigher(Law):

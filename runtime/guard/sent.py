@@ -1,0 +1,94 @@
+"""Compares what was sent with what was applied, element by element: where a guard must begin anew."""
+
+from __future__ import annotations
+
+from math import isfinite, nan
+
+from runtime.contracts.signals import Kind
+
+
+class SentTracker:
+    """Follows one command; see `CommandGuard.reseat` and docs/guard.md, "What was sent".
+
+    An element is *taken* in a cycle if what was sent of it is what was applied, within the command's resolution, in
+    that cycle or in the one before (a driver may send it in its next `read`). It is *stalled* once it wasn't taken
+    for longer than the command's period.
+
+    Attributes:
+        seats: by element, where to begin anew: the newest one sent since the reset, else the first command.
+        stalled: an element is stalled.
+    """
+
+    def __init__(self, kind: Kind, patience: float, resolution: list[float]) -> None:
+        """
+        Args:
+            kind: of the command.
+            patience: s for which an element need not be taken.
+            resolution: by element, the difference of what was sent and applied that is normal.
+        """
+        self._kind, self._patience, self._resolution = kind, patience, resolution
+        self._dt = 0.0  # of the last cycle, s
+        self.restart([0.0] * len(resolution))
+
+    def restart(self, applied: list[float]) -> None:
+        """Begins with the first command after a reset."""
+        self.seats = self._low = self._high = applied  # low, high: the range that was applied since one was taken
+        self._previous = [nan] * len(applied)  # what was applied one cycle ago; NaN where the guard began anew
+        self._unsent = [0.0] * len(applied)  # s since one was taken
+        self.stalled = False
+
+    def compare(self, sent: list[float], applied: list[float], left: bool, dt: float) -> list[int]:
+        """Returns the elements that part from the guard: it must begin anew there, at their `seats`.
+
+        Args:
+            sent: what was sent; NaN before the first command.
+            applied: what the guard applied in the cycle before.
+            left: a command has left since the last call.
+            dt: s since the cycle before.
+        """
+        dt_before, self._dt = self._dt, dt
+        if sent == applied and dt <= self._patience and (left or not self.stalled):
+            self.seats = self._low = self._high = self._previous = applied
+            self._unsent, self.stalled = [dt] * len(applied), False
+            return []
+        seats, unsent, parted = list(self.seats), list(self._unsent), []
+        low, high = list(map(min, self._low, applied)), list(map(max, self._high, applied))
+        self.stalled = False
+        for i, (s, a, before, r) in enumerate(zip(sent, applied, self._previous, self._resolution, strict=True)):
+            near, late = abs(s - a) <= r, abs(s - before) <= r  # False for NaN
+            # A device that rounds may hold what is applied without being sent anything. But in a stall, being near
+            # to what was sent shows nothing, as the guard has begun there: until a command leaves, it isn't taken.
+            taken = (near or late) and (left or unsent[i] <= self._patience)
+            if taken:
+                unsent[i] = dt if near else dt + dt_before
+                low[i], high[i] = (a, a) if near else (min(a, before), max(a, before))
+            else:
+                unsent[i] += dt
+            stalled, limited = unsent[i] > self._patience, left and isfinite(s) and not (near or late)
+            if left and isfinite(s):
+                seats[i] = self._given(i, s, low[i], high[i])
+            if limited or (stalled and (taken or not near)):
+                parted.append(i)
+            self.stalled |= stalled
+        previous = list(applied)
+        for i in parted:
+            previous[i] = nan
+        self.seats, self._low, self._high, self._previous, self._unsent = seats, low, high, previous, unsent
+        return parted
+
+    def last(self, sent: list[float], applied: list[float]) -> list[float]:
+        """What was sent last, for a start there, by element; NaN where nothing was."""
+        return [
+            self._given(i, s, min(a, low), max(a, high))
+            for i, (s, a, low, high) in enumerate(zip(sent, applied, self._low, self._high, strict=True))
+        ]
+
+    def _given(self, i: int, sent: float, low: float, high: float) -> float:
+        """What can have been sent of an element for which `low` to `high` was applied since one was taken.
+
+        A driver that reports another unit or sign must not move the limb there. A velocity or torque may also end.
+        """
+        if self._kind is not Kind.POSITION:
+            low, high = min(low, 0.0), max(high, 0.0)
+        r = self._resolution[i]
+        return low - r if sent < low - r else high + r if sent > high + r else sent
