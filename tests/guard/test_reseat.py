@@ -158,7 +158,7 @@ def test_a_coarse_device_that_stalls_is_followed_by_no_step_either(kind: Kind, r
         apart.append(abs(float(link.applied[0]) - last))
     faster = (2 * 40.0 * resolution) ** 0.5 * DT if kind is Kind.POSITION else 0.0  # while it is within the resolution
     assert max(apart[:6]) > resolution + period + faster, "for the command's period it goes on"
-    assert max(apart[7:]) <= resolution + period + faster
+    assert max(apart[8:]) <= resolution + period + faster
     link.cycle(target)
     for _ in range(200):
         link.cycle(target)

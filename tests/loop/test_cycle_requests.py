@@ -126,7 +126,8 @@ def test_no_order_of_events_ends_a_stop_that_its_origin_may_not_end(
         assert not (c.latches and c.state in (State.HOMING, State.ACTIVE))
         assert c.state is not State.READY or c.latches in (NONE, Latch.START)
         gone = c.stood & ~c.latches
-        assert not gone or (kind == RequestKind.RESET and c.granted)
+        assert not gone or (kind in (RequestKind.RESET, RequestKind.START) and c.granted)
+        assert kind != RequestKind.START or gone in (NONE, Latch.START)
         assert not gone & ~(Latch.BUS | Latch.FAULT) or origin in (Origin.LOCAL, Origin.INPUT)
         assert not gone or origin is not Origin.SERVICE
         if kind == RequestKind.STOP:
