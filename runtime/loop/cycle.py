@@ -42,6 +42,7 @@ from runtime.loop.reset_inputs import ResetInputs
 from runtime.profile.graph import Actuator, Graph
 
 PATIENCE = 5_000_000_000  # ns that a stop may take before the exit: after that the run ends without rest
+STALL = 0.25  # s of beginning anew at what was sent, after which it is reported
 _CATEGORIES = {category: i for i, category in enumerate(Stop)}
 _NOW, _DT, _STATE, _CAUSE = CYCLE.now, CYCLE.dt, CYCLE.state, CYCLE.cause
 _CULPRIT, _CATEGORY, _FLAGS = CYCLE.culprit, CYCLE.category, CYCLE.flags
@@ -86,6 +87,7 @@ class Cycle:
         # Of a device with several commands the count doesn't tell which left: there, one that is new has.
         self._alone = [len(graph.actuators_of(a.device)) == 1 for a in graph.actuators]
         self._sent = [a.sent.tobytes() for a in graph.actuators]  # as it was in the cycle before
+        self._stalls = [0.0 for a in graph.actuators]  # s for which its guard has begun anew in each cycle
         self._max_age = self._ages()
         self._count = len(graph.devices)
         self._emergency = [
@@ -235,7 +237,19 @@ class Cycle:
                 left, self._sent[i] = left and sent != self._sent[i], sent
             if self._links.item(actuator.device) & LINK_ACTIVE:
                 guard.reseat(left, dt)
+                self._tell_stall(i, guard.reseated, dt)
         self._counts = counts
+
+    def _tell_stall(self, i: int, reseated: bool, dt: float) -> None:
+        """Reports a device that has taken no commands, or limited them all, for a while; and its end."""
+        before = self._stalls[i]
+        self._stalls[i] = before + dt if reseated else 0.0
+        if before <= STALL < self._stalls[i]:
+            self.report(
+                f"'{self.graph.actuators[i].name}' isn't sent as applied: the limb waits where it was sent last"
+            )
+        elif before > STALL and not reseated:
+            self.report(f"'{self.graph.actuators[i].name}' is sent as applied again")
 
     def guard(self) -> None:
         """Bounds every command or carries out the stop, then updates the state."""

@@ -45,6 +45,8 @@ def test_the_row_shows_a_stall_and_what_follows_is_a_ramp(tmp_path: Path) -> Non
     assert reseated[110:190].all()
     assert not reseated[:100].any()
     assert not reseated[192:].any()
+    told = [event for event in b.events if "arm.command" in event]
+    assert [("again" in event) for event in told] == [False, True], "and people are told, once each"
     commands = b.word("arm.commands")
     assert commands[189] == commands[99]
     assert commands[299] - commands[189] == 110
