@@ -18,7 +18,7 @@ _libc = ctypes.CDLL(None, use_errno=True)
 
 
 def enter(stuck: int | None = None, priority: int = PRIORITY) -> list[str]:
-    """Sets SCHED_FIFO, locked memory and a timer slack of 1 ns; freezes garbage collection and turns it off.
+    """Locks memory, sets a timer slack of 1 ns, freezes garbage collection and turns it off, and sets SCHED_FIFO.
 
     Args:
         stuck: ns of computing without a sleep, at real-time priority, after which the kernel ends this process
@@ -28,6 +28,16 @@ def enter(stuck: int | None = None, priority: int = PRIORITY) -> list[str]:
         What the host did not allow, one sentence each, if possible with a remedy; empty without problems.
     """
     refused = []
+    if _libc.mlockall(_MCL_CURRENT | _MCL_FUTURE) != 0:
+        refused.append("memory isn't locked: raise LimitMEMLOCK (systemd) or `ulimit -l`")
+    if _libc.prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0) != 0:
+        refused.append("timer slack can't be set")
+    _stay_awake()
+    sys.setswitchinterval(1e-4)  # a thread that opens a lost device yields soon
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    # Last: what stands above computes for a tenth of a second, which would count towards `stuck`.
     try:
         # Children (a reopening thread, a helper) must not inherit the priority.
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
@@ -39,15 +49,6 @@ def enter(stuck: int | None = None, priority: int = PRIORITY) -> list[str]:
         resource.setrlimit(
             resource.RLIMIT_RTTIME, (wanted if most == resource.RLIM_INFINITY else min(wanted, most), most)
         )
-    if _libc.mlockall(_MCL_CURRENT | _MCL_FUTURE) != 0:
-        refused.append("memory isn't locked: raise LimitMEMLOCK (systemd) or `ulimit -l`")
-    if _libc.prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0) != 0:
-        refused.append("timer slack can't be set")
-    _stay_awake()
-    sys.setswitchinterval(1e-4)  # a thread that opens a lost device yields soon
-    gc.collect()
-    gc.freeze()
-    gc.disable()
     return refused
 
 
