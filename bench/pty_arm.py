@@ -41,7 +41,9 @@ class PtyArm(Driver):
 
     def __init__(self, name: str, config: PtyArmConfig) -> None:
         super().__init__(name, config)
-        self.commands = (Command(name="command", shape=(1,), unit="rad", kind=Kind.POSITION, stops=(Stop.HOLD,)),)
+        self.commands = (
+            Command(name="command", shape=(1,), unit="rad", kind=Kind.POSITION, stops=(Stop.HOLD,), period=0.02),
+        )
         self.home = {"command": np.zeros(1)}
         self._descriptor = -1
         self._written = 0
@@ -57,6 +59,7 @@ class PtyArm(Driver):
     def write(self, now: int) -> None:
         """Sends a command and computes for as long as it is told to."""
         os.write(self._descriptor, COMMAND)
+        self.sent_arrays["command"][:] = self.command_arrays["command"]
         self._written += 1
         end = time.monotonic() + max(self.config.spin, 0.0)
         while time.monotonic() < end or (self.config.spin < 0 and self._written > SETTLED):

@@ -45,6 +45,7 @@ TRIALS = 200
 OVERRUN = 1.5  # periods that an overrunning loop's cycle takes
 SPAN = (0.2, 1.2)  # s of overrunning before its death: the kernel throttles by the second
 PATIENCE = 10.0  # s
+STARTS = 3  # of a trial, after which the fault is not the host's
 
 
 @dataclass
@@ -266,16 +267,23 @@ CASES = (
 
 
 def _started(case: Case) -> Trial:
-    """A trial whose limb is commanded. A start may fail on a busy host: it is said, and begun again."""
-    while True:
+    """A trial whose limb is commanded. A start may fail on a busy host: it is said, and begun again.
+
+    Raises:
+        TimeoutError: it failed `STARTS` times in a row.
+    """
+    for attempt in range(1, STARTS + 1):
         trial = Trial(case.spin, case.together)
         try:
             trial.start()
         except TimeoutError as error:
-            print(f"a start failed: {error}", file=sys.stderr)
             trial.close()
+            if attempt == STARTS:
+                raise
+            print(f"a start failed: {error}", file=sys.stderr)
         else:
-            return trial
+            break
+    return trial
 
 
 @contextlib.contextmanager

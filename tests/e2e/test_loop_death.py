@@ -6,18 +6,21 @@ import os
 import resource
 import shutil
 import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from helpers.firmata import ScriptedBoard
-from helpers.run import Running, alive
+from helpers.run import Running, alive, environment
 from helpers.wait import until
 
 from runtime.ipc.words import State
 from runtime.recording.reader import read
 
 SERVOS = 4
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture
@@ -106,3 +109,13 @@ def test_a_recorder_outlives_a_supervisor_that_dies_while_it_starts(tmp_path: Pa
     recording = read(tmp_path / "x.rrd")
     assert recording.missing == []
     assert len(recording.rows) == reader.head > 0
+
+
+@pytest.mark.slow
+def test_the_bench_of_stop_latencies_works(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "bench", "stop-latency", "--trials", "1"], env=environment(tmp_path), cwd=ROOT,
+        capture_output=True, text=True, timeout=300, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "supervisor killed: after the fault, worst" in done.stdout
