@@ -161,6 +161,8 @@ class Layout:
                     "links": tuple(tuple(link) for link in item["links"]),
                 }
                 f = Field(**item)
+                if not all(isinstance(text, str) for text in (f.name, f.role, f.unit)):
+                    raise ValueError(f"signal '{f.name}': name, role and unit must be texts")
                 if f.offset != layout.floats or min(f.shape, default=1) < 0 or f.name in layout.fields:
                     raise ValueError(f"signal '{f.name}' has no place of its own")
                 layout.fields[f.name] = f

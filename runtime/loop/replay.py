@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import TypeAdapter, ValidationError
 
 from runtime.contracts import provenance
 from runtime.contracts.errors import RecordingError
@@ -34,6 +35,23 @@ _DECIDED += [CYCLE.request, CYCLE.request_kind, CYCLE.request_target, CYCLE.requ
 _COPIED = [CYCLE.cycle, CYCLE.now, CYCLE.dt, CYCLE.overruns]
 # Answers that the state machine gives; the others are given before a request reaches it, and so are inputs.
 _MACHINES = (Answer.DONE, Answer.REFUSED_STATE, Answer.REFUSED_FAULT, Answer.REFUSED_LATCH)
+
+
+_DAMAGED = "Use another recording"
+
+
+@dataclass
+class _Meta:
+    """What a replay takes from a layout's `meta`."""
+
+    label: str
+    profile: str
+    overrides: list[str]
+    simulated: list[str]
+    limits: dict[str, dict[str, Any]]
+    automatic: bool
+    versions: dict[str, Any]
+    latches: list[str] = field(default_factory=list)  # an earlier version had none: its rows are refused
 
 
 @dataclass
@@ -87,6 +105,12 @@ def replay(layout: Layout, rows: NDArray[np.int64], place: str) -> Comparison:
             "A replay needs the whole run: give the recording rather than a black box",
         )  # fmt: skip
     layout.needs(place, "label", "profile", "overrides", "simulated", "limits", "automatic", "versions", "blas")
+    try:
+        TypeAdapter(_Meta).validate_python(layout.meta)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise RecordingError(place, f"the layout is damaged: {where}: {first['msg']}", _DAMAGED) from None
     graph, cycle = _rebuild(layout, place)
     comparison = Comparison(warnings=_other_versions(layout))
     made = graph.row
@@ -172,8 +196,12 @@ def _rebuild(layout: Layout, place: str) -> tuple[Graph, Cycle]:
             place, f"this version of srl builds other signals from the recorded profile (first: {odd})",
             f"Replay it with srl-runtime {meta['versions'].get('srl-runtime', '?')}",
         )  # fmt: skip
-    limits = {name: Limits(**{k: np.array(v) for k, v in value.items()}) for name, value in meta["limits"].items()}
-    return graph, Cycle(graph, limits, meta["automatic"], latches.of_names(meta["latches"]))
+    try:
+        limits = {name: Limits(**{k: np.array(v) for k, v in value.items()}) for name, value in meta["limits"].items()}
+        return graph, Cycle(graph, limits, meta["automatic"], latches.of_names(meta["latches"]))
+    except (KeyError, TypeError, ValueError) as error:
+        problem = f"the layout's limits or latches are damaged: {type(error).__name__}: {error}"
+        raise RecordingError(place, problem, _DAMAGED) from None
 
 
 def _other_versions(layout: Layout) -> list[str]:

@@ -153,6 +153,27 @@ def test_replay_of_a_layout_without_its_profile(run: RunFolder, capsys: pytest.C
     assert "it lacks label" in capsys.readouterr().err
 
 
+META = {"label": "x", "profile": "name: toy", "overrides": [], "simulated": [], "limits": {}}
+META |= {"automatic": True, "versions": {}, "blas": "", "latches": []}
+WRONG = [("label", 3), ("profile", None), ("overrides", 1.5), ("simulated", 7), ("limits", 1), ("versions", "x")]
+WRONG += [("limits", {"arm.q": 3}), ("latches", "person"), ("latches", [[]])]
+
+
+@pytest.mark.parametrize(("key", "value"), WRONG)
+def test_replay_of_a_layout_with_other_types(
+    run: RunFolder, key: str, value: object, capsys: pytest.CaptureFixture[str]
+) -> None:
+    layout = make_layout()
+    rows = make_rows(layout, 1)
+    rows[:, 0] = 0  # the first cycle
+    ring = RingWriter.create(run.rows, layout.width, 16)
+    ring.append(rows[0])
+    layout.meta |= META | {key: value}
+    layout.save(run.layout)
+    assert main(["replay", str(run.path)]) == 2
+    assert f"the layout is damaged: {key}" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("file", ["rows", "layout", "events"])
 @pytest.mark.parametrize("module", ["runtime.bus", "runtime.recorder"])
 def test_bus_and_recorder_refuse_damaged_files(run: RunFolder, module: str, file: str, tmp_path: Path) -> None:
