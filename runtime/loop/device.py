@@ -90,7 +90,7 @@ class Device:
         if self._failing:
             # A method that is not called now can't show that it works again.
             if not link & LINK_ACTIVE:
-                self._failing -= {"write", "send"}
+                self._failing -= {"write", "send", "give its stop frame"}
             if not health.fault:
                 self._failing.discard("recover")
             link |= LINK_ERROR * bool(self._failing)
@@ -134,6 +134,28 @@ class Device:
         """Starts the device's own stop, except while the device is lost."""
         if not self.lost:
             self._call("stop", lambda _: self.driver.stop(category), now)
+
+    def stop_frame(self, category: Stop, now: int) -> bytes | None:
+        """The device's stop frame; None if its driver fails to make one: the frame before it stays in force."""
+        found: bytes | None = None
+
+        def ask(_: int) -> None:
+            nonlocal found
+            found = self.driver.stop_frame(category)
+
+        self._call("give its stop frame", ask, now)
+        return found
+
+    def fileno(self, now: int) -> int | None:
+        """The device's descriptor; None if it has none, or its driver fails to give it."""
+        found: int | None = None
+
+        def ask(_: int) -> None:
+            nonlocal found
+            found = self.driver.fileno()
+
+        self._call("give its descriptor", ask, now)
+        return found
 
     def recover(self, now: int) -> None:
         """Starts the recovery of a device with a fault, except while the device is lost."""

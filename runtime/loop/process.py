@@ -199,8 +199,11 @@ class Process:
 
         numbers = {d: i for i, d in enumerate(loop.commanded)}
 
+        def now() -> int:
+            return int(graph.row.ints[CYCLE.now])
+
         def hand_over(device: Device) -> None:
-            fileno = device.driver.fileno()
+            fileno = device.fileno(now())
             if fileno is not None:
                 self.channel.send({"say": "actuator", "slot": numbers[device], "name": device.driver.name}, fileno)
 
@@ -209,7 +212,9 @@ class Process:
             self.channel.send({"say": "lost", "slot": numbers[device]})
 
         def after_write(device: Device) -> None:
-            slots.write(numbers[device], device.driver.stop_frame(self._category(loop, device)))
+            frame = device.stop_frame(self._category(loop, device), now())
+            if frame is not None:
+                slots.write(numbers[device], frame)
 
         for device in loop.commanded:
             hand_over(device)
