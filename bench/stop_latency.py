@@ -331,7 +331,10 @@ def run(trials: int = TRIALS) -> list[Row]:
                     with _started(case) as trial:
                         worst()
                         begun = case.fault(trial)
-                        trial.until_stopped()
+                        try:
+                            trial.until_stopped()
+                        except TimeoutError as error:
+                            raise TimeoutError(f"{case.what}: {error}") from None
                         late[case.what].append(worst())
                     after[case.what].append((trial.stop - begun) / 1e6)
                     since[case.what].append((trial.stop - trial.command) / 1e6)
