@@ -14,9 +14,10 @@ from pydantic import Field, model_validator
 
 from runtime.contracts.gravity import DOWN
 from runtime.contracts.signals import Array, Signal
+from runtime.contracts.terms import POINT
 from runtime.contracts.world import World, WorldConfig
-from runtime.control.hand.human_hand import FINGERS, JOINTS
-from sim.parts.hand.finger import FINGER_JOINTS, FingerConfig, add_finger
+from runtime.control.hand.human_hand import FINGER_JOINTS, FINGERS, JOINTS
+from sim.parts.hand.finger import FingerConfig, add_finger
 from sim.parts.hand.hand import add_hand
 from sim.parts.hand.objects import ObjectConfig, add_object
 from sim.parts.hand.servo import ServoBank
@@ -181,13 +182,19 @@ class AugmentedHand(World):
         for servo, target in targets.items():
             self._bank.command(servos[servo], np.nan if target is None else target, step)
 
-    def place_servos(self, first: int, angles: Array) -> None:
-        """Places servos, from number `first` on, at `angles` (rad): where the user has put a finger before the run.
+    @property
+    def servo_names(self) -> tuple[str, ...]:
+        """The servos' names, by number: the joint's; with several fingers `<finger>_<joint>`."""
+        return _servo_names(self._config)
+
+    def place_servos(self, angles: Mapping[int, float]) -> None:
+        """Places servos, by number, at angles (rad): where the user has put a finger before the run.
 
         Has an effect only before the first step.
         """
         if self._step == 0:
-            self._servo_qpos[first : first + angles.size] = angles
+            for servo, angle in angles.items():
+                self._servo_qpos[servo] = angle
             self._fill()
 
     def servo_targets(self) -> Array:
@@ -275,7 +282,7 @@ def mjcf(config: AugmentedHandConfig) -> str:
 
 def _truth(config: AugmentedHandConfig) -> tuple[Signal, ...]:
     names = tuple(finger.name for finger in config.fingers)
-    servos = tuple(f"{name}_{joint}" for name in names for joint in FINGER_JOINTS)
+    servos = _servo_names(config)
     n = len(servos)
     signals = [
         Signal(name="hand_position", shape=(20,), unit="rad", labels=JOINTS),
@@ -287,13 +294,18 @@ def _truth(config: AugmentedHandConfig) -> tuple[Signal, ...]:
         Signal(name="contact_force", shape=(len(names),), unit="N", labels=names),
     ]
     if config.objects:
-        signals.append(_points("object_position", tuple(item.code or item.shape for item in config.objects)))
+        signals.append(_points("object_position", tuple(f"object_{i}" for i in range(len(config.objects)))))
     return tuple(signals)
+
+
+def _servo_names(config: AugmentedHandConfig) -> tuple[str, ...]:
+    fingers = config.fingers
+    return tuple(j if len(fingers) == 1 else f"{f.name}_{j}" for f in fingers for j in FINGER_JOINTS)
 
 
 def _points(name: str, labels: tuple[str, ...]) -> Signal:
     shape = (len(labels), 3)
-    return Signal(name=name, shape=shape, unit="m", frame="hand", labels=labels, visual="points")
+    return Signal(name=name, shape=shape, unit="m", frame="hand", labels=labels, components=(POINT,), visual="points")
 
 
 def _finger_of_geom(model: mujoco.MjModel, config: AugmentedHandConfig) -> NDArray[np.int64]:

@@ -68,8 +68,7 @@ def check_driver(driver: Driver) -> None:
     assert driver.states or driver.commands, f"{name} declares neither states nor commands"
     assert not driver.states or driver.max_age > 0, f"{name} gives samples, so `max_age` must say when they are stale"
     for signal in (*driver.states, *driver.commands):
-        fits = not signal.labels or len(signal.labels) == signal.shape[0]
-        assert fits, f"{name}.{signal.name} has {len(signal.labels)} labels for {signal.shape[:1]} rows"
+        assert not (fault := signal.naming_fault()), f"{name}.{signal.name}: {fault}"
     states = {s.name: s for s in driver.states}
     for command in driver.commands:
         assert command.stops, f"{name}.{command.name} can't be stopped: `stops` is empty"
@@ -96,7 +95,7 @@ def check_driver(driver: Driver) -> None:
 
 
 def check_controller(controller: Controller, inputs: Mapping[str, Array], start: Mapping[str, Array]) -> None:
-    """Checks what every control law must do: start without a jump, stay finite, keep its shapes, repeat exactly.
+    """Checks what every control law must do: name its elements, start without a jump, stay finite, repeat exactly.
 
     Args:
         controller: a bound controller, see `bound`.
@@ -106,6 +105,8 @@ def check_controller(controller: Controller, inputs: Mapping[str, Array], start:
         AssertionError: its text says what is wrong.
     """
     name = type(controller).__name__
+    for signal in (*controller.inputs, *controller.outputs):
+        assert not (fault := signal.naming_fault()), f"{name}.{signal.name}: {fault}"
 
     def run() -> list[bytes]:
         for key, value in inputs.items():

@@ -18,8 +18,8 @@ from drivers.devicetime import DeviceTime
 from runtime.contracts.driver import Sensor
 from runtime.contracts.errors import DeviceError, DeviceLostError
 from runtime.contracts.signals import Array, Signal
+from runtime.contracts.terms import WRENCH
 
-LABELS: Final = ("fx", "fy", "fz", "tx", "ty", "tz")
 TRIES: Final = 10  # requests may get lost; public drivers request as often (1.1)
 ANSWER: Final = 0.2  # s for the first record after a request
 ASK_AGAIN: Final = 100_000_000  # ns without a record after which the stream is requested again
@@ -49,7 +49,7 @@ class AtiNetFt(Sensor):
     def __init__(self, name: str, config: AtiNetFtConfig) -> None:
         super().__init__(name, config)
         self.config: AtiNetFtConfig = config
-        self.states = (Signal(name="wrench", shape=(6,), unit="N, N m", frame=config.frame, labels=LABELS),)
+        self.states = (Signal(name="wrench", shape=(6,), unit="N, N m", frame=config.frame, labels=WRENCH),)
         self._place = f"{name} ({config.port})"
         self._parser = Parser()
         self._link: Datagrams | None = None

@@ -19,9 +19,9 @@ from drivers.zenoh_link.stamps import SourceTime
 from runtime.contracts.driver import Driver
 from runtime.contracts.errors import DeviceError, DeviceLostError
 from runtime.contracts.signals import Command, Kind, Limits, Signal, Stop
+from runtime.contracts.terms import PLANAR, PLANAR_TWIST
 
 COMMAND = "twist_command"
-AXES = ("vx", "vy", "wz")
 UNIT = "m/s, rad/s"
 SILENT = 1_000_000_000  # ns without odometry after which the link is opened again
 FIRST = 5.0  # s that the first odometry may take
@@ -51,12 +51,12 @@ class MobileBase(Driver):
         super().__init__(name, config)
         self._config = config
         self.states = (
-            Signal(name="pose", shape=(3,), unit="m, rad", labels=("x", "y", "yaw")),
-            Signal(name="twist", shape=(3,), unit=UNIT, labels=AXES),
+            Signal(name="pose", shape=(3,), unit="m, rad", labels=PLANAR),
+            Signal(name="twist", shape=(3,), unit=UNIT, labels=PLANAR_TWIST),
         )
         self.commands = (
             Command(
-                name=COMMAND, shape=(3,), unit=UNIT, labels=AXES,
+                name=COMMAND, shape=(3,), unit=UNIT, labels=PLANAR_TWIST,
                 kind=Kind.VELOCITY, feedback="pose", stops=(Stop.BRAKE, Stop.HOLD), period=LATE / config.rate,
             ),
         )  # fmt: skip

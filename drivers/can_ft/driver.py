@@ -28,8 +28,8 @@ from drivers.devicetime import DeviceTime
 from runtime.contracts.driver import DeviceConfig, Sensor
 from runtime.contracts.errors import DeviceError, DeviceLostError
 from runtime.contracts.signals import Array, Signal
+from runtime.contracts.terms import WRENCH
 
-LABELS: Final = ("fx", "fy", "fz", "tx", "ty", "tz")
 TRIES: Final = 3
 ANSWER: Final = 0.3  # s
 QUIET: Final = 0.03  # s without a frame after which the stream has stopped
@@ -98,7 +98,7 @@ class CanFt(Sensor):
     def __init__(self, name: str, config: CanFtConfig) -> None:
         super().__init__(name, config)
         self.config: CanFtConfig = config
-        self.states = (Signal(name="wrench", shape=(6,), unit="N, N m", frame=config.frame, labels=LABELS),)
+        self.states = (Signal(name="wrench", shape=(6,), unit="N, N m", frame=config.frame, labels=WRENCH),)
         self._place = f"{name} ({config.port})"
         self._parser = Parser(config.ids[1], config.ids[2])
         self._link: CanLink | None = None

@@ -8,6 +8,7 @@ from drivers.noitom.skeleton import JOINTS, Kind, Skeleton
 from runtime.contracts.driver import DeviceConfig
 from runtime.contracts.rotation import Order
 from runtime.contracts.signals import Signal
+from runtime.contracts.terms import POINT, QUATERNION
 
 
 class NoitomConfig(DeviceConfig):
@@ -23,6 +24,6 @@ class NoitomConfig(DeviceConfig):
 def signals(skeleton: Skeleton) -> tuple[Signal, Signal]:
     """Returns the states `rotation` (59, 4) and `translation` (59, 3)."""
     return (
-        Signal(name="rotation", shape=(JOINTS, 4), unit="1", labels=skeleton.names),
-        Signal(name="translation", shape=(JOINTS, 3), unit="m", labels=skeleton.names),
+        Signal(name="rotation", shape=(JOINTS, 4), unit="1", labels=skeleton.names, components=(QUATERNION,)),
+        Signal(name="translation", shape=(JOINTS, 3), unit="m", labels=skeleton.names, components=(POINT,)),
     )

@@ -9,9 +9,9 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 from drivers.panda.protocol import Body, SetCollisionBehavior, SetJointImpedance, SetLoad
 from runtime.contracts.driver import DeviceConfig
 from runtime.contracts.signals import Command, Kind, Signal, Stop
+from runtime.contracts.terms import POSE, WRENCH
 
 JOINTS = tuple(f"joint{i}" for i in range(1, 8))
-WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
 STATES = ("position", "velocity", "effort", "desired_effort", "external_effort", "wrench", "pose", "success_rate")
 COMMANDS = ("torque_command", "velocity_command", "position_command")
 
@@ -117,7 +117,7 @@ def states(config: PandaConfig) -> tuple[Signal, ...]:
         Signal(name="desired_effort", shape=(7,), unit="N m", labels=JOINTS),
         Signal(name="external_effort", shape=(7,), unit="N m", labels=JOINTS),
         Signal(name="wrench", shape=(6,), unit="N, N m", frame=config.frame, labels=WRENCH),
-        Signal(name="pose", shape=(7,), unit="m", frame=config.frame),
+        Signal(name="pose", shape=(7,), unit="m", frame=config.frame, labels=POSE),
         Signal(name="success_rate", shape=(1,), unit="1"),
     )
 

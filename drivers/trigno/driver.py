@@ -73,7 +73,7 @@ class Trigno(Sensor):
         )
         if config.block:
             self.states += (
-                Signal(name="samples", shape=(config.block, n), unit="V"),
+                Signal(name="samples", shape=(config.block, n), unit="V", slots=True, components=(labels,)),
                 Signal(name="count", shape=(1,), unit="1"),
             )
         self._config = config

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 import numpy as np
 
 from drivers.ur.config import UrConfig
@@ -12,9 +10,7 @@ from drivers.ur.registers import ScriptState
 from drivers.ur.sample import Words
 from drivers.ur.status import RobotMode, RuntimeState, name_of, safety_words
 from runtime.contracts.signals import Command, Kind, Limits, Signal, Stop
-
-WRENCH: Final = ("fx", "fy", "fz", "tx", "ty", "tz")
-
+from runtime.contracts.terms import POSE, WRENCH
 
 PERIOD = 0.02  # s, ten cycles of the controller: commands go every cycle, two may be unanswered
 
@@ -26,7 +22,7 @@ def states(config: UrConfig) -> tuple[Signal, ...]:
         Signal(name="velocity", shape=(6,), unit="rad/s", labels=JOINTS),
         Signal(name="effort", shape=(6,), unit="N m", labels=JOINTS),
         Signal(name="wrench", shape=(6,), unit="N, N m", frame=config.frame, labels=WRENCH),
-        Signal(name="pose", shape=(7,), unit="m", frame=config.frame),
+        Signal(name="pose", shape=(7,), unit="m", frame=config.frame, labels=POSE),
         Signal(name="speed_scaling", shape=(1,), unit="1"),
     ]
     if config.buttons:

@@ -11,6 +11,7 @@ from drivers.vicon.blocks import Point
 from drivers.vicon.config import ViconConfig
 from drivers.vicon.geometry import Quaternion
 from runtime.contracts.signals import Array, Signal
+from runtime.contracts.terms import POINT, POSE
 
 GIVES: Final = ("pose", "<name>.pose", "visible", "markers", "marker_visible", "unlabelled", "unlabelled_visible")
 
@@ -21,20 +22,36 @@ def signals(config: ViconConfig) -> tuple[Signal, ...]:
     if config.segments:
         labels, k = tuple(config.segments), len(config.segments)
         made += [
-            Signal(name="pose", shape=(k, 7), unit="m", frame=config.frame, labels=labels),
+            Signal(name="pose", shape=(k, 7), unit="m", frame=config.frame, labels=labels, components=(POSE,)),
             Signal(name="visible", shape=(k,), unit="1", labels=labels),
         ]
-        made += [Signal(name=f"{name}.pose", shape=(7,), unit="m", frame=config.frame) for name in labels]
+        made += [Signal(name=f"{name}.pose", shape=(7,), unit="m", frame=config.frame, labels=POSE) for name in labels]
     if config.markers:
         labels, k = tuple(config.markers), len(config.markers)
         made += [
-            Signal(name="markers", shape=(k, 3), unit="m", frame=config.frame, labels=labels, visual="points"),
+            Signal(
+                name="markers",
+                shape=(k, 3),
+                unit="m",
+                frame=config.frame,
+                labels=labels,
+                components=(POINT,),
+                visual="points",
+            ),
             Signal(name="marker_visible", shape=(k,), unit="1", labels=labels),
         ]
     if k := config.unlabelled:
         made += [
-            Signal(name="unlabelled", shape=(k, 3), unit="m", frame=config.frame, visual="points"),
-            Signal(name="unlabelled_visible", shape=(k,), unit="1"),
+            Signal(
+                name="unlabelled",
+                shape=(k, 3),
+                unit="m",
+                frame=config.frame,
+                slots=True,
+                components=(POINT,),
+                visual="points",
+            ),
+            Signal(name="unlabelled_visible", shape=(k,), unit="1", slots=True),
         ]
     return tuple(made)
 

@@ -7,7 +7,7 @@ import re
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from drivers.zenoh.values import TYPES
+from drivers.zenoh.values import TERMS, TYPES
 from drivers.zenoh_link import PeerConfig
 from runtime.contracts.errors import nearest
 from runtime.contracts.signals import Signal
@@ -26,7 +26,11 @@ class SignalEntry(BaseModel):
     shape: tuple[int, ...] = Field(description="of the values, e.g. [22]")
     unit: str = Field(description="SI")
     frame: str | None = Field(None, description="the frame of its coordinates")
-    labels: tuple[str, ...] = Field((), description="names of the joints; a JointState is put into this order")
+    labels: tuple[str, ...] = Field(
+        (), description="names of the elements, in the order they get here; a pose, twist, wrench or point has its own"
+    )
+    slots: bool = Field(False, description="its rows have no names, as unlabelled markers")
+    components: tuple[tuple[str, ...], ...] = Field((), description="names along each further axis")
     type: str | None = Field(None, description="'sensor_msgs/msg/JointState'; needed where the sender declares none")
     field: str | None = Field(None, description="of a JointState: position, velocity, effort; of a Joy: axes, buttons")
     nan: bool = Field(False, description="let samples with NaN through (markers out of sight)")
@@ -76,6 +80,9 @@ class ZenohConfig(PeerConfig):
     def states(self) -> tuple[Signal, ...]:
         """Returns the signals, as declared by both the driver and its fake."""
         return tuple(
-            Signal(name=name, shape=e.shape, unit=e.unit, frame=e.frame, labels=e.labels)
+            Signal(
+                name=name, shape=e.shape, unit=e.unit, frame=e.frame,
+                labels=e.labels or TERMS.get(e.type or "", ()), slots=e.slots, components=e.components,
+            )
             for name, e in self.signals.items()
-        )
+        )  # fmt: skip

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from runtime.contracts import terms
 from runtime.contracts.errors import RequestError, nearest
 from runtime.contracts.signals import Array
 from runtime.messages import cdr, messages
@@ -30,6 +31,11 @@ TYPES = (
     JOY,
     BOOL,
 )
+TERMS = {
+    messages.POSE: terms.POSE, messages.WRENCH: terms.WRENCH, messages.TWIST: terms.TWIST, TWIST: terms.TWIST,
+    POINT: terms.POINT,
+}  # fmt: skip
+"""The elements of messages that name none."""
 _AFTER_STAMP = 12
 _POSE_ORDER = np.array([0, 1, 2, 6, 3, 4, 5])  # x y z w of ROS -> w x y z
 _JOINT_FIELDS = ("position", "velocity", "effort")

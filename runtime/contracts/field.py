@@ -11,7 +11,7 @@ import numpy as np
 class Field:
     """One signal's place in a row.
 
-    Unit, frame, labels, visual and links are as in `runtime.contracts.signals.Signal`.
+    Unit, frame, labels, slots, components, visual and links are as in `runtime.contracts.signals.Signal`.
 
     Attributes:
         name: `<device or controller>.<signal>`.
@@ -29,6 +29,8 @@ class Field:
     labels: tuple[str, ...] = ()
     visual: str = ""
     links: tuple[tuple[int, ...], ...] = ()
+    slots: bool = False
+    components: tuple[tuple[str, ...], ...] = ()
 
     @property
     def size(self) -> int:

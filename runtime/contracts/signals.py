@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+_RESERVED = frozenset(",[]")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,7 +22,10 @@ class Signal:
         shape: e.g. (22,) or (5, 3).
         unit: SI: "rad", "m", "N", "N m", "rad/s"; "1" for a pure number or a button (0 or 1).
         frame: the frame of its coordinates, in the profile's tree; None for joint space.
-        labels: a name for each row (joints, fingertips); empty where there are no names.
+        labels: a name for each row (joints, fingertips, x y z). Wiring goes by them, never by place. More than one row
+            needs labels or `slots`; `runtime.contracts.terms` has the names of what lives in space.
+        slots: the rows have no identity (unlabelled markers). They go as a whole to a port that takes slots.
+        components: names along each further axis, one tuple an axis: x y z for (5, 3), joints for a Jacobian's columns.
         visual: how a viewer shows it: "points" for shape (k, 3); "robot" for the same, drawn as thick as an arm;
             "sphere" for (x, y, z, radius); "path" for a position (3,) or pose (7,) that leaves a trail; "arrow" for
             (2, 3), its start point (m) and a force (N) at that point.
@@ -33,6 +37,8 @@ class Signal:
     unit: str
     frame: str | None = None
     labels: tuple[str, ...] = ()
+    slots: bool = False
+    components: tuple[tuple[str, ...], ...] = ()
     visual: Literal["", "points", "robot", "sphere", "path", "arrow"] = ""
     links: tuple[tuple[int, ...], ...] = ()
 
@@ -40,6 +46,29 @@ class Signal:
     def size(self) -> int:
         """Number of float64 elements."""
         return int(np.prod(self.shape, dtype=int))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """A name for each row; a single row without a label is called as the signal. Empty for slots and shape ()."""
+        return self.labels or ((self.name,) if self.shape[:1] == (1,) else ())
+
+    def naming_fault(self) -> str:
+        """Returns what its names lack; "" if each element has one, as wiring by name needs it."""
+        rows = self.shape[0] if self.shape else 0
+        if self.labels and self.slots:
+            return "it has labels and says that its rows are slots"
+        if not self.labels and not self.slots and rows > 1:
+            return f"it has {rows} rows and declares neither `labels` nor `slots`"
+        if self.labels and len(self.labels) != rows:
+            return f"it has {len(self.labels)} labels for {rows} rows"
+        if tuple(map(len, self.components)) != self.shape[1:]:
+            return f"it has components of {list(map(len, self.components))} for further axes of {list(self.shape[1:])}"
+        for names in (self.labels, *self.components):
+            if twice := next((n for n in names if names.count(n) > 1), None):
+                return f"'{twice}' is the name of two of its elements"
+            if odd := next((n for n in names if not n or set(n) & _RESERVED), None):
+                return f"'{odd}' can't be an element's name: commas and brackets can't stand in one"
+        return ""
 
 
 class Kind(StrEnum):

@@ -159,6 +159,7 @@ class Layout:
                     "shape": tuple(int(size) for size in item["shape"]),
                     "labels": tuple(item["labels"]),
                     "links": tuple(tuple(link) for link in item["links"]),
+                    "components": tuple(tuple(names) for names in item.get("components", ())),
                 }
                 f = Field(**item)
                 if not all(isinstance(text, str) for text in (f.name, f.role, f.unit)):

@@ -68,6 +68,7 @@ class Builder:
         self.layout.add(
             name, role, signal.shape, signal.unit,
             frame=signal.frame, labels=signal.labels, visual=signal.visual, links=signal.links,
+            slots=signal.slots, components=signal.components,
         )  # fmt: skip
 
     def match(self, place: str, have: Signal, have_name: str, want: Signal, want_name: str) -> None:

@@ -45,7 +45,16 @@ DEVICES: dict[str, tuple[dict[str, Any], dict[str, Any], dict[str, Any], str]] =
     "ur": ({}, {}, _cell(arm={"part": "ur16e"}), "tcp://127.0.0.1:9"),
     "vicon": ({"segments": {"wand": "wand/wand"}}, {}, _cell(wand={"part": "mocap-body"}), "tcp://127.0.0.1:9"),
     "zenoh": (
-        {"signals": {"position": {"key": "srl/other/state/glove/position", "shape": [3], "unit": "rad"}}},
+        {
+            "signals": {
+                "position": {
+                    "key": "srl/other/state/glove/position",
+                    "shape": [3],
+                    "unit": "rad",
+                    "labels": ["a", "b", "c"],
+                }
+            }
+        },
         {},
         CELL,
         "tcp://127.0.0.1:9",

@@ -59,7 +59,7 @@ def test_it_declares_itself_before_it_is_opened(name: str) -> None:
         else:
             assert command.name in made.home
     for signal in (*made.states, *made.commands):
-        assert not signal.labels or len(signal.labels) == signal.shape[0]
+        assert not signal.naming_fault(), signal.name
 
 
 @pytest.mark.parametrize("name", OWN)

@@ -22,6 +22,8 @@ from runtime.contracts import rotation
 from runtime.contracts.controller import Controller, ControllerConfig, Parameter
 from runtime.contracts.gravity import GRAVITY
 from runtime.contracts.signals import Signal
+from runtime.contracts.terms import POSE, TWIST, WRENCH
+from runtime.control.cobot.guide_buttons import MODES
 
 _FULL: Final = 0.25  # of the tank: above this level there is no brake
 _DEBT: Final = 5.0  # greatest debt, in tank sizes; any debt beyond it is dropped, and the brake stays on
@@ -87,16 +89,16 @@ class Admittance(Controller):
     def __init__(self, name: str, config: AdmittanceConfig) -> None:
         super().__init__(name, config)
         self.inputs = (
-            Signal(name="wrench", shape=(6,), unit="N, N m"),
-            Signal(name="pose", shape=(7,), unit="m"),
-            Signal(name="twist", shape=(6,), unit="m/s, rad/s"),
-            Signal(name="modes", shape=(4,), unit="1"),
+            Signal(name="wrench", shape=(6,), unit="N, N m", labels=WRENCH),
+            Signal(name="pose", shape=(7,), unit="m", labels=POSE),
+            Signal(name="twist", shape=(6,), unit="m/s, rad/s", labels=TWIST),
+            Signal(name="modes", shape=(4,), unit="1", labels=MODES),
         )
         self.outputs = (
-            Signal(name="pose", shape=(7,), unit="m", visual="path"),
-            Signal(name="twist", shape=(6,), unit="m/s, rad/s"),
-            Signal(name="hand", shape=(6,), unit="N, N m"),
-            Signal(name="force", shape=(6,), unit="N, N m"),
+            Signal(name="pose", shape=(7,), unit="m", labels=POSE, visual="path"),
+            Signal(name="twist", shape=(6,), unit="m/s, rad/s", labels=TWIST),
+            Signal(name="hand", shape=(6,), unit="N, N m", labels=WRENCH),
+            Signal(name="force", shape=(6,), unit="N, N m", labels=WRENCH),
             Signal(name="tank", shape=(1,), unit="J"),
         )
         self.parameters = (

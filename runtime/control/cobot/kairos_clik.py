@@ -15,9 +15,10 @@ from pydantic import BaseModel, ConfigDict, Field
 from runtime.contracts import rotation
 from runtime.contracts.controller import Controller, ControllerConfig
 from runtime.contracts.signals import Array, Signal
+from runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSE, TWIST, WRENCH
 from runtime.control.cobot.contact_compliance import ComplianceConfig, ContactCompliance
-from runtime.control.cobot.guide_buttons import GRIPPER, LOCOMOTION
-from runtime.control.cobot.whole_body import BASE, RobotName, add_base
+from runtime.control.cobot.guide_buttons import GRIPPER, LOCOMOTION, MODES
+from runtime.control.cobot.whole_body import BASE, RobotName, add_base, jacobian_signal
 from runtime.control.robots import ARMS
 from runtime.control.shared.priority import Priority
 from runtime.control.shared.spd6 import Equations
@@ -81,17 +82,17 @@ class KairosClik(Controller):
         robot = ARMS[config.robot]
         n = robot.n
         self.inputs = (
-            Signal(name="q", shape=(n,), unit="rad"),
-            Signal(name="base_pose", shape=(3,), unit="m, rad"),
-            Signal(name="pose", shape=(7,), unit="m"),
-            Signal(name="jacobian", shape=(6, BASE + n), unit="1"),
-            Signal(name="desired_pose", shape=(7,), unit="m"),
-            Signal(name="desired_twist", shape=(6,), unit="m/s, rad/s"),
-            Signal(name="modes", shape=(4,), unit="1"),
+            Signal(name="q", shape=(n,), unit="rad", labels=robot.labels),
+            Signal(name="base_pose", shape=(3,), unit="m, rad", labels=PLANAR),
+            Signal(name="pose", shape=(7,), unit="m", labels=POSE),
+            jacobian_signal(robot),
+            Signal(name="desired_pose", shape=(7,), unit="m", labels=POSE),
+            Signal(name="desired_twist", shape=(6,), unit="m/s, rad/s", labels=TWIST),
+            Signal(name="modes", shape=(4,), unit="1", labels=MODES),
         )
         self.outputs = (
             Signal(name="velocity", shape=(n,), unit="rad/s", labels=robot.labels),
-            Signal(name="base_twist", shape=(3,), unit="m/s, rad/s", labels=("vx", "vy", "wz")),
+            Signal(name="base_twist", shape=(3,), unit="m/s, rad/s", labels=PLANAR_TWIST),
             Signal(name="manipulability", shape=(1,), unit="1"),
         )
         self._compliance: ContactCompliance | None = None
@@ -99,10 +100,10 @@ class KairosClik(Controller):
         if config.force_feedback is not None:
             self._compliance = ContactCompliance(config.force_feedback)
             self._hand = config.force_feedback.hand
-            self.inputs += (Signal(name="flange_wrench", shape=(6,), unit="N, N m"),)
-            self.outputs += (Signal(name="contact", shape=(6,), unit="N, N m"),)
+            self.inputs += (Signal(name="flange_wrench", shape=(6,), unit="N, N m", labels=WRENCH),)
+            self.outputs += (Signal(name="contact", shape=(6,), unit="N, N m", labels=WRENCH),)
             if self._hand:
-                self.inputs += (Signal(name="hand", shape=(6,), unit="N, N m"),)
+                self.inputs += (Signal(name="hand", shape=(6,), unit="N, N m", labels=WRENCH),)
         self._config = config
         self._priority = Priority(n, config.blend)
         self._fastest = None if config.speed is None else (config.speed * robot.dq_max).tolist()

@@ -17,8 +17,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from runtime.contracts import rotation
 from runtime.contracts.controller import Controller, ControllerConfig
 from runtime.contracts.signals import Array, Signal
-from runtime.control.cobot.guide_buttons import GRIPPER, LOCOMOTION
-from runtime.control.cobot.whole_body import BASE, ArmDynamics, LoadConfig, RobotName, add_base
+from runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSE, TWIST, WRENCH
+from runtime.control.cobot.guide_buttons import GRIPPER, LOCOMOTION, MODES
+from runtime.control.cobot.whole_body import BASE, ArmDynamics, LoadConfig, RobotName, add_base, jacobian_signal
 from runtime.control.robots import ARMS
 from runtime.control.shared.priority import Priority
 from runtime.control.shared.spd6 import NEAR, Equations
@@ -142,20 +143,20 @@ class MocaImpedance(Controller):
         robot = ARMS[config.robot]
         self._n = n = robot.n
         self.inputs = (
-            Signal(name="q", shape=(n,), unit="rad"),
-            Signal(name="qd", shape=(n,), unit="rad/s"),
-            Signal(name="base_pose", shape=(3,), unit="m, rad"),
-            Signal(name="pose", shape=(7,), unit="m"),
-            Signal(name="twist", shape=(6,), unit="m/s, rad/s"),
-            Signal(name="jacobian", shape=(6, BASE + n), unit="1"),
-            Signal(name="desired_pose", shape=(7,), unit="m"),
-            Signal(name="desired_twist", shape=(6,), unit="m/s, rad/s"),
-            Signal(name="modes", shape=(4,), unit="1"),
+            Signal(name="q", shape=(n,), unit="rad", labels=robot.labels),
+            Signal(name="qd", shape=(n,), unit="rad/s", labels=robot.labels),
+            Signal(name="base_pose", shape=(3,), unit="m, rad", labels=PLANAR),
+            Signal(name="pose", shape=(7,), unit="m", labels=POSE),
+            Signal(name="twist", shape=(6,), unit="m/s, rad/s", labels=TWIST),
+            jacobian_signal(robot),
+            Signal(name="desired_pose", shape=(7,), unit="m", labels=POSE),
+            Signal(name="desired_twist", shape=(6,), unit="m/s, rad/s", labels=TWIST),
+            Signal(name="modes", shape=(4,), unit="1", labels=MODES),
         )
         self.outputs = (
             Signal(name="torque", shape=(n,), unit="N m", labels=robot.labels),
-            Signal(name="base_twist", shape=(3,), unit="m/s, rad/s", labels=("vx", "vy", "wz")),
-            Signal(name="force", shape=(6,), unit="N, N m"),
+            Signal(name="base_twist", shape=(3,), unit="m/s, rad/s", labels=PLANAR_TWIST),
+            Signal(name="force", shape=(6,), unit="N, N m", labels=WRENCH),
         )
         self._config = config
         self._K = config.stiffness

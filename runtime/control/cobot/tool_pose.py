@@ -9,7 +9,8 @@ from pydantic import Field
 
 from runtime.contracts.controller import Controller, ControllerConfig
 from runtime.contracts.signals import Signal
-from runtime.control.cobot.whole_body import BASE, PlaceConfig, RobotName, WholeBody
+from runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSE, TWIST
+from runtime.control.cobot.whole_body import BASE, PlaceConfig, RobotName, WholeBody, jacobian_signal
 from runtime.control.robots import ARMS, SUMMIT_XL
 
 
@@ -41,15 +42,15 @@ class ToolPose(Controller):
         robot = ARMS[config.robot]
         n = robot.n
         self.inputs = (
-            Signal(name="q", shape=(n,), unit="rad"),
-            Signal(name="qd", shape=(n,), unit="rad/s"),
-            Signal(name="base_pose", shape=(3,), unit="m, rad"),
-            Signal(name="base_twist", shape=(3,), unit="m/s, rad/s"),
+            Signal(name="q", shape=(n,), unit="rad", labels=robot.labels),
+            Signal(name="qd", shape=(n,), unit="rad/s", labels=robot.labels),
+            Signal(name="base_pose", shape=(3,), unit="m, rad", labels=PLANAR),
+            Signal(name="base_twist", shape=(3,), unit="m/s, rad/s", labels=PLANAR_TWIST),
         )
         self.outputs = (
-            Signal(name="pose", shape=(7,), unit="m", visual="path"),
-            Signal(name="twist", shape=(6,), unit="m/s, rad/s"),
-            Signal(name="jacobian", shape=(6, BASE + n), unit="1"),
+            Signal(name="pose", shape=(7,), unit="m", labels=POSE, visual="path"),
+            Signal(name="twist", shape=(6,), unit="m/s, rad/s", labels=TWIST),
+            jacobian_signal(robot),
         )
         self._body = WholeBody(robot, config.mount.matrix(), config.tool.matrix(), config.height)
         self._q, self._v = np.zeros(BASE + n), np.zeros(BASE + n)

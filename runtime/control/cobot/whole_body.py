@@ -15,7 +15,8 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 from runtime.contracts import rotation
 from runtime.contracts.errors import nearest
 from runtime.contracts.gravity import DOWN
-from runtime.contracts.signals import Array
+from runtime.contracts.signals import Array, Signal
+from runtime.contracts.terms import PLANAR, TWIST
 from runtime.control.robots import ARMS, SUMMIT_XL, Payload, RobotDescription
 from runtime.control.robots.pinocchio_model import FLANGE, mobile_model, pinocchio_model
 
@@ -62,6 +63,13 @@ class RobotName(BaseModel):
         if value not in ARMS:
             raise ValueError(f"there is no arm '{value}'. {nearest(value, ARMS)}")
         return value
+
+
+def jacobian_signal(robot: RobotDescription) -> Signal:
+    """The signal `jacobian` (6, 3 + n): the velocities of x, y (world), yaw and the joints to the twist."""
+    return Signal(
+        name="jacobian", shape=(6, BASE + robot.n), unit="1", labels=TWIST, components=((*PLANAR, *robot.labels),)
+    )
 
 
 class WholeBody:

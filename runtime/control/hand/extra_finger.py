@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from runtime.contracts.signals import Array
+from runtime.control.hand.human_hand import FINGER_JOINTS
 from runtime.control.shared.kinematics import Chain
 from runtime.control.shared.symmetric import Vector, dot, gram, raised_inverse, times
 
@@ -36,7 +37,10 @@ class ExtraFinger(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    name: str = Field(default="finger", pattern=r"^[a-z][a-z0-9_]*$", description="begins its joints' labels")
+    name: str = Field(default="finger", pattern=r"^[a-z][a-z0-9_]*$")
+    joints: tuple[str, ...] | None = Field(
+        default=None, description="their names, from the base on; null: the sixth finger's, or joint_1, joint_2 and on"
+    )
     base: Base | Matrix = Field(
         default=(
             (0.0, -1.0, 0.0, 0.0),
@@ -68,11 +72,18 @@ class ExtraFinger(BaseModel):
 
     @model_validator(mode="after")
     def _fits(self) -> ExtraFinger:
-        if not len(self.rows) == len(self.lower) == len(self.upper):
-            raise ValueError("rows, lower and upper must have one entry a joint")
+        if not len(self.joint_names) == len(self.rows) == len(self.lower) == len(self.upper):
+            raise ValueError("joints, rows, lower and upper must have one entry a joint")
         if any(low >= high for low, high in zip(self.lower, self.upper, strict=True)):
             raise ValueError("every lower limit must be below its upper limit")
         return self
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The joints' names, from the base on."""
+        n = len(self.rows)
+        plain = FINGER_JOINTS if n == len(FINGER_JOINTS) else tuple(f"joint_{j + 1}" for j in range(n))
+        return plain if self.joints is None else self.joints
 
     def transformation(self) -> Array:
         """The base in frame hand, (4, 4)."""

@@ -9,7 +9,8 @@ from pydantic import Field
 
 from runtime.contracts.controller import Controller, ControllerConfig
 from runtime.contracts.signals import Array, Signal
-from runtime.control.hand.human_hand import FINGERS, JOINTS, LOWER, MODEL_LENGTH, UPPER, hand_geometry
+from runtime.contracts.terms import POINT
+from runtime.control.hand.human_hand import FINGERS, JOINTS, LOWER, MODEL_LENGTH, SENSORS, UPPER, hand_geometry
 from runtime.control.hand.point_series import PointSeries
 
 _DIP: Final = 2.0 / 3.0  # DIP angle divided by PIP angle, for a glove that doesn't measure the DIP
@@ -49,16 +50,17 @@ class HandKinematics(Controller):
         self._cycles = self._beyond = 0
         links = tuple((0, *range(1 + 4 * i, 5 + 4 * i)) for i in range(5))
         points = ("wrist", *(f"{f}_{p}" for f in FINGERS for p in ("base", "middle", "distal", "tip")))
-        self.inputs = (Signal(name="angles", shape=(config.sensors,), unit="rad"),)
+        self.inputs = (Signal(name="angles", shape=(config.sensors,), unit="rad", labels=SENSORS[config.sensors]),)
         self.outputs = (
             Signal(name="angles", shape=(20,), unit="rad", labels=JOINTS),
-            Signal(name="tips", shape=(5, 3), unit="m", frame="hand", labels=FINGERS),
+            Signal(name="tips", shape=(5, 3), unit="m", frame="hand", labels=FINGERS, components=(POINT,)),
             Signal(
                 name="skeleton",
                 shape=(21, 3),
                 unit="m",
                 frame="hand",
                 labels=points,
+                components=(POINT,),
                 visual="points",
                 links=links,
             ),

@@ -26,6 +26,20 @@ JOINTS: Final = tuple(
 )
 """Positive flexion bends toward the palm. Positive abduction rotates toward the thumb's side."""
 
+_GLOVE: Final = (
+    *("thumb_roll", "thumb_mpj", "thumb_ij", "thumb_abduction"),
+    *("index_mpj", "index_pij", "index_dij"),
+    *("middle_mpj", "middle_pij", "middle_dij", "middle_index_abduction"),
+    *("ring_mpj", "ring_pij", "ring_dij", "ring_middle_abduction"),
+    *("pinkie_mpj", "pinkie_pij", "pinkie_dij", "pinkie_ring_abduction"),
+    *("palm_arch", "wrist_pitch", "wrist_yaw"),
+)
+SENSORS: Final = {22: _GLOVE, 18: tuple(name for name in _GLOVE if not name.endswith("_dij"))}
+"""A CyberGlove's sensors, by their number."""
+
+FINGER_JOINTS: Final = ("abduction", "flexion_1", "flexion_2", "flexion_3")
+"""The sixth finger's joints, from the wrist."""
+
 MODEL_LENGTH: Final = 0.189
 """m, wrist crease to the middle fingertip of the unscaled model (165 mm of it from the wrist's centre)."""
 

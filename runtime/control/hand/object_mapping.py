@@ -16,6 +16,7 @@ from pydantic import Field
 from runtime.contracts.controller import Controller, ControllerConfig, Parameter
 from runtime.contracts.errors import ProfileError
 from runtime.contracts.signals import Signal
+from runtime.contracts.terms import POINT
 from runtime.control.hand.extra_finger import ExtraFinger, FingerKinematics
 from runtime.control.hand.human_hand import FINGERS
 from runtime.control.hand.sphere import MinimumSphere
@@ -80,18 +81,32 @@ class ObjectMapping(Controller):
         self._fingers = [FingerKinematics(finger, config.damping) for finger in config.fingers]
         ends = np.cumsum([0, *(finger.n for finger in self._fingers)]).tolist()
         self._joints = [slice(a, b) for a, b in pairwise(ends)]
-        joints = [f"{f.name}_{j + 1}" for f in config.fingers for j in range(len(f.rows))]
+        # As the simulated hand does: with several fingers, a joint's name begins with its finger's.
+        alone = len(config.fingers) == 1
+        joints = tuple(j if alone else f"{f.name}_{j}" for f in config.fingers for j in f.joint_names)
         names = tuple(finger.name for finger in config.fingers)
         # Each skeleton has one point more than the finger has joints.
         bones = [tuple(range(a + i, b + i + 1)) for i, (a, b) in enumerate(pairwise(ends))]
         n, links = ends[-1], tuple(bones)
-        self.inputs = (Signal(name="tips", shape=(5, 3), unit="m", frame="hand", labels=FINGERS),)
+        points = tuple(f"{finger.name}_{i}" for finger in config.fingers for i in range(len(finger.rows) + 1))
+        self.inputs = (Signal(name="tips", shape=(5, 3), unit="m", frame="hand", labels=FINGERS, components=(POINT,)),)
         self.outputs = (
-            Signal(name="q", shape=(n,), unit="rad", labels=tuple(joints)),
-            Signal(name="q_velocity", shape=(n,), unit="rad/s", labels=tuple(joints)),
-            Signal(name="sphere", shape=(4,), unit="m", frame="hand", visual="sphere"),
-            Signal(name="target", shape=(m, 3), unit="m", frame="hand", labels=names, visual="points"),
-            Signal(name="skeleton", shape=(n + m, 3), unit="m", frame="hand", visual="points", links=links),
+            Signal(name="q", shape=(n,), unit="rad", labels=joints),
+            Signal(name="q_velocity", shape=(n,), unit="rad/s", labels=joints),
+            Signal(name="sphere", shape=(4,), unit="m", frame="hand", labels=(*POINT, "radius"), visual="sphere"),
+            Signal(
+                name="target", shape=(m, 3), unit="m", frame="hand", labels=names, components=(POINT,), visual="points"
+            ),
+            Signal(
+                name="skeleton",
+                shape=(n + m, 3),
+                unit="m",
+                frame="hand",
+                labels=points,
+                components=(POINT,),
+                visual="points",
+                links=links,
+            ),
         )
         # A deformation richer than a similarity must not be pulled back to a similarity.
         richer = deformation in (Deformation.NON_ISOTROPIC, Deformation.SHEAR)

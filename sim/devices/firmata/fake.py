@@ -13,7 +13,7 @@ from drivers.firmata import Firmata
 from drivers.firmata.config import FirmataConfig
 from drivers.firmata.driver import COMMAND
 from runtime.contracts.driver import DeviceConfig
-from runtime.contracts.errors import DeviceLostError, WiringError
+from runtime.contracts.errors import DeviceLostError, WiringError, nearest
 from runtime.contracts.signals import Array, Stop
 from runtime.contracts.world import Fake, FakeConfig, World
 from sim.devices.shared.windows import Windows, inside, refuse_while_gone, require, rising
@@ -30,13 +30,18 @@ class Servos(Protocol):
 
     def servo_targets(self) -> Array: ...
 
-    def place_servos(self, first: int, angles: Array) -> None: ...
+    def place_servos(self, angles: Mapping[int, float]) -> None: ...
+
+    @property
+    def servo_names(self) -> tuple[str, ...]: ...
 
 
 class FakeFirmataConfig(FakeConfig):
     """Options of the fake."""
 
-    first: int = Field(default=0, ge=0, description="the world's servo that the board's first one is; 4 a finger")
+    joints: dict[str, str] = Field(
+        default={}, description="the world's servo that each of the board's turns; those not listed go by their names"
+    )
     delay: float = Field(default=0.003, ge=0, le=1, description="s, from the command to the board's new pulse width")
     frame_rate: float = Field(
         default=50.0, gt=0, le=1000, description="Hz of servo pulses: a new width waits for the next"
@@ -78,7 +83,7 @@ class FakeFirmata(Fake):
         self._calibrations = real.calibrations
         self._joints, self._buttons = tuple(config.servos), tuple(config.buttons)
         n = len(self._joints)
-        self._first = options.first
+        self._turns: list[int] = []  # the number of the world's servo that each of the board's is
         if n:
             self._mount(world)
         if unknown := set(options.presses) - set(self._buttons):
@@ -102,14 +107,19 @@ class FakeFirmata(Fake):
     def _mount(self, world: World) -> None:
         """Finds the world's servos; a board with buttons only needs none."""
         self.servos: Servos = require(world, "set_servos", self.name)
-        n, there = len(self._joints), self.servos.servo_targets().size - self._first
-        if n > there:
+        there, given = self.servos.servo_names, self._options.joints
+        place = f"sim.devices.{self.name}.joints"
+        if unknown := set(given) - set(self._joints):
+            raise WiringError(place, f"the board has no servo '{min(unknown)}'", nearest(min(unknown), self._joints))
+        turned = [given.get(joint, joint) for joint in self._joints]
+        if set(turned) - set(there) or len(set(turned)) < len(turned):
             raise WiringError(
-                f"sim.devices.{self.name}",
-                f"the board has {n} servos, the world {max(there, 0)} from number {self._first} on",
-                "Give the world more fingers or the board fewer servos",
+                place,
+                f"the board's servos turn {', '.join(turned)}; the world has {', '.join(there)}",
+                "Name one of the world's for each of the board's, as {knuckle: abduction}",
             )
-        self.servos.place_servos(self._first, self.home[COMMAND])
+        self._turns = [there.index(name) for name in turned]
+        self.servos.place_servos(dict(zip(self._turns, self.home[COMMAND].tolist(), strict=True)))
 
     def _find(self, named: str | None) -> Presser | None:
         """Finds the simulated person; the person's buttons must be on the board."""
@@ -157,7 +167,7 @@ class FakeFirmata(Fake):
             self.sent_arrays[COMMAND][i] = min(max(angle, calibration.lower), calibration.upper)
             if self._pulses[i] is None:
                 self._bounds[i] = (calibration.shortest, calibration.longest)
-            targets[self._first + i] = self._angle(i, calibration.pulse(angle))
+            targets[self._turns[i]] = self._angle(i, calibration.pulse(angle))
         self._send(targets)
 
     def stop(self, category: Stop) -> None:
@@ -183,13 +193,13 @@ class FakeFirmata(Fake):
 
     def set_pulse(self, joint: int, us: int) -> None:
         """Sets the pulse width of an attached servo; it takes effect `delay` later, at the next pulse."""
-        self._send({self._first + joint: self._angle(joint, us)})
+        self._send({self._turns[joint]: self._angle(joint, us)})
 
     def detach(self, joint: int) -> None:
         """Ends a servo's pulses, which leaves it limp."""
         if self._pulses[joint] is not None:
             self._pulses[joint] = None
-            self._send({self._first + joint: None})
+            self._send({self._turns[joint]: None})
 
     def reset(self) -> None:
         """Resets the board: its servos are detached and their last widths are cleared."""

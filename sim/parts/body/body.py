@@ -14,6 +14,7 @@ from pydantic import Field
 from drivers.noitom.skeleton import JOINTS, Kind, Skeleton, is_finger
 from runtime.contracts.errors import WiringError
 from runtime.contracts.signals import Array, Signal
+from runtime.contracts.terms import POINT
 from sim.parts.body.model import Segment, Sex, segments
 from sim.parts.body.motion import Motion, Recorded, Script, Scripted
 from sim.world.mjcf import CONTACT, add
@@ -82,7 +83,7 @@ class BodyPart(Part):
         self.every = 1
         self.truth = (
             Signal(
-                name=f"{name}_position", shape=(JOINTS, 3), unit="m", labels=self.skeleton.names,
+                name=f"{name}_position", shape=(JOINTS, 3), unit="m", labels=self.skeleton.names, components=(POINT,),
                 visual="points", links=_polylines(self.skeleton.parents),
             ),
         )  # fmt: skip

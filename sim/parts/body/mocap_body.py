@@ -12,6 +12,7 @@ from pydantic import Field
 
 from runtime.contracts.errors import WiringError
 from runtime.contracts.signals import Array, Signal
+from runtime.contracts.terms import POINT, POSE
 from sim.parts.body.mocap_motion import MotionConfig, make_motion
 from sim.world.mjcf import CONTACT, add
 from sim.world.part import Mjcf, Part, PartConfig
@@ -65,10 +66,19 @@ class MocapBody(Part):
         self.segment = config.segment or self.subject
         self.labels = tuple(config.markers)
         self.every = 1
-        truth = [Signal(name=f"{name}_pose", shape=(7,), unit="m")]
+        truth = [Signal(name=f"{name}_pose", shape=(7,), unit="m", labels=POSE)]
         if self.labels:
             shape = (len(self.labels), 3)
-            truth.append(Signal(name=f"{name}_markers", shape=shape, unit="m", labels=self.labels, visual="points"))
+            truth.append(
+                Signal(
+                    name=f"{name}_markers",
+                    shape=shape,
+                    unit="m",
+                    labels=self.labels,
+                    components=(POINT,),
+                    visual="points",
+                )
+            )
         self.truth = tuple(truth)
         self._data: Any = None
         self._dt = 0.0

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from drivers.dynamixel.models import MODELS
 from runtime.contracts.signals import Array, Signal
+from runtime.contracts.terms import POINT
 from sim.parts.dynamixel.motors import AMBIENT, NOMINAL, Motors
 from sim.world.mjcf import CONTACT, add
 from sim.world.part import Mjcf, Part, PartConfig
@@ -88,7 +89,15 @@ class DynamixelChain(Part):
         kinds = zip(("position", "velocity", "effort", "temperature"), (*units, "degC"), strict=True)
         self.truth = (
             *(Signal(name=f"{name}_{key}", shape=(n,), unit=unit, labels=self.names) for key, unit in kinds),
-            Signal(name=f"{name}_tip", shape=(1, 3), unit="m", frame="world", labels=("tip",), visual="points"),
+            Signal(
+                name=f"{name}_tip",
+                shape=(1, 3),
+                unit="m",
+                frame="world",
+                labels=("tip",),
+                components=(POINT,),
+                visual="points",
+            ),
         )
         self.every = 1
 

@@ -9,10 +9,9 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from runtime.control.hand.human_hand import FINGER_JOINTS
 from sim.parts.hand.servo import ServoConfig, add_servo
 from sim.world.mjcf import CONTACT, add
-
-FINGER_JOINTS: Final = ("abduction", "flexion_1", "flexion_2", "flexion_3")
 
 
 class FingerConfig(BaseModel):

@@ -24,6 +24,7 @@ from runtime.contracts.rotation import (
     turned,
 )
 from runtime.contracts.signals import Array, Signal
+from runtime.contracts.terms import POINT, WRENCH
 from sim.parts.person.config import PersonConfig
 from sim.parts.person.intention import Intention, buttons
 from sim.parts.person.memory import flat, refill
@@ -94,13 +95,19 @@ class PersonPart(Part):
         super().__init__(name, config, seed)
         self._config = config = cast(PersonConfig, config)
         self.buttons = buttons(config.plan)
-        axes = ("x", "y", "z")
         self.truth = (
-            Signal(name=f"{name}_wrench", shape=(6,), unit="N, N m", labels=("fx", "fy", "fz", "tx", "ty", "tz")),
-            Signal(name=f"{name}_push", shape=(2, 3), unit="m, N", labels=("hand", "force"), visual="arrow"),
-            Signal(name=f"{name}_balance", shape=(3,), unit="m", labels=axes),
-            Signal(name=f"{name}_aim", shape=(3,), unit="m", labels=axes),
-            Signal(name=f"{name}_tool", shape=(3,), unit="m", labels=axes),
+            Signal(name=f"{name}_wrench", shape=(6,), unit="N, N m", labels=WRENCH),
+            Signal(
+                name=f"{name}_push",
+                shape=(2, 3),
+                unit="m, N",
+                labels=("hand", "force"),
+                components=(POINT,),
+                visual="arrow",
+            ),
+            Signal(name=f"{name}_balance", shape=(3,), unit="m", labels=POINT),
+            Signal(name=f"{name}_aim", shape=(3,), unit="m", labels=POINT),
+            Signal(name=f"{name}_tool", shape=(3,), unit="m", labels=POINT),
             Signal(name=f"{name}_activation", shape=(len(PULLS),), unit="1", labels=tuple(PULLS)),
             Signal(name=f"{name}_capacity", shape=(1,), unit="1"),
             Signal(name=f"{name}_progress", shape=(3,), unit="1", labels=("step", "missed", "gave_up")),

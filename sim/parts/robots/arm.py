@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from runtime.contracts.errors import WiringError
 from runtime.contracts.signals import Array, Signal
+from runtime.contracts.terms import POINT
 from runtime.control.robots import Payload, RobotDescription
 from runtime.control.robots.pinocchio_model import pinocchio_model
 from sim.world.mjcf import add
@@ -92,12 +93,13 @@ class ArmPart(Part):
             Signal(name=f"{name}_velocity", shape=(n,), unit="rad/s", labels=labels),
             Signal(name=f"{name}_effort", shape=(n,), unit="N m", labels=labels),
             Signal(name=f"{name}_external_effort", shape=(n,), unit="N m", labels=labels),
-            Signal(name=f"{name}_flange", shape=(3,), unit="m"),
+            Signal(name=f"{name}_flange", shape=(3,), unit="m", labels=POINT),
             Signal(
                 name=f"{name}_links",
                 shape=(n + 2, 3),
                 unit="m",
                 labels=("base", *labels, "flange"),
+                components=(POINT,),
                 visual="robot",
                 links=(tuple(range(n + 2)),),
             ),

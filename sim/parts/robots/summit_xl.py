@@ -14,6 +14,7 @@ from pydantic import Field
 
 from runtime.contracts.gravity import GRAVITY
 from runtime.contracts.signals import Array, Signal
+from runtime.contracts.terms import PLANAR, PLANAR_TWIST, POINT
 from runtime.control.robots import SUMMIT_XL, MecanumBase
 from sim.world.mjcf import add
 from sim.world.part import Mjcf, Part, PartConfig
@@ -63,16 +64,24 @@ class SummitXlPart(Part):
         super().__init__(name, config, seed)
         self._config = cast(SummitXlConfig, config)
         self.truth = (
-            Signal(name=f"{name}_pose", shape=(3,), unit="m, rad", labels=_JOINTS),
-            Signal(name=f"{name}_twist", shape=(3,), unit="m/s, rad/s", labels=("vx", "vy", "wz")),
-            Signal(name=f"{name}_odometry", shape=(3,), unit="m, rad", labels=_JOINTS),
+            Signal(name=f"{name}_pose", shape=(3,), unit="m, rad", labels=PLANAR),
+            Signal(name=f"{name}_twist", shape=(3,), unit="m/s, rad/s", labels=PLANAR_TWIST),
+            Signal(name=f"{name}_odometry", shape=(3,), unit="m, rad", labels=PLANAR),
             Signal(
                 name=f"{name}_wheels",
                 shape=(4,),
                 unit="rad/s",
                 labels=("front_left", "front_right", "back_left", "back_right"),
             ),
-            Signal(name=f"{name}_outline", shape=(8, 3), unit="m", visual="robot", links=_EDGES),
+            Signal(
+                name=f"{name}_outline",
+                shape=(8, 3),
+                unit="m",
+                slots=True,
+                components=(POINT,),
+                visual="robot",
+                links=_EDGES,
+            ),
         )
         self._waiting: deque[tuple[float, float, float, float]] = deque(maxlen=_WAITING)  # step, vx, vy, wz
         self._wanted, self._wheels = np.zeros(4), np.zeros(4)  # rad/s

@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from runtime.contracts.signals import Array, Signal
+from runtime.contracts.terms import FORCE, POSE
 from sim.world.mjcf import CONTACT, add
 from sim.world.part import Mjcf, Part, PartConfig
 
@@ -55,8 +56,8 @@ class BoxPart(Part):
         super().__init__(name, config, seed)
         self._config = cast(BoxConfig, config)
         self.truth = (
-            Signal(name=f"{name}_pose", shape=(7,), unit="1", labels=("x", "y", "z", "qx", "qy", "qz", "qw")),
-            Signal(name=f"{name}_contact_force", shape=(3,), unit="N"),
+            Signal(name=f"{name}_pose", shape=(7,), unit="1", labels=POSE),
+            Signal(name=f"{name}_contact_force", shape=(3,), unit="N", labels=FORCE),
         )
 
     def build(self, mjcf: Mjcf, parent: Element) -> None:
@@ -102,5 +103,5 @@ class BoxPart(Part):
     def fill(self, truth: Mapping[str, Array]) -> None:
         pose = truth[f"{self.name}_pose"]
         pose[:3] = self._data.xpos[self._body]
-        pose[3:6], pose[6] = self._data.xquat[self._body][1:], self._data.xquat[self._body][0]
+        pose[3:] = self._data.xquat[self._body]
         truth[f"{self.name}_contact_force"][:] = self.contact_force() if self._data.ncon else 0.0

@@ -13,6 +13,7 @@ from pydantic import Field
 
 from runtime.contracts.errors import WiringError, nearest
 from runtime.contracts.signals import Array, Signal
+from runtime.contracts.terms import FORCE
 from sim.parts.things.rim import add_rim
 from sim.parts.things.touch import FIXTURE_CONTACT, Touches
 from sim.world.mjcf import CONTACT, add
@@ -50,9 +51,9 @@ class PlatePart(Part):
         n = len(self.holes)
         self.truth = (
             Signal(name=f"{name}_touches", shape=(3,), unit="1", labels=("count", "now", "seconds")),
-            Signal(name=f"{name}_force", shape=(3,), unit="N"),
+            Signal(name=f"{name}_force", shape=(3,), unit="N", labels=FORCE),
             Signal(name=f"{name}_inside", shape=(1,), unit="1"),
-            Signal(name=f"{name}_dwell", shape=(n,), unit="s"),
+            Signal(name=f"{name}_dwell", shape=(n,), unit="s", labels=tuple(f"hole_{k}" for k in range(n))),
         )
         self._inside, self._stay = -1, 0.0
         self._dwell = np.zeros(n)

@@ -10,11 +10,11 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from runtime.contracts.signals import Array, Signal
+from runtime.contracts.terms import WRENCH
 from sim.world.mjcf import CONTACT, add
 from sim.world.part import Mjcf, Part, PartConfig
 
 Vector6 = tuple[float, float, float, float, float, float]
-LABELS = ("fx", "fy", "fz", "tx", "ty", "tz")
 UNIT = "N, N m"
 
 
@@ -41,7 +41,7 @@ class FtSensorPart(Part):
         super().__init__(name, config, seed)
         assert isinstance(config, FtSensorConfig)
         self._config = config
-        self.truth = (Signal(name=f"{name}_wrench", shape=(6,), unit=UNIT, labels=LABELS),)
+        self.truth = (Signal(name=f"{name}_wrench", shape=(6,), unit=UNIT, labels=WRENCH),)
         self._measured: Array = np.zeros(6)
 
     def build(self, mjcf: Mjcf, parent: Element) -> None:
@@ -106,7 +106,7 @@ class HandlePart(Part):
         super().__init__(name, config, seed)
         assert isinstance(config, HandleConfig)
         self._config = config
-        self.truth = (Signal(name=f"{name}_push", shape=(6,), unit=UNIT, labels=LABELS),)
+        self.truth = (Signal(name=f"{name}_push", shape=(6,), unit=UNIT, labels=WRENCH),)
         self.every = 1
         self._pushed: Array = np.zeros(6)
         self._applied: Array = np.zeros(6)

@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from runtime.contracts.errors import WiringError, nearest
 from runtime.contracts.signals import Array, Signal
+from runtime.contracts.terms import FORCE, POSE
 from sim.parts.things.touch import Touches
 from sim.world.mjcf import CONTACT, add
 from sim.world.part import Mjcf, Part, PartConfig
@@ -55,8 +56,8 @@ class LoadPart(Part):
         if config.on is not None:
             raise WiringError(f"sim.parts.{name}.on", "a load is free", "Remove 'on' and put it on something")
         self.truth = (
-            Signal(name=f"{name}_pose", shape=(7,), unit="1", labels=("x", "y", "z", "qx", "qy", "qz", "qw")),
-            Signal(name=f"{name}_support", shape=(3,), unit="N"),
+            Signal(name=f"{name}_pose", shape=(7,), unit="1", labels=POSE),
+            Signal(name=f"{name}_support", shape=(3,), unit="N", labels=FORCE),
             Signal(name=f"{name}_held", shape=(1,), unit="1"),
         )
 
@@ -141,7 +142,7 @@ class LoadPart(Part):
     def fill(self, truth: Mapping[str, Array]) -> None:
         pose, data = truth[f"{self.name}_pose"], self._data
         pose[:3] = data.xpos[self._body]
-        pose[3:6], pose[6] = data.xquat[self._body][1:], data.xquat[self._body][0]
+        pose[3:] = data.xquat[self._body]
         truth[f"{self.name}_support"][:] = self.touches.force
         truth[f"{self.name}_held"][0] = self.held
 
@@ -189,7 +190,7 @@ class ObstaclesPart(Part):
         self._config = cast(ObstaclesConfig, config)
         n = len(self._config.boxes)
         self.truth = (
-            Signal(name=f"{name}_distance", shape=(n,), unit="m"),
+            Signal(name=f"{name}_distance", shape=(n,), unit="m", labels=tuple(f"box_{k}" for k in range(n))),
             Signal(name=f"{name}_touches", shape=(3,), unit="1", labels=("count", "now", "seconds")),
         )
         self._distance = np.full(n, _FARTHEST)

@@ -12,6 +12,7 @@ from pydantic import Field
 
 from runtime.contracts.errors import WiringError, nearest
 from runtime.contracts.signals import Array, Signal
+from runtime.contracts.terms import FORCE
 from sim.parts.things.rim import add_rim
 from sim.parts.things.touch import FIXTURE_CONTACT, Touches
 from sim.world.mjcf import add
@@ -48,7 +49,7 @@ class HolePart(Part):
         super().__init__(name, config, seed)
         self._config = cast(HoleConfig, config)
         self.truth = (
-            Signal(name=f"{name}_force", shape=(3,), unit="N"),
+            Signal(name=f"{name}_force", shape=(3,), unit="N", labels=FORCE),
             Signal(name=f"{name}_touches", shape=(3,), unit="1", labels=("count", "now", "seconds")),
             Signal(name=f"{name}_depth", shape=(1,), unit="m"),
         )

@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from runtime.contracts.signals import Array, Signal
+from runtime.contracts.terms import FORCE
 from sim.parts.person.path import ArcPath
 from sim.parts.things.touch import FIXTURE_CONTACT, Touches
 from sim.world.mjcf import add
@@ -59,7 +60,7 @@ class WirePart(Part):
         self._config = cast(WireConfig, config)
         self.truth = (
             Signal(name=f"{name}_touches", shape=(3,), unit="1", labels=("count", "now", "seconds")),
-            Signal(name=f"{name}_force", shape=(3,), unit="N"),
+            Signal(name=f"{name}_force", shape=(3,), unit="N", labels=FORCE),
         )
         self.path = ArcPath(np.array(self._config.points, dtype=float), (1.0, 0.0, 0.0, 0.0), turning=True)
 

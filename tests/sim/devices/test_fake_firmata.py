@@ -1,5 +1,7 @@
 """The simulated board: pulses, frames, limpness, buttons."""
 
+from itertools import permutations
+
 import numpy as np
 import pytest
 from helpers.sim import MS, bind, world
@@ -196,13 +198,28 @@ def test_the_board_itself_as_a_twin_uses_it():
 
 
 def test_a_board_that_does_not_fit_the_world_is_refused():
-    with pytest.raises(WiringError, match="4 servos, the world 2"):
-        board(world(), first=2)
+    named = CONFIG | {"servos": {f"{name}x": servo for name, servo in CONFIG["servos"].items()}}
+    with pytest.raises(WiringError, match=r"turn abductionx, .*the world has abduction, flexion_1"):
+        board(world(), named)
+    with pytest.raises(WiringError, match="turn flexion_1, flexion_1"):
+        board(world(), joints={"abduction": "flexion_1"})
+    with pytest.raises(WiringError, match="no servo 'e'"):
+        board(world(), joints={"e": "abduction"})
     with pytest.raises(WiringError, match="no button 'stopp'"):
         board(world(), presses={"stopp": [[0, 1]]})
     two = world(fingers=[{}, {"name": "other"}], **STILL)
-    fake = board(two, first=4)
+    fake = board(two, joints={name: f"other_{name}" for name in JOINTS})
     command(fake, *[0.3] * 4)
     two.advance(100 * MS)
     assert np.isnan(two.servo_targets()[:4]).all()
     assert np.isfinite(two.servo_targets()[4:]).all()
+
+
+@pytest.mark.parametrize("order", [*permutations(JOINTS)])
+def test_a_servo_turns_the_joint_it_is_named_after(order):
+    w = world(**STILL)
+    fake = board(w, CONFIG | {"servos": {name: CONFIG["servos"][name] for name in order}})
+    command(fake, *(0.5 if name == "abduction" else 0.0 for name in order))
+    w.advance(300 * MS)
+    turned = dict(zip(w.servo_names, w.servo_targets(), strict=True))
+    assert turned == pytest.approx({name: 0.5 * (name == "abduction") for name in JOINTS}, abs=2e-3)

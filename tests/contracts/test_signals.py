@@ -1,0 +1,63 @@
+"""The names of a signal's elements: what is refused, and that every shipped part has them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from drivers.cyberglove.protocol import LABELS
+from runtime.contracts import registry
+from runtime.contracts.signals import Signal
+from runtime.control.hand.human_hand import SENSORS
+from runtime.profile import profile, wiring
+
+FAULTS: dict[str, tuple[dict[str, Any], str]] = {
+    "nothing": ({"shape": (2,)}, "neither `labels` nor `slots`"),
+    "both": ({"shape": (2,), "labels": ("a", "b"), "slots": True}, "slots"),
+    "too few": ({"shape": (3,), "labels": ("a", "b")}, "2 labels for 3 rows"),
+    "twice": ({"shape": (2,), "labels": ("a", "a")}, "'a' is the name of two"),
+    "no components": ({"shape": (1, 3)}, "further axes of \\[3\\]"),
+    "too few components": ({"shape": (1, 3), "components": (("x", "y"),)}, "components of \\[2\\]"),
+    "a comma": ({"shape": (1,), "labels": ("a,b",)}, "commas"),
+}
+NAMED: list[dict[str, Any]] = [
+    {"shape": ()},
+    {"shape": (1,)},
+    {"shape": (2,), "labels": ("a", "b")},
+    {"shape": (4, 3), "slots": True, "components": (("x", "y", "z"),)},
+]
+
+
+@pytest.mark.parametrize("what", FAULTS)
+def test_what_has_no_names_is_told(what: str) -> None:
+    given, told = FAULTS[what]
+    with pytest.raises(AssertionError, match=told):
+        assert not (fault := Signal(name="s", unit="1", **given).naming_fault()), fault
+
+
+@pytest.mark.parametrize("given", NAMED)
+def test_what_has_names_is_taken(given: dict[str, Any]) -> None:
+    assert Signal(name="s", unit="1", **given).naming_fault() == ""
+
+
+@pytest.mark.parametrize("name", registry.names("controllers"))
+def test_every_law_names_its_elements(name: str) -> None:
+    cls = registry.load("controllers", name, "test")
+    options = {"joint-setpoint": {"joints": ["a"]}, "velocity-setpoint": {"axes": ["a"]}, "tool-pose": {"mount": {}}}
+    law = cls("law", cls.Config.model_validate(options.get(name, {})))
+    for signal in (*law.inputs, *law.outputs):
+        assert not signal.naming_fault(), signal.name
+
+
+@pytest.mark.parametrize("name", profile.shipped())
+def test_every_simulated_truth_names_its_elements(name: str) -> None:
+    graph = wiring.build(*profile.load(name), [])
+    assert graph.world is not None
+    for signal in graph.world.truth:
+        assert not signal.naming_fault(), signal.name
+
+
+@pytest.mark.parametrize("sensors", [18, 22])
+def test_the_law_of_the_glove_knows_its_sensors_by_their_names(sensors: int) -> None:
+    assert SENSORS[sensors] == LABELS[sensors]
