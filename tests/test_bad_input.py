@@ -23,7 +23,18 @@ WRONG_TEXTS = {
         ("in: {tips: hand.tips}", "in: {tips: hand.tip}"),
         ["controllers.1.in.tips", "hand.tips"],
     ),
-    "wrong shape": (("sensors: 22", "sensors: 18"), ["shapes differ", "18", "22"]),
+    "elements that aren't there": (
+        ("sensors: 22", "sensors: 18"),
+        ["names differ", "hand.angles has thumb_roll", "glove.position has thumb_roll", "no 'index_dij'", "map: {"],
+    ),
+    "limits by place where the profile chooses the order": (
+        ("velocity: 4.0 ", "velocity: [4.0, 4.0, 4.0, 4.0] "),
+        ["guard.finger.position_command.velocity", "{abduction: 4, flexion_1: 4"],
+    ),
+    "a limit of no joint": (
+        ("lower: {abduction: ", "lower: {abdukt: "),
+        ["guard.finger.position_command.lower", "abdukt", "flexion_3", "abduction"],
+    ),
     "wrong unit": (("in: {angles: glove.position}", "in: {angles: mapping.q}"), ["controllers.0.in.angles"]),
     "two writers": (
         ("    out: {q: finger", "    out: {target: hand.tips, q: finger"),
@@ -108,15 +119,20 @@ def test_wrong_profiles(case: str, tmp_path: Path, capsys: pytest.CaptureFixture
         assert name in said, f"'{name}' isn't in: {said}"
 
 
-def test_buttons_in_another_order_than_the_law_reads_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_buttons_of_other_names_than_the_laws(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = profile.find("moca-man")[1]
-    assert "{A: {pin: 2}, M: {pin: 3}," in text
+    assert "{A: {pin: 2}, M: {pin: 3}, G: {pin: 4}, P: {pin: 5}}" in text
     path = tmp_path / "wrong.yaml"
-    path.write_text(text.replace("{A: {pin: 2}, M: {pin: 3},", "{M: {pin: 3}, A: {pin: 2},"))
+    path.write_text(text.replace("{A: {pin: 2}, M: {pin: 3}, G:", "{stop: {pin: 2}, go: {pin: 3}, left:"))
     assert main(["check", str(path)]) == 2
     said = capsys.readouterr().err
-    assert "orders differ" in said
-    assert "M, A, G, P" in said
+    for part in (
+        "controllers.0.in.buttons",
+        "A, M, G, P",
+        "stop, go, left, P",
+        "{from: panel.buttons, map: {A: NAME}}",
+    ):
+        assert part in said
 
 
 WRONG_CALLS = {

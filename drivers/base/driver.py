@@ -58,6 +58,7 @@ class MobileBase(Driver):
             Command(
                 name=COMMAND, shape=(3,), unit=UNIT, labels=PLANAR_TWIST,
                 kind=Kind.VELOCITY, feedback="pose", stops=(Stop.BRAKE, Stop.HOLD), period=LATE / config.rate,
+                ordered=True,
             ),
         )  # fmt: skip
         speed = np.array(config.speed)

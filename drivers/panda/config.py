@@ -136,6 +136,7 @@ def command(config: PandaConfig) -> Command:
         stops=stops,
         period=PERIOD,
         resolution=RESOLUTION[config.kind],
+        ordered=True,
     )
 
 

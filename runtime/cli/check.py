@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import asdict
 from typing import Any
 
 from runtime.cli import add_command
@@ -11,6 +12,7 @@ from runtime.contracts import registry
 from runtime.contracts.errors import WiringError
 from runtime.guard import GUARDS
 from runtime.profile import profile, wiring
+from runtime.profile.connections import connections, untaken
 from runtime.profile.graph import Graph
 
 
@@ -41,8 +43,10 @@ def run(args: argparse.Namespace) -> int:
         content = {
             "profile": checked.name,
             "rate_hz": float(checked.rate),
-            "wiring": graph.wiring(),
+            "wiring": [asdict(connection) for connection in connections(graph)],
+            "untaken": untaken(graph),
             "commands": guards,
+            "listed_limits": {name: listed_limits(graph, name) for name in guards},
         }
         print(json.dumps(content))
         return 0
@@ -52,10 +56,16 @@ def run(args: argparse.Namespace) -> int:
         kind = "simulated" if device.name in graph.simulated else checked.devices[device.name].driver
         age = f", stale after {device.max_age:g} s" if device.max_age else ""
         print(f"  device {device.name} ({kind}{age})")
-    for start, form, end in graph.wiring():
-        print(f"  {start:<34} -> {end:<34} {form}")
+    for c in connections(graph):
+        print(f"  {c.start:<34} -> {c.end:<34} {c.form}" + ", by name" * bool(c.elements))
+        for start, end in c.elements:
+            print(f"    {start:<32} -> {end}")
+    if left := untaken(graph):
+        print(f"  nothing takes {', '.join(left)}")
     for name, category in guards.items():
         print(f"  guard {name}, stop: {category}")
+        for limit, values in listed_limits(graph, name).items():
+            print(f"    {limit}: " + ", ".join(f"{joint} {value:g}" for joint, value in values.items()))
     return 0
 
 
@@ -80,6 +90,13 @@ def check_guards(graph: Graph) -> dict[str, str]:
                 raise
         categories[actuator.name] = str(actuator.category)
     return categories
+
+
+def listed_limits(graph: Graph, command: str) -> dict[str, dict[str, float]]:
+    """The limits of a command that the profile gives as lists: by limit, the value of each joint."""
+    (labels,) = (a.command.labels for a in graph.actuators if a.name == command)
+    given = vars(graph.profile.guard[command]) if command in graph.profile.guard else {}
+    return {k: dict(zip(labels, v, strict=False)) for k, v in given.items() if isinstance(v, list) and len(v) > 1}
 
 
 def schema() -> dict[str, Any]:

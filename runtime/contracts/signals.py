@@ -50,7 +50,7 @@ class Signal:
     @property
     def names(self) -> tuple[str, ...]:
         """A name for each row; a single row without a label is called as the signal. Empty for slots and shape ()."""
-        return self.labels or ((self.name,) if self.shape[:1] == (1,) else ())
+        return self.labels or ((self.name,) if self.shape[:1] == (1,) and not self.slots else ())
 
     def naming_fault(self) -> str:
         """Returns what its names lack; "" if each element has one, as wiring by name needs it."""
@@ -122,6 +122,8 @@ class Command(Signal):
             runtime takes a longer pause for a stalled link. Required for every command that is wired.
         resolution: the largest difference between a command and what leaves for the device that is normal
             (rounding, a filter in the driver), in the command's unit; one number, or one for each element.
+        ordered: the order of the labels is the robot's own, known to everybody who works with it (joint1 to joint7), so
+            limits may be given as a list. Not where the profile chooses it.
     """
 
     kind: Kind
@@ -129,3 +131,4 @@ class Command(Signal):
     stops: tuple[Stop, ...] = (Stop.HOLD,)
     period: float | None = None
     resolution: float | tuple[float, ...] = 0.0
+    ordered: bool = False

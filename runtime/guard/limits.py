@@ -14,33 +14,42 @@ NAMES = ("lower", "upper", "velocity", "acceleration", "jerk", "effort", "effort
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Anywhere = Finite | list[Finite] | dict[str, Finite] | None
+Above0 = Positive | list[Positive] | dict[str, Positive] | None
 
 
 class GuardLimits(BaseModel):
-    """One command's limits in the profile's `guard:`. A number applies to every joint; a list has one for each."""
+    """One command's limits in the profile's `guard:`: a number for every joint, or one for each by its name.
+
+    A list is read only where the order is the robot's own.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    lower: Finite | list[Finite] | None = Field(None, description="lowest position, rad or m")
-    upper: Finite | list[Finite] | None = Field(None, description="highest position, rad or m")
-    velocity: Positive | list[Positive] | None = Field(None, description="rad/s or m/s")
-    acceleration: Positive | list[Positive] | None = Field(None, description="rad/s^2 or m/s^2")
-    jerk: Positive | list[Positive] | None = Field(None, description="rad/s^3 or m/s^3; none: unbounded")
-    effort: Positive | list[Positive] | None = Field(None, description="N m or N")
-    effort_rate: Positive | list[Positive] | None = Field(None, description="N m/s or N/s")
-    inertia: Positive | list[Positive] | None = Field(
+    lower: Anywhere = Field(None, description="lowest position, rad or m")
+    upper: Anywhere = Field(None, description="highest position, rad or m")
+    velocity: Above0 = Field(None, description="rad/s or m/s")
+    acceleration: Above0 = Field(None, description="rad/s^2 or m/s^2")
+    jerk: Above0 = Field(None, description="rad/s^3 or m/s^3; none: unbounded")
+    effort: Above0 = Field(None, description="N m or N")
+    effort_rate: Above0 = Field(None, description="N m/s or N/s")
+    inertia: Above0 = Field(
         None, description="kg m^2 or kg, the least that the joint moves alone; bounds the damping of torque stops"
     )
     tolerance: Positive = Field(1e-3, description="a command changed by more than this counts as limited")
 
-    def to_limits(self, shape: tuple[int, ...], place: str) -> Limits:
+    def to_limits(
+        self, shape: tuple[int, ...], place: str, labels: tuple[str, ...] = (), ordered: bool = True
+    ) -> Limits:
         """Converts the limits to arrays of the command's shape.
 
         Args:
             shape: the command's shape.
             place: the place of these limits in the profile, for the error.
+            labels: the command's.
+            ordered: whether their order is the robot's own, so that a list can be read.
         Raises:
-            WiringError: a list has the wrong length.
+            WiringError: a list has the wrong length or no order, or other joints are named.
         """
         size = int(np.prod(shape, dtype=int))
         arrays: dict[str, Array] = {}
@@ -48,6 +57,15 @@ class GuardLimits(BaseModel):
             value = getattr(self, name)
             if value is None:
                 continue
+            if isinstance(value, dict):
+                value = _in_order(value, labels, f"{place}.{name}")
+            elif isinstance(value, list) and not ordered and labels and size > 1:
+                named = ", ".join(f"{label}: {x:g}" for label, x in zip(labels, value, strict=False))
+                raise WiringError(
+                    f"{place}.{name}",
+                    "a list goes by place, and the order of these joints is chosen in the profile",
+                    f"Name them: {{{named}}}",
+                )
             if isinstance(value, list) and len(value) != size:
                 raise WiringError(
                     f"{place}.{name}",
@@ -56,6 +74,17 @@ class GuardLimits(BaseModel):
                 )
             arrays[name] = np.broadcast_to(np.asarray(value, np.float64), size).reshape(shape).copy()
         return Limits(**arrays)
+
+
+def _in_order(given: dict[str, float], labels: tuple[str, ...], place: str) -> list[float]:
+    """The values in the labels' order."""
+    if set(given) != set(labels):
+        raise WiringError(
+            place,
+            f"it names {', '.join(given)}; the command has {', '.join(labels) or 'no names'}",
+            "Name each of the command's once, or give one number for all",
+        )
+    return [given[label] for label in labels]
 
 
 def merge(a: Limits, b: Limits) -> Limits:

@@ -90,6 +90,7 @@ class Cycle:
         self._stalls = [0.0 for a in graph.actuators]  # s for which its guard has begun anew in each cycle
         self._max_age = self._ages()
         self._count = len(graph.devices)
+        self._laws = [(law.controller, law.reads, law.writes) for law in graph.laws]
         self._emergency = [
             (graph.row.views[e.signal].reshape(-1)[e.index : e.index + 1], e.when, self._device_of(e.signal))
             for e in graph.profile.emergency
@@ -212,17 +213,23 @@ class Cycle:
 
     def control(self) -> None:
         """Lets the guards see what was sent, then runs the controllers while the limb is active."""
+        for index, array in self.graph.reads:
+            self.graph.row.floats.take(index, 0, array, "clip")
         self._reseat()
         state = self.machine.state
         if state is not State.ACTIVE:
             return
-        dt = self._ints.item(_DT) * 1e-9
+        dt, floats = self._ints.item(_DT) * 1e-9, self.graph.row.floats
         fresh = self._was is not State.ACTIVE
-        for i, controller in enumerate(self.graph.controllers):
+        for i, (controller, reads, writes) in enumerate(self._laws):
             try:
+                for index, array in reads:
+                    floats.take(index, 0, array, "clip")
                 if fresh:
                     controller.reset()
                 controller.update(dt)
+                for index, array in writes:
+                    floats[index] = array
             except Exception:
                 self.report(f"controller '{controller.name}' failed: {traceback.format_exc(limit=-3)}")
                 self.machine.stop(Fault(Cause.CONTROLLER_ERROR, i))
@@ -355,6 +362,8 @@ def limits_of(graph: Graph) -> dict[str, Limits]:
         own = device.limits.get(actuator.command.name, Limits())
         entry = graph.profile.guard.get(actuator.name)
         place = graph.source.place(f"guard.{actuator.name}")
-        wanted = entry.to_limits(actuator.command.shape, place) if entry is not None else Limits()
+        command, wanted = actuator.command, Limits()
+        if entry is not None:
+            wanted = entry.to_limits(command.shape, place, command.labels, command.ordered)
         found[actuator.name] = merge(wanted, own)
     return found

@@ -58,6 +58,7 @@ class Builder:
                 f"'{name}' has two writers: {self.writers[name]} and {writer}",
                 "Let only one of them write it, or give the other another name under `out:`",
             )
+        self.named(signal, name, place)
         if signal.frame is not None and self.profile.frames and signal.frame not in self.profile.frames:
             raise WiringError(
                 self.source.place(place), f"'{name}' is in frame '{signal.frame}', which `frames:` doesn't have",
@@ -71,29 +72,17 @@ class Builder:
             slots=signal.slots, components=signal.components,
         )  # fmt: skip
 
-    def match(self, place: str, have: Signal, have_name: str, want: Signal, want_name: str) -> None:
-        """Checks that a signal can be wired to a port."""
-        for what, a, b in (("shape", have.shape, want.shape), ("unit", have.unit, want.unit)):
-            if a != b:
-                raise WiringError(
-                    self.source.place(place),
-                    f"{what}s differ: {have_name} has {text(a)}, {want_name} has {text(b)}",
-                    "Wire another signal, or change the options that decide this one's form",
-                )
-        if have.labels != want.labels and sorted(have.labels) == sorted(want.labels):
+    def named(self, signal: Signal, name: str, place: str) -> None:
+        """Refuses a signal whose elements have no names: nothing could be wired to them but by place."""
+        if fault := signal.naming_fault():
             raise WiringError(
                 self.source.place(place),
-                f"orders differ: {have_name} is {', '.join(have.labels)}, {want_name} expects {', '.join(want.labels)}",
-                "Name them in that order where the device or the option lists them",
-            )
-        if have.frame and want.frame and have.frame != want.frame:
-            raise WiringError(
-                self.source.place(place),
-                f"frames differ: {have_name} is in '{have.frame}', {want_name} expects '{want.frame}'",
-                "Wire a signal in that frame",
+                f"'{name}' can't be wired by name: {fault}",
+                "Where it is declared, give it `labels`, or `slots` for rows that have no names, and `components`",
             )
 
 
-def text(value: object) -> str:
-    """A shape or a unit in an error: 5x3, 'rad'."""
-    return "x".join(map(str, value)) if isinstance(value, tuple) else f"'{value}'"
+def form(signal: Signal) -> str:
+    """Shape, unit and frame of a signal as text: "5x3 m in hand"."""
+    shape = "x".join(map(str, signal.shape))
+    return f"{shape} {signal.unit}" + (f" in {signal.frame}" if signal.frame else "")

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
 
 from runtime.contracts.controller import Controller
 from runtime.contracts.driver import Driver
 from runtime.contracts.frames import Frames
-from runtime.contracts.signals import Array, Command, Signal, Stop
+from runtime.contracts.signals import Array, Command, Stop
 from runtime.contracts.world import World
 from runtime.ipc.layout import Layout
 from runtime.ipc.row import Row
+from runtime.profile.names import Link
 from runtime.profile.profile import Profile, Source
+
+# Places among the row's float64 words, and the array of their values in another order. The index is made once, the
+# array isn't part of the row.
+Copy = tuple[NDArray[np.intp], Array]
 
 
 @dataclass
@@ -33,6 +41,24 @@ class Actuator:
 
 
 @dataclass
+class Law:
+    """A controller with its wires.
+
+    Attributes:
+        controller: the controller.
+        inputs, outputs: the wires, by input and output name.
+        reads: what is taken from the row before it runs, because its order isn't the row's.
+        writes: what is put into the row after it has run.
+    """
+
+    controller: Controller
+    inputs: dict[str, Link] = field(default_factory=dict)
+    outputs: dict[str, Link] = field(default_factory=dict)
+    reads: list[Copy] = field(default_factory=list)
+    writes: list[Copy] = field(default_factory=list)
+
+
+@dataclass
 class Graph:
     """The wired system."""
 
@@ -41,30 +67,19 @@ class Graph:
     layout: Layout
     row: Row
     devices: list[Driver]
-    controllers: list[Controller]
+    laws: list[Law]
     actuators: list[Actuator]
     world: World | None
     frames: Frames
     simulated: list[str]
     intent: list[bool]  # by device index (setpoint owners included): True if its loss is a loss of intent
+    reads: list[Copy]  # measured values whose order isn't their command's, taken before the guards look at them
+
+    @property
+    def controllers(self) -> list[Controller]:
+        """The controllers in their order."""
+        return [law.controller for law in self.laws]
 
     def actuators_of(self, device: int) -> list[Actuator]:
         """The commands of the device at this index; none for a sensor."""
         return [a for a in self.actuators if a.device == device]
-
-    def wiring(self) -> list[tuple[str, str, str]]:
-        """(from, signal, to) of every connection, for `srl check`."""
-        rows = []
-        for controller, entry in zip(self.controllers, self.profile.controllers, strict=True):
-            for signal in controller.inputs:
-                rows.append((entry.inputs[signal.name], form(signal), f"{controller.name}.{signal.name}"))
-            for signal in controller.outputs:
-                target = entry.outputs.get(signal.name, f"{controller.name}.{signal.name}")
-                rows.append((f"{controller.name}.{signal.name}", form(signal), target))
-        return rows
-
-
-def form(signal: Signal) -> str:
-    """Shape, unit and frame of a signal as text: "5x3 m in hand"."""
-    shape = "x".join(map(str, signal.shape))
-    return f"{shape} {signal.unit}" + (f" in {signal.frame}" if signal.frame else "")

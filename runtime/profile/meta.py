@@ -7,11 +7,12 @@ from collections.abc import Mapping
 from typing import Any
 
 from runtime.contracts import provenance
-from runtime.contracts.controller import Controller, Parameter
+from runtime.contracts.controller import Parameter
 from runtime.contracts.driver import Driver
 from runtime.contracts.errors import WiringError, nearest
 from runtime.contracts.signals import Signal
 from runtime.contracts.world import Fake
+from runtime.profile.graph import Law
 from runtime.profile.plots import split
 from runtime.profile.profile import Profile, Source
 
@@ -22,7 +23,7 @@ def describe(
     signals: Mapping[str, Signal],
     simulated: list[str],
     devices: list[Driver],
-    controllers: list[Controller],
+    laws: list[Law],
     parameters: list[tuple[str, Parameter]],
     scenery: list[dict[str, Any]],
 ) -> dict[str, Any]:
@@ -43,7 +44,9 @@ def describe(
             d.name: {"driver": profile.devices[d.name].driver, "max_age": d.max_age, "simulated": isinstance(d, Fake)}
             for d in devices
         },
-        "controllers": [{"name": c.name, "use": e.use} for c, e in zip(controllers, profile.controllers, strict=True)],
+        "controllers": [
+            {"name": law.controller.name, "use": e.use} for law, e in zip(laws, profile.controllers, strict=True)
+        ],
         "parameters": [
             {"name": n, "lower": p.lower, "upper": p.upper, "unit": p.unit, "text": p.text, "default": p.default}
             for n, p in parameters

@@ -28,6 +28,7 @@ from runtime.guard.limits import GuardLimits
 from runtime.profile.bus import BusConfig
 from runtime.profile.plots import Plot
 from runtime.profile.reset import ResetConfig
+from runtime.profile.wire import Input, Output
 
 SLUG = r"^[a-z][a-z0-9_-]*$"
 SIGNAL = r"^[a-z][a-z0-9_-]*(\.[a-z][a-z0-9_-]*)+$"
@@ -60,8 +61,8 @@ class ControllerEntry(BaseModel):
 
     use: str
     name: str | None = Field(None, pattern=SLUG, description="default: the control law's name")
-    inputs: dict[str, str] = Field(default_factory=dict, alias="in")
-    outputs: dict[str, str] = Field(default_factory=dict, alias="out")
+    inputs: dict[str, Input] = Field(default_factory=dict, alias="in")
+    outputs: dict[str, Output] = Field(default_factory=dict, alias="out")
 
     @property
     def options(self) -> dict[str, Any]:
@@ -78,6 +79,9 @@ class SetpointEntry(Part):
         0.5, gt=0, allow_inf_nan=False, description="s; older than this it is stale, a loss of intent"
     )
     frame: str | None = None
+    labels: tuple[str, ...] = Field((), description="names of its elements; needed where it has several")
+    slots: bool = Field(False, description="its rows have no names")
+    components: tuple[tuple[str, ...], ...] = Field((), description="names along each further axis")
 
 
 class SimEntry(BaseModel):

@@ -1,32 +1,33 @@
 """Builds, wires and checks the parts of a profile before anything is opened.
 
-The checks: every input is bound to a signal that is made earlier; shapes, units and frames are equal; each
-signal has one writer; no option is unknown or unused. The result holds the parts with views into one row,
-ready for the loop or a replay.
+The checks: every input is bound to signals that are made earlier; elements are found by their names; shapes, units
+and frames are equal; each element of a command has one writer; no option is unknown or unused. The result holds the
+parts with views into one row, ready for the loop or a replay.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
 from runtime.contracts import registry
-from runtime.contracts.controller import Controller, Parameter
+from runtime.contracts.controller import Parameter
 from runtime.contracts.driver import Driver, Sensor
 from runtime.contracts.errors import ProfileError, WiringError, nearest
-from runtime.contracts.signals import Array, Command, Kind, Signal
+from runtime.contracts.signals import Array, Command, Signal
+from runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSE, POSITION_OF
 from runtime.contracts.world import World
 from runtime.ipc.row import Row
-from runtime.profile import keys
-from runtime.profile.builder import Builder, text
-from runtime.profile.graph import Actuator, Graph, form
+from runtime.profile import controllers, keys
+from runtime.profile.builder import Builder
+from runtime.profile.graph import Actuator, Copy, Graph, Law
 from runtime.profile.meta import describe
-from runtime.profile.profile import ControllerEntry, EmergencyInput, Profile, Source
+from runtime.profile.names import Link, link
+from runtime.profile.profile import EmergencyInput, Profile, Source
 from runtime.profile.reset import ResetInput
 
-# What a controller may give beside a command: the rate of a position, the gravity compensation that a torque contains.
-_COMPANIONS = {Kind.POSITION: "velocity", Kind.TORQUE: "gravity"}
 LONGEST_PERIOD = 0.25  # s between commands; a slower device can't be told from a stalled link in time
 
 
@@ -47,14 +48,14 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
     if world is not None:
         for signal in world.truth:
             b.add(f"world.{signal.name}", signal, "truth", "the simulated world", "sim")
-    controllers, fed = _controllers(b, devices)
-    parameters = _parameters(b, controllers)
+    laws = controllers.build(b, devices)
+    parameters = _parameters(b, laws)
     names = [d.name for d in devices] + owners
     b.layout.devices = names
-    _unused(b, devices)
+    _unused(b, laws, devices)
     layout = b.layout
     scenery = world.scenery if world is not None else []
-    layout.meta = describe(b.profile, b.source, b.signals, b.simulated, devices, controllers, parameters, scenery)
+    layout.meta = describe(b.profile, b.source, b.signals, b.simulated, devices, laws, parameters, scenery)
     keys.check(layout.fields, f"{b.source.label}: signal")
     row = Row(layout)
     for item in layout.meta["parameters"]:
@@ -64,9 +65,11 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
     for item in layout.fields.values():
         if item.role == "sent":
             row.views[item.name][...] = np.nan  # nothing yet
+    reads: list[Copy] = []
+    fed = {name.partition(".")[0] for law in laws for wire in law.inputs.values() for name in wire.far}
     graph = Graph(
-        profile, source, layout, row, devices, controllers, _actuators(b, devices, row), world, b.frames,
-        b.simulated, [_is_intent(name, devices, fed) for name in names],
+        profile, source, layout, row, devices, laws, _actuators(b, devices, row, reads), world, b.frames,
+        b.simulated, [_is_intent(name, devices, fed) for name in names], reads,
     )  # fmt: skip
     _bind(graph)
     return graph
@@ -136,7 +139,10 @@ def _setpoints(b: Builder) -> list[str]:
         if owner in b.profile.devices:
             place = b.source.place(f"setpoints.{name}")
             raise ProfileError(place, f"'{owner}' is a device", "Give the client another name, such as 'client'")
-        signal = Signal(name=short, shape=entry.shape, unit=entry.unit, frame=entry.frame)
+        signal = Signal(
+            name=short, shape=entry.shape, unit=entry.unit, frame=entry.frame,
+            labels=entry.labels, slots=entry.slots, components=entry.components,
+        )  # fmt: skip
         b.add(name, signal, "setpoint", "clients of the bus", f"setpoints.{name}")
         if owner not in owners:
             owners.append(owner)
@@ -145,95 +151,9 @@ def _setpoints(b: Builder) -> list[str]:
     return owners
 
 
-def _controllers(b: Builder, devices: list[Driver]) -> tuple[list[Controller], set[str]]:
-    """The controllers in their order, and the names of all signals that feed one."""
-    commands = {f"{d.name}.{c.name}": c for d in devices for c in d.commands}
-    controllers: list[Controller] = []
-    fed: set[str] = set()
-    for i, entry in enumerate(b.profile.controllers):
-        path = f"controllers.{i}"
-        cls = registry.load("controllers", entry.use, b.source.place(f"{path}.use"))
-        name = entry.name or entry.use
-        if name in b.layout.devices or name in b.profile.devices or any(c.name == name for c in controllers):
-            raise WiringError(b.source.place(path), f"the name '{name}' is taken", "Add `name:` to this controller")
-        controller: Controller = cls(name, b.options(cls.Config, entry.options, path))
-        controllers.append(controller)
-        _inputs(b, controller, entry, path)
-        fed |= set(entry.inputs.values())
-        _outputs(b, controller, entry, path, commands)
-    for name in commands:
-        if name not in b.writers:
-            raise WiringError(
-                b.source.place("controllers"), f"no controller writes the command '{name}'",
-                "Wire an output to it, or remove what makes the device take commands",
-            )  # fmt: skip
-    for name, command in commands.items():
-        b.add(f"{name}.applied", command, "applied", "the guard", "guard")
-        b.add(f"{name}.sent", command, "sent", f"device '{name.partition('.')[0]}'", "guard")
-    return controllers, fed
-
-
-def _inputs(b: Builder, controller: Controller, entry: ControllerEntry, path: str) -> None:
-    wanted = {s.name: s for s in controller.inputs}
-    for name in entry.inputs:
-        if name not in wanted:
-            place = b.source.place(f"{path}.in.{name}")
-            raise WiringError(place, f"{controller.name} has no input '{name}'", nearest(name, wanted))
-    for name, signal in wanted.items():
-        place = f"{path}.in.{name}"
-        if name not in entry.inputs:
-            raise WiringError(
-                b.source.place(f"{path}.in"), f"input '{name}' ({form(signal)}) of {controller.name} isn't bound",
-                f"Add `{name}: <device>.<signal>`; there are: {', '.join(sorted(b.signals)) or 'none'}",
-            )  # fmt: skip
-        target = entry.inputs[name]
-        if target not in b.signals:
-            raise WiringError(
-                b.source.place(place),
-                f"no signal '{target}' is made before {controller.name}",
-                nearest(target, b.signals),
-            )
-        if target.startswith("world."):
-            raise WiringError(
-                b.source.place(place), f"'{target}' is the simulation's truth, which no real device could give",
-                "Wire a device's state instead",
-            )  # fmt: skip
-        b.match(place, b.signals[target], target, signal, f"{controller.name}.{name}")
-
-
-def _outputs(
-    b: Builder, controller: Controller, entry: ControllerEntry, path: str, commands: dict[str, Command]
-) -> None:
-    made = {s.name: s for s in controller.outputs}
-    for name in entry.outputs:
-        if name not in made:
-            place = b.source.place(f"{path}.out.{name}")
-            raise WiringError(place, f"{controller.name} has no output '{name}'", nearest(name, made))
-    for name, signal in made.items():
-        target = entry.outputs.get(name, f"{controller.name}.{name}")
-        place = f"{path}.out.{name}"
-        base, _, last = target.rpartition(".")
-        writer = f"controller '{controller.name}'"
-        if target in commands:
-            b.match(place, signal, f"{controller.name}.{name}", commands[target], target)
-            b.add(target, commands[target], "command", writer, place)
-        elif base in commands and last == _COMPANIONS.get(commands[base].kind):
-            command = commands[base]
-            unit = f"{command.unit}/s" if last == "velocity" else command.unit
-            companion = Signal(name=last, shape=command.shape, unit=unit, labels=command.labels)
-            b.match(place, signal, f"{controller.name}.{name}", companion, target)
-            b.add(target, companion, "internal", writer, place)
-        elif target.split(".")[0] in b.profile.devices:
-            companions = [f"{n}.{_COMPANIONS[c.kind]}" for n, c in commands.items() if c.kind in _COMPANIONS]
-            remedy = nearest(target, [*commands, *companions])
-            raise WiringError(b.source.place(place), f"'{target}' isn't a command of that device", remedy)
-        else:
-            b.add(target, signal, "internal", writer, place)
-
-
-def _parameters(b: Builder, controllers: list[Controller]) -> list[tuple[str, Parameter]]:
+def _parameters(b: Builder, laws: list[Law]) -> list[tuple[str, Parameter]]:
     parameters = []
-    for controller in controllers:
+    for controller in (law.controller for law in laws):
         for p in controller.parameters:
             name = f"{controller.name}.{p.name}"
             b.add(name, Signal(name=p.name, shape=(), unit=p.unit), "parameter", "the parameters", "controllers")
@@ -241,8 +161,8 @@ def _parameters(b: Builder, controllers: list[Controller]) -> list[tuple[str, Pa
     return parameters
 
 
-def _unused(b: Builder, devices: list[Driver]) -> None:
-    wired = {target for c in b.profile.controllers for target in c.inputs.values()}
+def _unused(b: Builder, laws: list[Law], devices: list[Driver]) -> None:
+    wired = {name for law in laws for wire in law.inputs.values() for name in wire.far}
     commands = {f"{d.name}.{c.name}" for d in devices for c in d.commands}
     for name in b.profile.setpoints:
         if name not in wired:
@@ -258,10 +178,10 @@ def _unused(b: Builder, devices: list[Driver]) -> None:
     for name, frame in b.profile.frames.items():
         if frame.pose is not None:
             pose = b.signals.get(frame.pose)
-            if pose is None or pose.shape != (7,):
+            if pose is None or pose.labels != POSE:
                 raise WiringError(
-                    b.source.place(f"frames.{name}.pose"), f"'{frame.pose}' is no pose signal of shape 7",
-                    nearest(frame.pose, [n for n, s in b.signals.items() if s.shape == (7,)]),
+                    b.source.place(f"frames.{name}.pose"), f"'{frame.pose}' is no pose signal ({', '.join(POSE)})",
+                    nearest(frame.pose, [n for n, s in b.signals.items() if s.labels == POSE]),
                 )  # fmt: skip
 
 
@@ -298,8 +218,8 @@ def _reset_inputs(b: Builder, devices: list[Driver]) -> None:
             raise WiringError(b.source.place(path), problem, "Wire a button of this machine, or remove this input")
 
 
-def _feedback(b: Builder, device: Driver, command: Command) -> str | None:
-    """The signal that measures what a command moves; None for a device without feedback."""
+def _feedback(b: Builder, device: Driver, command: Command) -> Link | None:
+    """What measures a command's elements; None for a device without feedback."""
     if command.feedback is None:
         return None
     place, name = f"devices.{device.name}", f"{device.name}.{command.feedback}"
@@ -308,17 +228,25 @@ def _feedback(b: Builder, device: Driver, command: Command) -> str | None:
             b.source.place(place), f"'{command.name}' names the feedback '{command.feedback}', which is no state of it",
             nearest(command.feedback, [s.name for s in device.states]),
         )  # fmt: skip
-    if b.signals[name].shape != command.shape:
-        problem = (
-            f"shapes differ: '{name}' has {text(b.signals[name].shape)}, '{command.name}' has {text(command.shape)}"
-        )
+    return _beside(b, device, command, name)
+
+
+def _beside(b: Builder, device: Driver, command: Command, name: str) -> Link:
+    """The link from a command to a state of the same device that has an element for each of its own."""
+    state, full = b.signals[name], f"{device.name}.{command.name}"
+    # A planar twist is the rate of a planar pose, whose elements have other names.
+    renamed = POSITION_OF if command.labels == PLANAR_TWIST and set(state.labels) == set(PLANAR) else {}
+    place = b.source.place(f"devices.{device.name}")
+    if state.shape != command.shape:
         raise WiringError(
-            b.source.place(place), problem, "A driver's feedback must measure each element of its command"
-        )
-    return name
+            place, f"shapes differ: '{name}' has {list(state.shape)}, '{full}' has {list(command.shape)}",
+            "A driver's feedback must measure each element of its command",
+        )  # fmt: skip
+    return link(replace(command, unit=state.unit, frame=state.frame), full, {name: state}, renamed, place)
 
 
-def _actuators(b: Builder, devices: list[Driver], row: Row) -> list[Actuator]:
+def _actuators(b: Builder, devices: list[Driver], row: Row, reads: list[Copy]) -> list[Actuator]:
+    """The actuators; what must be copied for them before the guards run is added to `reads`."""
     actuators = []
     for i, device in enumerate(devices):
         category = b.profile.stop.get(device.name)
@@ -330,8 +258,12 @@ def _actuators(b: Builder, devices: list[Driver], row: Row) -> list[Actuator]:
                     f"'{name}' ({command.kind}) can't do the stop category '{category}'",
                     f"It can: {', '.join(command.stops)}",
                 )
-            state = _feedback(b, device, command)
-            if state is None and command.name not in device.home:
+            state, rate = _feedback(b, device, command), f"{device.name}.velocity"
+            home = device.home.get(command.name)
+            if home is not None and np.shape(home) != command.shape:
+                problem = f"the home of '{name}' has shape {np.shape(home)}, the command {command.shape}"
+                raise WiringError(b.source.place(f"devices.{device.name}"), problem, "Give each element its home")
+            if state is None and home is None:
                 raise WiringError(
                     b.source.place(f"devices.{device.name}"),
                     f"'{name}' has no feedback, so the runtime can't know where it starts",
@@ -347,10 +279,10 @@ def _actuators(b: Builder, devices: list[Driver], row: Row) -> list[Actuator]:
                     row.views.get(f"{name}.gravity"),
                     row.views[f"{name}.applied"],
                     row.views[f"{name}.sent"],
-                    row.views[state] if state else None,
-                    row.views.get(f"{device.name}.velocity"),
+                    _array(row, state, reads) if state else None,
+                    _array(row, _beside(b, device, command, rate), reads) if rate in b.signals else None,
                     category or command.stops[0],
-                    device.home.get(command.name),
+                    home,
                 )
             )
     if b.profile.stop:
@@ -367,7 +299,7 @@ def _is_intent(name: str, devices: list[Driver], fed: set[str]) -> bool:
     device = next((d for d in devices if d.name == name), None)
     if device is not None and device.commands:
         return False
-    return any(target.split(".")[0] == name for target in fed)
+    return name in fed
 
 
 def _read_only(array: Array) -> Array:
@@ -384,14 +316,28 @@ def _bind(graph: Graph) -> None:
             {s.name: views[f"{device.name}.{s.name}"] for s in device.states},
             {c.name: _read_only(views[f"{device.name}.{c.name}.applied"]) for c in device.commands},
         )
-    for controller, entry in zip(graph.controllers, graph.profile.controllers, strict=True):
-        targets = {s.name: entry.outputs.get(s.name, f"{controller.name}.{s.name}") for s in controller.outputs}
+    for law in graph.laws:
+        controller, row = law.controller, graph.row
+        applied = {
+            name: _array(row, wire.beside(".applied"), law.reads)
+            for name, wire in law.outputs.items()
+            if f"{wire.far[0]}.applied" in views
+        }
         controller.bind(
-            {s.name: views[entry.inputs[s.name]] for s in controller.inputs},
-            {name: views[target] for name, target in targets.items()},
-            {name: views[f"{target}.applied"] for name, target in targets.items() if f"{target}.applied" in views},
+            {name: _array(row, wire, law.reads) for name, wire in law.inputs.items()},
+            {name: _array(row, wire, law.writes) for name, wire in law.outputs.items()},
+            applied,
             {p.name: views[f"{controller.name}.{p.name}"] for p in controller.parameters},
         )
     if graph.world is not None:
         graph.world.bind({s.name: views[f"world.{s.name}"] for s in graph.world.truth})
     graph.frames.bind(views)
+
+
+def _array(row: Row, wire: Link, copies: list[Copy]) -> Array:
+    """A link's values: a view into the row, or an array of their own that is added to `copies`."""
+    if wire.rows is None:
+        return row.views[wire.far[0]]
+    array = np.zeros(wire.near.shape)
+    copies.append((wire.index(row.layout), array.reshape(-1)))
+    return array

@@ -35,6 +35,9 @@ from runtime.profile.graph import Graph
 PERIOD = 10_000_000  # ns
 
 
+JOINTS = ("shoulder", "elbow")
+BUTTONS = ("first", "second", "third", "fourth")
+
 SPEED = 1.0  # rad/s, the guard's limit
 
 
@@ -73,9 +76,9 @@ class Toy(Driver):
         self.stalled = False  # its link takes nothing
         self.defect: Exception | None = None
         part = config.part
-        position = Signal(name="position", shape=(2,), unit="rad")
+        position = Signal(name="position", shape=(2,), unit="rad", labels=JOINTS)
         if part == "panel":
-            self.states = (Signal(name="buttons", shape=(4,), unit="1"),)
+            self.states = (Signal(name="buttons", shape=(4,), unit="1", labels=BUTTONS),)
         elif part != "servo":
             self.states = (position,)
         if part in ("arm", "servo"):
@@ -86,6 +89,7 @@ class Toy(Driver):
                     name="command",
                     shape=(2,),
                     unit="rad",
+                    labels=JOINTS,
                     kind=Kind.POSITION,
                     feedback=feedback,
                     stops=stops,
@@ -136,8 +140,8 @@ class Law(Controller):
 
     def __init__(self, name: str, config: ControllerConfig) -> None:
         super().__init__(name, config)
-        self.inputs = (Signal(name="x", shape=(2,), unit="rad"),)
-        self.outputs = (Signal(name="q", shape=(2,), unit="rad"),)
+        self.inputs = (Signal(name="x", shape=(2,), unit="rad", labels=JOINTS),)
+        self.outputs = (Signal(name="q", shape=(2,), unit="rad", labels=JOINTS),)
 
     def reset(self) -> None: ...
 

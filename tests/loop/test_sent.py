@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import toy
-from helpers.toy import PROFILE, SPEED, Bench, Law, Toy, ToyConfig, _load
+from helpers.toy import JOINTS, PROFILE, SPEED, Bench, Law, Toy, ToyConfig, _load
 
 from runtime.contracts import registry
 from runtime.contracts.controller import ControllerConfig
@@ -224,7 +224,7 @@ class Weigher(Law):
 
     def __init__(self, name: str, config: ControllerConfig) -> None:
         super().__init__(name, config)
-        self.outputs = (*(Signal(name=n, shape=(2,), unit="N m") for n in ("tau", "g")),)
+        self.outputs = (*(Signal(name=n, shape=(2,), unit="N m", labels=JOINTS) for n in ("tau", "g")),)
 
     def update(self, dt: float) -> None:
         self.output["g"][:] = 3.0
@@ -237,11 +237,11 @@ class TorqueArm(Toy):
     def __init__(self, name: str, config: ToyConfig) -> None:
         super().__init__(name, config)
         if name == "arm":
-            self.states = tuple(Signal(name=n, shape=(2,), unit="rad") for n in ("position", "velocity"))
+            self.states = tuple(Signal(name=n, shape=(2,), unit="rad", labels=JOINTS) for n in ("position", "velocity"))
             self.values = {s.name: np.zeros(2) for s in self.states}
             self.commands = (
                 Command(
-                    name="command", shape=(2,), unit="N m", kind=Kind.TORQUE, feedback="position",
+                    name="command", shape=(2,), unit="N m", labels=JOINTS, kind=Kind.TORQUE, feedback="position",
                     stops=(Stop.DAMP,), period=0.02,
                 ),
             )  # fmt: skip

@@ -40,7 +40,7 @@ def build(monkeypatch: pytest.MonkeyPatch, **declared: Any) -> Graph:
     ("declared", "said"),
     [
         ({"feedback": "positon"}, "which is no state of it"),
-        ({"feedback": "motor"}, "shapes differ: 'arm.motor' has 1, 'command' has 2"),
+        ({"feedback": "motor"}, r"shapes differ: 'arm.motor' has \[1\], 'arm.command' has \[2\]"),
     ],
 )
 def test_feedback_must_be_a_state_of_the_same_shape(

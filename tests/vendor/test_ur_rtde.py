@@ -22,7 +22,8 @@ rate: 500
 devices:
   arm: {{driver: ur, port: "tcp://{HOST}", interface: position}}
 setpoints:
-  client.position: {{shape: [6], unit: rad, max_age: 0.5}}
+  client.position:
+    {{shape: [6], unit: rad, labels: [shoulder_pan, shoulder_lift, elbow, wrist_1, wrist_2, wrist_3]}}
 controllers:
   - use: joint-setpoint
     name: jog

@@ -14,6 +14,7 @@ from runtime.contracts import registry
 from runtime.contracts.controller import Controller, ControllerConfig
 from runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
 from runtime.contracts.signals import Signal, Stop
+from runtime.contracts.terms import PLANAR_TWIST
 from runtime.guard import GUARDS
 from runtime.ipc.requests import RequestKind
 from runtime.ipc.words import State
@@ -170,7 +171,7 @@ class Cruise(Controller):
 
     def __init__(self, name: str, config: ControllerConfig) -> None:
         super().__init__(name, config)
-        self.outputs = (Signal(name="twist", shape=(3,), unit="m/s, rad/s"),)
+        self.outputs = (Signal(name="twist", shape=(3,), unit="m/s, rad/s", labels=PLANAR_TWIST),)
 
     def reset(self) -> None:
         self.output["twist"][:] = 0.0

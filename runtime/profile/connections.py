@@ -1,0 +1,79 @@
+"""What is connected in a wired system, and what nothing takes: for `srl check`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from runtime.contracts.field import Field
+from runtime.profile.builder import form
+from runtime.profile.graph import Graph
+from runtime.profile.names import Link
+
+
+@dataclass(frozen=True)
+class Connection:
+    """One wire of a controller.
+
+    Attributes:
+        start, end: full names; joined by " + " where there are several.
+        form: shape, unit and frame.
+        elements: (element at the start, at the end), where they aren't all of the same name in the same order.
+    """
+
+    start: str
+    end: str
+    form: str
+    elements: tuple[tuple[str, str], ...]
+
+
+def connections(graph: Graph) -> list[Connection]:
+    """Returns every wire, in the controllers' order."""
+    found = []
+    for law in graph.laws:
+        for wire in law.inputs.values():
+            found.append(Connection(" + ".join(wire.far), wire.name, form(wire.near), tuple(_pairs(graph, wire))))
+        for wire in law.outputs.values():
+            pairs = tuple((mine, theirs) for theirs, mine in _pairs(graph, wire))
+            found.append(Connection(wire.name, " + ".join(wire.far), form(wire.near), pairs))
+    return found
+
+
+def untaken(graph: Graph) -> list[str]:
+    """Returns what devices and clients give and nothing takes: signals, or elements of signals taken in part."""
+    taken: dict[str, set[int]] = {}
+    whole = {frame.pose for frame in graph.profile.frames.values()}
+    for wire in (wire for law in graph.laws for wire in law.inputs.values()):
+        if wire.rows is None:
+            whole.add(wire.far[0])
+        for name, row in wire.rows or ():
+            taken.setdefault(name, set()).add(row)
+    for actuator in graph.actuators:
+        device = graph.devices[actuator.device].name
+        whole |= {f"{device}.{actuator.command.feedback}", f"{device}.velocity"}
+    for entry in graph.profile.emergency:
+        taken.setdefault(entry.signal, set()).add(entry.index)
+    for button in graph.profile.reset.inputs:
+        taken.setdefault(button.signal, set()).add(button.index)
+    found = []
+    for field in graph.layout.fields.values():
+        if field.role not in ("state", "setpoint") or field.name in whole:
+            continue
+        left = [i for i in range(field.shape[0]) if i not in taken.get(field.name, ())]
+        if field.name not in taken:
+            found.append(field.name)
+        elif left:
+            found.append(f"{field.name}[{', '.join(_label(field, i) for i in left)}]")
+    return found
+
+
+def _pairs(graph: Graph, wire: Link) -> list[tuple[str, str]]:
+    """(far element, near element); none for a wire that is the identity."""
+    fields = graph.layout.fields
+    return [
+        (f"{name}[{_label(fields[name], row)}]", f"{wire.name}[{mine}]")
+        for (name, row), mine in zip(wire.rows or (), wire.near.names, strict=False)
+    ]
+
+
+def _label(field: Field, row: int) -> str:
+    return field.labels[row] if field.labels else str(row)

@@ -1,0 +1,182 @@
+"""Builds the controllers of a profile and wires their inputs and outputs, element by element."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from runtime.contracts import registry
+from runtime.contracts.driver import Driver
+from runtime.contracts.errors import WiringError, nearest
+from runtime.contracts.signals import Command, Kind, Signal
+from runtime.profile.builder import Builder, form
+from runtime.profile.graph import Law
+from runtime.profile.names import Link, link
+from runtime.profile.profile import ControllerEntry
+from runtime.profile.wire import To
+
+# What a controller may give beside a command: the rate of a position, the gravity compensation that a torque contains.
+_COMPANIONS = {Kind.POSITION: "velocity", Kind.TORQUE: "gravity"}
+
+
+class _Written:
+    """Who writes each row of the commands and their companions."""
+
+    def __init__(self, b: Builder) -> None:
+        self._b = b
+        self.rows: dict[str, dict[int, str]] = {}
+        self.signals: dict[str, Signal] = {}
+
+    def add(self, made: Link, targets: Mapping[str, Signal], place: str) -> None:
+        """Notes the rows that an output writes; each may be written once."""
+        rows = made.rows or [(made.far[0], i) for i in range(targets[made.far[0]].shape[0])]
+        for name, row in rows:
+            self.signals[name] = targets[name]
+            writers = self.rows.setdefault(name, {})
+            if row in writers:
+                raise WiringError(
+                    self._b.source.place(place),
+                    f"'{_element(targets[name], name, row)}' has two writers: {writers[row]} and {made.name}",
+                    "Let only one of them write it",
+                )
+            writers[row] = made.name
+
+    def missing(self, name: str) -> str:
+        """The first element of a signal that nobody writes; "" if there is none."""
+        signal, writers = self.signals[name], self.rows[name]
+        return next((_element(signal, name, i) for i in range(signal.shape[0]) if i not in writers), "")
+
+
+def _element(signal: Signal, name: str, row: int) -> str:
+    return f"{name}[{signal.names[row] if signal.names else row}]"
+
+
+def build(b: Builder, devices: list[Driver]) -> list[Law]:
+    """Returns the controllers in their order. Raises ProfileError, WiringError."""
+    commands = {f"{d.name}.{c.name}": c for d in devices for c in d.commands}
+    written = _Written(b)
+    made: list[Law] = []
+    for i, entry in enumerate(b.profile.controllers):
+        path = f"controllers.{i}"
+        cls = registry.load("controllers", entry.use, b.source.place(f"{path}.use"))
+        name = entry.name or entry.use
+        if name in b.layout.devices or name in b.profile.devices or any(w.controller.name == name for w in made):
+            raise WiringError(b.source.place(path), f"the name '{name}' is taken", "Add `name:` to this controller")
+        law = Law(cls(name, b.options(cls.Config, entry.options, path)))
+        made.append(law)
+        for signal in (*law.controller.inputs, *law.controller.outputs):
+            b.named(signal, f"{name}.{signal.name}", f"{path}.use")
+        _inputs(b, law, entry, path, written)
+        _outputs(b, law, entry, path, commands, written)
+    for name in commands:
+        if name not in b.writers:
+            raise WiringError(
+                b.source.place("controllers"), f"no controller writes the command '{name}'",
+                "Wire an output to it, or remove what makes the device take commands",
+            )  # fmt: skip
+    for name, writers in written.rows.items():
+        if lacking := written.missing(name):
+            raise WiringError(
+                b.source.place("controllers"),
+                f"no controller writes '{lacking}'; others of it: {', '.join(sorted(set(writers.values())))}",
+                "Wire an output to each element",
+            )
+    for name, command in commands.items():
+        b.add(f"{name}.applied", command, "applied", "the guard", "guard")
+        b.add(f"{name}.sent", command, "sent", f"device '{name.partition('.')[0]}'", "guard")
+    return made
+
+
+def _inputs(b: Builder, law: Law, entry: ControllerEntry, path: str, written: _Written) -> None:
+    controller = law.controller
+    wanted = {s.name: s for s in controller.inputs}
+    for name in entry.inputs:
+        if name not in wanted:
+            place = b.source.place(f"{path}.in.{name}")
+            raise WiringError(place, f"{controller.name} has no input '{name}'", nearest(name, wanted))
+    for name, signal in wanted.items():
+        place = b.source.place(f"{path}.in.{name}")
+        if name not in entry.inputs:
+            raise WiringError(
+                b.source.place(f"{path}.in"), f"input '{name}' ({form(signal)}) of {controller.name} isn't bound",
+                f"Add `{name}: <device>.<signal>`; there are: {', '.join(sorted(b.signals)) or 'none'}",
+            )  # fmt: skip
+        wire = entry.inputs[name]
+        for source in wire.signals:
+            if source not in b.signals:
+                raise WiringError(
+                    place, f"no signal '{source}' is made before {controller.name}", nearest(source, b.signals)
+                )
+            if source.startswith("world."):
+                raise WiringError(
+                    place, f"'{source}' is the simulation's truth, which no real device could give",
+                    "Wire a device's state instead",
+                )  # fmt: skip
+            if source in written.rows and (lacking := written.missing(source)):
+                raise WiringError(
+                    place, f"'{lacking}' isn't written before {controller.name}", "List this controller later"
+                )
+        far = {source: b.signals[source] for source in wire.signals}
+        law.inputs[name] = link(signal, f"{controller.name}.{name}", far, wire.map, place)
+
+
+def _outputs(
+    b: Builder, law: Law, entry: ControllerEntry, path: str, commands: dict[str, Command], written: _Written
+) -> None:
+    controller = law.controller
+    made = {s.name: s for s in controller.outputs}
+    for name in entry.outputs:
+        if name not in made:
+            place = b.source.place(f"{path}.out.{name}")
+            raise WiringError(place, f"{controller.name} has no output '{name}'", nearest(name, made))
+    for name, signal in made.items():
+        full, place = f"{controller.name}.{name}", f"{path}.out.{name}"
+        wire = entry.outputs.get(name) or To(signals=(full,))
+        targets = {target: _target(b, target, commands, place) for target in wire.signals}
+        if any(target is None for target in targets.values()):
+            if len(targets) > 1 or wire.map:
+                odd = next(t for t, found in targets.items() if found is None)
+                raise WiringError(
+                    b.source.place(place), f"'{odd}' isn't a command, so nothing is mapped onto it",
+                    nearest(odd, commands),
+                )  # fmt: skip
+            b.add(wire.signals[0], signal, "internal", f"controller '{controller.name}'", place)
+            law.outputs[name] = Link(signal, full, wire.signals)
+            continue
+        far = {target: found for target, found in targets.items() if found is not None}
+        renamed = wire.map or _renamed_with_its_command(entry, signal, wire, made)
+        found = law.outputs[name] = link(signal, full, far, renamed, b.source.place(place), "to")
+        for target, there in far.items():
+            if target not in b.writers:
+                role = "command" if target in commands else "internal"
+                b.add(target, there, role, f"controller '{controller.name}'", place)
+        written.add(found, far, place)
+
+
+def _target(b: Builder, target: str, commands: dict[str, Command], place: str) -> Signal | None:
+    """The command, or the companion of one, that an output's target is; None for a signal of its own."""
+    if target in commands:
+        return commands[target]
+    base, _, last = target.rpartition(".")
+    if base in commands and last == _COMPANIONS.get(commands[base].kind):
+        command = commands[base]
+        unit = f"{command.unit}/s" if last == "velocity" else command.unit
+        return Signal(
+            name=last, shape=command.shape, unit=unit,
+            labels=command.labels, slots=command.slots, components=command.components,
+        )  # fmt: skip
+    if target.split(".", maxsplit=1)[0] in b.profile.devices:
+        companions = [f"{n}.{_COMPANIONS[c.kind]}" for n, c in commands.items() if c.kind in _COMPANIONS]
+        remedy = nearest(target, [*commands, *companions])
+        raise WiringError(b.source.place(place), f"'{target}' isn't a command of that device", remedy)
+    return None
+
+
+def _renamed_with_its_command(
+    entry: ControllerEntry, signal: Signal, wire: To, made: dict[str, Signal]
+) -> Mapping[str, str]:
+    """The map of the output whose rate or gravity part this one is: what is renamed there is renamed here."""
+    bases = tuple(target.rpartition(".")[0] for target in wire.signals)
+    for name, other in entry.outputs.items():
+        if other.signals == bases and made[name].labels == signal.labels:
+            return other.map
+    return {}
