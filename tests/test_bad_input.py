@@ -83,8 +83,28 @@ WRONG_TEXTS = {
         ["line", "reset.inputs.0", "'glove.button'", "glove.position"],
     ),
     "reset by no element": (
-        ("frames:\n", "reset: {inputs: [{signal: glove.position, index: 22}]}\nframes:\n"),
-        ["reset.inputs.0", "22 elements"],
+        ("frames:\n", "reset: {inputs: [{signal: glove.position, element: pinky}]}\nframes:\n"),
+        ["reset.inputs.0", "no element 'pinky'", "pinkie_mpj"],
+    ),
+    "reset by it isn't said which": (
+        ("frames:\n", "reset: {inputs: [{signal: glove.position}]}\nframes:\n"),
+        ["reset.inputs.0", "22 elements", "`element:`", "wrist_yaw"],
+    ),
+    "an e-stop by its place": (
+        ("frames:\n", "emergency: [{signal: glove.buttons, index: 0}]\nframes:\n"),
+        ["emergency.0", "`index: 0` is a place", "`element:` with one of: wrist_switch"],
+    ),
+    "an e-stop that is a point": (
+        ("frames:\n", "emergency: [{signal: hand.tips, element: thumb}]\nframes:\n"),
+        ["emergency.0", "'hand.tips' has no elements that are one number"],
+    ),
+    "a plot by its place": (
+        ('world.hand_tips[thumb]"]\n        finger to middle', 'hand.tips[0]"]\n        finger to middle'),
+        ["record.plots.0", "0 is a place", "thumb, index"],
+    ),
+    "a plot of no element": (
+        ("hand.skeleton[middle_base]", "hand.skeleton[middle_bas]"),
+        ["record.plots.0", "no 'middle_bas'", "middle_base"],
     ),
     "reset by a law": (
         ("frames:\n", "reset: {inputs: [{signal: hand.tips}]}\nframes:\n"),
@@ -93,7 +113,7 @@ WRONG_TEXTS = {
     "reset by an emergency input": (
         (
             "frames:\n",
-            "emergency: [{signal: glove.position}]\nreset: {inputs: [{signal: glove.position, when: 0}]}\nframes:\n",
+            "emergency: [{signal: glove.buttons}]\nreset: {inputs: [{signal: glove.buttons, when: 0}]}\nframes:\n",
         ),
         ["reset.inputs.0", "is an emergency input"],
     ),

@@ -91,10 +91,7 @@ class Cycle:
         self._max_age = self._ages()
         self._count = len(graph.devices)
         self._laws = [(law.controller, law.reads, law.writes) for law in graph.laws]
-        self._emergency = [
-            (graph.row.views[e.signal].reshape(-1)[e.index : e.index + 1], e.when, self._device_of(e.signal))
-            for e in graph.profile.emergency
-        ]
+        self._emergency = [(graph.element(e), e.when, self._device_of(e.signal)) for e in graph.profile.emergency]
         # A device without feedback starts at its `home` position, where the user has placed it: at the first
         # start and after a limp stop. After a loss it is near what was sent last and goes home slowly.
         self._homed = [True for a in graph.actuators]

@@ -23,8 +23,7 @@ class ResetInputs:
         self._inputs = []
         for entry in graph.profile.reset.inputs:
             words = graph.row.devices[graph.layout.devices.index(entry.signal.partition(".")[0])]
-            element = graph.row.views[entry.signal].reshape(-1)[entry.index : entry.index + 1]
-            self._inputs.append((element, entry.when, words))
+            self._inputs.append((graph.element(entry), entry.when, words))
         # ns, since when each was seen released without a break, in this stop and since its device came back; -1: not
         self._since = [-1] * len(self._inputs)
         self._old = [-1] * len(self._inputs)  # stamp of the sample that a lost device left behind

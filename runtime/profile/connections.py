@@ -50,10 +50,9 @@ def untaken(graph: Graph) -> list[str]:
     for actuator in graph.actuators:
         device = graph.devices[actuator.device].name
         whole |= {f"{device}.{actuator.command.feedback}", f"{device}.velocity"}
-    for entry in graph.profile.emergency:
-        taken.setdefault(entry.signal, set()).add(entry.index)
-    for button in graph.profile.reset.inputs:
-        taken.setdefault(button.signal, set()).add(button.index)
+    for entry in (*graph.profile.emergency, *graph.profile.reset.inputs):
+        labels = graph.layout.fields[entry.signal].labels
+        taken.setdefault(entry.signal, set()).add(labels.index(entry.element) if entry.element and labels else 0)
     found = []
     for field in graph.layout.fields.values():
         if field.role not in ("state", "setpoint") or field.name in whole:

@@ -14,6 +14,7 @@ from runtime.contracts.signals import Array, Command, Stop
 from runtime.contracts.world import World
 from runtime.ipc.layout import Layout
 from runtime.ipc.row import Row
+from runtime.profile.element import Element
 from runtime.profile.names import Link
 from runtime.profile.profile import Profile, Source
 
@@ -79,6 +80,12 @@ class Graph:
     def controllers(self) -> list[Controller]:
         """The controllers in their order."""
         return [law.controller for law in self.laws]
+
+    def element(self, entry: Element) -> Array:
+        """(1,), a view: the element that an emergency or reset input names."""
+        labels = self.layout.fields[entry.signal].labels
+        place = labels.index(entry.element) if entry.element is not None and labels else 0
+        return self.row.views[entry.signal][place : place + 1]
 
     def actuators_of(self, device: int) -> list[Actuator]:
         """The commands of the device at this index; none for a sensor."""

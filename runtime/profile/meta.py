@@ -9,11 +9,11 @@ from typing import Any
 from runtime.contracts import provenance
 from runtime.contracts.controller import Parameter
 from runtime.contracts.driver import Driver
-from runtime.contracts.errors import WiringError, nearest
+from runtime.contracts.errors import RecordingError, WiringError, nearest
 from runtime.contracts.signals import Signal
 from runtime.contracts.world import Fake
 from runtime.profile.graph import Law
-from runtime.profile.plots import split
+from runtime.profile.plots import indices, split
 from runtime.profile.profile import Profile, Source
 
 
@@ -51,7 +51,7 @@ def describe(
             {"name": n, "lower": p.lower, "upper": p.upper, "unit": p.unit, "text": p.text, "default": p.default}
             for n, p in parameters
         ],
-        "emergency": [f"{e.signal}[{e.index}]" for e in profile.emergency],
+        "emergency": [f"{e.signal}[{e.find(signals, '')}]" for e in profile.emergency],
         "setpoints": [{"name": n, "max_age": e.max_age} for n, e in profile.setpoints.items()],
         "frames": {n: f.model_dump() for n, f in profile.frames.items()},
         "scenery": scenery,
@@ -68,8 +68,9 @@ def _plots(
     for i, plot in enumerate(profile.record.plots):
         missing = set()
         for references in [*((r,) for r in plot.lines.values()), *plot.distance.values()]:
-            for name in (split(reference)[0] for reference in references):
-                if name in signals or name.removesuffix(".applied").removesuffix(".sent") in signals:
+            for name, reference in ((split(reference)[0], reference) for reference in references):
+                if signal := signals.get(name) or signals.get(name.removesuffix(".applied").removesuffix(".sent")):
+                    _check_element(signal, reference, source.place(f"record.plots.{i}"))
                     continue
                 if not name.startswith("world.") or simulated:
                     place = source.place(f"record.plots.{i}")
@@ -80,3 +81,15 @@ def _plots(
         if lines or distance:
             kept.append(plot.model_copy(update={"lines": lines, "distance": distance}).model_dump())
     return kept
+
+
+def _check_element(signal: Signal, reference: str, place: str) -> None:
+    """Refuses a reference to an element that isn't there, or by its place where it has a name."""
+    parts = split(reference)[1]
+    try:
+        indices(signal, reference, place)
+    except RecordingError as error:
+        raise WiringError(error.place, error.problem, error.remedy) from None
+    if parts and signal.labels and parts[0] not in signal.labels:
+        problem = f"'{reference}': the elements of '{signal.name}' have names, and {parts[0]} is a place"
+        raise WiringError(place, problem, f"Write one of: {', '.join(signal.labels)}")

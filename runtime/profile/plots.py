@@ -1,11 +1,13 @@
 """The plots in a picture of a recording: one for each element of a command, and a profile's `record.plots`.
 
-A line names a signal ("finger.position"), one row of it ("hand.tips[1]") or one number ("hand.tips[1,2]").
+A line names a signal ("finger.position"), one element of it ("hand.tips[index]") or one number ("hand.tips[index,z]").
+What has no names has indices.
 """
 
 from __future__ import annotations
 
 import re
+from itertools import product
 from typing import Annotated, Self
 
 import numpy as np
@@ -13,10 +15,11 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
 
 from runtime.contracts.errors import RecordingError, nearest
-from runtime.contracts.signals import Array
+from runtime.contracts.field import Field as RowField
+from runtime.contracts.signals import Array, Signal
 from runtime.ipc.layout import Layout
 
-_REFERENCE = r"^([A-Za-z0-9_.\-]+)(?:\[(\d+(?:,\d+)*)\])?$"
+_REFERENCE = r"^([A-Za-z0-9_.\-]+)(?:\[([^,\[\]]+(?:,[^,\[\]]+)*)\])?$"
 Reference = Annotated[str, StringConstraints(pattern=_REFERENCE)]
 
 
@@ -24,7 +27,7 @@ class Plot(BaseModel):
     """`record.plots[i]`: curves of one unit over time, or distances between points.
 
     For example `{title: Finger, unit: rad, lines: {measured: "world.finger"}}`, or
-    `{title: Grip, unit: m, distance: {thumb: ["hand.tips[0]", "world.finger_tip"]}}`.
+    `{title: Grip, unit: m, distance: {thumb: ["hand.tips[thumb]", "world.finger_tip"]}}`.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -62,7 +65,7 @@ class Plot(BaseModel):
             a, b = (pick(layout, rows, reference, place) for reference in (one, other))
             if a.shape[1:] != (3,) or b.shape[1:] != (3,):
                 problem = f"'{one}' and '{other}' are shaped {a.shape[1:]} and {b.shape[1:]}, not (3,)"
-                raise RecordingError(place, problem, "Name one point of each, as in hand.tips[0]")
+                raise RecordingError(place, problem, "Name one point of each, as in hand.tips[thumb]")
             found[label] = np.linalg.norm(a - b, axis=1)
         return found
 
@@ -86,8 +89,7 @@ def command_plots(layout: Layout) -> list[Plot]:
                 break
         there = {label: name for label, name in signals.items() if name in layout.fields}
         for index, label in zip(np.ndindex(field.shape), series_names(layout, field.name), strict=True):
-            at = f"[{','.join(map(str, index))}]" if index else ""
-            lines = {what: name + at for what, name in there.items()}
+            lines = {what: name + at for what, name in there.items() if (at := _at(layout.fields[name], field, index))}
             found.append(Plot(title=f"{stem} {label}", unit=field.unit, lines=lines))
     return found
 
@@ -97,32 +99,56 @@ def profile_plots(layout: Layout) -> list[Plot]:
     return [Plot(**p) for p in (layout.meta.get("record") or {}).get("plots", ())]
 
 
-def split(reference: str) -> tuple[str, tuple[int, ...]]:
-    """The signal's name and the index of a reference."""
+def split(reference: str) -> tuple[str, tuple[str, ...]]:
+    """The signal's name of a reference, and the name or index along each axis."""
     match = re.match(_REFERENCE, reference)
     if match is None:
-        raise RecordingError(f"'{reference}'", "it isn't a signal", "Write device.signal or device.signal[row]")
-    return match[1], tuple(int(i) for i in match[2].split(",")) if match[2] else ()
+        raise RecordingError(f"'{reference}'", "it isn't a signal", "Write device.signal or device.signal[element]")
+    return match[1], tuple(part.strip() for part in match[2].split(",")) if match[2] else ()
+
+
+def indices(field: RowField | Signal, reference: str, place: str) -> tuple[int, ...]:
+    """The index along each axis that a reference names. Raises RecordingError: there is no such element."""
+    parts = split(reference)[1]
+    axes = (field.labels, *field.components, *((),) * len(field.shape))
+    if len(parts) > len(field.shape):
+        raise RecordingError(place, f"'{reference}': '{field.name}' is shaped {field.shape}", "Name fewer axes")
+    found = []
+    for part, names, size in zip(parts, axes, field.shape, strict=False):
+        if part not in names and not (part.isdecimal() and int(part) < size):
+            problem = f"'{reference}': '{field.name}' has no '{part}', it is shaped {field.shape}"
+            raise RecordingError(place, problem, nearest(part, names) if names else "Use indices from 0 within it")
+        found.append(names.index(part) if part in names else int(part))
+    return tuple(found)
+
+
+def _at(field: RowField, command: RowField, index: tuple[int, ...]) -> str:
+    """The part of a reference that names a command's element in `field`; "" where that has no such element."""
+    if not index:
+        return ""
+    first = str(index[0])
+    if field.labels and command.labels:
+        if command.labels[index[0]] not in field.labels:
+            return ""
+        first = command.labels[index[0]]
+    return f"[{','.join((first, *map(str, index[1:])))}]"
 
 
 def pick(layout: Layout, rows: NDArray[np.int64], reference: str, place: str) -> Array:
     """The values of a reference over rows (k, width): (k, *rest of the shape), or (k,) for a rest of (1,)."""
-    name, index = split(reference)
+    name = split(reference)[0]
     if name not in layout.fields:
         raise RecordingError(place, f"the recording has no signal '{name}'", nearest(name, layout.fields))
-    shape = layout.fields[name].shape
-    if len(index) > len(shape) or any(i >= n for i, n in zip(index, shape, strict=False)):
-        raise RecordingError(place, f"'{reference}': '{name}' is shaped {shape}", "Use indices from 0 within it")
     values = layout.value(rows, name)
-    for i in index:
+    for i in indices(layout.fields[name], reference, place):
         values = values[:, i]
     return values[:, 0] if values.shape[1:] == (1,) else values
 
 
 def element_names(layout: Layout, reference: str, count: int) -> list[str]:
     """A name for each of the `count` elements that a reference covers."""
-    name, index = split(reference)
-    names = series_names(layout, name)
+    name = split(reference)[0]
+    names, index = series_names(layout, name), indices(layout.fields[name], reference, reference)
     shape = layout.fields[name].shape
     start = int(np.ravel_multi_index((*index, *(0,) * (len(shape) - len(index))), shape)) if shape else 0
     return names[start : start + count]
@@ -139,5 +165,7 @@ def series_names(layout: Layout, name: str) -> list[str]:
     if len(field.shape) == 1:
         return first
     inner = field.shape[1:]
+    if field.components:
+        return [" ".join(names) for names in product(first, *field.components)]
     last = list("xyz") if inner == (3,) else [",".join(map(str, i)) for i in np.ndindex(inner)]
     return [f"{a} {b}" for a in first for b in last]

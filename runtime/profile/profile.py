@@ -26,6 +26,7 @@ from runtime.contracts.frames import FrameEntry
 from runtime.contracts.signals import Stop
 from runtime.guard.limits import GuardLimits
 from runtime.profile.bus import BusConfig
+from runtime.profile.element import Element
 from runtime.profile.plots import Plot
 from runtime.profile.reset import ResetConfig
 from runtime.profile.wire import Input, Output
@@ -121,11 +122,9 @@ class Faults(Part):
     overrun: OverrunLadder = OverrunLadder()
 
 
-class EmergencyInput(Part):
-    """`emergency[i]`: an e-stop or enabling switch. It may be any element of any signal."""
+class EmergencyInput(Element):
+    """`emergency[i]`: an e-stop or enabling switch. It may be an element of any signal of one axis."""
 
-    signal: str = Field(pattern=SIGNAL)
-    index: int = Field(0, ge=0)
     when: float = Field(1.0, description="the value that stops; an enabling switch stops at 0")
     category: Reaction = "stop"
 

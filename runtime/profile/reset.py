@@ -5,15 +5,12 @@ from __future__ import annotations
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from runtime.ipc import latches
+from runtime.profile.element import Element
 
 
-class ResetInput(BaseModel):
+class ResetInput(Element):
     """`reset.inputs[i]`: a button that resets when it is pressed. It is an element of a device's state."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    signal: str
-    index: int = Field(0, ge=0)
     when: float = Field(1.0, allow_inf_nan=False, description="the value while it is pressed")
 
 

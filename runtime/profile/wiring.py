@@ -25,8 +25,7 @@ from runtime.profile.builder import Builder
 from runtime.profile.graph import Actuator, Copy, Graph, Law
 from runtime.profile.meta import describe
 from runtime.profile.names import Link, link
-from runtime.profile.profile import EmergencyInput, Profile, Source
-from runtime.profile.reset import ResetInput
+from runtime.profile.profile import Profile, Source
 
 LONGEST_PERIOD = 0.25  # s between commands; a slower device can't be told from a stalled link in time
 
@@ -173,7 +172,7 @@ def _unused(b: Builder, laws: list[Law], devices: list[Driver]) -> None:
                 b.source.place(f"guard.{name}"), f"no command is called '{name}'", nearest(name, commands)
             )
     for i, entry in enumerate(b.profile.emergency):
-        _element(b, f"emergency.{i}", entry)
+        entry.find(b.signals, b.source.place(f"emergency.{i}"))
     _reset_inputs(b, devices)
     for name, frame in b.profile.frames.items():
         if frame.pose is not None:
@@ -185,33 +184,22 @@ def _unused(b: Builder, laws: list[Law], devices: list[Driver]) -> None:
                 )  # fmt: skip
 
 
-def _element(b: Builder, path: str, entry: EmergencyInput | ResetInput) -> None:
-    """Checks that the element of a signal that an input names is there."""
-    signal = b.signals.get(entry.signal)
-    if signal is None:
-        remedy = nearest(entry.signal, b.signals)
-        raise WiringError(b.source.place(path), f"no signal is called '{entry.signal}'", remedy)
-    if entry.index >= signal.size:
-        problem = f"'{entry.signal}' has {signal.size} elements, none at {entry.index}"
-        raise WiringError(b.source.place(path), problem, "Indices start at 0")
-
-
 def _reset_inputs(b: Builder, devices: list[Driver]) -> None:
     """A reset input is a button of a device: what a client or a law writes would release a person's stop."""
     states = {f"{d.name}.{s.name}" for d in devices for s in d.states}
-    stops = {(e.signal, e.index) for e in b.profile.emergency}
+    stops = {(e.signal, e.find(b.signals, "")) for e in b.profile.emergency}
     real = [d.name for d in devices if d.commands and d.name not in b.simulated]
     elsewhere = {d.name: "gives what another machine or a recording says" for d in devices if not d.here}
     if real:
         elsewhere |= {name: f"is simulated, and '{real[0]}' is real" for name in b.simulated}
     for i, entry in enumerate(b.profile.reset.inputs):
         path = f"reset.inputs.{i}"
-        _element(b, path, entry)
-        if entry.signal not in states:
+        if entry.signal in b.signals and entry.signal not in states:
             problem = f"'{entry.signal}' isn't the state of a device, and only a button of a device may reset"
             raise WiringError(b.source.place(path), problem, f"Name one of: {', '.join(sorted(states)) or 'none'}")
-        if (entry.signal, entry.index) in stops:
-            problem = f"'{entry.signal}' element {entry.index} is an emergency input, whose release must not reset"
+        name = entry.find(b.signals, b.source.place(path))
+        if (entry.signal, name) in stops:
+            problem = f"'{entry.signal}[{name}]' is an emergency input, whose release must not reset"
             raise WiringError(b.source.place(path), problem, "Wire a button of its own")
         if why := elsewhere.get(entry.signal.partition(".")[0]):
             problem = f"'{entry.signal}' is no button that a person presses here: its device {why}"

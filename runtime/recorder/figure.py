@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from runtime.contracts.errors import RecordingError
 from runtime.ipc.words import Cause, State
-from runtime.profile.plots import Plot, command_plots, profile_plots
+from runtime.profile.plots import Plot, command_plots, indices, profile_plots, split
 from runtime.recording.reader import Recording
 
 # Okabe and Ito's colours, which everyone can tell apart. Yellow is left out, as it is faint on white.
@@ -176,13 +176,16 @@ def _drawn(plot: Plot, command: bool) -> Callable[[Any, Recording, Times], None]
 def _limits(axis: Any, recording: Recording, plot: Plot) -> None:
     """Draws the guard's limits of a command's element, if the curves come near them."""
     low, high = axis.get_ylim()
-    name, *rest = plot.lines["asked"].rstrip("]").split("[")
-    limits = (recording.layout.meta.get("limits") or {}).get(name) or {}
+    asked = plot.lines["asked"]
+    field = recording.layout.fields[split(asked)[0]]
+    index = indices(field, asked, asked)
+    limits = (recording.layout.meta.get("limits") or {}).get(field.name) or {}
     for key in ("lower", "upper"):
-        values = np.ravel(limits.get(key) or [])
-        index = int(rest[0]) if rest and "," not in rest[0] else 0
-        if index < len(values) and low <= values[index] <= high:
-            axis.axhline(values[index], color="#a02000", linewidth=0.8, linestyle=(0, (6, 4)), label="limit", zorder=1)
+        if limits.get(key) is None:
+            continue
+        limit = np.reshape(limits[key], field.shape)[index]
+        if low <= limit <= high:
+            axis.axhline(limit, color="#a02000", linewidth=0.8, linestyle=(0, (6, 4)), label="limit", zorder=1)
 
 
 def _finish(axis: Any, title: str, unit: str, curves: int) -> None:

@@ -68,7 +68,7 @@ def assert_still(run: Running, rows: np.ndarray[Any, Any], asked: int, command: 
 @pytest.mark.parametrize(("what", "seconds"), [("local stop", 60), ("fault", 20), ("e-stop", 20)])
 def test_no_client_ends_a_stop_that_is_not_its_own(tmp_path: Path, what: str, seconds: float) -> None:
     # A setpoint that isn't there yet is no number, and an emergency input that is none stops.
-    estop = ["--set", "emergency=[{signal: client.position, when: 9}]"] if what == "e-stop" else []
+    estop = ["--set", "emergency=[{signal: client.position, element: abduction, when: 9}]"] if what == "e-stop" else []
     arguments = ("finger-jog", "--sim", "--record", "x.rrd", "--duration", "200", *estop)
     with Running(tmp_path, *arguments, instance="finger-jog") as run:
         run.started()

@@ -153,8 +153,8 @@ def _load(group: str, name: str, place: str) -> Any:
     return {"drivers": Toy, "controllers": Law}[group]
 
 
-CLIENT = "setpoints: {client.position: {shape: [2], unit: rad, max_age: 0.05}}"
-ESTOPS = ", ".join(f"{{signal: panel.buttons, index: {i}}}" for i in range(4))
+CLIENT = "setpoints: {client.position: {shape: [2], unit: rad, labels: [a, b], max_age: 0.05}}"
+ESTOPS = ", ".join(f"{{signal: panel.buttons, element: {name}}}" for name in BUTTONS)
 
 
 def wired(arm: str = "arm", emergency: str = ESTOPS, more: str = "", client: bool = False) -> Graph:

@@ -53,8 +53,8 @@ def _request(kind: RequestKind, s: dict[str, Any]) -> Request | None:
 def _cycles(steps: list[dict[str, Any]], automatic: bool, standing: Latch) -> Any:
     """Runs them; yields what each cycle began with and ended with."""
     graph = wired(
-        emergency="{signal: panel.buttons, index: 0, category: retract}",
-        more="reset: {inputs: [{signal: panel.buttons, index: 2}], bus: [bus, fault]}",
+        emergency="{signal: panel.buttons, element: first, category: retract}",
+        more="reset: {inputs: [{signal: panel.buttons, element: third}], bus: [bus, fault]}",
     )
     cycle = Cycle(graph, limits_of(graph), automatic, standing)
     ints, views = graph.row.ints, graph.row.views

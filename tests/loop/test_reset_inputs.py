@@ -14,7 +14,7 @@ from runtime.ipc.words import CYCLE, Latch, Origin, State
 from runtime.loop import device as device_module
 from runtime.loop.replay import replay
 
-RESET = "reset: {inputs: [{signal: panel.buttons, index: 2}]}"
+RESET = "reset: {inputs: [{signal: panel.buttons, element: third}]}"
 
 
 def pressed_at(*cycles: int, count: int = 160, held: int = 5, tmp_path: Path) -> Bench:
@@ -128,7 +128,7 @@ def test_what_a_button_gave_before_its_device_was_lost_is_no_release_after_it(
 
 
 def test_a_press_is_refused_as_other_resets_are_and_limited(tmp_path: Path) -> None:
-    b = Bench(tmp_path, emergency="{signal: panel.buttons, index: 1}", more=RESET)
+    b = Bench(tmp_path, emergency="{signal: panel.buttons, element: second}", more=RESET)
 
     def script(k: int) -> None:
         b.panel.values["buttons"][1] = k >= 50  # an emergency input stays pressed

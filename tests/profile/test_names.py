@@ -57,6 +57,23 @@ def test_the_buttons_may_stand_in_any_order(order: tuple[str, ...]) -> None:
     assert read(graph, 0, "buttons") == {name: ord(name) for name in BUTTONS}
 
 
+@pytest.mark.parametrize("order", [*permutations(("stop", "go", "left", "right"))], ids="-".join)
+def test_the_e_stop_is_the_button_of_its_name(monkeypatch: pytest.MonkeyPatch, order: tuple[str, ...]) -> None:
+    graph = foreign(
+        monkeypatch,
+        {"panel": ((joints("buttons", *order),), (command("goal", "k"),))},
+        {"law": ((joints("x", "go"),), (joints("q", "k"),))},
+        "in: {x: panel.buttons}, out: {q: panel.goal}",
+        "emergency: [{signal: panel.buttons, element: stop}]\n"
+        "reset: {inputs: [{signal: panel.buttons, element: left}]}",
+    )
+    graph.row.views["panel.buttons"][:] = [ord(name[0]) for name in order]
+    found = [graph.element(entry).item() for entry in (*graph.profile.emergency, *graph.profile.reset.inputs)]
+    assert found == [ord("s"), ord("l")]
+    assert graph.layout.meta["emergency"] == ["panel.buttons[stop]"]
+    assert untaken(graph) == ["panel.buttons[right]"]
+
+
 @pytest.mark.parametrize("moved", range(6))
 @pytest.mark.parametrize("to", range(6))
 def test_a_clients_joints_may_stand_in_any_order(moved: int, to: int) -> None:

@@ -29,12 +29,13 @@ def test_lines_pick_elements_and_distances_are_euclidean() -> None:
     plot = Plot(
         title="p",
         unit="m",
-        lines={"a": "hand.tips[1,2]", "q": "world.finger"},
+        lines={"a": "hand.tips[index,2]", "old": "hand.tips[1,2]", "q": "world.finger"},
         distance={"d": ("hand.tips[0]", "world.tip")},
     )
     curves = plot.curves(layout, rows)
-    assert list(curves) == ["a", "q abduction", "q mcp", "q pip", "q dip", "d"]
+    assert list(curves) == ["a", "old", "q abduction", "q mcp", "q pip", "q dip", "d"]
     assert np.array_equal(curves["a"], tips[:, 1, 2])
+    assert np.array_equal(curves["old"], curves["a"])  # recordings of earlier versions
     assert np.array_equal(curves["q pip"], q[:, 2])
     assert np.allclose(curves["d"], np.sqrt(((tips[:, 0] - tip) ** 2).sum(axis=1)), rtol=1e-14)
 
@@ -51,6 +52,8 @@ def test_series_are_named_by_labels_and_axes() -> None:
     [
         ({"a": "world.fingr"}, {}, "Did you mean 'world.finger'"),
         ({"a": "world.finger[4]"}, {}, "shaped \\(4,\\)"),
+        ({"a": "world.finger[pib]"}, {}, "has no 'pib'.*Did you mean 'pip'"),
+        ({"a": "world.finger[pip,0]"}, {}, "Name fewer axes"),
         ({}, {"d": ("hand.tips", "world.tip")}, "not \\(3,\\)"),
     ],
 )
@@ -97,6 +100,14 @@ def test_each_element_of_a_command_is_plotted_as_asked_applied_and_measured() ->
     layout.add("finger.position", "state", (4,), "1")
     assert command_plots(layout)[0].lines["measured"] == "world.finger_position[0]"
     assert "measured" not in command_plots(make_layout())[0].lines
+
+
+def test_what_is_measured_in_another_order_is_found_by_name() -> None:
+    layout = make_layout()
+    layout.add("finger.position", "state", (4,), "rad", labels=("dip", "pip", "mcp", "thumb"))
+    lines = {plot.title: plot.lines.get("measured") for plot in command_plots(layout)}
+    assert lines["finger.position mcp"] == "finger.position[mcp]"
+    assert lines["finger.position abduction"] is None  # it isn't measured
 
 
 def test_the_picture_shows_commands_plots_states_and_timing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
