@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from functools import lru_cache
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
+from runtime.contracts import terms
 from runtime.contracts.errors import RecordingError, nearest
 from runtime.contracts.field import Field
 from runtime.contracts.signals import Array, Signal
@@ -65,13 +67,25 @@ class Track:
         return [values[number] for values in self._values]
 
 
+# What recordings of earlier versions, which named few elements, had by shape.
+_EARLIER: Final = {3: terms.POINT, 4: terms.QUATERNION, 7: terms.POSE}
+_EARLIER_ROWS: Final = {"pose": terms.POSE, "wrench": terms.WRENCH, "twist": terms.TWIST}
+
+
 def _signal(field: Field, device: str) -> Signal:
+    labels, name = field.labels, field.name.removeprefix(f"{device}.")
+    usual = _EARLIER_ROWS.get(name.rpartition(".")[2], ())
+    if not labels and field.shape == (len(usual),):
+        labels = usual
+    rows = field.shape[0] if field.shape else 0
     return Signal(
-        name=field.name.removeprefix(f"{device}."),
+        name=name,
         shape=field.shape,
         unit=field.unit,
         frame=field.frame,
-        labels=field.labels,
+        labels=labels,
+        slots=field.slots or (rows > 1 and not labels),
+        components=field.components or tuple(_EARLIER.get(n, tuple(map(str, range(n)))) for n in field.shape[1:]),
         visual=field.visual,  # type: ignore[arg-type]
         links=field.links,
     )

@@ -12,7 +12,7 @@ import time
 from typing import Any
 
 from drivers.zenoh.config import SignalEntry, ZenohConfig
-from drivers.zenoh.values import TYPES, Values, type_of
+from drivers.zenoh.values import TERMS, TYPES, Values, type_of
 from drivers.zenoh_link import Link, wire
 from drivers.zenoh_link.stamps import SourceTime
 from runtime.contracts.driver import Sensor
@@ -28,7 +28,7 @@ class _Source:
 
     def __init__(self, signal: Signal, entry: SignalEntry) -> None:
         self.entry, self.signal = entry, signal
-        self.values = Values(signal.name, signal.size, entry.labels, entry.field, entry.nan)
+        self.values = Values(signal.name, signal.size, signal.labels, entry.field, entry.nan)
         self.time = SourceTime()
         self.forget()
 
@@ -204,15 +204,21 @@ class Zenoh(Sensor):
                 raise DeviceError(
                     self.name, f"no runtime '{source.entry.instance}' answers at {self._config.port}", "Is it running?"
                 )
-            names = [name.removesuffix("/meta") for name in known]
-            raise DeviceError(self.name, f"there is no signal '{key}'", nearest(key, names))
+            keys = [name.removesuffix("/meta") for name in known]
+            raise DeviceError(self.name, f"there is no signal '{key}'", nearest(key, keys))
         signal, entry = source.signal, source.entry
+        if entry.type is not None and told.get("type") != entry.type:
+            raise DeviceError(self.name, f"'{key}' carries {told.get('type')}, expected {entry.type}", _KEY)
         shape, labels = (value if isinstance(value := told.get(name), list) else [] for name in ("shape", "labels"))
+        # A sender of an earlier version doesn't name the elements of a pose, nor any components.
+        names: tuple[str, ...] = tuple(map(str, labels)) or TERMS.get(str(told.get("type")), ())
+        components = told.get("components") or list(map(list, signal.components))
         for what, there, here in (
             ("shape", tuple(shape), signal.shape),
             ("unit", told.get("unit"), signal.unit),
             ("frame", told.get("frame") if entry.frame else None, entry.frame),
-            ("labels", sorted(map(str, labels)) if entry.labels else [], sorted(entry.labels)),
+            ("labels", sorted(names) if signal.labels else [], sorted(signal.labels)),
+            ("components", components, list(map(list, signal.components))),
         ):
             if there != here:
                 raise DeviceError(
@@ -220,8 +226,8 @@ class Zenoh(Sensor):
                     f"'{key}' has the {what} {_text(there)}, the profile expects {_text(here)}",
                     _KEY,
                 )
-        if entry.type is not None and told.get("type") != entry.type:
-            raise DeviceError(self.name, f"'{key}' carries {told.get('type')}, expected {entry.type}", _KEY)
+        if signal.labels:
+            source.values.follow(names)
 
     def _ask(self, key: str) -> dict[str, dict[str, Any]]:
         found = {}

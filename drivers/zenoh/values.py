@@ -61,7 +61,7 @@ class Values:
         Args:
             name: the signal's name, which decides the field of a JointState unless `field` does.
             size: number of values.
-            labels: joints in the wanted order; empty for the sender's order.
+            labels: elements in the wanted order; empty for the sender's order.
             field: see `SignalEntry.field`.
             nan: accept NaN.
         """
@@ -73,6 +73,11 @@ class Values:
         self._known = b""
         self._at = 0
         self._order: Array | None = None
+        self._sent: tuple[str, ...] = ()
+
+    def follow(self, names: tuple[str, ...]) -> None:
+        """Takes the sender's names of an array's rows, in its order: the message itself has none."""
+        self._sent, self._length = names, -1
 
     def read(self, kind: str, payload: bytes) -> Reading:
         """Returns a payload's values and stamp.
@@ -110,6 +115,10 @@ class Values:
                 f"it has {values.size} values, the signal {self._size}",
                 "Correct `shape`, or the key",
             )
+        names = TERMS.get(kind) or (self._sent if kind == messages.MULTI_ARRAY else ())
+        if names and self._labels and names != self._labels:
+            rows = self._rows(kind, list(names), len(names))
+            values, order = values[rows], rows if order is None else order[rows]
         stamp = -1
         if "header" in message:
             time = message["header"]["stamp"]
@@ -137,14 +146,19 @@ class Values:
         names = message["name"]
         if not self._labels or not names:
             return values, None
-        if sorted(names) != sorted(self._labels) or len(names) != values.size:
+        order = self._rows(messages.JOINT_STATE, names, values.size)
+        return values[order], order
+
+    def _rows(self, kind: str, names: list[str], count: int) -> Array:
+        """The places of the wanted values among the `count` rows that come with these names."""
+        if sorted(names) != sorted(self._labels) or len(names) != count:
             raise RequestError(
-                f"payload '{messages.JOINT_STATE}'",
-                f"its joints are {', '.join(names)}",
+                f"payload '{kind}'",
+                f"its elements are {', '.join(names)}",
                 f"Expected {', '.join(self._labels)}: correct `labels`, or the key",
             )
-        order = np.array([names.index(label) for label in self._labels])
-        return values[order], order
+        width = self._size // len(names)
+        return np.array([names.index(label) * width + i for label in self._labels for i in range(width)])
 
     def _learn(self, kind: str, payload: bytes, message: cdr.Message, order: Array | None) -> None:
         """Remembers the place of the values, if they are consecutive doubles."""

@@ -165,6 +165,8 @@ def describe(field: Field) -> dict[str, Any]:
         "unit": field.unit,
         "frame": field.frame,
         "labels": list(field.labels),
+        "slots": field.slots,
+        "components": [list(names) for names in field.components],
         "shape": list(field.shape),
     }
 

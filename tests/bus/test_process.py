@@ -77,7 +77,9 @@ with connect({str(one.run_folder.path)!r}) as client:
         "type": "std_msgs/msg/Float64MultiArray",
         "unit": "m",
         "frame": "palm",
-        "labels": [],
+        "labels": ["thumb", "index", "middle", "ring", "little"],
+        "slots": False,
+        "components": [["x", "y", "z"]],
         "shape": [5, 3],
     }
 

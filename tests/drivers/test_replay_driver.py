@@ -13,6 +13,7 @@ from helpers.zenoh import Still, bound
 from drivers.replay import Replay, ReplayConfig, track
 from runtime.contracts.driver import Driver
 from runtime.contracts.errors import DeviceError, DeviceLostError, RecordingError
+from runtime.contracts.terms import POINT, POSE
 from runtime.ipc.layout import Layout
 from runtime.ipc.words import LINK_CONNECTED
 from runtime.recording.reader import Recording, read
@@ -61,6 +62,20 @@ def replay(**options: Any) -> Replay:
     device = Replay("glove", ReplayConfig(**({"recording": "made.rrd", "device": "glove"} | options)))
     bound(device)
     return device
+
+
+def test_what_an_earlier_version_did_not_name_is_named() -> None:
+    layout = Layout(["mocap"])
+    for name, shape in (("wand.pose", (7,)), ("pose", (2, 7)), ("markers", (2, 3)), ("emg", (2, 5)), ("count", (1,))):
+        layout.add(f"mocap.{name}", "state", shape, "m")
+    rows = np.zeros((3, layout.width), np.int64)
+    rows[:, layout.int_names.index("now")] = rows[:, layout.int_names.index("mocap.stamp")] = range(1, 4)
+    rows[:, layout.int_names.index("mocap.link")] = LINK_CONNECTED
+    found = track.Track(Recording(Path("x.rrd"), layout, np.arange(1, 4), rows, [], [], 0), "mocap", 0.0, "x.rrd")
+    assert not any(signal.naming_fault() for signal in found.signals)
+    assert [signal.labels for signal in found.signals] == [POSE, (), (), (), ()]
+    assert [signal.slots for signal in found.signals] == [False, True, True, True, False]
+    assert [signal.components for signal in found.signals][1:3] == [(POSE,), (POINT,)]
 
 
 @pytest.mark.usefixtures("made")

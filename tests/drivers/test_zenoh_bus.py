@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.bus import JOINTS, Run, spawn
+from helpers.bus import FINGERS, JOINTS, Run, spawn
 from helpers.wait import until
 from helpers.zenoh import bound, certificates, cycles, lost, reopened
 
@@ -23,7 +23,14 @@ SIGNALS: dict[str, Any] = {
     "wrench": {"key": f"{PLACE}glove/wrench", "shape": [6], "unit": "N", "frame": "wrist"},
     "pose": {"key": f"{PLACE}glove/pose", "shape": [7], "unit": "m", "frame": "world"},
     "twist": {"key": f"{PLACE}glove/twist", "shape": [6], "unit": "m/s", "frame": "world"},
-    "tips": {"key": f"{PLACE}hand/tips", "shape": [5, 3], "unit": "m", "frame": "palm"},
+    "tips": {
+        "key": f"{PLACE}hand/tips",
+        "shape": [5, 3],
+        "unit": "m",
+        "frame": "palm",
+        "labels": list(reversed(FINGERS)),
+        "components": [["x", "y", "z"]],
+    },
 }
 
 
@@ -59,7 +66,7 @@ def test_every_message_of_the_bus_with_the_devices_own_stamps(tmp_path: Path) ->
         assert states["position"][[2, 1]].tolist() == [0.1, 0.2]  # put into the order asked for
         assert states["wrench"].tolist() == [1, 2, 3, 4, 5, 6]
         assert states["pose"].tolist() == [1, 2, 3, 0.5, -0.5, 0.5, -0.5]
-        assert states["tips"].ravel().tolist() == list(range(15))
+        assert states["tips"][::-1].ravel().tolist() == list(range(15))  # an array, too
         assert device.health.errors == 0
         assert device.health.message == ""  # a Float64MultiArray has its stamp in the attachment
         # The cycles end: what stands in the rows isn't repeated for fresh, and the device is lost.
@@ -69,6 +76,25 @@ def test_every_message_of_the_bus_with_the_devices_own_stamps(tmp_path: Path) ->
         assert device.health.stamp < at + 10_000_000
         other.run.paused.clear()
         reopened(device)
+    finally:
+        device.close()
+        other.close()
+
+
+@pytest.mark.parametrize(
+    ("key", "wanted", "said"),
+    [
+        ("tips", {"labels": ["thumb", "index", "middle", "ring", "pinkie"]}, "has the labels"),
+        ("tips", {"components": [["y", "x", "z"]]}, "has the components"),
+        ("position", {"labels": ["thumb", "index-1", "index-3"]}, "has the labels"),
+    ],
+)
+def test_a_sender_with_other_names_is_refused(tmp_path: Path, key: str, wanted: dict[str, Any], said: str) -> None:
+    other = Other(tmp_path)
+    device = remote(other.port, {key: SIGNALS[key] | wanted})
+    try:
+        with pytest.raises(DeviceError, match=said):
+            device.open()
     finally:
         device.close()
         other.close()

@@ -40,6 +40,47 @@ def xyz(kind: str, x: float, y: float, z: float) -> Any:
     return STORE.types[f"geometry_msgs/msg/{kind}"](x=x, y=y, z=z)
 
 
+def array(*values: float, shape: tuple[int, ...] | None = None) -> bytes:
+    return cdr.encode(messages.MULTI_ARRAY, messages.multi_array(np.reshape(values, shape or len(values))))
+
+
+def test_rows_of_an_array_are_followed_by_the_names_of_their_sender() -> None:
+    values = Values("tips", 6, ("thumb", "index"), None, False)
+    values.follow(("index", "thumb"))
+    read = values.read(messages.MULTI_ARRAY, array(1, 2, 3, 4, 5, 6, shape=(2, 3))).values
+    assert read.tolist() == [4, 5, 6, 1, 2, 3]
+    values.follow(("thumb", "index"))
+    assert values.read(messages.MULTI_ARRAY, array(1, 2, 3, 4, 5, 6, shape=(2, 3))).values.tolist() == [
+        1,
+        2,
+        3,
+        4,
+        5,
+        6,
+    ]
+    values.follow(("index", "ring"))
+    with pytest.raises(RequestError, match=r"its elements are index, ring. Expected thumb, index"):
+        values.read(messages.MULTI_ARRAY, array(1, 2, 3, 4, 5, 6))
+
+
+def test_a_sender_that_changes_the_order_of_its_joints_is_followed() -> None:
+    values = Values("position", 2, ("a", "b"), None, False)
+    for k, names in enumerate((["a", "b"], ["a", "b"], ["b", "a"], ["b", "a"], ["a", "b"])):
+        wanted = dict(zip(names, (k, 10 + k), strict=True))
+        read = values.read(messages.JOINT_STATE, joints(names, k, list(wanted.values()))).values
+        assert read.tolist() == [wanted["a"], wanted["b"]]
+
+
+def test_a_pose_comes_in_the_order_of_its_labels() -> None:
+    values = Values("pose", 7, ("qw", "qx", "qy", "qz", "x", "y", "z"), None, False)
+    pose = {"position": dict(zip("xyz", (1.0, 2.0, 3.0), strict=True))}
+    pose["orientation"] = dict(zip("wxyz", (4.0, 5.0, 6.0, 7.0), strict=True))
+    message = {"header": {"stamp": messages.time_of(5), "frame_id": ""}, "pose": pose}
+    for _ in range(3):  # field by field, then in place
+        read = values.read(messages.POSE, cdr.encode(messages.POSE, message)).values
+        assert read.tolist() == [4, 5, 6, 7, 1, 2, 3]
+
+
 def test_each_message() -> None:
     types = STORE.types
     force, torque = xyz("Vector3", 1, 2, 3), xyz("Vector3", 4, 5, 6)
@@ -109,7 +150,7 @@ def test_what_does_not_fit_is_refused() -> None:
     good = joints(["a", "b"], 5, [1.0, 2.0])
     for values, kind, payload, said in (
         (Values("position", 3, (), None, False), messages.JOINT_STATE, good, "2 values"),
-        (Values("position", 2, ("a", "x"), None, False), messages.JOINT_STATE, good, "its joints are a, b"),
+        (Values("position", 2, ("a", "x"), None, False), messages.JOINT_STATE, good, "its elements are a, b"),
         (Values("position", 2, (), None, False), messages.WRENCH, good, "WrenchStamped"),
         (Values("position", 2, (), None, False), "std_msgs/msg/String", good, "isn't read"),
         (Values("position", 2, (), None, False), messages.JOINT_STATE, joints(["a", "b"], 5, [1.0, np.nan]), "NaN"),

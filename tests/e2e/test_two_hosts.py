@@ -19,6 +19,7 @@ import pytest
 from helpers.run import Running, environment, srl
 from helpers.zenoh import certificates
 
+from drivers.cyberglove.protocol import LABELS
 from runtime.ipc.run_folder import RunFolder
 from runtime.ipc.words import LINK_STALE, Cause, State
 
@@ -118,7 +119,14 @@ def test_a_cut_cable_stops_the_limb_and_nothing_old_moves_it(
         "port": f"tls://{GLOVE}:{PORT}",
         "tls": tls["finger"].model_dump(),
         "silence": silence,
-        "signals": {"position": {"key": "srl/sixth_finger/state/glove/position", "shape": [22], "unit": "rad"}},
+        "signals": {
+            "position": {
+                "key": "srl/sixth_finger/state/glove/position",
+                "shape": [22],
+                "unit": "rad",
+                "labels": list(LABELS[22]),
+            },
+        },
     }
     with glove:
         glove.started()

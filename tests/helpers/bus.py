@@ -28,6 +28,7 @@ from runtime.ipc.run_folder import RunFolder
 from runtime.ipc.words import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, Cause, Latch, State
 
 JOINTS = ("thumb", "index-1", "index-2")
+FINGERS = ("thumb", "index", "middle", "ring", "little")
 
 
 def layout(name: str, rate: int, **bus: Any) -> Layout:
@@ -37,7 +38,8 @@ def layout(name: str, rate: int, **bus: Any) -> Layout:
     made.add("glove.wrench", "state", (6,), "N", frame="wrist")
     made.add("glove.pose", "state", (7,), "m", frame="world")
     made.add("glove.twist", "state", (6,), "m/s", frame="world")
-    made.add("hand.tips", "internal", (5, 3), "m", frame="palm", visual="points")
+    named = {"labels": FINGERS, "components": (("x", "y", "z"),)}
+    made.add("hand.tips", "internal", (5, 3), "m", frame="palm", visual="points", **named)
     made.add("finger.position_command", "command", (2,), "rad")
     made.add("finger.position_command.applied", "applied", (2,), "rad")
     made.add("finger.position_command.sent", "sent", (2,), "rad")

@@ -43,6 +43,7 @@ class FakeZenoh(Sensor, SampledFake):
         assert isinstance(config, ZenohConfig)
         assert isinstance(options, FakeZenohOptions)
         self._options = options
+        self._rows: dict[str, list[int] | slice] = {}  # of the truth, in the signal's order
         self._check()
         self._seen = 0
         self.sampled(sum(s.size for s in self.states), self._measure)
@@ -84,13 +85,21 @@ class FakeZenoh(Sensor, SampledFake):
                 raise WiringError(
                     place, f"'{source}' has shape {truth[source].shape}, the signal {signal.shape}", "Correct either"
                 )
+            there = truth[source].labels
+            if set(signal.labels) != set(there):
+                raise WiringError(
+                    place,
+                    f"'{source}' has {', '.join(there) or 'no names'}, the signal {', '.join(signal.labels) or 'none'}",
+                    "Give the signal the names of the world's truth under `labels`",
+                )
+            self._rows[name] = [there.index(label) for label in signal.labels] or slice(None)
 
     def _measure(self) -> Array:
         parts: list[Array] = []
         for signal in self.states:
             source = self._options.signals.get(signal.name)
             if source is not None and source in self.world.truth_arrays:
-                parts.append(self.world.truth_arrays[source].ravel())
+                parts.append(self.world.truth_arrays[source][self._rows[signal.name]].ravel())
             elif source is not None:
                 parts.append(np.zeros(signal.size))
             else:

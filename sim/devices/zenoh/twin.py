@@ -234,4 +234,14 @@ def _field(device: str, signal: Signal, entry: SignalEntry) -> Field:
                 f"It sends {', '.join(_NAME_OF)}",
             )
         term = entry.field or _NAME_OF[entry.type]
-    return Field(f"{device}.{term}", "state", 0, signal.shape, signal.unit, frame=signal.frame, labels=signal.labels)
+    return Field(
+        f"{device}.{term}",
+        "state",
+        0,
+        signal.shape,
+        signal.unit,
+        frame=signal.frame,
+        labels=signal.labels,
+        slots=signal.slots,
+        components=signal.components,
+    )
