@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Annotated, Any
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_validator
@@ -45,9 +46,9 @@ class To(Wire):
     signals: Annotated[tuple[str, ...], Field(alias="to", json_schema_extra={"type": ["string", "array"]})]
 
 
-def _long(key: str) -> BeforeValidator:
-    return BeforeValidator(lambda value: {key: value} if isinstance(value, str) else value)
+def _long(key: str) -> Callable[[Any], Any]:
+    return lambda value: {key: value} if isinstance(value, str) else value
 
 
-Input = Annotated[From, _long("from")]
-Output = Annotated[To, _long("to")]
+Input = Annotated[From, BeforeValidator(_long("from"), json_schema_input_type=str | From)]
+Output = Annotated[To, BeforeValidator(_long("to"), json_schema_input_type=str | To)]

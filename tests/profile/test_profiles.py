@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from pathlib import Path
 
 import pytest
@@ -26,3 +28,32 @@ def test_its_wiring_holds(name: str) -> None:
 @pytest.mark.parametrize("name", PROFILES)
 def test_srl_check_accepts_it(name: str, tmp_path: Path) -> None:
     assert f"{name}" in call(tmp_path, "check", name).stdout
+
+
+def test_srl_check_prints_what_goes_by_name_and_what_nothing_takes(tmp_path: Path) -> None:
+    text = profile.find("moca-man")[1].replace(
+        "{A: {pin: 2}, M: {pin: 3},", "{M: {pin: 3}, A: {pin: 2}, more: {pin: 6},"
+    )
+    (tmp_path / "turned.yaml").write_text(text)
+    said = call(tmp_path, "check", "turned.yaml").stdout
+    for line in (
+        r"panel.buttons +-> keys.buttons +4 1, by name",
+        r"    panel.buttons\[A\] +-> keys.buttons\[A\]",
+        r"  nothing takes panel.buttons\[more\], arm.effort, ",
+        r"    lower: joint1 -2.847, joint2 -1.712, ",
+        r"    velocity: vx 0.6, vy 0.5, wz 0.7",
+    ):
+        assert re.search(line, said), f"{line} isn't in {said}"
+    found = json.loads(call(tmp_path, "check", "turned.yaml", "--json").stdout)
+    wires = {wire["end"]: wire for wire in found["wiring"]}
+    assert wires["keys.buttons"]["elements"][0] == ["panel.buttons[A]", "keys.buttons[A]"]
+    assert wires["tool.q"]["elements"] == []
+    assert found["untaken"][0] == "panel.buttons[more]"
+    assert found["listed_limits"]["arm.torque_command"]["effort"]["joint5"] == 11.0
+
+
+def test_the_schema_takes_both_forms_of_a_wire(tmp_path: Path) -> None:
+    schema = json.loads(call(tmp_path, "check", "--schema").stdout)
+    wire = schema["$defs"]["ControllerEntry"]["properties"]["in"]["additionalProperties"]
+    assert {"type": "string"} in wire["anyOf"]
+    assert {"from", "map"} == set(schema["$defs"]["From"]["properties"])

@@ -1,0 +1,74 @@
+"""What is taken by name in a running loop: outputs, what is read back, feedback; the same bits in a replay."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.toy import JOINTS, Bench, Law, Toy, ToyConfig, _load
+
+from runtime.contracts import registry
+from runtime.contracts.controller import ControllerConfig
+from runtime.loop.replay import replay
+
+TURNED = JOINTS[::-1]
+
+
+class TurnedLaw(Law):
+    """Copies; it knows the joints in another order than the devices, and starts where they are."""
+
+    def __init__(self, name: str, config: ControllerConfig) -> None:
+        super().__init__(name, config)
+        self.inputs = tuple(replace(s, labels=TURNED) for s in self.inputs)
+        self.outputs = tuple(replace(s, labels=TURNED) for s in self.outputs)
+        self.began: list[float] = []
+
+    def reset(self) -> None:
+        self.began = self.applied["q"].tolist()
+
+
+class TurnedArm(Toy):
+    """Its position comes in another order than its command."""
+
+    def __init__(self, name: str, config: ToyConfig) -> None:
+        super().__init__(name, config)
+        if config.part == "arm":
+            self.states = tuple(replace(s, labels=TURNED) for s in self.states)
+            self.values["position"][:] = 0.2, 0.1  # elbow, shoulder
+
+    def write(self, now: int) -> None:
+        super().write(now)
+        self.values["position"][:] = self.sent[-1][::-1]
+
+
+@pytest.fixture
+def turned(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("helpers.toy.Law", TurnedLaw)
+    monkeypatch.setattr("helpers.toy.Toy", TurnedArm)
+    monkeypatch.setattr(registry, "load", _load)
+
+
+@pytest.mark.usefixtures("turned")
+def test_each_joint_follows_its_own_name_and_a_replay_finds_no_difference(tmp_path: Path) -> None:
+    b = Bench(tmp_path)
+
+    def move(k: int) -> None:
+        b.hand.values["position"][:] = 0.5 * np.sin(k / 40), 1.0  # shoulder, elbow
+
+    b.run(300, move)
+    rows = b.rows()[:-1]
+    layout = b.graph.layout
+    asked, applied, hand = (
+        layout.value(rows, name) for name in ("arm.command", "arm.command.applied", "hand.position")
+    )
+    begun = int(np.argmax(asked.any(axis=1)))
+    np.testing.assert_array_equal(asked[begun:], hand[begun:])
+    np.testing.assert_allclose(applied[-1], hand[-1], atol=0.05)
+    # It began where the arm was measured, and each joint went its own way from there.
+    (law,) = b.graph.controllers
+    assert isinstance(law, TurnedLaw)
+    assert law.began == [0.2, 0.1]
+    np.testing.assert_allclose(applied[begun], [0.1, 0.2], atol=0.02)
+    assert replay(layout, rows, "toy").identical
