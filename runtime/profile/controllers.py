@@ -177,6 +177,6 @@ def _renamed_with_its_command(
     """The map of the output whose rate or gravity part this one is: what is renamed there is renamed here."""
     bases = tuple(target.rpartition(".")[0] for target in wire.signals)
     for name, other in entry.outputs.items():
-        if other.signals == bases and made[name].labels == signal.labels:
+        if other.signals == bases and set(made[name].labels) == set(signal.labels):
             return other.map
     return {}

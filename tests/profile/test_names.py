@@ -16,6 +16,7 @@ from runtime.contracts.signals import Kind, Signal
 from runtime.contracts.terms import PLANAR, PLANAR_TWIST
 from runtime.profile import profile
 from runtime.profile.connections import connections, untaken
+from runtime.profile.names import link
 
 SERVOS = ("abduction", "flexion_1", "flexion_2", "flexion_3")
 BUTTONS = ("A", "M", "G", "P")
@@ -92,6 +93,15 @@ def test_a_clients_joints_may_stand_in_any_order(moved: int, to: int) -> None:
         graph.row.views["client.velocity"][:] = list(given.values())
         write(graph, 0, velocity=read(graph, 0, "target"))
         assert named(graph.row, "arm.velocity_command") == given
+
+
+def test_every_order_of_six_joints_is_followed_or_is_a_view() -> None:
+    own = joints("q", *UR)
+    for order in permutations(UR):
+        found = link(own, "law.q", {"arm.position": joints("position", *order)}, {}, "profile.yaml")
+        rows = found.rows or tuple(("arm.position", i) for i in range(6))
+        assert [order[row] for _, row in rows] == list(UR)
+        assert (found.rows is None) == (order == UR)
 
 
 def test_names_that_agree_are_views_into_the_row() -> None:

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from runtime.contracts.signals import Array
-from runtime.profile import profile
+from runtime.ipc.words import DEVICE, LINK_CONNECTED, State
+from runtime.loop.lockstep import Lockstep
+from runtime.profile import profile, wiring
 from srl.testing import Simulated, simulate
 
 SERVOS = ("abduction", "flexion_1", "flexion_2", "flexion_3")
@@ -94,3 +96,33 @@ def test_a_button_switches_the_mode_it_is_meant_for(names: tuple[str, ...]) -> N
     run = simulate(text, 0.6)
     last = {name: values[-1] for name, values in by_name(run, "keys.modes").items()}
     assert last == {"admittance": 0, "rotation": 0, "gripper_closed": 1, "locomotion": 0}
+
+
+UR = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+
+
+@pytest.mark.parametrize("whose", ["labels", "axes"])
+def test_the_joint_that_a_client_names_is_the_one_that_turns(whose: str) -> None:
+    text, listed = profile.find("ur-jog")[1], f"[{', '.join(UR)}]"
+    assert f"{whose}: {listed}" in text
+    text = text.replace(f"{whose}: {listed}", f"{whose}: [{', '.join(UR[1:] + UR[:1])}]")
+    lockstep = Lockstep(wiring.build(*profile.parse("profile.yaml", text), []))
+    row, layout = lockstep.graph.row, lockstep.graph.layout
+    client = row.devices[layout.devices.index("client")]
+    before = row.views["world.arm_position"].copy()
+    for k in range(200):
+        lockstep.sense()
+        client[DEVICE.stamp], client[DEVICE.link] = (
+            lockstep.count * lockstep.period,
+            client[DEVICE.link] | LINK_CONNECTED,
+        )
+        row.views["client.velocity"][:] = (
+            0.0 if k < 20 else [0.2 * (name == "elbow") for name in layout.fields["client.velocity"].labels]
+        )
+        if lockstep.act() is State.ACTIVE and k < 20:
+            before = row.views["world.arm_position"].copy()
+    turned = dict(
+        zip(layout.fields["world.arm_position"].labels, row.views["world.arm_position"] - before, strict=True)
+    )
+    assert turned.pop("elbow") > 0.02
+    assert max(map(abs, turned.values())) < 0.002
