@@ -22,6 +22,7 @@ from runtime.contracts.controller import Controller
 from runtime.contracts.driver import Driver
 from runtime.contracts.errors import DeviceLostError
 from runtime.contracts.signals import Array, Stop
+from runtime.contracts.terms import POSITION_OF
 from runtime.contracts.world import Twin
 from runtime.ipc.layout import Layout
 from runtime.ipc.words import State
@@ -79,6 +80,9 @@ def check_driver(driver: Driver) -> None:
             measured = states.get(command.feedback)
             assert measured is not None, f"{name}.{command.name}: there is no state '{command.feedback}'"
             assert measured.shape == command.shape, f"{name}.{command.name} and its feedback differ in shape"
+            elements, planar = set(measured.names), {POSITION_OF.get(n, n) for n in command.names}
+            same = command.size == 1 or elements in (set(command.names), planar)
+            assert same, f"{name}.{command.name} and its feedback differ in the names of their elements"
     bound(driver)
     driver.close()
     driver.stop(Stop.HOLD)

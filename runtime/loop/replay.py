@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
 from runtime.contracts import provenance
-from runtime.contracts.errors import RecordingError
+from runtime.contracts.errors import ProfileError, RecordingError, WiringError
 from runtime.contracts.signals import Limits
 from runtime.ipc import latches
 from runtime.ipc.layout import Layout
@@ -181,21 +181,22 @@ def _copy_devices(
 
 def _rebuild(layout: Layout, place: str) -> tuple[Graph, Cycle]:
     meta = layout.meta
+    remedy = f"Replay it with srl-runtime {meta['versions'].get('srl-runtime', '?')}"
     if layout.recorded_names != layout.int_names:
-        raise RecordingError(
-            place, "its rows have other words than this version's",
-            f"Replay it with srl-runtime {meta['versions'].get('srl-runtime', '?')}",
-        )  # fmt: skip
-    checked, source = profile.parse(meta["label"], meta["profile"], meta["overrides"])
-    graph = wiring.build(checked, source, None if not meta["simulated"] else meta["simulated"])
+        raise RecordingError(place, "its rows have other words than this version's", remedy)
+    try:
+        checked, source = profile.parse(meta["label"], meta["profile"], meta["overrides"])
+        graph = wiring.build(checked, source, None if not meta["simulated"] else meta["simulated"])
+    except (ProfileError, WiringError) as error:
+        problem = f"this version of srl doesn't take the recorded profile: {error.place}: {error.problem}"
+        raise RecordingError(place, problem, remedy) from None
     have = {n: (f.shape, f.unit, f.role) for n, f in graph.layout.fields.items() if f.role != "truth"}
     want = {n: (f.shape, f.unit, f.role) for n, f in layout.fields.items() if f.role != "truth"}
     if have != want:
         odd = sorted(set(have.items()) ^ set(want.items()))[0][0]
         raise RecordingError(
-            place, f"this version of srl builds other signals from the recorded profile (first: {odd})",
-            f"Replay it with srl-runtime {meta['versions'].get('srl-runtime', '?')}",
-        )  # fmt: skip
+            place, f"this version of srl builds other signals from the recorded profile (first: {odd})", remedy
+        )
     try:
         limits = {name: Limits(**{k: np.array(v) for k, v in value.items()}) for name, value in meta["limits"].items()}
         return graph, Cycle(graph, limits, meta["automatic"], latches.of_names(meta["latches"]))

@@ -11,6 +11,7 @@ from helpers.toy import JOINTS, Bench, Law, Toy, ToyConfig, _load
 
 from runtime.contracts import registry
 from runtime.contracts.controller import ControllerConfig
+from runtime.contracts.errors import RecordingError
 from runtime.loop.replay import replay
 
 TURNED = JOINTS[::-1]
@@ -72,3 +73,13 @@ def test_each_joint_follows_its_own_name_and_a_replay_finds_no_difference(tmp_pa
     assert law.began == [0.2, 0.1]
     np.testing.assert_allclose(applied[begun], [0.1, 0.2], atol=0.02)
     assert replay(layout, rows, "toy").identical
+
+
+@pytest.mark.usefixtures("turned")
+def test_a_recording_of_a_profile_that_went_by_places_is_refused_with_words(tmp_path: Path) -> None:
+    b = Bench(tmp_path)
+    b.run(10, lambda k: None)
+    layout = b.graph.layout
+    layout.meta["profile"] = layout.meta["profile"].replace("element: first", "index: 0")
+    with pytest.raises(RecordingError, match=r"emergency.0: `index: 0` is a place.*Replay it with srl-runtime"):
+        replay(layout, b.rows()[:-1], "toy")
