@@ -5,12 +5,16 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from helpers.names import Device, Law, command, joints
 
 from drivers.cyberglove.protocol import LABELS
 from runtime.contracts import registry
+from runtime.contracts.controller import ControllerConfig
+from runtime.contracts.driver import DeviceConfig
 from runtime.contracts.signals import Signal
 from runtime.control.hand.human_hand import SENSORS
 from runtime.profile import profile, wiring
+from srl.testing import check_controller, check_driver
 
 FAULTS: dict[str, tuple[dict[str, Any], str]] = {
     "nothing": ({"shape": (2,)}, "neither `labels` nor `slots`"),
@@ -61,3 +65,18 @@ def test_every_simulated_truth_names_its_elements(name: str) -> None:
 @pytest.mark.parametrize("sensors", [18, 22])
 def test_the_law_of_the_glove_knows_its_sensors_by_their_names(sensors: int) -> None:
     assert SENSORS[sensors] == LABELS[sensors]
+
+
+def test_a_package_learns_from_its_own_tests_that_names_are_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    bare = Signal(name="x", shape=(2,), unit="rad")
+    monkeypatch.setattr(Device, "declared", {"bare": ((bare,), ())})
+    monkeypatch.setattr(Device, "summary", "somebody else's")
+    with pytest.raises(AssertionError, match=r"Device.x: it has 2 rows and declares neither"):
+        check_driver(Device("bare", DeviceConfig()))
+    other = command("goal", "a", "b", feedback="x")
+    monkeypatch.setattr(Device, "declared", {"other": ((joints("x", "a", "c"),), (other,))})
+    with pytest.raises(AssertionError, match=r"Device.goal and its feedback differ in the names"):
+        check_driver(Device("other", DeviceConfig()))
+    monkeypatch.setattr(Law, "declared", {"law": ((bare,), ())})
+    with pytest.raises(AssertionError, match=r"Law.x: it has 2 rows"):
+        check_controller(Law("law", ControllerConfig()), {}, {})
