@@ -153,7 +153,7 @@ def _load(group: str, name: str, place: str) -> Any:
     return {"drivers": Toy, "controllers": Law}[group]
 
 
-CLIENT = "setpoints: {client.position: {shape: [2], unit: rad, labels: [a, b], max_age: 0.05}}"
+CLIENT = "setpoints: {client.position: {shape: [2], unit: rad, labels: [shoulder, elbow], max_age: 0.05}}"
 ESTOPS = ", ".join(f"{{signal: panel.buttons, element: {name}}}" for name in BUTTONS)
 
 

@@ -153,7 +153,7 @@ def test_an_actuator_whose_power_is_cut_during_a_clients_stop_latches(tmp_path: 
 
 def test_a_reset_that_waits_while_an_emergency_comes_and_goes_is_refused(tmp_path: Path) -> None:
     """One request is taken in a cycle: what waited behind others came before the person pressed."""
-    b = Bench(tmp_path, emergency="{signal: panel.buttons, index: 1}", standing=Latch.PERSON)
+    b = Bench(tmp_path, emergency="{signal: panel.buttons, element: second}", standing=Latch.PERSON)
 
     def script(k: int) -> None:
         b.panel.values["buttons"][1] = k == 50
@@ -168,7 +168,7 @@ def test_a_reset_that_waits_while_an_emergency_comes_and_goes_is_refused(tmp_pat
 
 def test_a_silent_client_hides_no_emergency_input_that_is_away(tmp_path: Path) -> None:
     """A client's silence doesn't block a reset. The unplugged e-stop beside it does."""
-    b = Bench(tmp_path, emergency="{signal: panel.buttons, index: 1}", client=True)
+    b = Bench(tmp_path, emergency="{signal: panel.buttons, element: second}", client=True)
     client = RequestWriter(b.run_folder.requests)
 
     def script(k: int) -> None:

@@ -78,7 +78,7 @@ def test_a_button_counts_only_while_it_can_be_read_and_after_it_was_seen_release
 @pytest.mark.parametrize("when", [0.0, 1.0])
 def test_a_button_whose_contact_bounces_as_it_is_let_go_does_not_reset(tmp_path: Path, when: float) -> None:
     """A button that is held over a stop: letting it go gives edges, too, and so does a contact that flickers."""
-    b = Bench(tmp_path, emergency="", more=RESET.replace("2}", f"2, when: {when}}}"))
+    b = Bench(tmp_path, emergency="", more=RESET.replace("third}", f"third, when: {when}}}"))
 
     def script(k: int) -> None:
         pressed = 45 <= k < 100 or k in (101, 103, 104) or k >= 150
@@ -93,7 +93,7 @@ def test_a_button_whose_contact_bounces_as_it_is_let_go_does_not_reset(tmp_path:
 
 def test_a_press_in_the_cycle_of_an_emergency_does_not_reset_after_it(tmp_path: Path) -> None:
     """The emergency input is released in the next cycle, in which the press would be taken."""
-    b = Bench(tmp_path, emergency="{signal: panel.buttons, index: 1}", more=RESET)
+    b = Bench(tmp_path, emergency="{signal: panel.buttons, element: second}", more=RESET)
 
     def script(k: int) -> None:
         b.panel.values["buttons"][1] = k == 100

@@ -177,8 +177,8 @@ class Slow(Toy):
         super().__init__(name, config)
         if name == "arm":
             axis = Command(
-                name="first", shape=(2,), unit="rad/s", kind=Kind.VELOCITY, feedback="position", stops=(Stop.BRAKE,),
-                period=0.04,
+                name="first", shape=(2,), unit="rad/s", labels=JOINTS, kind=Kind.VELOCITY, feedback="position",
+                stops=(Stop.BRAKE,), period=0.04,
             )  # fmt: skip
             self.commands = (axis, replace(axis, name="second"))
             self.home = {}
@@ -194,7 +194,7 @@ class Both(Law):
 
     def __init__(self, name: str, config: ControllerConfig) -> None:
         super().__init__(name, config)
-        self.outputs = tuple(Signal(name=n, shape=(2,), unit="rad/s") for n in ("first", "second"))
+        self.outputs = tuple(Signal(name=n, shape=(2,), unit="rad/s", labels=JOINTS) for n in ("first", "second"))
 
     def update(self, dt: float) -> None:
         for name, output in self.output.items():

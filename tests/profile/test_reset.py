@@ -14,7 +14,7 @@ from runtime.profile import profile, wiring
 @pytest.mark.parametrize("driver", [Zenoh, Replay])
 def test_what_comes_from_elsewhere_is_no_button(driver: type, monkeypatch: pytest.MonkeyPatch) -> None:
     """A client that publishes on the other machine's bus would release a person's stop as if it stood here."""
-    more = "reset: {inputs: [{signal: panel.buttons, index: 2}]}"
+    more = "reset: {inputs: [{signal: panel.buttons, element: third}]}"
     assert wired(emergency="", more=more)
     monkeypatch.setattr(Toy, "here", driver.here)
     with pytest.raises(WiringError, match=r"reset\.inputs\.0.*no button that a person presses here.*another machine"):
@@ -22,7 +22,7 @@ def test_what_comes_from_elsewhere_is_no_button(driver: type, monkeypatch: pytes
 
 
 def test_a_simulated_person_resets_no_real_limb() -> None:
-    loaded = profile.load("sixth-finger", ["reset.inputs=[{signal: glove.position}]"])
+    loaded = profile.load("sixth-finger", ["reset.inputs=[{signal: glove.position, element: thumb_roll}]"])
     assert wiring.build(*loaded, [])  # all simulated
     assert wiring.build(*loaded)
     with pytest.raises(WiringError, match="is simulated, and 'finger' is real"):
