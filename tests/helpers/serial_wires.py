@@ -37,6 +37,7 @@ from sim.devices.softhand.twin import SoftHandTwin
 from sim.world.cell import Cell, CellConfig
 
 PINS = (9, 10)
+JOINTS = ("abduction", "flexion_1")  # as the world calls its servos
 RANGE = (100, 17_500)  # ticks of the SoftHand
 DYNAMIXEL: dict[str, tuple[dict[str, float], float, float]] = {  # by mode: guard, amplitude, rate
     "position": ({"velocity": 3.0, "acceleration": 30.0}, 0.3, 3.0),
@@ -114,7 +115,8 @@ class FirmataWire(SerialWire):
     """Two hobby servos: no feedback, no watchdog, 1 us on the wire."""
 
     def __init__(self, patch: pytest.MonkeyPatch, to: Path) -> None:
-        servos = {f"joint{p}": {"pin": p, "lower": -1.5, "upper": 1.5, "home": 0.1} for p in PINS}
+        reach = {"lower": -1.5, "upper": 1.5, "home": 0.1}
+        servos = {joint: {"pin": pin, **reach} for joint, pin in zip(JOINTS, PINS, strict=True)}
         options = {"port": "/dev/null", "servos": servos}
         config = FirmataConfig.model_validate(options)
         driver = Firmata("device", config)
