@@ -57,10 +57,9 @@ def untaken(graph: Graph) -> list[str]:
     for field in graph.layout.fields.values():
         if field.role not in ("state", "setpoint") or field.name in whole:
             continue
-        left = [i for i in range(field.shape[0]) if i not in taken.get(field.name, ())]
         if field.name not in taken:
             found.append(field.name)
-        elif left:
+        elif left := [i for i in range(field.shape[0]) if i not in taken[field.name]]:
             found.append(f"{field.name}[{', '.join(_label(field, i) for i in left)}]")
     return found
 

@@ -28,10 +28,11 @@ class _Written:
 
     def add(self, made: Link, targets: Mapping[str, Signal], place: str) -> None:
         """Notes the rows that an output writes; each may be written once."""
-        rows = made.rows or [(made.far[0], i) for i in range(targets[made.far[0]].shape[0])]
-        for name, row in rows:
-            self.signals[name] = targets[name]
-            writers = self.rows.setdefault(name, {})
+        for name, signal in targets.items():  # one that is listed and gets no row lacks all of them
+            self.signals[name] = signal
+            self.rows.setdefault(name, {})
+        for name, row in made.rows or [(made.far[0], i) for i in range(_count(targets[made.far[0]]))]:
+            writers = self.rows[name]
             if row in writers:
                 raise WiringError(
                     self._b.source.place(place),
@@ -43,7 +44,11 @@ class _Written:
     def missing(self, name: str) -> str:
         """The first element of a signal that nobody writes; "" if there is none."""
         signal, writers = self.signals[name], self.rows[name]
-        return next((_element(signal, name, i) for i in range(signal.shape[0]) if i not in writers), "")
+        return next((_element(signal, name, i) for i in range(_count(signal)) if i not in writers), "")
+
+
+def _count(signal: Signal) -> int:
+    return signal.shape[0] if signal.shape else 1
 
 
 def _element(signal: Signal, name: str, row: int) -> str:
@@ -175,8 +180,8 @@ def _renamed_with_its_command(
     entry: ControllerEntry, signal: Signal, wire: To, made: dict[str, Signal]
 ) -> Mapping[str, str]:
     """The map of the output whose rate or gravity part this one is: what is renamed there is renamed here."""
-    bases = tuple(target.rpartition(".")[0] for target in wire.signals)
+    bases = {target.rpartition(".")[0] for target in wire.signals}
     for name, other in entry.outputs.items():
-        if other.signals == bases and set(made[name].labels) == set(signal.labels):
+        if set(other.signals) == bases and set(made[name].labels) == set(signal.labels):
             return other.map
     return {}

@@ -64,7 +64,7 @@ def link(
         _compare(near, name, signal, other, place, whole=_is_whole(near, signal))
     names = tuple(far)
     first = far[names[0]]
-    if _is_whole(near, first):
+    if any(_is_whole(near, signal) for signal in far.values()):
         if len(far) > 1 or renamed or near.slots != first.slots:
             raise WiringError(
                 place,

@@ -52,7 +52,7 @@ class Device(Driver):
     def __init__(self, name: str, config: DeviceConfig) -> None:
         super().__init__(name, config)
         self.states, self.commands = self.declared[name]
-        self.home = {c.name: np.arange(c.size, dtype=float) / 10 for c in self.commands}
+        self.home = {c.name: (np.arange(c.size) / 10).reshape(c.shape) for c in self.commands}
 
     def open(self) -> None: ...
 

@@ -256,3 +256,62 @@ def test_a_feedback_or_rate_of_other_joints_is_refused(monkeypatch: pytest.Monke
             {"law": ((joints("x", "k"),), (joints("q", "k", "l"),))},
             "in: {x: hand.position}, " + OUT,
         )
+
+
+def test_a_command_that_is_listed_and_gets_no_element_has_no_writer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It would stand at zero in the row, and the limb would go there."""
+    goal = (command("goal", "k", "l"),)
+    law = ((joints("x", "a"),), (joints("q", "k", "l"),))
+    wires = "in: {x: left.x}, out: {q: {to: [left.goal, right.goal], map: {k: left.k, l: left.l}}}"
+    with pytest.raises(WiringError, match=r"no controller writes 'right.goal\[k\]'"):
+        foreign(monkeypatch, {"left": ((joints("x", "a"),), goal), "right": ((), goal)}, {"law": law}, wires)
+
+
+def test_a_rate_that_is_listed_and_gets_no_element_has_no_writer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The guard would follow a rate of zero."""
+    goal = (command("goal", "k", "l"),)
+    rate = replace(joints("v", "left.k", "left.l"), unit="rad/s")
+    both = joints("q", "left.k", "left.l", "right.k", "right.l")
+    wires = (
+        "in: {x: left.x}, out: {q: {to: [left.goal, right.goal]}, v: {to: [left.goal.velocity, right.goal.velocity]}}"
+    )
+    with pytest.raises(WiringError, match=r"no controller writes 'right.goal.velocity\[k\]'"):
+        foreign(
+            monkeypatch,
+            {"left": ((joints("x", "a"),), goal), "right": ((), goal)},
+            {"law": ((joints("x", "a"),), (both, rate))},
+            wires,
+        )
+
+
+def test_slots_beside_names_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    device = {"hand": ((A, replace(SLOTS, name="marks", shape=(1,))), (command("goal", "k"),))}
+    wires = f"in: {{x: {{from: [hand.x, hand.marks]}}}}, {OUT}"
+    with pytest.raises(WiringError, match="without names on both sides"):
+        foreign(monkeypatch, device, {"law": ((A,), (joints("q", "k"),))}, wires)
+
+
+@pytest.mark.parametrize("order", [("left", "right"), ("right", "left")], ids="-".join)
+def test_a_rate_follows_its_commands_map_in_any_order_of_the_commands(
+    monkeypatch: pytest.MonkeyPatch, order: tuple[str, ...]
+) -> None:
+    goal = (command("goal", "k"),)
+    q = joints("q", "left.k", "right.k")
+    rates = ", ".join(f"{device}.goal.velocity" for device in order)
+    swap = "map: {left.k: right.k, right.k: left.k}"
+    graph = foreign(
+        monkeypatch,
+        {"left": ((joints("x", "a"),), goal), "right": ((), goal)},
+        {"law": ((joints("x", "a"),), (q, replace(q, name="v", unit="rad/s")))},
+        f"in: {{x: left.x}}, out: {{q: {{to: [left.goal, right.goal], {swap}}}, v: {{to: [{rates}]}}}}",
+    )
+    write(graph, 0, q={"left.k": 1, "right.k": 2}, v={"left.k": 1, "right.k": 2})
+    assert graph.row.views["right.goal"].tolist() == graph.row.views["right.goal.velocity"].tolist() == [1]
+    assert graph.row.views["left.goal"].tolist() == graph.row.views["left.goal.velocity"].tolist() == [2]
+
+
+def test_a_number_without_an_axis_is_listed_and_commanded(monkeypatch: pytest.MonkeyPatch) -> None:
+    one = Signal(name="q", shape=(), unit="rad")
+    device = {"hand": ((A, replace(one, name="load")), (command("goal", shape=()),))}
+    graph = foreign(monkeypatch, device, {"law": ((A,), (one,))}, f"{IN}, {OUT}")
+    assert untaken(graph) == ["hand.load"]
