@@ -197,6 +197,11 @@ def _rebuild(layout: Layout, place: str) -> tuple[Graph, Cycle]:
         raise RecordingError(
             place, f"this version of srl builds other signals from the recorded profile (first: {odd})", remedy
         )
+    for then in layout.fields.values():
+        now = graph.layout.fields[then.name].labels if then.name in graph.layout.fields else ()
+        if then.labels and now and then.labels != now:
+            problem = f"'{then.name}' was recorded as {', '.join(then.labels)}, this version has {', '.join(now)}"
+            raise RecordingError(place, problem, remedy)
     try:
         limits = {name: Limits(**{k: np.array(v) for k, v in value.items()}) for name, value in meta["limits"].items()}
         return graph, Cycle(graph, limits, meta["automatic"], latches.of_names(meta["latches"]))

@@ -75,6 +75,15 @@ def test_each_joint_follows_its_own_name_and_a_replay_finds_no_difference(tmp_pa
     assert replay(layout, rows, "toy").identical
 
 
+def test_a_recording_in_another_order_of_joints_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(registry, "load", _load)
+    b = Bench(tmp_path)
+    b.run(10, lambda k: None)
+    monkeypatch.setattr("helpers.toy.Toy", TurnedArm)
+    with pytest.raises(RecordingError, match=r"'arm.position' was recorded as .*Replay it with srl-runtime"):
+        replay(b.graph.layout, b.rows()[:-1], "toy")
+
+
 @pytest.mark.usefixtures("turned")
 def test_a_recording_of_a_profile_that_went_by_places_is_refused_with_words(tmp_path: Path) -> None:
     b = Bench(tmp_path)
