@@ -148,7 +148,12 @@ def _outputs(
             law.outputs[name] = Link(signal, full, wire.signals)
             continue
         far = {target: found for target, found in targets.items() if found is not None}
-        renamed = wire.map or _renamed_with_its_command(entry, signal, wire, made)
+        if 0 < len(far.keys() & commands.keys()) < len(far):
+            raise WiringError(
+                b.source.place(place), f"{', '.join(far)} are commands and what is beside them",
+                "Give each an output of its own",
+            )  # fmt: skip
+        renamed = wire.map or _renamed_with_its_command(entry, signal, wire)
         found = law.outputs[name] = link(signal, full, far, renamed, b.source.place(place), "to")
         for target, there in far.items():
             if target not in b.writers:
@@ -176,12 +181,8 @@ def _target(b: Builder, target: str, commands: dict[str, Command], place: str) -
     return None
 
 
-def _renamed_with_its_command(
-    entry: ControllerEntry, signal: Signal, wire: To, made: dict[str, Signal]
-) -> Mapping[str, str]:
-    """The map of the output whose rate or gravity part this one is: what is renamed there is renamed here."""
+def _renamed_with_its_command(entry: ControllerEntry, signal: Signal, wire: To) -> Mapping[str, str]:
+    """The map of the outputs whose rate or gravity part this one is: what is renamed there is renamed here."""
     bases = {target.rpartition(".")[0] for target in wire.signals}
-    for name, other in entry.outputs.items():
-        if set(other.signals) == bases and set(made[name].labels) == set(signal.labels):
-            return other.map
-    return {}
+    maps = [other.map for other in entry.outputs.values() if bases & set(other.signals)]
+    return {own: there for renamed in maps for own, there in renamed.items() if own in signal.names}

@@ -315,3 +315,21 @@ def test_a_number_without_an_axis_is_listed_and_commanded(monkeypatch: pytest.Mo
     device = {"hand": ((A, replace(one, name="load")), (command("goal", shape=()),))}
     graph = foreign(monkeypatch, device, {"law": ((A,), (one,))}, f"{IN}, {OUT}")
     assert untaken(graph) == ["hand.load"]
+
+
+@pytest.mark.parametrize("to", ["left.goal, right.goal.gravity", "right.goal.gravity, left.goal"])
+def test_an_output_goes_to_commands_or_to_what_is_beside_them(monkeypatch: pytest.MonkeyPatch, to: str) -> None:
+    torque = {"kind": Kind.TORQUE, "unit": "N m"}
+    devices = {"left": ((A,), (command("goal", "k", **torque),)), "right": ((), (command("goal", "l", **torque),))}
+    law = ((A,), (replace(joints("q", "k", "l"), unit="N m"), replace(joints("p", "l"), unit="N m")))
+    with pytest.raises(WiringError, match="are commands and what is beside them"):
+        foreign(monkeypatch, devices, {"law": law}, f"in: {{x: left.x}}, out: {{q: {{to: [{to}]}}, p: right.goal}}")
+
+
+def test_a_rate_of_some_of_the_joints_follows_the_map_of_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    devices = {"left": ((A,), (command("goal", "k", "l"),)), "right": ((), (command("goal", "m"),))}
+    law = ((A,), (joints("q", "k", "l", "m"), replace(joints("v", "k", "l"), unit="rad/s")))
+    wires = "in: {x: left.x}, out: {q: {to: [left.goal, right.goal], map: {k: l, l: k}}, v: left.goal.velocity}"
+    graph = foreign(monkeypatch, devices, {"law": law}, wires)
+    write(graph, 0, q={"k": 1, "l": 2, "m": 3}, v={"k": 1, "l": 2})
+    assert named(graph.row, "left.goal") == named(graph.row, "left.goal.velocity") == {"k": 2, "l": 1}
