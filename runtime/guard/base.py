@@ -119,6 +119,7 @@ class CommandGuard(ABC):
         resolution = np.broadcast_to(np.ravel(command.resolution), self.size).tolist()
         self._tracker = SentTracker(command.kind, patience, resolution)
         self._sent: Array | None = None
+        self._gravity: Array | None = None
         self._position: Array | None = None
         self._velocity: Array | None = None
         self._ready = False
@@ -134,25 +135,34 @@ class CommandGuard(ABC):
         position: Array | None = None,
         velocity: Array | None = None,
         sent: Array | None = None,
+        gravity: Array | None = None,
     ) -> None:
-        """Takes the arrays, which the runtime allocates once.
+        """Takes the arrays, which the runtime allocates once. The arrays that one kind doesn't read may be there.
 
         Args:
             applied: array that `step` and `stop` fill; C-contiguous.
             position: measured position, read by velocity and torque guards.
             velocity: measured velocity, read by torque guards.
             sent: what left for the device, read by `reseat`; NaN before the first command.
+            gravity: the gravity compensation contained in the desired torque, read by torque guards; None for a device
+                that adds its own.
         Raises:
             WiringError: an array that this kind needs is missing, or one has another shape.
         """
-        for name, array in (("applied", applied), ("position", position), ("velocity", velocity), ("sent", sent)):
+        arrays = {"applied": applied, "position": position, "velocity": velocity, "sent": sent, "gravity": gravity}
+        for name, array in arrays.items():
             if array is not None and array.shape != self.command.shape:
                 raise WiringError(
                     self.place,
                     f"{name} has shape {array.shape}, the command {self.command.shape}",
                     "Wire arrays of the command's shape",
                 )
-        self.applied, self._position, self._velocity, self._sent = applied, position, velocity, sent
+        self.applied, self._position, self._velocity = applied, position, velocity
+        self._sent, self._gravity = sent, gravity
+        self._bound()
+
+    def _bound(self) -> None:
+        """Further checks of the arrays by one kind of guard. Raises WiringError as `bind` does."""
 
     def reset(self, position: Array, velocity: Array | None = None) -> None:
         """Restarts the guard without a jump. Afterwards `applied` holds the first command.

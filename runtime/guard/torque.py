@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from runtime.contracts.errors import WiringError
-from runtime.contracts.signals import Array, Limits, Stop
+from runtime.contracts.signals import Limits, Stop
 from runtime.guard.base import CommandGuard, finite
 
 ZONE = 0.05  # of a joint's range: where the barrier's spring reaches the effort limit
@@ -77,32 +77,18 @@ class TorqueGuard(CommandGuard):
                 f"the joint-limit barrier needs both position limits, and {missing} is missing",
                 f"Add {missing} to {self.place} in the profile",
             )
-        self._gravity: Array | None = None
         self._g = [0.0] * self.size  # the newest finite value
         self._held: list[float | None] = [None] * self.size
         self._q, self._qd = [0.0] * self.size, [0.0] * self.size  # measured values, read by `_sensed`
         self._barriers = [self._barrier(i) for i in range(self.size)]
 
-    def bind(
-        self,
-        applied: Array,
-        position: Array | None = None,
-        velocity: Array | None = None,
-        sent: Array | None = None,
-        gravity: Array | None = None,
-    ) -> None:
-        """Takes the arrays as the base class does, and the gravity compensation.
-
-        `gravity` is the gravity compensation contained in the desired torque; None for a device that adds its own.
-        """
-        super().bind(applied, position, velocity, sent)
-        if position is None or velocity is None:
+    def _bound(self) -> None:
+        if self._position is None or self._velocity is None:
             raise WiringError(
                 self.place,
                 "a torque command needs the measured position and velocity",
                 "Use a device that measures both",
             )
-        self._gravity = gravity
 
     def _restart(self, position: list[float], velocity: list[float]) -> None:
         self._held = [None] * self.size

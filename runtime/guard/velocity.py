@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import sqrt
 
 from runtime.contracts.errors import WiringError
-from runtime.contracts.signals import Array, Stop
+from runtime.contracts.signals import Stop
 from runtime.guard.base import RETRACT_SPEED, CommandGuard, finite
 
 # Periods of motion reserved before a position limit. Near the limit the speed is distance / REACTION periods. With
@@ -22,21 +22,14 @@ class VelocityGuard(CommandGuard):
 
     needs = ("velocity", "acceleration")
 
-    def bind(
-        self,
-        applied: Array,
-        position: Array | None = None,
-        velocity: Array | None = None,
-        sent: Array | None = None,
-    ) -> None:
-        super().bind(applied, position, velocity, sent)
-        if position is None and (self.held_in or self.rest is not None):
+    def _bound(self) -> None:
+        if self._position is None and (self.held_in or self.rest is not None):
             raise WiringError(
                 self.place,
                 "position limits or a rest position on a velocity command need the measured position",
                 "Use a device that measures it, or take lower, upper and rest out of the profile",
             )
-        self.velocity = applied
+        self.velocity = self.applied
 
     def _restart(self, position: list[float], velocity: list[float]) -> None:
         self._apply([0.0] * self.size)

@@ -14,7 +14,7 @@ import numpy as np
 
 from runtime.contracts.errors import DeviceError, WiringError, nearest
 from runtime.contracts.signals import Kind, Limits, Stop
-from runtime.guard import GUARDS, CommandGuard, TorqueGuard
+from runtime.guard import GUARDS, CommandGuard
 from runtime.guard.limits import merge
 from runtime.ipc import latches
 from runtime.ipc.requests import STATE_REQUESTS, Answer, Request, RequestKind
@@ -329,10 +329,7 @@ class Cycle:
         tolerance = entry.tolerance if entry is not None else 1e-3
         make, dt = GUARDS[a.command.kind], float(1 / profile.rate)
         guard = make(place, a.command, limits, dt, rest=a.home, tolerance=tolerance)
-        if isinstance(guard, TorqueGuard):
-            guard.bind(a.applied, a.measured, a.measured_velocity, a.sent, a.gravity)
-        else:
-            guard.bind(a.applied, a.measured, a.measured_velocity, a.sent)
+        guard.bind(a.applied, a.measured, a.measured_velocity, a.sent, a.gravity)
         return guard
 
 

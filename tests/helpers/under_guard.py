@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
@@ -142,7 +143,7 @@ def graph(setting: Setting, max_age: float | None) -> Graph:
 
 
 @dataclass
-class Wire:
+class Wire(ABC):
     """What a link and its far end must offer; see `helpers.wires`. `valve` makes the link a bad one."""
 
     setting: Setting
@@ -150,33 +151,33 @@ class Wire:
     now: int = 0  # ns, of both ends
     got: list[tuple[int, float]] = field(default_factory=list)
 
+    @abstractmethod
     def open(self, device: Device) -> None:
         """Opens the driver while the far end answers."""
-        raise NotImplementedError
 
+    @abstractmethod
     def advance(self, lost: bool) -> None:
         """Lets a period pass, until the driver could read what the far end has sent."""
-        raise NotImplementedError
 
+    @abstractmethod
     def settle(self) -> None:
         """Waits until the far end has all that the link has taken."""
-        raise NotImplementedError
 
     def serving(self) -> AbstractContextManager[object]:
         """The far end answers by itself meanwhile, for what blocks."""
         return nullcontext()
 
+    @abstractmethod
     def leave(self) -> None:
         """The device is gone."""
-        raise NotImplementedError
 
+    @abstractmethod
     def come_back(self) -> None:
         """Another device is in its place, or the same one elsewhere, just switched on."""
-        raise NotImplementedError
 
+    @abstractmethod
     def close(self) -> None:
         """Ends the far end."""
-        raise NotImplementedError
 
 
 class UnderGuard:
