@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-import time
 from collections import deque
 from typing import Final
 
@@ -19,6 +18,7 @@ import numpy as np
 from drivers.softhand import protocol
 from drivers.softhand.config import USUAL, SoftHandConfig
 from drivers.softhand.motor import Motor
+from drivers.softhand.opening import ANSWER, REMEDY, Opening, is_echo
 from drivers.softhand.protocol import Cmd, Frame, Parser
 from drivers.transport import Transport, open_transport
 from runtime.contracts.driver import Driver
@@ -28,9 +28,6 @@ from runtime.contracts.signals import Command, Kind, Limits, Signal, Stop
 COMMAND: Final = "position_command"
 PERIOD: Final = 0.05  # s: a command waits for the answer to the one before, over USB with a latency timer of 16 ms
 RESOLUTION: Final = 1e-3  # a tick of a hand with a short range
-TRIES: Final = 3
-ANSWER: Final = 0.2  # s, the timeout of the public API itself
-QUIET: Final = 0.05  # s without a byte after which a long answer has ended
 REPEAT: Final = 40_000_000  # ns between equal references
 ASK_IDLE: Final = 20_000_000  # ns between queries while there are no commands
 ASK_AGAIN: Final = 50_000_000  # ns without an answer after which a query is sent again, without a command
@@ -38,7 +35,6 @@ CHECK: Final = 100_000_000  # ns between queries whether the motor is on
 GONE: Final = 500_000_000  # ns without an answer after which the hand counts as lost
 PATIENCE: Final = 1_000_000_000  # ns that switching on the motor may take
 _LONG_AGO: Final = -(1 << 62)
-_REMEDY: Final = "Check its 24 V supply, the port, 'id' and 'baudrate', and the RS485 cable"
 
 
 class SoftHand(Driver):
@@ -109,9 +105,11 @@ class SoftHand(Driver):
         self.close()
         link = open_transport(self.config.port, place=self._place, baudrate=self.config.baudrate)
         try:
-            self._identify(link)
-            self._find_range(link)
-            self._arm(link)
+            opening = Opening(link, self._parser, self.config, self._place)
+            self._serial = opening.identify()
+            self._range, self._told = opening.find_range()
+            on, self._armed = opening.arm(self._queries[Cmd.SET_WATCHDOG])
+            self._surely_off = not on
         except BaseException:
             link.close()
             raise
@@ -136,7 +134,7 @@ class SoftHand(Driver):
                         self._take(found, now)
                 self._count()
             if now - self._heard > GONE:
-                raise DeviceLostError(self._place, f"no answer for {GONE / 1e9:g} s", _REMEDY)
+                raise DeviceLostError(self._place, f"no answer for {GONE / 1e9:g} s", REMEDY)
             self._keep_asking(link, now)
         except DeviceLostError as error:
             self.health.connected = False
@@ -245,7 +243,7 @@ class SoftHand(Driver):
                 self.health.stamp = self._asks.popleft()
         elif found.command == Cmd.GET_ACTIVATE and len(found.data) == 1:
             self._confirm(found.data[0] != 0)
-        elif found.command == Cmd.SET_WATCHDOG and not self._is_echo(found, self._queries[Cmd.SET_WATCHDOG]):
+        elif found.command == Cmd.SET_WATCHDOG and not is_echo(found, self._queries[Cmd.SET_WATCHDOG]):
             self._armed = any(found.data)
         else:
             return
@@ -332,72 +330,3 @@ class SoftHand(Driver):
         if self._link is None:
             raise DeviceLostError(self._place, "the hand isn't open", "Open it first")
         return self._link
-
-    # -- opening
-
-    def _identify(self, link: Transport) -> None:
-        """Identifies the hand by a query's answer: a ping's answer may look like an adapter's echo of the ping."""
-        self._parser.reset()
-        link.flush_input()
-        self._request(link, Cmd.GET_BOTH, b"", 10, "position and current")
-        found = self._exchange(link, protocol.frame(self.config.id, Cmd.PING), Cmd.PING, 4)
-        self._serial = str(int.from_bytes(found.data, "big")) if found is not None else ""
-
-    def _find_range(self, link: Transport) -> None:
-        if self.config.limits is not None:
-            self._range = protocol.Limits(*self.config.limits)
-            self._told = f"range {self._range.open} to {self._range.closed} ticks, by the profile"
-            return
-        found = None
-        for _ in range(TRIES):
-            link.flush_input()
-            link.write_all(protocol.frame(self.config.id, Cmd.PARAMETERS, b"\0\0"), ANSWER)
-            raw = link.read_wait(ANSWER)
-            while len(raw) < 1 << 16 and (more := link.read_wait(QUIET)):
-                raw += more
-            found = protocol.parse_limits(raw, self.config.id)
-            if found is not None:
-                break
-        self._range = found or USUAL
-        source = "by the hand itself" if found else "assumed: the hand doesn't tell; give 'limits' to be sure"
-        self._told = f"range {self._range.open} to {self._range.closed} ticks, {source}"
-
-    def _arm(self, link: Transport) -> None:
-        """Arms the watchdog, unless the motor is on: a hand whose host died would release the object it holds."""
-        on = self._request(link, Cmd.GET_ACTIVATE, b"", 1, "its motor's state").data[0] != 0
-        self._surely_off = not on
-        self._armed = not self.config.watchdog
-        if on and not self._armed:
-            return  # the first command arms it
-        found = self._exchange(link, self._queries[Cmd.SET_WATCHDOG], Cmd.SET_WATCHDOG, 1)
-        self._armed = self._armed or (found is not None and any(found.data))
-        if not self._armed:
-            what = "refuses" if found is not None else "doesn't acknowledge"
-            raise DeviceError(
-                self._place,
-                f"the hand {what} its watchdog, so it would go on when this program dies",
-                "Update its firmware, or accept that with 'watchdog: 0'",
-            )
-
-    def _request(self, link: Transport, command: Cmd, data: bytes, size: int, what: str) -> Frame:
-        found = self._exchange(link, protocol.frame(self.config.id, command, data), command, size)
-        if found is None:
-            raise DeviceError(
-                self._place, f"no SoftHand with id {self.config.id} answered when asked for {what}", _REMEDY
-            )
-        return found
-
-    def _exchange(self, link: Transport, request: bytes, command: int, least: int) -> Frame | None:
-        """Returns the answer with at least `least` bytes of data: an adapter's echo of a query has none."""
-        for _ in range(TRIES):
-            link.write_all(request, ANSWER)
-            deadline = time.monotonic() + ANSWER
-            while (left := deadline - time.monotonic()) > 0:
-                for found in self._parser.feed(link.read_wait(left)):
-                    mine = found.id == self.config.id and found.command == command
-                    if mine and len(found.data) >= least and not self._is_echo(found, request):
-                        return found
-        return None
-
-    def _is_echo(self, found: Frame, request: bytes) -> bool:
-        return protocol.frame(found.id, found.command, found.data) == request
