@@ -18,6 +18,7 @@ import numpy as np
 from bench.pairs import PAIRS, Row, measure
 from runtime.contracts import rotation
 from runtime.contracts.controller import Controller
+from runtime.contracts.frames import IDENTITY
 from runtime.contracts.signals import Array
 from runtime.control.cobot.kairos_clik import KairosClik, KairosClikConfig
 from runtime.control.cobot.moca_impedance import MocaImpedance, MocaImpedanceConfig
@@ -30,7 +31,7 @@ from sim.world.robot_mjcf import add_arm
 
 BLOCK = 200  # solves measured one after another
 DT = 0.002  # s
-PLACE = (0.2, 0.0, 0.402)  # m, of the arm's base on the mobile base
+PLACE = (0.2, 0.0, 0.529)  # m, of the arm's base on the mobile base, over the ground
 POSTURES = 20
 
 
@@ -97,7 +98,7 @@ class Ours:
 
     def __init__(self, robot: RobotDescription) -> None:
         self._robot = robot
-        self._tool = _bound(ToolPose("tool", ToolPoseConfig(robot=robot.name, mount={"position": PLACE})))
+        self._tool = _bound(ToolPose("tool", ToolPoseConfig(robot=robot.name)))
         if robot is UR16E:
             same = {"base": 1.0, "arm": 1.0, "posture": 0.0}
             options = {"gain": (1 / DT,) * 6, "manipulation": same, "manipulability": 0.0, "speed": None}
@@ -137,7 +138,10 @@ class Ours:
 
 def _bound(controller: Controller) -> Controller:
     inputs, outputs = ({s.name: np.zeros(s.shape) for s in t} for t in (controller.inputs, controller.outputs))
-    controller.bind(inputs, outputs, {}, {p.name: np.array(p.default) for p in controller.parameters})
+    poses = {t.name: np.array(IDENTITY) for t in controller.transforms}
+    if "mount" in poses:
+        poses["mount"][:3] = PLACE
+    controller.bind(inputs, outputs, {}, {p.name: np.array(p.default) for p in controller.parameters}, poses)
     return controller
 
 
@@ -154,7 +158,6 @@ def pink(robot: RobotDescription) -> Solve:
 
     mount = np.eye(4)
     mount[:3, 3] = PLACE
-    mount[2, 3] += SUMMIT_XL.wheel_radius
     model = mobile_model(SUMMIT_XL, robot, mount)
     configuration = Configuration(model, model.createData(), pin.neutral(model))
     task, damping = FrameTask(FLANGE, **_costs()), DampingTask(cost=1.0)
@@ -195,6 +198,6 @@ def _mjcf(robot: RobotDescription) -> str:
         add(base, "joint", name=name, type=kind, axis=axis)
     add(base, "geom", type="box", size=(0.3, 0.3, 0.1), mass=100.0)
     x, y, z = PLACE
-    add_arm(mjcf, base, robot, "arm", 0.1, 0.0, pos=(x, y, z + SUMMIT_XL.wheel_radius))
+    add_arm(mjcf, base, robot, "arm", 0.1, 0.0, pos=(x, y, z))
     root.extend((mjcf.asset, mjcf.worldbody, mjcf.actuator))
     return tostring(root, encoding="unicode")

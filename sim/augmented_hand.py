@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from runtime.contracts.frames import Frames
 from runtime.contracts.gravity import DOWN
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import POINT
@@ -57,8 +58,8 @@ class AugmentedHand(World):
     Config = AugmentedHandConfig
     summary = "a 20-joint hand wearing robotic fingers, moved by a script or by a recording"
 
-    def __init__(self, config: AugmentedHandConfig, seed: int) -> None:
-        super().__init__(config, seed)
+    def __init__(self, config: AugmentedHandConfig, seed: int, frames: Frames | None = None) -> None:
+        super().__init__(config, seed, frames)
         self.wearer: Wearer = make_wearer(config.wearer, seed)
         self.duration = self.wearer.duration if np.isfinite(self.wearer.duration) else None
         self._config = config

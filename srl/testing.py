@@ -21,6 +21,7 @@ from runtime.contracts import registry
 from runtime.contracts.controller import Controller
 from runtime.contracts.driver import Driver
 from runtime.contracts.errors import DeviceLostError
+from runtime.contracts.frames import IDENTITY
 from runtime.contracts.signals import Array, Stop
 from runtime.contracts.terms import POSITION_OF
 from runtime.contracts.world import Twin
@@ -42,7 +43,8 @@ def bound(part: C) -> C: ...
 def bound(part: Driver | Controller) -> Driver | Controller:
     """Returns the driver or controller bound to its own arrays: zeros, and the parameters' defaults.
 
-    Every output of a controller counts as wired to a device, so `applied` has an array for it.
+    Every output of a controller counts as wired to a device, so `applied` has an array for it. Its transforms are the
+    identity: `controller.transform["mount"][:] = ...` before the first `reset` changes one that it reads then.
     """
     if isinstance(part, Driver):
         part.bind({s.name: np.zeros(s.shape) for s in part.states}, {c.name: np.zeros(c.shape) for c in part.commands})
@@ -52,6 +54,7 @@ def bound(part: Driver | Controller) -> Driver | Controller:
             {s.name: np.zeros(s.shape) for s in part.outputs},
             {s.name: np.zeros(s.shape) for s in part.outputs},
             {p.name: np.array(p.default) for p in part.parameters},
+            {t.name: np.array(IDENTITY) for t in part.transforms},
         )
     return part
 

@@ -38,6 +38,7 @@ class BaseConfig(PeerConfig):
     emergency: str | None = Field(
         "robotnik_base_hw/emergency_stop", description="topic of std_msgs/Bool, true: e-stop; null: none"
     )
+    frame: str | None = Field(None, description="frame of the profile's tree in which the odometry gives the pose")
     child_frame: str | None = Field(
         None, description="the odometry's child_frame_id; null: any that ends in base_link or base_footprint"
     )

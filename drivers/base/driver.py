@@ -51,8 +51,8 @@ class MobileBase(Driver):
         super().__init__(name, config)
         self._config = config
         self.states = (
-            Signal(name="pose", shape=(3,), unit="m, rad", labels=PLANAR),
-            Signal(name="twist", shape=(3,), unit=UNIT, labels=PLANAR_TWIST),
+            Signal(name="pose", shape=(3,), unit="m, rad", frame=config.frame, of=name, labels=PLANAR),
+            Signal(name="twist", shape=(3,), unit=UNIT, frame=name, of=name, labels=PLANAR_TWIST),
         )
         self.commands = (
             Command(

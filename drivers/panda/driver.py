@@ -53,6 +53,7 @@ class Panda(Driver):
     summary = "Franka Emika Panda or Franka Research 3: torque, velocity or position of the joints (FCI, 1 kHz)"
     gives = STATES
     takes = COMMANDS
+    links = ("flange",)
     max_age = 0.05
 
     def __init__(self, name: str, config: PandaConfig) -> None:

@@ -55,6 +55,7 @@ class Ur(Driver):
     summary = "Universal Robots e-Series arm, joint velocity or position at 500 Hz (RTDE)"
     gives = ("position", "velocity", "effort", "wrench", "pose", "speed_scaling", "buttons")
     takes = ("velocity_command", "position_command")
+    links = ("flange",)
     max_age = 0.04
 
     def __init__(self, name: str, config: UrConfig) -> None:

@@ -12,7 +12,7 @@ from runtime.contracts import registry
 from runtime.contracts.errors import WiringError
 from runtime.guard import GUARDS
 from runtime.profile import profile, wiring
-from runtime.profile.connections import connections, untaken
+from runtime.profile.connections import connections, transforms, untaken
 from runtime.profile.graph import Graph
 
 
@@ -44,6 +44,7 @@ def run(args: argparse.Namespace) -> int:
             "profile": checked.name,
             "rate_hz": float(checked.rate),
             "wiring": [asdict(connection) for connection in connections(graph)],
+            "transforms": transforms(graph),
             "untaken": untaken(graph),
             "commands": guards,
             "listed_limits": {name: listed_limits(graph, name) for name in guards},
@@ -60,6 +61,11 @@ def run(args: argparse.Namespace) -> int:
         print(f"  {c.start:<34} -> {c.end:<34} {c.form}" + ", by name" * bool(c.elements))
         for start, end in c.elements:
             print(f"    {start:<32} -> {end}")
+    for t in transforms(graph):
+        place = ", ".join(f"{v:g}" for v in t["position"]), ", ".join(f"{v:.6g}" for v in t["quaternion"])
+        by = f", measured by {', '.join(t['measured_by'])}" if t["measured_by"] else ""
+        print(f"  {t['name']:<34} {t['of']} in {t['into']}, from {t['from']}{by}")
+        print(f"    position {place[0]} m, quaternion {place[1]}" + " while what is measured is zero" * bool(by))
     if left := untaken(graph):
         print(f"  nothing takes {', '.join(left)}")
     for name, category in guards.items():

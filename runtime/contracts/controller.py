@@ -6,15 +6,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from pydantic import BaseModel, ConfigDict
-
+from runtime.contracts.options import Options
 from runtime.contracts.signals import Array, Signal
+from runtime.contracts.transforms import Transform
 
 
-class ControllerConfig(BaseModel):
+class ControllerConfig(Options):
     """A controller's options in the profile. Unknown keys are errors."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,6 +34,9 @@ class Controller(ABC):
         inputs: the signals it reads. The profile's `in:` must bind every one.
         outputs: the signals it writes. An output that `out:` does not name goes to `<controller>.<output>`.
         parameters: live parameters; `self.param["name"][()]`, a 0-d view, holds the value.
+        transforms: the transforms that it needs; `self.transform["name"]` (7,) is a pose: x y z (m), w x y z. Fixed
+            ones are there from `bind` on; measured ones are computed before each `reset` and `update`, and aren't
+            finite while what measures them isn't.
     """
 
     Config: type[ControllerConfig] = ControllerConfig
@@ -47,6 +48,8 @@ class Controller(ABC):
         self.inputs: tuple[Signal, ...] = ()
         self.outputs: tuple[Signal, ...] = ()
         self.parameters: tuple[Parameter, ...] = ()
+        self.transforms: tuple[Transform, ...] = ()
+        self.transform: Mapping[str, Array] = {}
         self.input: Mapping[str, Array] = {}
         self.output: Mapping[str, Array] = {}
         self.applied: Mapping[str, Array] = {}
@@ -58,6 +61,7 @@ class Controller(ABC):
         output: Mapping[str, Array],
         applied: Mapping[str, Array],
         param: Mapping[str, Array],
+        transform: Mapping[str, Array] | None = None,
     ) -> None:
         """Takes the arrays, which the runtime allocates once.
 
@@ -67,8 +71,10 @@ class Controller(ABC):
             applied: for each output wired to a device's command, the guarded command of the
                 cycle before (at activation: the measured position, or home).
             param: 0-d arrays by parameter name.
+            transform: (7,) poses by transform name.
         """
         self.input, self.output, self.applied, self.param = input, output, applied, param
+        self.transform = transform or {}
 
     @abstractmethod
     def reset(self) -> None:

@@ -86,6 +86,8 @@ class Driver(ABC):
     gives: tuple[str, ...] = ()
     takes: tuple[str, ...] = ()  # the same for the commands
     max_age: float = 0.0
+    # Its links that move with its joints; frames of the profile may hang on `DEVICE/LINK`. Its base has its own name.
+    links: tuple[str, ...] = ()
     # Whether its signals are given by what stands here, now. A button of anything else releases no person's stop.
     here: bool = True
 

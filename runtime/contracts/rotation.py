@@ -1,4 +1,4 @@
-"""Rotations: unit quaternions (w, x, y, z), rotation vectors (axis times angle, rad), matrices, Euler angles.
+"""Poses and rotations: unit quaternions (w, x, y, z), rotation vectors (axis times angle, rad), matrices, Euler angles.
 
 Functions that run once a cycle take plain numbers instead of arrays: for four values, numpy's own overhead is
 most of the cost. Functions for many rotations at once take arrays.
@@ -15,6 +15,7 @@ from runtime.contracts.signals import Array
 
 Quaternion = tuple[float, float, float, float]
 Vector = tuple[float, float, float]
+Pose = tuple[float, float, float, float, float, float, float]
 Order = Literal["XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX"]  # Euler angles: R = R_first(r1) R_second(r2) R_third(r3)
 T = TypeVar("T", float, Array)
 
@@ -209,27 +210,33 @@ def about_axis(axis: int, angle: Array) -> Array:
     return R
 
 
-def from_rpy(rpy: Vector) -> Array:
-    """The rotation matrix (3, 3) Rz(yaw) Ry(pitch) Rx(roll), rad, about fixed axes."""
-    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
+def from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
+    """The unit quaternion of Rz(yaw) Ry(pitch) Rx(roll), rad, about fixed axes."""
+    return product((cos(yaw / 2), 0.0, 0.0, sin(yaw / 2)), product((cos(pitch / 2), 0.0, sin(pitch / 2), 0.0),
+                   (cos(roll / 2), sin(roll / 2), 0.0, 0.0)))  # fmt: skip
 
 
-def transform(position: Vector | Array, R: Array) -> Array:
-    """The 4 x 4 transform with p_parent = R p_child + position."""
+# Rigid transforms are poses: x, y, z (m), w, x, y, z, as in `runtime.contracts.terms.POSE`.
+
+
+def composed(a: Pose, b: Pose) -> Pose:
+    """The pose in the outer frame of what has the pose b in the frame that has the pose a."""
+    q = (a[3], a[4], a[5], a[6])
+    x, y, z = turned(q, (b[0], b[1], b[2]))
+    return (a[0] + x, a[1] + y, a[2] + z, *product(q, (b[3], b[4], b[5], b[6])))
+
+
+def inverted(a: Pose) -> Pose:
+    """The pose of the outer frame in the frame that has the pose a."""
+    q = (a[3], -a[4], -a[5], -a[6])
+    x, y, z = turned(q, (a[0], a[1], a[2]))
+    return (-x, -y, -z, *q)
+
+
+def homogeneous(pose: Pose | Array) -> Array:
+    """The (4, 4) matrix T of a pose, p_outer = T p_inner; the quaternion is normalised first."""
+    x, y, z, *q = pose.tolist() if isinstance(pose, np.ndarray) else pose
     made = np.eye(4)
-    made[:3, :3] = R
-    made[:3, 3] = position
+    made[:3, :3] = matrix(normalised((q[0], q[1], q[2], q[3])))
+    made[:3, 3] = x, y, z
     return made
-
-
-def from_pose(pose: Array) -> Array:
-    """The 4 x 4 transform of a pose (x, y, z, qw, qx, qy, qz); the quaternion is normalised first."""
-    w, x, y, z = pose[3:] / np.linalg.norm(pose[3:])
-    return transform(pose[:3], matrix((w, x, y, z)))

@@ -21,7 +21,9 @@ class Signal:
         name: the field's standard term, as a slug: "position", "wrench", "tips".
         shape: e.g. (22,) or (5, 3).
         unit: SI: "rad", "m", "N", "N m", "rad/s"; "1" for a pure number or a button (0 or 1).
-        frame: the frame of its coordinates, in the profile's tree; None for joint space.
+        frame: the frame of its coordinates, in the profile's tree; None for joint space, or where it isn't known. A
+            law's signal may say `=INPUT`: the frame that this input's signal has.
+        of: the frame whose pose, twist or wrench it is; `=INPUT` as above.
         labels: a name for each row (joints, fingertips, x y z). Wiring goes by them, never by place. More than one row
             needs labels or `slots`; `runtime.contracts.terms` has the names of what lives in space.
         slots: the rows have no identity (unlabelled markers). They go as a whole to a port that takes slots.
@@ -36,6 +38,7 @@ class Signal:
     shape: tuple[int, ...]
     unit: str
     frame: str | None = None
+    of: str | None = None
     labels: tuple[str, ...] = ()
     slots: bool = False
     components: tuple[tuple[str, ...], ...] = ()

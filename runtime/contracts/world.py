@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
 from runtime.contracts.driver import DeviceConfig, Driver
+from runtime.contracts.frames import Frames
 from runtime.contracts.signals import Array, Signal
 
 
@@ -42,7 +43,9 @@ class World(ABC):
     Config: type[WorldConfig] = WorldConfig
     summary: str = ""
 
-    def __init__(self, config: WorldConfig, seed: int) -> None:
+    def __init__(self, config: WorldConfig, seed: int, frames: Frames | None = None) -> None:
+        """`frames`: the profile's tree, in which things stand; None: an empty one."""
+        self.frames = frames if frames is not None else Frames({})
         self.config = config
         self.seed = seed
         self.time = 0
@@ -88,7 +91,7 @@ class Fake(Driver):
         super().__init_subclass__()
         if cls.real is not None:
             own = {name for base in cls.__mro__[: cls.__mro__.index(Fake)] for name in vars(base)}
-            for name in {"Config", "summary", "gives", "takes", "max_age"} - own:
+            for name in {"Config", "summary", "gives", "takes", "max_age", "links"} - own:
                 setattr(cls, name, getattr(cls.real, name))
 
     def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:

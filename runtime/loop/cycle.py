@@ -13,6 +13,7 @@ from math import isfinite
 import numpy as np
 
 from runtime.contracts.errors import DeviceError, WiringError, nearest
+from runtime.contracts.frames import is_pose
 from runtime.contracts.signals import Kind, Limits, Stop
 from runtime.guard import GUARDS, CommandGuard
 from runtime.guard.limits import merge
@@ -90,7 +91,7 @@ class Cycle:
         self._stalls = [0.0 for a in graph.actuators]  # s for which its guard has begun anew in each cycle
         self._max_age = self._ages()
         self._count = len(graph.devices)
-        self._laws = [(law.controller, law.reads, law.writes) for law in graph.laws]
+        self._laws = [(law.controller, law.reads, law.measured, law.writes) for law in graph.laws]
         self._emergency = [(graph.element(e), e.when, self._device_of(e.signal)) for e in graph.profile.emergency]
         # A device without feedback starts at its `home` position, where the user has placed it: at the first
         # start and after a limp stop. After a loss it is near what was sent last and goes home slowly.
@@ -161,11 +162,14 @@ class Cycle:
         stamps, links = self._stamps.tolist(), self._links.tolist()  # plain integers: each costs a tenth of a numpy one
         fault: Fault | None = None
         trouble = False  # in what the stop depends on
+        # A quaternion of zeros is no pose: whoever measures it has lost sight of the frame.
+        blind = {device for device, pose in self.graph.sights if not is_pose(pose)}
         for i, max_age in enumerate(self._max_age):
             stamp, link = stamps[i], links[i]
             client = i >= self._count
             # A client that has not sent anything yet is not stale. A device without a sample is.
             stale = max_age > 0 and (abs(now - stamp) > max_age if stamp >= 0 else not client)
+            stale |= i in blind
             if stale != bool(link & LINK_STALE):
                 link ^= LINK_STALE
                 self._links[i] = link
@@ -218,10 +222,12 @@ class Cycle:
             return
         dt, floats = self._ints.item(_DT) * 1e-9, self.graph.row.floats
         fresh = self._was is not State.ACTIVE
-        for i, (controller, reads, writes) in enumerate(self._laws):
+        for i, (controller, reads, measured, writes) in enumerate(self._laws):
             try:
                 for index, array in reads:
                     floats.take(index, 0, array, "clip")
+                for transform in measured:
+                    transform.update()
                 if fresh:
                     controller.reset()
                 controller.update(dt)

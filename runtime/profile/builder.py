@@ -11,7 +11,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from runtime.contracts.errors import ProfileError, WiringError, nearest
-from runtime.contracts.frames import Frames
+from runtime.contracts.frames import FrameError, Frames
 from runtime.contracts.signals import Signal
 from runtime.ipc.layout import Layout
 from runtime.profile.profile import Profile, Source, first_error
@@ -26,7 +26,12 @@ class Builder:
         self.signals: dict[str, Signal] = {}
         self.writers: dict[str, str] = {}
         self.simulated = self._simulated(sim)
-        self.frames = Frames(profile.frames, source.label)
+        parts = profile.sim.options.get("parts") if profile.sim is not None else None
+        self.parts: list[str] = list(parts) if isinstance(parts, dict) else []  # of the simulated world
+        try:
+            self.frames = Frames(profile.frames, [*profile.devices, *self.parts])
+        except FrameError as error:
+            raise ProfileError(source.place("frames"), error.problem, error.remedy) from None
 
     def _simulated(self, sim: Iterable[str] | None) -> list[str]:
         if sim is None:
@@ -59,11 +64,12 @@ class Builder:
                 "Let only one of them write it, or give the other another name under `out:`",
             )
         self.named(signal, name, place)
-        if signal.frame is not None and self.profile.frames and signal.frame not in self.profile.frames:
-            raise WiringError(
-                self.source.place(place), f"'{name}' is in frame '{signal.frame}', which `frames:` doesn't have",
-                nearest(signal.frame, self.profile.frames),
-            )  # fmt: skip
+        for frame in (signal.frame, signal.of):
+            if frame is not None and self.profile.frames and not self.frames.has(frame):
+                raise WiringError(
+                    self.source.place(place), f"'{name}' is in frame '{frame}', which `frames:` doesn't have",
+                    nearest(frame, [*self.profile.frames, *self.profile.devices]),
+                )  # fmt: skip
         self.writers[name] = writer
         self.signals[name] = signal
         self.layout.add(
@@ -71,6 +77,10 @@ class Builder:
             frame=signal.frame, labels=signal.labels, visual=signal.visual, links=signal.links,
             slots=signal.slots, components=signal.components,
         )  # fmt: skip
+
+    def measured_by(self, signal: str) -> str | None:
+        """The frame whose pose a signal measures, by the profile."""
+        return next((name for name, entry in self.profile.frames.items() if entry.pose == signal), None)
 
     def named(self, signal: Signal, name: str, place: str) -> None:
         """Refuses a signal whose elements have no names: nothing could be wired to them but by place."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from runtime.contracts.field import Field
 from runtime.profile.builder import form
@@ -38,10 +39,28 @@ def connections(graph: Graph) -> list[Connection]:
     return found
 
 
+def transforms(graph: Graph) -> list[dict[str, Any]]:
+    """Returns the transforms that the laws were given, with where they come from."""
+    return [
+        {
+            "name": f"{law.controller.name}.{found.need.name}",
+            "text": found.need.text,
+            "of": found.path.source,
+            "into": found.path.target,
+            "position": list(found.pose[:3]),
+            "quaternion": list(found.pose[3:]),
+            "from": found.origin,
+            "measured_by": list(found.signals),
+        }
+        for law in graph.laws
+        for found in law.transforms
+    ]
+
+
 def untaken(graph: Graph) -> list[str]:
     """Returns what devices and clients give and nothing takes: signals, or elements of signals taken in part."""
     taken: dict[str, set[int]] = {}
-    whole = {frame.pose for frame in graph.profile.frames.values()}
+    whole = {name for law in graph.laws for found in law.transforms for name in found.signals}
     for wire in (wire for law in graph.laws for wire in law.inputs.values()):
         if wire.rows is None:
             whole.add(wire.far[0])

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from runtime.contracts import registry
 from runtime.contracts.driver import Driver
 from runtime.contracts.errors import WiringError, nearest
 from runtime.contracts.signals import Command, Kind, Signal
+from runtime.profile import transforms
 from runtime.profile.builder import Builder, form
 from runtime.profile.graph import Law
 from runtime.profile.names import Link, link
 from runtime.profile.profile import ControllerEntry
+from runtime.profile.transforms import in_frames
 from runtime.profile.wire import To
 
 # What a controller may give beside a command: the rate of a position, the gravity compensation that a torque contains.
@@ -70,8 +73,9 @@ def build(b: Builder, devices: list[Driver]) -> list[Law]:
         made.append(law)
         for signal in (*law.controller.inputs, *law.controller.outputs):
             b.named(signal, f"{name}.{signal.name}", f"{path}.use")
-        _inputs(b, law, entry, path, written)
-        _outputs(b, law, entry, path, commands, written)
+        bound = _inputs(b, law, entry, path, written)
+        law.transforms = transforms.find(b, law.controller, law.inputs, path)
+        _outputs(b, law, entry, path, commands, written, bound)
     for name in commands:
         if name not in b.writers:
             raise WiringError(
@@ -91,9 +95,11 @@ def build(b: Builder, devices: list[Driver]) -> list[Law]:
     return made
 
 
-def _inputs(b: Builder, law: Law, entry: ControllerEntry, path: str, written: _Written) -> None:
+def _inputs(b: Builder, law: Law, entry: ControllerEntry, path: str, written: _Written) -> dict[str, Signal]:
+    """Wires the inputs; returns the first signal that each is bound to."""
     controller = law.controller
     wanted = {s.name: s for s in controller.inputs}
+    bound: dict[str, Signal] = {}  # what each input has
     for name in entry.inputs:
         if name not in wanted:
             place = b.source.place(f"{path}.in.{name}")
@@ -121,14 +127,19 @@ def _inputs(b: Builder, law: Law, entry: ControllerEntry, path: str, written: _W
                     place, f"'{lacking}' isn't written before {controller.name}", "List this controller later"
                 )
         far = {source: b.signals[source] for source in wire.signals}
-        law.inputs[name] = link(signal, f"{controller.name}.{name}", far, wire.map, place)
+        law.inputs[name] = link(in_frames(signal, bound), f"{controller.name}.{name}", far, wire.map, place)
+        bound[name] = first = b.signals[wire.signals[0]]
+        if first.of is None and (measured := b.measured_by(wire.signals[0])) is not None:
+            bound[name] = replace(first, of=measured)
+    return bound
 
 
 def _outputs(
-    b: Builder, law: Law, entry: ControllerEntry, path: str, commands: dict[str, Command], written: _Written
-) -> None:
+    b: Builder, law: Law, entry: ControllerEntry, path: str, commands: dict[str, Command], written: _Written,
+    bound: Mapping[str, Signal],
+) -> None:  # fmt: skip
     controller = law.controller
-    made = {s.name: s for s in controller.outputs}
+    made = {s.name: in_frames(s, bound) for s in controller.outputs}
     for name in entry.outputs:
         if name not in made:
             place = b.source.place(f"{path}.out.{name}")

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from runtime.contracts.controller import Controller
 from runtime.contracts.driver import Driver
-from runtime.contracts.frames import Frames
+from runtime.contracts.frames import Frames, Measured
 from runtime.contracts.signals import Array, Command, Stop
 from runtime.contracts.world import World
 from runtime.ipc.layout import Layout
@@ -17,6 +17,7 @@ from runtime.ipc.row import Row
 from runtime.profile.element import Element
 from runtime.profile.names import Link
 from runtime.profile.profile import Profile, Source
+from runtime.profile.transforms import Found
 
 # Places among the row's float64 words, and the array of their values in another order. The index is made once, the
 # array isn't part of the row.
@@ -50,6 +51,8 @@ class Law:
         inputs, outputs: the wires, by input and output name.
         reads: what is taken from the row before it runs, because its order isn't the row's.
         writes: what is put into the row after it has run.
+        transforms: the transforms that it was given.
+        measured: those of them that are computed before it runs.
     """
 
     controller: Controller
@@ -57,6 +60,8 @@ class Law:
     outputs: dict[str, Link] = field(default_factory=dict)
     reads: list[Copy] = field(default_factory=list)
     writes: list[Copy] = field(default_factory=list)
+    transforms: tuple[Found, ...] = ()
+    measured: list[Measured] = field(default_factory=list)
 
 
 @dataclass
@@ -74,6 +79,7 @@ class Graph:
     frames: Frames
     simulated: list[str]
     intent: list[bool]  # by device index (setpoint owners included): True if its loss is a loss of intent
+    sights: list[tuple[int, Array]]  # (device, pose that it measures) of the frames that laws use
     reads: list[Copy]  # measured values whose order isn't their command's, taken before the guards look at them
 
     @property

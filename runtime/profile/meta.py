@@ -10,7 +10,10 @@ from runtime.contracts import provenance
 from runtime.contracts.controller import Parameter
 from runtime.contracts.driver import Driver
 from runtime.contracts.errors import RecordingError, WiringError, nearest
+from runtime.contracts.frames import FrameEntry, Frames
+from runtime.contracts.rotation import inverted
 from runtime.contracts.signals import Signal
+from runtime.contracts.terms import POSE
 from runtime.contracts.world import Fake
 from runtime.profile.graph import Law
 from runtime.profile.plots import indices, split
@@ -26,6 +29,7 @@ def describe(
     laws: list[Law],
     parameters: list[tuple[str, Parameter]],
     scenery: list[dict[str, Any]],
+    frames: Frames,
 ) -> dict[str, Any]:
     """Returns the layout's `meta`, which holds JSON types only."""
     return {
@@ -53,11 +57,33 @@ def describe(
         ],
         "emergency": [f"{e.signal}[{e.find(signals, '')}]" for e in profile.emergency],
         "setpoints": [{"name": n, "max_age": e.max_age} for n, e in profile.setpoints.items()],
-        "frames": {n: f.model_dump() for n, f in profile.frames.items()},
+        "frames": {n: f.model_dump() for n, f in _seen(frames, signals).items()},
         "scenery": scenery,
         "bus": profile.bus.model_dump() if profile.bus is not None else None,
         "record": {"plots": _plots(profile, source, signals, simulated)},
     }
+
+
+def _seen(frames: Frames, signals: Mapping[str, Signal]) -> dict[str, FrameEntry]:
+    """The frames as a viewer can place them: what hangs on a link follows the frame of it whose pose a signal gives."""
+    seen = dict(frames.entries)
+    links = {root for name in frames.entries if "/" in (root := frames.chain(name)[-1])}
+    for link in sorted(links):
+        hanging = {n for n in frames.entries if frames.chain(n)[-1] == link}
+        found = next(((n, s) for n, s in signals.items() if s.of in hanging and s.frame and s.labels == POSE), None)
+        if found is None:
+            for name in hanging:
+                del seen[name]
+            continue
+        name, signal = found
+        above = FrameEntry(parent=signal.frame, pose=name)
+        for frame in frames.chain(str(signal.of)):  # up to the link, each hangs on the one before
+            entry = seen.get(frame)
+            seen[frame] = above
+            if entry is not None:
+                x, y, z, *turn = inverted(entry.placed())
+                above = FrameEntry(parent=frame, position=(x, y, z), quaternion=(turn[0], turn[1], turn[2], turn[3]))
+    return seen
 
 
 def _plots(

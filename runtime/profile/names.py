@@ -138,6 +138,10 @@ def _compare(near: Signal, name: str, far: Signal, other: str, place: str, whole
             f"frames differ: {other} is in '{far.frame}', {name} expects '{near.frame}'",
             "Wire a signal in that frame",
         )
+    if far.of and near.of and far.of != near.of:
+        raise WiringError(
+            place, f"{other} is that of frame '{far.of}', {name} expects that of '{near.of}'", "Wire one of that frame"
+        )
 
 
 def _has(signal: Signal) -> str:

@@ -16,6 +16,7 @@ from runtime.contracts import registry
 from runtime.contracts.controller import Parameter
 from runtime.contracts.driver import Driver, Sensor
 from runtime.contracts.errors import ProfileError, WiringError, nearest
+from runtime.contracts.frames import Measured
 from runtime.contracts.signals import Array, Command, Signal
 from runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSE, POSITION_OF
 from runtime.contracts.world import World
@@ -26,6 +27,7 @@ from runtime.profile.graph import Actuator, Copy, Graph, Law
 from runtime.profile.meta import describe
 from runtime.profile.names import Link, link
 from runtime.profile.profile import Profile, Source
+from runtime.profile.transforms import Found
 
 LONGEST_PERIOD = 0.25  # s between commands; a slower device can't be told from a stalled link in time
 
@@ -54,7 +56,7 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
     _unused(b, laws, devices)
     layout = b.layout
     scenery = world.scenery if world is not None else []
-    layout.meta = describe(b.profile, b.source, b.signals, b.simulated, devices, laws, parameters, scenery)
+    layout.meta = describe(b.profile, b.source, b.signals, b.simulated, devices, laws, parameters, scenery, b.frames)
     keys.check(layout.fields, f"{b.source.label}: signal")
     row = Row(layout)
     for item in layout.meta["parameters"]:
@@ -65,10 +67,14 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
         if item.role == "sent":
             row.views[item.name][...] = np.nan  # nothing yet
     reads: list[Copy] = []
+    through = {name for law in laws for found in law.transforms for name in found.signals}
     fed = {name.partition(".")[0] for law in laws for wire in law.inputs.values() for name in wire.far}
+    fed |= {name.partition(".")[0] for name in through}
     graph = Graph(
         profile, source, layout, row, devices, laws, _actuators(b, devices, row, reads), world, b.frames,
-        b.simulated, [_is_intent(name, devices, fed) for name in names], reads,
+        b.simulated, [_is_intent(name, devices, fed) for name in names],
+        [(names.index(n.partition(".")[0]), row.views[n]) for n in sorted(through) if n.partition(".")[0] in names],
+        reads,
     )  # fmt: skip
     _bind(graph)
     return graph
@@ -78,7 +84,7 @@ def _world(b: Builder) -> World | None:
     if not b.simulated or b.profile.sim is None:
         return None
     cls = registry.load("worlds", b.profile.sim.world, b.source.place("sim.world"))
-    world: World = cls(b.options(cls.Config, b.profile.sim.options, "sim"), b.profile.seed)
+    world: World = cls(b.options(cls.Config, b.profile.sim.options, "sim"), b.profile.seed, b.frames)
     return world
 
 
@@ -174,14 +180,31 @@ def _unused(b: Builder, laws: list[Law], devices: list[Driver]) -> None:
     for i, entry in enumerate(b.profile.emergency):
         entry.find(b.signals, b.source.place(f"emergency.{i}"))
     _reset_inputs(b, devices)
+    _frames(b, devices)
+
+
+def _frames(b: Builder, devices: list[Driver]) -> None:
+    """Checks what the tree of frames says of devices' links and of signals."""
+    links = {d.name: d.links for d in devices if d.here}
     for name, frame in b.profile.frames.items():
-        if frame.pose is not None:
-            pose = b.signals.get(frame.pose)
-            if pose is None or pose.labels != POSE:
-                raise WiringError(
-                    b.source.place(f"frames.{name}.pose"), f"'{frame.pose}' is no pose signal ({', '.join(POSE)})",
-                    nearest(frame.pose, [n for n, s in b.signals.items() if s.labels == POSE]),
-                )  # fmt: skip
+        device, _, link = (frame.parent or "").partition("/")
+        if link and device in links and device not in b.parts and link not in links[device]:
+            problem = f"the driver of '{device}' knows no link '{link}'"
+            raise WiringError(b.source.place(f"frames.{name}.parent"), problem, nearest(link, links[device]))
+    poses = {name: signal for name, signal in b.signals.items() if signal.labels in (POSE, PLANAR)}
+    for name, frame in b.profile.frames.items():
+        if frame.pose is None:
+            continue
+        place = b.source.place(f"frames.{name}.pose")
+        if frame.pose not in poses:
+            problem = f"'{frame.pose}' is no pose signal ({', '.join(POSE)}, or {', '.join(PLANAR)})"
+            raise WiringError(place, problem, nearest(frame.pose, poses))
+        signal = poses[frame.pose]
+        if signal.frame is not None and signal.frame != frame.parent:
+            problem = f"'{frame.pose}' is given in '{signal.frame}', and the frame's parent is '{frame.parent}'"
+            raise WiringError(place, problem, f"Write `parent: {signal.frame}`")
+        if signal.of is not None and signal.of != name:
+            raise WiringError(place, f"'{frame.pose}' is the pose of '{signal.of}'", "Name a signal of this frame")
 
 
 def _reset_inputs(b: Builder, devices: list[Driver]) -> None:
@@ -316,10 +339,18 @@ def _bind(graph: Graph) -> None:
             {name: _array(row, wire, law.writes) for name, wire in law.outputs.items()},
             applied,
             {p.name: views[f"{controller.name}.{p.name}"] for p in controller.parameters},
+            {found.need.name: _transform(graph, found, law) for found in law.transforms},
         )
     if graph.world is not None:
         graph.world.bind({s.name: views[f"world.{s.name}"] for s in graph.world.truth})
-    graph.frames.bind(views)
+
+
+def _transform(graph: Graph, found: Found, law: Law) -> Array:
+    """A transform's pose (7,): its value, or what is computed each cycle."""
+    if not found.signals:
+        return np.array(found.pose)
+    law.measured.append(Measured(graph.frames, found.path, graph.row.views))
+    return law.measured[-1].pose
 
 
 def _array(row: Row, wire: Link, copies: list[Copy]) -> Array:

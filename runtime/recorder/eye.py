@@ -6,8 +6,8 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from runtime.contracts.field import Field
-from runtime.contracts.frames import FrameEntry
-from runtime.contracts.rotation import from_pose
+from runtime.contracts.frames import FrameEntry, as_pose
+from runtime.contracts.rotation import homogeneous
 from runtime.contracts.signals import Array
 from runtime.ipc.layout import Layout
 from runtime.recording.columns import Words
@@ -48,13 +48,12 @@ def look(layout: Layout, row: Words, shapes: list[Field]) -> rrb.EyeControls3D |
 
 def _to_root(layout: Layout, row: Words, frame: str | None) -> Array:
     """T with p_root = T p_frame, from the row's measured poses. It is not finite while one of them isn't known."""
-    entries = {n: FrameEntry(**f) for n, f in layout.meta.get("frames", {}).items()}
+    entries = {n: FrameEntry.recorded(f) for n, f in layout.meta.get("frames", {}).items()}
     T = np.eye(4)
     while frame in entries:
         entry = entries[frame]
-        own = entry.fixed()
+        own = homogeneous(entry.placed())
         if entry.pose in layout.fields:
-            with np.errstate(invalid="ignore", divide="ignore"):
-                own = own @ from_pose(layout.value(row, entry.pose))
+            own = own @ homogeneous(as_pose(layout.value(row, entry.pose)))
         T, frame = own @ T, entry.parent
     return T

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from runtime.contracts import rotation
 from runtime.contracts.field import Field
-from runtime.contracts.frames import FrameEntry
+from runtime.contracts.frames import FrameEntry, as_pose
+from runtime.contracts.rotation import homogeneous
 from runtime.ipc.layout import Layout
 from runtime.ipc.words import Cause, State
 from runtime.profile.plots import Plot, command_plots, profile_plots, series_names
@@ -55,7 +56,7 @@ class Scene:
     def __init__(self, columns: Columns) -> None:
         self._columns = columns
         self._layout = layout = columns.layout
-        self._frames = {n: FrameEntry(**f) for n, f in layout.meta.get("frames", {}).items()}
+        self._frames = {n: FrameEntry.recorded(f) for n, f in layout.meta.get("frames", {}).items()}
         self._plots = [*command_plots(layout), *profile_plots(layout)]
         self._shapes = {f.name: PALETTE[i % len(PALETTE)] for i, f in enumerate(visuals(layout))}
         self._state: dict[str, int] = {}
@@ -84,7 +85,7 @@ class Scene:
             labels = list(plot.curves(self._layout, np.zeros((1, self._layout.width), np.int64)))
             log(plot_path(plot), lines(labels))
         for name, frame in self._frames.items():
-            T = frame.fixed()
+            T = homogeneous(frame.placed())
             child = f"{name} mount" if frame.pose else name
             fixed = rr.Transform3D(
                 translation=T[:3, 3], mat3x3=T[:3, :3], parent_frame=frame.parent or ROOT, child_frame=child
@@ -161,15 +162,13 @@ class Scene:
         for name, frame in self._frames.items():
             if frame.pose is None or frame.pose not in self._layout.fields:
                 continue
-            pose = self._layout.value(thin, frame.pose)
-            norm = np.linalg.norm(pose[:, 3:], axis=1)
-            known = np.isfinite(pose).all(axis=1) & (norm > 0)  # a pose before the first sample is all zeros
+            poses = np.array([as_pose(pose) for pose in self._layout.value(thin, frame.pose)])
+            known = np.isfinite(poses).all(axis=1)  # a pose before the first sample is all zeros
             if known.any():
-                p = pose[known]
-                xyzw = p[:, [4, 5, 6, 3]] / norm[known, None]
+                p = poses[known]
                 measured = rr.Transform3D.columns(
                     translation=p[:, :3],
-                    quaternion=xyzw,
+                    quaternion=p[:, [4, 5, 6, 3]],
                     parent_frame=[f"{name} mount"] * len(p),
                     child_frame=[name] * len(p),
                 )

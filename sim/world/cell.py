@@ -15,9 +15,11 @@ from pydantic import Field, PlainValidator
 
 from runtime.contracts import registry
 from runtime.contracts.errors import WiringError, nearest
+from runtime.contracts.frames import Frames
 from runtime.contracts.gravity import DOWN
 from runtime.contracts.signals import Array
 from runtime.contracts.world import World, WorldConfig
+from sim.world import standing
 from sim.world.mjcf import add
 from sim.world.part import Mjcf, Part, PartConfig
 from sim.world.samples import Samples
@@ -58,13 +60,13 @@ class Cell(World):
     Config = CellConfig
     summary = "a scene composed of parts: arms, a mobile base, hands, sensors, a person, things"
 
-    def __init__(self, config: CellConfig, seed: int) -> None:
-        super().__init__(config, seed)
+    def __init__(self, config: CellConfig, seed: int, frames: Frames | None = None) -> None:
+        super().__init__(config, seed, frames)
         self.duration = config.duration
         self.parts: dict[str, Part] = {}
         for name, (cls, options) in config.parts.items():
             self.parts[name] = cls(name, options, seed)
-        self.model = mujoco.MjModel.from_xml_string(_document(config, self.parts))
+        self.model = mujoco.MjModel.from_xml_string(_document(config, self.parts, self.frames))
         self.data = mujoco.MjData(self.model)
         self.timestep = round(config.timestep * 1e9)
         self.step = 0
@@ -211,7 +213,7 @@ def _scenery(model: Any, data: Any) -> list[dict[str, Any]]:
     return found
 
 
-def _document(config: CellConfig, parts: dict[str, Part]) -> str:
+def _document(config: CellConfig, parts: dict[str, Part], frames: Frames) -> str:
     mjcf = Mjcf()
     root = Element("mujoco", model="cell")
     add(root, "compiler", angle="radian", autolimits=True)
@@ -222,21 +224,7 @@ def _document(config: CellConfig, parts: dict[str, Part]) -> str:
     add(mjcf.worldbody, "light", pos="0 -1 3", dir="0 0.3 -1", directional=True)
     if config.floor:
         add(mjcf.worldbody, "geom", name="floor", type="plane", size=(10.0, 10.0, 0.1), rgba="0.8 0.8 0.8 1")
-    waiting = dict(parts)
-    while waiting:
-        ready = {
-            name: part for name, part in waiting.items() if part.config.on is None or part.config.on in mjcf.bodies
-        }
-        if not ready:
-            name, part = next(iter(waiting.items()))
-            raise WiringError(
-                f"sim.parts.{name}.on",
-                f"no body is called '{part.config.on}'",
-                nearest(part.config.on or "", mjcf.bodies),
-            )
-        for name, part in ready.items():
-            part.build(mjcf, mjcf.worldbody if part.config.on is None else mjcf.bodies[part.config.on])
-            del waiting[name]
+    standing.build(mjcf, parts, frames)
     sections = (mjcf.asset, mjcf.worldbody, mjcf.tendon, mjcf.equality, mjcf.contact, mjcf.actuator, mjcf.sensor)
     root.extend(sections)
     return tostring(root, encoding="unicode")

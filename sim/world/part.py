@@ -8,21 +8,38 @@ from typing import Any, ClassVar
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from runtime.contracts.errors import WiringError
+from runtime.contracts.frames import IDENTITY, Placement
+from runtime.contracts.options import Options
+from runtime.contracts.rotation import Pose, composed
 from runtime.contracts.signals import Array, Signal
 from sim.world.mjcf import add
 
 
-class PartConfig(BaseModel):
+class Spot(Placement):
+    """A place without a name, for what only the simulated world has."""
+
+    parent: str | None = Field(None, description="a frame, or a part's body, PART/BODY; null: the world")
+
+
+class PartConfig(Options):
     """A part's options, under `sim.parts.<name>` next to the key `part`. Unknown keys are errors."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    gone: ClassVar[Mapping[str, str]] = {
+        "on": "write `at: FRAME`, `at: PART/BODY` or `at: {parent: PART/BODY, position: [...]}`",
+        "position": "write `at: FRAME` or `at: {position: [...]}`",
+        "quaternion": "write `at: FRAME` or `at: {quaternion: [...]}`",
+    }
 
-    on: str | None = Field(None, description="body it is mounted on, PART/BODY; None: the world")
-    position: tuple[float, float, float] = Field((0.0, 0.0, 0.0), description="m, of its base in that body's frame")
-    quaternion: tuple[float, float, float, float] = Field(
-        (1.0, 0.0, 0.0, 0.0), description="w, x, y, z, of its base in that body's frame"
+    at: str | Spot | None = Field(
+        None,
+        description="frame of `frames:`, or a part's body, where it stands; null: the frame with its name, if there is "
+        "one, else the world's origin",
+    )
+    off_by: Placement = Field(
+        Placement(), description="where it stands in that frame: how far the world differs from what the profile says"
     )
 
 
@@ -31,6 +48,8 @@ class Mjcf:
 
     Attributes:
         bodies: every body added with `body`, by name, so that other parts can be mounted on it.
+        carried: the frame that each part carries, by its name: the body that moves with it, and the frame's pose in
+            that body. Unless the part says otherwise it is its first body.
     """
 
     def __init__(self) -> None:
@@ -38,6 +57,7 @@ class Mjcf:
         self.tendon, self.equality, self.contact = Element("tendon"), Element("equality"), Element("contact")
         self.actuator, self.sensor = Element("actuator"), Element("sensor")
         self.bodies: dict[str, Element] = {}
+        self.carried: dict[str, tuple[Element, Pose]] = {}
 
     def body(self, parent: Element, name: str, **attributes: object) -> Element:
         """Adds a body on which other parts can be mounted by name."""
@@ -63,10 +83,17 @@ class Part(ABC):
         self.name, self.config, self.seed = name, config, seed
         self.truth: tuple[Signal, ...] = ()
         self.every = 0
+        self.stand: Pose = IDENTITY  # in the body that `build` is given; the world sets it
 
     @abstractmethod
     def build(self, mjcf: Mjcf, parent: Element) -> None:
-        """Adds its elements; `parent` is the body (or worldbody) on which it is mounted."""
+        """Adds its elements; `parent` is the body (or worldbody) on which it is mounted, at `self.at()`."""
+
+    def moves_freely(self, mjcf: Mjcf, parent: Element) -> None:
+        """For a part that moves freely: refuses to mount it on another one."""
+        if parent is not mjcf.worldbody:
+            problem = f"'{self.name}' moves freely, and can't be mounted on another part"
+            raise WiringError(f"sim.parts.{self.name}.at", problem, "Let it stand in the world")
 
     def bind(self, model: Any, data: Any) -> None:
         """Looks up its addresses in the compiled `mujoco.MjModel` and sets its start values in `mujoco.MjData`.
@@ -87,6 +114,7 @@ class Part(ABC):
     def restore(self, state: Array) -> None:
         """Restores a state returned by `save`."""
 
-    def at(self) -> dict[str, object]:
-        """Attributes that place its base body where the profile mounts it."""
-        return {"pos": self.config.position, "quat": self.config.quaternion}
+    def at(self, inside: Pose = IDENTITY) -> dict[str, object]:
+        """Attributes of a body that stands where the profile says, or has the pose `inside` there."""
+        pose = composed(self.stand, inside)
+        return {"pos": pose[:3], "quat": pose[3:]}

@@ -139,12 +139,14 @@ def task(name: str, setup: dict[str, Any]) -> Task:
     (px, py), (gx, gy) = setup["pick"], setup["place"]
     parts = {
         "arm": {"home": setup["arm_home"]},
-        "from": {"part": "box", "size": [width, depth, height], "position": [px, py, height / 2]},
-        "to": {"part": "box", "size": [width, depth, height], "position": [gx, gy, height / 2]},
+        "from": {"part": "box", "size": [width, depth, height], "at": {"position": [px, py, height / 2]}},
+        "to": {"part": "box", "size": [width, depth, height], "at": {"position": [gx, gy, height / 2]}},
         "load": {
             "part": "load",
-            "position": [px, py, height + setup["size"][2] / 2 + 0.001],
-            "quaternion": [0.7071067811865476, 0.0, 0.0, 0.7071067811865476],  # the bar across the fingers
+            "at": {
+                "position": [px, py, height + setup["size"][2] / 2 + 0.001],
+                "quaternion": [0.7071067811865476, 0.0, 0.0, 0.7071067811865476],
+            },  # the bar across the fingers
             "gripper": "hand",
             **{key: setup[key] for key in ("mass", "size", "grip", "reach")},
         },

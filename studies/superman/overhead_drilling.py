@@ -44,15 +44,15 @@ def task(person: Person, condition: str, a: dict[str, Any], name: str = "", hole
     parts: dict[str, Any] = {
         "plate": {
             "part": "drill-plate", "drill": "drill/tip", "thickness": _THICK, "rows": _ROWS, "columns": _COLUMNS,
-            "position": [
+            "at": {"position": [
                 first[0] + (_COLUMNS - 1) / 2 * _SPACING, first[1] + (_ROWS - 1) / 2 * _SPACING, first[2] + _THICK / 2
-            ],
+            ]},
         },
         "drill": drill,
         "person": person.options(overhead=True) | {"tool": "drill/tip", "plan": plan},
     }  # fmt: skip
     if condition == "HR":
-        parts["drill"] |= {"on": "arm/flange", "position": a["mount"]}
+        parts["drill"] |= {"at": {"parent": "arm/flange", "position": a["mount"]}}
         parts["arm"] = {"home": a["arm_home"]}
         mass, centre = _with_drill(a)
         changes = {
@@ -61,9 +61,9 @@ def task(person: Person, condition: str, a: dict[str, Any], name: str = "", hole
         }
         profile = "kairos-man"
     else:
-        parts["drill"] |= {"on": "person/hand", "position": a["drill_in_hand"]}
+        parts["drill"] |= {"at": {"parent": "person/hand", "position": a["drill_in_hand"]}}
         reach = a["drill_in_hand"][2] + _long(a)
-        parts["person"] |= {"on": None, "position": [tip[0], tip[1], tip[2] - reach]}
+        parts["person"] |= {"at": {"parent": None, "position": [tip[0], tip[1], tip[2] - reach]}}
         changes, profile = user_study.alone(parts), "moca-man"
     label = name or f"{person.name}-{condition}".lower()
     return Task(label, profile, changes, a["duration"], person.seed)

@@ -82,11 +82,11 @@ def task(condition: Condition, seed: int, a: dict[str, Any], name: str = "") -> 
         "sim": {
             "parts": {
                 "peg": {
-                    "part": "peg", "on": "arm/flange", "position": a["peg_position"],
+                    "part": "peg", "at": {"parent": "arm/flange", "position": a["peg_position"]},
                     "mass": a["peg_mass"], "length": a["peg_length"],
                 },
                 "hole": {
-                    "part": "hole", "position": a[f"hole_{condition.robot}"], "peg": "peg/tip",
+                    "part": "hole", "at": {"position": a[f"hole_{condition.robot}"]}, "peg": "peg/tip",
                     "diameter": a["diameter"], "chamfer": a["chamfer"],
                     "stiffness": a["contact"], "friction": a["friction"],
                 },

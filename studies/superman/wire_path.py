@@ -31,22 +31,27 @@ def task(person: Person, condition: str, a: dict[str, Any], name: str = "") -> T
     steps = wire_path(speed=person.follow, pauses=tuple(a["marks"]))
     buttons = 2 if condition == "HR" else 0
     steps = steps[2 - buttons : len(steps) - 2 + buttons]  # alone there are no buttons to press
+    turn = list(_ring_turn(a, condition))
     parts: dict[str, Any] = {
-        "wire": {"part": "wire", "position": a["wire"], "quaternion": a["wire_quaternion"], "marks": a["marks"]},
-        "ring": {"part": "ring", "quaternion": list(_ring_turn(a, condition))},
+        "wire": {
+            "part": "wire",
+            "at": {"position": a["wire"], "quaternion": a["wire_quaternion"]},
+            "marks": a["marks"],
+        },
+        "ring": {"part": "ring"},
         "person": person.options(overhead=False)
         | {"tool": "ring/centre", "plan": user_study.plan(steps, a["patience"])},
     }
     if condition == "HR":
-        parts["ring"] |= {"on": "arm/flange", "position": a["ring"]}
+        parts["ring"] |= {"at": {"parent": "arm/flange", "position": a["ring"], "quaternion": turn}}
         parts["arm"] = {"home": a["arm_home"]}
         changes = {"sim": {"ends_with": "person", "parts": parts}}
     else:
-        parts["ring"] |= {"on": "person/hand", "position": a["ring_in_hand"]}
-        parts["person"] |= {"on": None, "position": _hand(a)}
+        parts["ring"] |= {"at": {"parent": "person/hand", "position": a["ring_in_hand"], "quaternion": turn}}
+        parts["person"] |= {"at": {"parent": None, "position": _hand(a)}}
         size = a["weight_size"]
         parts["weight"] = {
-            "part": "box", "on": "person/hand", "position": a["weight_at"], "size": [size] * 3, "mass": a["weight"],
+            "part": "box", "at": {"parent": "person/hand", "position": a["weight_at"]}, "size": [size] * 3, "mass": a["weight"],
             "touches": False,
         }  # fmt: skip
         changes = user_study.alone(parts)

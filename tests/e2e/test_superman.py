@@ -193,9 +193,9 @@ def test_a_blocked_tip_presses_no_harder_than_hand_and_leash(tmp_path: Path, bod
         person["recording"] = {"file": str(tmp_path / "pushes.npz")}
         del sim["devices"]["panel"]["person"]
         sim["devices"]["panel"]["presses"] = {"A": [[0.5, 0.8]]}
-        low = {"size": [0.02, 0.02, 0.3], "mass": 0.05, "on": "arm/flange", "position": [0.0, 0.0, 0.15]}
+        low = {"size": [0.02, 0.02, 0.3], "mass": 0.05, "at": {"parent": "arm/flange", "position": [0.0, 0.0, 0.15]}}
         sim["parts"]["rod"] = {"part": "box", **low}
-        sim["parts"]["table"] = {"part": "box", "size": [0.2, 0.2, 0.1], "position": TABLES[body.profile]}
+        sim["parts"]["table"] = {"part": "box", "size": [0.2, 0.2, 0.1], "at": {"position": TABLES[body.profile]}}
         sim["parts"]["table"]["stiffness"] = sim["parts"]["rod"]["stiffness"] = 0.02  # s: a padded table
 
     found, recording = run(tmp_path, changed(tmp_path, body.profile, change), 7.0)

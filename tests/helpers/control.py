@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TypeVar
 
 import numpy as np
 
 from runtime.contracts.controller import Controller
+from runtime.contracts.frames import IDENTITY
 from runtime.contracts.signals import Array
 from runtime.control.hand.extra_finger import ExtraFinger, FingerKinematics
 from runtime.control.hand.hand_kinematics import HandKinematics, HandKinematicsConfig
@@ -21,11 +23,17 @@ RELAXED = np.deg2rad([-20.0, 20, 10, 10] + [0.0, 15, 15, 10] * 4)
 FIST = np.deg2rad([-40.0, 60, 30, 40] + [0.0, 70, 80, 50] * 4)
 
 
-def bound(controller: C) -> C:
-    """The controller with arrays of its own; outputs named "q" count as wired to a device."""
+def bound(controller: C, **transforms: Sequence[float]) -> C:
+    """The controller with arrays of its own; outputs named "q" count as wired to a device.
+
+    `transforms`: poses by name, x y z (m), w x y z; the others are the identity.
+    """
     arrays = [{s.name: np.zeros(s.shape) for s in group} for group in (controller.inputs, controller.outputs)]
     applied = {"q": arrays[1]["q"].copy()} if "q" in arrays[1] else {}
-    controller.bind(*arrays, applied, {p.name: np.array(p.default) for p in controller.parameters})
+    parameters = {p.name: np.array(p.default) for p in controller.parameters}
+    assert transforms.keys() <= {t.name for t in controller.transforms}
+    poses = {t.name: np.array(transforms.get(t.name, IDENTITY), float) for t in controller.transforms}
+    controller.bind(*arrays, applied, parameters, poses)
     return controller
 
 

@@ -20,7 +20,7 @@ def cell(gravity: bool = False, handle: dict[str, Any] | None = None, sensor: di
     """Parts `sensor`, fixed to the world, and `handle`, mounted on it."""
     parts = {
         "sensor": (FtSensorPart, FtSensorConfig.model_validate(sensor or {})),
-        "handle": (HandlePart, HandleConfig.model_validate({"on": "sensor/tool"} | (handle or {}))),
+        "handle": (HandlePart, HandleConfig.model_validate({"at": "sensor/tool"} | (handle or {}))),
     }
     config = CellConfig.model_construct(
         timestep=0.001, gravity=(0.0, 0.0, -9.81 * gravity), floor=False, duration=None, parts=parts

@@ -87,14 +87,14 @@ def finished(world: Cell) -> bool:
 
 def alone(plan: Any, tool: float = 3.0, seed: int = 1, **options: Any) -> Any:
     """A person without a robot, a tool of so many kg in the hand."""
-    parts: Any = {"person": (PersonPart, {"position": [0, 0, 1], "plan": plan, **options})}
+    parts: Any = {"person": (PersonPart, {"at": {"position": [0, 0, 1]}, "plan": plan, **options})}
     if tool:
-        box = {"on": "person/hand", "size": [0.05, 0.05, 0.05], "mass": tool, "touches": False}
+        box = {"at": "person/hand", "size": [0.05, 0.05, 0.05], "mass": tool, "touches": False}
         parts["tool"] = (BoxPart, box)
     return cell(parts, seed)
 
 
 def guided(plan: Any, seed: int = 1, trolley: Any = None, **options: Any) -> Any:
     """A person who guides an ideal robot."""
-    held = {"on": "robot/body", "plan": plan, **options}
+    held = {"at": "robot/body", "plan": plan, **options}
     return cell({"robot": (Trolley, trolley or {}), "person": (PersonPart, held)}, seed)

@@ -21,8 +21,8 @@ from sim.parts.robots.arm import ArmPart
 from sim.parts.robots.summit_xl import SummitXlPart
 from sim.world.cell import Cell, CellConfig
 
-MOUNT = {"position": (0.2, 0.0, 0.402)}  # of base/deck, 0.382 above the axles, and a plate of 0.02 m
-_ON_DECK = {"on": "base/deck", "position": (0.2, 0.0, 0.02)}
+MOUNT = (0.2, 0.0, 0.529, 1.0, 0.0, 0.0, 0.0)  # on base/deck, 0.509 above the ground, and a plate of 0.02 m
+_ON_DECK = {"at": {"parent": "base/deck", "position": (0.2, 0.0, 0.02)}}
 
 
 class Chain:
@@ -39,7 +39,7 @@ class Chain:
             if name in law.output:
                 cast(dict[str, Array], law.applied)[name] = law.output[name].copy()
         self.keys = bound(GuideButtons("buttons", GuideButtonsConfig()))
-        self.tool = bound(ToolPose("tool", ToolPoseConfig(robot=robot, mount=MOUNT)))
+        self.tool = bound(ToolPose("tool", ToolPoseConfig(robot=robot)), mount=MOUNT)
         self.admittance = bound(Admittance("admittance", AdmittanceConfig(**(admittance or {}))))
         self.buttons, self.wrench = self.keys.input["buttons"], self.admittance.input["wrench"]
         self.modes = self.keys.output["modes"]

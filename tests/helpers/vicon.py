@@ -16,12 +16,12 @@ from sim.devices.vicon.twin import ViconTwin
 from sim.world.cell import Cell, CellConfig
 
 PARTS: dict[str, Any] = {
-    "hand": {"part": "mocap-body", "subject": "Hand", "position": [0.3, 0.1, 1.0], "motion": {"kind": "sine"}},
+    "hand": {"part": "mocap-body", "subject": "Hand", "at": {"position": [0.3, 0.1, 1.0]}, "motion": {"kind": "sine"}},
     "tool": {
         "part": "mocap-body",
         "subject": "Tool",
         "segment": "Tip",
-        "position": [-0.4, 0.2, 0.8],
+        "at": {"position": [-0.4, 0.2, 0.8]},
         "motion": {"kind": "circle"},
     },
 }

@@ -20,11 +20,10 @@ PARTS = {
         "part": "mocap-body",
         "subject": "Tool",
         "segment": "Tip",
-        "position": [0.4, -0.2, 1.1],
-        "quaternion": [W, X, Y, Z],
+        "at": {"position": [0.4, -0.2, 1.1], "quaternion": [W, X, Y, Z]},
         "markers": {"A": [0.0, 0.0, 0.05], "B": [0.06, 0.0, 0.0], "C": [0.0, 0.04, 0.0], "D": [-0.03, 0.0, 0.0]},
     },
-    "hidden": {"part": "mocap-body", "subject": "Hidden", "position": [1.0, 0.0, 1.0]},
+    "hidden": {"part": "mocap-body", "subject": "Hidden", "at": {"position": [1.0, 0.0, 1.0]}},
 }
 EXACT = {"noise": 0.0, "delay": 0.004, "occlusion": {"Hidden": [[0.0, 1e6]], "Tool/D": [[0.0, 1e6]]}}
 

@@ -11,10 +11,10 @@ oscillation that the loop's delay would otherwise cause when a stiff arm holds t
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from math import isfinite, nan, sqrt
 from operator import mul, sub
-from typing import Annotated, Final
+from typing import Annotated, ClassVar, Final
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -23,6 +23,7 @@ from runtime.contracts.controller import Controller, ControllerConfig, Parameter
 from runtime.contracts.gravity import GRAVITY
 from runtime.contracts.signals import Signal
 from runtime.contracts.terms import POSE, TWIST, WRENCH
+from runtime.contracts.transforms import Transform, coordinates, measured
 from runtime.control.cobot.guide_buttons import MODES
 
 _FULL: Final = 0.25  # of the tank: above this level there is no brake
@@ -49,12 +50,13 @@ class LeashConfig(BaseModel):
 class AdmittanceConfig(ControllerConfig):
     """Options of `admittance`. The control point's frame is that of the input `pose`."""
 
+    gone: ClassVar[Mapping[str, str]] = {
+        "sensor_position": "write under `frames:` where the sensor is, and give its device that `frame:`",
+        "sensor_quaternion": "write under `frames:` where the sensor is, and give its device that `frame:`",
+    }
+
     mass: _SixPositive = Field((6.0, 6.0, 6.0, 1.0, 1.0, 1.0), description="M_adm, kg and kg m^2")
     damping: _SixPositive = Field((40.0, 40.0, 40.0, 1.8, 1.8, 1.8), description="D_adm, N s/m and N m s/rad")
-    sensor_position: _Three = Field((0.0, 0.0, 0.0), description="m, the sensor's origin in the control point's frame")
-    sensor_quaternion: tuple[float, float, float, float] = Field(
-        (1.0, 0.0, 0.0, 0.0), description="w x y z, the sensor's axes in the control point's frame"
-    )
     tool_mass: float = Field(0.0, ge=0, description="kg, of what hangs on the sensor's measuring side (the handle)")
     tool_com: _Three = Field((0.0, 0.0, 0.0), description="m, its centre of mass in the sensor's frame")
     bias: _Six = Field((0.0,) * 6, description="N, N m: what the unloaded sensor shows; subtracted first")
@@ -91,23 +93,24 @@ class Admittance(Controller):
         self.inputs = (
             Signal(name="wrench", shape=(6,), unit="N, N m", labels=WRENCH),
             Signal(name="pose", shape=(7,), unit="m", labels=POSE),
-            Signal(name="twist", shape=(6,), unit="m/s, rad/s", labels=TWIST),
+            Signal(name="twist", shape=(6,), unit="m/s, rad/s", frame="=pose", of="=pose", labels=TWIST),
             Signal(name="modes", shape=(4,), unit="1", labels=MODES),
         )
         self.outputs = (
-            Signal(name="pose", shape=(7,), unit="m", labels=POSE, visual="path"),
-            Signal(name="twist", shape=(6,), unit="m/s, rad/s", labels=TWIST),
-            Signal(name="hand", shape=(6,), unit="N, N m", labels=WRENCH),
-            Signal(name="force", shape=(6,), unit="N, N m", labels=WRENCH),
+            Signal(name="pose", shape=(7,), unit="m", frame="=pose", of="=pose", labels=POSE, visual="path"),
+            Signal(name="twist", shape=(6,), unit="m/s, rad/s", frame="=pose", of="=pose", labels=TWIST),
+            Signal(name="hand", shape=(6,), unit="N, N m", frame="=pose", of="=pose", labels=WRENCH),
+            Signal(name="force", shape=(6,), unit="N, N m", frame="=pose", of="=pose", labels=WRENCH),
             Signal(name="tank", shape=(1,), unit="J"),
         )
         self.parameters = (
             Parameter(name="scale", default=1.0, lower=0.2, upper=5.0, unit="1", text="multiplies the virtual mass"),
             Parameter(name="damping", default=1.0, lower=0.3, upper=5.0, unit="1", text="multiplies the damping"),
         )
+        need = "the sensor in the control point's frame"
+        self.transforms = (Transform("sensor", coordinates("wrench"), measured("pose"), need),)
         self._config = config
         self._M, self._D = list(config.mass), list(config.damping)
-        self._mount = rotation.normalised(config.sensor_quaternion)
         self._velocity = [0.0] * 6
         self._position: list[float] = [0.0, 0.0, 0.0]
         self._orientation: rotation.Quaternion = (1.0, 0.0, 0.0, 0.0)
@@ -164,15 +167,16 @@ class Admittance(Controller):
     def _hand(self, actual: rotation.Quaternion) -> tuple[rotation.Vector, rotation.Vector, rotation.Vector]:
         """The hand's force and torque at the sensor, and the sensor's position from the control point; world axes."""
         c = self._config
-        turn = rotation.product(actual, self._mount)  # sensor to world
+        px, py, pz, mw, mx, my, mz = self.transform["sensor"].tolist()
+        turn = rotation.product(actual, (mw, mx, my, mz))  # sensor to world
         fx, fy, fz, tx, ty, tz = map(sub, self.input["wrench"].tolist(), c.bias)
         if c.tool_mass:
             gx, gy, gz = rotation.turned(rotation.conjugate(turn), (0.0, 0.0, -GRAVITY * c.tool_mass))
             cx, cy, cz = c.tool_com
             fx, fy, fz = fx - gx, fy - gy, fz - gz
             tx, ty, tz = tx - (cy * gz - cz * gy), ty - (cz * gx - cx * gz), tz - (cx * gy - cy * gx)
-        F, T, r = rotation.turned(turn, (fx, fy, fz)), rotation.turned(turn, (tx, ty, tz)), c.sensor_position
-        r = rotation.turned(actual, r)
+        F, T = rotation.turned(turn, (fx, fy, fz)), rotation.turned(turn, (tx, ty, tz))
+        r = rotation.turned(actual, (px, py, pz))
         self.output["hand"][:] = _about(F, T, r)
         return F, T, r
 

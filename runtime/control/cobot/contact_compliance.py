@@ -16,20 +16,25 @@ when the contact becomes firm, and releases it slowly after the contact is lost:
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
 from math import isfinite, nan, sqrt
 from operator import sub
-from typing import Annotated, Final, Literal
+from typing import Annotated, ClassVar, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from runtime.contracts import rotation
+from runtime.contracts.options import Options
+from runtime.contracts.signals import Array
+from runtime.contracts.transforms import Transform, coordinates, device, measured
 from runtime.control.cobot.admittance import GRAVITY, beyond
+from runtime.control.cobot.whole_body import mount_of_the_arm
+from runtime.control.robots.pinocchio_model import FLANGE
 
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 _NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 _Six = tuple[_Positive, _Positive, _Positive, _Positive, _Positive, _Positive]
 _Three = tuple[float, float, float]
-_Turn = tuple[float, float, float, float]
 _LATELY: Final = 0.1  # s of contact
 
 
@@ -42,22 +47,23 @@ class WeightConfig(BaseModel):
     com: _Three = Field((0.0, 0.0, 0.0), description="m, its centre of mass in the control point's frame")
 
 
-class ComplianceConfig(BaseModel):
+class ComplianceConfig(Options):
     """Options under `force_feedback` of `kairos-clik`."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    gone: ClassVar[Mapping[str, str]] = {
+        "position": "where the wrench is measured follows from `frames:`",
+        "quaternion": "write `axes: sensor`, and the sensor's frame under `frames:`",
+        "mount_quaternion": "where the arm stands follows from `frames:`",
+    }
 
     mass: _Six = Field((10.0, 10.0, 10.0, 0.5, 0.5, 0.5), description="M_c, kg and kg m^2, world axes")
     damping: _Six = Field((600.0, 600.0, 600.0, 20.0, 20.0, 20.0), description="D_c, N s/m and N m s/rad")
     stiffness: _Six = Field((500.0, 500.0, 500.0, 30.0, 30.0, 30.0), description="K_c, N/m and N m/rad")
-    axes: Literal["arm", "tool", "world"] = Field(
-        "arm", description="whose axes the wrench is in: the arm's base (UR), the control point's, the world's"
+    axes: Literal["arm", "sensor", "world"] = Field(
+        "arm",
+        description="whose axes the wrench has: the arm's base (UR) or the world's, measured at the flange; or those "
+        "of the frame that its device names, measured at that frame's origin",
     )
-    quaternion: _Turn = Field((1.0, 0.0, 0.0, 0.0), description="w x y z, the sensor's axes in those of `axes`")
-    mount_quaternion: _Turn = Field(
-        (1.0, 0.0, 0.0, 0.0), description="w x y z, the arm's base in the mobile base's frame; for `axes: arm`"
-    )
-    position: _Three = Field((0.0, 0.0, 0.0), description="m, where it is measured, in the control point's frame")
     tool: WeightConfig | None = Field(None, description="what hangs on the sensor, if it doesn't take it off itself")
     load: float = Field(
         14.0,
@@ -100,14 +106,28 @@ class ContactCompliance:
 
     def __init__(self, config: ComplianceConfig) -> None:
         self._config = config
-        self._turn = rotation.normalised(config.quaternion)
-        self._mount = rotation.normalised(config.mount_quaternion)
+        self._turn: rotation.Quaternion = (1.0, 0.0, 0.0, 0.0)
+        self._at: rotation.Vector = (0.0, 0.0, 0.0)
         self._share = 0.0  # 1 while the gripper may hold something
         self._quiet = 0.0  # s during which the sensor has measured nothing
         self._against = (_Against(config.firm[0], config.release), _Against(config.firm[1], config.release))
         self._hands: deque[list[float]] = deque()  # the hand's wrenches of the last `hand_lead`
         self._yielding = [0.0] * 6
         self.deviation, self.velocity, self.contact = [0.0] * 6, [0.0] * 6, [0.0] * 6
+
+    def transforms(self) -> tuple[Transform, ...]:
+        """What it needs of the tree of frames, with the inputs `q`, `base_pose`, `pose` and `flange_wrench`."""
+        place = coordinates("flange_wrench") if self._config.axes == "sensor" else device("q", FLANGE)
+        found = (Transform("sensor", place, measured("pose"), "where the contact is measured, from the control point"),)
+        return (*found, mount_of_the_arm()) if self._config.axes == "arm" else found
+
+    def place(self, transform: Mapping[str, Array]) -> None:
+        """Takes the transforms."""
+        x, y, z, *turn = transform["sensor"].tolist()
+        self._at = (x, y, z)
+        if self._config.axes == "arm":
+            turn = transform["mount"].tolist()[3:]
+        self._turn = (1.0, 0.0, 0.0, 0.0) if self._config.axes == "world" else (turn[0], turn[1], turn[2], turn[3])
 
     def reset(self, closed: bool) -> None:
         """Starts without a deviation."""
@@ -182,13 +202,13 @@ class ContactCompliance:
         """The measured wrench (6,) N, N m at the control point, world axes, without tool and hand."""
         c = self._config
         turn = self._turn
-        if c.axes == "tool":
+        if c.axes == "sensor":
             turn = rotation.product(orientation, turn)
         elif c.axes == "arm":
-            turn = rotation.product(rotation.product(rotation.exp(0.0, 0.0, yaw), self._mount), turn)
+            turn = rotation.product(rotation.exp(0.0, 0.0, yaw), turn)
         force = rotation.turned(turn, (wrench[0], wrench[1], wrench[2]))
         torque = rotation.turned(turn, (wrench[3], wrench[4], wrench[5]))
-        at = rotation.turned(orientation, c.position)
+        at = rotation.turned(orientation, self._at)
         f = [*force, *(t + r for t, r in zip(torque, _cross(at, force), strict=True))]
         if c.tool is not None:
             weight = (0.0, 0.0, -c.tool.mass * GRAVITY)

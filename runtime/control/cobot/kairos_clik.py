@@ -7,7 +7,7 @@ moves. Errata of the paper and additions: docs/super-man.md.
 from __future__ import annotations
 
 from math import cos, sin, sqrt
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -84,10 +84,10 @@ class KairosClik(Controller):
         self.inputs = (
             Signal(name="q", shape=(n,), unit="rad", labels=robot.labels),
             Signal(name="base_pose", shape=(3,), unit="m, rad", labels=PLANAR),
-            Signal(name="pose", shape=(7,), unit="m", labels=POSE),
-            jacobian_signal(robot),
-            Signal(name="desired_pose", shape=(7,), unit="m", labels=POSE),
-            Signal(name="desired_twist", shape=(6,), unit="m/s, rad/s", labels=TWIST),
+            Signal(name="pose", shape=(7,), unit="m", frame="=base_pose", labels=POSE),
+            jacobian_signal(robot, frame="=base_pose", of="=pose"),
+            Signal(name="desired_pose", shape=(7,), unit="m", frame="=base_pose", of="=pose", labels=POSE),
+            Signal(name="desired_twist", shape=(6,), unit="m/s, rad/s", frame="=base_pose", of="=pose", labels=TWIST),
             Signal(name="modes", shape=(4,), unit="1", labels=MODES),
         )
         self.outputs = (
@@ -99,11 +99,14 @@ class KairosClik(Controller):
         self._hand = False
         if config.force_feedback is not None:
             self._compliance = ContactCompliance(config.force_feedback)
+            self.transforms = self._compliance.transforms()
             self._hand = config.force_feedback.hand
             self.inputs += (Signal(name="flange_wrench", shape=(6,), unit="N, N m", labels=WRENCH),)
-            self.outputs += (Signal(name="contact", shape=(6,), unit="N, N m", labels=WRENCH),)
+            contact = Signal(name="contact", shape=(6,), unit="N, N m", frame="=pose", of="=pose", labels=WRENCH)
+            self.outputs += (contact,)
             if self._hand:
-                self.inputs += (Signal(name="hand", shape=(6,), unit="N, N m", labels=WRENCH),)
+                hand = Signal(name="hand", shape=(6,), unit="N, N m", frame="=pose", of="=pose", labels=WRENCH)
+                self.inputs += (hand,)
         self._config = config
         self._priority = Priority(n, config.blend)
         self._fastest = None if config.speed is None else (config.speed * robot.dq_max).tolist()
@@ -112,6 +115,11 @@ class KairosClik(Controller):
         self._equations = Equations()
         self._cycles = self._damped = self._slowed = 0
         self._least = float("inf")
+
+    def bind(self, *arrays: Any) -> None:
+        super().bind(*arrays)
+        if self._compliance is not None:
+            self._compliance.place(self.transform)
 
     def reset(self) -> None:
         modes = self.input["modes"]

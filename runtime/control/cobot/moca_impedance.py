@@ -7,9 +7,10 @@ Errata of the paper and additions: docs/super-man.md.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import copysign, cos, isfinite, sin, sqrt
 from operator import sub
-from typing import Annotated, Final, Literal
+from typing import Annotated, Any, ClassVar, Final, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -19,7 +20,15 @@ from runtime.contracts.controller import Controller, ControllerConfig
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSE, TWIST, WRENCH
 from runtime.control.cobot.guide_buttons import GRIPPER, LOCOMOTION, MODES
-from runtime.control.cobot.whole_body import BASE, ArmDynamics, LoadConfig, RobotName, add_base, jacobian_signal
+from runtime.control.cobot.whole_body import (
+    BASE,
+    ArmDynamics,
+    LoadConfig,
+    RobotName,
+    add_base,
+    jacobian_signal,
+    mount_of_the_arm,
+)
 from runtime.control.robots import ARMS
 from runtime.control.shared.priority import Priority
 from runtime.control.shared.spd6 import NEAR, Equations
@@ -45,6 +54,8 @@ class MocaPriority(BaseModel):
 class MocaImpedanceConfig(RobotName, ControllerConfig):
     """Options of `moca-impedance`."""
 
+    gone: ClassVar[Mapping[str, str]] = {"mount_quaternion": "how the arm stands follows from `frames:`"}
+
     stiffness: _Six = Field((500.0, 500.0, 500.0, 30.0, 30.0, 30.0), description="K_d, N/m and N m/rad, world axes")
     damping_ratio: float = Field(0.7, gt=0, le=2, description="xi; D_d = 2 xi sqrt(K_d m), D_0 = 2 xi sqrt(K_0)")
     unit_mass: bool = Field(
@@ -62,9 +73,6 @@ class MocaImpedanceConfig(RobotName, ControllerConfig):
         "robot", description="who holds the arm's own weight; `robot`: the torques come on top of the robot's part"
     )
     coriolis: bool = Field(True, description="compensate the arm's Coriolis forces; false where the robot does")
-    mount_quaternion: tuple[float, float, float, float] = Field(
-        (1.0, 0.0, 0.0, 0.0), description="w x y z, the arm's base in the mobile base's frame"
-    )
     payload: LoadConfig | None = Field(None, description="what the closed gripper carries")
     payload_time: float = Field(0.3, gt=0, description="s over which the payload comes in and goes")
     lag: float = Field(
@@ -146,17 +154,17 @@ class MocaImpedance(Controller):
             Signal(name="q", shape=(n,), unit="rad", labels=robot.labels),
             Signal(name="qd", shape=(n,), unit="rad/s", labels=robot.labels),
             Signal(name="base_pose", shape=(3,), unit="m, rad", labels=PLANAR),
-            Signal(name="pose", shape=(7,), unit="m", labels=POSE),
-            Signal(name="twist", shape=(6,), unit="m/s, rad/s", labels=TWIST),
-            jacobian_signal(robot),
-            Signal(name="desired_pose", shape=(7,), unit="m", labels=POSE),
-            Signal(name="desired_twist", shape=(6,), unit="m/s, rad/s", labels=TWIST),
+            Signal(name="pose", shape=(7,), unit="m", frame="=base_pose", labels=POSE),
+            Signal(name="twist", shape=(6,), unit="m/s, rad/s", frame="=pose", of="=pose", labels=TWIST),
+            jacobian_signal(robot, frame="=pose", of="=pose"),
+            Signal(name="desired_pose", shape=(7,), unit="m", frame="=pose", of="=pose", labels=POSE),
+            Signal(name="desired_twist", shape=(6,), unit="m/s, rad/s", frame="=pose", of="=pose", labels=TWIST),
             Signal(name="modes", shape=(4,), unit="1", labels=MODES),
         )
         self.outputs = (
             Signal(name="torque", shape=(n,), unit="N m", labels=robot.labels),
             Signal(name="base_twist", shape=(3,), unit="m/s, rad/s", labels=PLANAR_TWIST),
-            Signal(name="force", shape=(6,), unit="N, N m", labels=WRENCH),
+            Signal(name="force", shape=(6,), unit="N, N m", frame="=pose", of="=pose", labels=WRENCH),
         )
         self._config = config
         self._K = config.stiffness
@@ -164,10 +172,16 @@ class MocaImpedance(Controller):
         self._now, self._age = self._D, 0  # D_d of this posture, and the cycles since it was computed
         self._priority = Priority(n, config.blend)
         self._weighted = WeightedTorque(n, config.virtual_mass)
-        payload = None if config.payload is None else config.payload.payload()
-        self._dynamics = ArmDynamics(robot, payload, config.mount_quaternion)
+        self.transforms = (mount_of_the_arm(),)  # which way is down
+        self._robot = robot
         self._cycles = self._held_back = self._singular = 0
         self._strongest = 0.0
+
+    def bind(self, *arrays: Any) -> None:
+        super().bind(*arrays)
+        payload = None if self._config.payload is None else self._config.payload.payload()
+        _, _, _, w, x, y, z = self.transform["mount"].tolist()
+        self._dynamics = ArmDynamics(self._robot, payload, (w, x, y, z))
 
     def reset(self) -> None:
         modes = self.input["modes"]

@@ -2,30 +2,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import cos, sin
+from typing import Any, ClassVar
 
 import numpy as np
 from pydantic import Field
 
+from runtime.contracts import rotation
 from runtime.contracts.controller import Controller, ControllerConfig
 from runtime.contracts.signals import Signal
 from runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSE, TWIST
-from runtime.control.cobot.whole_body import BASE, PlaceConfig, RobotName, WholeBody, jacobian_signal
-from runtime.control.robots import ARMS, SUMMIT_XL
+from runtime.contracts.transforms import Transform, device, frame
+from runtime.control.cobot.whole_body import BASE, RobotName, WholeBody, jacobian_signal, mount_of_the_arm
+from runtime.control.robots import ARMS
+from runtime.control.robots.pinocchio_model import FLANGE
 
 
 class ToolPoseConfig(RobotName, ControllerConfig):
     """Options of `tool-pose`."""
 
-    mount: PlaceConfig = Field(description="the arm's base in the mobile base's frame (at the height of the axles)")
-    tool: PlaceConfig = Field(PlaceConfig(), description="the control point in the flange's frame")
-    height: float = Field(
-        SUMMIT_XL.wheel_radius, ge=0, description="m, of the mobile base's frame over the ground, where z is 0"
-    )
+    gone: ClassVar[Mapping[str, str]] = {
+        "mount": "write under `frames:` where the arm stands, as `arm: {parent: base, position: [...]}`",
+        "height": "the mobile base's frame is on the ground now, so the arm's height in `frames:` is that over it",
+    }
+
+    tool: str = Field("tool", description="frame of the control point; it hangs on the arm's flange")
 
 
 class ToolPose(Controller):
     """Computes pose, twist and Jacobian of the tool from the measured states of arm and base.
+
+    The tree of frames says where the arm stands on the base, whose frame is on the ground, and where the control point
+    is on the flange.
 
     Inputs: `q` (n,) rad and `qd` (n,) rad/s of the arm; `base_pose` (3,) x, y (m), yaw (rad) in the world and
     `base_twist` (3,) vx, vy (m/s), wz (rad/s) in the base's own frame.
@@ -48,12 +57,21 @@ class ToolPose(Controller):
             Signal(name="base_twist", shape=(3,), unit="m/s, rad/s", labels=PLANAR_TWIST),
         )
         self.outputs = (
-            Signal(name="pose", shape=(7,), unit="m", labels=POSE, visual="path"),
-            Signal(name="twist", shape=(6,), unit="m/s, rad/s", labels=TWIST),
-            jacobian_signal(robot),
+            Signal(name="pose", shape=(7,), unit="m", frame="=base_pose", of=config.tool, labels=POSE, visual="path"),
+            Signal(name="twist", shape=(6,), unit="m/s, rad/s", frame="=base_pose", of=config.tool, labels=TWIST),
+            jacobian_signal(robot, frame="=base_pose", of=config.tool),
         )
-        self._body = WholeBody(robot, config.mount.matrix(), config.tool.matrix(), config.height)
+        self.transforms = (
+            mount_of_the_arm(),
+            Transform("tool", frame(config.tool), device("q", FLANGE), "the control point in the flange's frame"),
+        )
+        self._robot = robot
         self._q, self._v = np.zeros(BASE + n), np.zeros(BASE + n)
+
+    def bind(self, *arrays: Any) -> None:
+        super().bind(*arrays)
+        mount, tool = rotation.homogeneous(self.transform["mount"]), rotation.homogeneous(self.transform["tool"])
+        self._body = WholeBody(self._robot, mount, tool)
 
     def reset(self) -> None:
         self.update(0.0)

@@ -17,26 +17,11 @@ from runtime.contracts.errors import nearest
 from runtime.contracts.gravity import DOWN
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import PLANAR, TWIST
+from runtime.contracts.transforms import Transform, device
 from runtime.control.robots import ARMS, SUMMIT_XL, Payload, RobotDescription
 from runtime.control.robots.pinocchio_model import FLANGE, mobile_model, pinocchio_model
 
 BASE: Final = 3  # the base's coordinates
-
-
-class PlaceConfig(BaseModel):
-    """The pose of one frame in another."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    position: tuple[float, float, float] = Field((0.0, 0.0, 0.0), description="m")
-    quaternion: tuple[float, float, float, float] = Field((1.0, 0.0, 0.0, 0.0), description="w x y z")
-
-    def matrix(self) -> Array:
-        """Returns the transform (4, 4)."""
-        place = np.eye(4)
-        place[:3, :3] = rotation.matrix(rotation.normalised(self.quaternion))
-        place[:3, 3] = self.position
-        return place
 
 
 class LoadConfig(BaseModel):
@@ -65,11 +50,17 @@ class RobotName(BaseModel):
         return value
 
 
-def jacobian_signal(robot: RobotDescription) -> Signal:
+def jacobian_signal(robot: RobotDescription, frame: str, of: str) -> Signal:
     """The signal `jacobian` (6, 3 + n): the velocities of x, y (world), yaw and the joints to the twist."""
+    columns = (*PLANAR, *robot.labels)
     return Signal(
-        name="jacobian", shape=(6, BASE + robot.n), unit="1", labels=TWIST, components=((*PLANAR, *robot.labels),)
+        name="jacobian", shape=(6, len(columns)), unit="1", frame=frame, of=of, labels=TWIST, components=(columns,)
     )
+
+
+def mount_of_the_arm() -> Transform:
+    """What the laws of an arm on a mobile base need, with the inputs `q` and `base_pose`."""
+    return Transform("mount", device("q"), device("base_pose"), "the arm's base in the mobile base's frame")
 
 
 class WholeBody:
@@ -83,16 +74,13 @@ class WholeBody:
             rows), in the world's axes, for the velocities of the body's coordinates.
     """
 
-    def __init__(self, robot: RobotDescription, mount: Array, tool: Array, height: float = 0.0) -> None:
+    def __init__(self, robot: RobotDescription, mount: Array, tool: Array) -> None:
         """Args:
-        mount: (4, 4), the arm's base frame in the mobile base's frame.
+        mount: (4, 4), the arm's base frame in the mobile base's frame, which is on the ground.
         tool: (4, 4), the control point's frame in the flange's frame.
-        height: m, of the mobile base's frame above the ground.
         """
         self.n = robot.n
-        raised = np.array(mount)
-        raised[2, 3] += height
-        self._model = model = mobile_model(SUMMIT_XL, robot, raised)
+        self._model = model = mobile_model(SUMMIT_XL, robot, mount)
         flange = model.frames[model.getFrameId(FLANGE)]
         place = flange.placement * pin.SE3(np.array(tool))
         self._frame = model.addFrame(pin.Frame("control_point", flange.parentJoint, 0, place, pin.FrameType.OP_FRAME))

@@ -12,7 +12,6 @@ import numpy as np
 from pydantic import Field
 
 from drivers.noitom.skeleton import JOINTS, Kind, Skeleton, is_finger
-from runtime.contracts.errors import WiringError
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import POINT
 from sim.parts.body.model import Segment, Sex, segments
@@ -65,8 +64,6 @@ class BodyPart(Part):
     def __init__(self, name: str, config: PartConfig, seed: int) -> None:
         super().__init__(name, config, seed)
         assert isinstance(config, BodyConfig)
-        if config.on is not None:
-            raise WiringError(f"sim.parts.{name}.on", "a person moves freely", "Remove 'on'")
         self._config = config
         self.skeleton = Skeleton(config.skeleton)
         self._motion: Motion
@@ -92,16 +89,16 @@ class BodyPart(Part):
         self._lead = 2.0 * config.damping / self._omega
         self._model: Any = None
         self._data: Any = None
-        base = np.array(config.quaternion) / np.linalg.norm(config.quaternion)
         self._base = np.empty(4)
-        mujoco.mju_mulQuat(self._base, base, _TURN)
         self._local = np.zeros((JOINTS, 7))
         self._local[:, 3] = 1.0
 
     # -- the model
 
     def build(self, mjcf: Mjcf, parent: Element) -> None:
+        self.moves_freely(mjcf, parent)
         config, name, names = self._config, self.name, self.skeleton.names
+        mujoco.mju_mulQuat(self._base, np.array(self.stand[3:]), _TURN)
         made = segments(self.skeleton, self.offsets, config.mass, config.sex, config.fingers)
         hips, rotations = self._motion.at(0.0)
         pos, quat = self._to_world(hips, rotations[0])
@@ -199,7 +196,7 @@ class BodyPart(Part):
         local, data = self._local, self._data
         hips = data.qpos[self._hips]
         back = self._base * [1.0, -1.0, -1.0, -1.0]
-        mujoco.mju_rotVecQuat(local[0, :3], hips[:3] - self._config.position, back)
+        mujoco.mju_rotVecQuat(local[0, :3], hips[:3] - self.stand[:3], back)
         mujoco.mju_mulQuat(local[0, 3:], back, hips[3:])
         local[self._moving, 3:] = data.qpos[self._balls]
         return local
@@ -213,7 +210,7 @@ class BodyPart(Part):
         pos, quat = np.empty(3), np.empty(4)
         mujoco.mju_rotVecQuat(pos, position, self._base)
         mujoco.mju_mulQuat(quat, self._base, rotation)
-        return pos + self._config.position, quat
+        return pos + self.stand[:3], quat
 
 
 def _polylines(parents: tuple[int, ...]) -> tuple[tuple[int, ...], ...]:

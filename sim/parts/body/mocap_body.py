@@ -10,7 +10,6 @@ import mujoco
 import numpy as np
 from pydantic import Field
 
-from runtime.contracts.errors import WiringError
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import POINT, POSE
 from sim.parts.body.mocap_motion import MotionConfig, make_motion
@@ -58,8 +57,6 @@ class MocapBody(Part):
     def __init__(self, name: str, config: PartConfig, seed: int) -> None:
         super().__init__(name, config, seed)
         assert isinstance(config, MocapBodyConfig)
-        if config.on is not None:
-            raise WiringError(f"sim.parts.{name}.on", "a mocap-body moves freely", "Remove 'on'")
         self._config = config
         self._motion = make_motion(config.motion)
         self.subject = config.subject or name
@@ -84,10 +81,11 @@ class MocapBody(Part):
         self._dt = 0.0
         self._body = self._mocap = 0
         self._sites = np.empty(0, np.intp)
-        self._base = np.array(config.quaternion) / np.linalg.norm(config.quaternion)
 
     def build(self, mjcf: Mjcf, parent: Element) -> None:
+        self.moves_freely(mjcf, parent)
         config, name = self._config, self.name
+        self._base = np.array(self.stand[3:])
         body = mjcf.body(mjcf.worldbody, f"{name}/body", gravcomp=1, **self.at())
         add(body, "freejoint", name=f"{name}/free")
         contact = CONTACT["object" if config.contact else "none"]
@@ -112,10 +110,10 @@ class MocapBody(Part):
 
     def target(self, t: float) -> Array:
         """(7,): the target pose of the motion at t seconds, in the world."""
-        pose, base = self._motion.at(t), self._config.position
+        pose = self._motion.at(t)
         mujoco.mju_rotVecQuat(pose[:3], pose[:3].copy(), self._base)
         mujoco.mju_mulQuat(pose[3:], self._base, pose[3:].copy())
-        pose[:3] += base
+        pose[:3] += self.stand[:3]
         return pose
 
     def drive(self, step: int) -> None:

@@ -65,6 +65,4 @@ class PersonConfig(PartConfig):
     def _one(self) -> Self:
         if self.plan and self.recording is not None:
             raise ValueError("give a 'plan' or a 'recording', not both")
-        if self.recording is not None and self.on is None:
-            raise ValueError("a 'recording' is replayed at a handle: give 'on'")
         return self

@@ -124,7 +124,10 @@ class PersonPart(Part):
 
     def build(self, mjcf: Mjcf, parent: Element) -> None:
         config, name = self._config, self.name
-        free = config.on is None
+        self._free = free = parent is mjcf.worldbody
+        if free and config.recording is not None:
+            problem = "a 'recording' is replayed at a handle, and this person stands in the world"
+            raise WiringError(f"sim.parts.{name}.at", problem, "Name a body of the handle, such as grip/grip")
         hand = mjcf.body(parent, f"{name}/hand", **self.at())
         mass, inertia = (config.hand_mass, _HAND_INERTIA) if free else (SPECK, SPECK)
         add(hand, "inertial", pos=(0, 0, 0), mass=mass, diaginertia=(inertia,) * 3)
@@ -154,11 +157,11 @@ class PersonPart(Part):
         places = Places(model, data, self.name)
         self._reach = places.fixed_in(hand, config.tool)
         self._weight, self._lever, known = _ZERO, _ZERO, 6.0
-        if config.on is None:
+        if self._free:
             self._carry(hand)
             known = float(model.body_subtreemass[hand])
         self._mass = known if config.learned_mass is None else config.learned_mass
-        drag, inertia, turn_drag = (0.0, 0.0, 0.0) if config.on is None else (40.0, 1.0, 1.8)
+        drag, inertia, turn_drag = (0.0, 0.0, 0.0) if self._free else (40.0, 1.0, 1.8)
         self._drag = drag if config.learned_damping is None else config.learned_damping
         self._inertia = inertia if config.learned_inertia is None else config.learned_inertia
         self._turn_drag = turn_drag if config.learned_turn_damping is None else config.learned_turn_damping
@@ -233,7 +236,7 @@ class PersonPart(Part):
         tx = Kr * (rx + shift[3]) + Dr * (sx - wx)
         ty = Kr * (ry + shift[4]) + Dr * (sy - wy)
         tz = Kr * (rz + shift[5]) + Dr * (sz - wz)
-        if config.on is not None:
+        if not self._free:
             # The force that moves the known tool acts on the tool, not on the hand beside it.
             px, py, pz = body.twist
             tx += px + reach[1] * push[2] - reach[2] * push[1]

@@ -115,6 +115,7 @@ class SummitXlPart(Part):
             rgba="0.3 0.3 0.35 1",
             **ROBOT_CONTACT,
         )
+        mjcf.carried[name] = base, (0.0, 0.0, -robot.wheel_radius, 1.0, 0.0, 0.0, 0.0)  # its frame is on the ground
         mjcf.body(base, f"{name}/deck", pos=(0.0, 0.0, middle + height / 2))
         self._corners = np.array(_CORNERS) * half + (0.0, 0.0, middle)
 

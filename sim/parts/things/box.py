@@ -37,15 +37,13 @@ class BoxConfig(PartConfig):
     def _complete(self) -> Self:
         if len(self.size) != _SIZES[self.shape] or min(self.size) <= 0:
             raise ValueError(f"a {self.shape} needs {_SIZES[self.shape]} positive number(s) as size")
-        if self.free and self.on is not None:
-            raise ValueError("a free thing can't be mounted on another part: leave out 'on' or 'free'")
         return self
 
 
 class BoxPart(Part):
     """A rigid box, sphere or cylinder. Its body is `<name>/body`, its geom `<name>/geom`.
 
-    Truth: `<name>_pose` (7,) x, y, z, qx, qy, qz, qw of its centre, and `<name>_contact_force` (3,), N, the sum of
+    Truth: `<name>_pose` (7,) x, y, z, qw, qx, qy, qz of its centre, and `<name>_contact_force` (3,), N, the sum of
     all contact forces on it, both in the world's axes.
     """
 
@@ -64,6 +62,7 @@ class BoxPart(Part):
         config, name = self._config, self.name
         body = mjcf.body(parent, f"{name}/body", **self.at())
         if config.free:
+            self.moves_freely(mjcf, parent)
             add(body, "freejoint", name=f"{name}/joint")
         add(
             body,

@@ -9,6 +9,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from runtime.contracts.frames import IDENTITY
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import WRENCH
 from sim.world.mjcf import CONTACT, add
@@ -30,6 +31,8 @@ class FtSensorConfig(PartConfig):
 class FtSensorPart(Part):
     """Bodies `NAME/base` and, on it, `NAME/tool`, whose frame is the measuring frame; mount objects on `NAME/tool`.
 
+    It stands where its measuring frame is to be: at the frame that its device names.
+
     Truth: `NAME_wrench` (6,), N and N m: the wrench on the sensor from everything from the plate on, in the
     measuring frame, about its origin. A weight hanging along -z reads fz < 0.
     """
@@ -47,12 +50,13 @@ class FtSensorPart(Part):
     def build(self, mjcf: Mjcf, parent: Element) -> None:
         config, name = self._config, self.name
         half = config.height / 2
-        base = mjcf.body(parent, f"{name}/base", **self.at())
+        base = mjcf.body(parent, f"{name}/base", **self.at((0.0, 0.0, -config.height, 1.0, 0.0, 0.0, 0.0)))
         look: dict[str, object] = {"type": "cylinder", "rgba": "0.6 0.6 0.65 1", **CONTACT["none"]}
         add(
             base, "geom", name=f"{name}/housing", size=(config.radius, half), pos=(0, 0, half), mass=config.mass, **look
         )
         tool = mjcf.body(base, f"{name}/tool", pos=(0.0, 0.0, config.height))
+        mjcf.carried[name] = tool, IDENTITY
         add(tool, "geom", name=f"{name}/plate", size=(config.radius, 0.002), mass=config.plate_mass, **look)
         add(tool, "site", name=f"{name}/measure")
         add(mjcf.sensor, "force", name=f"{name}/force", site=f"{name}/measure")

@@ -53,8 +53,6 @@ class LoadPart(Part):
     def __init__(self, name: str, config: PartConfig, seed: int) -> None:
         super().__init__(name, config, seed)
         self._config = cast(LoadConfig, config)
-        if config.on is not None:
-            raise WiringError(f"sim.parts.{name}.on", "a load is free", "Remove 'on' and put it on something")
         self.truth = (
             Signal(name=f"{name}_pose", shape=(7,), unit="1", labels=POSE),
             Signal(name=f"{name}_support", shape=(3,), unit="N", labels=FORCE),
@@ -62,6 +60,7 @@ class LoadPart(Part):
         )
 
     def build(self, mjcf: Mjcf, parent: Element) -> None:
+        self.moves_freely(mjcf, parent)
         config, name = self._config, self.name
         body = mjcf.body(parent, f"{name}/box", **self.at())
         add(body, "freejoint", name=f"{name}/box")

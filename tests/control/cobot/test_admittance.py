@@ -23,8 +23,9 @@ ON = [1.0, 1.0, 0.0, 0.0]
 BARE: dict[str, Any] = {"leash": None, "tank": None, "dead_band": (0, 0)}
 
 
-def law(pose: Any = (0, 0, 0, 1, 0, 0, 0), **options: Any) -> Admittance:
-    controller = bound(Admittance("admittance", AdmittanceConfig(**options)))
+def law(pose: Any = (0, 0, 0, 1, 0, 0, 0), sensor: Any = (0, 0, 0, 1, 0, 0, 0), **options: Any) -> Admittance:
+    """`sensor`: its pose in the control point's frame."""
+    controller = bound(Admittance("admittance", AdmittanceConfig(**options)), sensor=sensor)
     controller.input["pose"][:] = pose
     controller.input["modes"][:] = ON
     controller.reset()
@@ -85,8 +86,8 @@ def test_gravity_of_the_handle_and_bias_leave_nothing_and_the_hands_wrench_remai
     )
     quat = mount.as_quat()[[3, 0, 1, 2]]
     controller = law(
-        (1, 2, 3, *tool.as_quat()[[3, 0, 1, 2]]), tool_mass=mass, tool_com=tuple(com), bias=tuple(bias),
-        sensor_quaternion=tuple(quat), sensor_position=offset, **BARE,
+        (1, 2, 3, *tool.as_quat()[[3, 0, 1, 2]]), (*offset, *quat), tool_mass=mass, tool_com=tuple(com),
+        bias=tuple(bias), **BARE,
     )  # fmt: skip
     controller.input["wrench"][:] = raw
     controller.update(DT)
@@ -249,12 +250,12 @@ def test_the_tank_holds_a_stiff_hand_behind_a_late_sensor_sooner_if_it_knows_how
 
 def test_the_hands_whole_wrench_is_told_whatever_the_modes() -> None:
     """At the control point, world axes, without the handle's weight; the dead band doesn't touch it."""
-    options = {"sensor_position": (0.1, -0.05, 0.2), "sensor_quaternion": (0.6, 0.0, 0.8, 0.0), "tool_mass": 0.4}
-    controller = law(tool_com=(0.0, 0.01, 0.04), **options)
+    place = (0.1, -0.05, 0.2)
+    controller = law(sensor=(*place, 0.6, 0.0, 0.8, 0.0), tool_com=(0.0, 0.01, 0.04), tool_mass=0.4)
     tool = Rotation.from_euler("xyz", [0.4, -0.7, 1.1])
     sensor = tool * Rotation.from_quat([0.0, 0.8, 0.0, 0.6])
     hand, weight = np.array([0.1, -0.05, 0.1, 0.02, 0.3, -0.1]), np.array([0, 0, -9.81 * 0.4])
-    at = tool.apply(options["sensor_position"])
+    at = tool.apply(place)
     force = hand[:3] + weight
     torque = hand[3:] - np.cross(at, hand[:3]) + np.cross(sensor.apply([0.0, 0.01, 0.04]), weight)
     controller.input["wrench"][:] = [*sensor.inv().apply(force), *sensor.inv().apply(torque)]

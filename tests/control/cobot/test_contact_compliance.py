@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from runtime.contracts.frames import IDENTITY
 from runtime.control.cobot.contact_compliance import ComplianceConfig, ContactCompliance
 from runtime.control.cobot.kairos_clik import KairosClik, KairosClikConfig
 
@@ -73,10 +74,11 @@ def test_contact_does_not_ring(stiffness: float) -> None:
 
 def test_compliance_is_the_spring_it_says_and_takes_off_weight_and_hand() -> None:
     config = ComplianceConfig(
-        axes="tool", quaternion=(0.6, 0, 0.8, 0), position=(0.01, 0.02, 0.03), dead_band=(0, 0),
+        axes="sensor", dead_band=(0, 0),
         tool={"mass": 1.2, "com": (0, 0, 0.1)}, load=0.0, carrying=(0, 0),
     )  # fmt: skip
     compliance = ContactCompliance(config)
+    compliance.place({"sensor": np.array([0.01, 0.02, 0.03, 0.6, 0, 0.8, 0])})
     tool = Rotation.from_euler("xyz", [0.4, -0.7, 1.1])
     sensor = tool * Rotation.from_quat([0, 0.8, 0, 0.6])
     hand, contact = np.array([3, -2, 5, 0.3, 0.1, -0.2]), np.array([10.0, -20, -8, 1, -0.5, 0.7])
@@ -116,8 +118,8 @@ def test_nothing_gives_way_to_a_load_nor_while_it_slips_out_of_opening_fingers()
 
 def test_the_arms_axes_turn_with_base_and_mount() -> None:
     mount = Rotation.from_euler("z", 0.5)
-    quaternion = tuple(mount.as_quat()[[3, 0, 1, 2]].tolist())
-    compliance = ContactCompliance(ComplianceConfig(mount_quaternion=quaternion, dead_band=(0, 0), hand=False))
+    compliance = ContactCompliance(ComplianceConfig(dead_band=(0, 0), hand=False))
+    compliance.place({"sensor": np.array(IDENTITY), "mount": np.array([0, 0, 0, *mount.as_quat()[[3, 0, 1, 2]]])})
     compliance.reset(False)
     compliance.update([10, 0, 0, 0, 0, 0], [0.0] * 6, [0.0] * 6, (1, 0, 0, 0), 0.7, False, 2e-3)
     np.testing.assert_allclose(compliance.contact[:3], [10 * np.cos(1.2), 10 * np.sin(1.2), 0], atol=1e-12)

@@ -16,13 +16,12 @@ from scipy.spatial.transform import Rotation
 from runtime.contracts.signals import Array, Command, Kind, Limits
 from runtime.control.cobot.kairos_clik import KairosClik, KairosClikConfig
 from runtime.control.cobot.tool_pose import ToolPose, ToolPoseConfig
-from runtime.control.cobot.whole_body import PlaceConfig
 from runtime.control.robots import UR16E
 from runtime.guard.velocity import VelocityGuard
 
 STRAIGHT = np.array([0.0, -1.2, 0.0, -1.4, -1.2, 0.0])
 W_1 = np.diag([1000.0] * 3 + [500.0] * 3)
-TOOL = bound(ToolPose("tool", ToolPoseConfig(robot="ur16e", mount=PlaceConfig(**MOUNT))))
+TOOL = bound(ToolPose("tool", ToolPoseConfig(robot="ur16e")), mount=MOUNT)
 FREE: dict[str, Any] = {"speed": None}
 
 

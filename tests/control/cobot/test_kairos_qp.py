@@ -18,11 +18,10 @@ from runtime.control.cobot import whole_body_qp
 from runtime.control.cobot.kairos_clik import KairosClik, KairosClikConfig
 from runtime.control.cobot.kairos_qp import KairosQp, KairosQpConfig
 from runtime.control.cobot.tool_pose import ToolPose, ToolPoseConfig
-from runtime.control.cobot.whole_body import PlaceConfig
 from runtime.control.cobot.whole_body_qp import ACCELERATION, Nearest
 from runtime.control.robots import UR16E
 
-TOOL = bound(ToolPose("tool", ToolPoseConfig(robot="ur16e", mount=PlaceConfig(**MOUNT))))
+TOOL = bound(ToolPose("tool", ToolPoseConfig(robot="ur16e")), mount=MOUNT)
 WIDE = {"acceleration": 1e9, "base_acceleration": (1e9, 1e9, 1e9), "margin": 0.0, "approach": 0.002}
 DT = 0.002
 seeds = st.integers(0, 2**32 - 1)

@@ -18,16 +18,17 @@ from drivers.base.config import BaseConfig
 from drivers.base.driver import MobileBase
 from drivers.panda.config import PandaConfig
 from drivers.panda.driver import Panda
+from runtime.contracts import rotation
 from runtime.contracts.signals import Array
 from runtime.control.cobot.admittance import Admittance, AdmittanceConfig
 from runtime.control.cobot.moca_impedance import MocaImpedance, MocaImpedanceConfig, WeightedTorque
 from runtime.control.cobot.tool_pose import ToolPose, ToolPoseConfig
-from runtime.control.cobot.whole_body import PlaceConfig, WholeBody
+from runtime.control.cobot.whole_body import WholeBody
 from runtime.control.robots import PANDA
 from runtime.control.robots.pinocchio_model import pinocchio_model
 
 MASS = (105.0, 21.0)
-TOOL = bound(ToolPose("tool", ToolPoseConfig(mount=PlaceConfig(**MOUNT))))
+TOOL = bound(ToolPose("tool", ToolPoseConfig()), mount=MOUNT)
 MODEL = pinocchio_model(PANDA)
 DATA = MODEL.createData()
 
@@ -40,7 +41,7 @@ def inverse_mass(q: Array) -> Array:
 def posture(rng: np.random.Generator) -> tuple[Array, Array, Array]:
     """Jacobian (6, 10), M (10, 10), J M^-1 (6, 10) of a random posture."""
     q = np.concatenate([rng.uniform(-3, 3, 3), rng.uniform(PANDA.q_lower, PANDA.q_upper)])
-    body = WholeBody(PANDA, PlaceConfig(**MOUNT).matrix(), np.eye(4))
+    body = WholeBody(PANDA, rotation.homogeneous(MOUNT), np.eye(4))
     body.update(q)
     M = block_diag(np.diag([MASS[0], MASS[0], MASS[1]]), np.linalg.inv(inverse_mass(q[3:])))
     return body.jacobian, M, body.jacobian @ np.linalg.inv(M)
@@ -345,7 +346,7 @@ def test_signals_fit_the_devices() -> None:
     base = MobileBase("base", BaseConfig(port="tcp://127.0.0.1:7447"))
     devices = {f"{d.name}.{s.name}": (s.shape, s.unit) for d in (arm, base) for s in (*d.states, *d.commands)}
     law = MocaImpedance("moca", MocaImpedanceConfig())
-    tool = ToolPose("tool", ToolPoseConfig(mount=PlaceConfig()))
+    tool = ToolPose("tool", ToolPoseConfig())
     hand = Admittance("admittance", AdmittanceConfig())
     ports = {
         f"{c.name}.{s.name}": (s.shape, s.unit) for c in (law, tool, hand) for s in (*c.outputs, *c.inputs)

@@ -17,11 +17,11 @@ from runtime.control.cobot import whole_body_qp
 from runtime.control.cobot.moca_impedance import MocaImpedance, MocaImpedanceConfig
 from runtime.control.cobot.moca_qp import MocaQp, MocaQpConfig
 from runtime.control.cobot.tool_pose import ToolPose, ToolPoseConfig
-from runtime.control.cobot.whole_body import ArmDynamics, PlaceConfig
+from runtime.control.cobot.whole_body import ArmDynamics
 from runtime.control.cobot.whole_body_qp import Nearest
 from runtime.control.robots import PANDA
 
-TOOL = bound(ToolPose("tool", ToolPoseConfig(mount=PlaceConfig(**MOUNT))))
+TOOL = bound(ToolPose("tool", ToolPoseConfig()), mount=MOUNT)
 DYNAMICS = ArmDynamics(PANDA)
 WIDE = {
     "speed": None,

@@ -15,15 +15,15 @@ from scipy.spatial.transform import Rotation
 from runtime.contracts import rotation
 from runtime.contracts.signals import Array
 from runtime.control.cobot.tool_pose import ToolPose, ToolPoseConfig
-from runtime.control.cobot.whole_body import ArmDynamics, PlaceConfig, WholeBody, add_base
+from runtime.control.cobot.whole_body import ArmDynamics, WholeBody, add_base
 from runtime.control.robots import ARMS, PANDA, Payload, RobotDescription
 from runtime.control.robots.pinocchio_model import FLANGE, pinocchio_model
 from runtime.control.shared import spd6
 from runtime.control.shared.priority import Priority
 
-MOUNT = PlaceConfig(position=(0.2, -0.05, 0.4), quaternion=(0.96, 0.0, 0.0, 0.28))
-TOOL = PlaceConfig(position=(0.03, -0.02, 0.15), quaternion=(0.8, 0.0, 0.6, 0.0))
-HEIGHT = 0.127
+MOUNT = (0.2, -0.05, 0.527, 0.96, 0.0, 0.0, 0.28)
+TOOL = (0.03, -0.02, 0.15, 0.8, 0.0, 0.6, 0.0)
+MOUNTED, HELD = rotation.homogeneous(MOUNT), rotation.homogeneous(TOOL)
 
 
 def postures(robot: RobotDescription, total: int, seed: int = 1) -> Array:
@@ -37,13 +37,13 @@ def expected(robot: RobotDescription, q: Array) -> Array:
     """(4, 4), the control point in the world, multiplied out."""
     here = np.eye(4)
     here[:3, :3] = Rotation.from_euler("z", q[2]).as_matrix()
-    here[:3, 3] = q[0], q[1], HEIGHT
-    return np.array(here @ MOUNT.matrix() @ robot.forward(q[3:]) @ TOOL.matrix())
+    here[:3, 3] = q[0], q[1], 0.0
+    return np.array(here @ MOUNTED @ robot.forward(q[3:]) @ HELD)
 
 
 @pytest.mark.parametrize("robot", ARMS.values(), ids=ARMS)
 def test_pose_and_jacobian_are_those_of_the_multiplied_out_chain(robot: RobotDescription) -> None:
-    body, step = WholeBody(robot, MOUNT.matrix(), TOOL.matrix(), HEIGHT), 1e-6
+    body, step = WholeBody(robot, MOUNTED, HELD), 1e-6
     for q in postures(robot, 20):
         body.update(q)
         want = expected(robot, q)
@@ -59,7 +59,7 @@ def test_pose_and_jacobian_are_those_of_the_multiplied_out_chain(robot: RobotDes
 
 
 def tool_pose(robot: str = "panda") -> ToolPose:
-    return bound(ToolPose("tool", ToolPoseConfig(robot=robot, mount=MOUNT, tool=TOOL, height=HEIGHT)))
+    return bound(ToolPose("tool", ToolPoseConfig(robot=robot)), mount=MOUNT, tool=TOOL)
 
 
 @pytest.mark.parametrize("yaw", [0.0, 1.0, np.pi / 2, -2.5])
@@ -105,7 +105,7 @@ def test_documented_shapes_and_units(name: str) -> None:
 
 def test_an_unknown_arm_is_named_with_its_neighbours() -> None:
     with pytest.raises(ValueError, match=r"'pandaa'.*'panda'"):
-        ToolPoseConfig.model_validate({"robot": "pandaa", "mount": {}})
+        ToolPoseConfig.model_validate({"robot": "pandaa"})
 
 
 # -- dynamics
@@ -237,7 +237,7 @@ def test_damping_comes_in_without_a_step() -> None:
 
 def test_the_bases_part_is_added_as_the_jacobian_says() -> None:
     q: Any = postures(PANDA, 1)[0]
-    body = WholeBody(PANDA, MOUNT.matrix(), TOOL.matrix())
+    body = WholeBody(PANDA, MOUNTED, HELD)
     body.update(q)
     A = np.zeros((6, 6))
     add_base(A, body.jacobian, 0.3, 0.7)

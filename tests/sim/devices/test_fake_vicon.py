@@ -14,8 +14,8 @@ from sim.devices.vicon.fake import FakeVicon
 MS = 1_000_000
 EXACT = {"noise": 0.0, "delay": 0.0}
 STILL = {
-    "wand": {"part": "mocap-body", "subject": "Wand", "position": [0.1, 0.2, 0.3]},
-    "other": {"part": "mocap-body", "position": [1.0, 0.0, 0.5]},
+    "wand": {"part": "mocap-body", "subject": "Wand", "at": {"position": [0.1, 0.2, 0.3]}},
+    "other": {"part": "mocap-body", "at": {"position": [1.0, 0.0, 0.5]}},
 }
 WAND = {"segments": {"wand": "Wand/Wand"}, "markers": {"m": "Wand/M2"}, "unlabelled": 2}
 

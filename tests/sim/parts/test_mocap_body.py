@@ -65,7 +65,7 @@ def test_a_thing_in_its_way_holds_it_back():
                 "parts": {
                     "wand": {
                         "part": "mocap-body",
-                        "position": [0, 0, 0.05],
+                        "at": {"position": [0, 0, 0.05]},
                         "motion": {"kind": "sine", "amplitude": [0, 0, 0.15, 0, 0, 0], "period": 1.3},
                     }
                 },
@@ -110,7 +110,7 @@ def test_all_names_are_its_own():
 
 def test_it_can_t_be_mounted():
     with pytest.raises(WiringError, match=r"sim\.parts\.b\.on: a mocap-body moves freely"):
-        cell(a={}, b={"on": "a/body"})
+        cell(a={}, b={"at": "a/body"})
 
 
 # -- recordings

@@ -206,7 +206,12 @@ def test_fingers_stay_as_they_are_at_the_start_unless_they_are_to_move():
 
 # -- what it carries, and what pushes it
 
-LOAD = {"part": "box", "on": "person/Spine", "position": [0, 0, -0.25], "size": [0.1, 0.1, 0.1], "mass": 5.0}
+LOAD = {
+    "part": "box",
+    "at": {"parent": "person/Spine", "position": [0, 0, -0.25]},
+    "size": [0.1, 0.1, 0.1],
+    "mass": 5.0,
+}
 
 
 def test_a_load_on_its_back_pulls_it_over_a_little():
@@ -218,7 +223,7 @@ def test_a_load_on_its_back_pulls_it_over_a_little():
 
 
 def pushed(**options):
-    wall = {"part": "box", "size": [0.05, 2.0, 0.4], "position": [0.25, 0.0, 1.3], "mass": 1.0}
+    wall = {"part": "box", "size": [0.05, 2.0, 0.4], "at": {"position": [0.25, 0.0, 1.3]}, "mass": 1.0}
     world = cell({"wall": wall}, script="reach", **options)
     poses, wanted = run(world, 5.0)
     return angles(poses[:, :21, 3:], wanted[:, :21]).max(), np.abs(poses[:, :, :3]).max()

@@ -55,7 +55,7 @@ def farthest(world: Any, part: Any, direction: tuple[float, float, float], most:
 
 def straight(**ring: Any) -> Any:
     wire = {"points": [(-0.2, 0, 0), (0.2, 0, 0)], "radius": 0.003}
-    return moved({"wire": (WirePart, wire)}, {"ring": (RingPart, {"on": "robot/body", **ring})})
+    return moved({"wire": (WirePart, wire)}, {"ring": (RingPart, {"at": "robot/body", **ring})})
 
 
 def test_a_ring_of_3_cm_has_its_clearance_all_round():
@@ -71,7 +71,7 @@ def test_a_ring_of_3_cm_has_its_clearance_all_round():
 def test_the_rings_axis_is_the_one_named(axis):
     along = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}[axis]
     points = [tuple(-0.2 * v for v in along), tuple(0.2 * v for v in along)]
-    world = moved({"wire": (WirePart, {"points": points})}, {"ring": (RingPart, {"on": "robot/body", "axis": axis})})
+    world = moved({"wire": (WirePart, {"points": points})}, {"ring": (RingPart, {"at": "robot/body", "axis": axis})})
     put(world, *(0.1 * np.array(along)))
     assert not world.parts["wire"].touches.touching
     assert world.model.body("ring/ring").mass[0] == pytest.approx(0.05)
@@ -99,7 +99,7 @@ def test_the_force_on_the_wire_points_away_from_the_ring():
 
 
 def test_sites_lie_along_the_wire_and_marks_on_it():
-    world = cell({"wire": (WirePart, {"position": [1, 2, 3]}), "box": (BoxPart, {"size": [0.1, 0.1, 0.1]})})
+    world = cell({"wire": (WirePart, {"at": {"position": [1, 2, 3]}}), "box": (BoxPart, {"size": [0.1, 0.1, 0.1]})})
     path, model = world.parts["wire"].path, world.model
     sites = [i for i in range(model.nsite) if model.site(i).name.startswith("wire/path_")]
     places = world.data.site_xpos[sites] - [1, 2, 3]
@@ -120,7 +120,7 @@ def test_sites_lie_along_the_wire_and_marks_on_it():
 def plate(**options: Any) -> Any:
     """A plate whose first hole is over the drill's tip, which is 5 cm below it."""
     fixed = {"rows": 2, "columns": 3, "position": [0.3, 0.15, 0.41], "drill": "drill/tip", **options}
-    return moved({"plate": (PlatePart, fixed)}, {"drill": (DrillPart, {"on": "robot/body"})})
+    return moved({"plate": (PlatePart, fixed)}, {"drill": (DrillPart, {"at": "robot/body"})})
 
 
 def test_holes_are_7_cm_wide_and_30_cm_apart():
@@ -169,9 +169,9 @@ def test_the_stay_in_a_hole_is_measured_and_ends_with_a_touch():
 
 def test_a_person_drills_overhead_alone():
     parts: Any = {
-        "plate": (PlatePart, {"position": [0, 0, 2], "drill": "drill/tip", "rows": 1, "columns": 2}),
-        "person": (PersonPart, {"position": [0, 0, 1.5], "plan": drilling(holes=2), "tool": "drill/tip"}),
-        "drill": (DrillPart, {"on": "person/hand", "position": [0, 0, -0.1]}),
+        "plate": (PlatePart, {"at": {"position": [0, 0, 2]}, "drill": "drill/tip", "rows": 1, "columns": 2}),
+        "person": (PersonPart, {"at": {"position": [0, 0, 1.5]}, "plan": drilling(holes=2), "tool": "drill/tip"}),
+        "drill": (DrillPart, {"at": {"parent": "person/hand", "position": [0, 0, -0.1]}}),
     }
     world = cell(parts)
     run(world, 60, until=finished, every=50)
@@ -186,7 +186,7 @@ def test_a_person_drills_overhead_alone():
 def pegged(**options: Any) -> Any:
     """The peg's tip is 2 cm over the mouth, which is at z = -0.1."""
     fixed = {"position": [0, 0, -0.1], "peg": "peg/tip", **options}
-    peg = {"on": "robot/body", "quaternion": [0, 1, 0, 0]}
+    peg = {"at": {"parent": "robot/body", "quaternion": [0, 1, 0, 0]}}
     return moved({"hole": (HolePart, fixed)}, {"peg": (PegPart, peg)}, gravity=(0.0, 0.0, 0.0))
 
 
@@ -210,8 +210,8 @@ def test_the_peg_fits_with_its_clearance():
 def test_a_push_beside_the_hole_moves_the_block_by_its_stiffness():
     parts: Any = {
         "robot": (Trolley, {"mass": 1.0, "damping": 500.0, "turn_damping": 500.0}),
-        "hole": (HolePart, {"position": [0, 0, -0.1]}),
-        "peg": (PegPart, {"on": "robot/body", "quaternion": [0, 1, 0, 0], "position": [0.03, 0, 0]}),
+        "hole": (HolePart, {"at": {"position": [0, 0, -0.1]}}),
+        "peg": (PegPart, {"at": {"parent": "robot/body", "position": [0.03, 0, 0], "quaternion": [0, 1, 0, 0]}}),
     }
     world = cell(parts, gravity=(0.0, 0.0, 0.0))
     world.data.xfrc_applied[world.model.body("robot/body").id, 2] = -20.0
@@ -240,9 +240,9 @@ def test_a_nose_that_is_off_meets_the_chamfer_where_geometry_says(off, chamfer):
 
 def test_a_person_puts_the_peg_in_and_draws_it_out():
     parts: Any = {
-        "hole": (HolePart, {"position": [0, 0, 1], "peg": "peg/tip"}),
-        "person": (PersonPart, {"position": [0.05, 0, 1.2], "plan": peg_in_hole(), "tool": "peg/tip"}),
-        "peg": (PegPart, {"on": "person/hand", "quaternion": [0, 1, 0, 0]}),
+        "hole": (HolePart, {"at": {"position": [0, 0, 1]}, "peg": "peg/tip"}),
+        "person": (PersonPart, {"at": {"position": [0.05, 0, 1.2]}, "plan": peg_in_hole(), "tool": "peg/tip"}),
+        "peg": (PegPart, {"at": {"parent": "person/hand", "quaternion": [0, 1, 0, 0]}}),
     }
     world = cell(parts)
     seen = run(world, 60, until=finished)
@@ -254,18 +254,18 @@ def test_a_person_puts_the_peg_in_and_draws_it_out():
 
 def test_an_insertion_pushes_no_harder_than_told():
     parts: Any = {
-        "hole": (HolePart, {"position": [0.03, 0, 1], "peg": "peg/tip"}),  # beside the hole
+        "hole": (HolePart, {"at": {"position": [0.03, 0, 1]}, "peg": "peg/tip"}),  # beside the hole
         "person": (
             PersonPart,
             {
-                "position": [0, 0, 1.12],
+                "at": {"position": [0, 0, 1.12]},
                 "tool": "peg/tip",
                 "noise": 0.0,
                 "tremor": 0.0,
                 "plan": [{"do": "insert", "direction": [0, 0, -2], "depth": 0.06, "force": 12, "patience": 3}],
             },
         ),
-        "peg": (PegPart, {"on": "person/hand", "quaternion": [0, 1, 0, 0], "mass": 0.1}),
+        "peg": (PegPart, {"at": {"parent": "person/hand", "quaternion": [0, 1, 0, 0]}, "mass": 0.1}),
     }
     world = cell(parts)
     seen = run(world, 5.0)
@@ -282,9 +282,9 @@ def carried() -> Any:
     """A trolley, hanging on it a sensor and a hand that points down, over the load's bar."""
     parts: Any = {
         "robot": (Trolley, HEAVY | {"position": [0, 0, 0.65]}),
-        "sensor": (FtSensorPart, {"on": "robot/body", "quaternion": [0, 1, 0, 0]}),
-        "hand": (SoftHandPart, {"on": "sensor/tool"}),
-        "load": (LoadPart, {"position": [0.05, 0, 0.1], "gripper": "hand"}),
+        "sensor": (FtSensorPart, {"at": {"parent": "robot/body", "quaternion": [0, 1, 0, 0]}}),
+        "hand": (SoftHandPart, {"at": "sensor/tool"}),
+        "load": (LoadPart, {"at": {"position": [0.05, 0, 0.1]}, "gripper": "hand"}),
     }
     return cell(parts, floor=True)
 
@@ -334,7 +334,7 @@ def test_a_gripper_that_isnt_there_is_refused():
     with pytest.raises(WiringError, match="no hand 'claw'"):
         cell({"load": (LoadPart, {"gripper": "claw"})})
     with pytest.raises(WiringError, match="a load is free"):
-        cell({"robot": (Trolley, {}), "load": (LoadPart, {"on": "robot/body"})})
+        cell({"robot": (Trolley, {}), "load": (LoadPart, {"at": "robot/body"})})
 
 
 def test_distances_to_obstacles_are_those_of_the_geometry():
@@ -342,7 +342,7 @@ def test_distances_to_obstacles_are_those_of_the_geometry():
         {"position": [1, 0, 0], "size": [0.2, 0.2, 0.2]},
         {"position": [0, 2, 0], "size": [1, 1, 1], "yaw": np.pi / 4},
     ]
-    base = {"on": "robot/body", "size": [0.4, 0.4, 0.1], "mass": 1.0}
+    base = {"at": "robot/body", "size": [0.4, 0.4, 0.1], "mass": 1.0}
     obstacles = (ObstaclesPart, {"boxes": boxes, "watch": ["base/body"]})
     world = moved({"things": obstacles}, {"base": (BoxPart, base)}, gravity=(0.0, 0.0, 0.0))
     put(world, 0, 0, 0, 0.05)
@@ -367,22 +367,22 @@ def test_distances_to_obstacles_are_those_of_the_geometry():
 
 def test_what_was_counted_goes_on_from_a_saved_state_bit_for_bit():
     parts: Any = {
-        "wire": (WirePart, {"position": [0, 0, 1], "points": [(-0.2, 0, 0), (0.2, 0, 0)]}),
-        "plate": (PlatePart, {"position": [0, 0, 1.55], "drill": "drill/tip", "rows": 1, "columns": 1}),
-        "hole": (HolePart, {"position": [0, 0, 0.7]}),
+        "wire": (WirePart, {"at": {"position": [0, 0, 1]}, "points": [(-0.2, 0, 0), (0.2, 0, 0)]}),
+        "plate": (PlatePart, {"at": {"position": [0, 0, 1.55]}, "drill": "drill/tip", "rows": 1, "columns": 1}),
+        "hole": (HolePart, {"at": {"position": [0, 0, 0.7]}}),
         "things": (ObstaclesPart, {"boxes": [{"position": [1, 0, 0], "size": [1, 1, 1]}], "watch": ["machine/body"]}),
         "person": (
             PersonPart,
             {
-                "position": [0, 0, 1],
+                "at": {"position": [0, 0, 1]},
                 "plan": [{"do": "go_to", "by": [0.0, 0.03, 0.1], "patience": 100}],
                 "tremor": 0.002,
             },
         ),
-        "machine": (BoxPart, {"on": "person/hand", "size": [0.05, 0.05, 0.05], "mass": 1.0, "touches": False}),
-        "ring": (RingPart, {"on": "person/hand"}),
-        "drill": (DrillPart, {"on": "person/hand", "mass": 0.5, "position": [0.0, 0.02, 0.2]}),
-        "peg": (PegPart, {"on": "person/hand", "quaternion": [0, 1, 0, 0], "position": [0, 0, -0.22]}),
+        "machine": (BoxPart, {"at": "person/hand", "size": [0.05, 0.05, 0.05], "mass": 1.0, "touches": False}),
+        "ring": (RingPart, {"at": "person/hand"}),
+        "drill": (DrillPart, {"at": {"parent": "person/hand", "position": [0.0, 0.02, 0.2]}, "mass": 0.5}),
+        "peg": (PegPart, {"at": {"parent": "person/hand", "position": [0, 0, -0.22], "quaternion": [0, 1, 0, 0]}}),
     }
     world = cell(parts)
     assert mujoco.mj_stateSize(world.model, mujoco.mjtState.mjSTATE_INTEGRATION) > 0

@@ -181,7 +181,7 @@ def test_a_known_tool_beside_the_hand_is_moved_and_turned_as_meant():
     unknown = {"learned_inertia": 0.0, "learned_turn_damping": 0.0}
     off = []
     for at, known in (([0.0, 0.0, 0.0], {}), ([0.2, 0.0, 0.1], {}), ([0.2, 0.0, 0.1], unknown)):
-        seen = run(guided(steps, position=at, **options, **known), 6.0)
+        seen = run(guided(steps, at={"position": at}, **options, **known), 6.0)
         off.append(np.linalg.norm(seen["person_tool"] - seen["person_aim"], axis=1).max())
     assert max(off[:2]) < 0.001
     assert off[2] > 0.005
@@ -239,10 +239,10 @@ def busy(seed: int) -> Any:
         Wait(do="wait", seconds=0.5),
         hold(0.5),
     ]
-    tool = {"on": "person/hand", "size": [0.05, 0.05, 0.05], "mass": 2.0, "touches": False}
+    tool = {"at": "person/hand", "size": [0.05, 0.05, 0.05], "mass": 2.0, "touches": False}
     parts: Any = {
-        "wire": (WirePart, {"position": [0.05, 0, 1], "points": [(0, 0, 0), (0.1, 0.02, 0.05), (0.3, 0, 0)]}),
-        "person": (PersonPart, {"position": [0, 0, 1], "plan": plan, "fatigue": True}),
+        "wire": (WirePart, {"at": {"position": [0.05, 0, 1]}, "points": [(0, 0, 0), (0.1, 0.02, 0.05), (0.3, 0, 0)]}),
+        "person": (PersonPart, {"at": {"position": [0, 0, 1]}, "plan": plan, "fatigue": True}),
         "tool": (BoxPart, tool),
     }
     return cell(parts, seed)
@@ -293,9 +293,9 @@ def test_a_wrong_step_is_refused_with_the_reason(step, match):
 def test_wrong_names_are_refused():
     parts: Any = {
         "robot": (Trolley, {}),
-        "free": (BoxPart, {"size": [0.1, 0.1, 0.1], "free": True, "position": [1, 0, 0]}),
+        "free": (BoxPart, {"size": [0.1, 0.1, 0.1], "free": True, "at": {"position": [1, 0, 0]}}),
     }
-    person = {"on": "robot/body"}
+    person = {"at": "robot/body"}
     with pytest.raises(WiringError, match="no site or body is called 'robot/tip'"):
         cell(parts | {"person": (PersonPart, person | {"tool": "robot/tip"})})
     with pytest.raises(WiringError, match="can move against the hand"):
@@ -330,13 +330,16 @@ def test_an_admittance_is_guided_through_a_sensor_with_its_dead_band():
     plan = [press("admittance"), go_to(0.3, 0.1, 0.2, tolerance=0.008), hold(3.0), press("admittance"), hold(1.0)]
     parts: Any = {
         "robot": (Trolley, {"mass": 1e3, "inertia": 1e2, "damping": 0.0, "turn_damping": 0.0}),
-        "sensor": (FtSensorPart, {"on": "robot/body"}),
-        "handle": (HandlePart, {"on": "sensor/tool"}),
-        "person": (PersonPart, {"on": "handle/grip", "position": [0, 0, 0.06], "tool": "robot/body", "plan": plan}),
+        "sensor": (FtSensorPart, {"at": "robot/body"}),
+        "handle": (HandlePart, {"at": "sensor/tool"}),
+        "person": (
+            PersonPart,
+            {"at": {"parent": "handle/grip", "position": [0, 0, 0.06]}, "tool": "robot/body", "plan": plan},
+        ),
     }
     world = cell(parts)
     robot, sensor, person = (world.parts[name] for name in ("robot", "sensor", "person"))
-    config = AdmittanceConfig(sensor_position=(0.0, 0.0, 0.035), tool_mass=0.2, tool_com=(0.0, 0.0, 0.045))
+    config = AdmittanceConfig(tool_mass=0.2, tool_com=(0.0, 0.0, 0.045))
     law = bound(Admittance("admittance", config))
     law.input["pose"][3] = 1.0
     law.reset()

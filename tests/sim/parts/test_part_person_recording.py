@@ -21,8 +21,11 @@ def replayed(recording: Any, **options: Any) -> Any:
     """A person who replays forces at a sensor's handle."""
     parts: Any = {
         "sensor": (FtSensorPart, {}),
-        "handle": (HandlePart, {"on": "sensor/tool"}),
-        "person": (PersonPart, {"on": "handle/grip", "position": [0, 0, 0.06], "recording": recording, **options}),
+        "handle": (HandlePart, {"at": "sensor/tool"}),
+        "person": (
+            PersonPart,
+            {"at": {"parent": "handle/grip", "position": [0, 0, 0.06]}, "recording": recording, **options},
+        ),
     }
     return cell(parts, gravity=(0.0, 0.0, 0.0))
 
@@ -78,7 +81,7 @@ def test_wrong_recordings_are_refused(tmp_path):
         replayed({"file": tmp_path / "c.npz"})
     with pytest.raises(ValidationError, match="not both"):
         PersonConfig.model_validate(
-            {"on": "a/b", "recording": {"file": "x.csv"}, "plan": [{"do": "hold", "seconds": 1}]}
+            {"at": "a/b", "recording": {"file": "x.csv"}, "plan": [{"do": "hold", "seconds": 1}]}
         )
 
 

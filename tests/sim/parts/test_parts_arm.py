@@ -68,7 +68,12 @@ def test_torque_moves_it_as_its_equations_say() -> None:
 
 
 def test_an_untold_load_sags_and_a_told_one_does_not() -> None:
-    load = {"part": "box", "on": "arm/flange", "size": (0.06, 0.06, 0.06), "mass": 2.0, "position": (0, 0, 0.05)}
+    load = {
+        "part": "box",
+        "at": {"parent": "arm/flange", "position": (0, 0, 0.05)},
+        "size": (0.06, 0.06, 0.06),
+        "mass": 2.0,
+    }
     moved, felt, holding = [], [], []
     for told in ({}, {"told_payload": {"mass": 2.0, "com": (0, 0, 0.05)}}):
         world = cell(arm={"part": "panda", **told}, load=load)
@@ -141,7 +146,12 @@ def test_position_with_rates_follows_a_moving_target_closely() -> None:
 
 
 def test_brakes_stop_and_hold_even_an_untold_load() -> None:
-    load = {"part": "box", "on": "arm/flange", "size": (0.06, 0.06, 0.06), "mass": 2.0, "position": (0, 0, 0.05)}
+    load = {
+        "part": "box",
+        "at": {"parent": "arm/flange", "position": (0, 0, 0.05)},
+        "size": (0.06, 0.06, 0.06),
+        "mass": 2.0,
+    }
     world = cell(arm={"part": "panda"}, load=load)
     part = arm(world)
     part.command("velocity", np.full(7, 0.2))
@@ -160,7 +170,9 @@ def test_a_drive_saturates_at_its_limit() -> None:
     part.command("torque", np.full(7, 500.0))
     world.advance(world.time + MS)
     np.testing.assert_allclose(part.effort, PANDA.tau_max)
-    world = cell(arm={"part": "panda"}, wall={"part": "box", "size": (0.2, 0.6, 2.0), "position": (0.5, 0, 0.6)})
+    world = cell(
+        arm={"part": "panda"}, wall={"part": "box", "size": (0.2, 0.6, 2.0), "at": {"position": (0.5, 0, 0.6)}}
+    )
     part = arm(world)
     part.command("velocity", np.array([0, 0.3, 0, 0.3, 0, 0, 0.0]))
     run(world, 2.0)
@@ -189,7 +201,7 @@ def test_external_effort_is_what_a_force_at_the_flange_causes() -> None:
 
 
 def test_a_contact_is_felt_as_external_effort() -> None:
-    table = {"part": "box", "size": (0.6, 0.6, 0.1), "position": (0.4, 0, 0.47)}
+    table = {"part": "box", "size": (0.6, 0.6, 0.1), "at": {"position": (0.4, 0, 0.47)}}
     world = cell(arm={"part": "panda"}, table=table)
     part = arm(world)
     assert np.all(part.external_effort == 0.0)
@@ -202,7 +214,12 @@ def test_a_contact_is_felt_as_external_effort() -> None:
 
 
 def test_flange_wrench_is_what_the_load_exerts() -> None:
-    load = {"part": "box", "on": "arm/flange", "size": (0.06, 0.06, 0.06), "mass": 2.0, "position": (0.03, 0, 0.05)}
+    load = {
+        "part": "box",
+        "at": {"parent": "arm/flange", "position": (0.03, 0, 0.05)},
+        "size": (0.06, 0.06, 0.06),
+        "mass": 2.0,
+    }
     world = cell(arm={"part": "ur16e"}, load=load)
     part = arm(world)
     run(world, 1.0)
@@ -214,7 +231,7 @@ def test_flange_wrench_is_what_the_load_exerts() -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_kinematics_are_of_this_instant(kind: str) -> None:
-    world = cell(arm={"part": kind, "position": (1.0, 2.0, 3.0), "quaternion": (0.5, 0.5, 0.5, 0.5)})
+    world = cell(arm={"part": kind, "at": {"position": (1.0, 2.0, 3.0), "quaternion": (0.5, 0.5, 0.5, 0.5)}})
     part = arm(world)
     part.command("velocity", np.full(part.n, 0.5))
     run(world, 0.3)
@@ -241,12 +258,12 @@ def test_mass_matrix_knows_the_rotors_and_the_load() -> None:
     model = pinocchio_model(part.robot, rotors=True)
     upper = np.triu(pin.crba(model, model.createData(), part.position))
     np.testing.assert_allclose(part.mass_matrix(), upper + np.triu(upper, 1).T, atol=1e-9)
-    load = {"part": "box", "on": "arm/flange", "size": (0.1, 0.1, 0.1), "mass": 5.0}
+    load = {"part": "box", "at": "arm/flange", "size": (0.1, 0.1, 0.1), "mass": 5.0}
     assert arm(cell(arm={"part": "ur16e"}, load=load)).mass_matrix()[1, 1] > part.mass_matrix()[1, 1] + 1.0
 
 
 def test_saved_world_goes_on_bit_for_bit() -> None:
-    load = {"part": "box", "on": "arm/flange", "size": (0.1, 0.1, 0.1), "mass": 1.0}
+    load = {"part": "box", "at": "arm/flange", "size": (0.1, 0.1, 0.1), "mass": 1.0}
     worlds = [cell(arm={"part": "panda", "friction": 0.2}, load=load) for _ in range(2)]
     first, second = (arm(world) for world in worlds)
     first.tell_payload(0.5, (0, 0, 0.02))
@@ -288,8 +305,14 @@ def test_a_wrong_home_is_refused() -> None:
 
 
 def test_a_tool_on_the_flange_touches_things() -> None:
-    ball = {"part": "box", "shape": "sphere", "size": (0.1,), "mass": 0.5, "on": "arm/flange", "position": (0, 0, 0.06)}
-    slab = {"part": "box", "size": (0.4, 0.4, 0.1), "position": (0.4, 0, 0.4)}
+    ball = {
+        "part": "box",
+        "shape": "sphere",
+        "size": (0.1,),
+        "mass": 0.5,
+        "at": {"parent": "arm/flange", "position": (0, 0, 0.06)},
+    }
+    slab = {"part": "box", "size": (0.4, 0.4, 0.1), "at": {"position": (0.4, 0, 0.4)}}
     world = cell(arm={"part": "panda"}, ball=ball, slab=slab)
     part = arm(world)
     part.tell_payload(0.5, (0, 0, 0.06))

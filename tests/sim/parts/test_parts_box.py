@@ -22,7 +22,14 @@ def cell(**parts: dict[str, Any]) -> Cell:
     [("box", (0.2, 0.2, 0.1), 0.05), ("sphere", (0.1,), 0.05), ("cylinder", (0.1, 0.2), 0.1)],
 )
 def test_a_free_thing_falls_on_the_floor(shape: str, size: tuple[float, ...], height: float) -> None:
-    thing = {"part": "box", "shape": shape, "size": size, "mass": 2.0, "free": True, "position": (1, 2, height + 0.1)}
+    thing = {
+        "part": "box",
+        "shape": shape,
+        "size": size,
+        "mass": 2.0,
+        "free": True,
+        "at": {"position": (1, 2, height + 0.1)},
+    }
     world = cell(thing=thing)
     assert np.all(world.truth_arrays["thing_contact_force"] == 0.0)
     world.advance(2000 * MS)
@@ -35,7 +42,7 @@ def test_friction_holds_it_on_a_slope_or_not() -> None:
     slope = {"size": (1.0, 0.4, 0.02), "position": (0, 0, 0.5), "quaternion": (np.cos(0.2), 0, np.sin(0.2), 0)}
     way = []
     for friction in (0.3, 0.6):  # tan(0.4) = 0.42
-        block = slope | {"part": "box", "size": (0.1, 0.1, 0.05), "free": True, "position": (0, 0, 0.54)}
+        block = slope | {"part": "box", "size": (0.1, 0.1, 0.05), "free": True, "at": {"position": (0, 0, 0.54)}}
         world = cell(slope=slope | {"part": "box", "friction": 0.0}, block=block | {"friction": friction})
         world.advance(1000 * MS)
         way.append(world.truth_arrays["block_pose"][0])
@@ -44,14 +51,16 @@ def test_friction_holds_it_on_a_slope_or_not() -> None:
 
 
 def test_a_fixed_thing_stays() -> None:
-    world = cell(shelf={"part": "box", "size": (0.5, 0.5, 0.02), "position": (0, 0, 1.0)})
+    world = cell(shelf={"part": "box", "size": (0.5, 0.5, 0.02), "at": {"position": (0, 0, 1.0)}})
     world.advance(500 * MS)
     np.testing.assert_array_equal(world.truth_arrays["shelf_pose"], [0, 0, 1, 1, 0, 0, 0])
 
 
 def test_one_that_can_not_be_touched_lets_others_through() -> None:
-    ball = {"part": "box", "shape": "sphere", "size": (0.1,), "free": True, "position": (0, 0, 0.5)}
-    world = cell(ghost={"part": "box", "size": (1, 1, 0.1), "position": (0, 0, 0.2), "touches": False}, ball=ball)
+    ball = {"part": "box", "shape": "sphere", "size": (0.1,), "free": True, "at": {"position": (0, 0, 0.5)}}
+    world = cell(
+        ghost={"part": "box", "size": (1, 1, 0.1), "at": {"position": (0, 0, 0.2)}, "touches": False}, ball=ball
+    )
     world.advance(1500 * MS)
     assert world.truth_arrays["ball_pose"][2] == pytest.approx(0.05, abs=2e-3)
 
@@ -61,7 +70,7 @@ def test_one_that_can_not_be_touched_lets_others_through() -> None:
     [
         ({"size": (0.1, 0.1)}, "a box needs 3 positive"),
         ({"shape": "sphere", "size": (0.0,)}, "a sphere needs 1 positive"),
-        ({"size": (0.1, 0.1, 0.1), "free": True, "on": "arm/flange"}, "can't be mounted"),
+        ({"size": (0.1, 0.1, 0.1), "free": True, "at": "arm/flange"}, "can't be mounted"),
     ],
 )
 def test_wrong_options_are_refused(options: dict[str, Any], message: str) -> None:

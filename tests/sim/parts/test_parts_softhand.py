@@ -74,7 +74,11 @@ def test_mass_is_that_of_the_sheet() -> None:
 
 
 def test_fingers_that_touch_stop_while_the_others_go_on() -> None:
-    block = {"part": "box", "size": (0.02, 0.012, 0.02), "position": (0.03, 0.02645, 0.2)}  # before the index finger
+    block = {
+        "part": "box",
+        "size": (0.02, 0.012, 0.02),
+        "at": {"position": (0.03, 0.02645, 0.2)},
+    }  # before the index finger
     world = cell(block=block)
     part = hand(world)
     part.command_position(0.6 * CLOSED)
@@ -136,7 +140,7 @@ def test_without_power_the_springs_open_it() -> None:
 def test_it_works_on_an_arm() -> None:
     parts = {
         "arm": {"part": "panda", "told_payload": {"mass": 0.48, "com": (0, 0, 0.1)}},
-        "hand": {"part": "softhand", "on": "arm/flange"},
+        "hand": {"part": "softhand", "at": "arm/flange"},
     }
     world = Cell(CellConfig.model_validate({"parts": parts}), 1)
     hand(world).command_position(CLOSED)

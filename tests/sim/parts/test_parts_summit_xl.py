@@ -122,8 +122,8 @@ def test_it_resists_a_push_but_not_any_push() -> None:
 
 
 def test_an_arm_on_the_deck_rides_along() -> None:
-    arm = {"part": "panda", "on": "base/deck", "position": (0.2, 0, 0.02)}
-    world = cell(base={"part": "summit-xl", "position": (1.0, 2.0, 0.0), "slip": 0.0}, arm=arm)
+    arm = {"part": "panda", "at": {"parent": "base/deck", "position": (0.2, 0, 0.02)}}
+    world = cell(base={"part": "summit-xl", "at": {"position": (1.0, 2.0, 0.0)}, "slip": 0.0}, arm=arm)
     part, robot = base(world), cast(ArmPart, world.parts["arm"])
     np.testing.assert_allclose(world.data.body("arm/base").xpos, [1.2, 2.0, 0.529], atol=1e-9)
     robot.command("position", robot.home)
@@ -137,8 +137,15 @@ def test_an_arm_on_the_deck_rides_along() -> None:
 
 
 def test_it_stops_at_a_wall() -> None:
-    wall = {"part": "box", "size": (0.2, 2.0, 1.0), "position": (1.0, 0, 0.5)}
-    ball = {"part": "box", "shape": "sphere", "size": (0.2,), "mass": 2.0, "free": True, "position": (0.6, 0, 0.1)}
+    wall = {"part": "box", "size": (0.2, 2.0, 1.0), "at": {"position": (1.0, 0, 0.5)}}
+    ball = {
+        "part": "box",
+        "shape": "sphere",
+        "size": (0.2,),
+        "mass": 2.0,
+        "free": True,
+        "at": {"position": (0.6, 0, 0.1)},
+    }
     world = Cell(
         CellConfig.model_validate(
             {"floor": True, "parts": {"base": {"part": "summit-xl"}, "ball": ball, "wall": wall}}

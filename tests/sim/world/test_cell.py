@@ -109,7 +109,7 @@ def test_the_steps_don_t_depend_on_how_it_is_asked_to_advance() -> None:
 
 def test_parts_are_mounted_on_others_whatever_their_order() -> None:
     world = cell(
-        hung={"part": "pendulum", "on": "carrier/tip", "position": [0, 0.5, 0]},
+        hung={"part": "pendulum", "at": {"parent": "carrier/tip", "position": [0, 0.5, 0]}},
         carrier={"part": "pendulum", "angle": np.pi / 2},
     )
     body = world.model.body("hung/base")
@@ -120,8 +120,8 @@ def test_parts_are_mounted_on_others_whatever_their_order() -> None:
 @pytest.mark.parametrize(
     ("parts", "words"),
     [
-        ({"a": {"part": "pendulum", "on": "b/tipp"}, "b": {"part": "pendulum"}}, "Did you mean 'b/tip'"),
-        ({"a": {"part": "pendulum", "on": "a/tip"}}, "no body is called 'a/tip'"),
+        ({"a": {"part": "pendulum", "at": "b/tipp"}, "b": {"part": "pendulum"}}, "Did you mean 'b/tip'"),
+        ({"a": {"part": "pendulum", "at": "a/tip"}}, "no body is called 'a/tip'"),
     ],
 )
 def test_a_mount_that_isn_t_there_is_named(parts: dict[str, Any], words: str) -> None:
@@ -253,7 +253,7 @@ def test_it_is_gone_in_its_windows() -> None:
 
 def test_scenery_is_what_nothing_moves() -> None:
     half = np.sqrt(0.5)
-    table = {"part": "box", "size": [0.2, 0.4, 0.6], "position": [1, 2, 3], "quaternion": [half, 0, 0, half]}
+    table = {"part": "box", "size": [0.2, 0.4, 0.6], "at": {"position": [1, 2, 3], "quaternion": [half, 0, 0, half]}}
     block = {"part": "obstacles", "boxes": [{"position": [1.0, 0.0, 0.5], "size": [0.4, 0.2, 1.0]}]}
     world = cell(one={"part": "pendulum"}, table=table, block=block)
     shown = {tuple(np.round(s["position"], 9)): s for s in world.scenery}

@@ -1,0 +1,91 @@
+"""Where the parts of a world stand: the profile's tree of frames, carried by the parts that move."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from xml.etree.ElementTree import Element
+
+from runtime.contracts.errors import WiringError, nearest
+from runtime.contracts.frames import IDENTITY, Frames
+from runtime.contracts.rotation import Pose, composed
+from sim.world.part import Mjcf, Part, Spot
+
+
+def build(mjcf: Mjcf, parts: Mapping[str, Part], frames: Frames) -> None:
+    """Builds every part on the body that carries its frame.
+
+    A part carries the frame with its own name: it stands there unless it says otherwise, and what hangs on that frame
+    moves with it. A frame that hangs on no part is fixed in the world.
+
+    Raises:
+        WiringError: a frame or body isn't there, is measured and carried by no part, or isn't connected with the
+            frames of the other parts.
+    """
+    waiting = dict(parts)
+    roots: dict[str, str] = {}  # of the fixed frames that are used, and the part that uses it
+    while waiting:
+        built = [name for name, part in waiting.items() if _build(mjcf, part, frames, waiting, roots)]
+        for name in built:
+            del waiting[name]
+        if not built:
+            name = next(iter(waiting))
+            problem = f"'{name}' and what it stands on stand on each other: {', '.join(waiting)}"
+            raise WiringError(_place(name), problem, "Let one of them stand in the world")
+
+
+def _build(mjcf: Mjcf, part: Part, frames: Frames, waiting: Mapping[str, Part], roots: dict[str, str]) -> bool:
+    """Builds the part, unless what carries its frame isn't there yet."""
+    found = _find(mjcf, part, frames, waiting, roots)
+    if found is None:
+        return False
+    body, pose = found
+    part.stand = composed(pose, part.config.off_by.placed())
+    before = len(mjcf.bodies)
+    part.build(mjcf, body)
+    first = next(iter([*mjcf.bodies.values()][before:]), None)
+    if first is not None:
+        mjcf.carried.setdefault(part.name, (first, IDENTITY))
+    return True
+
+
+def _find(
+    mjcf: Mjcf, part: Part, frames: Frames, waiting: Mapping[str, Part], roots: dict[str, str]
+) -> tuple[Element, Pose] | None:
+    """The body that carries the part's frame, and the frame's pose in it."""
+    at = part.config.at
+    if at is None:
+        at = part.name if part.name in frames.entries else None
+    pose = IDENTITY
+    if isinstance(at, Spot):
+        pose, at = at.placed(), at.parent
+    frame = at
+    while frame is not None:
+        if frame != part.name:
+            if frame in mjcf.bodies:
+                return mjcf.bodies[frame], pose
+            if frame in mjcf.carried:
+                body, inside = mjcf.carried[frame]
+                return body, composed(inside, pose)
+            if frame.partition("/")[0] in waiting and frame.partition("/")[0] != part.name:
+                return None
+        entry = frames.entries.get(frame)
+        if entry is None:
+            names = [*frames.entries, *mjcf.carried, *mjcf.bodies]
+            problem = f"no frame and no body is called '{frame}'"
+            raise WiringError(_place(part.name), problem, nearest(frame, names))
+        if entry.pose is not None and frame != part.name:
+            problem = f"the frame '{frame}' moves: '{entry.pose}' measures it, and no part of the world carries it"
+            raise WiringError(_place(part.name), problem, f"Give the part that moves so the name '{frame}'")
+        pose = composed(entry.placed(), pose)
+        if entry.parent is None:
+            roots.setdefault(frame, part.name)
+            if len(roots) > 1:
+                (a, one), (b, other) = list(roots.items())[:2]
+                problem = f"it stands in '{b}', and '{one}' in '{a}', which nothing connects"
+                raise WiringError(_place(other), problem, f"Say under `frames:` where '{b}' is: give it a parent")
+        frame = entry.parent
+    return mjcf.worldbody, pose
+
+
+def _place(name: str) -> str:
+    return f"sim.parts.{name}.at"
