@@ -41,12 +41,12 @@ class Placement(Options):
 
     @model_validator(mode="after")
     def _one_rotation(self) -> Placement:
+        if not all(map(isfinite, (*self.position, *(self.quaternion or ()), *(self.rpy or ())))):
+            raise ValueError("a pose needs finite numbers")
         if self.quaternion is not None and self.rpy is not None:
             raise ValueError("give the rotation once: either `quaternion` or `rpy`")
         if self.quaternion is not None and not 1e-6 < sum(q * q for q in self.quaternion) < 1e6:
             raise ValueError("a quaternion of length zero is no rotation; without one it is 1, 0, 0, 0")
-        if not all(map(isfinite, self.placed())):
-            raise ValueError("a pose needs finite numbers")
         return self
 
     def placed(self) -> Pose:

@@ -7,7 +7,7 @@ parts with views into one row, ready for the loop or a replay.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -49,6 +49,8 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
     if world is not None:
         for signal in world.truth:
             b.add(f"world.{signal.name}", signal, "truth", "the simulated world", "sim")
+    _links(b, devices)
+    _measured_frames(b, of={*b.profile.devices, *owners})
     laws = controllers.build(b, devices)
     parameters = _parameters(b, laws)
     names = [d.name for d in devices] + owners
@@ -180,20 +182,24 @@ def _unused(b: Builder, laws: list[Law], devices: list[Driver]) -> None:
     for i, entry in enumerate(b.profile.emergency):
         entry.find(b.signals, b.source.place(f"emergency.{i}"))
     _reset_inputs(b, devices)
-    _frames(b, devices)
+    _measured_frames(b)
 
 
-def _frames(b: Builder, devices: list[Driver]) -> None:
-    """Checks what the tree of frames says of devices' links and of signals."""
+def _links(b: Builder, devices: list[Driver]) -> None:
+    """Refuses a frame on a link that its device doesn't have."""
     links = {d.name: d.links for d in devices if d.here}
     for name, frame in b.profile.frames.items():
         device, _, link = (frame.parent or "").partition("/")
         if link and device in links and device not in b.parts and link not in links[device]:
             problem = f"the driver of '{device}' knows no link '{link}'"
             raise WiringError(b.source.place(f"frames.{name}.parent"), problem, nearest(link, links[device]))
+
+
+def _measured_frames(b: Builder, of: Container[str] | None = None) -> None:
+    """Checks the signals that measure frames: those of these devices; None: all."""
     poses = {name: signal for name, signal in b.signals.items() if signal.labels in (POSE, PLANAR)}
     for name, frame in b.profile.frames.items():
-        if frame.pose is None:
+        if frame.pose is None or not (of is None or frame.pose.partition(".")[0] in of):
             continue
         place = b.source.place(f"frames.{name}.pose")
         if frame.pose not in poses:

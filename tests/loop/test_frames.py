@@ -1,0 +1,148 @@
+"""Measured frames in a running loop: in order, as inputs whose loss is a loss, the same bits in a replay."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.toy import Bench, Law, Toy, ToyConfig, _load
+
+from runtime.contracts import registry
+from runtime.contracts.controller import ControllerConfig
+from runtime.contracts.errors import WiringError
+from runtime.contracts.signals import Signal
+from runtime.contracts.terms import POSE
+from runtime.contracts.transforms import Transform, frame
+from runtime.ipc.words import Cause, State
+from runtime.loop.replay import replay
+
+FRAMES = "frames: {room: {}, seen: {parent: room, position: [0.1, 0.0, 0.0], pose: panel.pose}, tip: {parent: seen}}"
+
+
+class Follower(Law):
+    """Goes to where the frame `tip` is in the room, x and y."""
+
+    def __init__(self, name: str, config: ControllerConfig) -> None:
+        super().__init__(name, config)
+        self.transforms = (Transform("tip", frame("tip"), frame("room"), "the tip in the room"),)
+        self.began = np.zeros(2)
+
+    def reset(self) -> None:
+        self.began = self.transform["tip"][:2].copy()
+
+    def update(self, dt: float) -> None:
+        self.output["q"][:] = self.transform["tip"][:2]
+
+
+class Sight(Toy):
+    """Its panel sees a body in the room."""
+
+    def __init__(self, name: str, config: ToyConfig) -> None:
+        super().__init__(name, config)
+        if config.part == "panel":
+            self.states = (*self.states, Signal(name="pose", shape=(7,), unit="m", frame="room", labels=POSE))
+            self.values["pose"] = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+
+
+@pytest.fixture
+def sight(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("helpers.toy.Law", Follower)
+    monkeypatch.setattr("helpers.toy.Toy", Sight)
+    monkeypatch.setattr(registry, "load", _load)
+
+
+def seeing(folder: Path) -> Bench:
+    return Bench(folder, emergency="", more=FRAMES)
+
+
+@pytest.mark.usefixtures("sight")
+def test_a_law_gets_the_pose_of_its_own_cycle_and_a_replay_the_same(tmp_path: Path) -> None:
+    b = seeing(tmp_path)
+
+    def move(k: int) -> None:
+        b.panel.values["pose"][:3] = 0.3 * np.sin(k / 40), 0.2, 0.0
+
+    b.run(300, move)
+    rows = b.rows()[:-1]
+    layout = b.graph.layout
+    asked, pose = layout.value(rows, "arm.command"), layout.value(rows, "panel.pose")
+    begun = int(np.argmax(asked.any(axis=1)))
+    np.testing.assert_array_equal(asked[begun:], pose[begun:, :2] + [0.1, 0.0])
+    assert b.graph.controllers[0].began == pytest.approx(asked[begun])  # type: ignore[attr-defined]
+    assert b.graph.intent[b.graph.layout.devices.index("panel")]
+    assert replay(layout, rows, "toy").identical
+    rows = rows.copy()
+    rows[begun + 50].view(np.float64)[layout.ints + layout.fields["panel.pose"].offset] += 1e-9
+    assert not replay(layout, rows, "toy").identical
+
+
+@pytest.mark.usefixtures("sight")
+@pytest.mark.parametrize("lost", ["silent", "no pose", "NaN"])
+def test_a_frame_that_isnt_seen_stops_the_law_that_uses_it(tmp_path: Path, lost: str) -> None:
+    b = seeing(tmp_path)
+
+    def move(k: int) -> None:
+        if k == 100:
+            if lost == "silent":
+                b.panel.silent = True
+            else:
+                b.panel.values["pose"][3:] = 0.0 if lost == "no pose" else np.nan
+
+    b.run(200, move)
+    faults = [s for s in b.states if s[0] in (State.STOPPING, State.STOPPED)]
+    assert faults[0][1] is Cause.INTENT_LOSS
+    assert b.word("culprit")[-1] == b.graph.layout.devices.index("panel")
+    late = 1 if lost != "silent" else 7
+    assert [s for s, _ in b.states].index(faults[0][0]) <= 101 + late
+    rows = b.rows()
+    assert np.isfinite(b.graph.layout.value(rows, "arm.command.applied")).all()
+
+
+@pytest.mark.usefixtures("sight")
+def test_a_body_that_nothing_uses_may_be_lost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("helpers.toy.Law", Law)
+    b = seeing(tmp_path)
+    b.run(200, lambda k: b.panel.values["pose"].fill(0.0))
+    assert b.states[-1][0] is State.ACTIVE
+
+
+@pytest.mark.usefixtures("sight")
+@pytest.mark.parametrize(
+    ("more", "problem"),
+    [
+        (FRAMES.replace("panel.pose", "panel.poes"), "'panel.poes' is no pose signal"),
+        (FRAMES.replace("seen: {parent: room", "seen: {parent: tip").replace("tip: {parent: seen}", "tip: {}"), "room"),
+        (FRAMES.replace("parent: seen", "parent: arm/hand"), "knows no link 'hand'"),
+        (FRAMES.replace("parent: room, ", ""), "given in 'room', and the frame's parent is 'None'"),
+        (FRAMES.replace("tip: {parent: seen}", "tip: {}"), "needs the tip in the room: nothing connects 'tip'"),
+        ("", "no frame is called 'room'"),
+    ],
+)
+def test_a_tree_that_doesnt_fit_is_refused(tmp_path: Path, more: str, problem: str) -> None:
+    with pytest.raises(WiringError, match=problem):
+        Bench(tmp_path, emergency="", more=more)
+
+
+class Sayer(Law):
+    """Says where the body is."""
+
+    def __init__(self, name: str, config: ControllerConfig) -> None:
+        super().__init__(name, config)
+        self.outputs = (*self.outputs, Signal(name="pose", shape=(7,), unit="m", frame="room", labels=POSE))
+
+
+@pytest.mark.usefixtures("sight")
+def test_a_frame_that_a_later_law_measures_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nor may a law's own output be among what it needs: a circle through signals."""
+
+    class Both(Sayer):
+        def __init__(self, name: str, config: ControllerConfig) -> None:
+            super().__init__(name, config)
+            self.transforms = Follower("", config).transforms
+            self.outputs = tuple(replace(s) for s in self.outputs)
+
+    monkeypatch.setattr("helpers.toy.Law", Both)
+    with pytest.raises(WiringError, match=r"'law\.pose', which measures it, isn't made before"):
+        Bench(tmp_path, emergency="", more=FRAMES.replace("panel.pose", "law.pose"))
