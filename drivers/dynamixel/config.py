@@ -31,9 +31,9 @@ class MotorConfig(BaseModel):
     m_per_rad: float | None = Field(
         None, gt=0, allow_inf_nan=False, description="m/rad of a prismatic axis; its position is then in m"
     )
-    lower: Finite | None = Field(None, description="lowest position of the axis, rad or m; none: the servo's own")
-    upper: Finite | None = Field(None, description="highest position of the axis, rad or m; none: the servo's own")
-    home: Finite | None = Field(None, description="where 'retract' goes, rad or m; give it to all motors or to none")
+    lower: Finite | None = Field(None, description="rad or m, lowest position of the axis; none: the servo's own")
+    upper: Finite | None = Field(None, description="rad or m, highest position of the axis; none: the servo's own")
+    home: Finite | None = Field(None, description="rad or m, where 'retract' goes; give it to all motors or to none")
     torque_constant: float | None = Field(
         None, gt=0, allow_inf_nan=False, description="N m/A at the shaft; none: nominal stall torque over stall current"
     )

@@ -53,10 +53,10 @@ class ServoConfig(BaseModel):
     pin: int = Field(ge=0, le=127, description="the board's digital pin number; A0 of an Uno is 14")
     min_us: int = Field(MIN_PULSE_US, ge=MIN_PULSE_US, le=MAX_PULSE_US, description="shortest pulse, us")
     max_us: int = Field(MAX_PULSE_US, ge=MIN_PULSE_US, le=MAX_PULSE_US, description="longest pulse, us")
-    lower: float = Field(allow_inf_nan=False, description="angle at min_us, rad (at max_us if reversed)")
-    upper: float = Field(allow_inf_nan=False, description="angle at max_us, rad (at min_us if reversed)")
+    lower: float = Field(allow_inf_nan=False, description="rad, angle at min_us (at max_us if reversed)")
+    upper: float = Field(allow_inf_nan=False, description="rad, angle at max_us (at min_us if reversed)")
     reversed: bool = Field(False, description="true where a longer pulse makes the angle smaller")
-    home: float = Field(allow_inf_nan=False, description="angle of the first command, rad")
+    home: float = Field(allow_inf_nan=False, description="rad, angle of the first command")
     trim_us: int = Field(0, ge=-400, le=400, description="added to every pulse, us; corrects the horn's seat")
 
     @model_validator(mode="after")

@@ -46,6 +46,7 @@ def run(args: argparse.Namespace) -> int:
             "wiring": [asdict(connection) for connection in connections(graph)],
             "transforms": transforms(graph),
             "untaken": untaken(graph),
+            "doubts": graph.doubts,
             "commands": guards,
             "listed_limits": {name: listed_limits(graph, name) for name in guards},
         }
@@ -66,6 +67,8 @@ def run(args: argparse.Namespace) -> int:
         by = f", measured by {', '.join(t['measured_by'])}" if t["measured_by"] else ""
         print(f"  {t['name']:<34} {t['of']} in {t['into']}, from {t['from']}{by}")
         print(f"    position {place[0]} m, quaternion {place[1]}" + " while what is measured is zero" * bool(by))
+    for doubt in graph.doubts:
+        print(f"  doubted: {doubt}")
     if left := untaken(graph):
         print(f"  nothing takes {', '.join(left)}")
     for name, category in guards.items():

@@ -71,6 +71,8 @@ class Process:
         launch = self.launch
         checked, source = profile.parse(launch.label, launch.text, launch.overrides)
         graph = self.graph = wiring.build(checked, source, launch.sim)
+        for doubt in graph.doubts:
+            self.report(f"doubted: {doubt}")
         self.devices = [
             Device(d, graph.row.devices[i], graph.actuators_of(i), self.report) for i, d in enumerate(graph.devices)
         ]

@@ -23,6 +23,7 @@ from runtime.contracts.world import World
 from runtime.ipc.row import Row
 from runtime.profile import controllers, keys
 from runtime.profile.builder import Builder
+from runtime.profile.doubts import doubts
 from runtime.profile.graph import Actuator, Copy, Graph, Law
 from runtime.profile.meta import describe
 from runtime.profile.names import Link, link
@@ -76,7 +77,7 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
         profile, source, layout, row, devices, laws, _actuators(b, devices, row, reads), world, b.frames,
         b.simulated, [_is_intent(name, devices, fed) for name in names],
         [(names.index(n.partition(".")[0]), row.views[n]) for n in sorted(through) if n.partition(".")[0] in names],
-        reads,
+        doubts(profile, source, devices, [law.controller for law in laws], world), reads,
     )  # fmt: skip
     _bind(graph)
     return graph

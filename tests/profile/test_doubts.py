@@ -1,0 +1,63 @@
+"""Numbers in another unit are doubted aloud, with their place; those of the shipped profiles aren't."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from helpers.run import call
+
+from runtime.profile import profile, wiring
+
+
+@pytest.mark.parametrize("name", profile.shipped())
+def test_shipped_profiles_raise_no_doubts(name: str) -> None:
+    assert wiring.build(*profile.load(name), []).doubts == []
+
+
+@pytest.mark.parametrize(
+    ("change", "place", "text"),
+    [
+        (
+            "frames.arm.rpy=[0,0,90]",
+            "frames.arm.rpy.2",
+            "90 rad is 14.3 turns. Are these degrees? 90 degrees are 1.571",
+        ),
+        ("frames.arm.position=[200,0,0.5]", "frames.arm.position.0", "200 m is more than a room. Are these millim"),
+        (
+            "devices.arm.load={mass: 880, centre: [0,0,0]}",
+            "devices.arm.load.mass",
+            "Are these grams? 880 g are 0.88 kg",
+        ),
+        ("sim.parts.person.off_by.rpy=[0,7,0]", "sim.parts.person.off_by.rpy.1", "7 rad is 1.11 turns"),
+        ("controllers.2.tool_com=[0,0,45]", "controllers.2.tool_com.2", "45 mm are 0.045 m"),
+        ("frames.handle.quaternion=[1,0,1,0]", "frames.handle.quaternion", "its length is 1.41, not 1"),
+    ],
+)
+def test_another_unit_is_doubted_at_its_place(change: str, place: str, text: str) -> None:
+    (doubt,) = wiring.build(*profile.load("moca-man", [change]), []).doubts
+    assert place in doubt
+    assert text in doubt
+
+
+def test_angles_of_servos_and_limits_are_doubted_too() -> None:
+    set_ = ["devices.finger.servos.abduction.upper=90", "guard.finger.position_command.lower={abduction: -60}"]
+    found = wiring.build(*profile.load("finger-jog", set_)).doubts
+    assert "devices.finger.servos.abduction.upper: 90 rad" in found[0]
+    assert "guard.finger.position_command.lower.abduction: -60 rad" in found[1]
+
+
+def test_a_turn_both_ways_is_a_joints_range() -> None:
+    limits = "guard.arm.velocity_command.lower=[-6.2832,-6.2832,-6.2832,-6.2832,-6.2832,-6.2832]"
+    assert wiring.build(*profile.load("ur-jog", [limits])).doubts == []
+
+
+def test_srl_check_says_so_and_a_run_too(tmp_path: Path) -> None:
+    change = "frames.arm.rpy=[0,0,90]"
+    shown = call(tmp_path, "check", "moca-man", "--sim", "--set", change)
+    assert "doubted:" in shown.stdout
+    found = json.loads(call(tmp_path, "check", "moca-man", "--sim", "--json", "--set", change).stdout)
+    assert "14.3 turns" in found["doubts"][0]
+    run = call(tmp_path, "run", "moca-man", "--sim", "--fast", "--duration", "0.05", "--set", change, code=None)
+    assert "doubted: " in run.stderr
