@@ -74,6 +74,12 @@ class View:
         self._pose = self._visible = self._markers = self._marker_visible = none
         self._unlabelled = self._unlabelled_visible = none
 
+    def require(self, state: str) -> None:
+        """Lets a frame count only if the segment of this state (`hand.pose`) is visible in it."""
+        segment = state.removesuffix(".pose")
+        if segment in self._names and (row := self._names.index(segment)) not in self._need_segments:
+            self._need_segments.append(row)
+
     def bind(self, arrays: Mapping[str, Array]) -> None:
         """Takes the state arrays. A pose that was never seen is the identity."""
         none = np.empty(0)

@@ -103,6 +103,12 @@ class Driver(ABC):
         self.command_arrays: Mapping[str, Array] = {}
         self.sent_arrays: Mapping[str, Array] = {}
 
+    def require(self, state: str) -> None:
+        """A law relies on this state as the pose of a frame: a sample that lacks it is none, and `stamp` stays.
+
+        Called once, before `bind`. For a device that sees several bodies, of which each may be hidden.
+        """
+
     def bind(self, states: Mapping[str, Array], commands: Mapping[str, Array]) -> None:
         """Takes the arrays, which the runtime allocates once.
 

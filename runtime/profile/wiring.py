@@ -73,6 +73,10 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
     through = {name for law in laws for found in law.transforms for name in found.signals}
     fed = {name.partition(".")[0] for law in laws for wire in law.inputs.values() for name in wire.far}
     fed |= {name.partition(".")[0] for name in through}
+    for device in devices:
+        for name in through:
+            if name.partition(".")[0] == device.name:
+                device.require(name.partition(".")[2])
     graph = Graph(
         profile, source, layout, row, devices, laws, _actuators(b, devices, row, reads), world, b.frames,
         b.simulated, [_is_intent(name, devices, fed) for name in names],

@@ -24,20 +24,19 @@ def build(mjcf: Mjcf, parts: Mapping[str, Part], frames: Frames) -> None:
     waiting = dict(parts)
     roots: dict[str, str] = {}  # of the fixed frames that are used, and the part that uses it
     while waiting:
-        built = [name for name, part in waiting.items() if _build(mjcf, part, frames, waiting, roots)]
+        lacking = {name: _build(mjcf, part, frames, waiting, roots) for name, part in waiting.items()}
+        built = [name for name, frame in lacking.items() if frame is None]
+        if not built:
+            raise _stuck({name: frame for name, frame in lacking.items() if frame is not None}, mjcf, frames)
         for name in built:
             del waiting[name]
-        if not built:
-            name = next(iter(waiting))
-            problem = f"'{name}' and what it stands on stand on each other: {', '.join(waiting)}"
-            raise WiringError(_place(name), problem, "Let one of them stand in the world")
 
 
-def _build(mjcf: Mjcf, part: Part, frames: Frames, waiting: Mapping[str, Part], roots: dict[str, str]) -> bool:
-    """Builds the part, unless what carries its frame isn't there yet."""
+def _build(mjcf: Mjcf, part: Part, frames: Frames, waiting: Mapping[str, Part], roots: dict[str, str]) -> str | None:
+    """Builds the part, unless what carries its frame isn't there yet: returns the frame or body that is lacking."""
     found = _find(mjcf, part, frames, waiting, roots)
-    if found is None:
-        return False
+    if isinstance(found, str):
+        return found
     body, pose = found
     part.stand = composed(pose, part.config.off_by.placed())
     before = len(mjcf.bodies)
@@ -45,13 +44,13 @@ def _build(mjcf: Mjcf, part: Part, frames: Frames, waiting: Mapping[str, Part], 
     first = next(iter([*mjcf.bodies.values()][before:]), None)
     if first is not None:
         mjcf.carried.setdefault(part.name, (first, IDENTITY))
-    return True
+    return None
 
 
 def _find(
     mjcf: Mjcf, part: Part, frames: Frames, waiting: Mapping[str, Part], roots: dict[str, str]
-) -> tuple[Element, Pose] | None:
-    """The body that carries the part's frame, and the frame's pose in it."""
+) -> tuple[Element, Pose] | str:
+    """The body that carries the part's frame, and the frame's pose in it; or the frame or body that is lacking."""
     at = part.config.at
     if at is None:
         at = part.name if part.name in frames.entries else None
@@ -66,13 +65,11 @@ def _find(
             if frame in mjcf.carried:
                 body, inside = mjcf.carried[frame]
                 return body, composed(inside, pose)
-            if frame.partition("/")[0] in waiting and frame.partition("/")[0] != part.name:
-                return None
+            if _owner(frame) in waiting:
+                return frame
         entry = frames.entries.get(frame)
         if entry is None:
-            names = [*frames.entries, *mjcf.carried, *mjcf.bodies]
-            problem = f"no frame and no body is called '{frame}'"
-            raise WiringError(_place(part.name), problem, nearest(frame, names))
+            return frame
         if entry.pose is not None and frame != part.name:
             problem = f"the frame '{frame}' moves: '{entry.pose}' measures it, and no part of the world carries it"
             raise WiringError(_place(part.name), problem, f"Give the part that moves so the name '{frame}'")
@@ -85,6 +82,28 @@ def _find(
                 raise WiringError(_place(other), problem, f"Say under `frames:` where '{b}' is: give it a parent")
         frame = entry.parent
     return mjcf.worldbody, pose
+
+
+def _stuck(lacking: Mapping[str, str], mjcf: Mjcf, frames: Frames) -> WiringError:
+    """Why none of these parts can be built; `lacking` says by part what it stands on."""
+    for name, frame in lacking.items():
+        if _owner(frame) not in lacking:
+            names = {*frames.entries, *mjcf.carried, *mjcf.bodies}
+            return WiringError(_place(name), f"no frame and no body is called '{frame}'", nearest(frame, names))
+    way = [next(iter(lacking))]  # from a part to the one on which it stands, until one comes again
+    while (on := _owner(lacking[way[-1]])) not in way:
+        way.append(on)
+    circle = way[way.index(on) :]
+    if len(circle) == 1:
+        problem = f"it stands on itself, at '{lacking[on]}'"
+        return WiringError(_place(on), problem, "Name a frame of `frames:`, or a body of another part")
+    problem = f"parts stand on each other: {' -> '.join([*circle, on])}"
+    return WiringError(_place(on), problem, "Let one of them stand in the world")
+
+
+def _owner(frame: str) -> str:
+    """The part whose frame or body this is, if it is a part's."""
+    return frame.partition("/")[0]
 
 
 def _place(name: str) -> str:

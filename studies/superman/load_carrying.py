@@ -137,16 +137,14 @@ def task(name: str, setup: dict[str, Any]) -> Task:
     """Returns the profile with load, tables, obstacles and the person's plan."""
     width, depth, height = setup["table"]
     (px, py), (gx, gy) = setup["pick"], setup["place"]
+    across = [0.7071067811865476, 0.0, 0.0, 0.7071067811865476]  # the bar across the fingers
     parts = {
         "arm": {"home": setup["arm_home"]},
         "from": {"part": "box", "size": [width, depth, height], "at": {"position": [px, py, height / 2]}},
         "to": {"part": "box", "size": [width, depth, height], "at": {"position": [gx, gy, height / 2]}},
         "load": {
             "part": "load",
-            "at": {
-                "position": [px, py, height + setup["size"][2] / 2 + 0.001],
-                "quaternion": [0.7071067811865476, 0.0, 0.0, 0.7071067811865476],
-            },  # the bar across the fingers
+            "at": {"position": [px, py, height + setup["size"][2] / 2 + 0.001], "quaternion": across},
             "gripper": "hand",
             **{key: setup[key] for key in ("mass", "size", "grip", "reach")},
         },

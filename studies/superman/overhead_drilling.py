@@ -40,13 +40,12 @@ def task(person: Person, condition: str, a: dict[str, Any], name: str = "", hole
             step["tolerance"] = person.care
     drill = {"part": "drill", "mass": a["drill"], "bit": a["bit"]}
     tip = _tip(a)
-    first = [tip[0], tip[1], a["plate"]]
+    # Of the plate, whose first hole is over the tip.
+    middle = [tip[0] + (_COLUMNS - 1) / 2 * _SPACING, tip[1] + (_ROWS - 1) / 2 * _SPACING, a["plate"] + _THICK / 2]
     parts: dict[str, Any] = {
         "plate": {
             "part": "drill-plate", "drill": "drill/tip", "thickness": _THICK, "rows": _ROWS, "columns": _COLUMNS,
-            "at": {"position": [
-                first[0] + (_COLUMNS - 1) / 2 * _SPACING, first[1] + (_ROWS - 1) / 2 * _SPACING, first[2] + _THICK / 2
-            ]},
+            "at": {"position": middle},
         },
         "drill": drill,
         "person": person.options(overhead=True) | {"tool": "drill/tip", "plan": plan},

@@ -139,8 +139,8 @@ def _baton(file: Path) -> Array:
 
 
 def task(original: Original, setup: dict[str, Any]) -> Task:
-    """Returns the profile with the recording in place of the person; a script presses button A."""
-    person = {"part": "person", "at": "grip/grip", "tool": "grip/grip", "recording": original.options}
+    """Returns the profile with the recording in place of the person's plan; a script presses button A."""
+    person = {"part": "person", "tool": "grip/grip", "recording": original.options}
     changes = {
         "controllers": controller("moca-man", "admittance", dead_band=setup["dead_band"]),
         "sim": {

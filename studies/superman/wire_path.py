@@ -49,11 +49,9 @@ def task(person: Person, condition: str, a: dict[str, Any], name: str = "") -> T
     else:
         parts["ring"] |= {"at": {"parent": "person/hand", "position": a["ring_in_hand"], "quaternion": turn}}
         parts["person"] |= {"at": {"parent": None, "position": _hand(a)}}
-        size = a["weight_size"]
-        parts["weight"] = {
-            "part": "box", "at": {"parent": "person/hand", "position": a["weight_at"]}, "size": [size] * 3, "mass": a["weight"],
-            "touches": False,
-        }  # fmt: skip
+        wrist = {"parent": "person/hand", "position": a["weight_at"]}
+        size = [a["weight_size"]] * 3
+        parts["weight"] = {"part": "box", "at": wrist, "size": size, "mass": a["weight"], "touches": False}
         changes = user_study.alone(parts)
     label = name or f"{person.name}-{condition}".lower()
     return Task(label, "moca-man", changes, a["duration"], person.seed)

@@ -17,9 +17,9 @@ from sim.world.cell import Cell, CellConfig
 
 
 def cell(gravity: bool = False, handle: dict[str, Any] | None = None, sensor: dict[str, Any] | None = None) -> Cell:
-    """Parts `sensor`, fixed to the world, and `handle`, mounted on it."""
+    """Parts `sensor`, whose mounting face is fixed to the world's origin, and `handle`, mounted on it."""
     parts = {
-        "sensor": (FtSensorPart, FtSensorConfig.model_validate(sensor or {})),
+        "sensor": (FtSensorPart, FtSensorConfig.model_validate({"at": {"position": (0, 0, 0.035)}} | (sensor or {}))),
         "handle": (HandlePart, HandleConfig.model_validate({"at": "sensor/tool"} | (handle or {}))),
     }
     config = CellConfig.model_construct(

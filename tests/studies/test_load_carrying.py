@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.study import cell
 from pydantic import TypeAdapter
 from ruamel.yaml import YAML
 
@@ -14,8 +15,7 @@ import studies.runs
 from runtime.contracts.errors import RequestError
 from sim.parts.person.plans import Plan
 from sim.parts.things.load import LoadConfig
-from sim.world.cell import Cell, CellConfig
-from studies.runs import PROFILES, Task, merged, run_all
+from studies.runs import Task, run_all
 from studies.superman import load_carrying as study
 from studies.superman.assumptions import assumed
 
@@ -32,16 +32,13 @@ def holding(outcome: study.Outcome) -> set[str]:
 
 def test_the_hand_is_led_by_the_middle_of_its_hollow() -> None:
     setup = assumed(study.NAME)
-    task = study.task("any", setup)
-    content = merged(YAML(typ="safe", pure=True).load(PROFILES / "kairos-man.yaml"), task.changes)
-    config = {key: content["sim"][key] for key in ("floor", "parts")}
-    cell = Cell(CellConfig.model_validate(config), 1)
-    palm = cell.data.xmat[cell.model.body("hand/palm").id].reshape(3, 3)
+    world = cell(study.task("any", setup))
+    palm = world.data.xmat[world.model.body("hand/palm").id].reshape(3, 3)
     hollow = LoadConfig.model_fields["hollow"].default
     np.testing.assert_allclose(palm @ hollow, setup["hollow"], atol=1e-6)
     # The bar is where the plan says that the hollow of the hand is going to be.
     low = setup["table"][2] + setup["size"][2] + setup["grip"]
-    grasp = cell.data.site_xpos[cell.model.site("load/grasp").id]
+    grasp = world.data.site_xpos[world.model.site("load/grasp").id]
     np.testing.assert_allclose(grasp, [*setup["pick"], low], atol=2e-3)
 
 

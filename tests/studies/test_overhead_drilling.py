@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ruamel.yaml import YAML
+from helpers.study import cell
 
-from sim.world.cell import Cell, CellConfig
-from studies.runs import PROFILES, merged, run_all
+from studies.runs import run_all
 from studies.superman import overhead_drilling
 from studies.superman.assumptions import assumed
 from studies.superman.persons import persons
@@ -19,13 +18,6 @@ from studies.superman.user_study import Planned, trials
 from studies.toolkit.trials import Trial
 
 A = assumed("overhead-drilling")
-
-
-def cell(task: Any) -> Cell:
-    """The world of a trial."""
-    profile = merged(YAML(typ="safe", pure=True).load(PROFILES / f"{task.profile}.yaml"), task.changes)
-    options = {key: value for key, value in profile["sim"].items() if key not in ("world", "devices")}
-    return Cell(CellConfig.model_validate(options), task.seed)
 
 
 def test_the_drill_starts_upright_under_the_first_hole_in_both_conditions():

@@ -7,10 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.study import cell, profile
 from ruamel.yaml import YAML
 
-from sim.world.cell import Cell, CellConfig
-from studies.runs import PROFILES, merged
 from studies.superman.assumptions import FILE, assumed
 from studies.superman.peg_in_hole import (
     COMPLIANT,
@@ -39,15 +38,13 @@ def test_every_assumption_has_a_source() -> None:
 def test_the_peg_begins_above_the_hole_and_its_mass_is_what_the_robot_is_told(condition: Condition) -> None:
     a = assumed(STUDY)
     done = task(condition, 1, a)
-    profile = merged(YAML(typ="safe", pure=True).load(PROFILES / f"{condition.profile}.yaml"), done.changes)
-    scene = {key: value for key, value in profile["sim"].items() if key not in ("world", "devices")}
-    world = Cell(CellConfig.model_validate(scene), 1)
+    world = cell(done)
     tip, mouth = world.data.site("peg/tip").xpos, world.data.site("hole/mouth").xpos
     assert tip[2] - mouth[2] > a["above"]
     assert np.linalg.norm(tip[:2] - mouth[:2]) < 0.1
     flange = world.model.body("arm/flange").id
     turn, at = world.data.xmat[flange].reshape(3, 3), world.data.xpos[flange]
-    arm = profile["devices"]["arm"]
+    arm = profile(done)["devices"]["arm"]
     mass, centre = (
         (arm["load"]["mass"], arm["load"]["centre"]) if "load" in arm else (arm["payload"], arm["payload_cog"])
     )

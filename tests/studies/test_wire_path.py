@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ruamel.yaml import YAML
+from helpers.study import cell
 
-from sim.world.cell import Cell, CellConfig
-from studies.runs import PROFILES, merged, run_all
+from studies.runs import run_all
 from studies.superman import wire_path
 from studies.superman.assumptions import assumed
 from studies.superman.persons import drawn, persons
@@ -18,13 +17,6 @@ from studies.toolkit.trials import Trial
 
 A = assumed("wire-path")
 PATH = wire_path._path(A)
-
-
-def cell(task: Any) -> Cell:
-    """The world of a trial."""
-    profile = merged(YAML(typ="safe", pure=True).load(PROFILES / f"{task.profile}.yaml"), task.changes)
-    options = {key: value for key, value in profile["sim"].items() if key not in ("world", "devices")}
-    return Cell(CellConfig.model_validate(options), task.seed)
 
 
 def test_the_persons_are_those_drawn_from_the_stated_distributions():

@@ -76,6 +76,10 @@ class FakeVicon(Sensor, SampledFake):
         self._segments: list[tuple[int, int]] = []  # row of the states, row of the scene
         self._markers: list[tuple[int, int]] = []
 
+    def require(self, state: str) -> None:
+        """See `Driver.require`."""
+        self._view.require(state)
+
     def bind(self, states: Mapping[str, Array], commands: Mapping[str, Array]) -> None:
         super().bind(states, commands)
         self._view.bind(states)

@@ -137,6 +137,14 @@ def test_required_things_decide_whether_a_sample_counts():
     assert follow(opened(config(**both), **EXACT, occlusion=hidden), 0.1)[1][-1] == -1
 
 
+def test_what_a_law_relies_on_decides_too():
+    """The pose of a frame: another segment that is still seen must not keep a hidden one alive."""
+    both, hidden = {"segments": {"wand": "Wand", "other": "other"}}, {"other": [[0.0, 9.0]]}
+    found = opened(config(**both), **EXACT, occlusion=hidden)
+    found.require("other.pose")
+    assert follow(found, 0.1)[1][-1] == -1
+
+
 def test_markers_drop_out_as_often_as_asked():
     found = opened(**EXACT, marker_dropout=0.25)
     rows, _ = follow(found, 10.0)

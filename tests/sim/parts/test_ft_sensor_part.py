@@ -26,7 +26,7 @@ def test_weights_hang_on_it_as_they_do():
 
 
 def test_turned_upside_down_it_reads_the_other_sign():
-    world = cell(gravity=True, sensor={"quaternion": (0.0, 1.0, 0.0, 0.0)})
+    world = cell(gravity=True, sensor={"at": {"position": (0.0, 0.0, -0.035), "quaternion": (0.0, 1.0, 0.0, 0.0)}})
     assert wrench(world)[2] == pytest.approx(0.2 * 9.81)
 
 

@@ -30,7 +30,7 @@ def follow(world: Cell, seconds: float, name="wand"):
 
 
 def test_still_stays_where_it_was_put_against_gravity():
-    world = cell(wand={"position": [0.4, -0.2, 1.1], "quaternion": [2.0, 0.0, 0.0, 2.0]})
+    world = cell(wand={"at": {"position": [0.4, -0.2, 1.1], "quaternion": [2.0, 0.0, 0.0, 2.0]}})
     rows, _ = follow(world, 1.0)
     half = np.sqrt(0.5)
     np.testing.assert_allclose(rows, np.tile([0.4, -0.2, 1.1, half, 0, 0, half], (100, 1)), atol=1e-6)
@@ -39,7 +39,7 @@ def test_still_stays_where_it_was_put_against_gravity():
 
 @pytest.mark.parametrize("kind", ["circle", "sine"])
 def test_it_follows_its_motion_closely_but_not_exactly(kind):
-    world = cell(wand={"position": [0.0, 0.0, 1.0], "motion": {"kind": kind}})
+    world = cell(wand={"at": {"position": [0.0, 0.0, 1.0]}, "motion": {"kind": kind}})
     rows, targets = follow(world, 5.0)
     off = np.linalg.norm(rows[:, :3] - targets[:, :3], axis=1)
     assert 1e-5 < off[100:].mean() < off.max() < 0.03  # it has mass, and the weld gives
@@ -79,7 +79,8 @@ def test_a_thing_in_its_way_holds_it_back():
 
 
 def test_a_saved_world_goes_on_bit_for_bit():
-    parts = {"wand": {"motion": {"kind": "sine"}}, "other": {"position": [1, 0, 0], "motion": {"kind": "circle"}}}
+    other = {"at": {"position": [1, 0, 0]}, "motion": {"kind": "circle"}}
+    parts = {"wand": {"motion": {"kind": "sine"}}, "other": other}
     world = cell(**parts)
     follow(world, 0.5)
     state = world.save()
@@ -109,7 +110,7 @@ def test_all_names_are_its_own():
 
 
 def test_it_can_t_be_mounted():
-    with pytest.raises(WiringError, match=r"sim\.parts\.b\.on: a mocap-body moves freely"):
+    with pytest.raises(WiringError, match=r"sim\.parts\.b\.at: 'b' moves freely"):
         cell(a={}, b={"at": "a/body"})
 
 

@@ -73,7 +73,7 @@ def test_the_masses_sum_up_and_every_inertia_is_possible(kind, sex, fingers):
 @pytest.mark.parametrize("kind", ["axis-neuron", "axis-studio"])
 def test_the_t_pose_is_the_skeletons_turned_into_the_cell(kind):
     quarter = [np.sqrt(0.5), 0, 0, np.sqrt(0.5)]  # facing the cell's y
-    world = cell(skeleton=kind, script="t-pose", position=[1.0, 2.0, 0.5], quaternion=quarter)
+    world = cell(skeleton=kind, script="t-pose", at={"position": [1.0, 2.0, 0.5], "quaternion": quarter})
     run(world, 0.5)
     skeleton = Skeleton(kind)
     places = np.zeros((59, 3))
@@ -240,8 +240,8 @@ def test_a_wall_holds_a_reaching_arm_back_only_where_contact_is_asked_for():
 
 
 def test_it_cant_be_mounted_on_something():
-    with pytest.raises(WiringError, match="a person moves freely"):
-        cell({"box": {"part": "box", "size": [1, 1, 1]}}, on="box/body")
+    with pytest.raises(WiringError, match=r"sim\.parts\.person\.at: 'person' moves freely"):
+        cell({"box": {"part": "box", "size": [1, 1, 1]}}, at="box/body")
 
 
 def test_a_recording_of_something_else_is_refused(tmp_path):

@@ -181,7 +181,8 @@ def test_a_known_tool_beside_the_hand_is_moved_and_turned_as_meant():
     unknown = {"learned_inertia": 0.0, "learned_turn_damping": 0.0}
     off = []
     for at, known in (([0.0, 0.0, 0.0], {}), ([0.2, 0.0, 0.1], {}), ([0.2, 0.0, 0.1], unknown)):
-        seen = run(guided(steps, at={"position": at}, **options, **known), 6.0)
+        place = {"parent": "robot/body", "position": at}
+        seen = run(guided(steps, at=place, **options, **known), 6.0)
         off.append(np.linalg.norm(seen["person_tool"] - seen["person_aim"], axis=1).max())
     assert max(off[:2]) < 0.001
     assert off[2] > 0.005
@@ -330,7 +331,7 @@ def test_an_admittance_is_guided_through_a_sensor_with_its_dead_band():
     plan = [press("admittance"), go_to(0.3, 0.1, 0.2, tolerance=0.008), hold(3.0), press("admittance"), hold(1.0)]
     parts: Any = {
         "robot": (Trolley, {"mass": 1e3, "inertia": 1e2, "damping": 0.0, "turn_damping": 0.0}),
-        "sensor": (FtSensorPart, {"at": "robot/body"}),
+        "sensor": (FtSensorPart, {"at": {"parent": "robot/body", "position": [0, 0, 0.035]}}),
         "handle": (HandlePart, {"at": "sensor/tool"}),
         "person": (
             PersonPart,
@@ -340,7 +341,7 @@ def test_an_admittance_is_guided_through_a_sensor_with_its_dead_band():
     world = cell(parts)
     robot, sensor, person = (world.parts[name] for name in ("robot", "sensor", "person"))
     config = AdmittanceConfig(tool_mass=0.2, tool_com=(0.0, 0.0, 0.045))
-    law = bound(Admittance("admittance", config))
+    law = bound(Admittance("admittance", config), sensor=(0.0, 0.0, 0.035, 1.0, 0.0, 0.0, 0.0))
     law.input["pose"][3] = 1.0
     law.reset()
     on, down, speed, places, forces = False, False, np.zeros(6), [], []
@@ -366,7 +367,7 @@ def test_a_run_can_end_with_a_persons_plan():
     world = alone([hold(0.5)], tool=0.0)
     run(world, 2.0)
     assert not world.finished  # nobody asked for it
-    person = (PersonPart, PersonPart.Config.model_validate({"position": [0, 0, 1], "plan": [hold(0.5)]}))
+    person = (PersonPart, PersonPart.Config.model_validate({"at": {"position": [0, 0, 1]}, "plan": [hold(0.5)]}))
     world = Cell(CellConfig.model_construct(parts={"person": person}, ends_with="person"), 1)
     seen = run(world, 5.0, until=lambda w: w.finished)
     assert finished(world)

@@ -19,13 +19,11 @@ from sim.parts.things.ft_sensor import FtSensorPart, HandlePart
 
 def replayed(recording: Any, **options: Any) -> Any:
     """A person who replays forces at a sensor's handle."""
+    held = {"at": {"parent": "handle/grip", "position": [0, 0, 0.06]}}
     parts: Any = {
-        "sensor": (FtSensorPart, {}),
+        "sensor": (FtSensorPart, {"at": {"position": [0, 0, 0.035]}}),
         "handle": (HandlePart, {"at": "sensor/tool"}),
-        "person": (
-            PersonPart,
-            {"at": {"parent": "handle/grip", "position": [0, 0, 0.06]}, "recording": recording, **options},
-        ),
+        "person": (PersonPart, held | {"recording": recording} | options),
     }
     return cell(parts, gravity=(0.0, 0.0, 0.0))
 

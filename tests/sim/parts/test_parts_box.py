@@ -9,6 +9,7 @@ import pytest
 from helpers.sim import MS
 from pydantic import ValidationError
 
+from runtime.contracts.errors import WiringError
 from sim.parts.things.box import BoxConfig
 from sim.world.cell import Cell, CellConfig
 
@@ -39,11 +40,12 @@ def test_a_free_thing_falls_on_the_floor(shape: str, size: tuple[float, ...], he
 
 
 def test_friction_holds_it_on_a_slope_or_not() -> None:
-    slope = {"size": (1.0, 0.4, 0.02), "position": (0, 0, 0.5), "quaternion": (np.cos(0.2), 0, np.sin(0.2), 0)}
+    turned = {"quaternion": (np.cos(0.2), 0, np.sin(0.2), 0)}
+    slope = {"part": "box", "size": (1.0, 0.4, 0.02), "at": {"position": (0, 0, 0.5)} | turned}
+    block = {"part": "box", "size": (0.1, 0.1, 0.05), "free": True, "at": {"position": (0, 0, 0.54)} | turned}
     way = []
     for friction in (0.3, 0.6):  # tan(0.4) = 0.42
-        block = slope | {"part": "box", "size": (0.1, 0.1, 0.05), "free": True, "at": {"position": (0, 0, 0.54)}}
-        world = cell(slope=slope | {"part": "box", "friction": 0.0}, block=block | {"friction": friction})
+        world = cell(slope=slope | {"friction": 0.0}, block=block | {"friction": friction})
         world.advance(1000 * MS)
         way.append(world.truth_arrays["block_pose"][0])
     assert way[0] > 0.2
@@ -70,9 +72,15 @@ def test_one_that_can_not_be_touched_lets_others_through() -> None:
     [
         ({"size": (0.1, 0.1)}, "a box needs 3 positive"),
         ({"shape": "sphere", "size": (0.0,)}, "a sphere needs 1 positive"),
-        ({"size": (0.1, 0.1, 0.1), "free": True, "at": "arm/flange"}, "can't be mounted"),
     ],
 )
 def test_wrong_options_are_refused(options: dict[str, Any], message: str) -> None:
     with pytest.raises(ValidationError, match=message):
         BoxConfig.model_validate(options)
+
+
+def test_a_free_thing_can_not_be_mounted() -> None:
+    thing = {"part": "box", "size": (0.1, 0.1, 0.1), "at": "arm/flange"}
+    cell(arm={"part": "panda"}, thing=thing)
+    with pytest.raises(WiringError, match=r"sim\.parts\.thing\.at: 'thing' moves freely, and can't be mounted"):
+        cell(arm={"part": "panda"}, thing=thing | {"free": True})

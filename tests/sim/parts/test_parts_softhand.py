@@ -33,7 +33,7 @@ def run(world: Cell, seconds: float) -> None:
 def bar(diameter: float, **options: Any) -> dict[str, Any]:
     """A cylinder across the palm."""
     across = {"position": (0.022 + diameter / 2, 0.0, 0.145), "quaternion": (0.7071, 0.7071, 0, 0)}
-    return {"part": "box", "shape": "cylinder", "size": (diameter, 0.2)} | across | options
+    return {"part": "box", "shape": "cylinder", "size": (diameter, 0.2), "at": across} | options
 
 
 def test_the_empty_hand_closes_along_its_synergy() -> None:
@@ -74,11 +74,8 @@ def test_mass_is_that_of_the_sheet() -> None:
 
 
 def test_fingers_that_touch_stop_while_the_others_go_on() -> None:
-    block = {
-        "part": "box",
-        "size": (0.02, 0.012, 0.02),
-        "at": {"position": (0.03, 0.02645, 0.2)},
-    }  # before the index finger
+    before_the_index_finger = {"position": (0.03, 0.02645, 0.2)}
+    block = {"part": "box", "size": (0.02, 0.012, 0.02), "at": before_the_index_finger}
     world = cell(block=block)
     part = hand(world)
     part.command_position(0.6 * CLOSED)
