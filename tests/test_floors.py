@@ -17,7 +17,7 @@ FOLDERS = ("runtime", "drivers", "sim", "profiles", "studies", "bench", "srl")
 # What a room may import besides itself. `runtime` alone is the package's own __init__ (version, BLAS threads).
 GROUND = {"runtime", "runtime.contracts"}
 LOOP = GROUND | {f"runtime.{r}" for r in ("messages", "control", "guard", "ipc", "recording", "profile", "loop")}
-DESCRIPTIONS = {"runtime.control.robots", "runtime.control.hand.human_hand"}  # what the laws know: data, not laws
+DESCRIPTIONS = {"runtime.control.robots", "runtime.control.hand.human_hand", "runtime.control.models"}  # data, not laws
 ROOMS: dict[str, set[str]] = {
     "runtime": set(),
     "runtime.contracts": {"runtime"},

@@ -33,6 +33,19 @@ class ProfileError(SrlError):
     """The profile's text is wrong: syntax, an unknown key, a value out of its range."""
 
 
+class OptionError(ValueError):
+    """What a validator of options raises to give the remedy, too; the profile's reader adds the place.
+
+    Attributes:
+        problem, remedy: as in SrlError.
+    """
+
+    def __init__(self, problem: str, remedy: str) -> None:
+        super().__init__(f"{problem}. {remedy}")
+        self.problem = problem
+        self.remedy = remedy
+
+
 class WiringError(SrlError):
     """The profile's parts don't fit together: an unbound signal, two writers, units that differ."""
 

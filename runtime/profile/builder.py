@@ -13,6 +13,7 @@ from pydantic import BaseModel, ValidationError
 from runtime.contracts.errors import ProfileError, WiringError, nearest
 from runtime.contracts.frames import FrameError, Frames
 from runtime.contracts.signals import Signal
+from runtime.control.models import context
 from runtime.ipc.layout import Layout
 from runtime.profile.profile import Profile, Source, first_error
 
@@ -49,9 +50,9 @@ class Builder:
         return chosen
 
     def options(self, model: type[BaseModel], values: dict[str, Any], path: str) -> Any:
-        """A part's own options, checked by its model."""
+        """A part's own options, checked by its model; where they name an entry of `models:`, that is put in."""
         try:
-            return model.model_validate(values)
+            return model.model_validate(values, context=context(self.profile.models))
         except ValidationError as error:
             raise first_error(error, self.source, path, model) from None
 

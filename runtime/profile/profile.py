@@ -13,17 +13,18 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from importlib import resources
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, PlainValidator, ValidationError, WithJsonSchema, field_validator
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.events import AliasEvent, MappingEndEvent, MappingStartEvent, SequenceEndEvent, SequenceStartEvent
 
-from runtime.contracts.errors import ProfileError, nearest
+from runtime.contracts.errors import OptionError, ProfileError, nearest
 from runtime.contracts.frames import FrameEntry
 from runtime.contracts.signals import Stop
+from runtime.control.models import KINDS, Model, of_entry
 from runtime.guard.limits import GuardLimits
 from runtime.profile.bus import BusConfig
 from runtime.profile.element import Element
@@ -99,6 +100,11 @@ class SimEntry(BaseModel):
         return dict(self.model_extra or {})
 
 
+ModelEntry = Annotated[
+    Model,
+    PlainValidator(of_entry),
+    WithJsonSchema({"oneOf": [kind.model_json_schema() for kind in KINDS.values()]}),
+]
 Reaction = Stop | Literal["stop"]  # "stop": each actuator's own category
 
 
@@ -149,6 +155,7 @@ class Profile(Part):
     controllers: tuple[ControllerEntry, ...] = ()
     guard: dict[str, GuardLimits] = Field(default_factory=dict)
     frames: dict[str, FrameEntry] = Field(default_factory=dict)
+    models: dict[str, ModelEntry] = Field(default_factory=dict)
     sim: SimEntry | None = None
     stop: dict[str, Stop] = Field(default_factory=dict)
     faults: Faults = Faults()
@@ -174,6 +181,14 @@ class Profile(Part):
         for name, entry in value.items():
             if not re.match(SIGNAL if isinstance(entry, SetpointEntry) else SLUG, name):
                 raise ValueError(f"'{name}' isn't a valid name: lower-case letters, digits, - and _ only")
+        return value
+
+    @field_validator("models")
+    @classmethod
+    def _names(cls, value: dict[str, Model]) -> dict[str, Model]:
+        for name in value:
+            if not re.match(r"^[a-z][a-z0-9_]*$", name):
+                raise ValueError(f"'{name}' isn't a valid name: lower-case letters, digits and _ only")
         return value
 
 
@@ -296,6 +311,9 @@ def first_error(
         )
     if item["type"] == "missing":
         return ProfileError(source.place(path), f"the key '{location[-1]}' is missing{more}", "Add it")
+    cause = item.get("ctx", {}).get("error")
+    if isinstance(cause, OptionError):
+        return ProfileError(source.place(path), f"{cause.problem}{more}", cause.remedy)
     message = item["msg"].removeprefix("Value error, ")
     value = item.get("input")
     shown = f", not {value!r}" if isinstance(value, str | int | float | bool) or value is None else ""

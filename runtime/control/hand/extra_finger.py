@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from math import cos, pi, sin, sqrt
-from typing import Final
+from collections.abc import Mapping
+from math import cos, sin, sqrt
+from typing import Any, Final
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from runtime.contracts.errors import OptionError
 from runtime.contracts.signals import Array
-from runtime.control.hand.human_hand import FINGER_JOINTS
+from runtime.control.models import FingerOption, named
 from runtime.control.shared.kinematics import Chain
 from runtime.control.shared.symmetric import Vector, dot, gram, raised_inverse, times
 
@@ -28,19 +30,16 @@ class Base(BaseModel):
 
 
 class ExtraFinger(BaseModel):
-    """One extra finger. The default is the sixth finger, worn at the wrist, opposite the palm.
+    """One extra finger: its description and its place. The default is worn at the wrist, opposite the palm.
 
-    The size of its modules and its place are the paper's. The paper's Denavit-Hartenberg table is lost, so the
-    rows and the base are ours: at zero the finger points straight out of the palm, and positive flexion closes it
-    toward the fingers.
+    The place is the paper's; its axes are ours: at zero the finger points straight out of the palm, and positive
+    flexion closes it toward the fingers. In a profile the plain name of a model stands for {model: NAME}.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    name: str = Field(default="finger", pattern=r"^[a-z][a-z0-9_]*$")
-    joints: tuple[str, ...] | None = Field(
-        default=None, description="their names, from the base on; null: the sixth finger's, or joint_1, joint_2 and on"
-    )
+    model: FingerOption = named("finger")
+    name: str = Field(default="finger", pattern=r"^[a-z][a-z0-9_]*$", description="left out: the model's")
     base: Base | Matrix = Field(
         default=(
             (0.0, -1.0, 0.0, 0.0),
@@ -50,13 +49,19 @@ class ExtraFinger(BaseModel):
         ),
         description="place in frame hand: {xyz, rpy} or a 4 x 4 transformation, m",
     )
-    rows: tuple[tuple[float, float], ...] = Field(
-        default=((pi / 2, 0.015), (0.0, 0.042), (0.0, 0.042), (0.0, 0.042)),
-        min_length=1,
-        description="standard Denavit-Hartenberg rows [alpha rad, a m], one a joint",
-    )
-    lower: tuple[float, ...] = Field(default=(-pi / 3, -pi / 2, -pi / 2, -pi / 2), description="rad, a joint each")
-    upper: tuple[float, ...] = Field(default=(pi / 3, pi / 2, pi / 2, pi / 2), description="rad, a joint each")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _by_name(cls, given: Any) -> Any:
+        if isinstance(given, str):
+            return {"model": given, "name": given}
+        if not isinstance(given, Mapping):
+            return given
+        if old := {"joints", "rows", "lower", "upper"} & given.keys():
+            remedy = "Write models: {finger: {kind: finger, rows: ...}}, and its name here"
+            raise OptionError(f"`{min(old)}` of a finger stands in `models:` now", remedy)
+        model = given.get("model")
+        return {"name": model, **given} if isinstance(model, str) else given
 
     @field_validator("base")
     @classmethod
@@ -69,21 +74,6 @@ class ExtraFinger(BaseModel):
             if not np.allclose(R @ R.T, np.eye(3), atol=1e-6) or np.linalg.det(R) < 0.0:
                 raise ValueError("base's upper left 3 x 3 must be a rotation")
         return base
-
-    @model_validator(mode="after")
-    def _fits(self) -> ExtraFinger:
-        if not len(self.joint_names) == len(self.rows) == len(self.lower) == len(self.upper):
-            raise ValueError("joints, rows, lower and upper must have one entry a joint")
-        if any(low >= high for low, high in zip(self.lower, self.upper, strict=True)):
-            raise ValueError("every lower limit must be below its upper limit")
-        return self
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """The joints' names, from the base on."""
-        n = len(self.rows)
-        plain = FINGER_JOINTS if n == len(FINGER_JOINTS) else tuple(f"joint_{j + 1}" for j in range(n))
-        return plain if self.joints is None else self.joints
 
     def transformation(self) -> Array:
         """The base in frame hand, (4, 4)."""
@@ -107,11 +97,12 @@ class FingerKinematics:
         """Args:
         damping: m/rad; singular values of J below it are damped.
         """
-        self.chain = Chain(finger.transformation(), np.array(finger.rows))
-        self.n = len(finger.rows)
-        self._limits = [(low, 0.5 * (low + high), high) for low, high in zip(finger.lower, finger.upper, strict=True)]
+        model = finger.model
+        self.chain = Chain(finger.transformation(), np.array(model.rows))
+        self.n = len(model.rows)
+        self._limits = [(low, 0.5 * (low + high), high) for low, high in zip(model.lower, model.upper, strict=True)]
         self._damping2 = damping**2
-        self._curvature = 0.5 * sum(abs(a) for _, a in finger.rows)
+        self._curvature = 0.5 * sum(abs(a) for _, a in model.rows)
 
     def follow(self, q: list[float], dp: Vector, v: Vector, pull: float) -> tuple[list[float], list[float]]:
         """(5): dq_a = J_a^+ dp_a + N_J chi, within the joint limits, and the rate for the tip's velocity.

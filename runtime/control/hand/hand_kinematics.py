@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Final, Literal, cast
+from typing import Any, Final, Literal, cast
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from runtime.contracts.controller import Controller, ControllerConfig
+from runtime.contracts.errors import OptionError
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import POINT
-from runtime.control.hand.human_hand import FINGERS, JOINTS, LOWER, MODEL_LENGTH, SENSORS, UPPER, hand_geometry
+from runtime.control.hand.human_hand import FINGERS, JOINTS, LOWER, SENSORS, UPPER
 from runtime.control.hand.point_series import PointSeries
+from runtime.control.models import HandOption, named
 
 _DIP: Final = 2.0 / 3.0  # DIP angle divided by PIP angle, for a glove that doesn't measure the DIP
 _BEYOND: Final = np.deg2rad(2.0)  # a reading further outside its range than this is counted
@@ -21,10 +23,16 @@ class HandKinematicsConfig(ControllerConfig):
     """Options of `hand-kinematics`."""
 
     sensors: Literal[22, 18] = Field(22, description="the CyberGlove's number of sensors")
-    side: Literal["right", "left"] = Field("right", description="the hand that wears the glove")
-    hand_length: float = Field(
-        MODEL_LENGTH, gt=0.12, lt=0.26, description="m, from the wrist crease to the tip of the middle finger"
-    )
+    hand: HandOption = named("hand")  # the one that wears the glove
+
+    @model_validator(mode="before")
+    @classmethod
+    def _once_its_own(cls, given: Any) -> Any:
+        """Refuses the keys that once described the hand here."""
+        if isinstance(given, dict) and (old := {"side", "hand_length"} & given.keys()):
+            remedy = "Write models: {hand: {kind: hand, side: right, length: 0.189}}"
+            raise OptionError(f"`{min(old)}` stands in `models:` now", remedy)
+        return given
 
 
 class HandKinematics(Controller):
@@ -42,10 +50,7 @@ class HandKinematics(Controller):
 
     def __init__(self, name: str, config: HandKinematicsConfig) -> None:
         super().__init__(name, config)
-        bases, rows = hand_geometry(config.hand_length)
-        if config.side == "left":
-            bases[:, 0] *= -1.0  # mirrors x
-        self._points = PointSeries(bases, rows)
+        self._points = PointSeries(*config.hand.geometry())
         self._M = glove_matrix(config.sensors)
         self._cycles = self._beyond = 0
         links = tuple((0, *range(1 + 4 * i, 5 + 4 * i)) for i in range(5))

@@ -8,7 +8,7 @@ from __future__ import annotations
 from itertools import pairwise
 from math import dist, exp, inf, sqrt
 from operator import add
-from typing import Final, Literal
+from typing import Final, Literal, cast
 
 import numpy as np
 from pydantic import Field
@@ -34,7 +34,12 @@ class ObjectMappingConfig(ControllerConfig):
     points: tuple[FingerName, ...] = Field(
         FINGERS, min_length=1, description="human fingertips that take part; a similarity needs three or more"
     )
-    fingers: tuple[ExtraFinger, ...] = Field((ExtraFinger(),), min_length=1, description="the extra fingers")
+    fingers: tuple[ExtraFinger, ...] = Field(
+        default=cast(tuple[ExtraFinger, ...], ("finger",)),
+        validate_default=True,
+        min_length=1,
+        description="the extra fingers: names of models, or {model, name, base}",
+    )
     deformation: Deformation | None = Field(
         None, description="of the virtual object; rigid for one or two points, else isotropic"
     )
@@ -83,12 +88,12 @@ class ObjectMapping(Controller):
         self._joints = [slice(a, b) for a, b in pairwise(ends)]
         # As the simulated hand does: with several fingers, a joint's name begins with its finger's.
         alone = len(config.fingers) == 1
-        joints = tuple(j if alone else f"{f.name}_{j}" for f in config.fingers for j in f.joint_names)
+        joints = tuple(j if alone else f"{f.name}_{j}" for f in config.fingers for j in f.model.names)
         names = tuple(finger.name for finger in config.fingers)
         # Each skeleton has one point more than the finger has joints.
         bones = [tuple(range(a + i, b + i + 1)) for i, (a, b) in enumerate(pairwise(ends))]
         n, links = ends[-1], tuple(bones)
-        points = tuple(f"{finger.name}_{i}" for finger in config.fingers for i in range(len(finger.rows) + 1))
+        points = tuple(f"{finger.name}_{i}" for finger in config.fingers for i in range(len(finger.model.rows) + 1))
         self.inputs = (Signal(name="tips", shape=(5, 3), unit="m", frame="hand", labels=FINGERS, components=(POINT,)),)
         self.outputs = (
             Signal(name="q", shape=(n,), unit="rad", labels=joints),

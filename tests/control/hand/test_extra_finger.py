@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from runtime.contracts.signals import Array
 from runtime.control.hand.extra_finger import ExtraFinger, FingerKinematics
+from runtime.control.models import FingerModel
 
 REST = np.zeros(3)
 
@@ -23,10 +24,10 @@ class Finger:
     """FingerKinematics in arrays, at the posture of the last `tip`."""
 
     def __init__(self, **options: object) -> None:
-        description = ExtraFinger(**options)
-        self.lower, self.upper = np.array(description.lower), np.array(description.upper)
+        model = FingerModel(**options)
+        self.lower, self.upper = np.array(model.lower), np.array(model.upper)
         self.middle = 0.5 * (self.lower + self.upper)
-        self.kinematics = FingerKinematics(description, 0.01)
+        self.kinematics = FingerKinematics(ExtraFinger(model=model), 0.01)
 
     def tip(self, q: Array) -> Array:
         return np.array(self.kinematics.chain.forward(q.tolist()))
@@ -124,9 +125,9 @@ def test_base_as_angles_is_the_base_as_a_matrix() -> None:
 @pytest.mark.parametrize(
     "options",
     [
-        {"lower": (-1.0,)},
-        {"lower": (2.0, 2.0, 2.0, 2.0)},
-        {"rows": ()},
+        {"model": {"kind": "finger"}},
+        {"model": "other"},
+        {"lower": (-1.0,) * 4},
         {"base": (2.0 * np.eye(4)).tolist()},
         {"base": np.diag([1.0, 1.0, -1.0, 1.0]).tolist()},
         {"base": np.eye(3).tolist()},

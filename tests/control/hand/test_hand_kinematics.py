@@ -11,6 +11,7 @@ from hypothesis.extra.numpy import arrays
 
 from runtime.contracts.signals import Array
 from runtime.control.hand.human_hand import JOINTS, LOWER, UPPER
+from runtime.control.models import HandModel
 
 # The joint each sensor moves at rate one, read off the protocol sheet, section 5 (22 sensors).
 MOVES = {
@@ -70,7 +71,7 @@ def test_readings_beyond_range_are_counted() -> None:
 
 
 def test_left_hand_mirrors_the_right() -> None:
-    right, left = glove(), glove(side="left", hand_length=0.2)
+    right, left = glove(), glove(hand=HandModel(side="left", length=0.2))
     for hand in (right, left):
         hand.input["angles"][:] = np.linspace(0.0, 0.5, 22)
         hand.reset()

@@ -27,6 +27,7 @@ from runtime.contracts.signals import Array
 from runtime.control.hand.extra_finger import ExtraFinger
 from runtime.control.hand.human_hand import FINGERS
 from runtime.control.hand.object_mapping import ObjectMapping, ObjectMappingConfig
+from runtime.control.models import FingerModel
 
 TIPS = hand_tips(RELAXED)
 PARTIAL = ("middle", "ring", "little")
@@ -49,7 +50,7 @@ def test_first_output_and_a_still_hand_are_the_applied() -> None:
 def test_documented_shapes_are_true() -> None:
     two = (
         ExtraFinger(name="a"),
-        ExtraFinger(name="b", rows=((0.0, 0.05),) * 2, lower=(-1, -1), upper=(1, 1)),
+        ExtraFinger(name="b", model=FingerModel(rows=((0.0, 0.05),) * 2, lower=(-1, -1), upper=(1, 1))),
     )
     controller = mapping(TIPS, np.r_[HOME, 0.2, 0.3], fingers=two)
     step(controller, TIPS + 1e-3)

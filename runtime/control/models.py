@@ -1,0 +1,156 @@
+"""Descriptions of limbs and hands that laws and the simulated world share: the profile's `models:`.
+
+An entry is `NAME: {kind: KIND, ...}`. An option of a law or of a simulated part names an entry. So what is changed
+there is changed for both. A new kind is a class here, and a line in KINDS.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from math import pi
+from typing import Annotated, Any, ClassVar, Final, Literal, Self
+
+import numpy as np
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, WithJsonSchema, model_validator
+
+from runtime.contracts.errors import OptionError, nearest
+from runtime.contracts.signals import Array
+from runtime.control.hand.human_hand import FINGER_JOINTS, JOINTS, MODEL_LENGTH, RANGES, hand_geometry
+
+
+class Model(BaseModel):
+    """A description. Made without options it is the standard one of its kind, which goes by the kind's name."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    kind: str = ""
+
+
+class FingerModel(Model):
+    """A robotic finger: a chain of revolute joints. The default is the sixth finger.
+
+    The size of its modules is the paper's. The paper's Denavit-Hartenberg table is lost, so the rows are ours: at zero
+    the finger is straight, along x of its base. z of the base is the abduction axis.
+    """
+
+    kind: Literal["finger"] = "finger"
+    rows: tuple[tuple[float, float], ...] = Field(
+        default=((pi / 2, 0.015), (0.0, 0.042), (0.0, 0.042), (0.0, 0.042)),
+        min_length=1,
+        description="standard Denavit-Hartenberg rows [alpha rad, a m], one a joint, from the base on",
+    )
+    joints: tuple[str, ...] = Field(
+        default=(), description="their names; left out: the sixth finger's, or joint_1, joint_2 and on"
+    )
+    lower: tuple[float, ...] = Field(default=(-pi / 3, -pi / 2, -pi / 2, -pi / 2), description="rad, a joint each")
+    upper: tuple[float, ...] = Field(default=(pi / 3, pi / 2, pi / 2, pi / 2), description="rad, a joint each")
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if not len(self.names) == len(self.rows) == len(self.lower) == len(self.upper):
+            raise ValueError("joints, rows, lower and upper must have one entry a joint")
+        if len(set(self.names)) < len(self.names):
+            raise ValueError("each joint needs a name of its own")
+        if not np.isfinite([*np.ravel(self.rows), *self.lower, *self.upper]).all():
+            raise ValueError("rows, lower and upper must be finite")
+        if any(low >= high for low, high in zip(self.lower, self.upper, strict=True)):
+            raise ValueError("every lower limit must be below its upper limit")
+        return self
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The joints' names, from the base on."""
+        n = len(self.rows)
+        plain = FINGER_JOINTS if n == len(FINGER_JOINTS) else tuple(f"joint_{j + 1}" for j in range(n))
+        return self.joints or plain
+
+
+class HandModel(Model):
+    """A human hand of 20 joints (`runtime.control.hand.human_hand`).
+
+    Attributes:
+        names: (20) of the joints.
+        ranges: (20, 2) rad, lower and upper limit of each.
+    """
+
+    kind: Literal["hand"] = "hand"
+    side: Literal["right", "left"] = "right"
+    length: float = Field(
+        default=MODEL_LENGTH, gt=0.12, lt=0.26, description="m, from the wrist crease to the tip of the middle finger"
+    )
+    names: ClassVar[tuple[str, ...]] = JOINTS
+    ranges: ClassVar[Array] = RANGES
+
+    @property
+    def scale(self) -> float:
+        """Its size divided by the unscaled model's."""
+        return self.length / MODEL_LENGTH
+
+    def geometry(self) -> tuple[Array, Array]:
+        """Bases (5, 4, 4) in frame `hand`, m, and Denavit-Hartenberg rows (5, 4, 2), alpha (rad) and a (m).
+
+        A left hand is the right one mirrored in x. In terms of chains: z of every joint's frame is turned over, too,
+        so that frames stay right-handed and the same angles give the mirrored posture.
+        """
+        bases, rows = hand_geometry(self.length)
+        if self.side == "left":
+            bases = np.diag([-1.0, 1.0, 1.0, 1.0]) @ bases @ np.diag([1.0, 1.0, -1.0, 1.0])
+            rows = rows * [-1.0, 1.0]
+        return bases, rows
+
+
+KINDS: Final[dict[str, type[Model]]] = {"finger": FingerModel, "hand": HandModel}
+
+
+def of_entry(given: Any) -> Model:
+    """Makes the description of an entry of `models:`. Raises ValueError."""
+    if isinstance(given, Model):
+        return given
+    if not isinstance(given, Mapping) or "kind" not in given:
+        raise OptionError("the key 'kind' is missing", f"Write {{kind: KIND, ...}}; kinds: {', '.join(KINDS)}")
+    if (kind := str(given["kind"])) not in KINDS:
+        raise OptionError(f"no kind of model is called '{kind}'", nearest(kind, KINDS))
+    keys = KINDS[kind].model_fields
+    for key in given:
+        if key not in keys:
+            raise OptionError(f"a {kind} has no key '{key}'", nearest(str(key), keys))
+    return KINDS[kind].model_validate(given)
+
+
+def context(models: Mapping[str, Model]) -> dict[str, Any]:
+    """The context with which options are validated, so that they find the profile's models by name."""
+    return {"models": models}
+
+
+def _find(kind: type[Model], given: Any, info: ValidationInfo) -> Model:
+    """The description that an option names."""
+    if isinstance(given, kind):
+        return given
+    called = next(name for name, cls in KINDS.items() if cls is kind)
+    models: Mapping[str, Model] = (info.context or {}).get("models", {})
+    fitting = {name: model for name, model in models.items() if isinstance(model, kind)}
+    if not isinstance(given, str):
+        raise OptionError(f"the name of a {called} under `models:` is expected", nearest("", fitting))
+    if given in fitting:
+        return fitting[given]
+    if given in models:
+        raise OptionError(f"the model '{given}' is a {models[given].kind}, not a {called}", nearest("", fitting))
+    if given != called:
+        raise OptionError(f"`models:` has no {called} called '{given}'", nearest(given, {called, *fitting}))
+    return kind()
+
+
+_NAME: Final = WithJsonSchema({"type": "string", "description": "name of an entry of `models:`"})
+FingerOption = Annotated[FingerModel, BeforeValidator(partial(_find, FingerModel)), _NAME]
+"""An option that names a finger."""
+HandOption = Annotated[HandModel, BeforeValidator(partial(_find, HandModel)), _NAME]
+"""An option that names a hand."""
+
+
+def named(name: str) -> Any:
+    """The default of a FingerOption or HandOption: the entry of that name.
+
+    If it is the kind's own name, it is the standard description where the profile has no such entry.
+    """
+    return Field(default=name, validate_default=True)
