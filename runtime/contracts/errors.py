@@ -72,7 +72,7 @@ class HostError(SrlError):
 
 def nearest(name: str, valid: Iterable[str]) -> str:
     """The remedy for an unknown name: the closest valid one, or all of them."""
-    names = sorted(valid)
+    names = sorted(set(valid))
     close = difflib.get_close_matches(name, names, n=1)
     listed = ", ".join(names) if names else "none"
     return f"Did you mean '{close[0]}'? Known: {listed}" if close else f"Known: {listed}"

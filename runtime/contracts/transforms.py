@@ -54,9 +54,11 @@ class Transform:
         of: the frame whose pose it is.
         into: the frame in which it is given: p_into = T p_of.
         text: what it is, for people: "the arm's base in the mobile base's frame".
+        moves: the law reads it in each `update`, so measured frames may be on the way; else it must be fixed.
     """
 
     name: str
     of: Place
     into: Place
     text: str
+    moves: bool = False

@@ -57,6 +57,9 @@ def find(b: Builder, controller: Controller, inputs: Mapping[str, Link], path: s
         except FrameError as error:
             raise WiringError(place, f"{controller.name} needs {need.text}: {error.problem}", error.remedy) from None
         signals = tuple(b.frames.entries[n].pose or "" for n in b.frames.measuring(way))
+        if signals and not need.moves:
+            problem = f"{controller.name} needs {need.text}, which must be fixed, and '{signals[0]}' measures it"
+            raise WiringError(place, problem, "Give the frame a fixed place, without `pose:`")
         for signal in signals:
             if signal not in b.signals:
                 problem = f"{controller.name} needs {need.text}, and '{signal}', which measures it, isn't made before"

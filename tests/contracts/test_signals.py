@@ -48,7 +48,11 @@ def test_what_has_names_is_taken(given: dict[str, Any]) -> None:
 @pytest.mark.parametrize("name", registry.names("controllers"))
 def test_every_law_names_its_elements(name: str) -> None:
     cls = registry.load("controllers", name, "test")
-    options = {"joint-setpoint": {"joints": ["a"]}, "velocity-setpoint": {"axes": ["a"]}}
+    options = {
+        "joint-setpoint": {"joints": ["a"]},
+        "velocity-setpoint": {"axes": ["a"]},
+        "pose-in-frame": {"frame": "a"},
+    }
     law = cls("law", cls.Config.model_validate(options.get(name, {})))
     for signal in (*law.inputs, *law.outputs):
         assert not signal.naming_fault(), signal.name

@@ -17,15 +17,16 @@ from runtime.control.models import FingerModel, HandModel, context
 from runtime.profile import profile, wiring
 
 
-def law(name: str, models: str, **options: str) -> object:
-    """The options of a law of sixth-finger with other `models:` and options."""
+def law(name: str, models: str, *overrides: str, **options: str) -> object:
+    """The options of a law of sixth-finger with other `models:`, options and overrides."""
     text = profile.find("sixth-finger")[1]
     head, _, rest = text.partition("models:\n")
     while rest.startswith((" ", "#")):
         rest = rest.partition("\n")[2]
     for option, value in options.items():
         head = head.replace(f"    name: {name}\n", f"    name: {name}\n    {option}: {value}\n")
-    graph = wiring.build(*profile.parse("finger.yaml", f"{head}models:\n{models}{rest}" if models else head + rest))
+    text = f"{head}models:\n{models}{rest}" if models else head + rest
+    graph = wiring.build(*profile.parse("finger.yaml", text, overrides))
     return next(one.controller.config for one in graph.laws if one.controller.name == name)
 
 
@@ -50,7 +51,8 @@ def test_without_an_entry_it_is_the_standard_one() -> None:
 
 
 def test_options_name_an_entry() -> None:
-    config = law("mapping", SHORT.replace("finger:", "short:", 1), fingers="[short]")
+    worn = "frames.short={parent: hand}"
+    config = law("mapping", SHORT.replace("finger:", "short:", 1), worn, fingers="[short]")
     assert isinstance(config, ObjectMappingConfig)
     (finger,) = config.fingers
     assert finger.name == "short"

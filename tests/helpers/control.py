@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TypeVar
 
 import numpy as np
 
 from runtime.contracts.controller import Controller
 from runtime.contracts.frames import IDENTITY
+from runtime.contracts.rotation import homogeneous
 from runtime.contracts.signals import Array
 from runtime.control.hand.extra_finger import ExtraFinger, FingerKinematics
 from runtime.control.hand.hand_kinematics import HandKinematics, HandKinematicsConfig
@@ -18,6 +19,8 @@ from runtime.control.shared.kinematics import Chain
 
 C = TypeVar("C", bound=Controller)
 
+# At the wrist, opposite the palm: at zero the sixth finger points straight out of the palm.
+WORN = (0.0, -0.020, -0.030, 0.5, -0.5, 0.5, 0.5)
 HOME = np.deg2rad([0.0, 40.0, 30.0, 30.0])
 RELAXED = np.deg2rad([-20.0, 20, 10, 10] + [0.0, 15, 15, 10] * 4)
 FIST = np.deg2rad([-40.0, 60, 30, 40] + [0.0, 70, 80, 50] * 4)
@@ -37,9 +40,12 @@ def bound(controller: C, **transforms: Sequence[float]) -> C:
     return controller
 
 
-def mapping(tips: Array, home: Array = HOME, **options: object) -> ObjectMapping:
-    """A bound and reset object mapping whose fingers stand at `home`."""
-    controller = bound(ObjectMapping("mapping", ObjectMappingConfig(**options)))
+def mapping(
+    tips: Array, home: Array = HOME, places: Mapping[str, Sequence[float]] | None = None, **options: object
+) -> ObjectMapping:
+    """A bound and reset object mapping whose fingers stand at `home`, worn as the sixth finger or at `places`."""
+    law = ObjectMapping("mapping", ObjectMappingConfig(**options))
+    controller = bound(law, **({t.name: WORN for t in law.transforms} | dict(places or {})))
     controller.input["tips"][:] = tips
     controller.applied["q"][:] = home
     controller.reset()
@@ -56,7 +62,8 @@ def step(controller: ObjectMapping, tips: Array, dt: float = 0.01) -> Array:
 
 def finger_tip(q: Array, finger: ExtraFinger | None = None) -> Array:
     """(3,) m, an extra finger's tip at joint angles q (n,) rad."""
-    return np.array(FingerKinematics(finger or ExtraFinger(), 0.01).chain.forward(q.tolist()))
+    model = (finger or ExtraFinger()).model
+    return np.array(FingerKinematics(model, homogeneous(WORN), 0.01).chain.forward(q.tolist()))
 
 
 def hand_chains(**length: float) -> list[Chain]:

@@ -26,7 +26,7 @@ class Follower(Law):
 
     def __init__(self, name: str, config: ControllerConfig) -> None:
         super().__init__(name, config)
-        self.transforms = (Transform("tip", frame("tip"), frame("room"), "the tip in the room"),)
+        self.transforms = (Transform("tip", frame("tip"), frame("room"), "the tip in the room", moves=True),)
         self.began = np.zeros(2)
 
     def reset(self) -> None:

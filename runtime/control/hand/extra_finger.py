@@ -3,52 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import cos, sin, sqrt
-from typing import Any, Final
+from math import sqrt
+from typing import Any, ClassVar, Final
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from runtime.contracts.errors import OptionError
+from runtime.contracts.options import Options
 from runtime.contracts.signals import Array
-from runtime.control.models import FingerOption, named
+from runtime.control.models import FingerModel, FingerOption, named
 from runtime.control.shared.kinematics import Chain
 from runtime.control.shared.symmetric import Vector, dot, gram, raised_inverse, times
-
-Matrix = tuple[tuple[float, float, float, float], ...]
 
 _HELD: Final = (0.0, 0.0, 0.0)  # the column of J of a joint at its limit
 
 
-class Base(BaseModel):
-    """A pose in frame `hand`."""
+class ExtraFinger(Options):
+    """One extra finger: its name, which is that of its frame, too, and its description.
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    xyz: Vector = Field(description="m")
-    rpy: Vector = Field(default=(0.0, 0.0, 0.0), description="rad, about the fixed axes x, then y, then z")
-
-
-class ExtraFinger(BaseModel):
-    """One extra finger: its description and its place. The default is worn at the wrist, opposite the palm.
-
-    The place is the paper's; its axes are ours: at zero the finger points straight out of the palm, and positive
-    flexion closes it toward the fingers. In a profile the plain name of a model stands for {model: NAME}.
+    In a profile the plain name of a model stands for {model: NAME}.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    gone: ClassVar[Mapping[str, str]] = {
+        "base": "write under `frames:` where the finger is worn, as `finger: {parent: hand, position: [...]}`"
+    }
 
     model: FingerOption = named("finger")
     name: str = Field(default="finger", pattern=r"^[a-z][a-z0-9_]*$", description="left out: the model's")
-    base: Base | Matrix = Field(
-        default=(
-            (0.0, -1.0, 0.0, 0.0),
-            (0.0, 0.0, 1.0, -0.020),
-            (-1.0, 0.0, 0.0, -0.030),
-            (0.0, 0.0, 0.0, 1.0),
-        ),
-        description="place in frame hand: {xyz, rpy} or a 4 x 4 transformation, m",
-    )
 
     @model_validator(mode="before")
     @classmethod
@@ -63,42 +45,17 @@ class ExtraFinger(BaseModel):
         model = given.get("model")
         return {"name": model, **given} if isinstance(model, str) else given
 
-    @field_validator("base")
-    @classmethod
-    def _is_rigid(cls, base: Base | Matrix) -> Base | Matrix:
-        if not isinstance(base, Base):
-            T = np.array(base)
-            R = T[:3, :3]
-            if T.shape != (4, 4) or not np.array_equal(T[3], [0.0, 0.0, 0.0, 1.0]):
-                raise ValueError("base must be a 4 x 4 transformation with last row 0, 0, 0, 1")
-            if not np.allclose(R @ R.T, np.eye(3), atol=1e-6) or np.linalg.det(R) < 0.0:
-                raise ValueError("base's upper left 3 x 3 must be a rotation")
-        return base
-
-    def transformation(self) -> Array:
-        """The base in frame hand, (4, 4)."""
-        if not isinstance(self.base, Base):
-            return np.array(self.base)
-        (cr, cp, cy), (sr, sp, sy) = (tuple(map(f, self.base.rpy)) for f in (cos, sin))
-        T = np.eye(4)
-        T[:3, :3] = [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-        T[:3, 3] = self.base.xyz
-        return T
-
 
 class FingerKinematics:
     """Moves one finger's joints so that its tip follows."""
 
-    def __init__(self, finger: ExtraFinger, damping: float) -> None:
+    def __init__(self, model: FingerModel, base: Array, damping: float) -> None:
         """Args:
+        model: its description.
+        base: (4, 4), its base in the frame of the tips, m.
         damping: m/rad; singular values of J below it are damped.
         """
-        model = finger.model
-        self.chain = Chain(finger.transformation(), np.array(model.rows))
+        self.chain = Chain(base, np.array(model.rows))
         self.n = len(model.rows)
         self._limits = [(low, 0.5 * (low + high), high) for low, high in zip(model.lower, model.upper, strict=True)]
         self._damping2 = damping**2

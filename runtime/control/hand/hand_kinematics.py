@@ -23,6 +23,7 @@ class HandKinematicsConfig(ControllerConfig):
     """Options of `hand-kinematics`."""
 
     sensors: Literal[22, 18] = Field(22, description="the CyberGlove's number of sensors")
+    frame: str = Field("hand", description="frame of the hand: its origin is at the wrist's centre")
     hand: HandOption = named("hand")  # the one that wears the glove
 
     @model_validator(mode="before")
@@ -39,7 +40,7 @@ class HandKinematics(Controller):
     """Forward kinematics of the 20-DoF hand.
 
     Input `angles` (22,) or (18,) rad in the glove's sensor order. Outputs `angles` (20,) rad of the model's
-    joints, `tips` (5, 3) m and `skeleton` (21, 3) m, both in frame `hand`.
+    joints, `tips` (5, 3) m and `skeleton` (21, 3) m, both in the hand's frame.
 
     Angles are clamped to the hand's ranges. A glove that slips, or was calibrated on someone else, gives angles
     beyond anatomy; the clamp keeps every fingertip where a hand can reach. `figures` says how often this happens.
@@ -58,12 +59,12 @@ class HandKinematics(Controller):
         self.inputs = (Signal(name="angles", shape=(config.sensors,), unit="rad", labels=SENSORS[config.sensors]),)
         self.outputs = (
             Signal(name="angles", shape=(20,), unit="rad", labels=JOINTS),
-            Signal(name="tips", shape=(5, 3), unit="m", frame="hand", labels=FINGERS, components=(POINT,)),
+            Signal(name="tips", shape=(5, 3), unit="m", frame=config.frame, labels=FINGERS, components=(POINT,)),
             Signal(
                 name="skeleton",
                 shape=(21, 3),
                 unit="m",
-                frame="hand",
+                frame=config.frame,
                 labels=points,
                 components=(POINT,),
                 visual="points",

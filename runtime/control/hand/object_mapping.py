@@ -8,15 +8,17 @@ from __future__ import annotations
 from itertools import pairwise
 from math import dist, exp, inf, sqrt
 from operator import add
-from typing import Final, Literal, cast
+from typing import Any, Final, Literal, cast
 
 import numpy as np
 from pydantic import Field
 
 from runtime.contracts.controller import Controller, ControllerConfig, Parameter
 from runtime.contracts.errors import ProfileError
+from runtime.contracts.rotation import homogeneous
 from runtime.contracts.signals import Signal
 from runtime.contracts.terms import POINT
+from runtime.contracts.transforms import Transform, coordinates, frame
 from runtime.control.hand.extra_finger import ExtraFinger, FingerKinematics
 from runtime.control.hand.human_hand import FINGERS
 from runtime.control.hand.sphere import MinimumSphere
@@ -38,7 +40,7 @@ class ObjectMappingConfig(ControllerConfig):
         default=cast(tuple[ExtraFinger, ...], ("finger",)),
         validate_default=True,
         min_length=1,
-        description="the extra fingers: names of models, or {model, name, base}",
+        description="the extra fingers: names of models, or {model, name}",
     )
     deformation: Deformation | None = Field(
         None, description="of the virtual object; rigid for one or two points, else isotropic"
@@ -64,7 +66,7 @@ class ObjectMapping(Controller):
     Input `tips` (5, 3) m. Outputs `q` (n,) rad and `q_velocity` (n,) rad/s of all extra fingers' joints in
     turn; `sphere` (4,) m, centre and radius of the smallest sphere around the reference points and robotic tips;
     `target` (m, 3) m, target positions of the robotic tips; `skeleton` (k, 3) m of the extra fingers. All
-    coordinates are in frame `hand`.
+    coordinates are in the frame of `tips`. Each finger is worn where the frame with its name is.
 
     The fingers move only while the hand moves (or to make up for motion that the guard held back). So the drift pull
     and the joint centring are per metre of fingertip motion, not per second.
@@ -83,8 +85,13 @@ class ObjectMapping(Controller):
         self._rigid = deformation is Deformation.RIGID
         self._chosen = np.array([FINGERS.index(point) for point in config.points])
         self._object = VirtualObject(deformation, config.psi, config.gain_limit)
-        self._fingers = [FingerKinematics(finger, config.damping) for finger in config.fingers]
-        ends = np.cumsum([0, *(finger.n for finger in self._fingers)]).tolist()
+        self._extra, self._damping = config.fingers, config.damping
+        self.transforms = tuple(
+            Transform(f.name, frame(f.name), coordinates("tips"), f"the base of '{f.name}' in the frame of the tips")
+            for f in config.fingers
+        )
+        self._fingers: list[FingerKinematics] = []
+        ends = np.cumsum([0, *(len(finger.model.rows) for finger in config.fingers)]).tolist()
         self._joints = [slice(a, b) for a, b in pairwise(ends)]
         # As the simulated hand does: with several fingers, a joint's name begins with its finger's.
         alone = len(config.fingers) == 1
@@ -94,19 +101,19 @@ class ObjectMapping(Controller):
         bones = [tuple(range(a + i, b + i + 1)) for i, (a, b) in enumerate(pairwise(ends))]
         n, links = ends[-1], tuple(bones)
         points = tuple(f"{finger.name}_{i}" for finger in config.fingers for i in range(len(finger.model.rows) + 1))
-        self.inputs = (Signal(name="tips", shape=(5, 3), unit="m", frame="hand", labels=FINGERS, components=(POINT,)),)
+        self.inputs = (Signal(name="tips", shape=(5, 3), unit="m", labels=FINGERS, components=(POINT,)),)
         self.outputs = (
             Signal(name="q", shape=(n,), unit="rad", labels=joints),
             Signal(name="q_velocity", shape=(n,), unit="rad/s", labels=joints),
-            Signal(name="sphere", shape=(4,), unit="m", frame="hand", labels=(*POINT, "radius"), visual="sphere"),
+            Signal(name="sphere", shape=(4,), unit="m", frame="=tips", labels=(*POINT, "radius"), visual="sphere"),
             Signal(
-                name="target", shape=(m, 3), unit="m", frame="hand", labels=names, components=(POINT,), visual="points"
+                name="target", shape=(m, 3), unit="m", frame="=tips", labels=names, components=(POINT,), visual="points"
             ),
             Signal(
                 name="skeleton",
                 shape=(n + m, 3),
                 unit="m",
-                frame="hand",
+                frame="=tips",
                 labels=points,
                 components=(POINT,),
                 visual="points",
@@ -141,6 +148,13 @@ class ObjectMapping(Controller):
         self._velocity = list(self._tips)
         self._enclosing = MinimumSphere()
         self._clear()
+
+    def bind(self, *arrays: Any) -> None:
+        super().bind(*arrays)
+        bases = [homogeneous(self.transform[finger.name]) for finger in self._extra]
+        self._fingers = [
+            FingerKinematics(f.model, base, self._damping) for f, base in zip(self._extra, bases, strict=True)
+        ]
 
     def _clear(self) -> None:
         self._enclosing.reset()

@@ -35,7 +35,7 @@ class PoseInFrame(Controller):
             Signal(name="pose", shape=(7,), unit="m", frame=config.frame, of="=pose", labels=POSE, visual="path"),
         )
         need = f"the frame of the pose in '{config.frame}'"
-        self.transforms = (Transform("frame", coordinates("pose"), frame(config.frame), need),)
+        self.transforms = (Transform("frame", coordinates("pose"), frame(config.frame), need, moves=True),)
 
     def reset(self) -> None:
         self.update(0.0)

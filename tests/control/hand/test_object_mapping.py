@@ -8,6 +8,7 @@ from helpers.control import (
     FIST,
     HOME,
     RELAXED,
+    WORN,
     adroit_hand,
     bound,
     finger_tip,
@@ -231,11 +232,9 @@ def test_partial_mapping_reports_its_noise_gain_before_and_after() -> None:
 
 def test_two_fingers_share_one_object() -> None:
     """Each of two extra fingers moves as it would alone."""
-    place = ExtraFinger().transformation()
-    place[0, 3] = 0.03
-    pair = (ExtraFinger(name="first"), ExtraFinger(name="second", base=place.tolist()))
-    both = mapping(TIPS, np.r_[HOME, HOME], fingers=pair)
-    alone = [mapping(TIPS, fingers=(f,)) for f in pair]
+    pair, places = (ExtraFinger(name="first"), ExtraFinger(name="second")), {"second": (0.03, *WORN[1:])}
+    both = mapping(TIPS, np.r_[HOME, HOME], places, fingers=pair)
+    alone = [mapping(TIPS, HOME, {n: p for n, p in places.items() if n == f.name}, fingers=(f,)) for f in pair]
     for u in np.linspace(0.0, 0.3, 30):
         q = step(both, closing(u))
         np.testing.assert_allclose(q, np.concatenate([step(c, closing(u)) for c in alone]), atol=1e-12)
@@ -268,7 +267,7 @@ def test_doubled_names_are_refused(options: dict[str, object]) -> None:
 
 
 def test_without_a_device_it_goes_on_from_its_own_output() -> None:
-    controller = bound(ObjectMapping("mapping", ObjectMappingConfig()))
+    controller = bound(ObjectMapping("mapping", ObjectMappingConfig()), finger=WORN)
     controller.applied = {}
     controller.output["q"][:] = HOME
     controller.input["tips"][:] = TIPS
