@@ -9,6 +9,7 @@ The names here stay in place when the runtime's own modules move:
 """
 
 from runtime import __version__
+from runtime.contracts import transforms
 from runtime.contracts.controller import Controller, ControllerConfig, Parameter
 from runtime.contracts.driver import DeviceConfig, Driver, Health, Sensor
 from runtime.contracts.errors import (
@@ -22,6 +23,7 @@ from runtime.contracts.errors import (
     WiringError,
 )
 from runtime.contracts.signals import Array, Command, Kind, Limits, Signal, Stop
+from runtime.contracts.transforms import Transform
 
 __all__ = [
     "Array",
@@ -44,6 +46,8 @@ __all__ = [
     "Signal",
     "SrlError",
     "Stop",
+    "Transform",
     "WiringError",
     "__version__",
+    "transforms",
 ]

@@ -211,7 +211,7 @@ devices:
   emg: {driver: trigno, port: tcp://192.168.1.30, channels: {deltoid_anterior: 1, biceps: 3}, block: 64}
 sim:
   world: cell
-  parts: {crate: {part: box, size: [0.3, 0.3, 0.3], position: [1.0, 0, 0.15]}}
+  parts: {crate: {part: box, size: [0.3, 0.3, 0.3], at: {position: [1.0, 0, 0.15]}}}
   devices:
     emg:
       activation:
