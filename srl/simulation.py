@@ -2,6 +2,7 @@
 
 from runtime.contracts.world import Fake, FakeConfig, Twin, World, WorldConfig
 from runtime.control.hand.human_hand import JOINTS as HAND_JOINTS
+from sim.parts.hand.human_hand import HumanHandPart
 from sim.world.cell import Cell
 from sim.world.mjcf import add
 from sim.world.part import Mjcf, Part, PartConfig
@@ -11,6 +12,7 @@ __all__ = [
     "Cell",
     "Fake",
     "FakeConfig",
+    "HumanHandPart",
     "Mjcf",
     "Part",
     "PartConfig",

@@ -72,6 +72,10 @@ WRONG_TEXTS = {
     "unknown frame parent": (("  hand: {}", "  hand: {parent: world}"), ["frames.hand.parent", "world"]),
     "stop of no device": (("stop: {finger: hold}", "stop: {finge: hold}"), ["stop.finge", "finger"]),
     "truth as input": (("in: {tips: hand.tips}", "in: {tips: world.hand_tips}"), ["controllers.1.in.tips"]),
+    "a world that is made of parts now": (
+        ("  world: cell", "  world: augmented-hand"),
+        ["line", "sim.world", "made of parts now", "human-hand", "robotic-finger"],
+    ),
     "home outside": (("home: 0.0}", "home: 9.0}"), ["finger"]),
     "a person's stop for the bus": (
         ("frames:\n", "reset: {bus: [bus, person]}\nframes:\n"),
@@ -169,6 +173,10 @@ WRONG_CALLS = {
     "fast with real devices": (["run", "sixth-finger", "--sim", "glove", "--fast"], ["--fast", "finger"]),
     "wearer without simulation": (["run", "sixth-finger", "--wearer", "x.csv"], ["--wearer", "--sim"]),
     "recording with another name": (["run", "sixth-finger", "--sim", "--record", "x.bag"], ["x.bag", ".rrd"]),
+    "wearer of no hand": (
+        ["run", "hand-jog", "--sim", "--wearer", "x.csv"],
+        ["--wearer", "no hand", "human-hand"],
+    ),
     "no such wearer": (["run", "sixth-finger", "--sim", "--wearer", "nowhere.csv", "--duration", "1"], ["nowhere.csv"]),
     "missing port": (
         ["run", "sixth-finger", "--sim", "finger", "--set", "devices.glove.port=/dev/ttyUSB99", "--duration", "1"],

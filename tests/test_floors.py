@@ -37,8 +37,7 @@ ROOMS: dict[str, set[str]] = {
     "sim.wearer": GROUND | {"sim.world", "drivers"} | DESCRIPTIONS,
     "sim.parts": GROUND | {"sim.world", "sim.wearer", "drivers", "runtime.messages"} | DESCRIPTIONS,
     "sim.devices": GROUND | {"sim.world", "sim.wearer", "sim.parts", "drivers", "runtime.messages"} | DESCRIPTIONS,
-    "sim.augmented_hand": GROUND | {"sim.world", "sim.wearer", "sim.parts"} | DESCRIPTIONS,
-    "srl": LOOP | {"runtime.bus", "drivers", "sim.world", "sim.devices.shared"} | DESCRIPTIONS,
+    "srl": LOOP | {"runtime.bus", "drivers", "sim.world", "sim.parts.hand", "sim.devices.shared"} | DESCRIPTIONS,
 }
 
 

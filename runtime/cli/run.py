@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from runtime.cli import add_command
+from runtime.cli import add_command, wearer
 from runtime.cli.check import check_guards
 from runtime.cli.console import Console
 from runtime.cli.status import Status
@@ -62,10 +62,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _run(args: argparse.Namespace, signals: EndSignals) -> int:
     _check_names()
-    overrides = list(args.set)
-    if args.wearer:
-        overrides.append(f"sim.wearer.recording={json.dumps(args.wearer)}")
-    checked, source = profile.load(args.profile, overrides)
+    checked, source = profile.load(args.profile, wearer.overrides(args.profile, args.set, args.wearer))
     graph = wiring.build(checked, source, args.sim)
     check_guards(graph)
     _check_arguments(args, graph)

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from runtime.cli import add_command
+from runtime.cli import add_command, wearer
 from runtime.contracts import registry
 from runtime.contracts.errors import ProfileError, RequestError, SrlError, nearest
 from runtime.contracts.world import Fake, Twin, World
@@ -48,10 +48,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 def run(args: argparse.Namespace) -> int:
     """Serves until the duration is over or a signal arrives."""
     _check_arguments(args)
-    overrides = list(args.set)
-    if args.wearer:
-        overrides.append(f"sim.wearer.recording={json.dumps(args.wearer)}")
-    checked, source = profile.load(args.profile, overrides)
+    checked, source = profile.load(args.profile, wearer.overrides(args.profile, args.set, args.wearer))
     graph = wiring.build(checked, source, [])
     assert graph.world is not None
     twins = make_twins(graph, args.devices)

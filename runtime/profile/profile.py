@@ -94,6 +94,17 @@ class SimEntry(BaseModel):
     world: str
     devices: dict[str, dict[str, Any]] = Field(default_factory=dict)
 
+    @field_validator("world")
+    @classmethod
+    def _once_whole(cls, value: str) -> str:
+        if value == "augmented-hand":
+            raise OptionError(
+                "the world 'augmented-hand' is made of parts now",
+                "Write world: cell, parts: {hand: {part: human-hand, wearer: ...}, finger: {part: robotic-finger, "
+                "on: hand/base, ...}, can: {part: object, ...}}, as sixth-finger does (docs/simulation.md)",
+            )
+        return value
+
     @property
     def options(self) -> dict[str, Any]:
         """The world's own options."""

@@ -9,13 +9,13 @@ from typing import Any
 
 THING = {"thing": {"part": "box", "size": [0.1, 0.1, 0.1]}}
 CELL = {"world": "cell", "parts": THING}
-HAND = {"world": "augmented-hand"}
 
 
 def _cell(**parts: dict[str, Any]) -> dict[str, Any]:
     return {"world": "cell", "parts": parts}
 
 
+HAND = _cell(hand={"part": "human-hand"})
 _OFTEN = [[0.02 * k, 0.02 * k + 0.01] for k in range(1, 3000)]  # s, a button pressed 50 times a second
 
 # driver: (config without port, fake's options, world, a port on which nobody answers)

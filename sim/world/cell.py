@@ -11,7 +11,7 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, PlainValidator
+from pydantic import Field, PlainValidator, ValidationInfo
 
 from runtime.contracts import registry
 from runtime.contracts.errors import WiringError, nearest
@@ -28,12 +28,13 @@ P = TypeVar("P", bound=Part)
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
-def _part_entry(entry: Any) -> tuple[type[Part], PartConfig]:
+def _part_entry(entry: Any, info: ValidationInfo) -> tuple[type[Part], PartConfig]:
     """Converts a profile entry `{part: KIND, ...}` into the part's class and its checked options."""
     if not isinstance(entry, Mapping) or not isinstance(entry.get("part"), str):
         raise ValueError(f"needs 'part: KIND'; kinds: {', '.join(registry.names('parts'))}")
     cls: type[Part] = registry.load("parts", entry["part"], "sim.parts")
-    return cls, cls.Config.model_validate({key: value for key, value in entry.items() if key != "part"})
+    own = {key: value for key, value in entry.items() if key != "part"}
+    return cls, cls.Config.model_validate(own, context=info.context)
 
 
 class CellConfig(WorldConfig):
@@ -62,10 +63,11 @@ class Cell(World):
 
     def __init__(self, config: CellConfig, seed: int, frames: Frames | None = None) -> None:
         super().__init__(config, seed, frames)
-        self.duration = config.duration
         self.parts: dict[str, Part] = {}
         for name, (cls, options) in config.parts.items():
             self.parts[name] = cls(name, options, seed)
+        ends = [part.ends for part in self.parts.values() if part.ends is not None]
+        self.duration = config.duration or max(ends, default=None)
         self.model = mujoco.MjModel.from_xml_string(_document(config, self.parts, self.frames))
         self.data = mujoco.MjData(self.model)
         self.timestep = round(config.timestep * 1e9)
@@ -76,6 +78,7 @@ class Cell(World):
         self.scenery = _scenery(self.model, self.data)
         self._planner = self._ending(config.ends_with)
         self._driven = [part for part in self.parts.values() if part.every]
+        self._latching = [part for part in self.parts.values() if type(part).latch is not Part.latch]
         self._samples: list[Samples] = []
         self.truth = tuple(signal for part in self.parts.values() for signal in part.truth)
         self.bind({signal.name: np.zeros(signal.shape) for signal in self.truth})
@@ -134,6 +137,9 @@ class Cell(World):
                 if step % part.every == 0:
                     part.drive(step)
                 stop = min(stop, step - step % part.every + part.every)
+            for part in self._latching:
+                if (due := part.latch(step)) is not None:
+                    stop = min(stop, due)
             for samples in self._samples:
                 stop = min(stop, max(-(-samples.due // timestep), step + 1))
             mujoco.mj_step(self.model, self.data, stop - step)
@@ -159,14 +165,15 @@ class Cell(World):
         physics = np.empty(mujoco.mj_stateSize(self.model, _STATE))
         mujoco.mj_getState(self.model, self.data, physics, _STATE)
         truth = [self.truth_arrays[signal.name].ravel() for signal in self.truth]
-        head = np.array([float(self.time), float(self.step)])
         own = [part.save() for part in self.parts.values()] + [samples.save() for samples in self._samples]
+        head = np.array([self.time, self.step, *(values.size for values in own)], dtype=float)
         return np.concatenate([head, physics, *truth, *own])
 
     def restore(self, state: NDArray[np.float64]) -> None:
         keepers: list[Any] = [*self.parts.values(), *self._samples]
-        sizes = [2, mujoco.mj_stateSize(self.model, _STATE), *(s.size for s in self.truth)]
-        sizes += [keeper.save().size for keeper in keepers]
+        first = 2 + len(keepers)
+        sizes = [first, mujoco.mj_stateSize(self.model, _STATE), *(s.size for s in self.truth)]
+        sizes += [int(size) for size in state[2:first]]
         head, physics, *rest = np.split(state, list(accumulate(sizes))[:-1])
         self.time, self.step = int(head[0]), int(head[1])
         mujoco.mj_setState(self.model, self.data, physics, _STATE)

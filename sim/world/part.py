@@ -68,12 +68,15 @@ class Mjcf:
 class Part(ABC):
     """One part of the world.
 
-    Order of calls: `__init__`, `build`, `bind`, then `drive` before steps; `fill` follows each advance.
+    Order of calls: `__init__`, `build`, `bind`, then `drive` and `latch` before steps; `fill` follows each advance.
 
     Attributes:
         name: its name in the profile; all its MJCF names begin with `<name>/`.
         truth: the true values, recorded as `world.<signal>`; their names begin with `<name>_`.
+        stand: where it stands in the body that `build` is given; the world sets it.
+        carrier: the part that it stands on; "" for the world.
         every: number of physics steps between two calls of `drive`; 0: never called.
+        ends: s until the run ends by itself on the part's account, such as the end of a recording; None: never.
     """
 
     Config: ClassVar[type[PartConfig]] = PartConfig
@@ -83,7 +86,9 @@ class Part(ABC):
         self.name, self.config, self.seed = name, config, seed
         self.truth: tuple[Signal, ...] = ()
         self.every = 0
-        self.stand: Pose = IDENTITY  # in the body that `build` is given; the world sets it
+        self.stand: Pose = IDENTITY
+        self.carrier = ""
+        self.ends: float | None = None
 
     @abstractmethod
     def build(self, mjcf: Mjcf, parent: Element) -> None:
@@ -104,11 +109,18 @@ class Part(ABC):
     def drive(self, step: int) -> None:
         """Acts before physics step number `step`: sets `ctrl`, `qfrc_applied`, `xfrc_applied`, mocap poses."""
 
+    def latch(self, step: int) -> int | None:
+        """Applies what has come by physics step number `step`, and returns the step at which the next thing is due.
+
+        For what happens at single instants, such as a servo's pulse. It is called after `drive`, at that step and
+        maybe at others before it.
+        """
+
     def fill(self, truth: Mapping[str, Array]) -> None:
         """Fills its truth signals from the present state of the world."""
 
     def save(self) -> Array:
-        """Its own state besides MuJoCo's (memory of the electronics, commands in transit), of fixed size."""
+        """Its own state besides MuJoCo's (memory of the electronics, commands in transit)."""
         return np.empty(0)
 
     def restore(self, state: Array) -> None:

@@ -96,3 +96,8 @@ def placed(placement: Array) -> dict[str, object]:
     quaternion = np.zeros(4)
     mujoco.mju_mat2Quat(quaternion, placement[:3, :3].ravel())
     return {"pos": placement[:3, 3], "quat": quaternion}
+
+
+def turned(alpha: float, length: float) -> dict[str, object]:
+    """Attributes that place a body at the end of a standard Denavit-Hartenberg row: alpha (rad), a (m)."""
+    return {"pos": (length, 0.0, 0.0), "quat": (np.cos(alpha / 2), np.sin(alpha / 2), 0.0, 0.0)}

@@ -37,7 +37,7 @@ def _build(mjcf: Mjcf, part: Part, frames: Frames, waiting: Mapping[str, Part], 
     found = _find(mjcf, part, frames, waiting, roots)
     if isinstance(found, str):
         return found
-    body, pose = found
+    body, pose, part.carrier = found
     part.stand = composed(pose, part.config.off_by.placed())
     before = len(mjcf.bodies)
     part.build(mjcf, body)
@@ -49,8 +49,11 @@ def _build(mjcf: Mjcf, part: Part, frames: Frames, waiting: Mapping[str, Part], 
 
 def _find(
     mjcf: Mjcf, part: Part, frames: Frames, waiting: Mapping[str, Part], roots: dict[str, str]
-) -> tuple[Element, Pose] | str:
-    """The body that carries the part's frame, and the frame's pose in it; or the frame or body that is lacking."""
+) -> tuple[Element, Pose, str] | str:
+    """The body that carries the part's frame, the frame's pose in it, and the part whose body it is ("" for the world).
+
+    Where a frame or body is lacking: its name.
+    """
     at = part.config.at
     if at is None:
         at = part.name if part.name in frames.entries else None
@@ -61,10 +64,10 @@ def _find(
     while frame is not None:
         if frame != part.name:
             if frame in mjcf.bodies:
-                return mjcf.bodies[frame], pose
+                return mjcf.bodies[frame], pose, _owner(frame)
             if frame in mjcf.carried:
                 body, inside = mjcf.carried[frame]
-                return body, composed(inside, pose)
+                return body, composed(inside, pose), frame
             if _owner(frame) in waiting:
                 return frame
         entry = frames.entries.get(frame)
@@ -81,7 +84,7 @@ def _find(
                 problem = f"it stands in '{b}', and '{one}' in '{a}', which nothing connects"
                 raise WiringError(_place(other), problem, f"Say under `frames:` where '{b}' is: give it a parent")
         frame = entry.parent
-    return mjcf.worldbody, pose
+    return mjcf.worldbody, pose, ""
 
 
 def _stuck(lacking: Mapping[str, str], mjcf: Mjcf, frames: Frames) -> WiringError:

@@ -65,7 +65,7 @@ def test_the_finger_closes_with_the_hand(recording: Recording) -> None:
     """Simulated: the distance of the finger's tip to the thumb's falls as the index finger nears the thumb."""
     value = lambda name: recording.layout.value(recording.rows, name)  # noqa: E731
     thumb = value("world.hand_tips")[:, 0]
-    finger = np.linalg.norm(value("world.finger_tip")[:, 0] - thumb, axis=1)
+    finger = np.linalg.norm(value("world.finger_tip") - thumb, axis=1)
     index = np.linalg.norm(value("world.hand_tips")[:, 1] - thumb, axis=1)
     assert np.ptp(finger) > 0.02
     assert np.corrcoef(finger[50:], index[50:])[0, 1] > 0.7

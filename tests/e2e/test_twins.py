@@ -117,7 +117,7 @@ def test_the_path_is_that_of_the_fakes(tmp_path: Path, hand: Path, twin_run: tup
     call(tmp_path, "run", "sixth-finger", "--sim", "--fast", *arguments)
     fakes = read(tmp_path / "f.rrd")
     commanded = [_active(r, "mapping.skeleton")[:, -1] for r in (recording, fakes)]
-    twin, fake = log["world.finger_tip"][:, 0], _active(fakes, "world.finger_tip")[100:, 0]
+    twin, fake = log["world.finger_tip"], _active(fakes, "world.finger_tip")[100:]
     # From where the twin's servos had been put onto their home.
     measured = [twin[np.linalg.norm(twin - fake[0], axis=1).argmin() :], fake]
     moved = np.linalg.norm(np.ptp(commanded[1], axis=0))

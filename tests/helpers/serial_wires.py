@@ -23,11 +23,11 @@ from drivers.transport import Transport
 from helpers import dynamixel
 from helpers.bad_link import Valve
 from helpers.dynamixel import waiting
+from helpers.sim import world
 from helpers.twin import Bench
 from helpers.under_guard import Setting, Wire
 from helpers.wait import until
 from runtime.loop.device import Device
-from sim.augmented_hand import AugmentedHand, AugmentedHandConfig
 from sim.devices.dynamixel.twin import DynamixelTwin
 from sim.devices.firmata.fake import FakeFirmata, FakeFirmataConfig
 from sim.devices.firmata.twin import FirmataTwin
@@ -121,7 +121,7 @@ class FirmataWire(SerialWire):
         config = FirmataConfig.model_validate(options)
         driver = Firmata("device", config)
         (command,) = driver.commands
-        twin = FirmataTwin(FakeFirmata("device", config, AugmentedHand(AugmentedHandConfig(), 1), FakeFirmataConfig()))
+        twin = FirmataTwin(FakeFirmata("device", config, world(), FakeFirmataConfig()))
         setting = Setting(
             "firmata", options, command, {"velocity": 4.0, "acceleration": 40.0}, np.array([0.1, -0.1]), 0.6,
             100.0, 4.0, 0.51 * np.array(command.resolution),

@@ -17,17 +17,27 @@ from numpy.typing import NDArray
 from helpers.wait import until
 from runtime.contracts.driver import Driver
 from runtime.contracts.signals import Array
-from runtime.contracts.world import Twin, World, WorldConfig
+from runtime.contracts.world import Twin
+from sim.parts.hand.human_hand import HumanHandConfig, HumanHandPart
+from sim.world.cell import Cell, CellConfig
 
 STEP = 1_000_000  # ns
 PATIENCE = 10.0  # s of real time, for a pty to deliver
 
 
-class StillWorld(World):
-    """A hand that doesn't move, for wires alone."""
+class StillHand(HumanHandPart):
+    """A hand that doesn't move."""
+
+    def position(self, at: int | None = None) -> Array:
+        return np.zeros(20)
+
+
+class StillWorld(Cell):
+    """A hand that doesn't move, for wires alone: there is no physics."""
 
     def __init__(self) -> None:
-        super().__init__(WorldConfig(), seed=1)
+        super().__init__(CellConfig.model_validate({"parts": {"hand": {"part": "human-hand"}}}), seed=1)
+        self.parts["hand"] = StillHand("hand", HumanHandConfig(), 1)
 
     def advance(self, until: int) -> None:
         self.time = until
@@ -37,9 +47,6 @@ class StillWorld(World):
 
     def restore(self, state: NDArray[np.float64]) -> None:
         self.time = int(state[0])
-
-    def hand_position(self, at: int | None = None) -> Array:
-        return np.zeros(20)
 
 
 class Bench:

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pytest
 from helpers.recording import make_layout, make_rows
+from ruamel.yaml import YAML
 
+from runtime.cli import main
 from runtime.ipc.layout import _FIRST_CYCLE, _FIRST_DEVICE, Layout
 from runtime.ipc.ring import RingWriter
+from runtime.profile import profile
+from runtime.recorder.figure import draw
 from runtime.recording.columns import Assembler, Columns
 from runtime.recording.reader import read
+from srl.testing import simulate
 
 
 def _first() -> Layout:
@@ -75,3 +82,72 @@ def test_a_layout_names_the_words_of_its_rows(tmp_path: Path) -> None:
     assert again.recorded_names == again.int_names == layout.int_names
     rows = make_rows(layout, 3)
     assert again.upgrade(rows) is rows
+
+
+_SIM = """\
+sim:
+  world: augmented-hand
+  wearer: {recording: null}
+"""
+
+
+def _augmented_hand(folder: Path) -> Layout:
+    """A short run of sixth-finger as it was when its world was `augmented-hand`, as a black box."""
+    text = profile.find("sixth-finger")[1]
+    run = simulate(text, 0.3)
+    old = re.sub(r"models:\n(  .*\n)+", "", re.sub(r"sim:\n(  .*\n)+", _SIM, text)).replace(
+        '"world.finger_tip"', '"world.finger_tip[finger]"'
+    )
+    layout = Layout(devices=run.layout.devices, meta=run.layout.meta | {"profile": old, "limits": {}})
+    layout.meta |= {"automatic": True, "latches": []}
+    layout.meta["record"] = {
+        "plots": [p.model_dump() for p in profile.Profile.model_validate(_plain(old)).record.plots]
+    }
+    for f in run.layout.fields.values():
+        if f.name == "world.finger_tip":
+            layout.add(f.name, "truth", (1, 3), "m", frame="hand", labels=("finger",), components=f.components or ())
+        elif f.name == "world.finger_contact":
+            layout.add("world.contact_force", "truth", (1,), "N", labels=("finger",))
+        else:
+            layout.add(f.name, f.role, f.shape, f.unit, frame=f.frame, labels=f.labels, visual=f.visual, links=f.links)
+    layout.save(folder / "layout.json")
+    ring = RingWriter.create(folder / "rows.ring", run.rows.shape[1], 64)
+    run.rows[:, layout.int_names.index("cycle")] -= 1  # a recording begins at 0
+    for row in run.rows:
+        ring.append(row)
+    return layout
+
+
+def _plain(text: str) -> object:
+    tree = YAML(typ="safe", pure=True).load(text)
+    del tree["sim"]
+    return tree
+
+
+def test_a_run_in_the_world_augmented_hand_is_read_drawn_and_played(tmp_path: Path) -> None:
+    _augmented_hand(tmp_path)
+    found = read(tmp_path)
+    assert found.layout.value(found.rows, "world.finger_tip").shape == (30, 1, 3)
+    draw(found, tmp_path / "run.png")
+    assert (tmp_path / "run.png").read_bytes().startswith(b"\x89PNG")
+    text = f"""\
+name: play
+rate: 100
+devices:
+  glove: {{driver: replay, recording: {tmp_path}, device: glove, at_end: hold}}
+controllers:
+  - {{use: hand-kinematics, name: hand, in: {{angles: glove.position}}}}
+sim: {{world: cell, parts: {{thing: {{part: box, size: [1, 1, 1]}}}}}}
+"""
+    again = simulate(text, 0.5)
+    last = found.layout.value(found.rows, "glove.position")[-1]
+    np.testing.assert_array_equal(again.value("glove.position")[-1], last)
+
+
+def test_it_is_not_replayed_but_refused_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _augmented_hand(tmp_path)
+    assert main(["replay", str(tmp_path)]) == 2
+    said = capsys.readouterr().err
+    assert len(said.strip().splitlines()) == 1
+    for words in (str(tmp_path), "sim.world", "'augmented-hand' is made of parts now", "Replay it with srl-runtime"):
+        assert words in said

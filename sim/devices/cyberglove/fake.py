@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from typing import Annotated, Final, Protocol
+from typing import Annotated, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,25 +17,18 @@ from runtime.contracts.errors import DeviceLostError
 from runtime.contracts.signals import Array
 from runtime.contracts.world import Fake, FakeConfig, World
 from sim.devices.shared.noise import SampleNoise
-from sim.devices.shared.windows import Windows, inside, refuse_while_gone, require, rising
+from sim.devices.shared.windows import Windows, inside, refuse_while_gone, require_cell, rising
+from sim.parts.hand.human_hand import HumanHandPart
 from sim.wearer.joints import GLOVE_OF_HAND
 
 _CATCH_UP: Final = 100  # most samples counted in one read
 _LOOK_BACK: Final = 10  # samples; more than are lost in a row
 
 
-class Hand(Protocol):
-    """What this fake needs from its world."""
-
-    time: int
-    seed: int
-
-    def hand_position(self, at: int | None = None) -> Array: ...
-
-
 class FakeCyberGloveConfig(FakeConfig):
     """Options of the fake."""
 
+    part: str | None = Field(default=None, description="the cell's hand that wears it; None: the one that fits")
     rate: float = Field(default=100.0, gt=0, le=1000, description="Hz, samples the glove takes by its own clock")
     noise: float = Field(default=0.004, ge=0, description="rad, standard deviation of each sensor, before quantisation")
     delay: float = Field(default=0.008, ge=0, le=0.5, description="s, from sampling to arrival")
@@ -64,7 +57,7 @@ class FakeCyberGlove(Sensor, Fake):
         super().__init__(name, config, world, options)
         assert isinstance(config, CyberGloveConfig)
         assert isinstance(options, FakeCyberGloveConfig)
-        self.hand: Hand = require(world, "hand_position", name)
+        self.hand = require_cell(world, name).part(HumanHandPart, name, options.part)
         self._config, self._options = config, options
         self._of_hand = GLOVE_OF_HAND[[LABELS_22.index(label) for label in LABELS[config.sensors]]]
         self._delay = round(options.delay * 1e9)
@@ -159,7 +152,7 @@ class FakeCyberGlove(Sensor, Fake):
 
     def _measured(self, number: int) -> Array:
         """The measured angles (n,), rad, with noise."""
-        angles = self._of_hand.dot(self.hand.hand_position(self.taken_at(number)))
+        angles = self._of_hand.dot(self.hand.position(self.taken_at(number)))
         if self._options.noise:
             angles += self._noise.noise(number)
         return angles

@@ -14,26 +14,12 @@ from drivers.firmata.config import FirmataConfig
 from drivers.firmata.driver import COMMAND
 from runtime.contracts.driver import DeviceConfig
 from runtime.contracts.errors import DeviceLostError, WiringError, nearest
-from runtime.contracts.signals import Array, Stop
+from runtime.contracts.signals import Stop
 from runtime.contracts.world import Fake, FakeConfig, World
-from sim.devices.shared.windows import Windows, inside, refuse_while_gone, require, rising
+from sim.devices.shared.windows import Windows, inside, refuse_while_gone, require_cell, rising
+from sim.parts.hand.servos import Servos
 
 _NEUTRAL: Final = 1500  # us, pulse width of an attached servo before its first command
-
-
-class Servos(Protocol):
-    """What this fake needs from its world."""
-
-    time: int
-
-    def set_servos(self, targets: Mapping[int, float | None], at: int = 0) -> None: ...
-
-    def servo_targets(self) -> Array: ...
-
-    def place_servos(self, angles: Mapping[int, float]) -> None: ...
-
-    @property
-    def servo_names(self) -> tuple[str, ...]: ...
 
 
 class FakeFirmataConfig(FakeConfig):
@@ -83,7 +69,7 @@ class FakeFirmata(Fake):
         self._calibrations = real.calibrations
         self._joints, self._buttons = tuple(config.servos), tuple(config.buttons)
         n = len(self._joints)
-        self._turns: list[int] = []  # the number of the world's servo that each of the board's is
+        self._turns: list[str] = []  # the name of the world's servo that each of the board's is
         if n:
             self._mount(world)
         if unknown := set(options.presses) - set(self._buttons):
@@ -106,8 +92,8 @@ class FakeFirmata(Fake):
 
     def _mount(self, world: World) -> None:
         """Finds the world's servos; a board with buttons only needs none."""
-        self.servos: Servos = require(world, "set_servos", self.name)
-        there, given = self.servos.servo_names, self._options.joints
+        self.servos = Servos(require_cell(world, self.name))
+        there, given = self.servos.names, self._options.joints
         place = f"sim.devices.{self.name}.joints"
         if unknown := set(given) - set(self._joints):
             raise WiringError(place, f"the board has no servo '{min(unknown)}'", nearest(min(unknown), self._joints))
@@ -115,11 +101,11 @@ class FakeFirmata(Fake):
         if set(turned) - set(there) or len(set(turned)) < len(turned):
             raise WiringError(
                 place,
-                f"the board's servos turn {', '.join(turned)}; the world has {', '.join(there)}",
+                f"the board's servos turn {', '.join(turned)}; the world has {', '.join(there) or 'none'}",
                 "Name one of the world's for each of the board's, as {knuckle: abduction}",
             )
-        self._turns = [there.index(name) for name in turned]
-        self.servos.place_servos(dict(zip(self._turns, self.home[COMMAND].tolist(), strict=True)))
+        self._turns = turned
+        self.servos.place(dict(zip(turned, self.home[COMMAND].tolist(), strict=True)))
 
     def _find(self, named: str | None) -> Presser | None:
         """Finds the simulated person; the person's buttons must be on the board."""
@@ -159,7 +145,7 @@ class FakeFirmata(Fake):
         self._check()
         if not self.commands:
             return
-        targets: dict[int, float | None] = {}
+        targets: dict[str, float | None] = {}
         for i, angle in enumerate(self.command_arrays[COMMAND].tolist()):
             if not math.isfinite(angle):
                 continue
@@ -231,11 +217,11 @@ class FakeFirmata(Fake):
         self._pulses[joint] = self._widths[joint] = pulse
         return self._calibrations[joint].angle(pulse)
 
-    def _send(self, targets: Mapping[int, float | None]) -> None:
-        """Sends targets, by the world's servo number, that apply from the first pulse after the delay."""
+    def _send(self, targets: Mapping[str, float | None]) -> None:
+        """Sends targets, by the world's servo, that apply from the first pulse after the delay."""
         ns, per = self._frame
         frame = -(-(self.world.time + self._delay) * per // ns)
-        self.servos.set_servos(targets, frame * ns // per)
+        self.servos.set(targets, frame * ns // per)
 
     def _check(self) -> None:
         if not self.health.connected or inside(self._options.loss, self.world.time):

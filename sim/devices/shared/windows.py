@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Any
 
 from runtime.contracts.errors import DeviceError, WiringError
 from runtime.contracts.world import World
+from sim.world.cell import Cell
 
 Windows = tuple[tuple[float, float], ...]
 
@@ -30,16 +30,12 @@ def refuse_while_gone(name: str, loss: Windows, at: int) -> None:
         raise DeviceError(name, "the simulated device doesn't answer", "It comes back at the end of its 'loss' window")
 
 
-def require(world: World, method: str, name: str) -> Any:
-    """Returns the world if it has `method`.
-
-    Raises:
-        WiringError: it has not.
-    """
-    if not hasattr(world, method):
+def require_cell(world: World, name: str) -> Cell:
+    """Returns the world if it is a cell. Raises WiringError if it isn't."""
+    if not isinstance(world, Cell):
         raise WiringError(
             f"sim.devices.{name}",
-            f"the world {type(world).__name__} has no '{method}' for this fake",
-            "Choose a world that has, such as augmented-hand",
+            f"the world {type(world).__name__} has no part for this fake",
+            "Set 'world: cell' and list its parts",
         )
     return world

@@ -1,15 +1,19 @@
-"""Objects to grasp: boxes, spheres, cylinders, and the YCB objects of the pick-and-place experiment."""
+"""The cell's part `object`: something to grasp, a box, sphere or cylinder, or one of the YCB objects."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final, Literal, Self
+from typing import Any, ClassVar, Final, Literal, Self, cast
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from runtime.contracts.signals import Array, Signal
+from runtime.contracts.terms import POINT
 from sim.world.mjcf import CONTACT, add
+from sim.world.part import Mjcf, Part, PartConfig
 
 
 @dataclass(frozen=True)
@@ -38,10 +42,11 @@ _YCB: Final = {
 _SIZES: Final = {"box": 3, "sphere": 1, "cylinder": 2}
 
 
-class ObjectConfig(BaseModel):
-    """One object: either a `shape` with `size` and `mass`, or a YCB `code` that implies its own."""
+class ObjectConfig(PartConfig):
+    """One object: either a `shape` with `size` and `mass`, or a YCB `code` that implies its own.
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    It stands with its centre.
+    """
 
     shape: Literal["box", "sphere", "cylinder", "ycb"]
     code: Literal["A", "B", "C", "D", "E", "F", "G", "H", "I", "L", "M"] | None = Field(
@@ -56,8 +61,6 @@ class ObjectConfig(BaseModel):
         gt=0,
         description="against the pads of hand and finger; if null the YCB object's, else 0.8",
     )
-    position: tuple[float, float, float] = Field(description="m, its centre in frame hand at the start")
-    quaternion: tuple[float, float, float, float] = Field(default=(1, 0, 0, 0), description="w, x, y, z")
     held_until: float | None = Field(
         default=0.0, ge=0, description="s, something else holds it in place until then; null: for ever"
     )
@@ -74,30 +77,62 @@ class ObjectConfig(BaseModel):
         return self
 
 
-def add_object(world: Element, equality: Element, name: str, config: ObjectConfig) -> None:
-    """Adds a body `name`, with a free joint unless it is held for ever, and a weld that can be released."""
-    ycb = _YCB[config.code] if config.code is not None else None
-    shape, size = (ycb.shape, ycb.size) if ycb else (config.shape, config.size)
-    mass, friction = (ycb.mass, ycb.friction) if ycb else (config.mass or 0.0, 0.8)
-    body = add(world, "body", name=name, pos=config.position, quat=config.quaternion)
-    if config.held_until is not None:
-        add(body, "freejoint", name=name)
-        if config.held_until > 0:
-            add(equality, "weld", name=name, body1=name, anchor=config.position, solref=(0.004, 1.0))
-    if ycb is not None:
-        add(body, "inertial", pos="0 0 0", mass=mass, diaginertia=ycb.inertia)
-    half = tuple(np.array(size) / 2)
-    add(
-        body,
-        "geom",
-        name=name,
-        type=shape,
-        size=half,
-        mass=mass,
-        # The sheets give the object's friction for a pair of materials, so it overrides that of skin and pads.
-        priority=1,
-        condim=4,
-        friction=(config.friction or friction, 0.005, 0.0001),
-        rgba="0.75 0.35 0.3 1",
-        **CONTACT["object"],
-    )
+class ObjectPart(Part):
+    """An object that falls, after something else has held it in place until `held_until`.
+
+    Its body is `<name>/body`, its geom `<name>/geom`. Truth: `<name>_position` (3,), m, of its centre in the world.
+    """
+
+    Config: ClassVar[type[PartConfig]] = ObjectConfig
+    summary = "something to grasp: a box, sphere, cylinder or YCB object, held in place until it is released"
+
+    def __init__(self, name: str, config: PartConfig, seed: int) -> None:
+        super().__init__(name, config, seed)
+        self._config = cast(ObjectConfig, config)
+        self.truth = (Signal(name=f"{name}_position", shape=(3,), unit="m", labels=POINT),)
+
+    def build(self, mjcf: Mjcf, parent: Element) -> None:
+        config, name = self._config, self.name
+        ycb = _YCB[config.code] if config.code is not None else None
+        shape, size = (ycb.shape, ycb.size) if ycb else (config.shape, config.size)
+        mass, friction = (ycb.mass, ycb.friction) if ycb else (config.mass or 0.0, 0.8)
+        body = mjcf.body(parent, f"{name}/body", **self.at())
+        if config.held_until is not None:
+            self.moves_freely(mjcf, parent)
+            add(body, "freejoint", name=f"{name}/joint")
+            if config.held_until > 0:
+                held = {"name": f"{name}/held", "body1": f"{name}/body"}
+                add(mjcf.equality, "weld", **held, anchor=self.stand[:3], solref=(0.004, 1.0))
+        if ycb is not None:
+            add(body, "inertial", pos="0 0 0", mass=mass, diaginertia=ycb.inertia)
+        add(
+            body,
+            "geom",
+            name=f"{name}/geom",
+            type=shape,
+            size=tuple(np.array(size) / 2),
+            mass=mass,
+            # The sheets give the object's friction for a pair of materials, so it overrides that of skin and pads.
+            priority=1,
+            condim=4,
+            friction=(config.friction or friction, 0.005, 0.0001),
+            rgba="0.75 0.35 0.3 1",
+            **CONTACT["object"],
+        )
+
+    def bind(self, model: Any, data: Any) -> None:
+        self._data, self._body = data, int(model.body(f"{self.name}/body").id)
+        self._weld: int | None = None
+        if self._config.held_until:
+            self._weld = int(model.equality(f"{self.name}/held").id)
+            self._release = round(self._config.held_until / model.opt.timestep)
+
+    def latch(self, step: int) -> int | None:
+        """Releases the object when it is time; returns the step of the release."""
+        if self._weld is None:
+            return None
+        self._data.eq_active[self._weld] = step < self._release
+        return self._release if step < self._release else None
+
+    def fill(self, truth: Mapping[str, Array]) -> None:
+        truth[f"{self.name}_position"][:] = self._data.xpos[self._body]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from math import pi
 
-import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -16,10 +15,9 @@ from hypothesis.extra.numpy import arrays
 from ruamel.yaml import YAML
 
 from runtime.contracts.signals import Array
-from runtime.control.hand.human_hand import FINGERS, JOINTS, LOWER, UPPER, hand_geometry
+from runtime.control.hand.human_hand import FINGERS, LOWER, UPPER, hand_geometry
 from runtime.control.hand.point_series import PointSeries
 from runtime.control.shared.kinematics import Chain
-from sim.augmented_hand import AugmentedHandConfig, mjcf
 
 angle = st.floats(-3.2, 3.2)
 
@@ -108,12 +106,3 @@ def test_hand_scales_with_its_length() -> None:
     q = np.linspace(0.0, 1.0, 20)
     small, large = PointSeries(*hand_geometry()), PointSeries(*hand_geometry(0.2079))
     np.testing.assert_allclose(large.at(q), 1.1 * small.at(q), rtol=1e-12)
-
-
-def test_simulated_hand_agrees() -> None:
-    """The simulated hand has the joints of the law's, in their order, with their ranges."""
-    model = mujoco.MjModel.from_xml_string(mjcf(AugmentedHandConfig()))
-    names = [model.joint(i).name for i in range(model.njnt)]
-    assert [name for name in names if name.startswith("hand/")] == [f"hand/{joint}" for joint in JOINTS]
-    ranges = [model.joint(f"hand/{joint}").range for joint in JOINTS]
-    np.testing.assert_allclose(ranges, np.stack([LOWER, UPPER], axis=1))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers.sim import MS, bind, world
+from helpers.sim import MS, Elsewhere, bind, world
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -11,7 +11,6 @@ from pydantic import ValidationError
 from drivers.cyberglove import CyberGlove, calibration
 from drivers.cyberglove.protocol import LABELS
 from runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
-from runtime.contracts.world import World
 from runtime.control.hand.human_hand import RANGES
 from sim.devices.cyberglove.fake import FakeCyberGlove
 from sim.wearer.joints import to_glove, to_model
@@ -57,18 +56,19 @@ def test_sensors_are_the_inverse_of_the_sheets_mapping(share):
 
 def test_it_measures_the_hand_as_it_is_after_contact():
     ball = {
+        "part": "object",
         "shape": "sphere",
         "size": [0.07],
         "mass": 0.1,
-        "position": [0, 0.085, -0.055],
+        "at": {"position": [0, 0.085, -0.055]},
         "held_until": None,
     }
-    w = world(objects=[ball])
+    w = world(parts={"ball": ball})
     fake = glove(w, **EXACT)
     follow(w, fake, 2000)
     np.testing.assert_allclose(fake.state_arrays["position"], to_glove(w.truth_arrays["hand_position"]))
     middle_mpj = LABELS[22].index("middle_mpj")
-    assert fake.state_arrays["position"][middle_mpj] < w.wearer.target(2.0)[9] - 0.1
+    assert fake.state_arrays["position"][middle_mpj] < w.hand.wearer.target(2.0)[9] - 0.1
 
 
 def test_a_sample_is_as_old_as_its_stamp_says():
@@ -78,7 +78,7 @@ def test_a_sample_is_as_old_as_its_stamp_says():
     truth = {}
     for k in range(1, 1501):
         w.advance(k * MS)
-        truth[w.time] = to_glove(w.hand_position())
+        truth[w.time] = to_glove(w.hand.position())
         if k % 10 == 0:
             fake.read(w.time + offset)
             stamp = fake.health.stamp - offset
@@ -199,17 +199,6 @@ def test_wrong_options_are_refused(options):
         FakeCyberGlove.Options.model_validate(options)
 
 
-class Elsewhere(World):
-    def advance(self, until):
-        self.time = until
-
-    def save(self):
-        return np.zeros(0)
-
-    def restore(self, state):
-        pass
-
-
 def test_a_world_without_a_hand_is_refused():
-    with pytest.raises(WiringError, match="hand_position"):
-        glove(Elsewhere(World.Config(), 0))
+    with pytest.raises(WiringError, match="has no part for this fake"):
+        glove(Elsewhere())

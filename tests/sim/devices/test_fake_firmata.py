@@ -4,7 +4,7 @@ from itertools import permutations
 
 import numpy as np
 import pytest
-from helpers.sim import MS, bind, world
+from helpers.sim import MS, Elsewhere, bind, world
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -221,5 +221,26 @@ def test_a_servo_turns_the_joint_it_is_named_after(order):
     fake = board(w, CONFIG | {"servos": {name: CONFIG["servos"][name] for name in order}})
     command(fake, *(0.5 if name == "abduction" else 0.0 for name in order))
     w.advance(300 * MS)
-    turned = dict(zip(w.servo_names, w.servo_targets(), strict=True))
+    turned = w.servos.targets()
     assert turned == pytest.approx({name: 0.5 * (name == "abduction") for name in JOINTS}, abs=2e-3)
+
+
+def test_one_board_turns_joints_of_two_fingers_and_two_boards_share_one():
+    w = world(fingers=[{}, {"name": "other"}], **STILL)
+    servos = CONFIG["servos"]
+    first = {"finger_abduction": servos["abduction"], "other_flexion_1": servos["flexion_1"]}
+    second = {"finger_flexion_1": servos["abduction"], "finger_flexion_2": servos["flexion_1"]}
+    boards = [board(w, CONFIG | {"servos": own}) for own in (first, second)]
+    for fake, angles in zip(boards, ((0.2, 0.3), (0.4, 0.5)), strict=True):
+        command(fake, *angles)
+    w.advance(200 * MS)
+    held = {name: target for name, target in w.servos.targets().items() if np.isfinite(target)}
+    meant = {"finger_abduction": 0.2, "other_flexion_1": 0.3, "finger_flexion_1": 0.4, "finger_flexion_2": 0.5}
+    assert held == pytest.approx(meant, abs=2e-3)
+
+
+def test_a_world_without_a_finger_is_refused():
+    with pytest.raises(WiringError, match="the world has none"):
+        board(world(fingers=[]))
+    with pytest.raises(WiringError, match="world: cell"):
+        board(Elsewhere())

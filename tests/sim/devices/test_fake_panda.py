@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from helpers import panda as helpers_panda
 from helpers.panda import MS, QUIET
+from helpers.sim import world
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -15,7 +16,6 @@ from drivers.panda import Panda
 from runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
 from runtime.contracts.signals import Array, Stop
 from runtime.control.robots import PANDA
-from sim.augmented_hand import AugmentedHand, AugmentedHandConfig
 from sim.devices.panda.fake import FakePanda
 from sim.devices.panda.robot import FakePandaConfig
 
@@ -171,9 +171,8 @@ def test_time_that_the_loop_missed_costs_no_packets() -> None:
 
 def test_a_world_without_such_an_arm_is_refused() -> None:
     config = Panda.Config.model_validate({"port": "tcp://127.0.0.1:1"})
-    hand = AugmentedHand(AugmentedHandConfig(), 1)
-    with pytest.raises(WiringError, match="no Franka arm"):
-        FakePanda("arm", config, hand, FakePandaConfig())
+    with pytest.raises(WiringError, match="needs one part"):
+        FakePanda("arm", config, world(), FakePandaConfig())
 
 
 def test_options_the_robot_refuses_are_named() -> None:

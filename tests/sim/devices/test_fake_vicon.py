@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from helpers.twin import StillWorld, bound
+from helpers.sim import Elsewhere
+from helpers.twin import bound
 from helpers.vicon import PARTS, config, driver, fake
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
@@ -204,6 +205,6 @@ def test_options_that_don_t_fit_the_cell_are_errors(options, message):
 
 def test_a_world_without_parts_is_refused():
     with pytest.raises(WiringError, match="world: cell"):
-        FakeVicon("mocap", config(**WAND), StillWorld(), FakeVicon.Options())
+        FakeVicon("mocap", config(**WAND), Elsewhere(), FakeVicon.Options())
     with pytest.raises(ValidationError, match="times must rise"):
         FakeVicon.Options.model_validate({"occlusion": {"Wand": [[2, 1]]}})

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.sim import world
 from helpers.twin import Bench, Client, StillWorld, bound
 from helpers.wait import until
 
@@ -12,9 +13,9 @@ from drivers.cyberglove.driver import CyberGloveConfig
 from drivers.cyberglove.protocol import Parser, Record
 from runtime.contracts.errors import DeviceError, DeviceLostError
 from runtime.profile import profile, wiring
-from sim.augmented_hand import AugmentedHand, AugmentedHandConfig
 from sim.devices.cyberglove.fake import FakeCyberGlove, FakeCyberGloveConfig
 from sim.devices.cyberglove.twin import CyberGloveTwin
+from sim.world.cell import Cell
 
 RAW = bytes(range(10, 221, 10))
 # Sheet cyberglove, §8, in its order: the host's bytes, the glove's.
@@ -154,8 +155,8 @@ def test_unplugged_from_its_interface_it_says_so():
     assert twin.receive(b"?G", 0) == b"?G\3\0"
 
 
-def hand() -> AugmentedHand:
-    return AugmentedHand(AugmentedHandConfig(), seed=3)
+def hand() -> Cell:
+    return world(seed=3)
 
 
 def driver_at(bench: Bench, **options: Any) -> CyberGlove:

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.sim import world
 from helpers.twin import Bench, Client, bound
 from helpers.wait import until
 
@@ -13,7 +14,6 @@ from drivers.firmata.config import FirmataConfig
 from drivers.firmata.protocol import Decoder, PinState, Text
 from runtime.contracts.errors import DeviceLostError
 from runtime.contracts.signals import Stop
-from sim.augmented_hand import AugmentedHand, AugmentedHandConfig
 from sim.devices.firmata.fake import FakeFirmata, FakeFirmataConfig
 from sim.devices.firmata.twin import FirmataTwin
 
@@ -45,8 +45,7 @@ def config(port: str = "/dev/null") -> FirmataConfig:
 
 
 def make(**options: Any) -> FirmataTwin:
-    world = AugmentedHand(AugmentedHandConfig(), seed=1)
-    return FirmataTwin(FakeFirmata("finger", config(), world, FakeFirmataConfig(**options)))
+    return FirmataTwin(FakeFirmata("finger", config(), world(), FakeFirmataConfig(**options)))
 
 
 def pulses(twin: FirmataTwin) -> dict[str, Any]:
@@ -229,7 +228,7 @@ def command(driver: Firmata, bench: Bench, angles: Any) -> None:
 def test_our_driver_moves_the_finger_as_the_fake_does():
     """Both doors, equal worlds, equal commands: equal trajectories, and the finger gets where it is sent."""
     twin = make()
-    other = FakeFirmata("finger", config(), AugmentedHand(AugmentedHandConfig(), seed=1), FakeFirmataConfig())
+    other = FakeFirmata("finger", config(), world(), FakeFirmataConfig())
     bound(other, other.home)
     with Bench(twin) as bench:
         driver = driver_at(bench)
@@ -251,13 +250,13 @@ def test_our_driver_moves_the_finger_as_the_fake_does():
             )
             path.append(bench.world.truth_arrays["finger_position"].copy())
         assert np.ptp(path, axis=0).min() > 0.15
-        targets = twin.board.servos.servo_targets()
+        targets = [*twin.board.servos.targets().values()]
         np.testing.assert_allclose(targets, angles, atol=0.0068 + 0.0009)  # the dead band and a microsecond
         np.testing.assert_allclose(path[-1], angles, atol=0.05)  # gravity and friction against the position loop
         driver.stop(Stop.LIMP)
         until(lambda: set(pulses(twin).values()) == {None}, lambda: bench.twin.service(bench.now))
         bench.run(0.050)
-        assert np.isnan(twin.board.servos.servo_targets()).all()
+        assert np.isnan([*twin.board.servos.targets().values()]).all()
         bench.run(0.5)
         assert np.abs(bench.world.truth_arrays["finger_position"] - path[-1]).max() > 0.1  # it hangs
         driver.close()
@@ -296,7 +295,7 @@ def test_a_board_that_is_pulled_out_goes_on_and_is_reset_when_opened_again():
         with pytest.raises(DeviceLostError):
             driver.read(bench.now)
         assert set(pulses(twin).values()) != {None}
-        np.testing.assert_allclose(twin.board.servos.servo_targets(), 0.5, atol=0.001)
+        np.testing.assert_allclose([*twin.board.servos.targets().values()], 0.5, atol=0.001)
         driver.close()
         bench.run(0.5)
         driver = driver_at(bench)

@@ -1,13 +1,50 @@
-"""The model against the fact sheet's fingertips, which other code computed."""
+"""The simulated hand against the fact sheet's fingertips and a table of its own, which other code computed."""
 
 import mujoco
 import numpy as np
 import pytest
 from helpers.shared import shared
+from helpers.sim import world
 from ruamel.yaml import YAML
+from scipy.spatial.transform import Rotation
 
 from runtime.control.hand.human_hand import FINGERS, JOINTS, RANGES
-from sim.augmented_hand import AugmentedHandConfig, mjcf
+from runtime.control.models import HandModel
+
+# The hand a second time, on purpose: positions of the fingers' first joints, m; then for each joint the length along x,
+# and quarter turns about x to the next joint's axis.
+BASES = {
+    "thumb": (-0.037, 0.045, 0.0),
+    "index": (-0.024, 0.073, 0.0),
+    "middle": (-0.008, 0.073, 0.0),
+    "ring": (0.008, 0.073, 0.0),
+    "little": (0.024, 0.073, 0.0),
+}
+LINKS = {
+    "thumb": ((0.0, -1), (0.025, 0), (0.015, 1), (0.010, 0)),
+    "index": ((0.0, -1), (0.037, 0), (0.030, 0), (0.015, 0)),
+    "middle": ((0.0, -1), (0.040, 0), (0.035, 0), (0.017, 0)),
+    "ring": ((0.0, -1), (0.037, 0), (0.030, 0), (0.015, 0)),
+    "little": ((0.0, -1), (0.027, 0), (0.025, 0), (0.010, 0)),
+}
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize("scale", [1.0, 0.8, 1.2])
+def test_fingertips_are_where_a_second_table_has_them(side, scale):
+    hand, rng = HandModel(side=side, length=scale * 0.189), np.random.default_rng(4)
+    model = world(models={"hand": hand}).model
+    for _ in range(10):
+        q = RANGES[:, 0] + rng.uniform(size=20) * np.ptp(RANGES, axis=1)
+        data = sites(model, hand=q)
+        for finger, angles in zip(FINGERS, q.reshape(5, 4), strict=True):
+            tip, turn = np.array(BASES[finger]), Rotation.from_euler("z", 90, degrees=True)
+            for angle, (length, quarters) in zip(angles, LINKS[finger], strict=True):
+                turn = turn * Rotation.from_euler("z", angle)
+                tip = tip + turn.apply([length, 0.0, 0.0])
+                turn = turn * Rotation.from_euler("x", 90 * quarters, degrees=True)
+            expected = scale * tip * [1.0 if side == "right" else -1.0, 1.0, 1.0]
+            np.testing.assert_allclose(data.site(f"hand/{finger}").xpos, expected, atol=1e-12)
 
 
 @pytest.fixture(scope="module")
@@ -17,7 +54,7 @@ def facts():
 
 @pytest.fixture(scope="module")
 def model():
-    return mujoco.MjModel.from_xml_string(mjcf(AugmentedHandConfig()))
+    return world().model
 
 
 def sites(model, hand=(0.0,) * 20, finger=(0.0,) * 4):
@@ -43,7 +80,7 @@ def test_fingertips_are_where_the_sheet_has_them(facts, model, pose):
 def test_the_sixth_fingers_tip_is_where_the_sheet_has_it(facts, model, pose):
     reference = facts["sixth_finger"]["reference"][pose]
     data = sites(model, finger=np.deg2rad(reference["q_deg"]))
-    np.testing.assert_allclose(data.site("finger").xpos, np.array(reference["tip_mm"]) / 1000, atol=1e-6)
+    np.testing.assert_allclose(data.site("finger/tip").xpos, np.array(reference["tip_mm"]) / 1000, atol=1e-6)
 
 
 def test_ranges_and_masses_are_the_sheets(facts, model):
@@ -62,5 +99,5 @@ def test_actuators_and_joints_are_in_the_documented_order(model):
     assert joints[:20] == [f"hand/{joint}" for joint in JOINTS]
     assert [model.site(i).name for i in range(model.nsite)] == [
         *(f"hand/{finger}" for finger in FINGERS),
-        "finger",
+        "finger/tip",
     ]
