@@ -28,9 +28,9 @@ class Signal:
             needs labels or `slots`; `runtime.contracts.terms` has the names of what lives in space.
         slots: the rows have no identity (unlabelled markers). They go as a whole to a port that takes slots.
         components: names along each further axis, one tuple an axis: x y z for (5, 3), joints for a Jacobian's columns.
-        visual: how a viewer shows it: "points" for shape (k, 3); "robot" for the same, drawn as thick as an arm;
-            "sphere" for (x, y, z, radius); "path" for a position (3,) or pose (7,) that leaves a trail; "arrow" for
-            (2, 3), its start point (m) and a force (N) at that point.
+        visual: how a viewer shows it: "points" for shape (k, 3), or (3,), which is one; "robot" for the same, drawn as
+            thick as an arm; "sphere" for (x, y, z, radius); "path" for a position (3,) or pose (7,) that leaves a
+            trail; "arrow" for (2, 3), its start point (m) and a force (N) at that point.
         links: polylines through the points' rows, for visuals "points" and "robot".
     """
 

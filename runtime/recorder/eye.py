@@ -29,7 +29,7 @@ def look(layout: Layout, row: Words, shapes: list[Field]) -> rrb.EyeControls3D |
         if field.visual in ("sphere", "path"):
             points, margin = values[None, :3], values[3] if field.visual == "sphere" else 0.0
         else:
-            points, margin = values[:1] if field.visual == "arrow" else values, 0.0
+            points, margin = values[:1] if field.visual == "arrow" else values.reshape(-1, 3), 0.0
         points = points @ T[:3, :3].T + T[:3, 3] + 0.0 * margin
         points = points[np.isfinite(points).all(axis=1)]
         if not len(points):

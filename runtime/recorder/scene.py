@@ -201,7 +201,7 @@ def _shows(f: Field) -> bool:
     """Whether a signal's shape fits its visual."""
     match f.visual:
         case "points" | "robot":
-            return f.shape[1:] == (3,)
+            return f.shape[1:] == (3,) or f.shape == (3,)
         case "sphere":
             return f.shape == (4,)
         case "path":
@@ -245,7 +245,8 @@ def _looks(field: Field, color: tuple[int, int, int]) -> list[Any]:
         case "arrow":
             return [rr.Arrows3D.from_fields(colors=[color], radii=[ARROW])]
     robot, linked = field.visual == "robot", bool(field.links)
-    labels = list(field.labels) if linked else [f"{field.name} {label}" for label in field.labels]
+    rows = [f"{field.name} {label}" for label in field.labels] if len(field.shape) > 1 else [field.name]
+    labels = list(field.labels) if linked else rows
     radius = ELBOW if robot else JOINT if linked else POINT
     return [
         rr.Points3D.from_fields(colors=[color], radii=[radius], labels=labels or None, show_labels=False),
@@ -281,7 +282,8 @@ def _shape(field: Field, values: NDArray[np.float64]) -> list[Any]:
         return [rr.Ellipsoids3D.columns(centers=center, half_sizes=np.repeat(radius, 3, axis=1))]
     if field.visual == "arrow":
         return [rr.Arrows3D.columns(origins=values[:, 0], vectors=NEWTON * values[:, 1])]
-    shown = [rr.Points3D.columns(positions=values.reshape(-1, 3)).partition(np.full(k, field.shape[0]))]
+    points = values.reshape(k, -1, 3)
+    shown = [rr.Points3D.columns(positions=points.reshape(-1, 3)).partition(np.full(k, points.shape[1]))]
     if field.links:
         strips = [v[list(link)] for v in values for link in field.links]
         shown.append(rr.LineStrips3D.columns(strips=strips).partition(np.full(k, len(field.links))))

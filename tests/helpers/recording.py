@@ -35,7 +35,7 @@ def make_layout(rate: int = 1000, extra: int = 40) -> Layout:
     layout.add("finger.position_command", "command", (4,), "rad", labels=("abduction", "mcp", "pip", "dip"))
     layout.add("finger.position_command.applied", "applied", (4,), "rad", labels=("abduction", "mcp", "pip", "dip"))
     layout.add("world.finger", "truth", (4,), "rad", labels=("abduction", "mcp", "pip", "dip"))
-    layout.add("world.tip", "truth", (3,), "m", frame="hand")
+    layout.add("world.tip", "truth", (3,), "m", frame="hand", labels=("x", "y", "z"), visual="points")
     layout.add("hand.pose", "state", (7,), "m")
     layout.add("odd.values", "internal", (extra,), "1")
     joints = ("abduction", "mcp", "pip", "dip")

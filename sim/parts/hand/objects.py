@@ -89,7 +89,7 @@ class ObjectPart(Part):
     def __init__(self, name: str, config: PartConfig, seed: int) -> None:
         super().__init__(name, config, seed)
         self._config = cast(ObjectConfig, config)
-        self.truth = (Signal(name=f"{name}_position", shape=(3,), unit="m", labels=POINT),)
+        self.truth = (Signal(name=f"{name}_position", shape=(3,), unit="m", labels=POINT, visual="points"),)
 
     def build(self, mjcf: Mjcf, parent: Element) -> None:
         config, name = self._config, self.name
