@@ -16,7 +16,8 @@ import numpy as np
 from drivers.dynamixel import declare
 from drivers.dynamixel.config import DynamixelConfig
 from drivers.dynamixel.family import family
-from drivers.dynamixel.faults import BEYOND, FAR, Faults, who_is_silent
+from drivers.dynamixel.faults import Faults, who_is_silent
+from drivers.dynamixel.goals import Goals
 from drivers.dynamixel.line import Line, Request
 from drivers.dynamixel.plan import Plan
 from drivers.dynamixel.recovery import Recovery
@@ -25,7 +26,7 @@ from drivers.dynamixel.setup import Bus, set_up, watchdog_code
 from drivers.transport import Transport, open_transport
 from runtime.contracts.driver import Driver
 from runtime.contracts.errors import DeviceError, DeviceLostError
-from runtime.contracts.signals import Array, Kind, Stop
+from runtime.contracts.signals import Kind, Stop
 
 LOST: Final = 1_000_000_000  # ns without any answer from a servo
 _SUSPECT: Final = 0.8  # share of the watchdog's time without a packet after which it may have tripped
@@ -61,7 +62,6 @@ class Dynamixel(Driver):
         self._line: Line | None = None
         self._bus: Bus | None = None
         self._number = {id: i for i, id in enumerate(config.ids)}
-        self._tolerance = config.start_tolerance * np.abs([motor.scale for motor in motors.values()])
         self._suspect_after = round(_SUSPECT * config.watchdog * 1e9)
         self._counted = [0, 0, 0]  # frames, errors, resyncs of earlier connections
         f = self._family
@@ -73,18 +73,17 @@ class Dynamixel(Driver):
         self._forget()
 
     def _forget(self) -> None:
-        self._powered = [False] * len(self.config.motors)
+        self._goals = Goals(self._family, self._faults, self._kind)
         self._recovery: Recovery | None = None
         self._words = b""  # a stop command that wasn't sent yet
         self._let_go = False  # LIMP was requested
         self._prefix = b""  # bytes sent in front of the next request
         self._writing = False  # `write` was called since the last `read`
-        self._sampled = self._commanded = self._driven = False  # since opening; since opening; since the last rest
+        self._sampled = self._driven = False  # since opening; commanded since the last rest
         self._suspect = self._checked = False  # whether the watchdogs must be checked; whether that was just done
         self._sampling = False
         self._plan = Plan(self._family)
         self._exchanges = self._unanswered = 0
-        self._goal_frame = b""  # the newest goals that were sent
         self._hold = b"", b""  # goals, and the stop frame made of them
         filler = self._family.filler
         self._limp_frame, self._zero_frame = filler + self._limp * 2, filler + self._zero * 2
@@ -105,7 +104,7 @@ class Dynamixel(Driver):
         self._link, self._bus = link, bus
         self._line = Line(link, self._family)
         self._forget()
-        self._powered = list(bus.powered)
+        self._goals.powered = list(bus.powered)
         self._faults.clear()
         for i, bits in enumerate(bus.errors):
             self._faults.hardware(i, bits, self._family.protocol)
@@ -152,10 +151,10 @@ class Dynamixel(Driver):
         if self._line is None:
             return
         if category is Stop.LIMP:
-            if not self._let_go or any(self._powered):
+            if not self._let_go or any(self._goals.powered):
                 self._words = self._limp
             self._let_go = True
-            self._powered = [False] * len(self._powered)
+            self._goals.powered = [False] * len(self._goals.powered)
         elif self._zero and not self._words:
             self._words = self._zero
         if self._words and self._line.free:
@@ -196,8 +195,8 @@ class Dynamixel(Driver):
         if self._zero:
             return self._zero_frame
         goals, frame = self._hold
-        if goals is not self._goal_frame:
-            goals = self._goal_frame
+        if goals is not self._goals.newest:
+            goals = self._goals.newest
             frame = self._family.filler + goals + goals if goals else b""
             self._hold = goals, frame
         return frame
@@ -234,44 +233,12 @@ class Dynamixel(Driver):
 
     # -- an exchange
 
-    def _goals(self) -> tuple[bytes, list[int]]:
-        """Returns the command as packets (goals, torque on with a motor's first goal), and these motors' numbers."""
-        command = self.command_arrays[self.config.command]
-        if self._faults.tripped or not self._sampled or not (self._commanded or np.isfinite(command).all()):
-            return b"", []  # the servos refuse goals, the positions aren't known yet, or there is no first goal yet
-        goals = self._family.encode(command)
-        if all(self._powered):
-            return goals, []
-        waking = self._waking(command)
-        powered = np.array(self._powered)
-        powered[waking] = True
-        goals = self._family.again(powered) if powered.any() else b""
-        if waking:
-            goals += self._family.frame("torque_enable", 1, [self._family.ids[i] for i in waking])
-        return goals, waking
-
-    def _waking(self, command: Array) -> list[int]:
-        """Returns the motors that may get torque now."""
-        # A non-finite value counts as too far. The bounded goal counts: beyond its limits a servo would jump to them.
-        away, faults, where = self._away(), self._faults, self.state_arrays["position"]
-        near = np.abs(self._family.bounded(command) - where) <= self._tolerance
-        waking = []
-        for i, id in enumerate(self._family.ids):
-            if self._powered[i] or faults.concerns(i) or id in away:
-                continue
-            if near[i] or self._kind is not Kind.POSITION:
-                waking.append(i)
-            else:
-                faults.far[i] = BEYOND if abs(command[i] - where[i]) <= self._tolerance[i] else FAR
-                self._name_faults()
-        return waking
-
     def _ask(self, line: Line, now: int, commanding: bool) -> None:
         """Sends pending commands, followed by the next request."""
         request, alone = self._next(line, now)
         if request is None:
             return
-        goals, waking = self._goals() if commanding and not alone else (b"", [])
+        goals, waking = self._give() if commanding and not alone else (b"", [])
         if commanding:
             self._words = b""
         if line.send(request, now, self._prefix + self._words + goals):
@@ -279,23 +246,27 @@ class Dynamixel(Driver):
             self._publish_words()
             self._exchanges += 1
             if goals:
-                self._publish(waking)
-                self._commanded = self._driven = True
-                self._goal_frame = goals
+                name = self.config.command
+                self._goals.left(goals, waking, self.command_arrays[name], self.sent_arrays[name])
+                self._driven = True
                 self._let_go = False
-            for i in waking:
-                self._powered[i] = True
 
-    def _publish(self, waking: list[int]) -> None:
-        """Reports the goals that were sent: those of the motors with torque, before rounding."""
-        command, sent = self.command_arrays[self.config.command], self.sent_arrays[self.config.command]
-        given = np.array(self._powered)
-        given[waking] = True
-        np.copyto(sent, self._family.bounded(command), where=given & np.isfinite(command))
+    def _give(self) -> tuple[bytes, list[int]]:
+        """See `Goals.packets`; nothing while the servos refuse goals, or their positions aren't known yet."""
+        faults = self._faults
+        if faults.tripped or not self._sampled:
+            return b"", []
+        before = len(faults.far)
+        found = self._goals.packets(
+            self.command_arrays[self.config.command], self.state_arrays["position"], self._away()
+        )
+        if len(faults.far) > before:
+            self._name_faults()
+        return found
 
     def _publish_words(self) -> None:
         """Notes that the stop command has left; it may set goals of velocity and effort to 0."""
-        if self._words and self._words == self._zero and self._commanded:
+        if self._words and self._words == self._zero and self._goals.newest:
             self.sent_arrays[self.config.command][:] = 0.0
         self._words = b""
 
@@ -367,16 +338,16 @@ class Dynamixel(Driver):
             elif not registers["torque_limit"].decode(status.data, address) and i not in self._faults.errors:
                 self._faults.errors[i] = "its torque limit is 0, as after an overload"
             if not registers["torque_enable"].decode(status.data, address):
-                if self._powered[i] and i not in self._faults.errors:
+                if self._goals.powered[i] and i not in self._faults.errors:
                     self._faults.limp.add(i)
-                self._powered[i] = False
+                self._goals.powered[i] = False
         self._name_faults()
 
     def _error_bits(self, i: int, bits: int) -> None:
         if bits and i not in self._faults.errors:
             self._faults.hardware(i, bits, self._family.protocol)
             if i in self._faults.errors:
-                self._powered[i] = False
+                self._goals.powered[i] = False
                 self._name_faults()
 
     def _take_watchdogs(self, request: Request) -> None:
@@ -384,7 +355,7 @@ class Dynamixel(Driver):
         unarmed = any(status.data == b"\0" for status in request.answers.values())
         if not request.complete:
             self._suspect = True
-        elif tripped and self._commanded and any(self._powered):
+        elif tripped and self._goals.newest and any(self._goals.powered):
             self._faults.tripped |= tripped  # a motion was interrupted: continuing needs a user's reset
             self._name_faults()
         elif tripped or unarmed:

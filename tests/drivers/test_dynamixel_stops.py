@@ -160,7 +160,7 @@ def test_stop_frames_work_behind_a_packet_cut_short(protocol, mode, cut):
             assert driver.stop_frame(Stop.RETRACT) == frame
         fd = driver.fileno()
         rig.run(1)
-        os.write(fd, driver._goal_frame[:cut] + frame)
+        os.write(fd, driver._goals.newest[:cut] + frame)
         rig.bench.run(1.0)
         a = truth(rig)
         rig.bench.run(0.2)
@@ -169,7 +169,7 @@ def test_stop_frames_work_behind_a_packet_cut_short(protocol, mode, cut):
             assert not rig.twin.bus.chain.motors.goal_current.any()
         else:
             assert torque(rig) == [True, True]
-        os.write(fd, driver._goal_frame[:cut] + driver.stop_frame(Stop.LIMP))
+        os.write(fd, driver._goals.newest[:cut] + driver.stop_frame(Stop.LIMP))
         rig.bench.run(0.02)
         assert torque(rig) == [False, False]
 
