@@ -8,7 +8,8 @@ from collections.abc import Callable
 from typing import Final
 
 from drivers.panda.packets import VERSIONS
-from drivers.panda.protocol import Body, Connect, Reply, ReplyParser, Status, encode_request
+from drivers.panda.protocol import Reply, ReplyParser, Status, encode_request
+from drivers.panda.requests import Body, Connect
 from drivers.transport import Transport, open_transport
 from runtime.contracts.errors import DeviceError, DeviceLostError
 

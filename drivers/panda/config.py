@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from drivers.panda.protocol import Body, SetCollisionBehavior, SetJointImpedance, SetLoad
+from drivers.panda.requests import Body, SetCollisionBehavior, SetJointImpedance, SetLoad
 from runtime.contracts.driver import DeviceConfig
 from runtime.contracts.signals import Command, Kind, Signal, Stop
 from runtime.contracts.terms import POSE, WRENCH

@@ -15,7 +15,8 @@ from drivers.panda.config import COMMANDS, STATES, PandaConfig, command, states
 from drivers.panda.limits import BY_VERSION
 from drivers.panda.motion import Motion, Phase
 from drivers.panda.packets import RobotMode
-from drivers.panda.protocol import AutomaticErrorRecovery, Body, Reply, Status, StopMove
+from drivers.panda.protocol import Reply, Status
+from drivers.panda.requests import AutomaticErrorRecovery, Body, StopMove
 from drivers.panda.state import Modes, StateReader
 from runtime.contracts.driver import Driver
 from runtime.contracts.errors import DeviceError, DeviceLostError

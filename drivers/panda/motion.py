@@ -15,7 +15,8 @@ from typing import Final
 from drivers.panda.limiter import MotionLimiter, TorqueLimiter
 from drivers.panda.limits import BY_VERSION
 from drivers.panda.packets import Controller, Generator, command_dtype
-from drivers.panda.protocol import Move, Reply, Status
+from drivers.panda.protocol import Reply, Status
+from drivers.panda.requests import Move
 from drivers.panda.state import Modes, StateReader
 from runtime.contracts.signals import Kind
 

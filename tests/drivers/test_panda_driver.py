@@ -14,14 +14,8 @@ from pydantic import ValidationError
 from drivers.panda import Panda
 from drivers.panda.config import PandaConfig
 from drivers.panda.packets import RobotMode
-from drivers.panda.protocol import (
-    Connect,
-    Move,
-    SetCollisionBehavior,
-    SetJointImpedance,
-    SetLoad,
-    Status,
-)
+from drivers.panda.protocol import Status
+from drivers.panda.requests import Connect, Move, SetCollisionBehavior, SetJointImpedance, SetLoad
 from runtime.contracts.errors import DeviceError
 
 # -- opening

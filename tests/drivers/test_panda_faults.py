@@ -8,12 +8,8 @@ from helpers.fci_pair import MS, VERSIONS
 from drivers.panda import Panda
 from drivers.panda.config import PandaConfig
 from drivers.panda.packets import RobotMode
-from drivers.panda.protocol import (
-    AutomaticErrorRecovery,
-    Connect,
-    Move,
-    Status,
-)
+from drivers.panda.protocol import Status
+from drivers.panda.requests import AutomaticErrorRecovery, Connect, Move
 from runtime.contracts.errors import DeviceLostError
 from runtime.contracts.signals import Stop
 

@@ -6,10 +6,7 @@ from helpers.fci import HOME
 from helpers.fci_pair import INTERFACES, VERSIONS
 
 from drivers.panda.packets import Controller, Generator
-from drivers.panda.protocol import (
-    Move,
-    StopMove,
-)
+from drivers.panda.requests import Move, StopMove
 from runtime.contracts.signals import Kind, Stop
 
 # -- motions

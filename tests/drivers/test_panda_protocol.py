@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from drivers.panda import packets
 from drivers.panda import protocol as p
+from drivers.panda import requests as r
 from drivers.panda.packets import ERRORS, Controller, Generator
 from drivers.panda.protocol import Reply, ReplyParser, Request, RequestParser, Status
 
@@ -19,57 +20,57 @@ DEVIATIONS = "0000000000002440 f6285c8fc2f50840 182d4454fb211940"
 
 def torque_move(version):
     generator = Generator.JOINT_VELOCITY if version == 5 else Generator.NONE
-    return p.Move(Controller.EXTERNAL, generator - 1)
+    return r.Move(Controller.EXTERNAL, generator - 1)
 
 
 @pytest.mark.parametrize(
     ("version", "number", "body", "golden", "size"),
     [
-        (5, 0, p.Connect(5, 0xABCD), "00000000 00000000 10000000 0500 cdab", 16),
+        (5, 0, r.Connect(5, 0xABCD), "00000000 00000000 10000000 0500 cdab", 16),
         (
             5,
             1,
-            p.SetCollisionBehavior(*[tuple(1.0 + i for i in range(7))] * 4, *[tuple(1.0 + i for i in range(6))] * 4),
+            r.SetCollisionBehavior(*[tuple(1.0 + i for i in range(7))] * 4, *[tuple(1.0 + i for i in range(6))] * 4),
             "04000000 01000000 ac010000 000000000000f03f 0000000000000040",
             428,
         ),
         (
             5,
             2,
-            p.SetJointImpedance((1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)),
+            r.SetJointImpedance((1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)),
             "05000000 02000000 44000000 000000000000f03f",
             68,
         ),
         (
             5,
             4,
-            p.SetGuidingMode((True, False, True, False, True, False), True),
+            r.SetGuidingMode((True, False, True, False, True, False), True),
             "07000000 04000000 13000000 01 00 01 00 01 00 01",
             19,
         ),
-        (5, 5, p.SetEEToK(IDENTITY), "08000000 05000000 8c000000 000000000000f03f", 140),
+        (5, 5, r.SetEEToK(IDENTITY), "08000000 05000000 8c000000 000000000000f03f", 140),
         (
             5,
             7,
-            p.SetLoad(0.5, (0.1, 0.2, 0.3), IDENTITY[:9]),
+            r.SetLoad(0.5, (0.1, 0.2, 0.3), IDENTITY[:9]),
             "0a000000 07000000 74000000 000000000000e03f 9a9999999999b93f 9a9999999999c93f 333333333333d33f "
             "000000000000f03f",
             116,
         ),
-        (5, 8, p.AutomaticErrorRecovery(), "0c000000 08000000 0c000000", 12),
+        (5, 8, r.AutomaticErrorRecovery(), "0c000000 08000000 0c000000", 12),
         (5, 9, torque_move(5), f"01000000 09000000 44000000 02000000 01000000 {DEVIATIONS} {DEVIATIONS}", 68),
-        (5, 10, p.Move(0, 1), f"01000000 0a000000 44000000 00000000 01000000 {DEVIATIONS}", 68),
-        (5, 11, p.Move(1, 0), f"01000000 0b000000 44000000 01000000 00000000 {DEVIATIONS}", 68),
-        (5, 12, p.StopMove(), "02000000 0c000000 0c000000", 12),
-        (5, 13, p.LoadModelLibrary(0, 0), "0d000000 0d000000 0e000000 00 00", 14),
-        (5, 14, p.GetCartesianLimit(3), "03000000 0e000000 10000000 03000000", 16),
-        (5, 15, p.SetFilters((1.0,) * 5), "0b000000 0f000000 34000000 000000000000f03f", 52),
-        (10, 0, p.Connect(10, 0xABCD), "00000000 00000000 10000000 0a00 cdab", 16),
-        (10, 1, p.GetRobotModel(), "0b000000 01000000 0c000000", 12),
-        (10, 2, p.SetJointImpedance((1.0,) * 7), "04000000 02000000 44000000", 68),
-        (10, 3, p.SetCartesianImpedance((1.0,) * 6), "05000000 03000000 3c000000", 60),
-        (10, 6, p.SetLoad(0.5, (0.1, 0.2, 0.3), IDENTITY[:9]), "09000000 06000000 74000000", 116),
-        (10, 7, p.AutomaticErrorRecovery(), "0a000000 07000000 0c000000", 12),
+        (5, 10, r.Move(0, 1), f"01000000 0a000000 44000000 00000000 01000000 {DEVIATIONS}", 68),
+        (5, 11, r.Move(1, 0), f"01000000 0b000000 44000000 01000000 00000000 {DEVIATIONS}", 68),
+        (5, 12, r.StopMove(), "02000000 0c000000 0c000000", 12),
+        (5, 13, r.LoadModelLibrary(0, 0), "0d000000 0d000000 0e000000 00 00", 14),
+        (5, 14, r.GetCartesianLimit(3), "03000000 0e000000 10000000 03000000", 16),
+        (5, 15, r.SetFilters((1.0,) * 5), "0b000000 0f000000 34000000 000000000000f03f", 52),
+        (10, 0, r.Connect(10, 0xABCD), "00000000 00000000 10000000 0a00 cdab", 16),
+        (10, 1, r.GetRobotModel(), "0b000000 01000000 0c000000", 12),
+        (10, 2, r.SetJointImpedance((1.0,) * 7), "04000000 02000000 44000000", 68),
+        (10, 3, r.SetCartesianImpedance((1.0,) * 6), "05000000 03000000 3c000000", 60),
+        (10, 6, r.SetLoad(0.5, (0.1, 0.2, 0.3), IDENTITY[:9]), "09000000 06000000 74000000", 116),
+        (10, 7, r.AutomaticErrorRecovery(), "0a000000 07000000 0c000000", 12),
         (
             10,
             8,
@@ -77,8 +78,8 @@ def torque_move(version):
             f"01000000 08000000 7d000000 02000000 04000000 {DEVIATIONS} {DEVIATIONS} 00" + "00" * 56,
             125,
         ),
-        (10, 9, p.Move(0, 1), "01000000 09000000 7d000000 00000000 01000000", 125),
-        (10, 11, p.StopMove(), "02000000 0b000000 0c000000", 12),
+        (10, 9, r.Move(0, 1), "01000000 09000000 7d000000 00000000 01000000", 125),
+        (10, 11, r.StopMove(), "02000000 0b000000 0c000000", 12),
     ],
 )
 def test_requests_are_the_golden_ones_and_are_read_back(version, number, body, golden, size):
@@ -89,7 +90,7 @@ def test_requests_are_the_golden_ones_and_are_read_back(version, number, body, g
 
 
 def test_a_command_of_the_other_protocol_is_refused():
-    for version, body in ((5, p.GetRobotModel()), (10, p.SetFilters((1.0,) * 5)), (10, p.LoadModelLibrary(0, 0))):
+    for version, body in ((5, r.GetRobotModel()), (10, r.SetFilters((1.0,) * 5)), (10, r.LoadModelLibrary(0, 0))):
         with pytest.raises(ValueError, match=type(body).__name__):
             p.encode_request(version, 0, body)
 
@@ -97,23 +98,23 @@ def test_a_command_of_the_other_protocol_is_refused():
 @pytest.mark.parametrize(
     ("version", "command", "status", "byte"),
     [
-        (5, p.Move, Status.MOTION_STARTED, 1),
-        (5, p.Move, Status.PREEMPTED, 2),
-        (5, p.Move, Status.NOT_POSSIBLE, 3),
-        (5, p.Move, Status.REFLEX_ABORTED, 6),
-        (5, p.Move, Status.ABORTED, 9),
-        (10, p.Move, Status.PREEMPTED, 2),
-        (10, p.Move, Status.SAFETY_PREEMPTED, 3),
-        (10, p.Move, Status.SAFETY_REJECTED, 4),
-        (10, p.Move, Status.REFLEX_ABORTED, 8),
-        (10, p.Move, Status.ABORTED, 11),
-        (5, p.StopMove, Status.EMERGENCY_ABORTED, 2),
-        (10, p.StopMove, Status.SAFETY_REJECTED, 2),
-        (5, p.AutomaticErrorRecovery, Status.MANUAL_RECOVERY, 2),
-        (10, p.AutomaticErrorRecovery, Status.MANUAL_RECOVERY, 3),
-        (5, p.SetLoad, Status.INVALID_ARGUMENT, 2),
-        (10, p.SetLoad, Status.SAFETY_REJECTED, 3),
-        (5, p.LoadModelLibrary, Status.ERROR, 1),
+        (5, r.Move, Status.MOTION_STARTED, 1),
+        (5, r.Move, Status.PREEMPTED, 2),
+        (5, r.Move, Status.NOT_POSSIBLE, 3),
+        (5, r.Move, Status.REFLEX_ABORTED, 6),
+        (5, r.Move, Status.ABORTED, 9),
+        (10, r.Move, Status.PREEMPTED, 2),
+        (10, r.Move, Status.SAFETY_PREEMPTED, 3),
+        (10, r.Move, Status.SAFETY_REJECTED, 4),
+        (10, r.Move, Status.REFLEX_ABORTED, 8),
+        (10, r.Move, Status.ABORTED, 11),
+        (5, r.StopMove, Status.EMERGENCY_ABORTED, 2),
+        (10, r.StopMove, Status.SAFETY_REJECTED, 2),
+        (5, r.AutomaticErrorRecovery, Status.MANUAL_RECOVERY, 2),
+        (10, r.AutomaticErrorRecovery, Status.MANUAL_RECOVERY, 3),
+        (5, r.SetLoad, Status.INVALID_ARGUMENT, 2),
+        (10, r.SetLoad, Status.SAFETY_REJECTED, 3),
+        (5, r.LoadModelLibrary, Status.ERROR, 1),
     ],
 )
 def test_statuses_have_the_numbers_of_their_protocol(version, command, status, byte):
@@ -131,7 +132,7 @@ def test_the_answer_to_connect_names_the_robots_version():
 
 
 def test_replies_of_any_length_are_taken_only_where_they_are_awaited():
-    model = Reply(p.GetRobotModel, 1, Status.SUCCESS, b"<robot/>")
+    model = Reply(r.GetRobotModel, 1, Status.SUCCESS, b"<robot/>")
     data = p.encode_reply(10, model)
     assert ReplyParser(10, largest=100).feed(data) == [model]
     closed = ReplyParser(10)
@@ -142,7 +143,7 @@ def test_replies_of_any_length_are_taken_only_where_they_are_awaited():
 def test_padding_behind_a_reply_is_no_content():
     padded = struct.pack("<IIIB3x", 1, 9, 16, 1)
     parser = ReplyParser(10)
-    assert parser.feed(padded + padded) == [Reply(p.Move, 9, Status.MOTION_STARTED)] * 2
+    assert parser.feed(padded + padded) == [Reply(r.Move, 9, Status.MOTION_STARTED)] * 2
     assert parser.resyncs == 0
 
 
@@ -156,7 +157,7 @@ def test_unknown_statuses_are_errors(version):
 @pytest.mark.parametrize("version", packets.VERSIONS)
 @given(cuts=st.lists(st.integers(1, 60)))
 def test_messages_are_the_same_however_they_are_cut(version, cuts):
-    bodies = [p.Connect(version, 1), torque_move(version), p.StopMove(), p.SetJointImpedance((0.5,) * 7)]
+    bodies = [r.Connect(version, 1), torque_move(version), r.StopMove(), r.SetJointImpedance((0.5,) * 7)]
     data = b"".join(p.encode_request(version, n, body) for n, body in enumerate(bodies))
     parser, got = RequestParser(version), []
     for cut in cuts:
@@ -170,10 +171,10 @@ def test_messages_are_the_same_however_they_are_cut(version, cuts):
 @pytest.mark.parametrize("version", packets.VERSIONS)
 def test_a_flood_of_damage_leaves_both_parsers_able_to_read(version):
     requests = b"".join(
-        p.encode_request(version, n, body) for n, body in enumerate((torque_move(version), p.StopMove()))
+        p.encode_request(version, n, body) for n, body in enumerate((torque_move(version), r.StopMove()))
     )
     replies = b"".join(
-        p.encode_reply(version, Reply(command, 3, Status.SUCCESS)) for command in (p.Move, p.StopMove, p.SetLoad)
+        p.encode_reply(version, Reply(command, 3, Status.SUCCESS)) for command in (r.Move, r.StopMove, r.SetLoad)
     )
     for parser, good, pad in ((RequestParser(version), requests, 428), (ReplyParser(version), replies, 169)):
         fuzz(parser.feed, good, total=1_000_000)

@@ -14,7 +14,8 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from drivers.panda.packets import ERRORS, Controller, Generator, RobotMode, error_names
-from drivers.panda.protocol import Body, Move, SetLoad, Status
+from drivers.panda.protocol import Status
+from drivers.panda.requests import Body, Move, SetLoad
 from runtime.contracts.signals import Array
 from runtime.control.robots import FR3, PANDA, Payload
 from runtime.control.robots.pinocchio_model import FLANGE, pinocchio_model

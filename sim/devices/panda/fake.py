@@ -9,7 +9,8 @@ from drivers.panda.config import PandaConfig
 from drivers.panda.limits import BY_VERSION
 from drivers.panda.motion import Motion, Phase
 from drivers.panda.packets import RobotMode
-from drivers.panda.protocol import Move, Reply, Status
+from drivers.panda.protocol import Reply, Status
+from drivers.panda.requests import Move
 from drivers.panda.state import Modes, StateReader
 from runtime.contracts.driver import DeviceConfig
 from runtime.contracts.errors import DeviceError, DeviceLostError

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from drivers.panda.protocol import (
+from drivers.panda.requests import (
     Body,
     SetCartesianImpedance,
     SetCollisionBehavior,

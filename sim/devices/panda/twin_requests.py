@@ -10,21 +10,15 @@ from collections import Counter
 from typing import Final
 
 from drivers.panda.packets import RobotMode
-from drivers.panda.protocol import (
+from drivers.panda.protocol import Reply, Request, RequestParser, Status, connect_reply, encode_reply, statuses
+from drivers.panda.requests import (
     AutomaticErrorRecovery,
     Connect,
     GetCartesianLimit,
     GetRobotModel,
     LoadModelLibrary,
     Move,
-    Reply,
-    Request,
-    RequestParser,
-    Status,
     StopMove,
-    connect_reply,
-    encode_reply,
-    statuses,
 )
 from sim.devices.panda.robot import PandaRobot
 from sim.devices.panda.twin_library import Build

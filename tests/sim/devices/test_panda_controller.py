@@ -10,13 +10,8 @@ import pytest
 from helpers.panda import Cabinet
 
 from drivers.panda.packets import RobotMode
-from drivers.panda.protocol import (
-    Move,
-    SetCollisionBehavior,
-    SetJointImpedance,
-    SetLoad,
-    Status,
-)
+from drivers.panda.protocol import Status
+from drivers.panda.requests import Move, SetCollisionBehavior, SetJointImpedance, SetLoad
 from runtime.control.robots import FR3, PANDA
 from sim.devices.panda.motion import LOST_IN_A_ROW, Setpoint, limits_of
 

@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 from helpers.panda import Cabinet
 
-from drivers.panda.protocol import (
+from drivers.panda.protocol import Status
+from drivers.panda.requests import (
     Move,
     SetCartesianImpedance,
     SetCollisionBehavior,
@@ -16,7 +17,6 @@ from drivers.panda.protocol import (
     SetJointImpedance,
     SetLoad,
     SetNEToEE,
-    Status,
 )
 
 IDENTITY = (1.0, 0, 0, 0, 0, 1.0, 0, 0, 0, 0, 1.0, 0, 0, 0, 0, 1.0)

@@ -13,7 +13,8 @@ from helpers.panda import MS
 from helpers.wait import until
 
 from drivers.panda.packets import Generator, RobotMode, command_record, decode_state, state_dtype
-from drivers.panda.protocol import (
+from drivers.panda.protocol import Reply, ReplyParser, Status, encode_request
+from drivers.panda.requests import (
     AutomaticErrorRecovery,
     Body,
     Connect,
@@ -21,12 +22,8 @@ from drivers.panda.protocol import (
     GetRobotModel,
     LoadModelLibrary,
     Move,
-    Reply,
-    ReplyParser,
     SetLoad,
-    Status,
     StopMove,
-    encode_request,
 )
 from runtime.contracts.errors import HostError
 from runtime.control.robots import PANDA
