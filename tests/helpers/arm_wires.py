@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import select
-import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +19,7 @@ from drivers.transport import Transport
 from drivers.ur import Ur, UrConfig
 from drivers.ur.registers import MODE, VALUES, Mode
 from helpers import panda
+from helpers.background import repeating
 from helpers.bad_link import Valve
 from helpers.panda import MS
 from helpers.twin import Bench
@@ -148,27 +146,10 @@ class PandaWire(Wire):
         self.twin.service(self.now)
 
     def open(self, device: Device) -> None:
-        with self.serving():
+        with repeating(self._turn, 0.0007):
             device.driver.open()
         self.now = time.monotonic_ns()
         self.got.clear()
-
-    @contextlib.contextmanager
-    def serving(self) -> Iterator[None]:
-        over = threading.Event()
-
-        def serve() -> None:
-            while not over.is_set():
-                self._turn()
-                time.sleep(0.0007)
-
-        thread = threading.Thread(target=serve)
-        thread.start()
-        try:
-            yield
-        finally:
-            over.set()
-            thread.join()
 
     def advance(self, lost: bool) -> None:
         sent = self.twin.states

@@ -8,8 +8,7 @@ from __future__ import annotations
 import contextlib
 import socket
 import threading
-import time
-from collections.abc import Iterator
+from contextlib import AbstractContextManager
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from drivers.panda import packets
 from drivers.panda.packets import Controller, Generator, RobotMode
 from drivers.panda.protocol import Reply, Request, RequestParser, Status, connect_reply, encode_reply
 from drivers.panda.requests import AutomaticErrorRecovery, Body, Connect, Move, StopMove
+from helpers.background import repeating
 
 HOME = (0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785)
 
@@ -81,23 +81,9 @@ class Robot:
                     with contextlib.suppress(OSError):
                         self._udp.send(self.state.tobytes())
 
-    @contextlib.contextmanager
-    def running(self) -> Iterator[None]:
+    def running(self) -> AbstractContextManager[None]:
         """Ticks by itself for as long, some 1000 times a second."""
-        over = threading.Event()
-
-        def run() -> None:
-            while not over.is_set():
-                self.tick()
-                time.sleep(0.001)
-
-        thread = threading.Thread(target=run)
-        thread.start()
-        try:
-            yield
-        finally:
-            over.set()
-            thread.join()
+        return repeating(self.tick, 0.001)
 
     def abort(self, *errors: str, status: Status = Status.REFLEX_ABORTED, mode: RobotMode = RobotMode.REFLEX) -> None:
         """Ends the motion as a reflex does."""

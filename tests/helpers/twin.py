@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import select
-import threading
-import time
 import tty
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from helpers.background import repeating
 from helpers.wait import until
 from runtime.contracts.driver import Driver
 from runtime.contracts.signals import Array
@@ -86,26 +85,16 @@ class Bench:
         assert isinstance(count, int)
         return count
 
-    @contextlib.contextmanager
-    def running(self, frozen: bool = False) -> Iterator[None]:
+    def running(self, frozen: bool = False) -> AbstractContextManager[None]:
         """Runs in a thread meanwhile, for what blocks: a driver's `open`. `frozen`: the world waits."""
-        end = threading.Event()
 
-        def serve() -> None:
-            while not end.is_set():
-                self.now += STEP
-                if not frozen:
-                    self.world.advance(self.now)
-                self.twin.service(self.now)
-                time.sleep(0.0005)
+        def turn() -> None:
+            self.now += STEP
+            if not frozen:
+                self.world.advance(self.now)
+            self.twin.service(self.now)
 
-        thread = threading.Thread(target=serve)
-        thread.start()
-        try:
-            yield
-        finally:
-            end.set()
-            thread.join()
+        return repeating(turn, 0.0005)
 
 
 class Client:

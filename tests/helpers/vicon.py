@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
-import threading
 import time
-from collections.abc import Iterator
+from contextlib import AbstractContextManager
 from typing import Any
 
 from drivers.vicon import Vicon
 from drivers.vicon.config import ViconConfig
+from helpers.background import repeating
 from helpers.twin import bound
 from sim.devices.vicon.fake import FakeVicon
 from sim.devices.vicon.twin import ViconTwin
@@ -55,23 +54,13 @@ def driver(port: str, **options: Any) -> Vicon:
     return device
 
 
-@contextlib.contextmanager
-def live(served: ViconTwin) -> Iterator[None]:
+def live(served: ViconTwin) -> AbstractContextManager[None]:
     """Runs an open twin in real time, in a thread."""
-    end = threading.Event()
     start = time.monotonic_ns() - served.fake.world.time
 
     def serve() -> None:
-        while not end.is_set():
-            now = time.monotonic_ns()
-            served.fake.world.advance(now - start)
-            served.service(now)
-            time.sleep(0.001)
+        now = time.monotonic_ns()
+        served.fake.world.advance(now - start)
+        served.service(now)
 
-    thread = threading.Thread(target=serve)
-    thread.start()
-    try:
-        yield
-    finally:
-        end.set()
-        thread.join()
+    return repeating(serve, 0.001)
