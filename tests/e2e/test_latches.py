@@ -23,6 +23,7 @@ from runtime.contracts.errors import RequestError
 from runtime.ipc.words import CYCLE, State
 
 MOVING = (State.HOMING, State.ACTIVE)
+MINUTE = 60.0  # s, as long as the client insists
 
 
 @contextmanager
@@ -44,9 +45,9 @@ def streaming(run: Running, size: int) -> Iterator[threading.Event]:
         thread.join()
 
 
-def insist(run: Running, client: Client, seconds: float) -> tuple[np.ndarray[Any, Any], int]:
-    """Asks for reset and start as fast as answers come; returns the rows of that time, and how often it asked."""
-    blocks, asked, end = [], 0, time.monotonic() + seconds
+def insist(run: Running, client: Client) -> tuple[np.ndarray[Any, Any], int]:
+    """Asks for reset and start as fast as answers come, for a minute; returns its rows, and how often it asked."""
+    blocks, asked, end = [], 0, time.monotonic() + MINUTE
     run.reader.take()
     while time.monotonic() < end:
         for what in ("reset", "start"):
@@ -57,16 +58,19 @@ def insist(run: Running, client: Client, seconds: float) -> tuple[np.ndarray[Any
     return np.concatenate(blocks), asked
 
 
-def assert_still(run: Running, rows: np.ndarray[Any, Any], asked: int, command: str) -> None:
+def assert_still(run: Running, rows: np.ndarray[Any, Any], asked: int, command: str, after: str) -> None:
+    motion = np.ptp(run.layout.value(rows, f"{command}.applied"), axis=0).max()
+    print(f"after {after}: {asked} requests, {run.word('refused')} refused; {command} moved by {motion:g}")
     assert run.reader.lost == 0
     assert not set(rows[:, CYCLE.state].tolist()) & set(MOVING)
-    assert np.ptp(run.layout.value(rows, f"{command}.applied"), axis=0).max() == 0
+    assert motion == 0
     assert run.word("refused") >= asked  # every refusal is in the rows
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("what", "seconds"), [("local stop", 60), ("fault", 20), ("e-stop", 20)])
-def test_no_client_ends_a_stop_that_is_not_its_own(tmp_path: Path, what: str, seconds: float) -> None:
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("what", ["local stop", "fault", "e-stop"])
+def test_no_client_ends_a_stop_that_is_not_its_own(tmp_path: Path, what: str) -> None:
     # A setpoint that isn't there yet is no number, and an emergency input that is none stops.
     estop = ["--set", "emergency=[{signal: client.position, element: abduction, when: 9}]"] if what == "e-stop" else []
     arguments = ("finger-jog", "--sim", "--record", "x.rrd", "--duration", "200", *estop)
@@ -81,9 +85,8 @@ def test_no_client_ends_a_stop_that_is_not_its_own(tmp_path: Path, what: str, se
                 call(tmp_path, "stop")
             run.until(lambda: run.word("state") == State.STOPPED, "the stop")
             assert client.status()["latches"] == [{"local stop": "person", "e-stop": "emergency"}.get(what, what)]
-            rows, asked = insist(run, client, seconds)
-            assert_still(run, rows, asked, "finger.position_command")
-            print(f"{what}: {asked} requests in {seconds} s, all refused")
+            rows, asked = insist(run, client)
+            assert_still(run, rows, asked, "finger.position_command", what)
             call(tmp_path, "reset")
             if what != "e-stop":  # a reset forgets the setpoints, so this one stops again
                 run.until(lambda: run.word("state") == State.ACTIVE, "motion after a local reset")
@@ -94,6 +97,7 @@ def test_no_client_ends_a_stop_that_is_not_its_own(tmp_path: Path, what: str, se
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(300)
 def test_latches_of_real_actuators_outlive_their_run(tmp_path: Path) -> None:
     """A host under load may let the actuator become stale, a fault, at any time: those aren't counted here."""
     name, _, _ = load("servo-jog")
@@ -129,8 +133,8 @@ def test_latches_of_real_actuators_outlive_their_run(tmp_path: Path) -> None:
             call(tmp_path, "stop", "--exit")
             assert "restart" in run.finish()["latches"]
         with begin() as run, connect(run.run_folder) as client:
-            rows, asked = insist(run, client, 5.0)
-            assert_still(run, rows, asked, f"{name}.position_command")
+            rows, asked = insist(run, client)
+            assert_still(run, rows, asked, f"{name}.position_command", "restart")
             reset(run)
             client.command("stop")
             call(tmp_path, "stop")
