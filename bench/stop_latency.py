@@ -45,6 +45,7 @@ TRIALS = 200
 OVERRUN = 1.5  # periods that an overrunning loop's cycle takes
 SPAN = (0.2, 1.2)  # s of overrunning before its death: the kernel throttles by the second
 PATIENCE = 10.0  # s
+TURN = 0.1  # s that one turn of a wait counts at most: what takes longer is a host that stood still, and all with it
 STARTS = 3  # of a trial, after which the fault is not the host's
 
 
@@ -180,20 +181,26 @@ class Trial:
         """Reads what comes at the pty until the condition is true."""
         poll = select.poll()
         poll.register(self._master, select.POLLIN)
-        end = time.monotonic() + PATIENCE
+        left, now = PATIENCE, time.monotonic()
         while not condition():
-            if time.monotonic() > end:
-                said = self.folder / "said"
-                why = said.read_text() if said.exists() else "the supervisor hasn't ended"
-                raise TimeoutError(f"nothing came in {PATIENCE:g} s: {why}")
+            begun, now = now, time.monotonic()
+            left -= min(now - begun, TURN)
+            if left < 0:
+                raise TimeoutError(f"nothing came in {PATIENCE:g} s: {self._why()}")
             if poll.poll(1):
-                data, now = os.read(self._master, 4096), time.monotonic_ns()
+                data, came = os.read(self._master, 4096), time.monotonic_ns()
                 commands = len(data) - data.count(STOP)
                 self.count += commands
                 if commands:
-                    self.command = now
+                    self.command = came
                 if STOP in data and not self.stop:
-                    self.stop = now
+                    self.stop = came
+
+    def _why(self) -> str:
+        """Where both processes are, and what the supervisor said at its end."""
+        said = self.folder / "said"
+        words = f"; {said.read_text()}" if said.exists() else ""
+        return f"supervisor {_state(self.supervisor)}, loop {_state(self.loop)}, {self.count} commands{words}"
 
     def until_stopped(self) -> None:
         """Reads until a stop frame has come."""
@@ -208,6 +215,15 @@ class Trial:
         for descriptor in (self._master, self._slave, self._heard):
             os.close(descriptor)
         shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def _state(pid: int) -> str:
+    """A process's state as in proc(5), and where in the kernel it waits."""
+    try:
+        stat, waits = (Path(f"/proc/{pid}/{name}").read_text() for name in ("stat", "wchan"))
+    except OSError:
+        return "gone"
+    return f"{stat[stat.rindex(')') + 2]} in {waits}"
 
 
 def _kill(trial: Trial, number: signal.Signals = signal.SIGKILL) -> int:
@@ -334,7 +350,8 @@ def run(trials: int = TRIALS) -> list[Row]:
                         try:
                             trial.until_stopped()
                         except TimeoutError as error:
-                            raise TimeoutError(f"{case.what}: {error}") from None
+                            host = f"worst wake-up of a process that only sleeps {worst():.0f} ms"
+                            raise TimeoutError(f"{case.what}: {error}; {host}") from None
                         late[case.what].append(worst())
                     after[case.what].append((trial.stop - begun) / 1e6)
                     since[case.what].append((trial.stop - trial.command) / 1e6)
