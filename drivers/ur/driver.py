@@ -8,7 +8,6 @@ time, the arm stops itself.
 from __future__ import annotations
 
 import contextlib
-import secrets
 import time
 from math import isfinite
 from typing import Final, TypeVar
@@ -21,6 +20,7 @@ from drivers.ur.config import UrConfig, address
 from drivers.ur.declaration import command, limits, states
 from drivers.ur.declaration import fault as fault_of
 from drivers.ur.handshake import Handshake
+from drivers.ur.numbering import REST, Numbering
 from drivers.ur.registers import CYCLE, Mode, ScriptState
 from drivers.ur.rtde import Kind, Parser
 from drivers.ur.sample import Sample, Words
@@ -66,7 +66,7 @@ class Ur(Driver):
         self.limits = {self.commands[0].name: limits(config)}
         self._command = self.commands[0].name
         self._place = f"{name} ({config.port})"
-        self._cycles = max(1, round(config.timeout / CYCLE))
+        self._cycles = max(1, round(config.timeout / CYCLE))  # for which a command is valid
         self._inputs = tuple(config.buttons.values())
         self._link: Transport | None = None
         self._parser = Parser(rtde.ANSWERS)
@@ -76,15 +76,12 @@ class Ur(Driver):
         self._time = DeviceTime(1)
         self._now = 0
         self._heard = -1  # ns, time of the newest data
-        self._recipe = 0  # number of the input recipe
-        self._nonce = 0
-        self._sequence = 1
+        self._numbers = Numbering(0, self._cycles)
         self._sent = -1  # ns, time of the newest command of any kind
         self._follows = False  # the newest command that was sent moves the arm
         self._moves = False  # the newest command that moves the arm is still in force
         self._stay = False  # a STAY command waits for the link
         self._held_back = 0
-        self._stop_frame = b""
         self._steps: Steps[None] | None = None  # a recovery that is running
         self._failed = ""  # why the last recovery failed
         self._diagnosed: tuple[object, ...] = ()
@@ -174,9 +171,8 @@ class Ur(Driver):
         if link is None:
             return
         with contextlib.suppress(DeviceError):
-            if self.health.connected and self._nonce:
-                self._sequence = self._sequence % registers.LAST + 1
-                link.write_all(self._frame(Mode.END, (0.0,) * 6), 0.2)
+            if self.health.connected and self._numbers.nonce:
+                link.write_all(self._numbers.next(Mode.END), 0.2)
         self.health.connected = False
         self.health.fault = ""
         link.close()
@@ -202,7 +198,7 @@ class Ur(Driver):
         After an incomplete frame it is garbage, which ends the connection. Then the newest command's time runs out,
         and this stops the arm.
         """
-        return self._stop_frame
+        return self._numbers.stop_frame
 
     def figures(self) -> dict[str, object]:
         """Returns the arm's identity and software, and the commands not sent because earlier ones were unanswered."""
@@ -244,7 +240,7 @@ class Ur(Driver):
 
     def _diagnose(self, words: Words) -> None:
         """Updates `health.fault` if anything that it depends on has changed."""
-        key = (*words[:6], self._nonce, self._failed, self._steps is None)
+        key = (*words[:6], self._numbers.nonce, self._failed, self._steps is None)
         if key == self._diagnosed:
             return
         self._diagnosed = key
@@ -252,7 +248,7 @@ class Ur(Driver):
             self._stopped_at = 0
         elif not self._stopped_at:
             self._stopped_at = self._now
-        fault = fault_of(words, self._nonce, self.config.timeout)
+        fault = fault_of(words, self._numbers.nonce, self.config.timeout)
         if self._steps is not None:
             fault = f"recovering: {fault}" if fault else "recovering"
         elif fault and self._failed:
@@ -263,13 +259,12 @@ class Ur(Driver):
 
     def _tend(self, link: Transport, now: int) -> None:
         """Sends STAY if it was requested, or if it is due because no other command is sent."""
-        if self._stay or (not self._follows and self._nonce and now - self._sent > KEEP_ALIVE):
-            self._stay = not self._send(link, Mode.STAY, (0.0,) * 6, now)
+        if self._stay or (not self._follows and self._numbers.nonce and now - self._sent > KEEP_ALIVE):
+            self._stay = not self._send(link, Mode.STAY, REST, now)
 
     def _send(self, link: Transport, mode: Mode, values: list[float] | tuple[float, ...], now: int) -> bool:
-        self._sequence = self._sequence % registers.LAST + 1
-        if not link.write(self._frame(mode, values)):
-            self._sequence = (self._sequence - 2) % registers.LAST + 1
+        if not link.write(self._numbers.next(mode, values)):
+            self._numbers.take_back()
             return False
         self._sent = now
         self._follows = mode is Mode.FOLLOW
@@ -284,12 +279,9 @@ class Ur(Driver):
             self.sent_arrays[self._command][:] = 0.0
         self._moves = False
 
-    def _frame(self, mode: Mode, values: list[float] | tuple[float, ...]) -> bytes:
-        return registers.command(self._recipe, self._nonce, mode, self._sequence, self._cycles, values)
-
     def _pending(self) -> int:
         """Returns the number of commands that were sent and that the program hasn't answered."""
-        return (self._sequence - self._sample.words.taken) % registers.LAST
+        return self._numbers.unanswered(self._sample.words.taken)
 
     # -- opening and recovery
 
@@ -298,7 +290,7 @@ class Ur(Driver):
         handshake.greet()
         handshake.require(self.config.effort)
         outputs = handshake.outputs(RATE, sample.names(self.config.effort), sample.TYPES)
-        self._recipe, _ = handshake.inputs(registers.INPUTS, registers.INPUT_TYPES)
+        recipe, _ = handshake.inputs(registers.INPUTS, registers.INPUT_TYPES)
         first = handshake.start(*outputs)
         self._parser = handshake.parser
         self._sample = Sample()  # what an earlier connection reported about the arm is no longer true
@@ -306,7 +298,7 @@ class Ur(Driver):
             raise DeviceError(self._place, "the controller's first sample isn't finite", "Restart the controller")
         self.health.message = handshake.text or str(self._identity)
         self._failed, self._diagnosed, self._stopped_at = "", (), 0
-        self._nonce = 0
+        self._numbers = Numbering(recipe, self._cycles)
         if safety_words(self._sample.words.safety_bits):
             self._new_nonce()  # the user has to act first, and the diagnosis reports this
             return
@@ -323,8 +315,8 @@ class Ur(Driver):
         """Ends a program of ours that still waits for a driver that is gone: the inputs belong to this driver now."""
         words = self._sample.words
         if self._program_runs() and words.state in (ScriptState.READY, ScriptState.FOLLOWING):
-            self._nonce, self._sequence = words.nonce, words.taken
-            self._send(link, Mode.END, (0.0,) * 6, self._now)
+            self._numbers.adopt(words.nonce, words.taken)
+            self._send(link, Mode.END, REST, self._now)
 
     def _load(self) -> Steps[None]:
         """Sends a new control program and waits until it obeys this driver."""
@@ -332,7 +324,7 @@ class Ur(Driver):
         assert controller is not None
         nonce = self._new_nonce()
         # Before anything else the registers must hold our number and a STAY command.
-        yield from until(lambda: self._send(link, Mode.STAY, (0.0,) * 6, self._now), self._clock, 1.0)
+        yield from until(lambda: self._send(link, Mode.STAY, REST, self._now), self._clock, 1.0)
 
         def runs() -> bool:
             words = self._sample.words
@@ -340,7 +332,7 @@ class Ur(Driver):
                 words.nonce == nonce
                 and words.state == ScriptState.READY
                 and words.runtime_state == RuntimeState.PLAYING
-                and words.taken == self._sequence
+                and words.taken == self._numbers.sequence
             )
 
         yield from controller.upload(program(self.config, nonce), runs)
@@ -389,12 +381,8 @@ class Ur(Driver):
                 self._take(self._link.read())
 
     def _new_nonce(self) -> int:
-        self._nonce = secrets.randbelow(registers.LAST) + 1
         self._follows = self._stay = False
-        self._sequence = secrets.randbelow(registers.LAST) + 1
-        # No command has number 0, so the program takes this one whatever came before it.
-        self._stop_frame = registers.command(self._recipe, self._nonce, Mode.STAY, 0, 0, (0.0,) * 6)
-        return self._nonce
+        return self._numbers.renew()
 
     def _program_runs(self) -> bool:
         return bool(self._sample.words.robot_bits & RobotBits.PROGRAM_RUNNING)

@@ -75,9 +75,9 @@ class Rig:
 
         until(sampled, lambda: self.twin.service(self.now), what="a sample", pause=0.0)
         if write:
-            sequence = self.driver._sequence
+            sequence = self.driver._numbers.sequence
             self.driver.write(self.now)
-            self.settle(self.driver._sequence != sequence)
+            self.settle(self.driver._numbers.sequence != sequence)
 
     def settle(self, commands: int = 1) -> None:
         """Waits until the twin has taken so many more commands of the driver's."""
