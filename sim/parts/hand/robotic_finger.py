@@ -51,9 +51,9 @@ class RoboticFingerPart(Part):
         name, n = self.name, len(self.joints)
         base = mjcf.body(parent, f"{name}/base", **self.at())
         add_finger(mjcf, base, name, self._config.model, self._config.servo)
-        self._worn = worn = self.config.on if self.config.on in mjcf.frames else None
-        frame = worn and mjcf.frames[worn]
-        tip = Signal(name=f"{name}_tip", shape=(3,), unit="m", frame=frame, labels=POINT, visual="points")
+        worn = self.carrier if self.carrier and mjcf.carried[self.carrier][0] is parent else None
+        self._worn = parent.get("name") if worn else None
+        tip = Signal(name=f"{name}_tip", shape=(3,), unit="m", frame=worn, labels=POINT, visual="points")
         self.truth = (
             Signal(name=f"{name}_position", shape=(n,), unit="rad", labels=self.joints),
             Signal(name=f"{name}_velocity", shape=(n,), unit="rad/s", labels=self.joints),
