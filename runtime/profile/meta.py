@@ -70,7 +70,9 @@ def _seen(frames: Frames, signals: Mapping[str, Signal]) -> dict[str, FrameEntry
     links = {root for name in frames.entries if "/" in (root := frames.chain(name)[-1])}
     for link in sorted(links):
         hanging = {n for n in frames.entries if frames.chain(n)[-1] == link}
-        found = next(((n, s) for n, s in signals.items() if s.of in hanging and s.frame and s.labels == POSE), None)
+        # The truth of a simulated world is in the world, whatever its frame is called.
+        poses = {n: s for n, s in signals.items() if s.of in hanging and s.labels == POSE}
+        found = next(((n, s) for n, s in poses.items() if s.frame or n.startswith("world.")), None)
         if found is None:
             for name in hanging:
                 del seen[name]

@@ -157,8 +157,8 @@ class PersonPart(Part):
         places = Places(model, data, self.name)
         self._reach = places.fixed_in(hand, config.tool)
         self._weight, self._lever, known = _ZERO, _ZERO, 6.0
+        self._carry(hand)
         if self._free:
-            self._carry(hand)
             known = float(model.body_subtreemass[hand])
         self._mass = known if config.learned_mass is None else config.learned_mass
         drag, inertia, turn_drag = (0.0, 0.0, 0.0) if self._free else (40.0, 1.0, 1.8)
@@ -180,8 +180,8 @@ class PersonPart(Part):
         )
 
     def _carry(self, hand: int) -> None:
-        """Computes the weight of the free hand's tool and its centre of mass in the hand's frame."""
-        model, data, own = self._model, self._data, self._config.hand_mass
+        """Computes the weight of what the hand carries or wears and its centre of mass in the hand's frame."""
+        model, data, own = self._model, self._data, self._config.hand_mass if self._free else SPECK
         mass = float(model.body_subtreemass[hand])
         tool = mass - own
         if tool > 1e-9:
