@@ -10,7 +10,7 @@ from helpers.person import MS, cell, run
 from helpers.shared import shared
 from pydantic import ValidationError
 
-from runtime.contracts.errors import RecordingError
+from runtime.contracts.errors import RecordingError, WiringError
 from sim.parts.person.person import PersonConfig, PersonPart
 from sim.parts.things.ft_sensor import FtSensorPart, HandlePart
 
@@ -81,6 +81,14 @@ def test_wrong_recordings_are_refused(tmp_path):
         PersonConfig.model_validate(
             {"at": "a/b", "recording": {"file": "x.csv"}, "plan": [{"do": "hold", "seconds": 1}]}
         )
+
+
+def test_a_recording_is_refused_without_a_handle(tmp_path):
+    np.savez(tmp_path / "f.npz", t=np.arange(3.0), F=np.zeros((3, 6)))
+    for at in (None, {"position": [0, 0, 1]}):
+        with pytest.raises(WiringError, match=r"sim\.parts\.person\.at: a 'recording' is replayed at a handle"):
+            replayed({"file": tmp_path / "f.npz"}, at=at)
+    replayed({"file": tmp_path / "f.npz"})
 
 
 def test_a_damaged_mat_file_is_an_error_and_no_crash(tmp_path):
