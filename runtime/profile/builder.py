@@ -15,7 +15,8 @@ from runtime.contracts.frames import FrameError, Frames
 from runtime.contracts.signals import Signal
 from runtime.control.models import context
 from runtime.ipc.layout import Layout
-from runtime.profile.profile import Profile, Source, first_error
+from runtime.profile.profile import Profile
+from runtime.profile.source import Source, first_error
 
 
 class Builder:

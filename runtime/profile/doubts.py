@@ -17,7 +17,8 @@ from runtime.contracts.controller import Controller
 from runtime.contracts.driver import Driver
 from runtime.contracts.signals import Command
 from runtime.contracts.world import World
-from runtime.profile.profile import Profile, Source
+from runtime.profile.profile import Profile
+from runtime.profile.source import Source
 
 TURN: Final = 2 * pi + 1e-3  # rad; a joint's range may be a turn both ways
 ROOM: Final = 20.0  # m

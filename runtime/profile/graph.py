@@ -16,7 +16,8 @@ from runtime.ipc.layout import Layout
 from runtime.ipc.row import Row
 from runtime.profile.element import Element
 from runtime.profile.names import Link
-from runtime.profile.profile import Profile, Source
+from runtime.profile.profile import Profile
+from runtime.profile.source import Source
 from runtime.profile.transforms import Found
 
 # Places among the row's float64 words, and the array of their values in another order. The index is made once, the

@@ -17,7 +17,8 @@ from runtime.contracts.terms import POSE
 from runtime.contracts.world import Fake
 from runtime.profile.graph import Law
 from runtime.profile.plots import indices, split
-from runtime.profile.profile import Profile, Source
+from runtime.profile.profile import Profile
+from runtime.profile.source import Source
 
 
 def describe(

@@ -5,11 +5,9 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from fractions import Fraction
 from importlib import resources
 from pathlib import Path
@@ -30,6 +28,7 @@ from runtime.profile.bus import BusConfig
 from runtime.profile.element import Element
 from runtime.profile.plots import Plot
 from runtime.profile.reset import ResetConfig
+from runtime.profile.source import Source, first_error
 from runtime.profile.wire import Input, Output
 
 SLUG = r"^[a-z][a-z0-9_-]*$"
@@ -203,39 +202,6 @@ class Profile(Part):
         return value
 
 
-@dataclass(frozen=True)
-class Source:
-    """The origin of a profile, for errors and for the recording.
-
-    Attributes:
-        label: the file's name as the user gave it.
-        text: the file's text.
-        overrides: the `--set` options, in order.
-        lines: line number (from 1) of each key path.
-    """
-
-    label: str
-    text: str
-    overrides: tuple[str, ...] = ()
-    lines: dict[str, int] = field(default_factory=dict)
-
-    def place(self, path: str) -> str:
-        """A key path as it appears in errors: "sixth-finger.yaml line 12: devices.glove.port"."""
-        for override in self.overrides:
-            if override.split("=", 1)[0].strip() == path:
-                return f"--set {path}"
-        at = path
-        while at and at not in self.lines:
-            at = at.rpartition(".")[0]
-        line = f" line {self.lines[at]}" if at in self.lines else ""
-        return f"{self.label}{line}: {path}" if path else f"{self.label}{line}"
-
-    @property
-    def sha256(self) -> str:
-        """Hash of the text and the overrides."""
-        return hashlib.sha256("\n--set ".join((self.text, *self.overrides)).encode()).hexdigest()
-
-
 def find(name: str) -> tuple[str, str]:
     """Returns the label and text of a profile, found by its name under profiles/ or by its path."""
     path = Path(name)
@@ -289,7 +255,7 @@ def parse(label: str, text: str, overrides: Sequence[str] = ()) -> tuple[Profile
     try:
         return Profile.model_validate(plain), source
     except ValidationError as error:
-        raise first_error(error, source) from None
+        raise first_error(error, source, "", Profile) from None
 
 
 def _refuse_nested_aliases(label: str, text: str) -> None:
@@ -304,54 +270,6 @@ def _refuse_nested_aliases(label: str, text: str) -> None:
             line = event.start_mark.line + 1
             problem = f"the alias '*{event.anchor}' stands within a part that has an anchor itself"
             raise ProfileError(f"{label} line {line}", problem, "Write one of the two out")
-
-
-def first_error(
-    error: ValidationError, source: Source, prefix: str = "", model: type[BaseModel] = Profile
-) -> ProfileError:
-    """Converts pydantic's first error to a ProfileError."""
-    # A misspelt key causes two errors: the unknown key says more than the missing one.
-    item = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
-    location = [str(part) for part in item["loc"] if not str(part).startswith(("function-", "literal", "is-instance"))]
-    path = ".".join([prefix, *location] if prefix else location)
-    more = f" ({error.error_count() - 1} more after this one)" if error.error_count() > 1 else ""
-    if item["type"] == "extra_forbidden":
-        known = _known_keys(model, location[:-1])
-        return ProfileError(
-            source.place(path), f"the key '{location[-1]}' isn't known here{more}", nearest(location[-1], known)
-        )
-    if item["type"] == "missing":
-        return ProfileError(source.place(path), f"the key '{location[-1]}' is missing{more}", "Add it")
-    cause = item.get("ctx", {}).get("error")
-    if isinstance(cause, OptionError):
-        return ProfileError(source.place(path), f"{cause.problem}{more}", cause.remedy)
-    message = item["msg"].removeprefix("Value error, ")
-    value = item.get("input")
-    shown = f", not {value!r}" if isinstance(value, str | int | float | bool) or value is None else ""
-    return ProfileError(source.place(path), f"{message[0].lower()}{message[1:]}{shown}{more}", "Correct the value")
-
-
-def _known_keys(model: type[BaseModel], location: list[str]) -> list[str]:
-    """The keys a model allows at a location, as they are written in YAML."""
-    current: Any = model
-    for part in location:
-        fields = getattr(current, "model_fields", {})
-        named = {(f.alias or n): f for n, f in fields.items()}
-        if part in named:
-            current = _model_in(named[part].annotation)
-        elif not fields:
-            break
-    return [f.alias or n for n, f in getattr(current, "model_fields", {}).items()]
-
-
-def _model_in(annotation: Any) -> Any:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return annotation
-    for inner in getattr(annotation, "__args__", ()):
-        found = _model_in(inner)
-        if found is not None:
-            return found
-    return None
 
 
 def _note_lines(node: Any, path: str, lines: dict[str, int]) -> None:

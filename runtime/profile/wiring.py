@@ -27,7 +27,8 @@ from runtime.profile.doubts import doubts
 from runtime.profile.graph import Actuator, Copy, Graph, Law
 from runtime.profile.meta import describe
 from runtime.profile.names import Link, link
-from runtime.profile.profile import Profile, Source
+from runtime.profile.profile import Profile
+from runtime.profile.source import Source
 from runtime.profile.transforms import Found
 
 LONGEST_PERIOD = 0.25  # s between commands; a slower device can't be told from a stalled link in time

@@ -1,0 +1,90 @@
+"""Where a profile comes from, and errors that name the place in it."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from runtime.contracts.errors import OptionError, ProfileError, nearest
+
+
+@dataclass(frozen=True)
+class Source:
+    """The origin of a profile, for errors and for the recording.
+
+    Attributes:
+        label: the file's name as the user gave it.
+        text: the file's text.
+        overrides: the `--set` options, in order.
+        lines: line number (from 1) of each key path.
+    """
+
+    label: str
+    text: str
+    overrides: tuple[str, ...] = ()
+    lines: dict[str, int] = field(default_factory=dict)
+
+    def place(self, path: str) -> str:
+        """A key path as it appears in errors: "sixth-finger.yaml line 12: devices.glove.port"."""
+        for override in self.overrides:
+            if override.split("=", 1)[0].strip() == path:
+                return f"--set {path}"
+        at = path
+        while at and at not in self.lines:
+            at = at.rpartition(".")[0]
+        line = f" line {self.lines[at]}" if at in self.lines else ""
+        return f"{self.label}{line}: {path}" if path else f"{self.label}{line}"
+
+    @property
+    def sha256(self) -> str:
+        """Hash of the text and the overrides."""
+        return hashlib.sha256("\n--set ".join((self.text, *self.overrides)).encode()).hexdigest()
+
+
+def first_error(error: ValidationError, source: Source, prefix: str, model: type[BaseModel]) -> ProfileError:
+    """Converts pydantic's first error to a ProfileError."""
+    # A misspelt key causes two errors: the unknown key says more than the missing one.
+    item = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
+    location = [str(part) for part in item["loc"] if not str(part).startswith(("function-", "literal", "is-instance"))]
+    path = ".".join([prefix, *location] if prefix else location)
+    more = f" ({error.error_count() - 1} more after this one)" if error.error_count() > 1 else ""
+    if item["type"] == "extra_forbidden":
+        known = _known_keys(model, location[:-1])
+        return ProfileError(
+            source.place(path), f"the key '{location[-1]}' isn't known here{more}", nearest(location[-1], known)
+        )
+    if item["type"] == "missing":
+        return ProfileError(source.place(path), f"the key '{location[-1]}' is missing{more}", "Add it")
+    cause = item.get("ctx", {}).get("error")
+    if isinstance(cause, OptionError):
+        return ProfileError(source.place(path), f"{cause.problem}{more}", cause.remedy)
+    message = item["msg"].removeprefix("Value error, ")
+    value = item.get("input")
+    shown = f", not {value!r}" if isinstance(value, str | int | float | bool) or value is None else ""
+    return ProfileError(source.place(path), f"{message[0].lower()}{message[1:]}{shown}{more}", "Correct the value")
+
+
+def _known_keys(model: type[BaseModel], location: list[str]) -> list[str]:
+    """The keys a model allows at a location, as they are written in YAML."""
+    current: Any = model
+    for part in location:
+        fields = getattr(current, "model_fields", {})
+        named = {(f.alias or n): f for n, f in fields.items()}
+        if part in named:
+            current = _model_in(named[part].annotation)
+        elif not fields:
+            break
+    return [f.alias or n for n, f in getattr(current, "model_fields", {}).items()]
+
+
+def _model_in(annotation: Any) -> Any:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    for inner in getattr(annotation, "__args__", ()):
+        found = _model_in(inner)
+        if found is not None:
+            return found
+    return None
