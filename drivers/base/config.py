@@ -8,6 +8,8 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from drivers.zenoh_link import PeerConfig
+from runtime.contracts.per_element import PerElement, Positive
+from runtime.contracts.terms import PLANAR_TWIST
 
 _TOPIC = re.compile(r"^[A-Za-z0-9_]+(/[A-Za-z0-9_]+)*$")
 
@@ -17,7 +19,7 @@ TOP_ACCELERATION, TOP_TURN_ACCELERATION = 0.6, 1.5  # m/s^2, rad/s^2
 # Sensible limits near people: the planner limits that the maker ships (fact sheet summit_xl_steel).
 FORWARD, SIDEWAYS, TURN = 0.75, 0.5, 0.785  # m/s, m/s, rad/s
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+_OnTwist = Annotated[tuple[Positive, Positive, Positive], PerElement(PLANAR_TWIST)]
 
 
 class BaseConfig(PeerConfig):
@@ -43,10 +45,8 @@ class BaseConfig(PeerConfig):
         None, description="the odometry's child_frame_id; null: any that ends in base_link or base_footprint"
     )
     sideways: bool = Field(True, description="mecanum wheels; false: skid steering, which can't move sideways")
-    speed: tuple[Positive, Positive, Positive] = Field(
-        (FORWARD, SIDEWAYS, TURN), description="m/s, m/s, rad/s: largest vx, vy, wz"
-    )
-    acceleration: tuple[Positive, Positive, Positive] = Field(
+    speed: _OnTwist = Field((FORWARD, SIDEWAYS, TURN), description="m/s, m/s, rad/s: largest vx, vy, wz")
+    acceleration: _OnTwist = Field(
         (TOP_ACCELERATION, TOP_ACCELERATION, TOP_TURN_ACCELERATION), description="m/s^2, m/s^2, rad/s^2"
     )
     rate: float = Field(50.0, ge=10, le=200, description="Hz, commands at most")

@@ -8,15 +8,17 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from drivers.panda.requests import Body, SetCollisionBehavior, SetJointImpedance, SetLoad
 from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.per_element import Finite, PerElement, Positive
 from runtime.contracts.signals import Command, Kind, Signal, Stop
-from runtime.contracts.terms import POSE, WRENCH
+from runtime.contracts.terms import POINT, POSE, WRENCH
 
 JOINTS = tuple(f"joint{i}" for i in range(1, 8))
 STATES = ("position", "velocity", "effort", "desired_effort", "external_effort", "wrench", "pose", "success_rate")
 COMMANDS = ("torque_command", "velocity_command", "position_command")
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+_Torques = Annotated[tuple[Positive, ...], PerElement(JOINTS, single=True)]
+_Forces = Annotated[tuple[Positive, ...], PerElement(WRENCH, single=True)]
+_Stiffness = Annotated[float, Field(ge=0, le=14250)]
 
 
 class Collision(BaseModel):
@@ -24,26 +26,16 @@ class Collision(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    torque: Positive | list[Positive] = Field(description="N m, of each joint: a reflex")
-    force: Positive | list[Positive] = Field(description="N and N m (x, y, z, about x, y, z): a reflex")
-    contact_torque: Positive | list[Positive] | None = Field(None, description="N m: a contact; as torque if left out")
-    contact_force: Positive | list[Positive] | None = Field(None, description="N, N m: a contact; as force if left out")
-
-    @field_validator("torque", "contact_torque")
-    @classmethod
-    def _seven(cls, value: float | list[float] | None) -> float | list[float] | None:
-        return _sized(value, 7)
-
-    @field_validator("force", "contact_force")
-    @classmethod
-    def _six(cls, value: float | list[float] | None) -> float | list[float] | None:
-        return _sized(value, 6)
+    torque: _Torques = Field(description="N m, of each joint: a reflex")
+    force: _Forces = Field(description="N and N m (x, y, z, about x, y, z): a reflex")
+    contact_torque: _Torques | None = Field(None, description="N m: a contact; as torque if left out")
+    contact_force: _Forces | None = Field(None, description="N, N m: a contact; as force if left out")
 
     def request(self) -> SetCollisionBehavior:
         """Returns the request, with the same thresholds whether the arm accelerates or not."""
-        torque, force = _each(self.torque, 7), _each(self.force, 6)
-        contact = torque if self.contact_torque is None else _each(self.contact_torque, 7)
-        touch = force if self.contact_force is None else _each(self.contact_force, 6)
+        torque, force = self.torque, self.force
+        contact = torque if self.contact_torque is None else self.contact_torque
+        touch = force if self.contact_force is None else self.contact_force
         return SetCollisionBehavior(contact, torque, contact, torque, touch, force, touch, force)
 
 
@@ -53,9 +45,11 @@ class Load(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     mass: float = Field(ge=0, allow_inf_nan=False, description="kg")
-    centre: tuple[Finite, Finite, Finite] = Field((0.0, 0.0, 0.0), description="m, in the flange's frame")
-    inertia: tuple[Finite, Finite, Finite, Finite, Finite, Finite] = Field(
-        (1e-3, 1e-3, 1e-3, 0.0, 0.0, 0.0), description="kg m^2 about the centre: xx, yy, zz, xy, xz, yz"
+    centre: Annotated[tuple[Finite, Finite, Finite], PerElement(POINT)] = Field(
+        (0.0, 0.0, 0.0), description="m, in the flange's frame"
+    )
+    inertia: Annotated[tuple[Finite, ...], PerElement(("xx", "yy", "zz", "xy", "xz", "yz"), ordered=False)] = Field(
+        (1e-3, 1e-3, 1e-3, 0.0, 0.0, 0.0), description="kg m^2 about the centre"
     )
 
     def request(self) -> SetLoad:
@@ -72,8 +66,8 @@ class PandaConfig(DeviceConfig):
         "torque", description="what the joints are commanded in; only one at a time"
     )
     collision: Collision | None = Field(None, description="thresholds of contact and reflex; as set before if left out")
-    joint_impedance: list[Annotated[float, Field(ge=0, le=14250)]] | None = Field(
-        None, min_length=7, max_length=7, description="N m/rad, of the robot's own controller (velocity and position)"
+    joint_impedance: Annotated[tuple[_Stiffness, ...], PerElement(JOINTS, single=True)] | None = Field(
+        None, description="N m/rad, of the robot's own controller (velocity and position)"
     )
     load: Load | None = Field(None, description="what the flange carries; as set before if left out")
     frame: str | None = Field(None, description="the profile's frame that is the arm's base, of pose and wrench")
@@ -96,7 +90,7 @@ class PandaConfig(DeviceConfig):
         if self.collision is not None:
             found.append(self.collision.request())
         if self.joint_impedance is not None:
-            found.append(SetJointImpedance(tuple(self.joint_impedance)))
+            found.append(SetJointImpedance(self.joint_impedance))
         if self.load is not None:
             found.append(self.load.request())
         return tuple(found)
@@ -138,13 +132,3 @@ def command(config: PandaConfig) -> Command:
         resolution=RESOLUTION[config.kind],
         ordered=True,
     )
-
-
-def _sized(value: float | list[float] | None, size: int) -> float | list[float] | None:
-    if isinstance(value, list) and len(value) != size:
-        raise ValueError(f"{len(value)} values where {size} are expected, or one number for all")
-    return value
-
-
-def _each(value: float | list[float], size: int) -> tuple[float, ...]:
-    return tuple(value) if isinstance(value, list) else (value,) * size

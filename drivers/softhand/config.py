@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
 from drivers.softhand.protocol import BAUDRATE, Limits
 from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.per_element import PerElement
 
 USUAL = Limits(0, 19000)  # ticks, used if the hand doesn't report its range
 
@@ -18,7 +19,7 @@ class SoftHandConfig(DeviceConfig):
     port: str = Field(description="link: a serial port's path, tcp://HOST:PORT, spy:FILE:URL")
     id: int = Field(1, ge=1, le=254, description="the hand's number on the bus")
     baudrate: Literal[2_000_000, 460_800] = BAUDRATE
-    limits: tuple[int, int] | None = Field(
+    limits: Annotated[tuple[int, int], PerElement(("open", "closed"))] | None = Field(
         None, description="ticks of the open and the closed hand; None: as the hand says, else 0 and 19000"
     )
     watchdog: float = Field(

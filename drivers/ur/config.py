@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Final, Literal, NamedTuple, Self
+from typing import Annotated, Final, Literal, NamedTuple, Self
 from urllib.parse import parse_qsl, urlsplit
 
 from pydantic import Field, field_validator, model_validator
 
 from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.per_element import Finite, PerElement
+from runtime.contracts.terms import POINT
 
 RTDE: Final = 30004
 DASHBOARD: Final = 29999
@@ -72,7 +74,9 @@ class UrConfig(DeviceConfig):
         "target", description="torque by the controller's model, or from motor currents (PolyScope 5.23 on)"
     )
     payload: float | None = Field(None, ge=0, le=30, description="kg at the flange; None: as set at the pendant")
-    payload_cog: tuple[float, float, float] = Field((0.0, 0.0, 0.0), description="m, its centre in the flange's frame")
+    payload_cog: Annotated[tuple[Finite, Finite, Finite], PerElement(POINT)] = Field(
+        (0.0, 0.0, 0.0), description="m, its centre in the flange's frame"
+    )
     buttons: dict[str, int] = Field({}, description="name: number of the digital input (0 to 17)")
     frame: str | None = Field(None, description="the profile's frame that is the controller's 'base'")
 

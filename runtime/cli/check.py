@@ -14,6 +14,7 @@ from runtime.guard import GUARDS
 from runtime.profile import profile, wiring
 from runtime.profile.connections import connections, transforms, untaken
 from runtime.profile.graph import Graph
+from runtime.profile.option_tree import listed
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -39,6 +40,7 @@ def run(args: argparse.Namespace) -> int:
     checked, source = profile.load(args.profile, args.set)
     graph = wiring.build(checked, source, args.sim)
     guards = check_guards(graph)
+    options = listed(checked, graph.devices, graph.controllers, graph.world)
     if args.json:
         content = {
             "profile": checked.name,
@@ -48,6 +50,7 @@ def run(args: argparse.Namespace) -> int:
             "untaken": untaken(graph),
             "doubts": graph.doubts,
             "commands": guards,
+            "listed_options": options,
             "listed_limits": {name: listed_limits(graph, name) for name in guards},
         }
         print(json.dumps(content))
@@ -67,6 +70,8 @@ def run(args: argparse.Namespace) -> int:
         by = f", measured by {', '.join(t['measured_by'])}" if t["measured_by"] else ""
         print(f"  {t['name']:<34} {t['of']} in {t['into']}, from {t['from']}{by}")
         print(f"    position {place[0]} m, quaternion {place[1]}" + " while what is measured is zero" * bool(by))
+    for path, values in options.items():
+        print(f"  option {path}: {_pairs(values)}")
     for doubt in graph.doubts:
         print(f"  doubted: {doubt}")
     if left := untaken(graph):
@@ -74,8 +79,12 @@ def run(args: argparse.Namespace) -> int:
     for name, category in guards.items():
         print(f"  guard {name}, stop: {category}")
         for limit, values in listed_limits(graph, name).items():
-            print(f"    {limit}: " + ", ".join(f"{joint} {value:g}" for joint, value in values.items()))
+            print(f"    {limit}: {_pairs(values)}")
     return 0
+
+
+def _pairs(values: dict[str, float]) -> str:
+    return ", ".join(f"{name} {value:g}" for name, value in values.items())
 
 
 def check_guards(graph: Graph) -> dict[str, str]:

@@ -12,9 +12,20 @@ from math import pi
 from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, WithJsonSchema, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationInfo,
+    ValidatorFunctionWrapHandler,
+    WithJsonSchema,
+    WrapValidator,
+    model_validator,
+)
 
 from runtime.contracts.errors import OptionError, nearest
+from runtime.contracts.per_element import Listed, in_order
 from runtime.contracts.signals import Array
 from runtime.control.hand.human_hand import FINGER_JOINTS, JOINTS, MODEL_LENGTH, RANGES, hand_geometry
 
@@ -25,6 +36,26 @@ class Model(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     kind: str = ""
+
+
+def _still_listed(given: Any, check: ValidatorFunctionWrapHandler) -> tuple[float, ...]:
+    values: tuple[float, ...] = check(given)
+    return Listed.of(values, given.names) if isinstance(given, Listed) else values
+
+
+_Angles = Annotated[
+    tuple[float, ...],
+    WrapValidator(_still_listed),
+    WithJsonSchema(
+        {
+            "anyOf": [
+                {"type": "object", "additionalProperties": {"type": "number"}},
+                {"type": "array", "items": {"type": "number"}},
+                {"type": "number"},
+            ]
+        }
+    ),
+]
 
 
 class FingerModel(Model):
@@ -43,8 +74,28 @@ class FingerModel(Model):
     joints: tuple[str, ...] = Field(
         default=(), description="their names; left out: the sixth finger's, or joint_1, joint_2 and on"
     )
-    lower: tuple[float, ...] = Field(default=(-pi / 3, -pi / 2, -pi / 2, -pi / 2), description="rad, a joint each")
-    upper: tuple[float, ...] = Field(default=(pi / 3, pi / 2, pi / 2, pi / 2), description="rad, a joint each")
+    lower: _Angles = Field(default=(-pi / 3, -pi / 2, -pi / 2, -pi / 2), description="rad, a joint each")
+    upper: _Angles = Field(default=(pi / 3, pi / 2, pi / 2, pi / 2), description="rad, a joint each")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _by_name(cls, given: Any) -> Any:
+        """Puts limits that are given by name in the joints' order."""
+        rows = given.get("rows", cls.model_fields["rows"].default) if isinstance(given, Mapping) else None
+        joints = given.get("joints") or () if isinstance(given, Mapping) else ()
+        if not isinstance(rows, list | tuple) or not isinstance(joints, list | tuple):
+            return given
+        names, made = tuple(map(str, joints)) or _plain_names(len(rows)), dict(given)
+        for key in {"lower", "upper"} & made.keys():
+            value = made[key]
+            if isinstance(value, Mapping | int | float):
+                try:
+                    made[key] = in_order(value, names)
+                except OptionError as error:
+                    raise OptionError(f"{key}: {error.problem}", error.remedy) from None
+            elif isinstance(value, list) and len(value) == len(names):
+                made[key] = Listed.of(tuple(value), names)
+        return made
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -61,9 +112,11 @@ class FingerModel(Model):
     @property
     def names(self) -> tuple[str, ...]:
         """The joints' names, from the base on."""
-        n = len(self.rows)
-        plain = FINGER_JOINTS if n == len(FINGER_JOINTS) else tuple(f"joint_{j + 1}" for j in range(n))
-        return self.joints or plain
+        return self.joints or _plain_names(len(self.rows))
+
+
+def _plain_names(n: int) -> tuple[str, ...]:
+    return FINGER_JOINTS if n == len(FINGER_JOINTS) else tuple(f"joint_{j + 1}" for j in range(n))
 
 
 class HandModel(Model):

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from runtime.contracts.errors import WiringError
+from runtime.contracts.errors import OptionError, WiringError
+from runtime.contracts.per_element import Finite, Positive, in_order
 from runtime.contracts.signals import Array, Limits
 
 NAMES = ("lower", "upper", "velocity", "acceleration", "jerk", "effort", "effort_rate", "inertia")
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Anywhere = Finite | list[Finite] | dict[str, Finite] | None
 Above0 = Positive | list[Positive] | dict[str, Positive] | None
 
@@ -57,34 +54,12 @@ class GuardLimits(BaseModel):
             value = getattr(self, name)
             if value is None:
                 continue
-            if isinstance(value, dict):
-                value = _in_order(value, labels, f"{place}.{name}")
-            elif isinstance(value, list) and not ordered and labels and size > 1:
-                named = ", ".join(f"{label}: {x:g}" for label, x in zip(labels, value, strict=False))
-                raise WiringError(
-                    f"{place}.{name}",
-                    "a list goes by place, and the order of these joints is chosen in the profile",
-                    f"Name them: {{{named}}}",
-                )
-            if isinstance(value, list) and len(value) != size:
-                raise WiringError(
-                    f"{place}.{name}",
-                    f"{len(value)} values for a command of {size}",
-                    "Give one number for all joints, or a list with one for each",
-                )
-            arrays[name] = np.broadcast_to(np.asarray(value, np.float64), size).reshape(shape).copy()
+            try:
+                values = in_order(value, labels, size=size, ordered=ordered)
+            except OptionError as error:
+                raise WiringError(f"{place}.{name}", error.problem, error.remedy) from None
+            arrays[name] = np.array(values, np.float64).reshape(shape)
         return Limits(**arrays)
-
-
-def _in_order(given: dict[str, float], labels: tuple[str, ...], place: str) -> list[float]:
-    """The values in the labels' order."""
-    if set(given) != set(labels):
-        raise WiringError(
-            place,
-            f"it names {', '.join(given)}; the command has {', '.join(labels) or 'no names'}",
-            "Name each of the command's once, or give one number for all",
-        )
-    return [given[label] for label in labels]
 
 
 def merge(a: Limits, b: Limits) -> Limits:

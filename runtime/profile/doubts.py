@@ -7,16 +7,17 @@ longer than a room.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from math import hypot, inf, isfinite, pi, radians
 from typing import Any, Final
 
-from pydantic import BaseModel
+from pydantic.fields import FieldInfo
 
 from runtime.contracts.controller import Controller
 from runtime.contracts.driver import Driver
 from runtime.contracts.signals import Command
 from runtime.contracts.world import World
+from runtime.profile.option_tree import items, options
 from runtime.profile.profile import Profile
 from runtime.profile.source import Source
 
@@ -30,12 +31,11 @@ def doubts(
     profile: Profile, source: Source, devices: list[Driver], laws: list[Controller], world: World | None
 ) -> list[str]:
     """Returns what is doubted, a line each, with its place."""
-    groups: list[tuple[str, BaseModel]] = [(f"devices.{d.name}", d.config) for d in devices]
-    groups += [(f"controllers.{i}", law.config) for i, law in enumerate(laws)]
-    groups += [(f"frames.{name}", entry) for name, entry in profile.frames.items()]
-    if world is not None:
-        groups.append(("sim", world.config))
-    found = [doubt for path, model in groups for doubt in _of_model(model, path)]
+    found = [
+        doubt
+        for path, field, value in options(profile, devices, laws, world)
+        for doubt in _of_option(path, field, value)
+    ]
     commands = {f"{d.name}.{c.name}": c for d in devices for c in d.commands}
     for name, limits in profile.guard.items():
         for key in ("lower", "upper"):
@@ -50,42 +50,21 @@ def _position_unit(command: Command | None) -> str:
     return {"rad/s": "rad", "N m": "rad", "m/s": "m", "N": "m"}.get(unit, unit)
 
 
-def _of_model(model: BaseModel, path: str) -> Iterator[tuple[str, str]]:
-    for name, field in type(model).model_fields.items():
-        value, here = getattr(model, name), f"{path}.{field.alias or name}"
-        unit = _UNIT.match(field.description or "")
-        if unit is not None:
-            for place, number in _numbers(value, here):
-                yield from _doubt(place, number, unit[1])
-        if name.endswith("quaternion") and value is not None and abs(hypot(*value) - 1.0) > 0.01:
-            yield here, f"its length is {hypot(*value):.3g}, not 1: is one of its numbers wrong?"
-        for place, part in _models(value, here):
-            yield from _of_model(part, place)
-
-
-def _models(value: Any, path: str) -> Iterator[tuple[str, BaseModel]]:
-    if isinstance(value, BaseModel):
-        yield path, value
-    elif isinstance(value, tuple) and len(value) == 2 and isinstance(value[0], type):  # a part's class and options
-        yield from _models(value[1], path)
-    else:
-        for key, item in _items(value):
-            yield from _models(item, f"{path}.{key}")
+def _of_option(path: str, field: FieldInfo, value: Any) -> Iterator[tuple[str, str]]:
+    unit = _UNIT.match(field.description or "")
+    if unit is not None:
+        for place, number in _numbers(value, path):
+            yield from _doubt(place, number, unit[1])
+    if path.endswith("quaternion") and value is not None and abs(hypot(*value) - 1.0) > 0.01:
+        yield path, f"its length is {hypot(*value):.3g}, not 1: is one of its numbers wrong?"
 
 
 def _numbers(value: Any, path: str) -> Iterator[tuple[str, float]]:
     if isinstance(value, int | float) and not isinstance(value, bool):
         yield path, float(value)
     else:
-        for key, item in _items(value):
+        for key, item in items(value):
             yield from _numbers(item, f"{path}.{key}")
-
-
-def _items(value: Any) -> list[tuple[Any, Any]]:
-    """The items of a mapping or sequence; none of anything else."""
-    if isinstance(value, Mapping):
-        return list(value.items())
-    return list(enumerate(value)) if isinstance(value, list | tuple) else []
 
 
 def _doubt(place: str, value: float, unit: str) -> Iterator[tuple[str, str]]:

@@ -82,7 +82,11 @@ def test_settings_are_sent_before_anything_moves(pair, version):
         version,
         collision={"torque": 20.0, "force": [30.0] * 6, "contact_torque": 10.0},
         joint_impedance=[3000.0] * 7,
-        load={"mass": 1.5, "centre": [0, 0, 0.1], "inertia": [1, 2, 3, 0.1, 0.2, 0.3]},
+        load={
+            "mass": 1.5,
+            "centre": [0, 0, 0.1],
+            "inertia": {"xx": 1, "yy": 2, "zz": 3, "xy": 0.1, "xz": 0.2, "yz": 0.3},
+        },
     )
     *_, collision, impedance, load = p.robot.requests
     assert collision == SetCollisionBehavior(*[(10.0,) * 7, (20.0,) * 7] * 2, *[(30.0,) * 6, (30.0,) * 6] * 2)

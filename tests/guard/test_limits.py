@@ -18,7 +18,7 @@ def test_a_number_is_for_every_joint_a_list_has_one_each():
 
 
 def test_a_list_of_another_length_is_named():
-    with pytest.raises(WiringError, match=rf"{PLACE}.velocity: 2 values for a command of 3"):
+    with pytest.raises(WiringError, match=rf"{PLACE}.velocity: 2 values for 3 elements"):
         GuardLimits(velocity=[1, 2]).to_limits((3,), PLACE)
 
 

@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Iterable, Mapping
 from math import isfinite, nan, sqrt
 from operator import mul, sub
-from typing import Annotated, ClassVar, Final
+from typing import ClassVar, Final
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -24,16 +24,13 @@ from runtime.contracts.gravity import GRAVITY
 from runtime.contracts.signals import Signal
 from runtime.contracts.terms import POSE, TWIST, WRENCH
 from runtime.contracts.transforms import Transform, coordinates, measured
+from runtime.control.cobot.axes import DeadBand, OnTwist, Point, Wrench
 from runtime.control.cobot.guide_buttons import MODES
 
 _FULL: Final = 0.25  # of the tank: above this level there is no brake
 _DEBT: Final = 5.0  # greatest debt, in tank sizes; any debt beyond it is dropped, and the brake stays on
 _RELEASE: Final = 2.0  # s, time constant of the brake's release: an oscillation that filled the tank would restart
 _ZEROS: Final = [0.0] * 6  # read only
-_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-_Six = tuple[float, float, float, float, float, float]
-_SixPositive = tuple[_Positive, _Positive, _Positive, _Positive, _Positive, _Positive]
-_Three = tuple[float, float, float]
 
 
 class LeashConfig(BaseModel):
@@ -55,12 +52,12 @@ class AdmittanceConfig(ControllerConfig):
         "sensor_quaternion": "write under `frames:` where the sensor is, and give its device that `frame:`",
     }
 
-    mass: _SixPositive = Field((6.0, 6.0, 6.0, 1.0, 1.0, 1.0), description="M_adm, kg and kg m^2")
-    damping: _SixPositive = Field((40.0, 40.0, 40.0, 1.8, 1.8, 1.8), description="D_adm, N s/m and N m s/rad")
+    mass: OnTwist = Field((6.0, 6.0, 6.0, 1.0, 1.0, 1.0), description="M_adm, kg and kg m^2")
+    damping: OnTwist = Field((40.0, 40.0, 40.0, 1.8, 1.8, 1.8), description="D_adm, N s/m and N m s/rad")
     tool_mass: float = Field(0.0, ge=0, description="kg, of what hangs on the sensor's measuring side (the handle)")
-    tool_com: _Three = Field((0.0, 0.0, 0.0), description="m, its centre of mass in the sensor's frame")
-    bias: _Six = Field((0.0,) * 6, description="N, N m: what the unloaded sensor shows; subtracted first")
-    dead_band: tuple[float, float] = Field((0.3, 0.03), description="N, N m: what is less doesn't count")
+    tool_com: Point = Field((0.0, 0.0, 0.0), description="m, its centre of mass in the sensor's frame")
+    bias: Wrench = Field((0.0,) * 6, description="N, N m: what the unloaded sensor shows; subtracted first")
+    dead_band: DeadBand = Field((0.3, 0.03), description="N, N m: what is less doesn't count")
     leash: LeashConfig | None = LeashConfig()
     tank: float | None = Field(
         0.1, gt=0, description="J, what may be given back to the hand before damping is added; null: the bare law"

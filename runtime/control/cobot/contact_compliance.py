@@ -19,7 +19,7 @@ from collections import deque
 from collections.abc import Mapping
 from math import isfinite, nan, sqrt
 from operator import sub
-from typing import Annotated, ClassVar, Final, Literal
+from typing import ClassVar, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -28,13 +28,10 @@ from runtime.contracts.options import Options
 from runtime.contracts.signals import Array
 from runtime.contracts.transforms import Transform, coordinates, device, measured
 from runtime.control.cobot.admittance import GRAVITY, beyond
+from runtime.control.cobot.axes import DeadBand, ForceTorque, OnTwist, Point
 from runtime.control.cobot.whole_body import mount_of_the_arm
 from runtime.control.robots.pinocchio_model import FLANGE
 
-_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-_NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-_Six = tuple[_Positive, _Positive, _Positive, _Positive, _Positive, _Positive]
-_Three = tuple[float, float, float]
 _LATELY: Final = 0.1  # s of contact
 
 
@@ -44,7 +41,7 @@ class WeightConfig(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     mass: float = Field(ge=0, le=50, description="kg")
-    com: _Three = Field((0.0, 0.0, 0.0), description="m, its centre of mass in the control point's frame")
+    com: Point = Field((0.0, 0.0, 0.0), description="m, its centre of mass in the control point's frame")
 
 
 class ComplianceConfig(Options):
@@ -56,9 +53,9 @@ class ComplianceConfig(Options):
         "mount_quaternion": "where the arm stands follows from `frames:`",
     }
 
-    mass: _Six = Field((10.0, 10.0, 10.0, 0.5, 0.5, 0.5), description="M_c, kg and kg m^2, world axes")
-    damping: _Six = Field((600.0, 600.0, 600.0, 20.0, 20.0, 20.0), description="D_c, N s/m and N m s/rad")
-    stiffness: _Six = Field((500.0, 500.0, 500.0, 30.0, 30.0, 30.0), description="K_c, N/m and N m/rad")
+    mass: OnTwist = Field((10.0, 10.0, 10.0, 0.5, 0.5, 0.5), description="M_c, kg and kg m^2, world axes")
+    damping: OnTwist = Field((600.0, 600.0, 600.0, 20.0, 20.0, 20.0), description="D_c, N s/m and N m s/rad")
+    stiffness: OnTwist = Field((500.0, 500.0, 500.0, 30.0, 30.0, 30.0), description="K_c, N/m and N m/rad")
     axes: Literal["arm", "sensor", "world"] = Field(
         "arm",
         description="whose axes the wrench has: the arm's base (UR) or the world's, measured at the flange; or those "
@@ -72,7 +69,7 @@ class ComplianceConfig(Options):
         description="kg, the heaviest that the closed gripper may carry: what pulls down up to its "
         "weight isn't contact then",
     )
-    carrying: tuple[_NotNegative, _NotNegative] = Field(
+    carrying: DeadBand = Field(
         (60.0, 40.0), description="N, N m: dead band while the gripper is closed, for the load's inertia and lever"
     )
     load_time: float = Field(
@@ -81,11 +78,11 @@ class ComplianceConfig(Options):
         description="s in which these come in as the gripper closes; opened, they go after nothing has been "
         "felt for so long",
     )
-    firm: tuple[_Positive, _Positive] = Field(
+    firm: ForceTorque = Field(
         (10.0, 1.0), description="N, N m: against this and more the desired motion isn't followed any further"
     )
     release: float = Field(1.0, gt=0, le=60, description="s, time constant with which it is followed again")
-    dead_band: tuple[_NotNegative, _NotNegative] = Field((10.0, 1.0), description="N, N m: what is less doesn't count")
+    dead_band: DeadBand = Field((10.0, 1.0), description="N, N m: what is less doesn't count")
     hand: bool = Field(True, description="the hand's force goes through the sensor too: take it off (input `hand`)")
     hand_lead: float = Field(
         0.02,
@@ -254,5 +251,5 @@ def _square(v: list[float]) -> float:
     return v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
 
 
-def _cross(a: _Three, b: _Three) -> _Three:
+def _cross(a: rotation.Vector, b: rotation.Vector) -> rotation.Vector:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]

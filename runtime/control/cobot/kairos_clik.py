@@ -7,15 +7,17 @@ moves. Errata of the paper and additions: docs/super-man.md.
 from __future__ import annotations
 
 from math import cos, sin, sqrt
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from runtime.contracts import rotation
 from runtime.contracts.controller import Controller, ControllerConfig
+from runtime.contracts.per_element import Positive
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSE, TWIST, WRENCH
+from runtime.control.cobot.axes import OnPlanarTwist, OnTwist
 from runtime.control.cobot.contact_compliance import ComplianceConfig, ContactCompliance
 from runtime.control.cobot.guide_buttons import GRIPPER, LOCOMOTION, MODES
 from runtime.control.cobot.whole_body import BASE, RobotName, add_base, jacobian_signal
@@ -23,18 +25,14 @@ from runtime.control.robots import ARMS
 from runtime.control.shared.priority import Priority
 from runtime.control.shared.spd6 import Equations
 
-_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-_Six = tuple[_Positive, _Positive, _Positive, _Positive, _Positive, _Positive]
-_Three = tuple[_Positive, _Positive, _Positive]
-
 
 class KairosPriority(BaseModel):
     """The weights of one priority."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    base: _Positive = Field(description="w_b, how much the base is spared")
-    arm: _Positive = Field(description="w_a, how much the arm is spared")
+    base: Positive = Field(description="w_b, how much the base is spared")
+    arm: Positive = Field(description="w_a, how much the arm is spared")
     posture: float = Field(ge=0, allow_inf_nan=False, description="k_i, 1/s, pull to the preferred configuration")
 
 
@@ -42,8 +40,8 @@ class KairosClikConfig(RobotName, ControllerConfig):
     """Options of `kairos-clik`."""
 
     robot: str = Field("ur16e", description="the arm: " + ", ".join(sorted(ARMS)))
-    gain: _Six = Field((0.5, 0.5, 0.5, 0.05, 0.01, 0.01), description="K, 1/s, world axes")
-    tracking: _Six = Field((1000.0, 1000.0, 1000.0, 500.0, 500.0, 500.0), description="W_1, diagonal")
+    gain: OnTwist = Field((0.5, 0.5, 0.5, 0.05, 0.01, 0.01), description="K, 1/s, world axes")
+    tracking: OnTwist = Field((1000.0, 1000.0, 1000.0, 500.0, 500.0, 500.0), description="W_1, diagonal")
     damping: float = Field(2.0, ge=0, description="k_0 of eq. 13")
     manipulability: float = Field(0.001, ge=0, description="w_t of eq. 13, below which k grows")
     manipulation: KairosPriority = KairosPriority(base=100.0, arm=1.0, posture=0.0)
@@ -55,8 +53,10 @@ class KairosClikConfig(RobotName, ControllerConfig):
     acceleration: float | None = Field(
         None, gt=0, description="rad/s2 asked of each joint at most, all changes held back alike; null: unbounded"
     )
-    base_speed: _Three | None = Field(None, description="m/s, m/s, rad/s that it asks of the base; null: unbounded")
-    base_acceleration: _Three | None = Field(
+    base_speed: OnPlanarTwist | None = Field(
+        None, description="m/s, m/s, rad/s that it asks of the base; null: unbounded"
+    )
+    base_acceleration: OnPlanarTwist | None = Field(
         None, description="m/s2, m/s2, rad/s2 that it asks of the base, the arm doing the rest; null: unbounded"
     )
     force_feedback: ComplianceConfig | None = Field(None, description="give way to contact; null: the paper's law")

@@ -12,13 +12,13 @@ import numpy as np
 from pydantic import Field
 
 from runtime.contracts.signals import Array
+from runtime.control.cobot.axes import OnPlanarTwist
 from runtime.control.cobot.kairos_clik import KairosClik, KairosClikConfig
 from runtime.control.cobot.whole_body import BASE
 from runtime.control.cobot.whole_body_qp import (
     Approach,
     LimitsConfig,
     Nearest,
-    Three,
     base_speeds,
     intervals,
     maker_base_speed,
@@ -30,7 +30,9 @@ from runtime.control.robots import ARMS
 class KairosQpConfig(KairosClikConfig):
     """Options of `kairos-qp`: those of `kairos-clik` and `limits`."""
 
-    base_speed: Three | None = Field(maker_base_speed(), description="m/s, m/s, rad/s, the most; null: unbounded")
+    base_speed: OnPlanarTwist | None = Field(
+        maker_base_speed(), description="m/s, m/s, rad/s, the most; null: unbounded"
+    )
     limits: LimitsConfig = LimitsConfig()
 
 

@@ -10,15 +10,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import copysign, cos, isfinite, sin, sqrt
 from operator import sub
-from typing import Annotated, Any, ClassVar, Final, Literal
+from typing import Any, ClassVar, Final, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from runtime.contracts import rotation
 from runtime.contracts.controller import Controller, ControllerConfig
+from runtime.contracts.per_element import Positive
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSE, TWIST, WRENCH
+from runtime.control.cobot.axes import MassInertia, OnPlanarTwist, OnTwist
 from runtime.control.cobot.guide_buttons import GRIPPER, LOCOMOTION, MODES
 from runtime.control.cobot.whole_body import (
     BASE,
@@ -33,8 +35,6 @@ from runtime.control.robots import ARMS
 from runtime.control.shared.priority import Priority
 from runtime.control.shared.spd6 import NEAR, Equations
 
-_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-_Six = tuple[_Positive, _Positive, _Positive, _Positive, _Positive, _Positive]
 _FIRM: Final = 1e-6 * np.eye(6)  # 1/kg, 1/(kg m^2): makes the mobility invertible in singular postures, too
 _SELDOM: Final = 10  # cycles after which the masses are computed again: they change only with the posture
 _HEAVIEST: Final = 20.0  # kg, kg m^2: near singular postures the masses grow without bounds
@@ -46,8 +46,8 @@ class MocaPriority(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    base: _Positive = Field(description="eta_B, how much the base is spared")
-    arm: _Positive = Field(description="eta_A, how much the arm is spared")
+    base: Positive = Field(description="eta_B, how much the base is spared")
+    arm: Positive = Field(description="eta_A, how much the arm is spared")
     posture: float = Field(ge=0, allow_inf_nan=False, description="K_0 of each joint, N m/rad")
 
 
@@ -56,7 +56,7 @@ class MocaImpedanceConfig(RobotName, ControllerConfig):
 
     gone: ClassVar[Mapping[str, str]] = {"mount_quaternion": "how the arm stands follows from `frames:`"}
 
-    stiffness: _Six = Field((500.0, 500.0, 500.0, 30.0, 30.0, 30.0), description="K_d, N/m and N m/rad, world axes")
+    stiffness: OnTwist = Field((500.0, 500.0, 500.0, 30.0, 30.0, 30.0), description="K_d, N/m and N m/rad, world axes")
     damping_ratio: float = Field(0.7, gt=0, le=2, description="xi; D_d = 2 xi sqrt(K_d m), D_0 = 2 xi sqrt(K_0)")
     unit_mass: bool = Field(
         False, description="m of D_d is 1, as published; else the mass along each axis in this posture, at least 1"
@@ -64,9 +64,9 @@ class MocaImpedanceConfig(RobotName, ControllerConfig):
     manipulation: MocaPriority = MocaPriority(base=5.0, arm=1.0, posture=5.0)
     locomotion: MocaPriority = MocaPriority(base=1.0, arm=6.0, posture=50.0)
     blend: float = Field(0.5, gt=0, description="s that a switch of priority takes")
-    virtual_mass: tuple[_Positive, _Positive] = Field((105.0, 21.0), description="M_v: kg along x and y, kg m^2")
+    virtual_mass: MassInertia = Field((105.0, 21.0), description="M_v: kg along x and y, kg m^2")
     base_damping: float = Field(10.0, gt=0, description="D_v over M_v, 1/s")
-    base_acceleration: tuple[_Positive, _Positive, _Positive] | None = Field(
+    base_acceleration: OnPlanarTwist | None = Field(
         None, description="m/s2, m/s2, rad/s2 that it asks of the base; null: unbounded"
     )
     gravity: Literal["robot", "here"] = Field(

@@ -12,13 +12,13 @@ import numpy as np
 from pydantic import Field
 
 from runtime.contracts.signals import Array
+from runtime.control.cobot.axes import OnPlanarTwist
 from runtime.control.cobot.moca_impedance import MocaImpedance, MocaImpedanceConfig
 from runtime.control.cobot.whole_body import BASE
 from runtime.control.cobot.whole_body_qp import (
     Approach,
     LimitsConfig,
     Nearest,
-    Three,
     base_speeds,
     maker_base_speed,
     turned_base,
@@ -35,7 +35,7 @@ class MocaLimitsConfig(LimitsConfig):
     priority: float = Field(
         3e3, ge=1, le=1e9, description="how much more the tool's motion counts than the weights; 1e8 is all but strict"
     )
-    base_speed: Three | None = Field(maker_base_speed(), description="m/s, m/s, rad/s; null: unbounded")
+    base_speed: OnPlanarTwist | None = Field(maker_base_speed(), description="m/s, m/s, rad/s; null: unbounded")
 
 
 class MocaQpConfig(MocaImpedanceConfig):

@@ -18,6 +18,7 @@ from runtime.contracts.gravity import DOWN
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import PLANAR, TWIST
 from runtime.contracts.transforms import Transform, device
+from runtime.control.cobot.axes import Point
 from runtime.control.robots import ARMS, SUMMIT_XL, Payload, RobotDescription
 from runtime.control.robots.pinocchio_model import FLANGE, mobile_model, pinocchio_model
 
@@ -30,7 +31,7 @@ class LoadConfig(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     mass: float = Field(gt=0, le=50, description="kg")
-    com: tuple[float, float, float] = Field((0.0, 0.0, 0.0), description="m, its centre of mass in the flange frame")
+    com: Point = Field((0.0, 0.0, 0.0), description="m, its centre of mass in the flange frame")
 
     def payload(self) -> Payload:
         """Converts the load to a Payload, as the models take it."""

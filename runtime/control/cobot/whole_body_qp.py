@@ -7,17 +7,16 @@ weights (docs/whole-body-qp.md has the proof). So a limit that isn't active chan
 
 from __future__ import annotations
 
-from typing import Annotated, Final
+from typing import Final
 
 import daqp  # type: ignore[import-not-found]
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from runtime.contracts.per_element import Positive
 from runtime.contracts.signals import Array
+from runtime.control.cobot.axes import OnPlanarTwist
 from runtime.control.robots import SUMMIT_XL, RobotDescription
-
-_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Three = tuple[_Positive, _Positive, _Positive]
 
 ITERATIONS: Final = 200
 """Limit of the solver's iterations; it needs some 10. It is a count, not a time, so that a replay does the same."""
@@ -35,7 +34,7 @@ class LimitsConfig(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     margin: float = Field(0.02, ge=0, lt=0.5, description="rad kept off each joint's position limits")
-    acceleration: _Positive | None = Field(
+    acceleration: Positive | None = Field(
         None, description=f"rad/s^2 of each joint; null: the maker's, or {ACCELERATION:g} where none is published"
     )
     approach: float = Field(
@@ -44,15 +43,15 @@ class LimitsConfig(BaseModel):
     priority: float = Field(
         1e4, ge=1, le=1e9, description="how much more the tool's motion counts than the weights; 1e8 is all but strict"
     )
-    base_acceleration: Three = Field((0.6, 0.6, 1.5), description="m/s^2, m/s^2, rad/s^2, the base's own axes")
+    base_acceleration: OnPlanarTwist = Field((0.6, 0.6, 1.5), description="m/s^2, m/s^2, rad/s^2, the base's own axes")
 
 
-def base_speeds(speed: Three | None) -> Array:
+def base_speeds(speed: OnPlanarTwist | None) -> Array:
     """The base's speed limits (3,) m/s, m/s, rad/s; infinite without a limit."""
     return np.full(3, np.inf) if speed is None else np.array(speed)
 
 
-def maker_base_speed() -> Three:
+def maker_base_speed() -> OnPlanarTwist:
     """The base's speeds, m/s, m/s, rad/s, that the maker's own planner commands."""
     return (*SUMMIT_XL.v_guard, SUMMIT_XL.w_guard)
 

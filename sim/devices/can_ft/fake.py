@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from drivers.can_ft import CanFt
 from drivers.can_ft.driver import CanFtConfig
@@ -14,8 +14,7 @@ from drivers.can_ft.protocol import DIVISORS
 from runtime.contracts.driver import DeviceConfig
 from runtime.contracts.signals import Array
 from runtime.contracts.world import FakeConfig, World
-from sim.devices.shared.force_torque import ForceTorqueFake, ForceTorqueOptions, positive
-from sim.parts.things.ft_sensor import Vector6
+from sim.devices.shared.force_torque import ForceTorqueFake, ForceTorqueOptions, Range
 
 _REMEMBERED = 0.9  # s of past samples that the filter uses; a sample is kept for 1 s
 Model = Literal["RFT40-SA01", "RFT44-SB01", "RFT60-HA01", "RFT64-SB01", "RFT76-HA01", "RFT82-HA02", "RFT80-6A01"]
@@ -26,9 +25,7 @@ class FakeCanFtOptions(ForceTorqueOptions):
 
     rate: float = Field(default=200.0, gt=0, le=1000, description="not used: the device's own 'rate' decides")
     delay: float = Field(default=0.001, ge=0, le=0.5, description="s, from sampling to arrival")
-    range: Annotated[Vector6, AfterValidator(positive)] = Field(
-        default=(200.0, 200.0, 200.0, 4.0, 4.0, 4.0), description="N, N m: overload beyond it"
-    )
+    range: Range = Field(default=(200.0, 200.0, 200.0, 4.0, 4.0, 4.0), description="N, N m: overload beyond it")
     model: Model = "RFT64-SB01"
     serial: str = Field(default="SIM0001", max_length=15)
     bus: str | None = Field(

@@ -5,20 +5,17 @@ from __future__ import annotations
 from typing import Annotated
 
 import numpy as np
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from runtime.contracts.driver import DeviceConfig, Sensor
+from runtime.contracts.per_element import PerElement, Positive
 from runtime.contracts.signals import Array
+from runtime.contracts.terms import WRENCH
 from runtime.contracts.world import FakeConfig, World
 from sim.devices.shared.sensor import SampledFake, SensorOptions
 from sim.parts.things.ft_sensor import FtSensorPart, Vector6
 
-
-def positive(values: Vector6) -> Vector6:
-    """Raises `ValueError` for a range that isn't positive."""
-    if min(values) <= 0:
-        raise ValueError("each range must be positive")
-    return values
+Range = Annotated[tuple[Positive, Positive, Positive, Positive, Positive, Positive], PerElement(WRENCH)]
 
 
 class ForceTorqueOptions(SensorOptions):
@@ -26,7 +23,7 @@ class ForceTorqueOptions(SensorOptions):
 
     noise: float = Field(default=0.02, ge=0, description="N, standard deviation of each force")
     offset: Vector6 = Field(default=(0.0,) * 6, description="N, N m, what it reads without any load")
-    range: Annotated[Vector6, AfterValidator(positive)] = Field(
+    range: Range = Field(
         default=(400.0, 400.0, 400.0, 20.0, 20.0, 20.0), description="N, N m: beyond it the sensor saturates"
     )
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final, Literal, Protocol, Self
+from typing import Annotated, Final, Literal, Protocol, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from runtime.contracts.errors import RecordingError
+from runtime.contracts.per_element import Finite, PerElement
 from runtime.contracts.signals import Array
+from runtime.contracts.terms import POINT
 from sim.wearer.checks import check_samples
 from sim.wearer.motion import Curve
 
@@ -26,8 +28,8 @@ class MotionConfig(BaseModel):
     kind: Literal["still", "circle", "sine", "recording"] = "still"
     period: float = Field(default=4.0, gt=0.1, description="s: of a turn of the circle, of the first sine")
     radius: float = Field(default=0.1, ge=0, description="m: of the circle, in the base's x-y plane")
-    amplitude: tuple[float, float, float, float, float, float] = Field(
-        default=(0.1, 0.1, 0.1, 0.3, 0.3, 0.3), description="of the sines: m along x, y, z; rad about x, y, z"
+    amplitude: Annotated[tuple[Finite, ...], PerElement((*POINT, "rx", "ry", "rz"), ordered=False)] = Field(
+        default=(0.1, 0.1, 0.1, 0.3, 0.3, 0.3), description="of the sines: m along x, y, z; rad about them (rx, ry, rz)"
     )
     file: Path | None = Field(
         default=None, description="CSV with columns x, y, z (m), qw, qx, qy, qz or q0..q3 (scalar last), maybe time (s)"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar, Final, Literal, cast, get_args
+from typing import Annotated, Any, ClassVar, Final, Literal, cast, get_args
 from xml.etree.ElementTree import Element
 
 import mujoco
@@ -12,6 +12,7 @@ import pinocchio as pin
 from pydantic import BaseModel, ConfigDict, Field
 
 from runtime.contracts.errors import WiringError
+from runtime.contracts.per_element import Finite, PerElement
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import POINT
 from runtime.control.robots import Payload, RobotDescription
@@ -32,19 +33,24 @@ _EXTERNAL: Final = np.array(
 )
 
 
+HOME: Final[Any] = Field(default=None, description="rad, at the start, of each joint; null: the robot's own")
+
+
 class PayloadConfig(BaseModel):
     """The payload at the flange that is set in the arm's controller."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     mass: float = Field(default=0.0, ge=0, description="kg")
-    com: tuple[float, float, float] = Field(default=(0.0, 0.0, 0.0), description="m, centre of mass, flange frame")
+    com: Annotated[tuple[Finite, Finite, Finite], PerElement(POINT)] = Field(
+        default=(0.0, 0.0, 0.0), description="m, centre of mass, flange frame"
+    )
 
 
 class ArmConfig(PartConfig):
     """Options of an arm."""
 
-    home: tuple[float, ...] | None = Field(default=None, description="rad, at the start; null: the robot's own")
+    home: tuple[Finite, ...] | None = HOME  # an arm's own options give it the names of its joints
     told_payload: PayloadConfig = Field(
         default=PayloadConfig(), description="what gravity compensation reckons with besides the arm"
     )
@@ -86,7 +92,7 @@ class ArmPart(Part):
             raise WiringError(
                 f"sim.parts.{name}.home",
                 f"{n} joint angles within the limits of {self.robot.name} are needed, got {self.home.tolist()}",
-                "Give them in rad, in the order " + ", ".join(labels),
+                "Give one in rad for each of " + ", ".join(labels),
             )
         self.truth = (
             Signal(name=f"{name}_position", shape=(n,), unit="rad", labels=labels),

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal, cast
+from typing import Annotated, ClassVar, Literal, cast
 
 from pydantic import Field
 
+from runtime.contracts.per_element import Finite, PerElement
 from runtime.control.robots import FR3, PANDA
-from sim.parts.robots.arm import ArmConfig, ArmPart
+from sim.parts.robots.arm import HOME, ArmConfig, ArmPart
 from sim.world.part import PartConfig
 
 
 class PandaConfig(ArmConfig):
     """Options of a Panda."""
 
+    home: Annotated[tuple[Finite, ...], PerElement(PANDA.labels)] | None = HOME
     robot: Literal["panda", "fr3"] = Field(default="panda", description="which of Franka's arms: limits differ")
 
 

@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+from typing import Annotated, ClassVar
+
+from runtime.contracts.per_element import Finite, PerElement
 from runtime.control.robots import UR16E
-from sim.parts.robots.arm import ArmPart
+from sim.parts.robots.arm import HOME, ArmConfig, ArmPart
+from sim.world.part import PartConfig
+
+
+class Ur16eConfig(ArmConfig):
+    """Options of a UR16e."""
+
+    home: Annotated[tuple[Finite, ...], PerElement(UR16E.labels)] | None = HOME
 
 
 class Ur16ePart(ArmPart):
     """Universal Robots' arm; its base frame is the controller's `base`."""
 
+    Config: ClassVar[type[PartConfig]] = Ur16eConfig
     summary = "Universal Robots UR16e, six joints, 16 kg"
     robot = UR16E

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from runtime.contracts.frames import IDENTITY
+from runtime.contracts.per_element import Finite, PerElement
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import WRENCH
 from sim.world.mjcf import CONTACT, add
 from sim.world.part import Mjcf, Part, PartConfig
 
-Vector6 = tuple[float, float, float, float, float, float]
+Vector6 = Annotated[tuple[Finite, Finite, Finite, Finite, Finite, Finite], PerElement(WRENCH)]
 UNIT = "N, N m"
 
 

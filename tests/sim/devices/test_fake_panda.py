@@ -180,7 +180,7 @@ def test_options_the_robot_refuses_are_named() -> None:
     config = Panda.Config.model_validate(
         {
             "port": "tcp://127.0.0.1:1",
-            "load": {"mass": 1.0, "inertia": [-1.0, 1e-3, 1e-3, 0.0, 0.0, 0.0]},
+            "load": {"mass": 1.0, "inertia": {"xx": -1.0, "yy": 1e-3, "zz": 1e-3, "xy": 0.0, "xz": 0.0, "yz": 0.0}},
         }
     )
     fake = FakePanda("arm", config, loop.world, FakePandaConfig())

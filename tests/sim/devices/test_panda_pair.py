@@ -219,6 +219,6 @@ def test_the_profiles_settings_reach_the_robot() -> None:
         np.testing.assert_array_equal(settings.upper_torque, 33.0)
         np.testing.assert_array_equal(settings.lower_force, 44.0)
         assert settings.load_mass == 0.7
-    bad = {"load": {"mass": 0.7, "inertia": [-1.0, 1e-3, 1e-3, 0.0, 0.0, 0.0]}}
+    bad = {"load": {"mass": 0.7, "inertia": {"xx": -1.0, "yy": 1e-3, "zz": 1e-3, "xy": 0.0, "xz": 0.0, "yz": 0.0}}}
     with pytest.raises(DeviceError, match="SetLoad"):
         Pair(config=bad)

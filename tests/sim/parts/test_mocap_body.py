@@ -66,7 +66,11 @@ def test_a_thing_in_its_way_holds_it_back():
                     "wand": {
                         "part": "mocap-body",
                         "at": {"position": [0, 0, 0.05]},
-                        "motion": {"kind": "sine", "amplitude": [0, 0, 0.15, 0, 0, 0], "period": 1.3},
+                        "motion": {
+                            "kind": "sine",
+                            "amplitude": {"x": 0, "y": 0, "z": 0.15, "rx": 0, "ry": 0, "rz": 0},
+                            "period": 1.3,
+                        },
                     }
                 },
             }
