@@ -106,6 +106,14 @@ WRONG_TEXTS = {
         ('world.hand_tips[thumb]"]\n        finger to middle', 'hand.tips[0]"]\n        finger to middle'),
         ["record.plots.0", "0 is a place", "thumb, index"],
     ),
+    "a plot of a component by its place": (
+        ("  plots:\n", '  plots:\n    - {title: Thumb, unit: m, lines: {y: "hand.tips[thumb,1]"}}\n'),
+        ["record.plots.0", "'hand.tips[thumb,1]'", "1 is a place", "Write one of: x, y, z"],
+    ),
+    "a plot of no component": (
+        ("  plots:\n", '  plots:\n    - {title: Thumb, unit: m, lines: {y: "hand.tips[thumb,q]"}}\n'),
+        ["record.plots.0", "has no 'q'", "Known: x, y, z"],
+    ),
     "a plot of no element": (
         ("hand.skeleton[middle_base]", "hand.skeleton[middle_bas]"),
         ["record.plots.0", "no 'middle_bas'", "middle_base"],

@@ -119,6 +119,7 @@ def _check_element(signal: Signal, reference: str, place: str) -> None:
         indices(signal, reference, place)
     except RecordingError as error:
         raise WiringError(error.place, error.problem, error.remedy) from None
-    if parts and signal.labels and parts[0] not in signal.labels:
-        problem = f"'{reference}': the elements of '{signal.name}' have names, and {parts[0]} is a place"
-        raise WiringError(place, problem, f"Write one of: {', '.join(signal.labels)}")
+    for part, names in zip(parts, (signal.labels, *signal.components), strict=False):
+        if names and part not in names:
+            problem = f"'{reference}': the elements of '{signal.name}' have names, and {part} is a place"
+            raise WiringError(place, problem, f"Write one of: {', '.join(names)}")

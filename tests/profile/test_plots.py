@@ -12,9 +12,10 @@ from matplotlib import image
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
-from runtime.contracts.errors import RecordingError
+from runtime.contracts.errors import RecordingError, WiringError
 from runtime.ipc.layout import Layout
 from runtime.ipc.words import Cause, State
+from runtime.profile import profile, wiring
 from runtime.profile.plots import Plot, command_plots, series_names
 from runtime.recorder import figure
 from runtime.recorder.eye import look
@@ -63,6 +64,18 @@ def test_wrong_references_say_what_is_wrong(
     layout = make_layout()
     with pytest.raises(RecordingError, match=reason):
         Plot(title="p", unit="m", lines=lines, distance=distance).curves(layout, make_rows(layout, 3))
+
+
+def test_a_profile_names_components_and_numbers_what_has_slots() -> None:
+    world = wiring.build(*profile.load("base-jog"), []).layout.fields["world.base_outline"]
+    assert (world.slots, world.components) == (True, (("x", "y", "z"),))
+    for reference in ("world.base_outline[3,y]", "world.base_pose[yaw]"):
+        plots = f"record={{plots: [{{title: p, unit: m, lines: {{a: '{reference}'}}}}]}}"
+        kept = wiring.build(*profile.load("base-jog", [plots]), []).layout.meta["record"]["plots"]
+        assert kept[0]["lines"] == {"a": reference}
+    plots = "record={plots: [{title: p, unit: m, lines: {a: 'world.base_outline[3,1]'}}]}"
+    with pytest.raises(WiringError, match=r"1 is a place\. Write one of: x, y, z"):
+        wiring.build(*profile.load("base-jog", [plots]), [])
 
 
 def test_a_plot_of_nothing_is_refused() -> None:
