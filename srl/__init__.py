@@ -22,6 +22,7 @@ from runtime.contracts.errors import (
     SrlError,
     WiringError,
 )
+from runtime.contracts.per_element import PerElement
 from runtime.contracts.signals import Array, Command, Kind, Limits, Signal, Stop
 from runtime.contracts.transforms import Transform
 
@@ -39,6 +40,7 @@ __all__ = [
     "Kind",
     "Limits",
     "Parameter",
+    "PerElement",
     "ProfileError",
     "RecordingError",
     "RequestError",
