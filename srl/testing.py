@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Self, TypeVar, overload
@@ -39,12 +39,14 @@ C = TypeVar("C", bound=Controller)
 @overload
 def bound(part: D) -> D: ...
 @overload
-def bound(part: C) -> C: ...
-def bound(part: Driver | Controller) -> Driver | Controller:
+def bound(part: C, transforms: Mapping[str, Sequence[float]] | None = None) -> C: ...
+def bound(part: Driver | Controller, transforms: Mapping[str, Sequence[float]] | None = None) -> Driver | Controller:
     """Returns the driver or controller bound to its own arrays: zeros, and the parameters' defaults.
 
-    Every output of a controller counts as wired to a device, so `applied` has an array for it. Its transforms are the
-    identity: `controller.transform["mount"][:] = ...` before the first `reset` changes one that it reads then.
+    Every output of a controller counts as wired to a device, so `applied` has an array for it.
+
+    Args:
+        transforms: a controller's, by name: x y z (m), w x y z; the others are the identity.
     """
     if isinstance(part, Driver):
         part.bind({s.name: np.zeros(s.shape) for s in part.states}, {c.name: np.zeros(c.shape) for c in part.commands})
@@ -54,7 +56,7 @@ def bound(part: Driver | Controller) -> Driver | Controller:
             {s.name: np.zeros(s.shape) for s in part.outputs},
             {s.name: np.zeros(s.shape) for s in part.outputs},
             {p.name: np.array(p.default) for p in part.parameters},
-            {t.name: np.array(IDENTITY) for t in part.transforms},
+            {t.name: np.array((transforms or {}).get(t.name, IDENTITY), float) for t in part.transforms},
         )
     return part
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
@@ -61,6 +62,8 @@ class Load(BaseModel):
 class PandaConfig(DeviceConfig):
     """Options of a Franka arm."""
 
+    gone: ClassVar[Mapping[str, str]] = {"frame": "the frame of an arm's base has the device's name"}
+
     port: str = Field(description="tcp://HOST:1337 of the controller")
     interface: Literal["torque", "velocity", "position"] = Field(
         "torque", description="what the joints are commanded in; only one at a time"
@@ -70,7 +73,6 @@ class PandaConfig(DeviceConfig):
         None, description="N m/rad, of the robot's own controller (velocity and position)"
     )
     load: Load | None = Field(None, description="what the flange carries; as set before if left out")
-    frame: str | None = Field(None, description="the profile's frame that is the arm's base, of pose and wrench")
 
     @field_validator("port")
     @classmethod
@@ -102,16 +104,16 @@ PERIOD = 0.02  # s: after 20 missing commands the robot itself ends the motion
 RESOLUTION = {Kind.TORQUE: 1e-6, Kind.VELOCITY: 0.05, Kind.POSITION: 0.01}
 
 
-def states(config: PandaConfig) -> tuple[Signal, ...]:
-    """Returns the arm's states; see the driver's docstring."""
+def states(config: PandaConfig, name: str) -> tuple[Signal, ...]:
+    """Returns the states of the arm called `name`, whose base's frame has its name; see the driver's docstring."""
     return (
         Signal(name="position", shape=(7,), unit="rad", labels=JOINTS),
         Signal(name="velocity", shape=(7,), unit="rad/s", labels=JOINTS),
         Signal(name="effort", shape=(7,), unit="N m", labels=JOINTS),
         Signal(name="desired_effort", shape=(7,), unit="N m", labels=JOINTS),
         Signal(name="external_effort", shape=(7,), unit="N m", labels=JOINTS),
-        Signal(name="wrench", shape=(6,), unit="N, N m", frame=config.frame, labels=WRENCH),
-        Signal(name="pose", shape=(7,), unit="m", frame=config.frame, labels=POSE),
+        Signal(name="wrench", shape=(6,), unit="N, N m", frame=name, labels=WRENCH),
+        Signal(name="pose", shape=(7,), unit="m", frame=name, labels=POSE),
         Signal(name="success_rate", shape=(1,), unit="1"),
     )
 

@@ -60,7 +60,7 @@ class Panda(Driver):
     def __init__(self, name: str, config: PandaConfig) -> None:
         super().__init__(name, config)
         self.config: PandaConfig = config
-        self.states = states(config)
+        self.states = states(config, name)
         self._command = command(config)
         self.commands = (self._command,)
         self._place = f"{name} ({config.port})"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Final, Literal, NamedTuple, Self
+from collections.abc import Mapping
+from typing import Annotated, ClassVar, Final, Literal, NamedTuple, Self
 from urllib.parse import parse_qsl, urlsplit
 
 from pydantic import Field, field_validator, model_validator
@@ -60,6 +61,8 @@ def address(port: str) -> Address:
 class UrConfig(DeviceConfig):
     """Options of an arm."""
 
+    gone: ClassVar[Mapping[str, str]] = {"frame": "the frame of an arm's base has the device's name"}
+
     port: str = Field(description="tcp://HOST of the controller; tcp://HOST:RTDE?dashboard=PORT&script=PORT if moved")
     model: Literal["UR3e", "UR5e", "UR10e", "UR16e"] = "UR16e"
     serial: str | None = Field(None, description="the controller's serial number, to refuse any other arm")
@@ -78,7 +81,6 @@ class UrConfig(DeviceConfig):
         (0.0, 0.0, 0.0), description="m, its centre in the flange's frame"
     )
     buttons: dict[str, int] = Field({}, description="name: number of the digital input (0 to 17)")
-    frame: str | None = Field(None, description="the profile's frame that is the controller's 'base'")
 
     @field_validator("port")
     @classmethod

@@ -15,14 +15,14 @@ from runtime.contracts.terms import POSE, WRENCH
 PERIOD = 0.02  # s, ten cycles of the controller: commands go every cycle, two may be unanswered
 
 
-def states(config: UrConfig) -> tuple[Signal, ...]:
-    """Returns an arm's states."""
+def states(config: UrConfig, name: str) -> tuple[Signal, ...]:
+    """Returns the states of the arm called `name`; the frame of the controller's `base` has its name."""
     found = [
         Signal(name="position", shape=(6,), unit="rad", labels=JOINTS),
         Signal(name="velocity", shape=(6,), unit="rad/s", labels=JOINTS),
         Signal(name="effort", shape=(6,), unit="N m", labels=JOINTS),
-        Signal(name="wrench", shape=(6,), unit="N, N m", frame=config.frame, labels=WRENCH),
-        Signal(name="pose", shape=(7,), unit="m", frame=config.frame, labels=POSE),
+        Signal(name="wrench", shape=(6,), unit="N, N m", frame=name, labels=WRENCH),
+        Signal(name="pose", shape=(7,), unit="m", frame=name, labels=POSE),
         Signal(name="speed_scaling", shape=(1,), unit="1"),
     ]
     if config.buttons:

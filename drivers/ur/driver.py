@@ -61,7 +61,7 @@ class Ur(Driver):
     def __init__(self, name: str, config: UrConfig) -> None:
         super().__init__(name, config)
         self.config: UrConfig = config
-        self.states = states(config)
+        self.states = states(config, name)
         self.commands = (command(config),)
         self.limits = {self.commands[0].name: limits(config)}
         self._command = self.commands[0].name

@@ -59,10 +59,6 @@ class Vicon(Sensor):
         self._taken = 0  # the source's frame count at the newest frame
         self._missed = self._repeated = self._hidden = 0
 
-    def require(self, state: str) -> None:
-        """See `Driver.require`."""
-        self._view.require(state)
-
     def bind(self, states: Mapping[str, Array], commands: Mapping[str, Array]) -> None:
         super().bind(states, commands)
         self._view.bind(states)

@@ -57,7 +57,7 @@ def signals(config: ViconConfig) -> tuple[Signal, ...]:
 
 
 class View:
-    """Fills the states frame by frame. An occluded row keeps its last pose.
+    """Fills the states frame by frame. An occluded row of `pose` keeps its last pose; a segment's own state is NaN.
 
     Attributes:
         seen: whether the frame shows what the profile requires, so that it counts as a sample.
@@ -74,22 +74,18 @@ class View:
         self._pose = self._visible = self._markers = self._marker_visible = none
         self._unlabelled = self._unlabelled_visible = none
 
-    def require(self, state: str) -> None:
-        """Lets a frame count only if the segment of this state (`hand.pose`) is visible in it."""
-        segment = state.removesuffix(".pose")
-        if segment in self._names and (row := self._names.index(segment)) not in self._need_segments:
-            self._need_segments.append(row)
-
     def bind(self, arrays: Mapping[str, Array]) -> None:
-        """Takes the state arrays. A pose that was never seen is the identity."""
+        """Takes the state arrays. A row of `pose` that was never seen is the identity."""
         none = np.empty(0)
         self._pose, self._visible = arrays.get("pose", none), arrays.get("visible", none)
         self._markers, self._marker_visible = arrays.get("markers", none), arrays.get("marker_visible", none)
         self._unlabelled = arrays.get("unlabelled", none)
         self._unlabelled_visible = arrays.get("unlabelled_visible", none)
         self._poses = [arrays[f"{name}.pose"] for name in self._names]
-        for row, single in enumerate(self._poses):
-            self._pose[row] = single[:] = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+        for row in range(len(self._poses)):
+            self._pose[row] = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+        for single in self._poses:
+            single[:] = np.nan
         for array in (self._markers, self._unlabelled):
             array[...] = 0.0
         self.begin()
@@ -102,11 +98,11 @@ class View:
     def segment(self, row: int, p: Point, q: Quaternion) -> None:
         """Takes a visible segment: m, unit quaternion. Of q and -q it uses the one nearer to the last pose."""
         w, x, y, z = q
-        pose = self._poses[row]
+        pose = self._pose[row]
         if pose[3] * w + pose[4] * x + pose[5] * y + pose[6] * z < 0.0:
             w, x, y, z = -w, -x, -y, -z
         pose[:] = (*p, w, x, y, z)
-        self._pose[row] = pose
+        self._poses[row][:] = pose
         self._visible[row] = 1.0
 
     def marker(self, row: int, p: Point) -> None:
@@ -120,7 +116,10 @@ class View:
         self._unlabelled_visible[row] = 1.0
 
     def end(self) -> None:
-        """Completes the frame."""
+        """Completes the frame. Whoever gets a hidden segment's own state, over the bus too, sees that it is none."""
+        for single, visible in zip(self._poses, self._visible.tolist(), strict=True):
+            if not visible:
+                single[:] = np.nan
         if self._need_segments or self._need_markers:
             self.seen = bool(
                 all(self._visible[row] for row in self._need_segments)

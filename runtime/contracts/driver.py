@@ -8,18 +8,16 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
 
+from runtime.contracts.options import Options
 from runtime.contracts.signals import Array, Command, Limits, Signal, Stop
 
 
-class DeviceConfig(BaseModel):
+class DeviceConfig(Options):
     """A device's options in the profile. A driver subclasses this class and adds its own options.
 
     Unknown keys are errors. Fields carry units in their description.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 @dataclass(slots=True)
@@ -102,12 +100,6 @@ class Driver(ABC):
         self.state_arrays: Mapping[str, Array] = {}
         self.command_arrays: Mapping[str, Array] = {}
         self.sent_arrays: Mapping[str, Array] = {}
-
-    def require(self, state: str) -> None:
-        """A law relies on this state as the pose of a frame: a sample that lacks it is none, and `stamp` stays.
-
-        Called once, before `bind`. For a device that sees several bodies, of which each may be hidden.
-        """
 
     def bind(self, states: Mapping[str, Array], commands: Mapping[str, Array]) -> None:
         """Takes the arrays, which the runtime allocates once.

@@ -23,6 +23,8 @@ from runtime.contracts.signals import Array
 from runtime.contracts.terms import PLANAR
 
 IDENTITY: Final[Pose] = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+FASTEST: Final = 10.0
+"""m/s: what moves faster has been mistaken for something else, or measured in another frame."""
 NOWHERE: Final[Pose] = (nan, nan, nan, nan, nan, nan, nan)
 
 
@@ -62,6 +64,9 @@ class FrameEntry(Placement):
     pose: str | None = Field(
         None,
         description="signal that measures it: a pose, or x, y, yaw of a mobile base; position and rotation come first",
+    )
+    speed: float = Field(
+        FASTEST, gt=0, description="m/s: a measured frame that moves faster is lost; after a re-calibration it jumps"
     )
 
     @classmethod
@@ -164,8 +169,8 @@ class Frames:
                 device = self.chain(device)[0]
             if slash and self.chain(device)[-1] in roots:
                 return FrameError(
-                    f"{problem}: '{root}' moves with the joints of '{device}'",
-                    "A fixed frame can't say where it is. The law `tool-pose` gives the pose of a link's frame",
+                    f"{problem}: '{root}' moves with '{device}' or its joints, and no fixed frame says where it is",
+                    f"Hang it on '{device}'; of an arm's flange the law `tool-pose` gives the pose",
                 )
         lone = next((r for r in roots if r not in self.entries), None)
         if lone is not None:
@@ -177,7 +182,8 @@ class Measured:
     """A transform through measured frames, computed anew each cycle.
 
     Attributes:
-        pose: (7,), the pose of the path's source in its target; not finite while a measured pose is none.
+        pose: (7,), the pose of the path's source in its target. While a measured pose is none it stays as it was; NaN
+            if there was none yet. That one is lost is decided elsewhere (`runtime.loop.sights`).
     """
 
     def __init__(self, frames: Frames, path: Path, signals: Mapping[str, Array]) -> None:
@@ -193,7 +199,9 @@ class Measured:
     def update(self) -> None:
         """Computes `pose` from the present measurements."""
         up, down = _composed(self._up), _composed(self._down)
-        self.pose[:] = rotation.composed(rotation.inverted(down), up)
+        pose = rotation.composed(rotation.inverted(down), up)
+        if isfinite(sum(pose)):
+            self.pose[:] = pose
 
 
 def _composed(steps: list[tuple[Pose, Array | None]]) -> Pose:
@@ -220,4 +228,4 @@ def is_pose(measured: Array) -> bool:
     if measured.size == len(PLANAR):
         return bool(np.isfinite(measured).all())
     x, y, z, *q = measured.tolist()
-    return 0.25 < sum(v * v for v in q) < 4.0 and isfinite(x + y + z)
+    return 0.95 < sum(v * v for v in q) < 1.05 and isfinite(x + y + z)

@@ -189,6 +189,9 @@ def _find(kind: type[Model], given: Any, info: ValidationInfo) -> Model:
         return fitting[given]
     if given in models:
         raise OptionError(f"the model '{given}' is a {models[given].kind}, not a {called}", nearest("", fitting))
+    if given == called and fitting:
+        problem = f"`models:` has {', '.join(fitting)}, and this names none of them"
+        raise OptionError(problem, f"Name one, or call it '{called}'")
     if given != called:
         raise OptionError(f"`models:` has no {called} called '{given}'", nearest(given, {called, *fitting}))
     return kind()

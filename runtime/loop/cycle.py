@@ -13,7 +13,6 @@ from math import isfinite
 import numpy as np
 
 from runtime.contracts.errors import DeviceError, WiringError, nearest
-from runtime.contracts.frames import is_pose
 from runtime.contracts.signals import Kind, Limits, Stop
 from runtime.guard import GUARDS, CommandGuard
 from runtime.guard.limits import merge
@@ -40,6 +39,7 @@ from runtime.ipc.words import (
 )
 from runtime.loop.machine import Fault, Ladder, Machine
 from runtime.loop.reset_inputs import ResetInputs
+from runtime.loop.sights import Sights
 from runtime.profile.graph import Actuator, Graph
 
 PATIENCE = 5_000_000_000  # ns that a stop may take before the exit: after that the run ends without rest
@@ -90,6 +90,7 @@ class Cycle:
         self._sent = [a.sent.tobytes() for a in graph.actuators]  # as it was in the cycle before
         self._stalls = [0.0 for a in graph.actuators]  # s for which its guard has begun anew in each cycle
         self._max_age = self._ages()
+        self._sights = Sights(graph.sights, self._max_age)
         self._count = len(graph.devices)
         self._laws = [(law.controller, law.reads, law.measured, law.writes) for law in graph.laws]
         self._emergency = [(graph.element(e), e.when, self._device_of(e.signal)) for e in graph.profile.emergency]
@@ -162,8 +163,7 @@ class Cycle:
         stamps, links = self._stamps.tolist(), self._links.tolist()  # plain integers: each costs a tenth of a numpy one
         fault: Fault | None = None
         trouble = False  # in what the stop depends on
-        # A quaternion of zeros is no pose: whoever measures it has lost sight of the frame.
-        blind = {device for device, pose in self.graph.sights if not is_pose(pose)}
+        blind = self._sights.lost(now)
         for i, max_age in enumerate(self._max_age):
             stamp, link = stamps[i], links[i]
             client = i >= self._count

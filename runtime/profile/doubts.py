@@ -23,6 +23,9 @@ from runtime.profile.source import Source
 
 TURN: Final = 2 * pi + 1e-3  # rad; a joint's range may be a turn both ways
 ROOM: Final = 20.0  # m
+REACH: Final = 3.0  # m, of what is on a limb: a tool, a centre of mass
+NEAR: Final = 1.0  # m, by which a mount may be off
+FAST: Final = {"rad": 50.0, "m": 20.0}  # a second; servos turn by 10 rad/s
 PERSON: Final = 150.0  # kg
 _UNIT: Final = re.compile(r"(rad|m|kg)(?![\w/^*]| m\b)(?! (?:and|s)\b)")
 
@@ -38,9 +41,20 @@ def doubts(
     ]
     commands = {f"{d.name}.{c.name}": c for d in devices for c in d.commands}
     for name, limits in profile.guard.items():
+        unit = _position_unit(commands.get(name))
         for key in ("lower", "upper"):
             for place, value in _numbers(getattr(limits, key, None), f"guard.{name}.{key}"):
-                found += _doubt(place, value, _position_unit(commands.get(name)))
+                found += _doubt(place, value, unit)
+        for place, value in _numbers(limits.velocity, f"guard.{name}.velocity"):
+            if unit in FAST and FAST[unit] < abs(value) < inf:
+                asked = "Are these degrees? " if unit == "rad" else "Are these millimetres? "
+                found.append((place, f"{value:g} {unit}/s is faster than any limb. {asked}"))
+    found += _of_rows(profile)
+    for name, frame in profile.frames.items():
+        if "/" in (frame.parent or ""):
+            for i, value in enumerate(frame.position):
+                if REACH < abs(value) <= ROOM:
+                    found += _doubt(f"frames.{name}.position.{i}", value, "m", REACH)
     return [f"{source.place(place)}: {text}" for place, text in found]
 
 
@@ -50,11 +64,19 @@ def _position_unit(command: Command | None) -> str:
     return {"rad/s": "rad", "N m": "rad", "m/s": "m", "N": "m"}.get(unit, unit)
 
 
+def _of_rows(profile: Profile) -> Iterator[tuple[str, str]]:
+    """The Denavit-Hartenberg rows, whose columns have units of their own."""
+    for name, model in profile.models.items():
+        for i, (alpha, a) in enumerate(getattr(model, "rows", ())):
+            yield from _doubt(f"models.{name}.rows.{i}.0", alpha, "rad")
+            yield from _doubt(f"models.{name}.rows.{i}.1", a, "m", REACH)
+
+
 def _of_option(path: str, field: FieldInfo, value: Any) -> Iterator[tuple[str, str]]:
     unit = _UNIT.match(field.description or "")
     if unit is not None:
         for place, number in _numbers(value, path):
-            yield from _doubt(place, number, unit[1])
+            yield from _doubt(place, number, unit[1], _longest(path, field.description or ""))
     if path.endswith("quaternion") and value is not None and abs(hypot(*value) - 1.0) > 0.01:
         yield path, f"its length is {hypot(*value):.3g}, not 1: is one of its numbers wrong?"
 
@@ -67,12 +89,19 @@ def _numbers(value: Any, path: str) -> Iterator[tuple[str, float]]:
             yield from _numbers(item, f"{path}.{key}")
 
 
-def _doubt(place: str, value: float, unit: str) -> Iterator[tuple[str, str]]:
+def _longest(path: str, description: str) -> float:
+    if ".off_by." in path:
+        return NEAR
+    return REACH if "centre of mass" in description or "in the flange's frame" in description else ROOM
+
+
+def _doubt(place: str, value: float, unit: str, longest: float = ROOM) -> Iterator[tuple[str, str]]:
     size = abs(value) if isfinite(value) else -inf
     if unit == "rad" and size > TURN:
         meant = f"{value:g} degrees are {radians(value):.4g} rad"
         yield place, f"{value:g} rad is {size / (2 * pi):.3g} turns. Are these degrees? {meant}"
-    elif unit == "m" and size > ROOM:
-        yield place, f"{value:g} m is more than a room. Are these millimetres? {value:g} mm are {value / 1000:g} m"
+    elif unit == "m" and size > longest:
+        what = "a room" if longest == ROOM else "a limb" if longest == REACH else "a mount is off by"
+        yield place, f"{value:g} m is more than {what}. Are these millimetres? {value:g} mm are {value / 1000:g} m"
     elif unit == "kg" and size > PERSON:
         yield place, f"{value:g} kg is more than a person. Are these grams? {value:g} g are {value / 1000:g} kg"

@@ -66,6 +66,21 @@ class Law:
 
 
 @dataclass
+class Sight:
+    """A pose that a law relies on, as its input or as that of a frame.
+
+    Attributes:
+        device: index of the device, or of the client, that gives it.
+        pose: (7,), or (3,) of a mobile base.
+        speed: m/s: a pose that moves faster isn't believed.
+    """
+
+    device: int
+    pose: Array
+    speed: float
+
+
+@dataclass
 class Graph:
     """The wired system."""
 
@@ -80,7 +95,7 @@ class Graph:
     frames: Frames
     simulated: list[str]
     intent: list[bool]  # by device index (setpoint owners included): True if its loss is a loss of intent
-    sights: list[tuple[int, Array]]  # (device, pose that it measures) of the frames that laws use
+    sights: list[Sight]
     doubts: list[str]  # numbers that are probably in another unit, a line each
     reads: list[Copy]  # measured values whose order isn't their command's, taken before the guards look at them
 

@@ -99,8 +99,8 @@ class SimEntry(BaseModel):
         if value == "augmented-hand":
             raise OptionError(
                 "the world 'augmented-hand' is made of parts now",
-                "Write world: cell, parts: {hand: {part: human-hand, wearer: ...}, finger: {part: robotic-finger, "
-                "on: hand/base, ...}, can: {part: object, ...}}, as sixth-finger does (docs/simulation.md)",
+                "Write world: cell, parts: {hand: {part: human-hand, wearer: ...}, finger: {part: robotic-finger}, "
+                "can: {part: object, ...}}, and frames, as sixth-finger does (docs/simulation.md)",
             )
         return value
 

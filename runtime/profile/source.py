@@ -44,11 +44,18 @@ class Source:
         return hashlib.sha256("\n--set ".join((self.text, *self.overrides)).encode()).hexdigest()
 
 
+_OWN = ("function-", "literal", "is-instance", "tagged-")  # what pydantic adds to a key path
+
+
 def first_error(error: ValidationError, source: Source, prefix: str, model: type[BaseModel]) -> ProfileError:
     """Converts pydantic's first error to a ProfileError."""
     # A misspelt key causes two errors: the unknown key says more than the missing one.
     item = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
-    location = [str(part) for part in item["loc"] if not str(part).startswith(("function-", "literal", "is-instance"))]
+    location = [
+        str(part)
+        for part in item["loc"]
+        if not str(part).startswith(("function-", "literal", "is-instance", "tagged-"))
+    ]
     path = ".".join([prefix, *location] if prefix else location)
     more = f" ({error.error_count() - 1} more after this one)" if error.error_count() > 1 else ""
     if item["type"] == "extra_forbidden":

@@ -15,8 +15,9 @@ from pydantic import Field, PlainValidator, ValidationInfo
 
 from runtime.contracts import registry
 from runtime.contracts.errors import WiringError, nearest
-from runtime.contracts.frames import Frames
+from runtime.contracts.frames import IDENTITY, Frames, as_pose
 from runtime.contracts.gravity import DOWN
+from runtime.contracts.rotation import Pose, composed
 from runtime.contracts.signals import Array
 from runtime.contracts.world import World, WorldConfig
 from sim.world import standing
@@ -68,7 +69,8 @@ class Cell(World):
             self.parts[name] = cls(name, options, seed)
         ends = [part.ends for part in self.parts.values() if part.ends is not None]
         self.duration = config.duration or max(ends, default=None)
-        self.model = mujoco.MjModel.from_xml_string(_document(config, self.parts, self.frames))
+        document, self._carried = _document(config, self.parts, self.frames)
+        self.model = mujoco.MjModel.from_xml_string(document)
         self.data = mujoco.MjData(self.model)
         self.timestep = round(config.timestep * 1e9)
         self.step = 0
@@ -112,6 +114,19 @@ class Cell(World):
                 "Name one with 'part:'" if fitting else "Add one under sim.parts",
             )
         return next(iter(fitting.values()))
+
+    def pose_of(self, frame: str) -> Pose:
+        """Where a frame of the profile is in the world now: x y z (m), w x y z."""
+        pose, at = IDENTITY, frame
+        while at not in self._carried:
+            entry = self.frames.entries[at]
+            pose = composed(entry.placed(), pose)
+            if entry.parent is None:
+                return pose
+            at = entry.parent
+        name, inside = self._carried[at]
+        body = self.data.body(name)
+        return composed(as_pose(np.concatenate([body.xpos, body.xquat])), composed(inside, pose))
 
     def sample(self, rate: Fraction, take: Callable[[], Array], size: int) -> Samples:
         """Starts sampling a sensor at multiples of 1 / rate; the values are kept for a second.
@@ -220,7 +235,8 @@ def _scenery(model: Any, data: Any) -> list[dict[str, Any]]:
     return found
 
 
-def _document(config: CellConfig, parts: dict[str, Part], frames: Frames) -> str:
+def _document(config: CellConfig, parts: dict[str, Part], frames: Frames) -> tuple[str, dict[str, tuple[str, Pose]]]:
+    """The MJCF document, and the body that carries each frame, with the frame's pose in it."""
     mjcf = Mjcf()
     root = Element("mujoco", model="cell")
     add(root, "compiler", angle="radian", autolimits=True)
@@ -232,6 +248,8 @@ def _document(config: CellConfig, parts: dict[str, Part], frames: Frames) -> str
     if config.floor:
         add(mjcf.worldbody, "geom", name="floor", type="plane", size=(10.0, 10.0, 0.1), rgba="0.8 0.8 0.8 1")
     standing.build(mjcf, parts, frames)
+    carried = {name: (str(body.get("name")), inside) for name, (body, inside) in mjcf.carried.items()}
+    carried |= {name: (name, IDENTITY) for name in mjcf.bodies}
     sections = (mjcf.asset, mjcf.worldbody, mjcf.tendon, mjcf.equality, mjcf.contact, mjcf.actuator, mjcf.sensor)
     root.extend(sections)
-    return tostring(root, encoding="unicode")
+    return tostring(root, encoding="unicode"), carried

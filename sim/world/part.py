@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from pydantic import Field
+from pydantic import Discriminator, Field, Tag
 
 from runtime.contracts.errors import WiringError
 from runtime.contracts.frames import IDENTITY, Placement
@@ -24,6 +24,11 @@ class Spot(Placement):
     parent: str | None = Field(None, description="a frame, or a part's body, PART/BODY; null: the world")
 
 
+def _form(given: Any) -> str:
+    """The form of `at:`, so that an error is about the form that was meant."""
+    return "tagged-place" if isinstance(given, Mapping | Spot) else "tagged-name"
+
+
 class PartConfig(Options):
     """A part's options, under `sim.parts.<name>` next to the key `part`. Unknown keys are errors."""
 
@@ -33,7 +38,10 @@ class PartConfig(Options):
         "quaternion": "write `at: FRAME` or `at: {quaternion: [...]}`",
     }
 
-    at: str | Spot | None = Field(
+    at: (
+        Annotated[Annotated[str, Tag("tagged-name")] | Annotated[Spot, Tag("tagged-place")], Discriminator(_form)]
+        | None
+    ) = Field(
         None,
         description="frame of `frames:`, or a part's body, where it stands; null: the frame with its name, if there is "
         "one, else the world's origin",

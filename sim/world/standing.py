@@ -57,6 +57,10 @@ def _find(
     at = part.config.at
     if at is None:
         at = part.name if part.name in frames.entries else None
+    elif at != part.name and part.name in frames.entries and frames.entries[part.name].pose is None:
+        problem = f"the profile says where '{part.name}' is, frames.{part.name}, and this says it again"
+        remedy = "Leave `at:` out; `off_by:` makes the world differ from what the profile says"
+        raise WiringError(_place(part.name), problem, remedy)
     pose = IDENTITY
     if isinstance(at, Spot):
         pose, at = at.placed(), at.parent

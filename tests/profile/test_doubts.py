@@ -32,6 +32,12 @@ def test_shipped_profiles_raise_no_doubts(name: str) -> None:
         ),
         ("sim.parts.person.off_by.rpy=[0,7,0]", "sim.parts.person.off_by.rpy.1", "7 rad is 1.11 turns"),
         ("controllers.2.tool_com=[0,0,45]", "controllers.2.tool_com.2", "45 mm are 0.045 m"),
+        ("controllers.2.tool_com=[0,0,15]", "controllers.2.tool_com.2", "15 m is more than a limb"),
+        ("frames.tool.position=[0,0,10]", "frames.tool.position.2", "10 m is more than a limb"),
+        ("sim.parts.arm.off_by.position=[20,0,0]", "sim.parts.arm.off_by.position.0", "more than a mount is off by"),
+        ("guard.arm.torque_command.velocity=240", "guard.arm.torque_command.velocity", "240 rad/s is faster"),
+        ("models.finger={kind: finger, rows: [[90,0],[0,0.04],[0,0.04],[0,0.04]]}", "models.finger.rows.0.0", "turns"),
+        ("models.finger={kind: finger, rows: [[1.57,0],[0,42],[0,0.04],[0,0.04]]}", "models.finger.rows.1.1", "a limb"),
         ("frames.handle.quaternion=[1,0,1,0]", "frames.handle.quaternion", "its length is 1.41, not 1"),
     ],
 )

@@ -19,11 +19,12 @@ from collections import deque
 from collections.abc import Mapping
 from math import isfinite, nan, sqrt
 from operator import sub
-from typing import ClassVar, Final, Literal
+from typing import Any, ClassVar, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from runtime.contracts import rotation
+from runtime.contracts.errors import OptionError
 from runtime.contracts.options import Options
 from runtime.contracts.signals import Array
 from runtime.contracts.transforms import Transform, coordinates, device, measured
@@ -52,6 +53,13 @@ class ComplianceConfig(Options):
         "quaternion": "write `axes: sensor`, and the sensor's frame under `frames:`",
         "mount_quaternion": "where the arm stands follows from `frames:`",
     }
+
+    @field_validator("axes", mode="before")
+    @classmethod
+    def _not_tool(cls, value: Any) -> Any:
+        if value == "tool":
+            raise OptionError("`axes: tool` is gone", "Write `axes: sensor`, and the sensor's frame under `frames:`")
+        return value
 
     mass: OnTwist = Field((10.0, 10.0, 10.0, 0.5, 0.5, 0.5), description="M_c, kg and kg m^2, world axes")
     damping: OnTwist = Field((600.0, 600.0, 600.0, 20.0, 20.0, 20.0), description="D_c, N s/m and N m s/rad")

@@ -98,6 +98,9 @@ class FakeFirmata(Fake):
         if unknown := set(given) - set(self._joints):
             raise WiringError(place, f"the board has no servo '{min(unknown)}'", nearest(min(unknown), self._joints))
         turned = [given.get(joint, joint) for joint in self._joints]
+        for joint in turned:
+            if joint in there and (other := self.servos.taken(joint, self.name)):
+                raise WiringError(place, f"'{other}' turns the world's servo '{joint}' already", "Name another")
         if set(turned) - set(there) or len(set(turned)) < len(turned):
             raise WiringError(
                 place,

@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from runtime.contracts.driver import DeviceConfig, Sensor
+from runtime.contracts.errors import WiringError
 from runtime.contracts.per_element import PerElement, Positive
 from runtime.contracts.signals import Array
 from runtime.contracts.terms import WRENCH
@@ -47,6 +48,12 @@ class ForceTorqueFake(Sensor, SampledFake):
         self.range: Array = np.array(options.range)
         self._bias: Array = np.zeros(6)
         self.part = self.cell.part(FtSensorPart, name, options.part)
+        frame = self.states[0].frame
+        at = self.part.config.at or self.part.name
+        if frame in world.frames.entries and at != frame:
+            problem = f"the device says that it measures in '{frame}', and the part stands at {at!r}"
+            remedy = f"Write `at: {frame}`; `off_by:` makes the world differ from what the profile says"
+            raise WiringError(f"sim.parts.{self.part.name}.at", problem, remedy)
         self.sampled(6, lambda: self.part.wrench)
 
     def fill(self, values: Array, number: int) -> None:

@@ -10,7 +10,6 @@ from drivers.ur.models import REACH
 from drivers.ur.registers import CYCLE
 from drivers.ur.status import RobotBits, RobotMode, RuntimeState, SafetyBits, SafetyMode
 from runtime.contracts import rotation
-from runtime.contracts.gravity import DOWN
 from runtime.contracts.signals import Array
 from sim.devices.ur.motion import Motion
 from sim.parts.robots.arm import ArmPart
@@ -223,7 +222,7 @@ class UrController:
         turn, _ = self.arm.flange()
         felt = self.arm.flange_wrench()
         mass, cog = self.payload
-        weight = mass * np.array(DOWN)
+        weight = mass * self.arm.down()
         felt = felt - self._zero
         return np.concatenate([turn @ felt[:3] - weight, turn @ felt[3:] - np.cross(turn @ np.array(cog), weight)])
 

@@ -64,7 +64,7 @@ class FakeVicon(Sensor, SampledFake):
             parts = [self.cell.part(MocapBody, name, options.part)]
         else:
             parts = [part for part in self.cell.parts.values() if isinstance(part, MocapBody)]
-        self.scene = scene = Scene(self.cell, parts, options.bodies, place)
+        self.scene = scene = Scene(self.cell, parts, options.bodies, place, self.states[0].frame)
         self.sampled(scene.size, scene.take)
         per_pose = [1.0] * 3 + [0.5 / _LEVER] * 4
         self.noise_scale = np.array(per_pose * len(scene.segments) + [1.0] * 3 * len(scene.markers))
@@ -75,10 +75,6 @@ class FakeVicon(Sensor, SampledFake):
         self._view = View(config)
         self._segments: list[tuple[int, int]] = []  # row of the states, row of the scene
         self._markers: list[tuple[int, int]] = []
-
-    def require(self, state: str) -> None:
-        """See `Driver.require`."""
-        self._view.require(state)
 
     def bind(self, states: Mapping[str, Array], commands: Mapping[str, Array]) -> None:
         super().bind(states, commands)

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from drivers.vicon.blocks import Marker, Segment, Subject
 from runtime.contracts.errors import WiringError, nearest
+from runtime.contracts.frames import IDENTITY, as_pose
+from runtime.contracts.rotation import composed, homogeneous, inverted
 from runtime.contracts.signals import Array
 from sim.parts.body.mocap_body import MocapBody
 from sim.world.cell import Cell
@@ -24,18 +26,21 @@ class Scene:
     """
 
     def __init__(
-        self, cell: Cell, parts: Iterable[MocapBody], bodies: Mapping[str, Mapping[str, str]], place: str
-    ) -> None:
+        self, cell: Cell, parts: Iterable[MocapBody], bodies: Mapping[str, Mapping[str, str]], place: str,
+        frame: str | None = None,
+    ) -> None:  # fmt: skip
         """
         Args:
             cell: the world.
             parts: each is a subject of one segment.
             bodies: further subjects without markers: by name, their segments' bodies in the cell, the root first.
             place: the profile's key, for errors.
+            frame: the server's origin in the profile's tree; None, or one that isn't in it: the world's.
         Raises:
             WiringError: a name given twice, or a body that the cell doesn't have.
         """
         self._data = cell.data
+        self._cell, self._frame = cell, frame if frame in cell.frames.entries else None
         subjects: list[Subject] = []
         body_ids, site_ids = list[int](), list[int]()
         self.segments: list[tuple[int, int]] = []
@@ -76,9 +81,14 @@ class Scene:
         return 7 * len(self.segments) + 3 * len(self.markers)
 
     def take(self) -> Array:
-        """(size,): x, y, z (m), w, x, y, z of each segment, then x, y, z of each marker, in the present state."""
+        """(size,): x, y, z (m), w, x, y, z of each segment, then x, y, z of each marker, now, in its frame."""
         poses = np.hstack([self._data.xpos[self._bodies], self._data.xquat[self._bodies]])
-        return np.concatenate([poses.ravel(), self._data.site_xpos[self._sites].ravel()])
+        points = self._data.site_xpos[self._sites]
+        if self._frame is not None and (origin := self._cell.pose_of(self._frame)) != IDENTITY:
+            back = inverted(origin)
+            poses = np.array([composed(back, as_pose(pose)) for pose in poses]).reshape(poses.shape)
+            points = points @ homogeneous(back)[:3, :3].T + back[:3]
+        return np.concatenate([poses.ravel(), points.ravel()])
 
     def split(self, values: Array) -> tuple[Array, Array]:
         """Splits a noisy sample into poses (s, 7) with unit quaternions and points (m, 3)."""

@@ -34,6 +34,7 @@ class RoboticFingerPart(Part):
 
     Attributes:
         joints: (n) names, from the base on.
+        boards: the board that turns each servo, by joint, where there is one.
     """
 
     Config: ClassVar[type[PartConfig]] = RoboticFingerConfig
@@ -43,6 +44,7 @@ class RoboticFingerPart(Part):
         super().__init__(name, config, seed)
         self._config = config = cast(RoboticFingerConfig, config)
         self.joints = config.model.names
+        self.boards: dict[str, str] = {}
         self._bank = ServoBank(np.full(len(self.joints), config.servo.dead_band))
         self._powered = [True] * len(self.joints)  # which servos have their gains at present
         self._filled = nan  # s, the time to which effort and contact belong

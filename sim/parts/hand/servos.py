@@ -24,6 +24,12 @@ class Servos:
         self._where = {name: (finger, joint) for name, finger, joint in found if count[name] == 1}
         self.names = tuple(self._where)
 
+    def taken(self, name: str, board: str) -> str:
+        """Takes a servo for a board; returns the other board that has it, or "" if it is free."""
+        finger, joint = self._where[name]
+        owner = finger.boards.setdefault(joint, board)
+        return "" if owner == board else owner
+
     def set(self, targets: Mapping[str, float | None], at: int = 0) -> None:
         """Sets the targets (rad; None: limp) that the servos' pulses encode from `at` (ns) on."""
         for name, target in targets.items():

@@ -269,6 +269,11 @@ class ArmPart(Part):
         turn = base.T @ data.xmat[self._flange].reshape(3, 3)
         return turn, base.T @ (data.xpos[self._flange] - data.xpos[self._base])
 
+    def down(self) -> Array:
+        """Gravity's acceleration (3,), m/s^2, in the arm's base frame."""
+        turned: Array = self._data.xmat[self._base].reshape(3, 3).T @ self._gravity
+        return turned
+
     def jacobian(self) -> Array:
         """(6, n): flange twist v, w in the base frame for joint velocities."""
         self._settle()

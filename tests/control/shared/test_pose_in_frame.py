@@ -72,6 +72,23 @@ def test_a_chest_that_is_hidden_stops_whoever_needs_it() -> None:
     assert run.value("mocap.visible")[-1].tolist() == [0.0, 1.0]
 
 
+def test_a_hand_that_is_hidden_while_the_chest_is_seen() -> None:
+    run = simulate(PROFILE.replace("occlusion: {}", "occlusion: {Hand: [[1.0, 9.0]]}"), seconds=2.0)
+    assert State.STOPPED in run.states()
+    assert np.isnan(run.value("mocap.hand.pose")[-1]).all()  # whoever plays or gets it sees that it is none
+    assert np.isfinite(run.value("mocap.chest.pose")[-1]).all()
+
+
+def test_the_cameras_measure_in_their_own_frame() -> None:
+    """The origin stands elsewhere in the room, and turned: the hand in the chest's frame is the same."""
+    moved = PROFILE.replace(
+        "room: {}", "lab: {}\n  room: {parent: lab, position: [1.0, 2.0, 0.5], rpy: [0.3, 0.2, 1.0]}"
+    )
+    one, other = simulate(PROFILE, seconds=0.5), simulate(moved, seconds=0.5)
+    assert np.linalg.norm(one.value("mocap.hand.pose")[-1, :3] - other.value("mocap.hand.pose")[-1, :3]) > 1.0
+    np.testing.assert_allclose(other.value("near.pose")[20:], one.value("near.pose")[20:], atol=1e-9)
+
+
 def test_a_frame_that_isnt_there_is_named() -> None:
     with pytest.raises(WiringError, match=r"near needs the frame of the pose in 'sternun'.*'sternum'"):
         wiring.build(*profile.parse("p.yaml", PROFILE.replace("frame: sternum", "frame: sternun")))
