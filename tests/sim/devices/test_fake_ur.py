@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from helpers.twin import bound
 from helpers.ur import advance, make_fake, speed
+from scipy.spatial.transform import Rotation
 
 from runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
 from runtime.contracts.signals import Stop
@@ -115,6 +116,15 @@ def test_a_payload_that_was_set_is_taken_off_the_wrench():
     fake.open()
     advance(fake, 300)  # nothing is mounted: what is taken off shows
     np.testing.assert_allclose(fake.state_arrays["wrench"][:3], (0.0, 0.0, 2 * 9.81), atol=1.0)
+
+
+def test_a_payload_weighs_down_on_a_tilted_arm_too():
+    tilted = {"arm": {"part": "ur16e", "at": {"rpy": [np.pi / 2, 0.0, 0.3]}}}
+    fake = make_fake({"payload": 2.0, "payload_cog": (0.0, 0.0, 0.1)}, tilted)
+    fake.open()
+    advance(fake, 300)
+    up = Rotation.from_euler("xyz", [np.pi / 2, 0.0, 0.3]).inv().apply([0.0, 0.0, 9.81])
+    np.testing.assert_allclose(fake.state_arrays["wrench"][:3], 2 * up, atol=1.0)
 
 
 def test_too_great_a_force_is_a_protective_stop_that_a_person_ends():
