@@ -148,7 +148,7 @@ def test_a_sample_with_nonsense_in_it_changes_nothing():
 
 
 def test_what_an_arm_declares():
-    config = UrConfig(port="tcp://h", buttons={"go": 0, "halt": 16}, frame="base")
+    config = UrConfig(port="tcp://h", buttons={"go": 0, "halt": 16})
     assert {signal.name: signal.shape for signal in states(config, "arm")} == {
         "position": (6,), "velocity": (6,), "effort": (6,), "wrench": (6,), "pose": (7,), "speed_scaling": (1,),
         "buttons": (2,),

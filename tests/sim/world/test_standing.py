@@ -109,18 +109,25 @@ def test_a_part_stands_at_the_frame_with_its_name_or_else_at_the_origin() -> Non
 
 
 def test_a_place_is_given_by_name_or_in_a_frame_or_in_the_world() -> None:
-    frames = {"shelf": {"position": [1, 0, 0], "quaternion": [HALF, 0, 0, HALF]}, "own": {"position": [9, 9, 9]}}
+    frames = {"shelf": {"position": [1, 0, 0], "quaternion": [HALF, 0, 0, HALF]}}
     world = cell(
         {"world": {}} | {name: {"parent": "world"} | entry for name, entry in frames.items()},
         named={"at": "shelf"},
         beside={"at": {"parent": "shelf", "position": [0.5, 0, 0], "rpy": [0, 0, -np.pi / 2]}},
-        own={"at": {"position": [0, 0, 4]}},
+        loose={"at": {"position": [0, 0, 4]}},
     )
     assert place(world, "named/body")[0] == [1, 0, 0]
     position, rotation = place(world, "beside/body")
     np.testing.assert_allclose(position, [1, 0.5, 0], atol=1e-12)  # along the frame's x
     assert rotation.magnitude() < 1e-12
-    assert place(world, "own/body")[0] == [0, 0, 4]  # it says otherwise than its frame
+    assert place(world, "loose/body")[0] == [0, 0, 4]
+
+
+def test_a_part_whose_frame_the_profile_has_stands_nowhere_else() -> None:
+    frames = {"own": {"position": [9, 9, 9]}}
+    assert place(cell(frames, own={}), "own/body")[0] == [9, 9, 9]
+    with pytest.raises(WiringError, match=r"frames\.own, and this says it again.*off_by"):
+        cell(frames, own={"at": {"position": [0, 0, 4]}})
 
 
 def test_any_chain_of_frames_puts_a_part_where_the_tree_says() -> None:
