@@ -127,7 +127,7 @@ class Vicon(Sensor):
             view.marker(row, p)
         for row, p in enumerate(frame.unlabelled):
             view.reflection(row, p)
-        view.end()
+        view.end(stamp, round(self.max_age * 1e9))
         if view.seen:
             self.health.stamp = stamp
         else:

@@ -57,7 +57,9 @@ def signals(config: ViconConfig) -> tuple[Signal, ...]:
 
 
 class View:
-    """Fills the states frame by frame. An occluded row of `pose` keeps its last pose; a segment's own state is NaN.
+    """Fills the states frame by frame. An occluded row of `pose` keeps its last pose.
+
+    A segment's own state does so for a while only, and is NaN then.
 
     Attributes:
         seen: whether the frame shows what the profile requires, so that it counts as a sample.
@@ -70,6 +72,7 @@ class View:
         self._need_markers = [markers.index(name) for name in config.required if name in config.markers]
         self._names = segments
         self._poses: list[Array] = []
+        self._shown = [0] * len(segments)  # ns, when each was seen last
         none = np.empty(0)
         self._pose = self._visible = self._markers = self._marker_visible = none
         self._unlabelled = self._unlabelled_visible = none
@@ -115,11 +118,17 @@ class View:
         self._unlabelled[row] = p
         self._unlabelled_visible[row] = 1.0
 
-    def end(self) -> None:
-        """Completes the frame. Whoever gets a hidden segment's own state, over the bus too, sees that it is none."""
-        for single, visible in zip(self._poses, self._visible.tolist(), strict=True):
-            if not visible:
-                single[:] = np.nan
+    def end(self, taken: int, hold: int) -> None:
+        """Completes the frame, taken at `taken`, ns.
+
+        A segment that is hidden for longer than `hold`, ns, has no pose: whoever gets its own state, over the bus too,
+        sees that it is none.
+        """
+        for row, visible in enumerate(self._visible.tolist()):
+            if visible:
+                self._shown[row] = taken
+            elif taken - self._shown[row] > hold:
+                self._poses[row][:] = np.nan
         if self._need_segments or self._need_markers:
             self.seen = bool(
                 all(self._visible[row] for row in self._need_segments)

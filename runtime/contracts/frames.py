@@ -66,7 +66,7 @@ class FrameEntry(Placement):
         description="signal that measures it: a pose, or x, y, yaw of a mobile base; position and rotation come first",
     )
     speed: float = Field(
-        FASTEST, gt=0, description="m/s: a measured frame that moves faster is lost; after a re-calibration it jumps"
+        FASTEST, gt=0, description="m/s: a measured frame that moves faster is lost; .inf: it may jump"
     )
 
     @classmethod

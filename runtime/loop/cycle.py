@@ -90,7 +90,7 @@ class Cycle:
         self._sent = [a.sent.tobytes() for a in graph.actuators]  # as it was in the cycle before
         self._stalls = [0.0 for a in graph.actuators]  # s for which its guard has begun anew in each cycle
         self._max_age = self._ages()
-        self._sights = Sights(graph.sights, self._max_age)
+        self._sights = Sights(graph.sights)
         self._count = len(graph.devices)
         self._laws = [(law.controller, law.reads, law.measured, law.writes) for law in graph.laws]
         self._emergency = [(graph.element(e), e.when, self._device_of(e.signal)) for e in graph.profile.emergency]

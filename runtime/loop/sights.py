@@ -3,37 +3,48 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import dist
+from math import acos, dist, pi, remainder
+from typing import Final
 
 from runtime.contracts.frames import is_pose
 from runtime.profile.graph import Sight
+
+TURNING: Final = 50.0  # rad/s: faster than a hand
+SPAN: Final = 0.05  # s: after a longer pause no more motion is believed than in this time
+SLACK: Final = 0.03, 0.3  # m, rad: noise, and a sample that came late
 
 
 class Sights:
     """Watches each pose; see the module's docstring."""
 
-    def __init__(self, sights: Sequence[Sight], max_age: Sequence[int]) -> None:
-        """`max_age`: by device, ns for which a pose may be hidden."""
-        self._sights = [(s, max_age[s.device]) for s in sights]
-        self._places: list[list[float] | None] = [None] * len(sights)
-        self._seen = [-1] * len(sights)  # ns
-        self._moved = [-1] * len(sights)  # ns
+    def __init__(self, sights: Sequence[Sight]) -> None:
+        self._sights = sights
+        self._last: list[list[float] | None] = [None] * len(sights)
+        self._moved = [0] * len(sights)  # ns
 
     def lost(self, now: int) -> set[int]:
-        """The devices, by index, of which a pose is lost: hidden for longer than `max_age`, or too fast."""
+        """The devices, by index, of which a pose is none, never came, or jumps."""
         found = set()
-        for i, (sight, age) in enumerate(self._sights):
+        for i, sight in enumerate(self._sights):
+            last = self._last[i]
             if not is_pose(sight.pose):
-                # One that never came is the device's own matter: a client may not have begun, a device is stale.
-                if 0 <= self._seen[i] < now - age:
+                if last is not None or not sight.client:  # a client may not have begun
                     found.add(sight.device)
                 continue
-            place, before = sight.pose.tolist(), self._places[i]
-            if before is not None and place != before:
-                way = dist(place[:2], before[:2]) if len(place) < 4 else dist(place[:3], before[:3])
-                if way > sight.speed * (now - self._moved[i]) * 1e-9:
-                    found.add(sight.device)
-            if place != before:
-                self._places[i], self._moved[i] = place, now
-            self._seen[i] = now
+            pose = sight.pose.tolist()
+            if pose == last:
+                continue
+            if last is not None and _jumps(last, pose, sight.speed, min((now - self._moved[i]) * 1e-9, SPAN)):
+                found.add(sight.device)
+            self._last[i], self._moved[i] = pose, now
         return found
+
+
+def _jumps(a: list[float], b: list[float], speed: float, dt: float) -> bool:
+    """Whether two poses, (7,) or (3,) planar, are further apart than a motion in dt seconds."""
+    if len(a) == 3:
+        way, turn = dist(a[:2], b[:2]), abs(remainder(b[2] - a[2], 2 * pi))
+    else:
+        way = dist(a[:3], b[:3])
+        turn = 2 * acos(min(abs(sum(p * q for p, q in zip(a[3:], b[3:], strict=True))), 1.0))
+    return way > speed * dt + SLACK[0] or (turn > TURNING * dt + SLACK[1] and speed < float("inf"))

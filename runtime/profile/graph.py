@@ -73,11 +73,13 @@ class Sight:
         device: index of the device, or of the client, that gives it.
         pose: (7,), or (3,) of a mobile base.
         speed: m/s: a pose that moves faster isn't believed.
+        client: it is given by a client, who may not have begun.
     """
 
     device: int
     pose: Array
     speed: float
+    client: bool
 
 
 @dataclass

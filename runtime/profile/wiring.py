@@ -194,12 +194,17 @@ def _measuring(laws: list[Law]) -> set[str]:
 
 def _sights(b: Builder, laws: list[Law], names: list[str], row: Row) -> list[Sight]:
     """The poses of devices and clients that a law relies on: as an input, or as those of a frame."""
-    inputs = {
-        name for law in laws for wire in law.inputs.values() for name in wire.far if b.signals[name].labels == POSE
-    }
+    read = {name for law in laws for wire in law.inputs.values() for name in wire.far}
+    # A pose that a client sends for a law is a goal, which may be anywhere.
+    inputs = {n for n in read if b.signals[n].labels in (POSE, PLANAR) and n.partition(".")[0] in b.profile.devices}
     relied = sorted(n for n in inputs | _measuring(laws) if n.partition(".")[0] in names)
     speeds = {entry.pose: entry.speed for entry in b.profile.frames.values()}
-    return [Sight(names.index(n.partition(".")[0]), row.views[n], speeds.get(n, FASTEST)) for n in relied]
+    found = []
+    for name in relied:
+        owner = name.partition(".")[0]
+        client = owner not in b.profile.devices
+        found.append(Sight(names.index(owner), row.views[name], speeds.get(name, FASTEST), client))
+    return found
 
 
 def _links(b: Builder, devices: list[Driver]) -> None:
@@ -250,7 +255,10 @@ def _measured_frames(b: Builder, of: Container[str] | None = None) -> None:
 
 
 def _at_rest(b: Builder, name: str, frame: FrameEntry) -> None:
-    """Refuses a fixed place for the frame of a device that says where it goes."""
+    """Refuses a fixed place for the frame of a device that says where it goes, and a speed of what is fixed."""
+    if "speed" in frame.model_fields_set:
+        place = b.source.place(f"frames.{name}.speed")
+        raise WiringError(place, f"'{name}' is fixed, and moves at no speed", "Remove it, or add `pose:`")
     told = next((n for n, s in b.signals.items() if s.of == name and n.startswith(f"{name}.") and s.labels), None)
     if (
         name in b.profile.devices

@@ -109,7 +109,7 @@ class FakeVicon(Sensor, SampledFake):
                 view.marker(row, (x, y, z))
         for row, spot in enumerate(self.seen_by.reflections[: self.vicon.unlabelled]):
             view.reflection(row, spot)
-        view.end()
+        view.end(self.taken_at(number), round(self.max_age * 1e9))
 
     @property
     def kept(self) -> int:
