@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers.run import call
 
+from runtime.cli import main
 from runtime.loop.cycle import limits_of
 from runtime.profile import profile, wiring
 from runtime.profile.graph import Graph
@@ -33,6 +32,15 @@ def build(name: str, *changes: str) -> Graph:
     return wiring.build(*profile.load(name, changes), [])
 
 
+Capture = pytest.CaptureFixture[str]
+
+
+def check(capsys: Capture, *arguments: str, code: int = 0) -> tuple[str, str]:
+    """What `srl check` prints, and its errors."""
+    assert main(["check", *arguments]) == code
+    return capsys.readouterr()
+
+
 @pytest.mark.parametrize(("name", "option"), [(name, option) for name, found in GIVEN.items() for option in found])
 def test_the_same_by_name_in_another_order(name: str, option: str) -> None:
     """Down to what the guard, the law and the world make of it."""
@@ -50,29 +58,26 @@ def test_the_same_by_name_in_another_order(name: str, option: str) -> None:
 
 
 @pytest.mark.parametrize(("name", "option"), [(name, option) for name, found in GIVEN.items() for option in found])
-def test_srl_check_refuses_a_misspelt_name(tmp_path: Path, name: str, option: str) -> None:
+def test_srl_check_refuses_a_misspelt_name(capsys: Capture, name: str, option: str) -> None:
     first = GIVEN[name][option][0].split()[0]
     wrong = forms(GIVEN[name][option])[1].replace(first, f"{first}x")
-    said = call(tmp_path, "check", name, "--sim", "--set", f"{option}={wrong}", code=2).stderr
+    said = check(capsys, name, "--sim", "--set", f"{option}={wrong}", code=2)[1]
     assert f"--set {option}: no element is called '{first}x'. Did you mean '{first}'? Known: " in said
     assert "Traceback" not in said
 
 
-def test_srl_check_prints_lists_as_pairs(tmp_path: Path) -> None:
+def test_srl_check_prints_lists_as_pairs(capsys: Capture) -> None:
     pairs = GIVEN["ur-jog"]["sim.parts.arm.home"]
     listed, named = (f"sim.parts.arm.home={form}" for form in forms(pairs))
-    assert (
-        f"  option sim.parts.arm.home: {', '.join(pairs)}\n"
-        in call(tmp_path, "check", "ur-jog", "--sim", "--set", listed).stdout
-    )
-    assert "sim.parts.arm.home" not in call(tmp_path, "check", "ur-jog", "--sim", "--set", named).stdout
-    found = json.loads(call(tmp_path, "check", "kairos-man", "--json").stdout)
+    assert f"  option sim.parts.arm.home: {', '.join(pairs)}\n" in check(capsys, "ur-jog", "--sim", "--set", listed)[0]
+    assert "sim.parts.arm.home" not in check(capsys, "ur-jog", "--sim", "--set", named)[0]
+    found = json.loads(check(capsys, "kairos-man", "--json")[0])
     assert found["listed_options"]["controllers.3.base_speed"] == {"vx": 0.6, "vy": 0.5, "wz": 0.7}
     assert found["listed_options"]["controllers.2.tool_com"] == {"x": 0.0, "y": 0.0, "z": 0.045}
 
 
-def test_a_list_in_an_order_of_nobodys_is_refused(tmp_path: Path) -> None:
-    said = call(tmp_path, "check", "moca-man", "--set", "devices.arm.load.inertia=[1,2,3,4,5,6]", code=2).stderr
+def test_a_list_in_an_order_of_nobodys_is_refused(capsys: Capture) -> None:
+    said = check(capsys, "moca-man", "--set", "devices.arm.load.inertia=[1,2,3,4,5,6]", code=2)[1]
     assert "devices.arm.load.inertia: a list goes by place" in said
     assert "Name them: {xx: 1, yy: 2, zz: 3, xy: 4, xz: 5, yz: 6}" in said
 
