@@ -66,5 +66,6 @@ def test_srl_check_says_so_and_a_run_too(tmp_path: Path, capsys: pytest.CaptureF
     assert "doubted:" in capsys.readouterr().out
     assert main(["check", "moca-man", "--sim", "--json", "--set", change]) == 0
     assert "14.3 turns" in json.loads(capsys.readouterr().out)["doubts"][0]
-    run = call(tmp_path, "run", "moca-man", "--sim", "--fast", "--duration", "0.05", "--set", change, code=None)
+    change = "frames.finger.position=[0, -20, -30]"
+    run = call(tmp_path, "run", "sixth-finger", "--sim", "--fast", "--duration", "0.05", "--set", change, code=None)
     assert "doubted: " in run.stderr
