@@ -17,7 +17,10 @@ FOLDERS = ("runtime", "drivers", "sim", "profiles", "studies", "bench", "srl")
 # What a room may import besides itself. `runtime` alone is the package's own __init__ (version, BLAS threads).
 GROUND = {"runtime", "runtime.contracts"}
 LOOP = GROUND | {f"runtime.{r}" for r in ("messages", "control", "guard", "ipc", "recording", "profile", "loop")}
-DESCRIPTIONS = {"runtime.control.robots", "runtime.control.hand.human_hand", "runtime.control.models"}  # data, not laws
+DESCRIPTIONS = {  # data, not laws
+    *("runtime.control.robots", "runtime.control.hand.human_hand", "runtime.control.ikns.body"),
+    "runtime.control.models",
+}
 ROOMS: dict[str, set[str]] = {
     "runtime": set(),
     "runtime.contracts": {"runtime"},

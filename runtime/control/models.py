@@ -7,7 +7,8 @@ there is changed for both. A new kind is a class here, and a line in KINDS.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
+from dataclasses import replace
+from functools import cached_property, partial
 from math import pi
 from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
@@ -28,6 +29,7 @@ from runtime.contracts.errors import OptionError, nearest
 from runtime.contracts.per_element import Listed, in_order
 from runtime.contracts.signals import Array
 from runtime.control.hand.human_hand import FINGER_JOINTS, JOINTS, MODEL_LENGTH, RANGES, hand_geometry
+from runtime.control.ikns.body import Body, Marker, Side, Vector, average
 
 
 class Model(BaseModel):
@@ -153,7 +155,88 @@ class HandModel(Model):
         return bases, rows
 
 
-KINDS: Final[dict[str, type[Model]]] = {"finger": FingerModel, "hand": HandModel}
+class MarkerPlace(BaseModel):
+    """Where a marker sits."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    segment: str = Field(description="torso, or SIDE_clavicle, SIDE_upper_arm, SIDE_forearm, SIDE_hand")
+    at: Vector = Field(description="m, in the segment's frame")
+
+
+class BodyModel(Model):
+    """An upper body (`runtime.control.ikns.body`): an average adult, in which what was measured is replaced.
+
+    Attributes:
+        body: the description itself.
+    """
+
+    kind: Literal["body"] = "body"
+    stature: float = Field(default=1.75, gt=1.2, lt=2.3, description="m, standing height")
+    sides: tuple[Side, ...] = Field(default=("left", "right"), min_length=1, description="the arms it has")
+    lengths: dict[str, float] = Field(
+        default_factory=dict, description="m: upper_arm, forearm, palm, hand as measured, or for one side right_forearm"
+    )
+    shoulder: dict[Side, Vector] = Field(
+        default_factory=dict, description="m, a side's shoulder joint from the clavicle's beginning, at rest"
+    )
+    markers: dict[str, Annotated[MarkerPlace | None, WithJsonSchema({"type": ["object", "null"]})]] = Field(
+        default_factory=dict, description="marker places as measured; null takes a marker away"
+    )
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        if len(set(self.sides)) < len(self.sides):
+            raise ValueError("each side once")
+        parts = tuple(average(self.stature).sizes)
+        valid = {*parts, *(f"{side}_{part}" for side in self.sides for part in parts)}
+        for name, value in self.lengths.items():
+            if name not in valid:
+                raise OptionError(f"a body has no length '{name}'", nearest(name, valid))
+            if not 0.02 < value < 0.6:
+                raise ValueError(f"lengths.{name}: {value} m can't be right; lengths are in m")
+        for side in self.shoulder:
+            if side not in self.sides:
+                raise ValueError(f"this body has no {side} arm, so no {side} shoulder")
+        segments = self.body.segments
+        for name, marker in self.markers.items():
+            if marker is not None and marker.segment not in segments:
+                raise OptionError(
+                    f"marker {name}: a body has no segment '{marker.segment}'", nearest(marker.segment, segments)
+                )
+        if not np.isfinite([m.at for m in self.body.markers.values()]).all():
+            raise ValueError("marker places must be finite")
+        return self
+
+    @cached_property
+    def body(self) -> Body:
+        """The body."""
+        plain = average(self.stature, self.sides)
+        sizes: dict[str, dict[Side, float]] = {
+            part: {s: self.lengths.get(f"{s}_{part}", self.lengths.get(part, size)) for s, size in given.items()}
+            for part, given in plain.sizes.items()
+        }
+        # Markers of the arm keep their distance from the joint at the segment's further end.
+        further = {"upper_arm": "upper_arm", "forearm": "forearm", "hand": "palm"}
+        markers = {}
+        for name, (segment, at) in ((n, (m.segment, m.at)) for n, m in plain.markers.items()):
+            side, _, part = segment.partition("_")
+            x, y, z = at
+            for s in self.sides:
+                if s == side and part in further:
+                    z += plain.sizes[further[part]][s] - sizes[further[part]][s]
+                elif s == side and s in self.shoulder:
+                    x, y, z = (float(v) for v in np.array(at) + self.shoulder[s] - np.array(plain.shoulder[s]))
+            markers[name] = Marker(segment, (x, y, z))
+        for name, place in self.markers.items():
+            if place is None:
+                markers.pop(name, None)
+            else:
+                markers[name] = Marker(place.segment, place.at)
+        return replace(plain, shoulder={**plain.shoulder, **self.shoulder}, sizes=sizes, markers=markers)
+
+
+KINDS: Final[dict[str, type[Model]]] = {"finger": FingerModel, "hand": HandModel, "body": BodyModel}
 
 
 def of_entry(given: Any) -> Model:
@@ -202,10 +285,12 @@ FingerOption = Annotated[FingerModel, BeforeValidator(partial(_find, FingerModel
 """An option that names a finger."""
 HandOption = Annotated[HandModel, BeforeValidator(partial(_find, HandModel)), _NAME]
 """An option that names a hand."""
+BodyOption = Annotated[BodyModel, BeforeValidator(partial(_find, BodyModel)), _NAME]
+"""An option that names a body."""
 
 
 def named(name: str) -> Any:
-    """The default of a FingerOption or HandOption: the entry of that name.
+    """The default of a FingerOption, HandOption or BodyOption: the entry of that name.
 
     If it is the kind's own name, it is the standard description where the profile has no such entry.
     """
