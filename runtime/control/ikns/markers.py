@@ -1,0 +1,362 @@
+"""Joint angles from labelled markers: global least squares over all markers of a body, frame after frame.
+
+Gauss-Newton on the body's chain, from the frame before. A marker that is farther from its place on the fitted body than
+the gate (a swapped label, a reflection) is left out and the rest fitted again. What the markers that are left can't
+show is held: FIN lost, the wrist stays. Each frame says what was used, rejected and held.
+
+Skin moves and bodies aren't chains, so the fit with a marker and the fit without it differ by some degrees. Where the
+used markers change, the angles go on from where they were, and what they differ by fades.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import exp
+from typing import Any, Final
+
+import eigenpy
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from runtime.contracts.rotation import euler_angles
+from runtime.contracts.signals import Array
+from runtime.control.ikns.body import Body, Marker
+
+Mask = NDArray[np.bool_]
+
+_STEPS: Final = 4  # of Gauss-Newton in a frame, at most
+_SEARCH_STEPS: Final = 25  # the same where nothing is known of the posture
+_SMALL: Final = 4e-3  # rad and m; what is left after a smaller step is the next frame's
+_LARGE: Final = 0.4  # rad and m, the greatest step
+_DAMPING: Final = 1e-7  # m^2 per rad^2; a step of 1 rad costs what 0.3 mm of residual do
+_FORCE: Final = 200.0  # m/s^2; a marker that leaves its predicted place faster is suspected before the fit
+_WEAK: Final = 60.0  # rad/m: an angle that 1 mm of noise moves by more than 0.06 rad isn't observed
+_FADE: Final = 0.2  # s, time constant with which a change of markers comes through
+_LOST: Final = 10  # frames without a fit, after which the posture is searched anew
+
+# Postures (abduction, flexion, rotation, elbow) in degrees from which the posture is searched.
+_STARTS: Final = (
+    (10, 0, 0, 60),
+    (70, 0, 0, 90),
+    (20, 60, 20, 40),
+    (60, 40, 40, 100),
+    (20, -20, 0, 100),
+    (120, 0, 0, 30),
+)
+
+
+class MarkerFit:
+    """The posture of a body that fits its markers best.
+
+    Attributes:
+        angles: (n,) rad (torso's x, y, z: m), unwrapped; a change of markers fades in.
+        q: (n,) the same as fitted.
+        held: (n,) True where this frame's markers don't show the joint; it keeps its value.
+        used: (k,) True for markers that this frame's fit rests on.
+        rejected: (k,) True for markers that were seen, and not where the body can have them.
+        residual: m, rms distance of the used markers from their places.
+        known: False until a frame showed the posture, and again after it was lost.
+    """
+
+    def __init__(self, body: Body, markers: Mapping[str, Marker] | None = None, gate: float = 0.04) -> None:
+        """
+        Args:
+            markers: places by name, in the order of `solve`; the body's own if left out.
+            gate: m, how far a marker may be from its place.
+        """
+        self.body, self.gate = body, gate
+        self.markers = dict(body.markers if markers is None else markers)
+        self.names = tuple(self.markers)
+        n, k = len(body.joints), len(self.names)
+        self._model = body.model()
+        self._data = self._model.createData()
+        self._lin, self._ang = self._data.J[:3], self._data.J[3:]  # views, as are those of the poses below
+        behind = [body.segments[m.segment] for m in self.markers.values()]
+        self._support = np.zeros((k, n))
+        for row, joint in enumerate(behind):
+            at = joint
+            while at >= 0:
+                self._support[row, at] = 1.0
+                at = body.joints[at].parent
+        places = np.array([m.at for m in self.markers.values()]).reshape(k, 3)
+        self._segments: list[tuple[NDArray[np.intp], Array, Any]] = []
+        for joint in dict.fromkeys(behind):
+            rows = np.flatnonzero(np.array(behind) == joint)
+            pose = self._data.oMi[joint + 1]
+            self._segments.append((rows, places[rows], pose))
+        self._points = np.zeros((k, 3))
+        # S(p) with S(p) w = w x p, from p by one product.
+        self._skew = np.zeros((3, 9))
+        for axis, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
+            self._skew[axis, 3 * i + j], self._skew[axis, 3 * j + i] = 1.0, -1.0
+        self._damped = _DAMPING * np.eye(n)
+        self._turns = np.array([not joint.slides for joint in body.joints])
+        self._active: dict[bytes, tuple[Array, Mask]] = {}
+        self.q, self.angles = np.zeros(n), np.zeros(n)
+        self._rest, self._goal = np.zeros(n), np.zeros((k, 3))  # what fades; the frame before
+        self.held = np.ones(n, bool)
+        self.used, self.rejected = np.zeros(k, bool), np.zeros(k, bool)
+        self.residual = 0.0
+        self._reference = self._jacobian_at(self._start(_STARTS[0]))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forgets the posture."""
+        self.known = False
+        self._rest[:] = 0.0
+        self._velocity = np.zeros(len(self.body.joints))
+        self._age = 0.0  # s since the last fit
+        self._missed = self._tried = 0
+        self._shown = False  # whether `angles` are anybody's
+
+    def solve(self, points: Array, visible: Mask, dt: float = 0.01, starts: int = 1) -> bool:
+        """Fits the body to one frame.
+
+        Args:
+            points: (k, 3) m, in the frame in which the torso is wanted.
+            visible: (k,) whether the point is this frame's.
+            dt: s since the frame before.
+            starts: postures from which to search in this frame, where the posture isn't known.
+        Returns:
+            Whether it fits; else everything keeps its value and is held.
+        """
+        seen = visible & np.isfinite(points).all(axis=1)
+        goal = np.where(seen[:, None], points, 0.0)
+        before, used, fitted = self.q, self.used, self._missed == 0
+        first = not self.known
+        self._age += dt
+        done = self._follow(goal, seen) if self.known else any(self._search(goal, seen) for _ in range(starts))
+        if not done:
+            self._miss(before, seen)
+            return False
+        self._rest *= exp(-dt / _FADE)
+        moved = self.q - before
+        if first or not fitted:
+            self._rest[:] = self.angles - self.q if self._shown else 0.0
+            moved[:] = 0.0
+        elif not np.array_equal(used, self.used):
+            change = self._change(before, used, goal)
+            self._rest += change
+            moved += change
+        self._velocity = moved / max(self._age, 1e-6)
+        self.known, self._shown, self._age, self._missed = True, True, 0.0, 0
+        self._goal = goal
+        self.angles = self.q + self._rest
+        if self._rest.any():
+            self._place(self.angles)
+        return True
+
+    def _change(self, before: Array, used: Mask, goal: Array) -> Array:
+        """(n,): what takes back the motion of the fitted angles that is only the change of the used markers."""
+        now, common, change = self.q, used & self.used, np.zeros_like(before)
+        active, _ = self._rows(common)
+        if not np.array_equal(common, used):  # some are gone: as if they had been gone a frame ago
+            self.q = before
+            self._place(before)
+            self._fit(self._goal, active, _STEPS)
+            change += before - self.q
+        if not np.array_equal(common, self.used):  # some are back: as if they weren't yet
+            self.q = before
+            self._place(before)
+            self._fit(goal, active, _STEPS)
+            change += self.q - now
+        self.q = now
+        self._place(now)
+        return change
+
+    def _miss(self, before: Array, seen: Mask) -> None:
+        """A frame without a fit."""
+        self.q, self._velocity = before, np.zeros_like(before)
+        self._place(self.angles)
+        self.held = np.ones(len(before), bool)
+        self.rejected = seen.copy()
+        self._missed += 1
+        if self._missed >= _LOST:
+            self.known = False
+
+    def pose(self, segment: str) -> Any:
+        """The pose (`pinocchio.SE3`) of a segment at the present angles, m; a view that the next frame changes."""
+        return self._data.oMi[self.body.segments[segment] + 1]
+
+    def points(self) -> Array:
+        """(k, 3) m: where the markers should be at the present angles."""
+        return self._points.copy()
+
+    def observed(self, names: Sequence[str]) -> Mask:
+        """(n,) True for joints that these markers show."""
+        return ~self._rows(np.array([name in names for name in self.names]))[1]
+
+    def needed(self, name: str) -> tuple[str, ...]:
+        """The joints that aren't observed when this marker alone is lost."""
+        rest = self.observed([other for other in self.names if other != name])
+        lost = self.observed(self.names) & ~rest
+        return tuple(joint for joint, gone in zip(self.body.names, lost, strict=True) if gone)
+
+    # -- one frame
+
+    def _follow(self, goal: Array, seen: Mask) -> bool:
+        """Fits from where the motion goes. Suspects are left out first, and come back where the fit confirms them."""
+        before = self.q
+        self.q = before + self._age * self._velocity
+        self._place(self.q)
+        leap = self.gate + 0.5 * _FORCE * self._age**2
+        use = seen & (self._distance(goal) <= leap)
+        if 2 * np.count_nonzero(use) <= np.count_nonzero(seen):
+            use = seen  # not they, but the person leapt
+        for suspect in np.flatnonzero(seen & ~use):
+            # What alone shows a joint that was held may be anywhere.
+            more = use.copy()
+            more[suspect] = True
+            if np.count_nonzero(self._rows(more)[1]) < np.count_nonzero(self._rows(use)[1]):
+                use = more
+        return self._settle(goal, seen, use, before, _STEPS)
+
+    def _settle(self, goal: Array, seen: Mask, use: Mask, before: Array, steps: int) -> bool:
+        """Fits, leaves out what is beyond the gate, fits again. Held joints are where they were before."""
+        readmitted = False
+        for _ in range(len(seen)):
+            active, held = self._rows(use)
+            if held.all():
+                return False
+            if held.any():
+                self.q = np.where(held, before, self.q)
+                self._place(self.q)
+            self._fit(goal, active, steps)
+            distance = self._distance(goal)
+            beyond = np.where(use, distance, 0.0)
+            worst = int(beyond.argmax())
+            if beyond[worst] > self.gate:
+                use = use.copy()
+                use[worst] = False
+                continue
+            back = seen & ~use & (distance <= self.gate)
+            if readmitted or not back.any():
+                self.held, self.used, self.rejected = held, use, seen & ~use
+                count = np.count_nonzero(use)
+                self.residual = float(np.sqrt((distance[use] ** 2).sum() / count))
+                return bool(2 * count > np.count_nonzero(seen))
+            use, readmitted = use | back, True
+        return False
+
+    def _fit(self, goal: Array, active: Array, steps: int) -> None:
+        """Gauss-Newton; the last step's posture is placed."""
+        q = self.q
+        for _ in range(steps):
+            J = self._jacobian(active)
+            left = (goal - self._points).ravel()
+            step = eigenpy.LLT(J.T @ J + self._damped).solve(J.T @ left)
+            size = np.abs(step).max()
+            q = q + (step if size <= _LARGE else step * (_LARGE / size))
+            self._place(q)
+            if size < _SMALL:
+                break
+        self.q = q
+
+    def _distance(self, goal: Array) -> Array:
+        left = goal - self._points
+        return np.sqrt(np.einsum("ij,ij->i", left, left))
+
+    # -- the chain
+
+    def _place(self, q: Array) -> None:
+        """Computes the chain and the points at q."""
+        pin.computeJointJacobians(self._model, self._data, q)
+        for rows, places, pose in self._segments:
+            self._points[rows] = places @ pose.rotation.T + pose.translation
+
+    def _jacobian(self, active: Array) -> Array:
+        """(3 k, n): of the points placed last, zero where a marker isn't used or a joint held."""
+        J = (self._points @ self._skew).reshape(-1, 3, 3) @ self._ang
+        J += self._lin
+        J *= active
+        return J.reshape(-1, J.shape[2])
+
+    def _jacobian_at(self, q: Array) -> Array:
+        self._place(q)
+        return self._jacobian(self._support[:, None, :])
+
+    def _rows(self, use: Mask) -> tuple[Array, Mask]:
+        """What of the Jacobian counts, (k, 1, n), and the joints that these markers don't show, (n,).
+
+        Judged in one fixed posture with bent elbows, so that it depends on nothing but the markers.
+        """
+        key = use.tobytes()
+        if key in self._active:
+            return self._active[key]
+        n = len(self.q)
+        free = np.arange(n)
+        rows = self._reference.reshape(len(use), 3, n)[use].reshape(-1, n)
+        information = rows.T @ rows + 1e-9 * np.eye(n)
+        while len(free):
+            sd = np.sqrt(np.diag(np.linalg.inv(information[np.ix_(free, free)])))
+            worst = int(sd.argmax())
+            if sd[worst] <= _WEAK:
+                break
+            free = np.delete(free, worst)
+        held = np.ones(n, bool)
+        held[free] = False
+        active = (self._support * use[:, None] * ~held)[:, None, :]
+        self._active[key] = (active, held)
+        return active, held
+
+    # -- from nothing
+
+    def _start(self, posture: Sequence[float]) -> Array:
+        """(n,) with both arms in a posture."""
+        q = np.zeros(len(self.body.joints))
+        for side in self.body.sides:
+            for joint, angle in zip(self.body.chains[f"{side}_arm"], posture, strict=False):
+                q[joint] = np.deg2rad(angle)
+        return q
+
+    def _search(self, goal: Array, seen: Mask) -> bool:
+        """Tries one start: the torso from its own markers, the arms in the next of a few postures."""
+        torso = np.array([m.segment == "torso" for m in self.markers.values()]) & seen
+        if np.count_nonzero(torso) < 3:
+            return False
+        last = self.q
+        q = self._start(_STARTS[self._tried % len(_STARTS)])
+        self._tried += 1
+        places = np.array([m.at for m in self.markers.values()])[torso]
+        R, t = _rigid(places, goal[torso])
+        yaw, lean, side = euler_angles(R[None], "ZYX")[0]
+        q[:6] = (*t, yaw, lean, side)
+        self.q = q
+        self._place(q)
+        if not self._settle(goal, seen, seen, last if self._shown else q, _SEARCH_STEPS):
+            self.q = last
+            return False
+        q = self._nearest_turn(self.q, last)
+        if self._outside(q):
+            self.q = last
+            return False
+        self.q = q
+        return True
+
+    def _outside(self, q: Array) -> bool:
+        """Whether an elbow is bent the wrong way: the mirrored posture that fits nearly as well."""
+        ranges, slack = self.body.ranges, np.deg2rad(20.0)
+        elbows = [i for i, name in enumerate(self.body.names) if name.endswith("elbow_flexion")]
+        return any(not ranges[i, 0] - slack <= q[i] <= ranges[i, 1] + slack for i in elbows)
+
+    def _nearest_turn(self, q: Array, last: Array) -> Array:
+        """The same posture by the angles nearest to the last ones: whole turns, and the shoulder's two ways."""
+        q = q.copy()
+        for side in self.body.sides:
+            shoulder = list(self.body.chains[f"{side}_arm"][:3])
+            a, b, c = q[shoulder]
+            ways = [np.array([a, b, c]), np.array([a + np.pi, np.pi - b, c + np.pi])]
+            ways = [way - 2 * np.pi * np.round((way - last[shoulder]) / (2 * np.pi)) for way in ways]
+            q[shoulder] = min(ways, key=lambda way: float(np.abs(way - last[shoulder]).sum()))
+        turned = q - 2 * np.pi * np.round((q - last) / (2 * np.pi))
+        return np.where(self._turns, turned, q)
+
+
+def _rigid(places: Array, points: Array) -> tuple[Array, Array]:
+    """The rotation and translation that bring places (k, 3) nearest to points (k, 3). (Kabsch 1976)"""
+    a, b = places.mean(axis=0), points.mean(axis=0)
+    u, _, vt = np.linalg.svd((places - a).T @ (points - b))
+    d = np.sign(np.linalg.det(vt.T @ u.T))
+    R: Array = vt.T @ np.diag([1.0, 1.0, d]) @ u.T
+    return R, b - R @ a

@@ -1,0 +1,177 @@
+"""Angles from made-up markers: exact, noisy, swapped, hidden, lost and found again."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from helpers.mocap import made, reaching
+
+from runtime.control.ikns.body import Body, average
+from runtime.control.ikns.markers import MarkerFit
+
+BODY = average(1.75)
+ARM = average(1.75, ("right",))
+DT = 0.01
+
+
+def follow(
+    fit: MarkerFit, q: np.ndarray, noise: float = 0.0, hidden: dict[str, slice] | None = None
+) -> dict[str, np.ndarray]:
+    """Runs a motion through the fit; angles, held, rejected and residual of each frame."""
+    rng = np.random.default_rng(5)
+    rows: dict[str, list[np.ndarray]] = {"angles": [], "held": [], "rejected": [], "residual": []}
+    for i, posture in enumerate(q):
+        points = made(fit.body, posture) + rng.normal(0.0, 1.0, (len(fit.names), 3)) * noise
+        visible = np.ones(len(fit.names), bool)
+        for name, when in (hidden or {}).items():
+            visible[fit.names.index(name)] = i not in range(len(q))[when]
+        points[~visible] = 9.9
+        fit.solve(points, visible, DT, starts=6)
+        for key, row in rows.items():
+            row.append(np.copy(getattr(fit, key)))
+    return {key: np.array(row) for key, row in rows.items()}
+
+
+def off(body: Body, ours: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Degrees, without the torso's places."""
+    return np.rad2deg(np.abs(ours - truth))[:, 3:]
+
+
+@pytest.mark.parametrize("body", [BODY, ARM], ids=["24", "15"])
+def test_exact_markers_give_the_angles(body: Body) -> None:
+    q = reaching(body, 150)
+    seen = follow(MarkerFit(body), q)
+    assert off(body, seen["angles"], q).max() < 0.05  # it stops where the next frame finds the rest
+    assert not seen["held"].any()
+    assert not seen["rejected"].any()
+    still = np.repeat(q[:1], 5, axis=0)
+    assert off(body, follow(MarkerFit(body), still)["angles"], still)[-1].max() < 1e-4
+
+
+def test_a_millimetre_of_noise_moves_the_angles_by_about_a_degree() -> None:
+    q = reaching(ARM, 300)
+    seen = follow(MarkerFit(ARM), q, noise=1e-3)
+    rms = np.sqrt((off(ARM, seen["angles"], q) ** 2).mean(axis=0))
+    by_name = dict(zip(ARM.names[3:], rms, strict=True))
+    assert by_name["right_elbow_flexion"] < 0.5
+    assert max(by_name.values()) < 2.0
+    assert not seen["rejected"].any()
+    assert seen["residual"].mean() == pytest.approx(np.sqrt(3 - 15 / 11) * 1e-3, rel=0.1)
+
+
+def test_swapped_wrist_markers_are_both_rejected_and_the_angles_go_on() -> None:
+    q = reaching(ARM, 120)
+    fit = MarkerFit(ARM)
+    a, b = fit.names.index("RWRA"), fit.names.index("RWRB")
+    angles, rejected = [], []
+    for i, posture in enumerate(q):
+        points = made(ARM, posture)
+        if 40 <= i < 80:
+            points[[a, b]] = points[[b, a]]
+        assert fit.solve(points, np.ones(len(points), bool), DT, starts=6)
+        angles.append(fit.angles.copy())
+        rejected.append(fit.rejected.copy())
+    assert [{fit.names[i] for i in np.flatnonzero(row)} for row in rejected] == [
+        {"RWRA", "RWRB"} if 40 <= i < 80 else set() for i in range(120)
+    ]
+    assert off(ARM, np.array(angles), q).max() < 0.3
+
+
+def test_markers_swapped_from_the_first_frame_on_are_rejected() -> None:
+    fit = MarkerFit(ARM)
+    a, b = fit.names.index("RELB"), fit.names.index("RWRB")
+    q = reaching(ARM, 1)[0]
+    points = made(ARM, q)
+    points[[a, b]] = points[[b, a]]
+    assert fit.solve(points, np.ones(len(points), bool), DT, starts=6)
+    assert {fit.names[i] for i in np.flatnonzero(fit.rejected)} == {"RELB", "RWRB"}
+    assert off(ARM, fit.q[None], q[None]).max() < 0.1
+
+
+def test_without_fin_the_wrist_is_held_and_comes_back_smoothly() -> None:
+    q = reaching(ARM, 300)
+    seen = follow(MarkerFit(ARM), q, hidden={"RFIN": slice(100, 150)})
+    wrist = [ARM.names.index(f"right_wrist_{joint}") for joint in ("flexion", "deviation")]
+    expected = np.zeros_like(seen["held"])
+    expected[np.ix_(range(100, 150), wrist)] = True
+    np.testing.assert_array_equal(seen["held"], expected)
+    assert np.ptp(seen["angles"][100:150, wrist], axis=0).max() < np.deg2rad(0.01)
+    others = np.delete(off(ARM, seen["angles"], q), [w - 3 for w in wrist], axis=1)
+    assert others.max() < 0.05
+    steps = np.abs(np.diff(seen["angles"], axis=0)).max()
+    assert steps < np.abs(np.diff(q, axis=0)).max() + np.deg2rad(1.5)
+    assert off(ARM, seen["angles"], q)[-1].max() < 0.1
+
+
+def test_what_a_marker_is_needed_for() -> None:
+    fit = MarkerFit(ARM)
+    assert fit.needed("RFIN") == ("right_wrist_flexion", "right_wrist_deviation")
+    assert fit.needed("RUPA") == ()
+    assert not fit.observed(["CLAV", "C7", "STRN", "T10"])[6:].any()
+    assert fit.observed(fit.names).all()
+
+
+def test_markers_that_come_and_go_make_no_steps() -> None:
+    body = ARM
+    q = reaching(body, 400)
+    rng = np.random.default_rng(1)
+    wrong = {n: rng.normal(0.0, 0.006, 3) for n in body.markers}  # skin: each marker off its place
+    fit = MarkerFit(body)
+    angles = []
+    for posture in q:
+        visible = rng.random(len(fit.names)) > 0.05
+        points = made(body, posture) + np.array([wrong[n] for n in fit.names])
+        fit.solve(points, visible, DT, starts=6)
+        angles.append(fit.angles.copy())
+    steps = np.rad2deg(np.abs(np.diff(angles, axis=0)))[:, 3:]
+    moved = np.rad2deg(np.abs(np.diff(q, axis=0)))[:, 3:]
+    assert (steps - moved).max() < 1.5
+
+
+def test_angles_go_on_beyond_a_turn() -> None:
+    body = ARM
+    q = np.repeat(reaching(body, 1), 300, axis=0)
+    q[:, body.names.index("torso_yaw")] = np.linspace(0.0, 15.0, 300)
+    seen = follow(MarkerFit(body), q)
+    assert seen["angles"][-1, body.names.index("torso_yaw")] == pytest.approx(15.0, abs=1e-3)
+
+
+def test_a_frame_without_a_person_holds_everything_and_a_person_elsewhere_is_found() -> None:
+    body, fit = ARM, MarkerFit(ARM)
+    q = reaching(body, 1)[0]
+    everywhere = np.ones(len(fit.names), bool)
+    assert fit.solve(made(body, q), everywhere, DT, starts=6)
+    before = fit.angles.copy()
+    for _ in range(20):
+        assert not fit.solve(made(body, q), ~everywhere, DT)
+    np.testing.assert_array_equal(fit.angles, before)
+    assert fit.held.all()
+    assert not fit.known
+    q[:4] += (1.5, -1.0, 0.2, 2.0)
+    q[body.names.index("right_elbow_flexion")] += 0.5
+    for _ in range(300):
+        fit.solve(made(body, q), everywhere, DT)
+    assert off(body, fit.angles[None], q[None]).max() < 0.01
+
+
+def test_points_that_arent_numbers_are_missing_ones() -> None:
+    fit = MarkerFit(ARM)
+    points = made(ARM, reaching(ARM, 1)[0])
+    points[fit.names.index("RUPA")] = np.nan
+    assert fit.solve(points, np.ones(len(points), bool), DT, starts=6)
+    assert np.isfinite(fit.angles).all()
+    assert not fit.used[fit.names.index("RUPA")]
+    assert not fit.rejected.any()
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_posture_is_found_from_nothing(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    low, high = ARM.ranges[6:].T
+    q = np.concatenate(
+        [rng.normal(size=3), rng.uniform(-0.5, 0.5, 3), (low + high) / 2 + rng.uniform(-0.25, 0.25, 9) * (high - low)]
+    )
+    fit = MarkerFit(ARM)
+    assert fit.solve(made(ARM, q), np.ones(len(fit.names), bool), DT, starts=6)
+    assert fit.residual < 1e-4
+    np.testing.assert_allclose(fit.points(), made(ARM, q), atol=1e-3)
