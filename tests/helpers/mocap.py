@@ -100,7 +100,7 @@ def difference(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return (a - b + 180.0) % 360.0 - 180.0
 
 
-# vicon_upper_limb_emg
+# vicon_upper_limb_emg: one arm that lifts a box
 
 LIFTING = "data/vicon_upper_limb_emg/markers_analogs.c3d"
 LIFTER = Landmarks(
@@ -119,3 +119,14 @@ LIFTER_MARKERS = {
     "right_forearm": ("LARMm", "LARMl", "STYLr", "STYLu"),
     "right_hand": ("INDEX", "LASTC", "MEDH", "LATH"),
 }
+
+# Our joints that Vicon's columns mean
+CHAIN = ("shoulder_flexion", "shoulder_abduction", "shoulder_rotation", "elbow_flexion")
+
+
+def printed(angles: np.ndarray, joint: str, side: str) -> np.ndarray:
+    """Vicon's Euler angles (frames, 3) with the signs and offsets with which its files give them."""
+    x, y, z = angles.T
+    if joint == "shoulder":
+        return np.stack([-y, 180.0 - x, z + 180.0] if side == "right" else [-y, 180.0 + x, 180.0 - z], axis=1)
+    return angles if side == "right" else angles * (1.0, -1.0, -1.0)

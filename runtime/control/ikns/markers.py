@@ -1,8 +1,8 @@
 """Joint angles from labelled markers: global least squares over all markers of a body, frame after frame.
 
-Gauss-Newton on the body's chain, from the frame before. A marker that is farther from its place on the fitted body than
-the gate (a swapped label, a reflection) is left out and the rest fitted again. What the markers that are left can't
-show is held: FIN lost, the wrist stays. Each frame says what was used, rejected and held.
+Gauss-Newton on the body's chain, from where the motion goes. A marker that is farther from its place on the fitted body
+than the gate, or near another's (a reflection, swapped labels), is left out and the rest fitted again. What the markers
+that are left can't show is held: FIN lost, the wrist stays. Each frame says what was used, rejected and held.
 
 Skin moves and bodies aren't chains, so the fit with a marker and the fit without it differ by some degrees. Where the
 used markers change, the angles go on from where they were, and what they differ by fades.
@@ -29,8 +29,11 @@ _STEPS: Final = 4  # of Gauss-Newton in a frame, at most
 _SEARCH_STEPS: Final = 25  # the same where nothing is known of the posture
 _SMALL: Final = 4e-3  # rad and m; what is left after a smaller step is the next frame's
 _LARGE: Final = 0.4  # rad and m, the greatest step
-_DAMPING: Final = 1e-7  # m^2 per rad^2; a step of 1 rad costs what 0.3 mm of residual do
-_FORCE: Final = 200.0  # m/s^2; a marker that leaves its predicted place faster is suspected before the fit
+_DAMPING: Final = 1e-7  # m^2 per rad^2, in a search; a step of 1 rad costs what 0.3 mm of residual do
+_PRIOR: Final = 5e-4  # m^2 per rad^2; leaving the predicted posture by 0.045 rad costs what 1 mm of residual does, so
+# that a posture in which the markers barely show a direction doesn't let noise run along it
+_COAST: Final = 0.8  # of the last frame's velocity that is predicted
+_FORCE: Final = 100.0  # m/s^2; a marker that leaves its predicted place faster is suspected before the fit
 _WEAK: Final = 60.0  # rad/m: an angle that 1 mm of noise moves by more than 0.06 rad isn't observed
 _FADE: Final = 0.2  # s, time constant with which a change of markers comes through
 _LOST: Final = 10  # frames without a fit, after which the posture is searched anew
@@ -90,7 +93,7 @@ class MarkerFit:
         self._skew = np.zeros((3, 9))
         for axis, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
             self._skew[axis, 3 * i + j], self._skew[axis, 3 * j + i] = 1.0, -1.0
-        self._damped = _DAMPING * np.eye(n)
+        self._eye = np.eye(n)
         self._turns = np.array([not joint.slides for joint in body.joints])
         self._active: dict[bytes, tuple[Array, Mask]] = {}
         self.q, self.angles = np.zeros(n), np.zeros(n)
@@ -104,6 +107,7 @@ class MarkerFit:
     def reset(self) -> None:
         """Forgets the posture."""
         self.known = False
+        self.q, self.angles = np.zeros_like(self.q), np.zeros_like(self.q)
         self._rest[:] = 0.0
         self._velocity = np.zeros(len(self.body.joints))
         self._age = 0.0  # s since the last fit
@@ -154,12 +158,12 @@ class MarkerFit:
         if not np.array_equal(common, used):  # some are gone: as if they had been gone a frame ago
             self.q = before
             self._place(before)
-            self._fit(self._goal, active, _STEPS)
+            self._fit(self._goal, active, _STEPS, _PRIOR)
             change += before - self.q
         if not np.array_equal(common, self.used):  # some are back: as if they weren't yet
             self.q = before
             self._place(before)
-            self._fit(goal, active, _STEPS)
+            self._fit(goal, active, _STEPS, _PRIOR)
             change += self.q - now
         self.q = now
         self._place(now)
@@ -198,10 +202,10 @@ class MarkerFit:
     def _follow(self, goal: Array, seen: Mask) -> bool:
         """Fits from where the motion goes. Suspects are left out first, and come back where the fit confirms them."""
         before = self.q
-        self.q = before + self._age * self._velocity
+        self.q = before + _COAST * self._age * self._velocity
         self._place(self.q)
         leap = self.gate + 0.5 * _FORCE * self._age**2
-        use = seen & (self._distance(goal) <= leap)
+        use = seen & (self._wrong(goal, self._distance(goal)) <= leap)
         if 2 * np.count_nonzero(use) <= np.count_nonzero(seen):
             use = seen  # not they, but the person leapt
         for suspect in np.flatnonzero(seen & ~use):
@@ -210,27 +214,28 @@ class MarkerFit:
             more[suspect] = True
             if np.count_nonzero(self._rows(more)[1]) < np.count_nonzero(self._rows(use)[1]):
                 use = more
-        return self._settle(goal, seen, use, before, _STEPS)
+        return self._settle(goal, seen, use, before, _STEPS, _PRIOR)
 
-    def _settle(self, goal: Array, seen: Mask, use: Mask, before: Array, steps: int) -> bool:
+    def _settle(self, goal: Array, seen: Mask, use: Mask, before: Array, steps: int, prior: float) -> bool:
         """Fits, leaves out what is beyond the gate, fits again. Held joints are where they were before."""
-        readmitted = False
+        readmitted, start = False, self.q
         for _ in range(len(seen)):
             active, held = self._rows(use)
             if held.all():
                 return False
-            if held.any():
-                self.q = np.where(held, before, self.q)
-                self._place(self.q)
-            self._fit(goal, active, steps)
+            self.q = np.where(held, before, start)
+            self._place(self.q)
+            fresh = (self.held & ~held).any()  # nothing is known of where a held joint went
+            self._fit(goal, active, steps, _DAMPING if fresh else prior)
             distance = self._distance(goal)
-            beyond = np.where(use, distance, 0.0)
+            wrong = self._wrong(goal, distance)
+            beyond = np.where(use, wrong, 0.0)
             worst = int(beyond.argmax())
             if beyond[worst] > self.gate:
                 use = use.copy()
                 use[worst] = False
                 continue
-            back = seen & ~use & (distance <= self.gate)
+            back = seen & ~use & (wrong <= self.gate)
             if readmitted or not back.any():
                 self.held, self.used, self.rejected = held, use, seen & ~use
                 count = np.count_nonzero(use)
@@ -239,13 +244,14 @@ class MarkerFit:
             use, readmitted = use | back, True
         return False
 
-    def _fit(self, goal: Array, active: Array, steps: int) -> None:
-        """Gauss-Newton; the last step's posture is placed."""
-        q = self.q
+    def _fit(self, goal: Array, active: Array, steps: int, prior: float) -> None:
+        """Gauss-Newton from the present posture, which is the prior; the last step's posture is placed."""
+        start = q = self.q
+        weight = prior * self._eye
         for _ in range(steps):
             J = self._jacobian(active)
             left = (goal - self._points).ravel()
-            step = eigenpy.LLT(J.T @ J + self._damped).solve(J.T @ left)
+            step = eigenpy.LLT(J.T @ J + weight).solve(J.T @ left + prior * (start - q))
             size = np.abs(step).max()
             q = q + (step if size <= _LARGE else step * (_LARGE / size))
             self._place(q)
@@ -256,6 +262,17 @@ class MarkerFit:
     def _distance(self, goal: Array) -> Array:
         left = goal - self._points
         return np.sqrt(np.einsum("ij,ij->i", left, left))
+
+    def _wrong(self, goal: Array, distance: Array) -> Array:
+        """(k,) m: the distances; infinite for a point that is much nearer to another marker's place than to its own."""
+        far = np.flatnonzero(distance > 0.5 * self.gate)
+        if not len(far):
+            return distance
+        apart = goal[far, None] - self._points
+        nearest = np.sqrt(np.einsum("ijk,ijk->ij", apart, apart).min(axis=1))
+        distance = distance.copy()
+        distance[far[nearest < 0.5 * distance[far]]] = np.inf
+        return distance
 
     # -- the chain
 
@@ -324,7 +341,7 @@ class MarkerFit:
         q[:6] = (*t, yaw, lean, side)
         self.q = q
         self._place(q)
-        if not self._settle(goal, seen, seen, last if self._shown else q, _SEARCH_STEPS):
+        if not self._settle(goal, seen, seen, last if self._shown else q, _SEARCH_STEPS, _DAMPING):
             self.q = last
             return False
         q = self._nearest_turn(self.q, last)

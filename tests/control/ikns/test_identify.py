@@ -109,7 +109,7 @@ def test_walking_by_the_static_trials_body_is_vicons_to_several_degrees() -> Non
 
 
 def test_the_recording_with_drop_outs_runs_without_a_jump() -> None:
-    """Up to 710 ms without a marker: the largest step is that of the movement, not of what comes and goes."""
+    """Up to 450 ms without a marker: the largest step is that of the movement, not of what comes and goes."""
     markers = mocap.recorded(mocap.LIFTING)
     names = {name: Marker(s, (0.0, 0.0, 0.0)) for s, group in mocap.LIFTER_MARKERS.items() for name in group}
     body, _ = identify(
