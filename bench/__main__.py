@@ -8,10 +8,11 @@ import sys
 from collections.abc import Callable
 from functools import partial
 
-from bench import clock, drivers, dynamixel, noitom, panda, sixth_finger, stop_latency, superman, ur
+from bench import arm_angles, clock, drivers, dynamixel, noitom, panda, sixth_finger, stop_latency, superman, ur
 from bench.pairs import Row
 
 BENCHES: dict[str, Callable[[], list[Row]]] = {
+    "arm-angles": arm_angles.run,
     "clock-100hz": lambda: clock.run(100),
     "clock-1khz": lambda: clock.run(1000),
     "drivers": drivers.run,

@@ -77,7 +77,7 @@ WRONG = {
     "no name": ("", "    fingers: [{model: 3}]\n", ["fingers.0.model", "name of a finger"]),
     "where rows stood": ("", "    fingers: [{rows: [[0, 1]]}]\n", ["fingers.0", "`rows`", "models:"]),
     "no such kind": ("  mine: {kind: fingr}\n", "", ["line", "models.mine", "'fingr'", "Did you mean 'finger'?"]),
-    "no kind": ("  mine: {side: left}\n", "", ["models.mine", "'kind' is missing", "finger, hand"]),
+    "no kind": ("  mine: {side: left}\n", "", ["models.mine", "'kind' is missing", "finger, hand, body"]),
     "misspelt key": ("  mine: {kind: finger, row: []}\n", "", ["models.mine", "no key 'row'", "Did you mean 'rows'?"]),
     "misspelt name": ("  Mine: {kind: finger}\n", "", ["models", "'Mine' isn't a valid name"]),
     "limits that are crossed": (
@@ -86,6 +86,16 @@ WRONG = {
         ["models.mine", "every lower limit must be below"],
     ),
     "too long a hand": ("  mine: {kind: hand, length: 1.9}\n", "", ["models.mine.length", "1.9"]),
+    "a length that a body hasn't": (
+        "  mine: {kind: body, lengths: {uper_arm: 0.3}}\n",
+        "",
+        ["models.mine", "no length 'uper_arm'", "Did you mean 'upper_arm'?"],
+    ),
+    "a marker on nothing": (
+        "  mine: {kind: body, markers: {X: {segment: right_hnd, at: [0, 0, 0]}}}\n",
+        "",
+        ["models.mine", "no segment 'right_hnd'", "Did you mean 'right_hand'?"],
+    ),
     "the hand where it stood": (None, "    hand_length: 0.18\n", ["controllers.0", "`hand_length`", "models:"]),
 }
 

@@ -26,8 +26,8 @@ from runtime.control.ikns.body import Body, Marker
 Mask = NDArray[np.bool_]
 
 _STEPS: Final = 4  # of Gauss-Newton in a frame, at most
-_SEARCH_STEPS: Final = 25  # the same where nothing is known of the posture
-_SMALL: Final = 4e-3  # rad and m; what is left after a smaller step is the next frame's
+_SEARCH_STEPS: Final = 15  # the same where nothing is known of the posture
+_SMALL: Final = 1.5e-2  # rad and m; what is left after a smaller step is the next frame's
 _LARGE: Final = 0.4  # rad and m, the greatest step
 _DAMPING: Final = 1e-7  # m^2 per rad^2, in a search; a step of 1 rad costs what 0.3 mm of residual do
 _PRIOR: Final = 5e-4  # m^2 per rad^2; leaving the predicted posture by 0.045 rad costs what 1 mm of residual does, so
@@ -83,11 +83,13 @@ class MarkerFit:
                 self._support[row, at] = 1.0
                 at = body.joints[at].parent
         places = np.array([m.at for m in self.markers.values()]).reshape(k, 3)
-        self._segments: list[tuple[NDArray[np.intp], Array, Any]] = []
+        self._segments: list[tuple[slice | NDArray[np.intp], Array, Array, Array]] = []
         for joint in dict.fromkeys(behind):
             rows = np.flatnonzero(np.array(behind) == joint)
             pose = self._data.oMi[joint + 1]
-            self._segments.append((rows, places[rows], pose))
+            together = slice(int(rows[0]), int(rows[-1]) + 1)  # several times as fast as an index
+            index = together if together.stop - together.start == len(rows) else rows
+            self._segments.append((index, places[rows], pose.rotation.T, pose.translation))
         self._points = np.zeros((k, 3))
         # S(p) with S(p) w = w x p, from p by one product.
         self._skew = np.zeros((3, 9))
@@ -101,7 +103,7 @@ class MarkerFit:
         self.held = np.ones(n, bool)
         self.used, self.rejected = np.zeros(k, bool), np.zeros(k, bool)
         self.residual = 0.0
-        self._reference = self._jacobian_at(self._start(_STARTS[0]))
+        self._reference = self.jacobian(self._start(_STARTS[0]))
         self.reset()
 
     def reset(self) -> None:
@@ -174,7 +176,7 @@ class MarkerFit:
         self.q, self._velocity = before, np.zeros_like(before)
         self._place(self.angles)
         self.held = np.ones(len(before), bool)
-        self.rejected = seen.copy()
+        self.used, self.rejected = np.zeros_like(seen), seen.copy()
         self._missed += 1
         if self._missed >= _LOST:
             self.known = False
@@ -183,9 +185,15 @@ class MarkerFit:
         """The pose (`pinocchio.SE3`) of a segment at the present angles, m; a view that the next frame changes."""
         return self._data.oMi[self.body.segments[segment] + 1]
 
-    def points(self) -> Array:
-        """(k, 3) m: where the markers should be at the present angles."""
+    def predicted(self, q: Array) -> Array:
+        """(k, 3) m: where the markers are at q (n,); for checks, as `pose` then is that at q."""
+        self._place(q)
         return self._points.copy()
+
+    def jacobian(self, q: Array) -> Array:
+        """(3 k, n): the derivative of `predicted`, row by row."""
+        self._place(q)
+        return self._jacobian(self._support[:, None, :])
 
     def observed(self, names: Sequence[str]) -> Mask:
         """(n,) True for joints that these markers show."""
@@ -214,17 +222,21 @@ class MarkerFit:
             more[suspect] = True
             if np.count_nonzero(self._rows(more)[1]) < np.count_nonzero(self._rows(use)[1]):
                 use = more
-        return self._settle(goal, seen, use, before, _STEPS, _PRIOR)
+        return self._settle(goal, seen, use, before, _STEPS, _PRIOR, (int(np.count_nonzero(seen)) - 1) // 2)
 
-    def _settle(self, goal: Array, seen: Mask, use: Mask, before: Array, steps: int, prior: float) -> bool:
-        """Fits, leaves out what is beyond the gate, fits again. Held joints are where they were before."""
+    def _settle(self, goal: Array, seen: Mask, use: Mask, before: Array, steps: int, prior: float, spare: int) -> bool:
+        """Fits, leaves out what is beyond the gate, fits again. Held joints are where they were before.
+
+        Returns False where more than `spare` markers would have to be left out.
+        """
         readmitted, start = False, self.q
-        for _ in range(len(seen)):
+        for attempt in range(len(seen)):
             active, held = self._rows(use)
             if held.all():
                 return False
-            self.q = np.where(held, before, start)
-            self._place(self.q)
+            if attempt or held.any():
+                self.q = np.where(held, before, start)
+                self._place(self.q)
             fresh = (self.held & ~held).any()  # nothing is known of where a held joint went
             self._fit(goal, active, steps, _DAMPING if fresh else prior)
             distance = self._distance(goal)
@@ -232,6 +244,8 @@ class MarkerFit:
             beyond = np.where(use, wrong, 0.0)
             worst = int(beyond.argmax())
             if beyond[worst] > self.gate:
+                if np.count_nonzero(seen) - np.count_nonzero(use) >= spare:
+                    return False
                 use = use.copy()
                 use[worst] = False
                 continue
@@ -240,7 +254,7 @@ class MarkerFit:
                 self.held, self.used, self.rejected = held, use, seen & ~use
                 count = np.count_nonzero(use)
                 self.residual = float(np.sqrt((distance[use] ** 2).sum() / count))
-                return bool(2 * count > np.count_nonzero(seen))
+                return bool(np.count_nonzero(seen) - count <= spare)
             use, readmitted = use | back, True
         return False
 
@@ -279,8 +293,8 @@ class MarkerFit:
     def _place(self, q: Array) -> None:
         """Computes the chain and the points at q."""
         pin.computeJointJacobians(self._model, self._data, q)
-        for rows, places, pose in self._segments:
-            self._points[rows] = places @ pose.rotation.T + pose.translation
+        for rows, places, turn, shift in self._segments:
+            self._points[rows] = places @ turn + shift
 
     def _jacobian(self, active: Array) -> Array:
         """(3 k, n): of the points placed last, zero where a marker isn't used or a joint held."""
@@ -288,10 +302,6 @@ class MarkerFit:
         J += self._lin
         J *= active
         return J.reshape(-1, J.shape[2])
-
-    def _jacobian_at(self, q: Array) -> Array:
-        self._place(q)
-        return self._jacobian(self._support[:, None, :])
 
     def _rows(self, use: Mask) -> tuple[Array, Mask]:
         """What of the Jacobian counts, (k, 1, n), and the joints that these markers don't show, (n,).
@@ -341,7 +351,9 @@ class MarkerFit:
         q[:6] = (*t, yaw, lean, side)
         self.q = q
         self._place(q)
-        if not self._settle(goal, seen, seen, last if self._shown else q, _SEARCH_STEPS, _DAMPING):
+        # Far from the posture, whole limbs would be left out and the rest would fit.
+        spare = int(np.count_nonzero(seen)) // 4
+        if not self._settle(goal, seen, seen, last if self._shown else q, _SEARCH_STEPS, _DAMPING, spare):
             self.q = last
             return False
         q = self._nearest_turn(self.q, last)

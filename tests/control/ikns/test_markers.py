@@ -173,6 +173,16 @@ def test_a_frame_without_a_person_holds_everything_and_a_person_elsewhere_is_fou
     assert off(body, fit.angles[None], q[None]).max() < 0.01
 
 
+def test_a_posture_isnt_taken_from_a_torso_alone() -> None:
+    """Half of the markers are somebody else's: rather none than a limb that was left out."""
+    fit, q = MarkerFit(ARM), reaching(ARM, 1)[0]
+    points = made(ARM, q)
+    for name in ("RELB", "RFRM", "RWRA", "RFIN"):
+        points[fit.names.index(name)] += (0.5, 0.4, -0.3)
+    assert not fit.solve(points, np.ones(len(points), bool), DT, starts=6)
+    assert fit.held.all()
+
+
 def test_points_that_arent_numbers_are_missing_ones() -> None:
     fit = MarkerFit(ARM)
     points = made(ARM, reaching(ARM, 1)[0])
@@ -193,4 +203,11 @@ def test_the_posture_is_found_from_nothing(seed: int) -> None:
     fit = MarkerFit(ARM)
     assert fit.solve(made(ARM, q), np.ones(len(fit.names), bool), DT, starts=6)
     assert fit.residual < 1e-4
-    np.testing.assert_allclose(fit.points(), made(ARM, q), atol=1e-3)
+    np.testing.assert_allclose(fit.predicted(fit.angles), made(ARM, q), atol=1e-3)
+
+
+def test_the_derivative_is_that_of_the_points() -> None:
+    fit, q = MarkerFit(BODY), reaching(BODY, 1)[0]
+    np.testing.assert_allclose(fit.predicted(q), made(BODY, q), atol=1e-12)
+    columns = [(fit.predicted(q + step) - fit.predicted(q - step)).ravel() / 2e-6 for step in 1e-6 * np.eye(len(q))]
+    np.testing.assert_allclose(fit.jacobian(q), np.array(columns).T, atol=1e-8)
