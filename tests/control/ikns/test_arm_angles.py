@@ -75,6 +75,19 @@ def test_the_hand_in_the_chest_doesnt_know_where_the_person_stands() -> None:
     np.testing.assert_allclose(hands[0], hands[1], atol=1e-4)
 
 
+def test_the_left_arm_is_the_mirrored_right_one() -> None:
+    right, left = law(), law(side="left")
+    q = reaching(ARM, 1)[0]
+    q[:6] = 0.0
+    show(right, q)
+    left.input["markers"][:] = right.input["markers"] * (1.0, -1.0, 1.0)
+    left.input["marker_visible"][:] = 1.0
+    for arm in (right, left):
+        arm.reset()
+    np.testing.assert_allclose(left.output["angles"], right.output["angles"], atol=1e-6)
+    np.testing.assert_allclose(left.output["hand"][:3], right.output["hand"][:3] * (1.0, -1.0, 1.0), atol=1e-6)
+
+
 def test_what_isnt_seen_is_held_and_said() -> None:
     arm, motion = law(), reaching(ARM, 40)
     for i, q in enumerate(motion):
