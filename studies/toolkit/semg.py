@@ -13,15 +13,10 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import signal
 
 from runtime.contracts.signals import Array
 from studies.toolkit.errors import StudyError
-from studies.toolkit.statistics import without_scipy
-
-try:
-    from scipy import signal
-except ImportError:
-    raise without_scipy("surface EMG") from None
 
 # The paper's four muscles: recommended names for the trigno driver's channels, and the paper's letters.
 MUSCLES: Final = {"deltoid_anterior": "AD", "deltoid_posterior": "PD", "biceps": "BC", "triceps": "TR"}

@@ -9,7 +9,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from runtime.contracts.errors import HostError
 from runtime.contracts.signals import Array
 from studies.toolkit.errors import StudyError, numbers, pairs
 
@@ -118,15 +117,12 @@ def paired_t(first: ArrayLike, second: ArrayLike, place: str = "paired t-test") 
 
     Raises:
         StudyError: as in `sign_test`, or all differences are the same.
-        HostError: scipy isn't installed.
     """
     one, other = pairs(place, first, second, 2)
     difference = one - other
     _varied(place, difference, float(np.max(np.abs([one, other]))), "Take the sign test")
-    try:
-        from scipy import stats
-    except ImportError:
-        raise without_scipy(place) from None
+    from scipy import stats
+
     found = stats.ttest_1samp(difference, 0.0)
     return PairedT(float(np.mean(difference)), float(found.statistic), len(difference) - 1, float(found.pvalue))
 
@@ -136,16 +132,13 @@ def shapiro_wilk(values: ArrayLike, place: str = "Shapiro-Wilk test") -> Shapiro
 
     Raises:
         StudyError: too few, too many, not finite, or all the same.
-        HostError: scipy isn't installed.
     """
     found = numbers(place, values, 3)
     if len(found) > 5000:
         raise StudyError(place, f"{len(found)} values, expected at most 5000", "Test one value a subject, not a signal")
     _varied(place, found, float(np.max(np.abs(found))), "It says nothing about a constant")
-    try:
-        from scipy import stats
-    except ImportError:
-        raise without_scipy(place) from None
+    from scipy import stats
+
     w, p = stats.shapiro(found)
     return ShapiroWilk(float(w), float(p))
 
@@ -164,11 +157,6 @@ def stars(p: float) -> str:
 def words(p: float) -> str:
     """Returns a p-value as tables print it: two figures, or "p < 0.001"."""
     return "p < 0.001" if p < LEVELS[0] else f"p = {p:.2g}"
-
-
-def without_scipy(place: str) -> HostError:
-    """Returns the error for a machine without the optional extra."""
-    return HostError(place, "scipy isn't installed", "Install it: pip install 'srl-runtime[studies]'")
 
 
 def _binomial(k: int, n: int) -> float:

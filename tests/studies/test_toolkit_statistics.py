@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import math
-import subprocess
-import sys
-from pathlib import Path
 from statistics import fmean, stdev
 
 import numpy as np
@@ -15,7 +12,6 @@ from hypothesis import strategies as st
 from matplotlib.cbook import boxplot_stats
 from scipy import stats
 
-from runtime.contracts.errors import HostError
 from studies.toolkit.errors import StudyError
 from studies.toolkit.statistics import box, level, paired_t, shapiro_wilk, sign_test, stars, summary, words
 
@@ -108,31 +104,3 @@ def test_tests_that_have_no_answer_say_so() -> None:
         shapiro_wilk([1, 2])
     with pytest.raises(StudyError, match="at most 5000"):
         shapiro_wilk(np.arange(5001))
-
-
-def test_without_scipy_the_sign_test_works_and_the_others_say_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "scipy", None)
-    assert sign_test([1, 2], [0, 0]).p == 0.5
-    for call in (lambda: paired_t([1, 2], [0, 0]), lambda: shapiro_wilk([1, 2, 4])):
-        with pytest.raises(HostError, match=r"scipy isn't installed.*pip install"):
-            call()
-
-
-def test_without_scipy_tables_and_questionnaires_work_and_emg_says_what_to_install() -> None:
-    text = """if True:
-        import sys
-        sys.modules["scipy"] = None
-        from runtime.contracts.errors import HostError
-        from studies.superman.published import PRINTED_I, TABLE_I
-        from studies.toolkit import boxplots, nasa_tlx, trials
-        TABLE_I.console(PRINTED_I)
-        try:
-            from studies.toolkit import semg_record
-        except HostError as error:
-            print(error)
-    """
-    root = Path(__file__).parents[2]
-    done = subprocess.run(
-        [sys.executable, "-c", text], cwd=root, capture_output=True, text=True, timeout=60, check=True
-    )
-    assert "scipy isn't installed" in done.stdout
