@@ -21,7 +21,8 @@ Indices = NDArray[np.intp]
 _FLAT: Final = 1e-12  # of the size: a tetrahedron thinner than this is flat
 _ON_SPHERE: Final = (1e-12, 1e-14)  # of the size squared, and of size times radius: power of a site on a sphere
 _IN_PLANE: Final = 1e-12  # of the size
-_ALMOST: Final = 1e-8  # of the size: a hull flat to this, and yet not flat, has no digits left for what lies at it
+_ALMOST: Final = 1e-7  # of the size: a hull flat to this, and yet not flat, has no digits left for what lies at it
+_MOVED: Final = 1e-5  # of the size: how far sites are moved where that is so
 _THIN: Final = 1e-3  # of the size: sites within a layer of this thickness span no volume
 _SAME: Final = 1e-4  # of the size: sites nearer to each other are one
 
@@ -58,17 +59,31 @@ class Cells:
 
 
 def delaunay(sites: Array) -> Cells:
-    """Returns the cells of sites (N, 3) m. Raises SitesError: too few, not finite, two in one place, no volume."""
-    from scipy.spatial import Delaunay
+    """Returns the cells of sites (N, 3) m. Raises SitesError: too few, not finite, two in one place, no volume.
 
+    Where sites lie in one plane to 1e-7 of their size and yet not exactly, each is moved by 1e-5 of it at most.
+    """
     origin, size = _checked(sites)
     points = (sites - origin) / size
+    moved = points + np.random.default_rng(0).uniform(-_MOVED, _MOVED, points.shape) / np.sqrt(3.0)
+    for tried in (points, moved):
+        cells = _cells(origin, size, tried)
+        if cells is not None:
+            return cells
+    raise SitesError("sites", "no triangulation of them is exact enough", "Move some of them by a millimetre")
+
+
+def _cells(origin: Array, size: float, points: Array) -> Cells | None:
+    """The cells, or None where double precision doesn't suffice."""
+    from scipy.spatial import Delaunay
+
     found = Delaunay(points)
     tets, beyond = found.simplices.astype(np.intp), found.neighbors.astype(np.intp)
     corners = points[tets]
     volumes = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0
     # scipy doesn't promise an orientation.
-    tets[volumes < 0.0, :2], beyond[volumes < 0.0, :2] = tets[volumes < 0.0, 1::-1], beyond[volumes < 0.0, 1::-1]
+    back = volumes < 0.0
+    tets[back, :2], beyond[back, :2] = tets[back, 1::-1], beyond[back, 1::-1]
     thickness = _thickness(points[tets], np.abs(volumes))
     tets, beyond, thickness = _peeled(tets, beyond, thickness)
     _turn_flat(tets, beyond, thickness)
@@ -77,11 +92,8 @@ def delaunay(sites: Array) -> Cells:
     facets = tets[t[:, None], _OPPOSITE[j]]
     behind = np.where(beyond[t, j] < 0, -1, cell[beyond[t, j]])
     cells = Cells(origin, size, points, centres, powers, facets, cell[t], behind, *_planes(points, facets, behind))
-    almost = bool((thickness[(beyond < 0).any(axis=1)] < _ALMOST).any()) or _almost_flat(cells)
-    if almost or not _closed(cells):
-        problem = "four of them are in one plane, or five on one sphere, to nanometres and yet not exactly"
-        raise SitesError("sites", problem, "Move one of them by a millimetre")
-    return cells
+    almost = (thickness[(beyond < 0).any(axis=1)] < _ALMOST).any() or _almost_flat(cells)
+    return cells if not almost and _closed(cells) else None
 
 
 # The corners of the facet opposite each corner of a positive tetrahedron, counter-clockwise from outside.
