@@ -1,0 +1,288 @@
+"""From a person's recorded null-space motion to the directions that read it: IKNS calibration.
+
+Lisini Baldi et al., Exploiting intrinsic kinematic null space for supernumerary robotic limbs control, 2023, section
+III. What differs from it, and why: docs/ikns.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+from pydantic import Field
+
+from runtime.contracts.errors import SrlError
+from runtime.contracts.options import Options
+from runtime.contracts.signals import Array
+from runtime.control.ikns.clusters import Indices, box_points, hand_speed, k_means, trimmed
+from runtime.control.ikns.delaunay import SitesError, delaunay
+
+_SIDEWAYS: Final = 0.3  # cosine between directions of neighbouring points below which their sense is a guess
+_LOST: Final = 0.2  # share of samples without angles or hand
+
+
+class CalibrationError(SrlError):
+    """A recording from which no control can be calibrated."""
+
+
+class Thresholds(Options):
+    """What a calibration keeps, and what it refuses."""
+
+    points: int = Field(10, ge=8, le=26, description="calibration points: corners of a box, centres of its faces, ...")
+    up: Literal[0, 1, 2] = Field(2, description="axis of the hand's frame that points upwards")
+    speed: float = Field(0.05, gt=0.0, description="m/s; samples in which the hand is faster are discarded")
+    radius: float = Field(0.05, gt=0.0, description="m; samples farther from their point's centroid are discarded")
+    components: Literal["first", "sum"] = Field(
+        "first", description="first principal component, or the paper's weighted sum of those that explain `share`"
+    )
+    share: float = Field(0.8, gt=0.0, le=1.0, description="of the variance, for `components: sum`")
+    samples: int = Field(100, ge=10, description="least number of samples kept a point and DoF")
+    range: float = Field(0.15, gt=0.0, description="rad, least range of motion along the direction, a point and DoF")
+    explained: float = Field(0.7, gt=0.0, le=1.0, description="least share of the variance that the direction explains")
+    wander: float = Field(0.02, gt=0.0, description="m, largest rms distance of the hand from its point")
+    condition: float = Field(0.25, gt=0.0, le=1.0, description="least sine of a DoF's direction to all the others'")
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Samples at the calibration points. Values that weren't measured are not finite.
+
+    Attributes:
+        times: (T,) s, ascending.
+        angles: (T, n) rad, unwrapped.
+        hand: (T, 3) m, position in the frame in which the law will get it.
+        dof: (T,), the DoF that was to move in each sample's trial: 0 to k - 1.
+    """
+
+    times: Array
+    angles: Array
+    hand: Array
+    dof: Indices
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What the law needs, and what tells its quality. N points, k DoFs, n joints.
+
+    Attributes:
+        sites: (N, 3) m, where the hand was.
+        directions: (N, k, n), B: the DoF's coordinate is B q, rad. Rows of unit length for one DoF; dual for several.
+        lower, upper: (N, k) rad, m and M: the coordinate's range in the DoF's own trial.
+        samples: (N, k), number of samples kept.
+        explained: (N, k), share of the variance along the trial's direction.
+        wander: (N,) m, rms distance of the kept samples' hand from the site.
+        condition: (N, k), sine of the angle between a trial's direction and the space of the others'; 1 for one DoF.
+        crosstalk: (N, k, k), [i, j]: how much of its range DoF i moves when DoF j moves through its own, in j's trials.
+        agreement: (N,), least cosine between the trials' directions here and at the point they were signed by; 1 at the
+            first.
+        still: share of the samples in which the hand was slow enough.
+        lost: share of the samples that weren't finite.
+        jumps: number of steps between samples in which an angle jumped by more than half a turn.
+    """
+
+    sites: Array
+    directions: Array
+    lower: Array
+    upper: Array
+    samples: Indices
+    explained: Array
+    wander: Array
+    condition: Array
+    crosstalk: Array
+    agreement: Array
+    still: float
+    lost: float
+    jumps: int
+
+
+def calibrate(recording: Recording, thresholds: Thresholds | None = None) -> Calibration:
+    """Computes a calibration, good or bad; `refusals` says what is wrong with it.
+
+    Points without samples get directions that aren't finite. Neither the order of samples of equal speed nor the signs
+    of principal components matter. Raises CalibrationError if nothing at all is kept.
+    """
+    th = thresholds or Thresholds()
+    measured = np.column_stack([recording.angles, recording.hand])
+    seen = np.asarray(np.isfinite(measured).all(axis=1))
+    steps = np.abs(np.diff(recording.angles[seen], axis=0))
+    speed = hand_speed(recording.times, recording.hand)
+    kept = seen & (speed < th.speed)
+    if not kept.any():
+        raise CalibrationError(
+            "recording",
+            f"no sample of {len(seen)} is left: {int((~seen).sum())} without angles or hand, the others faster than "
+            f"{th.speed} m/s",
+            "Hold the hand still at each point, and move only the arm",
+        )
+    q, hand, dof = recording.angles[kept], recording.hand[kept], recording.dof[kept]
+    sites, cluster = k_means(hand, box_points(hand, th.points, th.up))
+    sites, cluster = trimmed(hand, sites, cluster, th.radius)
+    n, N, k = q.shape[1], len(sites), int(recording.dof.max()) + 1
+    Z = np.full((N, k, n), np.nan)
+    explained, samples = np.full((N, k), np.nan), np.zeros((N, k), dtype=np.intp)
+    components: list[list[Array | None]] = [[None] * k for _ in range(N)]
+    for i in range(N):
+        for j in range(k):
+            chosen = q[(cluster == i) & (dof == j)]
+            samples[i, j] = len(chosen)
+            if len(chosen) > n:
+                components[i][j], explained[i, j] = _components(chosen, th)
+    agreement = np.ones(N)
+    for i, parent in _tree(sites, [all(c is not None for c in row) for row in components]):
+        for j in range(k):
+            own = components[i][j]
+            assert own is not None
+            base = components[parent][j] if parent >= 0 else None
+            components[i][j] = own = _signed(own, base)
+            total = own.sum(axis=0)
+            Z[i, j] = total / np.linalg.norm(total)
+            if parent >= 0:
+                agreement[i] = min(agreement[i], float(Z[i, j] @ Z[parent, j]))
+    B, condition = _dual(Z)
+    lower, upper = np.full((N, k), np.nan), np.full((N, k), np.nan)
+    wander, crosstalk = np.full(N, np.nan), np.full((N, k, k), np.nan)
+    for i in range(N):
+        here = cluster == i
+        if here.any():
+            wander[i] = np.sqrt(((hand[here] - sites[i]) ** 2).sum(axis=1).mean())
+        for j in range(k):
+            if (chosen := here & (dof == j)).any():
+                along = q[chosen] @ B[i].T
+                lower[i, j], upper[i, j] = along[:, j].min(), along[:, j].max()
+                away = along - along.mean(axis=0)
+                crosstalk[i, :, j] = away.T @ away[:, j] / max(float(away[:, j] @ away[:, j]), 1e-300)
+        crosstalk[i] *= (upper[i] - lower[i]) / (upper[i] - lower[i])[:, None]
+    return Calibration(
+        sites, B, lower, upper, samples, explained, wander, condition, crosstalk, agreement,
+        still=float(kept.sum() / max(seen.sum(), 1)), lost=float(1.0 - seen.mean()), jumps=int((steps > np.pi).sum()),
+    )  # fmt: skip
+
+
+def refusals(found: Calibration, thresholds: Thresholds | None = None) -> tuple[CalibrationError, ...]:
+    """Returns every reason for which a calibration can't work, with its remedy. Empty: it can be used."""
+    return tuple(_refusals(found, thresholds or Thresholds()))
+
+
+def _refusals(found: Calibration, th: Thresholds) -> Iterator[CalibrationError]:
+    if found.lost > _LOST:
+        yield CalibrationError(
+            "recording",
+            f"{found.lost:.0%} of the samples lack angles or hand: markers were missing",
+            "See that every marker is seen from all places of the arm, and record it again",
+        )
+    if found.jumps:
+        yield CalibrationError(
+            "recording", f"angles jump by more than half a turn {found.jumps} times", "Record them unwrapped"
+        )
+    try:
+        delaunay(found.sites)
+    except SitesError as error:
+        yield CalibrationError("points", error.problem, error.remedy)
+    for i in range(len(found.sites)):
+        for j in range(found.samples.shape[1]):
+            yield from _refused(found, th, i, j)
+        if found.wander[i] > th.wander:
+            yield CalibrationError(
+                f"point {i + 1}",
+                f"the hand wandered by {1e3 * found.wander[i]:.0f} mm rms, {1e3 * th.wander:.0f} mm are allowed",
+                "Redo the point with the hand at a support",
+            )
+        if found.agreement[i] < _SIDEWAYS:
+            angle = np.rad2deg(np.arccos(found.agreement[i]))
+            yield CalibrationError(
+                f"point {i + 1}",
+                f"its motion is turned by {angle:.0f} degrees against that of its neighbour, so its sense is a guess",
+                "Redo the point with the same motion as at the others, or add a point between them",
+            )
+
+
+def _refused(found: Calibration, th: Thresholds, i: int, j: int) -> Iterator[CalibrationError]:
+    """What is wrong with DoF j at point i."""
+    place = f"point {i + 1}" if found.samples.shape[1] == 1 else f"point {i + 1}, DoF {j + 1}"
+    span = found.upper[i, j] - found.lower[i, j]
+    if found.samples[i, j] < th.samples or not np.isfinite(found.directions[i, j]).all():
+        yield CalibrationError(
+            place,
+            f"{found.samples[i, j]} samples are kept, {th.samples} needed: the hand was faster than {th.speed} m/s or "
+            f"farther than {1e3 * th.radius:.0f} mm from the point; {found.still:.0%} of all samples were slow enough",
+            "Redo the point, longer or with the hand stiller",
+        )
+    elif span < th.range:
+        yield CalibrationError(
+            place,
+            f"the range is {span:.2f} rad, {th.range} rad are needed",
+            "Redo the point and move the arm as far as it goes with the hand still, or choose a point where it goes "
+            "farther: not with the arm stretched",
+        )
+    elif found.explained[i, j] < th.explained:
+        yield CalibrationError(
+            place,
+            f"the direction explains {found.explained[i, j]:.0%} of the motion, {th.explained:.0%} are needed",
+            "Redo the point with one motion there and back, and the hand neither moved nor turned",
+        )
+    elif found.condition[i, j] < th.condition:
+        angle = np.rad2deg(np.arcsin(found.condition[i, j]))
+        yield CalibrationError(
+            place,
+            f"its motion is only {angle:.0f} degrees apart from the other DoFs' motions",
+            "Redo its trial with this DoF alone, or do without it",
+        )
+
+
+def _components(q: Array, th: Thresholds) -> tuple[Array, float]:
+    """Principal components (c, n) weighted by their variance, and the share of the variance that they explain."""
+    away = q - q.mean(axis=0)
+    variances, vectors = np.linalg.eigh(away.T @ away / len(q))
+    shares = np.maximum(variances[::-1], 0.0) / max(variances.sum(), 1e-300)
+    count = 1 if th.components == "first" else int(np.searchsorted(shares.cumsum(), th.share - 1e-12)) + 1
+    return shares[:count, None] * vectors.T[::-1][:count], float(shares[:count].sum())
+
+
+def _signed(components: Array, base: Array | None) -> Array:
+    """Gives each component (c, n) the sign of the one in `base` that it resembles most.
+
+    Without a base, or beyond its components, the largest element becomes positive.
+    """
+    senses = np.ones(len(components))
+    left = [] if base is None else list(base)
+    for i, component in enumerate(components):
+        if left:
+            unit = [component @ b / np.linalg.norm(b) for b in left]
+            best = int(np.argmax(np.abs(unit)))
+            sense = unit[best]
+            del left[best]
+        else:
+            sense = component[np.abs(component).argmax()]
+        senses[i] = -1.0 if sense < 0.0 else 1.0
+    return senses[:, None] * components
+
+
+def _tree(sites: Array, there: list[bool]) -> Iterator[tuple[int, int]]:
+    """The shortest tree through the points that are there, from the innermost on: each with its parent, -1 first."""
+    left = [i for i, good in enumerate(there) if good]
+    if not left:
+        return
+    middle = sites[left].mean(axis=0)
+    root = min(left, key=lambda i: float(np.linalg.norm(sites[i] - middle)))
+    yield root, -1
+    done = [root]
+    left.remove(root)
+    while left:
+        gaps = np.linalg.norm(sites[left][:, None] - sites[done], axis=2)
+        a, b = np.unravel_index(int(gaps.argmin()), gaps.shape)
+        yield left[a], done[b]
+        done.append(left.pop(int(a)))
+
+
+def _dual(Z: Array) -> tuple[Array, Array]:
+    """B = (Z Z^T)^-1 Z (N, k, n): B_i Z_j is 1 for i = j, else 0. And the sine of Z_i to the space of the others."""
+    B, sine = np.full(Z.shape, np.nan), np.full(Z.shape[:2], np.nan)
+    for i, rows in enumerate(Z):
+        if np.isfinite(rows).all():
+            B[i] = np.linalg.pinv(rows.T, rcond=1e-9)
+            for j, row in enumerate(rows):
+                others = np.delete(rows, j, axis=0).T
+                sine[i, j] = np.linalg.norm(row - others @ np.linalg.lstsq(others, row)[0])
+    return B, np.minimum(sine, 1.0)
