@@ -6,14 +6,17 @@ front, y to the left, z up; the arm is a right one.
 
 from __future__ import annotations
 
+from datetime import date
 from itertools import product
+from pathlib import Path
 from typing import cast
 
 import numpy as np
 import pinocchio as pin
 
 from runtime.contracts.signals import Array
-from runtime.control.ikns.calibration import Recording
+from runtime.control.ikns.calibration import Recording, Thresholds, calibrate
+from runtime.control.ikns.record import Record, write
 
 UPPER, FORE, HAND, CLAVICLE = 0.326, 0.256, 0.09, 0.16  # m
 MIDDLE = np.array([0.33, -0.17, -0.12])  # m, of the workspace
@@ -140,3 +143,18 @@ def recorded(arm: Arm, trials: list[list[Array]], noise: float = 0.0, seed: int 
     starts = np.cumsum([0.0, *(len(q) / 100 + 1.0 for q, _ in parts[:-1])])
     times = np.concatenate([start + np.arange(len(q)) / 100 for start, (q, _) in zip(starts, parts, strict=True)])
     return Recording(times, angles, hand, np.concatenate([np.full(len(q), j) for q, j in parts]))
+
+
+def calibrated(path: Path, chain: str = "arm", k: int = 1) -> Record:
+    """Writes the calibration file of a person with this arm, and returns what is in it."""
+    arm, thresholds = Arm(chain), Thresholds(samples=20)
+    trials = []
+    for place in POINTS:
+        q = arm.at(place)
+        trials.append([arm.swing(q, 0.6, 21), arm.shrug(q, 1, 0.25, 21), arm.shrug(q, 0, 0.25, 21)][:k])
+    record = Record.of(
+        calibrate(recorded(arm, trials), thresholds), thresholds, person="p07", date=date(2024, 5, 17), rate=100.0,
+        frame="chest", joints=arm.names, dofs=("swivel", "shrug", "protraction")[:k],
+    )  # fmt: skip
+    write(path, record)
+    return record

@@ -1,0 +1,173 @@
+"""The calibration file of `ikns`: one JSON file a person and chain of joints."""
+
+from __future__ import annotations
+
+import datetime
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+
+from runtime.contracts.errors import SrlError
+from runtime.control.ikns.calibration import Calibration, Thresholds
+
+FORMAT = "srl-ikns-1"
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")]
+Row = tuple[FiniteFloat, ...]
+
+
+class RecordError(SrlError):
+    """A calibration file that can't be read, written or used."""
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Point(_Part):
+    """A calibration point. Names and units: `runtime.control.ikns.calibration.Calibration`, one row of each array."""
+
+    site: tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+    directions: tuple[Row, ...]
+    lower: Row
+    upper: Row
+    samples: tuple[int, ...]
+    explained: Row
+    wander: FiniteFloat
+    condition: Row
+    crosstalk: tuple[Row, ...]
+    agreement: FiniteFloat
+
+
+class Record(_Part):
+    """What the file holds.
+
+    Attributes:
+        format: of the file.
+        person: an anonymous id. No name: the file is copied beside recordings.
+        date: of the recording.
+        rate: Hz, of the recording.
+        frame: in which `site` is, and in which the law expects the hand.
+        joints: names of the angles, n.
+        dofs: names of the degrees of freedom, k.
+        thresholds: with which it was made.
+        points: N.
+        still, lost, jumps: of the recording, as in `Calibration`.
+    """
+
+    format: Literal["srl-ikns-1"]
+    person: Name
+    date: datetime.date
+    rate: Annotated[FiniteFloat, Field(gt=0.0)]
+    frame: Name
+    joints: Annotated[tuple[Name, ...], Field(min_length=1)]
+    dofs: Annotated[tuple[Name, ...], Field(min_length=1)]
+    thresholds: Thresholds
+    points: Annotated[tuple[Point, ...], Field(min_length=4)]
+    still: FiniteFloat
+    lost: FiniteFloat
+    jumps: int
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        n, k = len(self.joints), len(self.dofs)
+        for names in (self.joints, self.dofs):
+            if len(set(names)) < len(names):
+                raise ValueError("each joint and each degree of freedom needs a name of its own")
+        for i, p in enumerate(self.points):
+            rows = (p.lower, p.upper, p.samples, p.explained, p.condition)
+            if any(len(row) != k for row in (*rows, p.directions, p.crosstalk, *p.crosstalk)):
+                raise ValueError(f"point {i + 1} must have {k} entries, one a degree of freedom")
+            if any(len(row) != n for row in p.directions):
+                raise ValueError(f"point {i + 1} must have directions of {n} numbers, one a joint")
+            if any(low >= high for low, high in zip(p.lower, p.upper, strict=True)):
+                raise ValueError(f"point {i + 1} has a lower end that isn't below its upper end")
+        return self
+
+    @classmethod
+    def of(
+        cls,
+        found: Calibration,
+        thresholds: Thresholds,
+        *,
+        person: str,
+        date: datetime.date,
+        rate: float,
+        frame: str,
+        joints: Sequence[str],
+        dofs: Sequence[str],
+    ) -> Record:
+        """Returns the record of a calibration. Raises RecordError: it isn't finite, or names don't fit."""
+        points = [
+            {
+                "site": found.sites[i].tolist(),
+                "directions": found.directions[i].tolist(),
+                "lower": found.lower[i].tolist(),
+                "upper": found.upper[i].tolist(),
+                "samples": found.samples[i].tolist(),
+                "explained": found.explained[i].tolist(),
+                "wander": float(found.wander[i]),
+                "condition": found.condition[i].tolist(),
+                "crosstalk": found.crosstalk[i].tolist(),
+                "agreement": float(found.agreement[i]),
+            }
+            for i in range(len(found.sites))
+        ]
+        values = {
+            "format": FORMAT, "person": person, "date": date, "rate": rate, "frame": frame, "joints": tuple(joints),
+            "dofs": tuple(dofs), "thresholds": thresholds, "points": points, "still": found.still, "lost": found.lost,
+            "jumps": found.jumps,
+        }  # fmt: skip
+        try:
+            return cls.model_validate(values)
+        except ValidationError as error:
+            raise _error("calibration", error, "Redo the points that `refusals` names") from None
+
+    def calibration(self) -> Calibration:
+        """Returns the calibration, as arrays."""
+        a = {name: np.array([getattr(p, name) for p in self.points], dtype=float) for name in Point.model_fields}
+        return Calibration(
+            sites=a["site"], directions=a["directions"], lower=a["lower"], upper=a["upper"],
+            samples=a["samples"].astype(np.intp), explained=a["explained"], wander=a["wander"],
+            condition=a["condition"], crosstalk=a["crosstalk"], agreement=a["agreement"],
+            still=self.still, lost=self.lost, jumps=self.jumps,
+        )  # fmt: skip
+
+
+def read(path: Path) -> Record:
+    """Reads a calibration file. Raises RecordError."""
+    try:
+        text = path.read_bytes()
+    except OSError as error:
+        raise RecordError(
+            str(path),
+            f"it can't be read: {error.strerror}",
+            "Name the file of a calibration; a path begins where srl runs",
+        ) from None
+    try:
+        return Record.model_validate_json(text)
+    except ValidationError as error:
+        raise _error(str(path), error, "Calibrate again, or name another file") from None
+
+
+def write(path: Path, record: Record) -> None:
+    """Writes a calibration file whole or not at all, in place of an older one. Raises RecordError."""
+    scratch = path.with_name(f".{path.name}.new")
+    try:
+        with open(scratch, "w", encoding="utf-8") as file:
+            file.write(record.model_dump_json(indent=1) + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+        scratch.rename(path)
+    except OSError as error:
+        raise RecordError(str(path), f"it can't be written: {error.strerror}", "Choose another folder") from None
+
+
+def _error(place: str, error: ValidationError, remedy: str) -> RecordError:
+    first = error.errors()[0]
+    at = ".".join(map(str, first["loc"]))
+    return RecordError(f"{place}: {at}" if at else place, first["msg"].removeprefix("Value error, "), remedy)

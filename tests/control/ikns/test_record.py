@@ -1,0 +1,87 @@
+"""The calibration file: what is written is read, and what is wrong in it is named."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.null_space_arm import calibrated
+
+from runtime.control.ikns.calibration import Calibration
+from runtime.control.ikns.record import Record, RecordError, read, write
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Record]:
+    path = tmp_path_factory.mktemp("ikns") / "p07.json"
+    return path, calibrated(path, "clavicle", 2)
+
+
+def test_what_is_written_is_read_to_the_bit(made: tuple[Path, Record]) -> None:
+    path, record = made
+    assert read(path) == record
+    found = record.calibration()
+    again = Record.of(
+        found, record.thresholds, person=record.person, date=record.date, rate=record.rate, frame=record.frame,
+        joints=record.joints, dofs=record.dofs,
+    )  # fmt: skip
+    assert again == record
+    assert {name: np.shape(getattr(found, name)) for name in Calibration.__dataclass_fields__} == {
+        "sites": (10, 3), "directions": (10, 2, 9), "lower": (10, 2), "upper": (10, 2), "samples": (10, 2),
+        "explained": (10, 2), "wander": (10,), "condition": (10, 2), "crosstalk": (10, 2, 2), "agreement": (10,),
+        "still": (), "lost": (), "jumps": (),
+    }  # fmt: skip
+
+
+def test_a_file_is_replaced_whole_or_not_at_all(made: tuple[Path, Record], monkeypatch: pytest.MonkeyPatch) -> None:
+    path, record = made
+    with monkeypatch.context() as broken:
+        broken.setattr("os.fsync", lambda fd: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+        with pytest.raises(RecordError, match=r"p07\.json: it can't be written: No space left on device"):
+            write(path, record.model_copy(update={"person": "p08"}))
+    assert read(path) == record
+    write(path, record.model_copy(update={"person": "p08"}))
+    assert read(path).person == "p08"
+    write(path, record)
+    assert [p.name for p in path.parent.iterdir()] == ["p07.json"]
+
+
+def _without_site(v: dict[str, Any]) -> None:
+    del v["points"][3]["site"]
+
+
+FAULTS: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
+    "a field is missing": (_without_site, r"points\.3\.site: Field required"),
+    "an unknown key": (lambda v: v.update(name="Ada"), "name: Extra inputs are not permitted"),
+    "a name as id": (lambda v: v.update(person="Ada Lovelace"), "person: String should match pattern"),
+    "another format": (lambda v: v.update(format="srl-ikns-9"), "format: Input should be 'srl-ikns-1'"),
+    "too few numbers": (lambda v: v["points"][4]["directions"][1].pop(), "point 5 must have directions of 9 numbers"),
+    "too few DoFs": (lambda v: v["points"][0]["upper"].pop(), "point 1 must have 2 entries"),
+    "an empty range": (lambda v: v["points"][0].update(upper=v["points"][0]["lower"]), "isn't below its upper end"),
+    "no number": (lambda v: v["points"][2].update(wander="NaN"), r"points\.2\.wander: Input should be a finite number"),
+    "two joints of one name": (lambda v: v["joints"].__setitem__(1, v["joints"][0]), "a name of its own"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_is_named_with_its_place(fault: str, made: tuple[Path, Record], tmp_path: Path) -> None:
+    values = json.loads(made[0].read_text())
+    FAULTS[fault][0](values)
+    (tmp_path / "bad.json").write_text(json.dumps(values))
+    with pytest.raises(RecordError, match=rf"bad\.json.*{FAULTS[fault][1]}.*Calibrate again"):
+        read(tmp_path / "bad.json")
+
+
+def test_a_file_that_isnt_there_or_isnt_json(tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match="it can't be read: No such file"):
+        read(tmp_path / "none.json")
+    for content in (b"", b"{", b"\xff\xfe", b"[1]"):
+        (tmp_path / "odd.json").write_bytes(content)
+        with pytest.raises(RecordError, match=r"odd\.json: .*Calibrate again"):
+            read(tmp_path / "odd.json")
+    with pytest.raises(RecordError, match=r"it can't be written: .*Choose another folder"):
+        write(tmp_path / "no" / "p.json", calibrated(tmp_path / "p.json"))
