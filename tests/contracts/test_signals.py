@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 from helpers.names import Device, Law, command, joints
+from helpers.null_space_arm import calibrated
 
 from drivers.cyberglove.protocol import LABELS
 from runtime.contracts import registry
@@ -46,13 +48,16 @@ def test_what_has_names_is_taken(given: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("name", registry.names("controllers"))
-def test_every_law_names_its_elements(name: str) -> None:
+def test_every_law_names_its_elements(name: str, tmp_path: Path) -> None:
     cls = registry.load("controllers", name, "test")
     options = {
+        "ikns": {"calibration": str(tmp_path / "p07.json")},
         "joint-setpoint": {"joints": ["a"]},
         "velocity-setpoint": {"axes": ["a"]},
         "pose-in-frame": {"frame": "a"},
     }
+    if name == "ikns":
+        calibrated(tmp_path / "p07.json")
     law = cls("law", cls.Config.model_validate(options.get(name, {})))
     for signal in (*law.inputs, *law.outputs):
         assert not signal.naming_fault(), signal.name

@@ -1,0 +1,186 @@
+"""The law: c by the paper's formula, held without inputs, and never a jump."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.control import bound
+from helpers.null_space_arm import MIDDLE, POINTS, Arm, calibrated
+
+from runtime.contracts.errors import ProfileError
+from runtime.contracts.signals import Array
+from runtime.control.ikns.law import Ikns, IknsConfig
+from runtime.control.ikns.record import Record, RecordError
+
+DT = 0.01
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("ikns") / "p07.json"
+    calibrated(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Record]:
+    path = tmp_path_factory.mktemp("ikns") / "two.json"
+    return path, calibrated(path, "clavicle", 2)
+
+
+def law(file: Path, **options: Any) -> Ikns:
+    return bound(Ikns("ikns", IknsConfig(calibration=str(file), **options)))
+
+
+def put(law: Ikns, arm: Arm, q: Array) -> None:
+    law.input["angles"][:] = q
+    law.input["hand"][:] = (*arm.pose(q).translation, 1.0, 0.0, 0.0, 0.0)
+
+
+def follow(law: Ikns, arm: Arm, qs: Array) -> Array:
+    """c (T, k) over a motion, from a reset at its beginning."""
+    put(law, arm, qs[0])
+    law.reset()
+    found = [law.output["c"].copy()]
+    for q in qs[1:]:
+        put(law, arm, q)
+        before = law.output["c"].copy()
+        law.update(DT)
+        assert law.output["c_rate"] == pytest.approx((law.output["c"] - before) / DT)
+        found.append(law.output["c"].copy())
+    return np.array(found)
+
+
+def test_c_goes_from_0_to_1_with_the_swivel_at_every_point_and_between(file: Path) -> None:
+    arm = Arm()
+    for place in (*POINTS, MIDDLE):
+        swing = arm.swing(arm.at(place), 0.6, 21)
+        c = follow(law(file, clamp=False), arm, swing)[:, 0]
+        c = c if c[-1] > c[0] else 1.0 - c
+        assert (np.diff(c) > 0.0).all()
+        assert c[[0, -1]] == pytest.approx([0.0, 1.0], abs=0.02 if place is not MIDDLE else 0.1)
+
+
+def test_flipped_it_goes_the_other_way(file: Path) -> None:
+    arm = Arm()
+    swing = arm.swing(arm.at(MIDDLE), 0.6, 21)
+    for clamp in (True, False):
+        c = follow(law(file, clamp=clamp), arm, swing)
+        assert follow(law(file, clamp=clamp, flip=("swivel",)), arm, swing) == pytest.approx(1.0 - c)
+
+
+def test_beyond_the_range_it_is_clamped_or_not(file: Path) -> None:
+    arm = Arm()
+    far = arm.swing(arm.at(MIDDLE), 0.8, 21)
+    c, free = follow(law(file), arm, far), follow(law(file, clamp=False), arm, far)
+    assert free.min() < -0.1
+    assert free.max() > 1.1
+    assert c == pytest.approx(free.clip(0.0, 1.0))
+
+
+def test_two_degrees_of_freedom_have_names(two: tuple[Path, Record]) -> None:
+    path, record = two
+    arm, made = Arm("clavicle"), law(path, flip=("shrug",))
+    assert made.inputs[0].labels == arm.names
+    assert made.inputs[1].frame == "chest"
+    assert made.outputs[0].labels == made.outputs[1].labels == ("swivel", "shrug")
+    site = np.array(record.points[0].site)
+    place = POINTS[np.linalg.norm(POINTS - site, axis=1).argmin()]
+    q = arm.at(place)
+    shrug = arm.shrug(q, 1, 0.25, 21)
+    c, other = follow(made, arm, shrug), follow(law(path), arm, shrug)
+    assert np.ptp(c[:, 1]) > 0.9
+    assert np.ptp(c[:, 0]) < 0.1
+    assert c == pytest.approx(np.column_stack([other[:, 0], 1.0 - other[:, 1]]))
+
+
+@pytest.mark.parametrize("missing", ["angles", "hand"])
+def test_without_inputs_it_holds_and_comes_back_without_a_jump(file: Path, missing: str) -> None:
+    arm, made = Arm(), law(file, catch_up=2.0)
+    swing = arm.swing(arm.at(MIDDLE), 0.6, 41)
+    c = follow(made, arm, swing[:21])[-1]
+    truth = follow(law(file), arm, swing)[-1]
+    assert abs(truth - c) > 0.3
+    for _ in range(5):
+        made.input[missing][1] = np.nan
+        made.update(DT)
+        assert made.output["c"] == c
+        assert made.output["c_rate"] == 0.0
+    assert made.figures()["held"] == pytest.approx(5 / 25)
+    assert made.figures()["longest_hold_s"] == pytest.approx(5 * DT)
+    put(made, arm, swing[-1])
+    steps = []
+    for _ in range(40):
+        before = made.output["c"].copy()
+        made.update(DT)
+        steps.append(float((made.output["c"] - before)[0]))
+    assert np.abs(steps).max() < 2.0 * DT + 1e-9
+    assert made.output["c"] == pytest.approx(truth)
+
+
+def test_it_begins_where_what_it_commands_is(file: Path) -> None:
+    arm, made = Arm(), law(file)
+    made.applied = {"c": np.array([0.9])}
+    q = arm.at(MIDDLE)
+    put(made, arm, q)
+    made.reset()
+    assert made.output["c"] == 0.9
+    rest = follow(law(file), arm, q[None])[0]
+    for n in range(1, 100):
+        made.update(DT)
+        assert made.output["c"] == pytest.approx(max(rest[0], 0.9 - n * DT))
+    made.input["hand"][:] = np.nan
+    made.reset()
+    assert made.output["c"] == 0.9
+
+
+def test_across_the_hull_c_is_continuous(file: Path) -> None:
+    """The hand moves out of the points' hull and back in elsewhere; the arm's angles stay."""
+    arm, made = Arm(), law(file, clamp=False)
+    q = arm.at(MIDDLE)
+    put(made, arm, q)
+    angle = np.linspace(0.0, 2 * np.pi, 20_001)
+    path = MIDDLE + np.column_stack([0.09 * np.cos(angle), 0.11 * np.sin(angle), 0.05 * np.sin(3 * angle)])
+    made.input["hand"][:3] = path[0]
+    made.reset()
+    before, steps = made.output["c"].copy(), []
+    for place in path[1:]:
+        made.input["hand"][:3] = place
+        made.update(DT)
+        steps.append(float(np.abs(made.output["c"] - before)[0]))
+        before = made.output["c"].copy()
+    assert 0.05 < made.figures()["outside"] < 1.0  # type: ignore[operator]
+    assert max(steps) < 0.02  # of 50 um each; at the hull's flat faces Sibson's weights are steep
+
+
+def test_what_cant_be_used_is_refused_with_place_and_remedy(file: Path, tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match=r"none\.json: it can't be read"):
+        law(tmp_path / "none.json")
+    with pytest.raises(
+        ProfileError, match=r"controllers\.ikns\.flip: .* no degree of freedom 'swiwel'\. Did you mean 'swivel'"
+    ):
+        law(file, flip=("swiwel",))
+    values = json.loads(file.read_text())
+    values["points"][2]["samples"] = [3]
+    (tmp_path / "few.json").write_text(json.dumps(values))
+    with pytest.raises(ProfileError, match=r"controllers\.ikns\.calibration: .*few\.json: point 3: 3 samples.*Redo"):
+        law(tmp_path / "few.json")
+
+
+def test_numbers_that_arent_finite_never_come_out(file: Path) -> None:
+    arm, made = Arm(), law(file)
+    put(made, arm, arm.at(MIDDLE))
+    made.reset()
+    for value in (np.nan, np.inf, -np.inf):
+        for name in ("angles", "hand"):
+            put(made, arm, arm.at(MIDDLE))
+            made.input[name][0] = value
+            made.update(DT)
+            assert np.isfinite(made.output["c"]).all()
+            assert np.isfinite(made.output["c_rate"]).all()
+            made.reset()
+            assert np.isfinite(made.output["c"]).all()
