@@ -30,7 +30,11 @@ from runtime.control.ikns.delaunay import Cells, delaunay
 _TIE: Final = 1e-14  # of the size squared: x on a circumsphere; such a cell steals nothing
 _AT_SITE: Final = 1e-13  # of the size: nearer than this x is the site
 _NEAR: Final = 1e-12  # of the size: nearer than this to a facet's plane x is in it
+
 _DEPTH: Final = 1e-10  # of the size: x on the hull is taken this deep in it; the cell of a point on it is unbounded
+
+_XYZXY: Final = np.array([0, 1, 2, 0, 1])
+_sum: Final = np.add.reduce  # over the first axis; the method costs a microsecond more
 
 
 @dataclass(frozen=True)
@@ -53,26 +57,28 @@ class Sibson:
         self.sites = np.array(sites, dtype=float)
         self._cells = c = delaunay(self.sites)
         n = len(c.points)
-        self._x, self._xT = c.points, np.ascontiguousarray(c.points.T)
+        self._x = c.points
+        self._xyzxy = np.ascontiguousarray(c.points[:, _XYZXY].T)  # cross products are products of its slices
         self._twice_g = 2.0 * c.centres
         self._power0 = np.ascontiguousarray(c.powers)
         self._height0 = _heights(c)
         self._owner, self._beyond = c.owner, np.where(c.beyond < 0, len(c.centres), c.beyond)
         self._cavity = np.zeros(len(c.centres) + 1, dtype=bool)  # the last one is what lies outside the hull
-        self._normals = np.ascontiguousarray(c.normals.T)
-        self._g = np.ascontiguousarray(c.centres[c.owner].T)
-        self._rho = -np.einsum("fk,fk->f", c.normals, c.centres[c.owner] - c.points[c.facets[:, 0]])
-        self._share = _shares(c)  # (3, F): A (1 - b_i) / 6
-        self._facets = np.ascontiguousarray(c.facets.T)
-        self._first, self._second = self._facets[[1, 2, 0]], self._facets[[2, 0, 1]]
+        centres = c.centres[c.owner]
+        rho = -np.einsum("fk,fk->f", c.normals, centres - c.points[c.facets[:, 0]])
+        share = _shares(c)
+        # Columns of facets: normal, circumcentre of the owner, rho, A (1 - b_i) / 6.
+        self._numbers = np.vstack([c.normals.T, centres.T, rho, share])
+        # Corners of the facet, then of its sides: the side opposite each corner begins and ends at the other two.
+        corners = c.facets.T
+        self._corners = np.vstack([corners, corners[[1, 2, 0]], corners[[2, 0, 1]]])
         self._inner = np.zeros((len(c.centres), n))  # what each cell gives its sites
-        np.add.at(self._inner, (c.owner[None, :], self._facets), self._rho * self._share)
+        np.add.at(self._inner, (c.owner[None, :], corners), rho * share)
         self._hull = _Hull(c)
 
     def weights(self, x: Array) -> Array:
         """Returns (N,) weights at x (3,) m. They aren't all finite where x isn't."""
-        y = (x - self._cells.origin) / self._cells.size
-        return self._at(self._hull.inside(self._hull.nearest(y)))
+        return self._at(self._hull.inside((x - self._cells.origin) / self._cells.size))
 
     def nearest(self, x: Array) -> Nearest:
         """Returns the hull's point nearest to x (3,) m."""
@@ -86,8 +92,8 @@ class Sibson:
     def _at(self, y: Array) -> Array:
         """Weights at a point in the hull, in the cells' own coordinates."""
         n = len(self._x)
-        away = self._xT - y[:, None]
-        q = (away * away).sum(0)
+        away = self._xyzxy - y.take(_XYZXY)[:, None]
+        q = _sum(away[:3] * away[:3])
         s = int(q.argmin())
         qs = q[s]
         if not qs > _AT_SITE**2:  # or not a number
@@ -100,29 +106,30 @@ class Sibson:
         power += qs + 2.0 * z.dot(self._x[s])
         cavity = self._cavity
         np.less(power, -_TIE, out=cavity[:-1])
-        f = (cavity[self._owner] > cavity[self._beyond]).nonzero()[0]
-        normals = self._normals.take(f, axis=1)
+        f = (cavity.take(self._owner) > cavity.take(self._beyond)).nonzero()[0]
+        numbers, sites = self._numbers.take(f, axis=1), self._corners.take(f, axis=1)
+        normals = numbers[:3]
         # Element by element, as a product of matrices doesn't promise the same bits for facets in one plane.
-        height = (z[:, None] * normals).sum(0) + self._height0[s].take(f)
+        height = _sum(z[:, None] * normals) + self._height0[s].take(f)
         t = 0.5 * power.take(self._owner.take(f)) / height
-        gx, gy, gz = self._g.take(f, axis=1) + t * normals - y[:, None]
-        first, second = self._first.take(f, axis=1), self._second.take(f, axis=1)
-        a, b = away.take(first, axis=1), away.take(second, axis=1)  # (3 coordinates, 3 side facets, B)
-        ax, ay, az = a
-        bx, by, bz = b
-        nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-        side = (gx * nx + gy * ny + gz * nz) / 12.0
-        aa, bb, ab = q.take(first), q.take(second), (a * b).sum(0)
-        per = 0.5 * side / (nx * nx + ny * ny + nz * nz)
+        g = numbers[3:6] + t * normals - y[:, None]
+        ends = sites[3:]
+        sides = away.take(ends, axis=1)  # (x y z x y, two ends of three sides, B)
+        a, b = sides[:, :3], sides[:, 3:]
+        normal = a[1:4] * b[2:] - a[2:] * b[1:4]
+        side = _sum(g[:, None] * normal) / 12.0
+        squares = q.take(ends)
+        per = 0.5 * side / _sum(normal * normal)
+        ab = _sum(a[:3] * b[:3])
+        aa, bb = squares[:3], squares[3:]
         gone = np.empty((3, 3, len(f)))
-        gone[0] = (self._rho.take(f) - t) * self._share.take(f, axis=1)
+        gone[0] = (numbers[6] - t) * numbers[7:]
         gone[1] = side - per * bb * (aa - ab)
         gone[2] = side - per * aa * (bb - ab)
-        sites = np.concatenate((self._facets.take(f, axis=1), first, second))
-        stolen = self._inner[cavity[:-1]].sum(0)
+        stolen = _sum(self._inner.take(cavity[:-1].nonzero()[0], axis=0))
         stolen -= np.bincount(sites.ravel(), gone.ravel(), n)
         np.maximum(stolen, 0.0, out=stolen)
-        stolen /= stolen.sum()
+        stolen /= _sum(stolen)
         return stolen
 
 
@@ -147,9 +154,23 @@ class _Hull:
     def nearest(self, y: Array) -> Array:
         """Returns y itself if it is inside or on it, else the nearest point of the hull."""
         over = self._normals.dot(y) - self._offsets
-        if not (over > _NEAR).any():
+        return self._nearest(y, over) if over.max() > _NEAR else y
+
+    def inside(self, y: Array) -> Array:
+        """Returns y, or if it is outside the nearest point, drawn towards the centre until it is `_DEPTH` inside."""
+        over = self._normals.dot(y) - self._offsets
+        most = over.max()
+        if most <= -_DEPTH:
             return y
-        # The nearest point lies on an edge, or in a facet over which y is.
+        if most > _NEAR:
+            y = self._nearest(y, over)
+            over = self._normals.dot(y) - self._offsets
+        lacking = np.maximum(_DEPTH + over, 0.0)
+        share = (lacking / (self._depth - _DEPTH + lacking)).max()
+        return y + share * (self._centre - y)
+
+    def _nearest(self, y: Array, over: Array) -> Array:
+        # It lies on an edge, or in a facet over which y is.
         t = ((y - self._from) * self._per).sum(1).clip(0.0, 1.0)
         points = self._from + t[:, None] * self._along
         squares = ((points - y) ** 2).sum(1)
@@ -162,15 +183,6 @@ class _Hull:
                 if u >= 0.0 and v >= 0.0 and u + v <= 1.0:
                     point, best = foot, over[h] ** 2
         return point
-
-    def inside(self, y: Array) -> Array:
-        """Returns y drawn towards the centre until it is `_DEPTH` inside every facet."""
-        lacking = _DEPTH - self._offsets + self._normals.dot(y)
-        if not (lacking > 0.0).any():
-            return y
-        np.maximum(lacking, 0.0, out=lacking)
-        share = (lacking / (self._depth - _DEPTH + lacking)).max()
-        return y + share * (self._centre - y)
 
 
 def _heights(c: Cells) -> Array:
