@@ -117,7 +117,7 @@ class Ikns(Controller):
         c[:] = now
 
     def _read(self) -> Array | None:
-        """Returns c (k,) as the paper has it, or None if an input isn't finite."""
+        """Returns c (k,) as the paper has it, or None if an input isn't a finite number."""
         q, hand = self.input["angles"], self.input["hand"][:3]
         if not (np.isfinite(q).all() and np.isfinite(hand).all()):
             return None
@@ -130,6 +130,8 @@ class Ikns(Controller):
         c = row[: k * n].reshape(k, n).dot(q)
         c -= row[k * n : k * n + k]
         c /= row[k * n + k :]
+        if not np.isfinite(c).all():  # inputs so large that they overflow
+            return None
         np.minimum(self._least, c, out=self._least)
         np.maximum(self._most, c, out=self._most)
         if self._clamp:

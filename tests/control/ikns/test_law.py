@@ -11,10 +11,11 @@ import pytest
 from helpers.control import bound
 from helpers.null_space_arm import MIDDLE, POINTS, Arm, calibrated
 
-from runtime.contracts.errors import ProfileError
+from runtime.contracts.errors import ProfileError, WiringError
 from runtime.contracts.signals import Array
 from runtime.control.ikns.law import Ikns, IknsConfig
 from runtime.control.ikns.record import Record, RecordError
+from runtime.profile import profile, wiring
 
 DT = 0.01
 
@@ -171,11 +172,12 @@ def test_what_cant_be_used_is_refused_with_place_and_remedy(file: Path, tmp_path
         law(tmp_path / "few.json")
 
 
+@pytest.mark.filterwarnings("ignore:overflow", "ignore:invalid value")
 def test_numbers_that_arent_finite_never_come_out(file: Path) -> None:
     arm, made = Arm(), law(file)
     put(made, arm, arm.at(MIDDLE))
     made.reset()
-    for value in (np.nan, np.inf, -np.inf):
+    for value in (np.nan, np.inf, -np.inf, 1e308, -1e200):
         for name in ("angles", "hand"):
             put(made, arm, arm.at(MIDDLE))
             made.input[name][0] = value
@@ -184,3 +186,32 @@ def test_numbers_that_arent_finite_never_come_out(file: Path) -> None:
             assert np.isfinite(made.output["c_rate"]).all()
             made.reset()
             assert np.isfinite(made.output["c"]).all()
+
+
+PROFILE = """
+name: null-space
+rate: 100
+devices:
+  mocap: {driver: vicon, port: "tcp://127.0.0.1:801", segments: {hand: Hand}, frame: chest}
+setpoints:
+  client.angles: {shape: [7], unit: rad, labels: [LABELS], max_age: 0.5}
+controllers:
+  - {use: ikns, name: null-space, calibration: FILE, in: {angles: client.angles, hand: mocap.hand.pose}}
+frames:
+  chest: {}
+sim:
+  world: cell
+  parts:
+    hand: {part: mocap-body, subject: Hand, at: {position: [0.3, 0.0, 1.0]}, motion: {kind: sine}}
+"""
+
+
+def test_wiring_goes_by_the_calibrations_names_and_frame(file: Path) -> None:
+    labels = ", ".join(Arm().names[::-1])
+    text = PROFILE.replace("FILE", str(file)).replace("LABELS", labels)
+    wiring.build(*profile.parse("p.yaml", text))
+    elsewhere = text.replace("frame: chest", "frame: room").replace("  chest: {}", "  room: {}\n  chest: {}")
+    with pytest.raises(WiringError, match=r"is in 'room', .*hand expects 'chest'"):
+        wiring.build(*profile.parse("p.yaml", elsewhere))
+    with pytest.raises(WiringError, match="elbow"):
+        wiring.build(*profile.parse("p.yaml", text.replace("elbow", "ellbow")))
