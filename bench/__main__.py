@@ -8,8 +8,7 @@ import sys
 from collections.abc import Callable
 from functools import partial
 
-from bench import arm_angles, clock, drivers, dynamixel, noitom, panda, sixth_finger, stop_latency, superman, ur
-from bench import clock, drivers, dynamixel, noitom, panda, sibson, sixth_finger, stop_latency, superman, ur
+from bench import arm_angles, clock, drivers, dynamixel, noitom, panda, sibson, sixth_finger, stop_latency, superman, ur
 from bench.pairs import Row
 
 BENCHES: dict[str, Callable[[], list[Row]]] = {
