@@ -45,6 +45,7 @@ TRIALS = 200
 OVERRUN = 1.5  # periods that an overrunning loop's cycle takes
 SPAN = (0.2, 1.2)  # s of overrunning before its death: the kernel throttles by the second
 PATIENCE = 10.0  # s
+_TICK = 0.01  # ms: a trial may end before the process that sleeps woke once
 TURN = 0.1  # s that one turn of a wait counts at most: what takes longer is a host that stood still, and all with it
 STARTS = 3  # of a trial, after which the fault is not the host's
 
@@ -370,6 +371,6 @@ def _row(what: str, values: list[float], figure: str, sleeper: float) -> Row:
     shares = {"p50": statistics.median(values), "p99": float(np.percentile(values, 99)), "worst": max(values)}
     return Row(
         id="stop-latency", what=what, ours=round(shares[figure], 2), other=round(sleeper, 2),
-        other_name="worst wake-up of a process that only sleeps", ratio=round(shares[figure] / sleeper, 2),
+        other_name="worst wake-up of a process that only sleeps", ratio=round(shares[figure] / max(sleeper, _TICK), 2),
         control=None, unit="ms",
     )  # fmt: skip

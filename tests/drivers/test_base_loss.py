@@ -15,6 +15,7 @@ from drivers.base import driver
 from runtime.contracts.errors import DeviceError
 
 
+@pytest.mark.slow
 def test_a_bridge_that_restarts_is_lost_and_comes_back() -> None:
     with robot() as r:
         r.base.open()

@@ -43,6 +43,7 @@ def opened(driver):
     until(is_open, pause=0.2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("protocol", [2, 1])
 def test_a_bus_that_hangs_is_lost_and_plays_back_no_old_motion(protocol):
     base = config(protocol=protocol).model_dump(exclude_unset=True)

@@ -210,6 +210,7 @@ def test_a_bounce_shorter_than_the_debounce_time_is_no_press(board, driver):
         assert driver.state_arrays["buttons"][0] == 0.0
 
 
+@pytest.mark.slow
 def test_a_board_that_resets_itself_is_lost_and_comes_back(board, driver):
     cycles(driver, board, 0.2, np.full(4, 1.0))
     board.tell("reset")

@@ -85,6 +85,7 @@ def test_silence_is_refused_with_the_box_to_tick() -> None:
     assert "Tick 'BVH'" in error.remedy
 
 
+@pytest.mark.slow
 def test_the_wrong_avatar_is_refused() -> None:
     error = refusal(binary, avatar=3)
     assert "no frame of avatar 3 came" in error.problem
@@ -94,6 +95,7 @@ def test_the_wrong_avatar_is_refused() -> None:
 CALC = bytes.fromhex("ff8803000001b203000000000000436861723030") + bytes(42) + b"\xff\x99" + bytes(946 * 4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("what", "shown"),
     [(CALC, "ff 88 03"), (b"GET / HTTP/1.1\r\n\r\n", "GET / HTTP"), (b"0 Char00 1.0 2.0 3.0 ||\r\n", "0 Char00 1.0")],

@@ -42,6 +42,7 @@ def test_a_robot_of_another_version_is_refused_by_name():
     robot.close()
 
 
+@pytest.mark.slow
 def test_something_else_than_a_robot_is_refused():
     with socket.create_server(("127.0.0.1", 0)) as other:
         url = f"tcp://127.0.0.1:{other.getsockname()[1]}"

@@ -226,6 +226,7 @@ def test_closing_a_dead_tcp_link_discards_the_command_it_held(tcp_pair):
     assert kept
 
 
+@pytest.mark.slow
 def test_a_dead_tcp_link_is_lost_after_two_seconds(tcp_pair):
     link, peer = tcp_pair
     kept = blackhole(peer)

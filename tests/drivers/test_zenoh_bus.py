@@ -126,6 +126,7 @@ def test_the_wrong_instance_and_signal_are_named(tmp_path: Path) -> None:
         other.close()
 
 
+@pytest.mark.slow
 def test_over_mutual_tls_and_not_without(tmp_path: Path) -> None:
     if shutil.which("openssl") is None:
         pytest.skip("openssl isn't installed; it makes the certificates")

@@ -85,6 +85,7 @@ def test_a_message_of_another_size_is_refused() -> None:
             remote.open()
 
 
+@pytest.mark.slow
 def test_a_runtime_that_ends_is_lost_at_once() -> None:
     signals = {"position": GLOVE}
     twin = twin_of(signals)

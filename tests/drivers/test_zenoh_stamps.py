@@ -59,6 +59,7 @@ def payload(value: float, stamp: int) -> bytes:
     return ENCODER.encode(np.array([value]), stamp)
 
 
+@pytest.mark.slow
 def test_samples_that_repeat_their_stamp_are_not_fresh(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a runtime does whose own device is lost."""
     monkeypatch.setattr(driver, "FIRST", 1.5)

@@ -132,6 +132,7 @@ def test_a_full_disk_is_waited_out_and_harms_nothing(tmp_path: Path) -> None:
         subprocess.run(["umount", str(disk)], check=False)
 
 
+@pytest.mark.slow
 def test_the_viewer_listens_on_loopback_only_and_dies_with_the_recorder(tmp_path: Path) -> None:
     layout = make_layout()
     run, ring, events = make_run(tmp_path / "run", layout)

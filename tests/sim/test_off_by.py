@@ -45,6 +45,7 @@ def finger_error(*overrides: str) -> Array:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["moca-man", "kairos-man"])
 def test_an_arm_that_is_mounted_elsewhere(name: str) -> None:
     right, wrong = tool_error(name), tool_error(name, "sim.parts.arm.off_by={position: [0.02, 0, 0]}")

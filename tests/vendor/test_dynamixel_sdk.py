@@ -55,6 +55,7 @@ def good(answer: tuple) -> object:
     return values[0] if values else None
 
 
+@pytest.mark.slow
 def test_protocol_2_single_packets():
     with Bus(2) as bus:
         p, port = bus.packets, bus.port

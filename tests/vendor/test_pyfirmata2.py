@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pyfirmata2
+import pytest
 from helpers.srl_twin import TwinProcess
 from helpers.wait import until
 
@@ -31,6 +32,7 @@ def profile_with_buttons(folder: Path) -> str:
     return str(path)
 
 
+@pytest.mark.slow
 def test_servos_move_and_buttons_are_heard(tmp_path):
     log = tmp_path / "log.npz"
     with TwinProcess(profile_with_buttons(tmp_path), "finger", "--log", str(log)) as twin:

@@ -31,6 +31,7 @@ def run(program: str, **options: Any) -> tuple[dict[str, Any], dict[str, Any]]:
     return said, twin.figures()
 
 
+@pytest.mark.slow
 def test_it_runs_torque_velocity_and_position_loops() -> None:
     said, figures = run("""
 control = robot.start_torque_control()

@@ -120,6 +120,7 @@ def test_the_dashboard(twin):
     assert (out["running"], out["remote"], out["model"], out["serial"]) == (False, True, "UR16", "20195500001")
 
 
+@pytest.mark.slow
 def test_control_moves_servos_and_streams_velocities(twin):
     out = client(
         """
