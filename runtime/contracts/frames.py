@@ -225,7 +225,12 @@ def as_pose(measured: Array) -> Pose:
 
 def is_pose(measured: Array) -> bool:
     """Whether a measured pose (7,) has a rotation: a device that has lost sight gives a quaternion of zeros, or NaN."""
-    if measured.size == len(PLANAR):
-        return bool(np.isfinite(measured).all())
-    x, y, z, *q = measured.tolist()
-    return 0.95 < sum(v * v for v in q) < 1.05 and isfinite(x + y + z)
+    return are_pose(measured.tolist())
+
+
+def are_pose(values: list[float]) -> bool:
+    """`is_pose` of the values as a list."""
+    if len(values) == len(PLANAR):
+        return isfinite(values[0] + values[1] + values[2])
+    x, y, z, w, a, b, c = values
+    return 0.95 < w * w + a * a + b * b + c * c < 1.05 and isfinite(x + y + z)

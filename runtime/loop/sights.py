@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from math import acos, dist, pi, remainder
 from typing import Final
 
-from runtime.contracts.frames import is_pose
+from runtime.contracts.frames import are_pose
 from runtime.profile.graph import Sight
 
 TURNING: Final = 50.0  # rad/s: faster than a hand
@@ -26,13 +26,12 @@ class Sights:
         """The devices, by index, of which a pose is none, never came, or jumps."""
         found = set()
         for i, sight in enumerate(self._sights):
-            last = self._last[i]
-            if not is_pose(sight.pose):
+            last, pose = self._last[i], sight.pose.tolist()
+            if pose == last:
+                continue
+            if not are_pose(pose):
                 if last is not None or not sight.client:  # a client may not have begun
                     found.add(sight.device)
-                continue
-            pose = sight.pose.tolist()
-            if pose == last:
                 continue
             if last is not None and _jumps(last, pose, sight.speed, min((now - self._moved[i]) * 1e-9, SPAN)):
                 found.add(sight.device)
