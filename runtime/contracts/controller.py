@@ -35,8 +35,8 @@ class Controller(ABC):
         outputs: the signals it writes. An output that `out:` does not name goes to `<controller>.<output>`.
         parameters: live parameters; `self.param["name"][()]`, a 0-d view, holds the value.
         transforms: the transforms that it needs; `self.transform["name"]` (7,) is a pose: x y z (m), w x y z. Fixed
-            ones are there from `bind` on; measured ones are computed before each `reset` and `update`, and aren't
-            finite while what measures them isn't.
+            ones are there from `bind` on; measured ones are computed before each `reset` and `update`. They stay as
+            they were while a frame isn't seen, and are NaN before it was.
     """
 
     Config: type[ControllerConfig] = ControllerConfig

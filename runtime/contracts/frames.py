@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from runtime.contracts import rotation
-from runtime.contracts.errors import nearest
+from runtime.contracts.errors import OptionError, nearest
 from runtime.contracts.options import Options
 from runtime.contracts.rotation import Pose, Quaternion, Vector
 from runtime.contracts.signals import Array
@@ -75,12 +75,8 @@ class FrameEntry(Placement):
         return cls.model_validate({"position" if key == "xyz" else key: value for key, value in values.items()})
 
 
-class FrameError(ValueError):
-    """A transform that the tree can't give. `problem` and `remedy` are for the user."""
-
-    def __init__(self, problem: str, remedy: str) -> None:
-        super().__init__(f"{problem}. {remedy}")
-        self.problem, self.remedy = problem, remedy
+class FrameError(OptionError):
+    """A transform that the tree can't give."""
 
 
 @dataclass(frozen=True)
@@ -165,8 +161,6 @@ class Frames:
         problem = f"nothing connects '{source}' with '{target}'"
         for root in roots:
             device, slash, _ = root.partition("/")
-            if slash and device not in (target, source, *roots) and self.chain(device)[-1] in roots:
-                device = self.chain(device)[0]
             if slash and self.chain(device)[-1] in roots:
                 return FrameError(
                     f"{problem}: '{root}' moves with '{device}' or its joints, and no fixed frame says where it is",

@@ -7,6 +7,8 @@ from typing import Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, model_validator
 
+from runtime.contracts.errors import OptionError
+
 
 class Options(BaseModel):
     """A group of options.
@@ -24,5 +26,5 @@ class Options(BaseModel):
         if isinstance(value, Mapping):
             for old in cls.gone:
                 if old in value:
-                    raise ValueError(f"the key '{old}' is gone: {cls.gone[old]}")
+                    raise OptionError(f"the key '{old}' is gone", cls.gone[old][:1].upper() + cls.gone[old][1:])
         return value

@@ -33,7 +33,7 @@ class Found:
 
     @property
     def origin(self) -> str:
-        """Where it comes from, for people: `frames.arm`, `frames.chest measured by mocap.chest_pose`."""
+        """Where it comes from, for people: `frames.tool, frames.handle`."""
         return ", ".join(f"frames.{name}" for name in (*reversed(self.path.down), *self.path.up)) or "the same frame"
 
 

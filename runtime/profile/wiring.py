@@ -7,7 +7,7 @@ parts with views into one row, ready for the loop or a replay.
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -16,15 +16,15 @@ from runtime.contracts import registry
 from runtime.contracts.controller import Parameter
 from runtime.contracts.driver import Driver, Sensor
 from runtime.contracts.errors import ProfileError, WiringError, nearest
-from runtime.contracts.frames import FASTEST, IDENTITY, FrameEntry, Measured
+from runtime.contracts.frames import Measured
 from runtime.contracts.signals import Array, Command, Signal
-from runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSE, POSITION_OF
+from runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSITION_OF
 from runtime.contracts.world import World
 from runtime.ipc.row import Row
-from runtime.profile import controllers, keys
+from runtime.profile import controllers, keys, measured_frames
 from runtime.profile.builder import Builder
 from runtime.profile.doubts import doubts
-from runtime.profile.graph import Actuator, Copy, Graph, Law, Sight
+from runtime.profile.graph import Actuator, Copy, Graph, Law
 from runtime.profile.meta import describe
 from runtime.profile.names import Link, link
 from runtime.profile.profile import Profile
@@ -51,8 +51,8 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
     if world is not None:
         for signal in world.truth:
             b.add(f"world.{signal.name}", signal, "truth", "the simulated world", "sim")
-    _links(b, devices)
-    _measured_frames(b, of={*b.profile.devices, *owners})
+    measured_frames.check_links(b, devices)
+    measured_frames.check_signals(b, of={*b.profile.devices, *owners})
     laws = controllers.build(b, devices)
     parameters = _parameters(b, laws)
     names = [d.name for d in devices] + owners
@@ -71,13 +71,11 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
         if item.role == "sent":
             row.views[item.name][...] = np.nan  # nothing yet
     reads: list[Copy] = []
-    through = _measuring(laws)
-    fed = {name.partition(".")[0] for law in laws for wire in law.inputs.values() for name in wire.far}
-    fed |= {name.partition(".")[0] for name in through}
+    fed = {name.partition(".")[0] for name in measured_frames.relied_on(laws)}
     graph = Graph(
         profile, source, layout, row, devices, laws, _actuators(b, devices, row, reads), world, b.frames,
         b.simulated, [_is_intent(name, devices, fed) for name in names],
-        _sights(b, laws, names, row),
+        measured_frames.sights(b, laws, names, row),
         doubts(profile, source, devices, [law.controller for law in laws], world), reads,
     )  # fmt: skip
     _bind(graph)
@@ -171,7 +169,7 @@ def _parameters(b: Builder, laws: list[Law]) -> list[tuple[str, Parameter]]:
 
 
 def _unused(b: Builder, laws: list[Law], devices: list[Driver]) -> None:
-    wired = {name for law in laws for wire in law.inputs.values() for name in wire.far} | _measuring(laws)
+    wired = measured_frames.relied_on(laws)
     commands = {f"{d.name}.{c.name}" for d in devices for c in d.commands}
     for name in b.profile.setpoints:
         if name not in wired:
@@ -184,90 +182,7 @@ def _unused(b: Builder, laws: list[Law], devices: list[Driver]) -> None:
     for i, entry in enumerate(b.profile.emergency):
         entry.find(b.signals, b.source.place(f"emergency.{i}"))
     _reset_inputs(b, devices)
-    _measured_frames(b)
-
-
-def _measuring(laws: list[Law]) -> set[str]:
-    """The signals that measure a frame which a law uses."""
-    return {name for law in laws for found in law.transforms for name in found.signals}
-
-
-def _sights(b: Builder, laws: list[Law], names: list[str], row: Row) -> list[Sight]:
-    """The poses of devices and clients that a law relies on: as an input, or as those of a frame."""
-    read = {name for law in laws for wire in law.inputs.values() for name in wire.far}
-    # A pose that a client sends for a law is a goal, which may be anywhere.
-    inputs = {n for n in read if b.signals[n].labels in (POSE, PLANAR) and n.partition(".")[0] in b.profile.devices}
-    relied = sorted(n for n in inputs | _measuring(laws) if n.partition(".")[0] in names)
-    speeds = {entry.pose: entry.speed for entry in b.profile.frames.values()}
-    found = []
-    for name in relied:
-        owner = name.partition(".")[0]
-        client = owner not in b.profile.devices
-        found.append(Sight(names.index(owner), row.views[name], speeds.get(name, FASTEST), client))
-    return found
-
-
-def _links(b: Builder, devices: list[Driver]) -> None:
-    """Refuses a frame on a link that its device doesn't have."""
-    links = {d.name: d.links for d in devices if d.here}
-    own = {d.name: bool(d.links) or any(s.of == d.name for s in d.states) for d in devices if d.here}
-    for name, frame in b.profile.frames.items():
-        device, _, link = (frame.parent or "").partition("/")
-        place = b.source.place(f"frames.{name}.parent")
-        if link and device in links and link not in links[device] and (links[device] or device not in b.parts):
-            known = ", ".join(f"{device}/{each}" for each in links[device]) or "none"
-            raise WiringError(place, f"the driver of '{device}' knows no link '{link}'", f"Its links: {known}")
-        if not link and device in own and device not in b.profile.frames and not own[device]:
-            problem = f"'{device}' is a device that has no frame of its own"
-            raise WiringError(place, problem, f"Give it one: {device}: {{parent: ..., position: ...}}")
-
-
-def _measured_frames(b: Builder, of: Container[str] | None = None) -> None:
-    """Checks the signals that measure frames: those of these devices; None: all."""
-    poses = {n: s for n, s in b.signals.items() if s.labels in (POSE, PLANAR) and not n.startswith("world.")}
-    for name, frame in b.profile.frames.items():
-        if frame.pose is None:
-            _at_rest(b, name, frame)
-            continue
-        if frame.pose.startswith("world."):
-            problem = f"'{frame.pose}' is the simulation's truth, which no real device could give"
-            raise WiringError(b.source.place(f"frames.{name}.pose"), problem, "Name the state of a device")
-        if not (of is None or frame.pose.partition(".")[0] in of):
-            continue
-        place = b.source.place(f"frames.{name}.pose")
-        if frame.pose not in poses:
-            problem = f"'{frame.pose}' is no pose signal ({', '.join(POSE)}, or {', '.join(PLANAR)})"
-            raise WiringError(place, problem, nearest(frame.pose, poses))
-        signal = poses[frame.pose]
-        if signal.frame is not None and signal.frame != frame.parent:
-            problem = f"'{frame.pose}' is given in '{signal.frame}', and the frame's parent is '{frame.parent}'"
-            raise WiringError(place, problem, f"Write `parent: {signal.frame}`")
-        if signal.frame is not None and frame.placed() != IDENTITY:
-            problem = (
-                f"'{frame.pose}' is given in '{frame.parent}' already, and the frame's own place would count again"
-            )
-            remedy = (
-                f"Leave it out; or give what measures a frame of its own, say `odom: {{parent: {frame.parent}, ...}}`"
-            )
-            raise WiringError(place, problem, remedy)
-        if signal.of is not None and signal.of != name:
-            raise WiringError(place, f"'{frame.pose}' is the pose of '{signal.of}'", "Name a signal of this frame")
-
-
-def _at_rest(b: Builder, name: str, frame: FrameEntry) -> None:
-    """Refuses a fixed place for the frame of a device that says where it goes, and a speed of what is fixed."""
-    if "speed" in frame.model_fields_set:
-        place = b.source.place(f"frames.{name}.speed")
-        raise WiringError(place, f"'{name}' is fixed, and moves at no speed", "Remove it, or add `pose:`")
-    told = next((n for n, s in b.signals.items() if s.of == name and n.startswith(f"{name}.") and s.labels), None)
-    if (
-        name in b.profile.devices
-        and frame.parent is not None
-        and told is not None
-        and b.signals[told].labels in (POSE, PLANAR)
-    ):
-        problem = f"'{name}' moves, and '{told}' says where it is; fixed, it would stay where it began"
-        raise WiringError(b.source.place(f"frames.{name}"), problem, f"Write `pose: {told}`")
+    measured_frames.check_signals(b)
 
 
 def _reset_inputs(b: Builder, devices: list[Driver]) -> None:

@@ -134,7 +134,7 @@ def test_what_isnt_connected_is_refused_with_its_remedy(target: str, source: str
 @pytest.mark.parametrize(
     ("options", "problem"),
     [
-        ({"xyz": [0, 0, 1]}, "'xyz' is gone: it is called 'position'"),
+        ({"xyz": [0, 0, 1]}, "'xyz' is gone. It is called 'position'"),
         ({"quaternion": [1, 0, 0, 0], "rpy": [0, 0, 0]}, "either `quaternion` or `rpy`"),
         ({"quaternion": [0, 0, 0, 0]}, "length zero is no rotation"),
         ({"position": [0, float("nan"), 0]}, "finite"),

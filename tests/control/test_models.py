@@ -75,7 +75,7 @@ WRONG = {
         ["fingers.0.model", "'mine' is a hand, not a finger"],
     ),
     "no name": ("", "    fingers: [{model: 3}]\n", ["fingers.0.model", "name of a finger"]),
-    "where rows stood": ("", "    fingers: [{rows: [[0, 1]]}]\n", ["fingers.0", "`rows`", "models:"]),
+    "where rows stood": ("", "    fingers: [{rows: [[0, 1]]}]\n", ["fingers.0", "'rows' is gone", "models:"]),
     "no such kind": ("  mine: {kind: fingr}\n", "", ["line", "models.mine", "'fingr'", "Did you mean 'finger'?"]),
     "no kind": ("  mine: {side: left}\n", "", ["models.mine", "'kind' is missing", "finger, hand, body"]),
     "misspelt key": ("  mine: {kind: finger, row: []}\n", "", ["models.mine", "no key 'row'", "Did you mean 'rows'?"]),
@@ -96,7 +96,7 @@ WRONG = {
         "",
         ["models.mine", "no segment 'right_hnd'", "Did you mean 'right_hand'?"],
     ),
-    "the hand where it stood": (None, "    hand_length: 0.18\n", ["controllers.0", "`hand_length`", "models:"]),
+    "the hand where it stood": (None, "    hand_length: 0.18\n", ["controllers.0", "'hand_length' is gone", "models:"]),
 }
 
 

@@ -15,6 +15,7 @@ from sim.world.mjcf import add
 from sim.world.part import Mjcf, Part, PartConfig
 
 MS = 1_000_000
+HEAVY = {"mass": 1e4, "inertia": 1e3, "damping": 0.0, "turn_damping": 0.0}  # stays where a test puts it
 
 
 class TrolleyConfig(PartConfig):
@@ -98,3 +99,12 @@ def guided(plan: Any, seed: int = 1, trolley: Any = None, **options: Any) -> Any
     """A person who guides an ideal robot."""
     held = {"at": "robot/body", "plan": plan, **options}
     return cell({"robot": (Trolley, trolley or {}), "person": (PersonPart, held)}, seed)
+
+
+def put(world: Any, x: float, y: float, z: float, seconds: float = 0.01) -> None:
+    """Puts the trolley somewhere, and waits."""
+    robot, end = world.parts["robot"], world.time + round(seconds * 1e9)
+    while world.time < end:
+        robot.q[:] = x, y, z, 0, 0, 0
+        robot.v[:] = 0
+        world.advance(min(world.time + 2 * MS, end))

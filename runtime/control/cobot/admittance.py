@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Iterable, Mapping
 from math import isfinite, nan, sqrt
 from operator import mul, sub
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -116,6 +116,11 @@ class Admittance(Controller):
         self._past: deque[list[float]] = deque()  # measured twists; the oldest has the age of the wrench
         self._emptied = self._leashed = 0
 
+    def bind(self, *arrays: Any) -> None:
+        super().bind(*arrays)
+        x, y, z, qw, qx, qy, qz = self.transform["sensor"].tolist()
+        self._at, self._mount = (x, y, z), (qw, qx, qy, qz)
+
     def reset(self) -> None:
         x, y, z, *q = self.input["pose"].tolist()
         self._position, self._orientation = [x, y, z], rotation.normalised((q[0], q[1], q[2], q[3]))
@@ -164,8 +169,7 @@ class Admittance(Controller):
     def _hand(self, actual: rotation.Quaternion) -> tuple[rotation.Vector, rotation.Vector, rotation.Vector]:
         """The hand's force and torque at the sensor, and the sensor's position from the control point; world axes."""
         c = self._config
-        px, py, pz, mw, mx, my, mz = self.transform["sensor"].tolist()
-        turn = rotation.product(actual, (mw, mx, my, mz))  # sensor to world
+        turn = rotation.product(actual, self._mount)  # sensor to world
         fx, fy, fz, tx, ty, tz = map(sub, self.input["wrench"].tolist(), c.bias)
         if c.tool_mass:
             gx, gy, gz = rotation.turned(rotation.conjugate(turn), (0.0, 0.0, -GRAVITY * c.tool_mass))
@@ -173,7 +177,7 @@ class Admittance(Controller):
             fx, fy, fz = fx - gx, fy - gy, fz - gz
             tx, ty, tz = tx - (cy * gz - cz * gy), ty - (cz * gx - cx * gz), tz - (cx * gy - cy * gx)
         F, T = rotation.turned(turn, (fx, fy, fz)), rotation.turned(turn, (tx, ty, tz))
-        r = rotation.turned(actual, (px, py, pz))
+        r = rotation.turned(actual, self._at)
         self.output["hand"][:] = _about(F, T, r)
         return F, T, r
 

@@ -9,7 +9,6 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from pydantic import Field, model_validator
 
-from runtime.contracts.errors import OptionError
 from runtime.contracts.options import Options
 from runtime.contracts.signals import Array
 from runtime.control.models import FingerModel, FingerOption, named
@@ -26,7 +25,8 @@ class ExtraFinger(Options):
     """
 
     gone: ClassVar[Mapping[str, str]] = {
-        "base": "write under `frames:` where the finger is worn, as `finger: {parent: hand, position: [...]}`"
+        "base": "write under `frames:` where the finger is worn, as `finger: {parent: hand, position: [...]}`",
+        **dict.fromkeys(("joints", "rows", "lower", "upper"), "write models: {finger: {kind: finger, rows: ...}}"),
     }
 
     model: FingerOption = named("finger")
@@ -39,9 +39,6 @@ class ExtraFinger(Options):
             return {"model": given, "name": given}
         if not isinstance(given, Mapping):
             return given
-        if old := {"joints", "rows", "lower", "upper"} & given.keys():
-            remedy = "Write models: {finger: {kind: finger, rows: ...}}, and its name here"
-            raise OptionError(f"`{min(old)}` of a finger stands in `models:` now", remedy)
         model = given.get("model")
         return {"name": model, **given} if isinstance(model, str) else given
 

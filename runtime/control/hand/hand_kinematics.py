@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, Final, Literal, cast
+from collections.abc import Mapping
+from typing import ClassVar, Final, Literal, cast
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from runtime.contracts.controller import Controller, ControllerConfig
-from runtime.contracts.errors import OptionError
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import POINT
 from runtime.control.hand.human_hand import FINGERS, JOINTS, LOWER, SENSORS, UPPER
@@ -22,18 +22,13 @@ _BEYOND: Final = np.deg2rad(2.0)  # a reading further outside its range than thi
 class HandKinematicsConfig(ControllerConfig):
     """Options of `hand-kinematics`."""
 
+    gone: ClassVar[Mapping[str, str]] = dict.fromkeys(
+        ("side", "hand_length"), "write models: {hand: {kind: hand, side: right, length: 0.189}}"
+    )
+
     sensors: Literal[22, 18] = Field(22, description="the CyberGlove's number of sensors")
     frame: str = Field("hand", description="frame of the hand: its origin is at the wrist's centre")
     hand: HandOption = named("hand")  # the one that wears the glove
-
-    @model_validator(mode="before")
-    @classmethod
-    def _once_its_own(cls, given: Any) -> Any:
-        """Refuses the keys that once described the hand here."""
-        if isinstance(given, dict) and (old := {"side", "hand_length"} & given.keys()):
-            remedy = "Write models: {hand: {kind: hand, side: right, length: 0.189}}"
-            raise OptionError(f"`{min(old)}` stands in `models:` now", remedy)
-        return given
 
 
 class HandKinematics(Controller):

@@ -22,7 +22,7 @@ class PoseInFrame(Controller):
     """Gives a pose in another frame, which may move: T_frame_of = T_frame_in T_in_of.
 
     Input `pose` (7,) m and w x y z, in the frame that its device names; output `pose` (7,), in the frame of the option.
-    Not finite while a frame on the way, or the pose, isn't measured.
+    NaN while the pose isn't measured, and before all frames on the way were. What isn't seen is a loss of intent.
     """
 
     Config = PoseInFrameConfig

@@ -7,36 +7,23 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from helpers.person import MS, Trolley, cell, finished, run
+from helpers.person import HEAVY, MS, Trolley, cell, finished, put, run
 from pydantic import ValidationError
 
-from runtime.contracts.errors import WiringError
 from sim.parts.person.person import PersonPart
 from sim.parts.person.plans import drilling, peg_in_hole
-from sim.parts.robots.softhand import SoftHandPart
 from sim.parts.things.box import BoxPart
 from sim.parts.things.drill_plate import DrillPart, PlatePart
-from sim.parts.things.ft_sensor import FtSensorPart
-from sim.parts.things.load import LoadPart, ObstaclesConfig, ObstaclesPart
+from sim.parts.things.load import ObstaclesPart
 from sim.parts.things.peg_hole import HolePart, PegPart
 from sim.parts.things.wire_ring import RingPart, WireConfig, WirePart
 
-HEAVY = {"mass": 1e4, "inertia": 1e3, "damping": 0.0, "turn_damping": 0.0}  # stays where a test puts it
 SIDES = [(np.cos(a), np.sin(a)) for a in np.arange(8) * np.pi / 4]
 
 
 def moved(fixture: dict[str, Any], tool: dict[str, Any], **options: Any) -> Any:
     """A cell with a fixture and a tool on a trolley that a test moves about."""
     return cell({"robot": (Trolley, HEAVY)} | fixture | tool, **options)
-
-
-def put(world: Any, x: float, y: float, z: float, seconds: float = 0.01) -> None:
-    """Puts the trolley somewhere, and waits."""
-    robot, end = world.parts["robot"], world.time + round(seconds * 1e9)
-    while world.time < end:
-        robot.q[:] = x, y, z, 0, 0, 0
-        robot.v[:] = 0
-        world.advance(min(world.time + 2 * MS, end))
 
 
 def farthest(world: Any, part: Any, direction: tuple[float, float, float], most: float) -> float:
@@ -273,96 +260,6 @@ def test_an_insertion_pushes_no_harder_than_told():
     assert pressing == pytest.approx(-12.0, abs=0.6 + 0.1 * 9.81)
     run(world, 10, until=finished)
     assert world.truth_arrays["person_progress"][1] == 1  # it counts as missed
-
-
-# -- 4, the load and what stands in the way
-
-
-def carried() -> Any:
-    """A trolley, hanging on it a sensor and a hand that points down, over the load's bar."""
-    parts: Any = {
-        "robot": (Trolley, HEAVY | {"at": {"position": [0, 0, 0.65]}}),
-        "sensor": (
-            FtSensorPart,
-            {"at": {"parent": "robot/body", "position": [0, 0, -0.035], "quaternion": [0, 1, 0, 0]}},
-        ),
-        "hand": (SoftHandPart, {"at": "sensor/tool"}),
-        "load": (LoadPart, {"at": {"position": [0.05, 0, 0.1]}, "gripper": "hand"}),
-    }
-    return cell(parts, floor=True)
-
-
-def test_a_load_is_picked_up_carried_and_put_down():
-    world = carried()
-    hand = world.parts["hand"]
-    site = world.data.site("load/grasp").xpos
-    hollow = world.data.body("hand/palm").xpos + world.data.body("hand/palm").xmat.reshape(3, 3) @ [0.045, 0, 0.085]
-    put(world, *(site - hollow), 1.0)
-    at = (site - hollow).copy()
-    assert world.truth_arrays["load_support"][2] == pytest.approx(98.1, rel=0.01)
-    assert world.truth_arrays["load_held"][0] == 0
-    hand.command_position(1.8)
-    put(world, *at, 2.0)
-    assert world.truth_arrays["load_held"][0] == 1
-    robot = world.parts["robot"]
-    empty = world.truth_arrays["sensor_wrench"][2]
-    robot.v[2] = 0.1
-    world.advance(world.time + 1000 * MS)
-    robot.v[:] = 0
-    world.advance(world.time + 500 * MS)
-    assert world.truth_arrays["load_pose"][2] == pytest.approx(0.2, abs=0.01)
-    assert world.truth_arrays["load_support"] == pytest.approx(np.zeros(3))
-    assert world.truth_arrays["sensor_wrench"][2] - empty == pytest.approx(98.1, rel=0.05)  # it hangs upside down
-    kept = world.save()
-    world.advance(world.time + 200 * MS)
-    first = world.save()
-    hand.command_position(0.0)
-    world.advance(world.time + 2500 * MS)
-    assert world.truth_arrays["load_held"][0] == 0
-    assert world.truth_arrays["load_pose"][2] == pytest.approx(0.1, abs=0.01)
-    world.restore(kept)
-    world.advance(world.time + 200 * MS)
-    np.testing.assert_array_equal(world.save(), first)
-    assert world.truth_arrays["load_held"][0] == 1
-
-
-def test_a_hand_that_closes_elsewhere_takes_nothing():
-    world = carried()
-    world.parts["hand"].command_position(1.8)
-    put(world, 0.3, 0, 0.2, 2.0)
-    assert world.truth_arrays["load_held"][0] == 0
-
-
-def test_a_gripper_that_isnt_there_is_refused():
-    with pytest.raises(WiringError, match="no hand 'claw'"):
-        cell({"load": (LoadPart, {"gripper": "claw"})})
-    with pytest.raises(WiringError, match=r"sim\.parts\.load\.at: 'load' moves freely"):
-        cell({"robot": (Trolley, {}), "load": (LoadPart, {"at": "robot/body"})})
-
-
-def test_distances_to_obstacles_are_those_of_the_geometry():
-    boxes = [
-        {"position": [1, 0, 0], "size": [0.2, 0.2, 0.2]},
-        {"position": [0, 2, 0], "size": [1, 1, 1], "yaw": np.pi / 4},
-    ]
-    base = {"at": "robot/body", "size": [0.4, 0.4, 0.1], "mass": 1.0}
-    obstacles = (ObstaclesPart, {"boxes": boxes, "watch": ["base/body"]})
-    world = moved({"things": obstacles}, {"base": (BoxPart, base)}, gravity=(0.0, 0.0, 0.0))
-    put(world, 0, 0, 0, 0.05)
-    wanted = [0.7, 2 - np.sqrt(0.5) - 0.2]
-    np.testing.assert_allclose(world.truth_arrays["things_distance"], wanted, atol=1e-5)
-    put(world, 0.5, 0, 0, 0.05)
-    assert world.truth_arrays["things_distance"][0] == pytest.approx(0.2, abs=1e-5)
-    put(world, -9, 0, 0, 0.05)
-    assert world.truth_arrays["things_distance"][0] == 5.0
-    for _ in range(2):
-        put(world, 0.705, 0, 0, 0.05)
-        put(world, 0, 0, 0, 0.5)
-    assert world.truth_arrays["things_touches"][0] == 2
-    with pytest.raises(ValidationError):
-        ObstaclesConfig.model_validate({"boxes": []})
-    with pytest.raises(WiringError, match="no body is called 'base'"):
-        cell({"things": (ObstaclesPart, {"boxes": boxes, "watch": ["base"]})})
 
 
 # -- all of them
