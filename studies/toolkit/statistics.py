@@ -82,6 +82,24 @@ class ShapiroWilk:
     p: float
 
 
+@dataclass(frozen=True)
+class Equivalence:
+    """Two one-sided paired t-tests (Schuirmann 1987) on the differences first - second.
+
+    Attributes:
+        difference: their mean, in the values' unit.
+        low, high: its interval of level 1 - 2 alpha; equivalent if it lies within the margin.
+        p: the larger of the two tests' p-values.
+        equivalent: p is below alpha.
+    """
+
+    difference: float
+    low: float
+    high: float
+    p: float
+    equivalent: bool
+
+
 def summary(values: ArrayLike, place: str = "summary") -> Summary:
     """Returns mean and standard deviation of (n,) values; raises StudyError if there are none or one isn't finite."""
     found = numbers(place, values)
@@ -125,6 +143,37 @@ def paired_t(first: ArrayLike, second: ArrayLike, place: str = "paired t-test") 
 
     found = stats.ttest_1samp(difference, 0.0)
     return PairedT(float(np.mean(difference)), float(found.statistic), len(difference) - 1, float(found.pvalue))
+
+
+def tost(
+    first: ArrayLike, second: ArrayLike, margin: float, alpha: float = 0.05, place: str = "equivalence test"
+) -> Equivalence:
+    """Tests whether the mean difference of (n,) and (n,) paired values lies within +-margin, n >= 2.
+
+    Raises:
+        StudyError: as in `paired_t`, or the margin isn't positive.
+    """
+    if not margin > 0 or not 0 < alpha < 0.5:
+        raise StudyError(place, f"margin {margin:g} at level {alpha:g}", "Take a positive margin, and 0.05")
+    one, other = pairs(place, first, second, 2)
+    difference = one - other
+    _varied(place, difference, float(np.max(np.abs([one, other]))), "Compare it with the margin yourself")
+    from scipy import stats
+
+    n, mean = len(difference), float(np.mean(difference))
+    error = float(np.std(difference, ddof=1)) / math.sqrt(n)
+    reach = float(stats.t.ppf(1 - alpha, n - 1)) * error
+    p = float(stats.t.sf((margin - abs(mean)) / error, n - 1))
+    return Equivalence(mean, mean - reach, mean + reach, p, p < alpha)
+
+
+def interval(values: ArrayLike, level: float = 0.95, place: str = "interval") -> tuple[float, float]:
+    """Returns Student's interval of the mean of (n,) values, n >= 2; raises StudyError as `summary` does."""
+    found = numbers(place, values, 2)
+    from scipy import stats
+
+    reach = float(stats.t.ppf((1 + level) / 2, len(found) - 1)) * float(np.std(found, ddof=1)) / math.sqrt(len(found))
+    return float(np.mean(found)) - reach, float(np.mean(found)) + reach
 
 
 def shapiro_wilk(values: ArrayLike, place: str = "Shapiro-Wilk test") -> ShapiroWilk:

@@ -13,7 +13,18 @@ from matplotlib.cbook import boxplot_stats
 from scipy import stats
 
 from studies.toolkit.errors import StudyError
-from studies.toolkit.statistics import box, level, paired_t, shapiro_wilk, sign_test, stars, summary, words
+from studies.toolkit.statistics import (
+    box,
+    interval,
+    level,
+    paired_t,
+    shapiro_wilk,
+    sign_test,
+    stars,
+    summary,
+    tost,
+    words,
+)
 
 VALUES = st.lists(st.integers(-20, 20).map(float), min_size=1, max_size=40)
 PAIRS = st.lists(st.tuples(st.integers(0, 5), st.integers(0, 5)), min_size=1, max_size=200)
@@ -104,3 +115,30 @@ def test_tests_that_have_no_answer_say_so() -> None:
         shapiro_wilk([1, 2])
     with pytest.raises(StudyError, match="at most 5000"):
         shapiro_wilk(np.arange(5001))
+
+
+@given(
+    st.lists(st.floats(-5, 5), min_size=3, max_size=30).filter(lambda v: np.ptp(v) > 0.01),
+    st.floats(0.1, 5),
+    st.sampled_from((0.01, 0.05, 0.1)),
+)
+def test_equivalence_is_two_one_sided_t_tests(difference: list[float], margin: float, alpha: float) -> None:
+    found = tost(difference, np.zeros(len(difference)), margin, alpha)
+    above = stats.ttest_1samp(difference, -margin, alternative="greater").pvalue
+    below = stats.ttest_1samp(difference, margin, alternative="less").pvalue
+    assert found.p == pytest.approx(max(above, below), rel=1e-9, abs=1e-12)
+    assert found.equivalent == (found.p < alpha)
+    if abs(found.p - alpha) > 1e-9:  # the same said by the interval
+        assert found.equivalent == (-margin < found.low and found.high < margin)
+
+
+def test_equivalence_refuses_a_margin_that_is_none() -> None:
+    with pytest.raises(StudyError, match="positive margin"):
+        tost([1, 2, 3], [1, 2, 4], 0.0)
+
+
+def test_an_interval_of_a_mean_is_students() -> None:
+    values = [1.0, 2.0, 4.0, 8.0]
+    low, high = interval(values)
+    expected = stats.t.interval(0.95, 3, np.mean(values), stats.sem(values))
+    assert (low, high) == pytest.approx(expected)

@@ -1,0 +1,1 @@
+"""Studies of the intrinsic kinematic null space (Lisini Baldi et al., 2023)."""
