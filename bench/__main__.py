@@ -8,7 +8,20 @@ import sys
 from collections.abc import Callable
 from functools import partial
 
-from bench import arm_angles, clock, drivers, dynamixel, noitom, panda, sibson, sixth_finger, stop_latency, superman, ur
+from bench import (
+    arm_angles,
+    clock,
+    drivers,
+    dynamixel,
+    noitom,
+    panda,
+    pycgm,
+    sibson,
+    sixth_finger,
+    stop_latency,
+    superman,
+    ur,
+)
 from bench.pairs import Row
 
 BENCHES: dict[str, Callable[[], list[Row]]] = {
@@ -20,6 +33,7 @@ BENCHES: dict[str, Callable[[], list[Row]]] = {
     "noitom-text": noitom.run,
     "panda-cycle": panda.run,
     "ur-rtde-receive": ur.run,
+    "pycgm": pycgm.run,
     "sibson": sibson.run,
     "cycle-sixth-finger": sixth_finger.cycle,
     "sim-sixth-finger": sixth_finger.speed,
