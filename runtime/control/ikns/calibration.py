@@ -205,7 +205,7 @@ def _refused(found: Calibration, th: Thresholds, i: int, j: int) -> Iterator[Cal
     if found.samples[i, j] < th.samples or not np.isfinite(found.directions[i, j]).all():
         yield CalibrationError(
             place,
-            f"{found.samples[i, j]} samples are kept, {th.samples} needed: the hand was faster than {th.speed} m/s or "
+            f"samples kept: {found.samples[i, j]}, needed: {th.samples}; the hand was faster than {th.speed} m/s or "
             f"farther than {1e3 * th.radius:.0f} mm from the point; {found.still:.0%} of all samples were slow enough",
             "Redo the point, longer or with the hand stiller",
         )

@@ -213,7 +213,7 @@ def refused(recording: Recording, **thresholds: Any) -> str:
 def test_what_cant_work_is_refused_with_place_reason_and_remedy() -> None:
     good = recording(0.25)
     assert refused(good) == ""
-    assert refused(good, samples=62).count("61 samples are kept, 62 needed") == 10
+    assert refused(good, samples=62).count("samples kept: 61, needed: 62") == 10
     assert "Redo the point, longer or with the hand stiller." in refused(good, samples=62)
     assert refused(good, range=2.0).count("the range is") == 10
     assert "there and back" in refused(good, explained=0.9999)
