@@ -12,6 +12,7 @@ from runtime.contracts.rotation import euler_angles
 from runtime.control.ikns.body import Body, Side, average
 from runtime.control.ikns.identify import ArmLandmarks, Landmarks, Measures, identify, plug_in_gait
 
+SERVE = "data/optitrack_upper_body/kinematics_tennis_serve"
 STATURE = 1.679  # m, of the person in vicon_plug_in_gait
 MEASURES: dict[Side, Measures] = {  # m, the file's own subject parameters
     "left": Measures(0.050, 0.096, 0.061, 0.030),
@@ -19,14 +20,17 @@ MEASURES: dict[Side, Measures] = {  # m, the file's own subject parameters
 }
 
 
-def recorded(relative: str) -> dict[str, np.ndarray]:
-    """Points (frames, 3) of a C3D file by name without the subject; m, NaN where hidden; angles keep their degrees."""
+def recorded(relative: str, unit: float = 1e-3) -> dict[str, np.ndarray]:
+    """Points (frames, 3) of a C3D file by name without the subject; m, NaN where hidden; angles keep their degrees.
+
+    unit: m, of the file.
+    """
     with shared(relative).open("rb") as file:
         reader = c3d.Reader(file)
         names = [label.strip().rpartition(":")[2] for label in reader.point_labels]
         rows = np.array([points[:, :4] for _, points, _ in reader.read_frames()], float)
     rows[rows[..., 3] < 0] = np.nan
-    return {n: rows[:, i, :3] * (1.0 if n.endswith("Angles") else 1e-3) for i, n in enumerate(names)}
+    return {n: rows[:, i, :3] * (1.0 if n.endswith("Angles") else unit) for i, n in enumerate(names)}
 
 
 def gait(trial: str) -> dict[str, np.ndarray]:
