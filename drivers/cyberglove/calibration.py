@@ -28,6 +28,7 @@ from ruamel.yaml.error import YAMLError
 
 from drivers.cyberglove.protocol import LABELS
 from runtime.contracts.errors import ProfileError, nearest
+from runtime.contracts.files import KeptFile
 from runtime.contracts.signals import Array
 
 _RAW: Final = np.arange(256, dtype=float)
@@ -142,17 +143,17 @@ class Calibration:
         return self._halfway.searchsorted(place)
 
 
-def load(path: Path, sensors: int) -> Calibration:
+def load(file: KeptFile, sensors: int) -> Calibration:
     """Reads a calibration: the project's YAML, or a vendor's file, recognised by its ending `.cal`.
 
     Raises:
         ProfileError: with file, key and what was expected.
     """
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it isn't UTF-8 text"
-        raise ProfileError(str(path), f"the calibration can't be read: {reason}", "Name an existing file") from None
+        path, text = file.path, file.text
+    except UnicodeDecodeError:
+        problem = "the calibration can't be read: it isn't UTF-8 text"
+        raise ProfileError(str(file.path), problem, "Name a calibration") from None
     return _vendor(path, text, sensors) if path.suffix == ".cal" else _own(path, text, sensors)
 
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from pathlib import Path
-from typing import Final, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import Field
 
@@ -14,6 +13,7 @@ from drivers.cyberglove.protocol import BAUDRATE, LABELS, START, STOP, Parser, R
 from drivers.transport import Transport, open_transport
 from runtime.contracts.driver import DeviceConfig, Sensor
 from runtime.contracts.errors import DeviceError, DeviceLostError
+from runtime.contracts.files import FileOption, KeptFile
 from runtime.contracts.signals import Signal
 
 TRIES: Final = 3  # after power-up the first answer can fail (§7)
@@ -28,7 +28,9 @@ class CyberGloveConfig(DeviceConfig):
 
     port: str = Field(description="link: a serial port's path, tcp://HOST:PORT, spy:FILE:URL")
     sensors: Literal[18, 22] = 22
-    calibration: Path | None = Field(None, description="YAML, or the vendor's .cal; None: an average hand's")
+    calibration: Annotated[KeptFile, FileOption()] | None = Field(
+        None, description="YAML, or the vendor's .cal; None: an average hand's"
+    )
     hand: Literal["right", "left"] = "right"
 
 
@@ -151,7 +153,7 @@ class CyberGlove(Sensor):
         if loaded.hand not in (None, self.hand):
             raise DeviceError(
                 self._place,
-                f"{self._calibration_file} is of a {loaded.hand} hand, the profile says {self.hand}",
+                f"{self._calibration_file.path} is of a {loaded.hand} hand, the profile says {self.hand}",
                 "Name that hand's calibration, or correct 'hand'",
             )
         return loaded

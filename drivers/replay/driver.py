@@ -9,13 +9,14 @@ from pydantic import Field
 from drivers.replay.track import load
 from runtime.contracts.driver import DeviceConfig, Sensor
 from runtime.contracts.errors import DeviceError, DeviceLostError
+from runtime.contracts.files import ProfilePath
 from runtime.contracts.signals import Array
 
 
 class ReplayConfig(DeviceConfig):
     """Options of a recorded device."""
 
-    recording: str = Field(description="FILE.rrd, a folder of segments, or a black box")
+    recording: ProfilePath = Field(description="FILE.rrd, a folder of segments, or a black box")
     device: str = Field(description="the recorded device whose states are given")
     start: float = Field(0.0, ge=0, description="s of the recording that are skipped")
     at_end: Literal["lose", "hold", "loop"] = Field(
@@ -36,7 +37,7 @@ class Player:
 
     def __init__(self, config: ReplayConfig, place: str) -> None:
         """Reads the recording. Raises RecordingError."""
-        self._track = load(config.recording, config.device, config.start)
+        self._track = load(str(config.recording), config.device, config.start)
         self._at_end, self._place = config.at_end, place
         self._begun: int | None = None
         self._last = -1  # number of the newest sample; keeps counting when the track is repeated

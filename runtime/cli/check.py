@@ -14,7 +14,7 @@ from runtime.guard import GUARDS
 from runtime.profile import profile, wiring
 from runtime.profile.connections import connections, transforms, untaken
 from runtime.profile.graph import Graph
-from runtime.profile.option_tree import listed
+from runtime.profile.option_tree import files, listed
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -41,6 +41,7 @@ def run(args: argparse.Namespace) -> int:
     graph = wiring.build(checked, source, args.sim)
     guards = check_guards(graph)
     options = listed(checked, graph.devices, graph.controllers, graph.world)
+    read = files(checked, graph.devices, graph.controllers, graph.world)
     if args.json:
         content = {
             "profile": checked.name,
@@ -48,6 +49,7 @@ def run(args: argparse.Namespace) -> int:
             "wiring": [asdict(connection) for connection in connections(graph)],
             "transforms": transforms(graph),
             "untaken": untaken(graph),
+            "files": {path: {"path": str(f.path), "sha256": f.sha256} for path, f in read.items()},
             "doubts": graph.doubts,
             "commands": guards,
             "listed_options": options,
@@ -72,6 +74,8 @@ def run(args: argparse.Namespace) -> int:
         print(f"    position {place[0]} m, quaternion {place[1]}" + " while what is measured is zero" * bool(by))
     for path, values in options.items():
         print(f"  option {path}: {_pairs(values)}")
+    for path, file in read.items():
+        print(f"  file {path}: {file.path}, sha256 {file.sha256}")
     for doubt in graph.doubts:
         print(f"  doubted: {doubt}")
     if left := untaken(graph):

@@ -15,6 +15,7 @@ from runtime.cli.check import check_guards
 from runtime.cli.console import Console
 from runtime.cli.status import Status
 from runtime.contracts.errors import HostError, RequestError
+from runtime.contracts.files import encoded
 from runtime.ipc import latches
 from runtime.ipc.launch import Launch
 from runtime.ipc.run_folder import RunFolder
@@ -87,8 +88,9 @@ def _run(args: argparse.Namespace, signals: EndSignals) -> int:
             record = where.path / "figure.rrd"
             record.unlink(missing_ok=True)
         launch = Launch(
-            source.label, source.text, list(source.overrides), args.sim, args.fast, cycles, automatic,
-            [] if standing is None else latches.names(standing.latches), record is not None,
+            source.label, source.text, list(source.overrides), str(source.files.folder), encoded(source.files.kept),
+            args.sim, args.fast, cycles, automatic, [] if standing is None else latches.names(standing.latches),
+            record is not None,
         )  # fmt: skip
         telemetry = helpers(where, checked.bus is not None, record, args.view)
         supervisor = Supervisor(where, launch, state, telemetry, console.say)

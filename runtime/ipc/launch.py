@@ -19,6 +19,8 @@ class Launch:
 
     Attributes:
         label, text, overrides: the profile as it was found.
+        folder: where the paths in it begin.
+        files: content of the files that it names (`runtime.contracts.files.encoded`). The loop doesn't read them again.
         sim: devices to simulate; empty for all, None for none.
         fast: True to run simulated time as fast as possible.
         cycles: number of cycles after which the run ends; None: no such end.
@@ -32,6 +34,8 @@ class Launch:
     label: str
     text: str
     overrides: list[str] = field(default_factory=list)
+    folder: str = ""
+    files: dict[str, dict[str, str]] = field(default_factory=dict)
     sim: list[str] | None = None
     fast: bool = False
     cycles: int | None = None

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from runtime.contracts.errors import DeviceError, ProfileError, SrlError, WiringError, nearest
+from runtime.contracts.files import Files, decoded
 from runtime.contracts.signals import Limits, Stop
 from runtime.contracts.world import Fake
 from runtime.ipc import latches, private_file
@@ -69,7 +70,8 @@ class Process:
     def run(self) -> None:
         """Carries out the whole run. Raises SrlError for errors that the user can correct."""
         launch = self.launch
-        checked, source = profile.parse(launch.label, launch.text, launch.overrides)
+        files = Files(Path(launch.folder), decoded(launch.files, str(self.run_folder.launch)))
+        checked, source = profile.parse(launch.label, launch.text, launch.overrides, files)
         graph = self.graph = wiring.build(checked, source, launch.sim)
         for doubt in graph.doubts:
             self.report(f"doubted: {doubt}")

@@ -10,6 +10,7 @@ only counted, and so an input.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from runtime.contracts import provenance
 from runtime.contracts.errors import ProfileError, RecordingError, WiringError
+from runtime.contracts.files import Files, decoded
 from runtime.contracts.signals import Limits
 from runtime.ipc import latches
 from runtime.ipc.layout import Layout
@@ -52,6 +54,7 @@ class _Meta:
     automatic: bool
     versions: dict[str, Any]
     latches: list[str] = field(default_factory=list)  # an earlier version had none: its rows are refused
+    files: dict[str, dict[str, str]] = field(default_factory=dict)  # an earlier version had none
 
 
 @dataclass
@@ -185,7 +188,8 @@ def _rebuild(layout: Layout, place: str) -> tuple[Graph, Cycle]:
     if layout.recorded_names != layout.int_names:
         raise RecordingError(place, "its rows have other words than this version's", remedy)
     try:
-        checked, source = profile.parse(meta["label"], meta["profile"], meta["overrides"])
+        files = Files(Path(meta["label"]).parent, decoded(meta.get("files", {}), place))
+        checked, source = profile.parse(meta["label"], meta["profile"], meta["overrides"], files)
         graph = wiring.build(checked, source, None if not meta["simulated"] else meta["simulated"])
     except (ProfileError, WiringError) as error:
         problem = f"this version of srl doesn't take the recorded profile: {error.place}: {error.problem}"

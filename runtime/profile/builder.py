@@ -51,9 +51,9 @@ class Builder:
         return chosen
 
     def options(self, model: type[BaseModel], values: dict[str, Any], path: str) -> Any:
-        """A part's own options, checked by its model; where they name an entry of `models:`, that is put in."""
+        """A part's own options, checked by its model. Entries of `models:` and files that they name are put in."""
         try:
-            return model.model_validate(values, context=context(self.profile.models))
+            return model.model_validate(values, context=context(self.profile.models) | {"files": self.source.files})
         except ValidationError as error:
             raise first_error(error, self.source, path, model) from None
 

@@ -10,6 +10,7 @@ from runtime.contracts import provenance
 from runtime.contracts.controller import Parameter
 from runtime.contracts.driver import Driver
 from runtime.contracts.errors import RecordingError, WiringError, nearest
+from runtime.contracts.files import encoded
 from runtime.contracts.frames import FrameEntry, Frames
 from runtime.contracts.rotation import inverted
 from runtime.contracts.signals import Signal
@@ -39,6 +40,7 @@ def describe(
         "profile": source.text,
         "overrides": list(source.overrides),
         "sha256": source.sha256,
+        "files": encoded(source.files.kept),
         "rate": [profile.rate.numerator, profile.rate.denominator],
         "seed": profile.seed,
         "simulated": simulated,

@@ -10,6 +10,7 @@ from pydantic.fields import FieldInfo
 
 from runtime.contracts.controller import Controller
 from runtime.contracts.driver import Driver
+from runtime.contracts.files import KeptFile
 from runtime.contracts.per_element import Listed
 from runtime.contracts.world import Fake, World
 from runtime.control.models import Model
@@ -40,6 +41,13 @@ def listed(
         for path, _, value in options(profile, devices, laws, world)
         if isinstance(value, Listed)
     }
+
+
+def files(
+    profile: Profile, devices: Iterable[Driver], laws: Iterable[Controller], world: World | None
+) -> dict[str, KeptFile]:
+    """The files that the options name and the run keeps, by key path."""
+    return {path: value for path, _, value in options(profile, devices, laws, world) if isinstance(value, KeptFile)}
 
 
 def items(value: Any) -> list[tuple[Any, Any]]:

@@ -20,6 +20,7 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.events import AliasEvent, MappingEndEvent, MappingStartEvent, SequenceEndEvent, SequenceStartEvent
 
 from runtime.contracts.errors import OptionError, ProfileError, nearest
+from runtime.contracts.files import Files, Typed
 from runtime.contracts.frames import FrameEntry
 from runtime.contracts.signals import Stop
 from runtime.control.models import KINDS, Model, of_entry
@@ -202,12 +203,12 @@ class Profile(Part):
         return value
 
 
-def find(name: str) -> tuple[str, str]:
-    """Returns the label and text of a profile, found by its name under profiles/ or by its path."""
+def find(name: str) -> tuple[str, str, Path]:
+    """Returns the label, text and folder of a profile, found by its name under profiles/ or by its path."""
     path = Path(name)
     if path.suffix in (".yaml", ".yml") or "/" in name:
         try:
-            return str(path), path.read_text(encoding="utf-8")
+            return str(path), path.read_text(encoding="utf-8"), path.absolute().parent
         except (OSError, UnicodeDecodeError) as error:
             reason = error.strerror if isinstance(error, OSError) else "it isn't UTF-8 text"
             raise ProfileError(name, f"the profile can't be read: {reason}", "Give an existing YAML file") from None
@@ -216,7 +217,8 @@ def find(name: str) -> tuple[str, str]:
     }
     if name not in shipped:
         raise ProfileError(name, "no profile has this name", nearest(name, shipped) + ". A path must end in .yaml")
-    return f"{name}.yaml", shipped[name].read_text(encoding="utf-8")
+    with resources.as_file(shipped[name]) as path:
+        return f"{name}.yaml", path.read_text(encoding="utf-8"), path.absolute().parent
 
 
 def shipped() -> list[str]:
@@ -228,12 +230,21 @@ def shipped() -> list[str]:
 
 def load(name: str, overrides: Sequence[str] = ()) -> tuple[Profile, Source]:
     """Finds, reads and checks a profile, with `--set key.path=value` applied."""
-    label, text = find(name)
-    return parse(label, text, overrides)
+    label, text, folder = find(name)
+    return parse(label, text, overrides, Files(folder))
 
 
-def parse(label: str, text: str, overrides: Sequence[str] = ()) -> tuple[Profile, Source]:
-    """Checks a profile's text. Raises ProfileError for the first error, with its place."""
+def parse(label: str, text: str, overrides: Sequence[str] = (), files: Files | None = None) -> tuple[Profile, Source]:
+    """Checks a profile's text.
+
+    Args:
+        label: its name for errors.
+        text: YAML.
+        overrides: the `--set` options.
+        files: where the files are that its options name; left out: beside `label`.
+    Raises:
+        ProfileError: the first error, with its place.
+    """
     try:
         _refuse_nested_aliases(label, text)
         tree = YAML(typ="rt", pure=True).load(text)
@@ -248,7 +259,7 @@ def parse(label: str, text: str, overrides: Sequence[str] = ()) -> tuple[Profile
         raise ProfileError(label, "the profile isn't a mapping of keys to values", "Start from one under profiles/")
     lines: dict[str, int] = {}
     _note_lines(tree, "", lines)
-    source = Source(label, text, tuple(overrides), lines)
+    source = Source(label, text, tuple(overrides), lines, files or Files(Path(label).parent))
     plain = _plain(tree)
     for override in overrides:
         _override(plain, override)
@@ -300,6 +311,15 @@ def _plain(node: Any) -> Any:
     return str(node)
 
 
+def _typed(node: Any) -> Any:
+    """Marks texts as typed at the command line."""
+    if isinstance(node, dict):
+        return {key: _typed(value) for key, value in node.items()}
+    if isinstance(node, list):
+        return [_typed(value) for value in node]
+    return Typed(node) if isinstance(node, str) else node
+
+
 def _override(tree: Any, override: str) -> None:
     path, equals, text = override.partition("=")
     path = path.strip()
@@ -307,9 +327,9 @@ def _override(tree: Any, override: str) -> None:
     if not equals or not path:
         raise ProfileError(place, "expected key.path=value", "For example --set devices.glove.port=/dev/ttyUSB1")
     try:
-        value = _plain(YAML(typ="safe", pure=True).load(io.StringIO(text)))
+        value = _typed(_plain(YAML(typ="safe", pure=True).load(io.StringIO(text))))
     except YAMLError:
-        value = text
+        value = Typed(text)
     node, parts = tree, path.split(".")
     while len(parts) > 1:
         if isinstance(node, list) and parts[0].isdigit() and int(parts[0]) < len(node):

@@ -9,6 +9,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from runtime.contracts.errors import OptionError, ProfileError, nearest
+from runtime.contracts.files import Files
 
 
 @dataclass(frozen=True)
@@ -20,12 +21,14 @@ class Source:
         text: the file's text.
         overrides: the `--set` options, in order.
         lines: line number (from 1) of each key path.
+        files: the files that its options name.
     """
 
     label: str
     text: str
     overrides: tuple[str, ...] = ()
     lines: dict[str, int] = field(default_factory=dict)
+    files: Files = field(default_factory=Files)
 
     def place(self, path: str) -> str:
         """A key path as it appears in errors: "sixth-finger.yaml line 12: devices.glove.port"."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from runtime.contracts.files import ProfilePath
 from sim.wearer.motion import Wearer
 from sim.wearer.recording import load_wearer
 from sim.wearer.scripted import ScriptedWearer
@@ -16,7 +17,9 @@ class WearerConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    recording: str | None = Field(default=None, description="file or folder (docs/simulation.md); null: the script")
+    recording: ProfilePath | None = Field(
+        default=None, description="file or folder (docs/simulation.md); null: the script"
+    )
     episode: int | None = Field(default=None, ge=0, description="one episode of a recording that has several")
     speed: float = Field(default=1.0, gt=0, le=10, description="1 is the person's own pace")
     loop: bool = Field(default=False, description="start again at the end instead of standing still")

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from runtime.contracts.errors import RecordingError
+from runtime.contracts.files import ProfilePath
 from runtime.contracts.signals import Array
 from sim.wearer.checks import check_samples
 from sim.wearer.mat5 import read_mat5
@@ -25,7 +26,7 @@ class ForceRecording(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    file: Path = Field(description=".csv, .npz or .mat")
+    file: ProfilePath = Field(description=".csv, .npz or .mat")
     number: int = Field(default=0, ge=0, description="of the recording in a file that has several")
     rate: float | None = Field(default=None, gt=0, description="Hz, of a file without times; null: see the page")
     start: float = Field(default=0.0, ge=0, description="s of world time at which it begins")
@@ -66,7 +67,7 @@ def load_forces(options: ForceRecording, place: str) -> Forces:
     Raises:
         RecordingError: with file and column, what was expected, and the remedy.
     """
-    path = options.file.expanduser()
+    path = options.file
     if not path.exists():
         raise RecordingError(str(path), "there is no such file", f"Check '{place}.file'")
     readers = {".csv": _csv, ".npz": _npz, ".mat": _mat}

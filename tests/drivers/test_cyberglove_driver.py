@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 from helpers.dynamixel import waiting
 from helpers.wait import until
+from pydantic import ValidationError
 
 from drivers.cyberglove import CyberGlove, calibration, driver
-from runtime.contracts.errors import DeviceError, DeviceLostError, ProfileError
+from runtime.contracts.errors import DeviceError, DeviceLostError
 
 RAW = bytes(range(10, 230, 10))
 MS = 1_000_000
@@ -205,8 +206,8 @@ def test_a_calibration_of_the_other_hand_or_none_is_refused_before_the_port_is_t
     file.write_text(f"person: P07\ndate: 2026-02-17\nhand: left\nsensors:\n{lines}\n")
     with pytest.raises(DeviceError, match="left hand"):
         driver_of("/dev/none", calibration=file).open()
-    with pytest.raises(ProfileError, match="calibration can't be read"):
-        driver_of("/dev/none", calibration=tmp_path / "no.yaml").open()
+    with pytest.raises(ValidationError, match=r"there is no file .*no\.yaml"):
+        driver_of("/dev/none", calibration=tmp_path / "no.yaml")
 
 
 def test_without_a_new_record_the_stamp_and_the_angles_stay(make_glove):

@@ -7,13 +7,14 @@ differs from it, and why: docs/ikns.md.
 from __future__ import annotations
 
 from math import inf
-from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 
 from runtime.contracts.controller import Controller, ControllerConfig
 from runtime.contracts.errors import ProfileError, nearest
+from runtime.contracts.files import FileOption, KeptFile
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import POSE
 from runtime.control.ikns import record
@@ -25,7 +26,9 @@ from runtime.control.ikns.sibson import Sibson
 class IknsConfig(ControllerConfig):
     """Options of `ikns`."""
 
-    calibration: str = Field(min_length=1, description="the calibration file; a path begins where srl runs")
+    calibration: Annotated[KeptFile, FileOption("Make it with `srl calibrate PROFILE ikns`, or name another")] = Field(
+        description="the person's calibration file, beside the profile"
+    )
     flip: tuple[str, ...] = Field((), description="degrees of freedom whose sense is turned round")
     clamp: bool = Field(True, description="keep c within 0 and 1")
     catch_up: float = Field(
@@ -47,11 +50,12 @@ class Ikns(Controller):
 
     def __init__(self, name: str, config: IknsConfig) -> None:
         super().__init__(name, config)
-        made = record.read(Path(config.calibration))
+        file = config.calibration
+        made = record.parse(file.content, str(file.path))
         found = made.calibration()
         place = f"controllers.{name}.calibration"
         for reason in refusals(found, made.thresholds):
-            raise ProfileError(place, f"{config.calibration}: {reason.place}: {reason.problem}", reason.remedy)
+            raise ProfileError(place, f"{file.path}: {reason.place}: {reason.problem}", reason.remedy)
         for dof in config.flip:
             if dof not in made.dofs:
                 problem = f"the calibration has no degree of freedom '{dof}'"
@@ -59,7 +63,7 @@ class Ikns(Controller):
         try:
             self._sibson = Sibson(found.sites)
         except SitesError as error:
-            raise ProfileError(place, f"{config.calibration}: {error.problem}", error.remedy) from None
+            raise ProfileError(place, f"{file.path}: {error.problem}", error.remedy) from None
         self._record = made
         self._k, self._n = len(made.dofs), len(made.joints)
         sense = np.array([-1.0 if dof in config.flip else 1.0 for dof in made.dofs])

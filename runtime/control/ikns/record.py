@@ -141,17 +141,18 @@ class Record(_Part):
 def read(path: Path) -> Record:
     """Reads a calibration file. Raises RecordError."""
     try:
-        text = path.read_bytes()
+        content = path.read_bytes()
     except OSError as error:
-        raise RecordError(
-            str(path),
-            f"it can't be read: {error.strerror}",
-            "Name the file of a calibration; a path begins where srl runs",
-        ) from None
+        raise RecordError(str(path), f"it can't be read: {error.strerror}", "Name the file of a calibration") from None
+    return parse(content, str(path))
+
+
+def parse(content: bytes, place: str) -> Record:
+    """Makes the record of a calibration file's content; `place` names the file. Raises RecordError."""
     try:
-        return Record.model_validate_json(text)
+        return Record.model_validate_json(content)
     except ValidationError as error:
-        raise _error(str(path), error, "Calibrate again, or name another file") from None
+        raise _error(place, error, "Calibrate again, or name another file") from None
 
 
 def write(path: Path, record: Record) -> None:

@@ -139,11 +139,11 @@ class FakeCyberGlove(Sensor, Fake):
         """The calibration set in the device's options.
 
         Raises:
-            ProfileError: its file can't be read.
+            ProfileError: its file is wrong.
         """
         if self._calibration is None:
-            path, sensors = self._config.calibration, self._config.sensors
-            self._calibration = calibration.load(path, sensors) if path else calibration.default(sensors)
+            file, sensors = self._config.calibration, self._config.sensors
+            self._calibration = calibration.load(file, sensors) if file else calibration.default(sensors)
         return self._calibration
 
     def _is_lost(self, number: int) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, Final
 from xml.etree.ElementTree import Element
 
@@ -12,6 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from drivers.noitom.skeleton import JOINTS, Kind, Skeleton, is_finger
+from runtime.contracts.files import ProfilePath
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import POINT
 from sim.parts.body.model import Segment, Sex, segments
@@ -30,7 +30,9 @@ class BodyConfig(PartConfig):
 
     skeleton: Kind = Field(default="axis-neuron", description="the tree of joints")
     script: Script = Field(default="still", description="motion, where nothing is recorded; 'walk' goes in a circle")
-    recording: Path | None = Field(default=None, description="BVH file of the suit's software; its last pose is held")
+    recording: ProfilePath | None = Field(
+        default=None, description="BVH file of the suit's software; its last pose is held"
+    )
     loop: bool = Field(default=False, description="play the recording back and forth")
     scale: float = Field(default=1.0, gt=0.3, lt=3, description="of the default body, or of the recording's")
     mass: float = Field(default=75.0, gt=10, lt=300, description="kg")

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from runtime.contracts.errors import RecordingError
+from runtime.contracts.files import ProfilePath
 from runtime.contracts.per_element import Finite, PerElement
 from runtime.contracts.signals import Array
 from runtime.contracts.terms import POINT
@@ -31,7 +32,7 @@ class MotionConfig(BaseModel):
     amplitude: Annotated[tuple[Finite, ...], PerElement((*POINT, "rx", "ry", "rz"), ordered=False)] = Field(
         default=(0.1, 0.1, 0.1, 0.3, 0.3, 0.3), description="of the sines: m along x, y, z; rad about them (rx, ry, rz)"
     )
-    file: Path | None = Field(
+    file: ProfilePath | None = Field(
         default=None, description="CSV with columns x, y, z (m), qw, qx, qy, qz or q0..q3 (scalar last), maybe time (s)"
     )
     rate: float = Field(default=100.0, gt=0, description="Hz, of a recording without a column 'time'")

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from math import sqrt
-from pathlib import Path
 from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from runtime.contracts.files import ProfilePath
 
 _Vector = tuple[float, float, float]
 _Quaternion = tuple[float, float, float, float]
@@ -91,7 +92,7 @@ class Follow(_Step):
     do: Literal["follow"]
     along: str | None = Field(default=None, description="sites PREFIX0, PREFIX1, ... of the cell, such as wire/path_")
     points: tuple[_Vector, ...] | None = Field(default=None, description="m, world; two at least")
-    file: Path | None = Field(default=None, description="CSV with columns x, y, z, m, world")
+    file: ProfilePath | None = Field(default=None, description="CSV with columns x, y, z, m, world")
     circle: float | None = Field(default=None, gt=0, description="m, radius, in the world's x-y plane, from here")
     speed: float = Field(default=0.05, gt=0, description="m/s")
     turning: bool = Field(default=False, description="turn the tool with the curve's tangent")

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from helpers.control import bound
 from helpers.null_space_arm import MIDDLE, POINTS, Arm, calibrated
+from pydantic import ValidationError
 
 from runtime.contracts.errors import ProfileError, WiringError
 from runtime.contracts.signals import Array
@@ -159,8 +160,11 @@ def test_across_the_hull_c_is_continuous(file: Path) -> None:
 
 
 def test_what_cant_be_used_is_refused_with_place_and_remedy(file: Path, tmp_path: Path) -> None:
-    with pytest.raises(RecordError, match=r"none\.json: it can't be read"):
+    with pytest.raises(ValidationError, match=r"there is no file .*none\.json\. Make it with `srl calibrate"):
         law(tmp_path / "none.json")
+    (tmp_path / "odd.json").write_text("{")
+    with pytest.raises(RecordError, match=r"odd\.json: .*Calibrate again"):
+        law(tmp_path / "odd.json")
     with pytest.raises(
         ProfileError, match=r"controllers\.ikns\.flip: .* no degree of freedom 'swiwel'\. Did you mean 'swivel'"
     ):
