@@ -70,6 +70,7 @@ class Calibration:
         sites: (N, 3) m, where the hand was.
         directions: (N, k, n), B: the DoF's coordinate is B q, rad. Rows of unit length for one DoF; dual for several.
         lower, upper: (N, k) rad, m and M: the coordinate's range in the DoF's own trial.
+        travel: (N, k, n) rad, how far each joint went in the DoF's own trial.
         samples: (N, k), number of samples kept.
         explained: (N, k), share of the variance along the trial's direction.
         wander: (N,) m, rms distance of the kept samples' hand from the site.
@@ -86,6 +87,7 @@ class Calibration:
     directions: Array
     lower: Array
     upper: Array
+    travel: Array
     samples: Indices
     explained: Array
     wander: Array
@@ -141,7 +143,7 @@ def calibrate(recording: Recording, thresholds: Thresholds | None = None) -> Cal
             if parent >= 0:
                 agreement[i] = min(agreement[i], float(Z[i, j] @ Z[parent, j]))
     B, condition = _dual(Z)
-    lower, upper = np.full((N, k), np.nan), np.full((N, k), np.nan)
+    lower, upper, travel = np.full((N, k), np.nan), np.full((N, k), np.nan), np.full((N, k, n), np.nan)
     wander, crosstalk = np.full(N, np.nan), np.full((N, k, k), np.nan)
     for i in range(N):
         here = cluster == i
@@ -151,11 +153,12 @@ def calibrate(recording: Recording, thresholds: Thresholds | None = None) -> Cal
             if (chosen := here & (dof == j)).any():
                 along = q[chosen] @ B[i].T
                 lower[i, j], upper[i, j] = along[:, j].min(), along[:, j].max()
+                travel[i, j] = np.ptp(q[chosen], axis=0)
                 away = along - along.mean(axis=0)
                 crosstalk[i, :, j] = away.T @ away[:, j] / max(float(away[:, j] @ away[:, j]), 1e-300)
         crosstalk[i] *= (upper[i] - lower[i]) / (upper[i] - lower[i])[:, None]
     return Calibration(
-        sites, B, lower, upper, samples, explained, wander, condition, crosstalk, agreement,
+        sites, B, lower, upper, travel, samples, explained, wander, condition, crosstalk, agreement,
         still=float(kept.sum() / max(seen.sum(), 1)), lost=float(1.0 - seen.mean()), jumps=int((steps > np.pi).sum()),
     )  # fmt: skip
 

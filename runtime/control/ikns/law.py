@@ -18,7 +18,7 @@ from runtime.contracts.files import FileOption, KeptFile
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import POSE
 from runtime.control.ikns import record
-from runtime.control.ikns.calibration import refusals
+from runtime.control.ikns.calibration import Calibration, refusals
 from runtime.control.ikns.delaunay import SitesError
 from runtime.control.ikns.sibson import Sibson
 
@@ -34,15 +34,22 @@ class IknsConfig(ControllerConfig):
     catch_up: float = Field(
         1.0, gt=0.0, description="1/s, how fast c goes to where it should be after it was held or reset"
     )
+    held: bool = Field(True, description="whether the input `held` tells which angles are held")
+    unseen: float = Field(
+        0.1, ge=0.0, description="how wrong c may become by joints whose angles are held; beyond that c is held too"
+    )
 
 
 class Ikns(Controller):
     """Reads control values from joint angles, with directions interpolated between calibration points.
 
     Inputs: `angles` (n,) rad, unwrapped; `hand` (7,) m and w x y z, pose in the calibration's frame, of which only the
-    position is used. Outputs `c` (k,), from 0 to 1 over the calibrated range, and `c_rate` (k,) 1/s. Outside the
-    points' hull the directions are those of its nearest point. While an input isn't finite, c is held; afterwards it
-    goes back at `catch_up` on top of the person's own motion.
+    position is used; `held` (n,), 1 where the angle isn't seen and stays as it was (unless the option `held` is off).
+    Outputs `c` (k,), from 0 to 1 over the calibrated range; `c_rate` (k,) 1/s; `held` (k,), 1 where c is held. Outside
+    the points' hull the directions are those of its nearest point.
+
+    While an input isn't finite, all of c is held. While joints are held, a degree of freedom is held if they could make
+    its c wrong by more than `unseen`. Afterwards c goes back at `catch_up` on top of the person's own motion.
     """
 
     Config = IknsConfig
@@ -68,20 +75,27 @@ class Ikns(Controller):
         self._k, self._n = len(made.dofs), len(made.joints)
         sense = np.array([-1.0 if dof in config.flip else 1.0 for dof in made.dofs])
         lower = np.where(sense > 0.0, found.lower, -found.upper)
-        # One row a point: directions, lower ends, ranges.
+        # One row a point: directions, lower ends, ranges, what each joint matters.
         directions = (sense[:, None] * found.directions).reshape(len(found.sites), -1)
-        self._table = np.hstack([directions, lower, found.upper - found.lower])
+        ranges = found.upper - found.lower
+        matters = _matters(found).reshape(len(found.sites), -1)
+        self._table = np.hstack([directions, lower, ranges, matters])
+        self._unseen = config.unseen
         self._clamp, self._catch_up = config.clamp, config.catch_up
         self.inputs = (
             Signal(name="angles", shape=(self._n,), unit="rad", labels=made.joints),
             Signal(name="hand", shape=(7,), unit="m", frame=made.frame, labels=POSE),
         )
+        if config.held:
+            self.inputs += (Signal(name="held", shape=(self._n,), unit="1", labels=made.joints),)
         self.outputs = (
             Signal(name="c", shape=(self._k,), unit="1", labels=made.dofs),
             Signal(name="c_rate", shape=(self._k,), unit="1/s", labels=made.dofs),
+            Signal(name="held", shape=(self._k,), unit="1", labels=made.dofs),
         )
         self._behind = np.zeros(self._k)  # how far c is still from where it should be
-        self._lost = False
+        self._hold = np.zeros(self._k, dtype=bool)
+        self._frozen = np.zeros(self._n, dtype=bool)  # joints that were held in the cycle before
         self._clear()
 
     def _clear(self) -> None:
@@ -90,64 +104,73 @@ class Ikns(Controller):
         self._least, self._most = np.full(self._k, inf), np.full(self._k, -inf)
 
     def reset(self) -> None:
-        """Begins at the applied value, or at the present one if c commands nothing. Held if an input isn't finite."""
-        now, c = self._read(), self.output["c"]
+        """Begins at the applied value, or at the present one if c commands nothing. What is held keeps its value."""
+        c = self.output["c"]
         self._clear()
-        self._lost = now is None
-        begin = self.applied.get("c", c if now is None else now)
-        self._behind = np.zeros(self._k) if now is None else begin - now
+        self._frozen[:] = False
+        now = self._read(c)
+        begin = self.applied.get("c", np.where(self._hold, c, now))
+        self._behind = np.where(self._hold, 0.0, begin - now)
         c[:] = begin
         self.output["c_rate"][:] = 0.0
+        self.output["held"][:] = self._hold
 
     def update(self, dt: float) -> None:
-        c, now = self.output["c"], self._read()
+        c, before, frozen = self.output["c"], self._hold, self._frozen
+        now = self._read(c)
+        hold = self._hold
         self._cycles += 1
-        if now is None:
-            self._lost = True
+        if hold.any():
             self._held += 1
             self._for += dt
             self._longest = max(self._longest, self._for)
-            self.output["c_rate"][:] = 0.0
-            return
-        if self._lost:
-            self._lost, self._for = False, 0.0
-            self._behind = c - now
+        else:
+            self._for = 0.0
+        # What comes back, be it c itself or a joint that it did without, moves c at `catch_up`.
+        back = before if not (frozen & ~self._frozen).any() else np.ones(self._k, dtype=bool)
+        np.copyto(self._behind, c - now, where=back)
         step = self._catch_up * dt
         self._behind -= self._behind.clip(-step, step)
         now += self._behind
         if self._clamp:
             now.clip(0.0, 1.0, out=now)
+        np.copyto(now, c, where=hold)
         np.divide(now - c, dt, out=self.output["c_rate"])
         c[:] = now
+        self.output["held"][:] = hold
 
-    def _read(self) -> Array | None:
-        """Returns c (k,) as the paper has it, or None if an input isn't a finite number."""
-        q, hand = self.input["angles"], self.input["hand"][:3]
+    def _read(self, c: Array) -> Array:
+        """Returns c (k,) as the paper has it. Notes which of it must be held; where inputs are missing it is `c`."""
+        q, hand, k, n = self.input["angles"], self.input["hand"][:3], self._k, self._n
+        self._hold = np.ones(k, dtype=bool)
         if not (np.isfinite(q).all() and np.isfinite(hand).all()):
-            return None
+            return c.copy()
         near = self._sibson.nearest(hand)
         if near.distance > 0.0:
             self._outside += 1
             self._farthest = max(self._farthest, near.distance)
         row = self._sibson.weights(near.point).dot(self._table)
-        k, n = self._k, self._n
-        c = row[: k * n].reshape(k, n).dot(q)
-        c -= row[k * n : k * n + k]
-        c /= row[k * n + k :]
-        if not np.isfinite(c).all():  # inputs so large that they overflow
-            return None
-        np.minimum(self._least, c, out=self._least)
-        np.maximum(self._most, c, out=self._most)
+        found: Array = row[: k * n].reshape(k, n).dot(q)
+        found -= row[k * n : k * n + k]
+        found /= row[k * n + k : k * n + 2 * k]
+        if not np.isfinite(found).all():  # inputs so large that they overflow
+            return c.copy()
+        if "held" in self.input:
+            self._frozen = ~(self.input["held"] <= 0.5)
+            self._hold = row[k * n + 2 * k :].reshape(k, n).dot(self._frozen) > self._unseen
+        else:
+            self._hold = np.zeros(k, dtype=bool)
+        np.minimum(self._least, found, out=self._least, where=~self._hold)
+        np.maximum(self._most, found, out=self._most, where=~self._hold)
         if self._clamp:
-            c.clip(0.0, 1.0, out=c)
-        found: Array = c
+            found.clip(0.0, 1.0, out=found)
         return found
 
     def figures(self) -> dict[str, object]:
         """Returns the figures of the run, since the last reset.
 
-        person, date: of the calibration; held, outside: share of the cycles in which c was held, and in which the hand
-        was outside the points' hull; longest_hold_s; farthest_outside_m; range: least and greatest c a degree of
+        person, date: of the calibration; held, outside: share of the cycles in which some c was held, and in which the
+        hand was outside the points' hull; longest_hold_s; farthest_outside_m; range: least and greatest c a degree of
         freedom, before it was clamped.
         """
         n = max(self._cycles, 1)
@@ -165,3 +188,14 @@ class Ikns(Controller):
             "farthest_outside_m": self._farthest,
             "range": ranges,
         }
+
+
+def _matters(found: Calibration) -> Array:
+    """How wrong each c would be if a joint weren't seen while every degree of freedom goes through its range.
+
+    Returns (N, k, n), a bound for the motions of the calibration: |B_ij| sum_l t_lj / (M_i - m_i), with t_lj, how far
+    joint j went in the trial of l.
+    """
+    travel, ranges = found.travel.sum(axis=1), found.upper - found.lower
+    bound: Array = np.abs(found.directions) * travel[:, None, :] / ranges[:, :, None]
+    return bound

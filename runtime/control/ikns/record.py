@@ -35,6 +35,7 @@ class Point(_Part):
     directions: tuple[Row, ...]
     lower: Row
     upper: Row
+    travel: tuple[Row, ...]
     samples: tuple[int, ...]
     explained: Row
     wander: FiniteFloat
@@ -80,10 +81,10 @@ class Record(_Part):
                 raise ValueError("each joint and each degree of freedom needs a name of its own")
         for i, p in enumerate(self.points):
             rows = (p.lower, p.upper, p.samples, p.explained, p.condition)
-            if any(len(row) != k for row in (*rows, p.directions, p.crosstalk, *p.crosstalk)):
+            if any(len(row) != k for row in (*rows, p.directions, p.travel, p.crosstalk, *p.crosstalk)):
                 raise ValueError(f"point {i + 1} must have {k} entries, one a degree of freedom")
-            if any(len(row) != n for row in p.directions):
-                raise ValueError(f"point {i + 1} must have directions of {n} numbers, one a joint")
+            if any(len(row) != n for row in (*p.directions, *p.travel)):
+                raise ValueError(f"point {i + 1} must have directions and travel of {n} numbers, one a joint")
             if any(low >= high for low, high in zip(p.lower, p.upper, strict=True)):
                 raise ValueError(f"point {i + 1} has a lower end that isn't below its upper end")
         return self
@@ -108,6 +109,7 @@ class Record(_Part):
                 "directions": found.directions[i].tolist(),
                 "lower": found.lower[i].tolist(),
                 "upper": found.upper[i].tolist(),
+                "travel": found.travel[i].tolist(),
                 "samples": found.samples[i].tolist(),
                 "explained": found.explained[i].tolist(),
                 "wander": float(found.wander[i]),
@@ -132,7 +134,7 @@ class Record(_Part):
         a = {name: np.array([getattr(p, name) for p in self.points], dtype=float) for name in Point.model_fields}
         return Calibration(
             sites=a["site"], directions=a["directions"], lower=a["lower"], upper=a["upper"],
-            samples=a["samples"].astype(np.intp), explained=a["explained"], wander=a["wander"],
+            travel=a["travel"], samples=a["samples"].astype(np.intp), explained=a["explained"], wander=a["wander"],
             condition=a["condition"], crosstalk=a["crosstalk"], agreement=a["agreement"],
             still=self.still, lost=self.lost, jumps=self.jumps,
         )  # fmt: skip

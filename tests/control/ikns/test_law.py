@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from runtime.contracts.errors import ProfileError, WiringError
 from runtime.contracts.signals import Array
 from runtime.control.ikns.law import Ikns, IknsConfig
-from runtime.control.ikns.record import Record, RecordError
+from runtime.control.ikns.record import Record, RecordError, parse
 from runtime.profile import profile, wiring
 
 DT = 0.01
@@ -124,6 +124,105 @@ def test_without_inputs_it_holds_and_comes_back_without_a_jump(file: Path, missi
     assert made.output["c"] == pytest.approx(truth)
 
 
+def hold(law: Ikns, arm: Arm, *joints: str) -> None:
+    law.input["held"][:] = [name in joints for name in arm.names]
+
+
+WRIST = ("wrist_y", "wrist_x")
+
+
+@pytest.mark.parametrize("joints", [WRIST, ("shoulder_x",), ("elbow",), ("pronation",), ("shoulder_y", "pronation")])
+def test_the_bound_by_which_it_decides(file: Path, joints: tuple[str, ...]) -> None:
+    """Angles stay as they were while the person goes through the range; the hand is told as it is."""
+    arm, record, wrong, bounds = Arm(), parse(file.read_bytes(), ""), [], []
+    which = [arm.names.index(name) for name in joints]
+    for place in POINTS:
+        (point,) = [p for p in record.points if np.linalg.norm(np.array(p.site) - place) < 0.02]
+        swing = arm.swing(arm.at(place), 0.6, 21)
+        made = law(file, clamp=False)
+        truth = follow(made, arm, swing)
+        put(made, arm, swing[0])
+        made.reset()
+        gaps = []
+        for q, c in zip(swing, truth, strict=True):
+            put(made, arm, q)
+            made.input["angles"][which] = swing[0, which]
+            made.update(DT)
+            gaps.append(float(np.abs(made.output["c"] - c)[0]))
+        wrong.append(max(gaps))
+        span = point.upper[0] - point.lower[0]
+        bounds.append(sum(abs(point.directions[0][j]) * point.travel[0][j] for j in which) / span)
+    assert (np.array(wrong) < np.array(bounds) + 1e-6).all()
+    assert np.mean(wrong) > 0.5 * np.mean(bounds) - 1e-9  # it isn't idle
+
+
+def test_while_a_joint_that_matters_is_held_so_is_c(file: Path) -> None:
+    arm, made = Arm(), law(file)
+    swing = arm.swing(arm.at(MIDDLE), 0.6, 41)
+    c = follow(made, arm, swing[:21])[-1]
+    assert made.output["held"] == 0.0
+    for q in swing[21:]:
+        put(made, arm, q)
+        hold(made, arm, *WRIST)
+        made.update(DT)
+        assert made.output["c"] == c
+        assert made.output["c_rate"] == 0.0
+        assert made.output["held"] == 1.0
+    truth = follow(law(file), arm, swing)[-1]
+    assert abs(truth - c) > 0.3
+    hold(made, arm)
+    for n in range(1, 100):
+        made.update(DT)
+        assert made.output["held"] == 0.0
+        assert made.output["c"] == pytest.approx(c + np.clip(truth - c, -n * DT, n * DT))
+
+
+def test_a_joint_that_hardly_moves_doesnt_hold_c(file: Path) -> None:
+    arm, made = Arm(), law(file)
+    swing = arm.swing(arm.at(MIDDLE), 0.6, 41)
+    truth = follow(law(file), arm, swing)
+    put(made, arm, swing[0])
+    hold(made, arm, "elbow")
+    made.reset()
+    for q, c in zip(swing[1:], truth[1:], strict=True):
+        put(made, arm, q)
+        made.input["angles"][arm.names.index("elbow")] = swing[0, arm.names.index("elbow")]
+        made.update(DT)
+        assert made.output["held"] == 0.0
+        assert made.output["c"] == pytest.approx(c, abs=0.1)
+    # It comes back elsewhere, as somebody's angles might: c doesn't jump.
+    hold(made, arm)
+    made.input["angles"][arm.names.index("elbow")] += 0.5
+    before = made.output["c"].copy()
+    for _ in range(10):
+        made.update(DT)
+        assert np.abs(made.output["c"] - before).max() < DT + 1e-9
+        before = made.output["c"].copy()
+
+
+def test_each_degree_of_freedom_is_held_for_itself(two: tuple[Path, Record]) -> None:
+    arm, made = Arm("clavicle"), law(two[0], unseen=0.2)
+    q = arm.at(MIDDLE)
+    put(made, arm, q)
+    made.reset()
+    hold(made, arm, "elevation")
+    made.update(DT)
+    assert made.output["held"].tolist() == [0.0, 1.0]
+    hold(made, arm, *arm.names)
+    made.update(DT)
+    assert made.output["held"].tolist() == [1.0, 1.0]
+
+
+def test_whether_angles_are_held_must_be_known_or_waived(file: Path) -> None:
+    assert [s.name for s in law(file, held=False).inputs] == ["angles", "hand"]
+    arm, made = Arm(), law(file)
+    put(made, arm, arm.at(MIDDLE))
+    made.input["held"][0] = np.nan
+    made.reset()
+    made.update(DT)
+    assert made.output["held"] == 1.0
+
+
 def test_it_begins_where_what_it_commands_is(file: Path) -> None:
     arm, made = Arm(), law(file)
     made.applied = {"c": np.array([0.9])}
@@ -200,7 +299,7 @@ devices:
 setpoints:
   client.angles: {shape: [7], unit: rad, labels: [LABELS], max_age: 0.5}
 controllers:
-  - {use: ikns, name: null-space, calibration: FILE, in: {angles: client.angles, hand: mocap.hand.pose}}
+  - {use: ikns, name: null-space, calibration: FILE, held: false, in: {angles: client.angles, hand: mocap.hand.pose}}
 frames:
   chest: {}
 sim:

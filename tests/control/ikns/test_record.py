@@ -31,9 +31,9 @@ def test_what_is_written_is_read_to_the_bit(made: tuple[Path, Record]) -> None:
     )  # fmt: skip
     assert again == record
     assert {name: np.shape(getattr(found, name)) for name in Calibration.__dataclass_fields__} == {
-        "sites": (10, 3), "directions": (10, 2, 9), "lower": (10, 2), "upper": (10, 2), "samples": (10, 2),
-        "explained": (10, 2), "wander": (10,), "condition": (10, 2), "crosstalk": (10, 2, 2), "agreement": (10,),
-        "still": (), "lost": (), "jumps": (),
+        "sites": (10, 3), "directions": (10, 2, 9), "lower": (10, 2), "upper": (10, 2), "travel": (10, 2, 9),
+        "samples": (10, 2), "explained": (10, 2), "wander": (10,), "condition": (10, 2),
+        "crosstalk": (10, 2, 2), "agreement": (10,), "still": (), "lost": (), "jumps": (),
     }  # fmt: skip
 
 
@@ -59,7 +59,10 @@ FAULTS: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
     "an unknown key": (lambda v: v.update(name="Ada"), "name: Extra inputs are not permitted"),
     "a name as id": (lambda v: v.update(person="Ada Lovelace"), "person: String should match pattern"),
     "another format": (lambda v: v.update(format="srl-ikns-9"), "format: Input should be 'srl-ikns-1'"),
-    "too few numbers": (lambda v: v["points"][4]["directions"][1].pop(), "point 5 must have directions of 9 numbers"),
+    "too few numbers": (
+        lambda v: v["points"][4]["directions"][1].pop(),
+        "point 5 must have directions and travel of 9 numbers",
+    ),
     "too few DoFs": (lambda v: v["points"][0]["upper"].pop(), "point 1 must have 2 entries"),
     "an empty range": (lambda v: v["points"][0].update(upper=v["points"][0]["lower"]), "isn't below its upper end"),
     "no number": (lambda v: v["points"][2].update(wander="NaN"), r"points\.2\.wander: Input should be a finite number"),
