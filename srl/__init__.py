@@ -22,6 +22,7 @@ from runtime.contracts.errors import (
     SrlError,
     WiringError,
 )
+from runtime.contracts.files import FileOption, KeptFile, ProfilePath
 from runtime.contracts.per_element import PerElement
 from runtime.contracts.signals import Array, Command, Kind, Limits, Signal, Stop
 from runtime.contracts.transforms import Transform
@@ -35,13 +36,16 @@ __all__ = [
     "DeviceError",
     "DeviceLostError",
     "Driver",
+    "FileOption",
     "Health",
     "HostError",
+    "KeptFile",
     "Kind",
     "Limits",
     "Parameter",
     "PerElement",
     "ProfileError",
+    "ProfilePath",
     "RecordingError",
     "RequestError",
     "Sensor",

@@ -70,7 +70,7 @@ class Process:
     def run(self) -> None:
         """Carries out the whole run. Raises SrlError for errors that the user can correct."""
         launch = self.launch
-        files = Files(Path(launch.folder), decoded(launch.files, str(self.run_folder.launch)))
+        files = Files(Path(launch.folder), decoded(launch.files, "the launch file"))
         checked, source = profile.parse(launch.label, launch.text, launch.overrides, files)
         graph = self.graph = wiring.build(checked, source, launch.sim)
         for doubt in graph.doubts:

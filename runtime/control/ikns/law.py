@@ -75,11 +75,11 @@ class Ikns(Controller):
         self._k, self._n = len(made.dofs), len(made.joints)
         sense = np.array([-1.0 if dof in config.flip else 1.0 for dof in made.dofs])
         lower = np.where(sense > 0.0, found.lower, -found.upper)
-        # One row a point: directions, lower ends, ranges, what each joint matters.
+        # One row a point: directions, lower ends, ranges, bounds of what each joint does to c.
         directions = (sense[:, None] * found.directions).reshape(len(found.sites), -1)
         ranges = found.upper - found.lower
-        matters = _matters(found).reshape(len(found.sites), -1)
-        self._table = np.hstack([directions, lower, ranges, matters])
+        bounds = matters(found).reshape(len(found.sites), -1)
+        self._table = np.hstack([directions, lower, ranges, bounds])
         self._unseen = config.unseen
         self._clamp, self._catch_up = config.clamp, config.catch_up
         self.inputs = (
@@ -190,7 +190,7 @@ class Ikns(Controller):
         }
 
 
-def _matters(found: Calibration) -> Array:
+def matters(found: Calibration) -> Array:
     """How wrong each c would be if a joint weren't seen while every degree of freedom goes through its range.
 
     Returns (N, k, n), a bound for the motions of the calibration: |B_ij| sum_l t_lj / (M_i - m_i), with t_lj, how far

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from runtime.contracts.errors import ProfileError, WiringError
 from runtime.contracts.signals import Array
-from runtime.control.ikns.law import Ikns, IknsConfig
+from runtime.control.ikns.law import Ikns, IknsConfig, matters
 from runtime.control.ikns.record import Record, RecordError, parse
 from runtime.profile import profile, wiring
 
@@ -154,6 +154,23 @@ def test_the_bound_by_which_it_decides(file: Path, joints: tuple[str, ...]) -> N
         bounds.append(sum(abs(point.directions[0][j]) * point.travel[0][j] for j in which) / span)
     assert (np.array(wrong) < np.array(bounds) + 1e-6).all()
     assert np.mean(wrong) > 0.5 * np.mean(bounds) - 1e-9  # it isn't idle
+
+
+def test_without_the_wrist_half_of_the_motion_is_unseen(file: Path, two: tuple[Path, Record]) -> None:
+    """The table of docs/ikns.md: least and greatest bound over the points, of each DoF."""
+
+    def bounds(path: Path, chain: str, *joints: str) -> list[tuple[float, float]]:
+        which = [Arm(chain).names.index(name) for name in joints]
+        found = matters(parse(path.read_bytes(), "").calibration())[:, :, which].sum(axis=2)
+        return list(zip(found.min(axis=0).round(2).tolist(), found.max(axis=0).round(2).tolist(), strict=True))
+
+    assert bounds(file, "arm", *WRIST) == [(0.42, 0.57)]
+    assert bounds(file, "arm", "pronation") == [(0.0, 0.1)]
+    assert bounds(file, "arm", "elbow") == [(0.0, 0.0)]
+    assert bounds(two[0], "clavicle", *WRIST) == [(0.52, 0.82), (0.34, 1.0)]
+    assert bounds(two[0], "clavicle", "pronation") == [(0.01, 0.15), (0.0, 0.21)]
+    assert bounds(two[0], "clavicle", "elbow") == [(0.0, 0.02), (0.01, 0.12)]
+    assert bounds(two[0], "clavicle", "elevation") == [(0.03, 0.1), (0.3, 0.57)]
 
 
 def test_while_a_joint_that_matters_is_held_so_is_c(file: Path) -> None:
