@@ -130,3 +130,18 @@ def test_a_replay_needs_the_recording_alone(home: Path) -> None:
     del layout.meta["files"]
     with pytest.raises(RecordingError, match=r"people/p07\.json wasn't kept with the run"):
         replay(layout, recording.rows, "x.rrd")
+
+
+def test_a_file_too_large_to_keep_begins_there_too(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    header = "time,x,y,z,qw,qx,qy,qz\n"
+    (home / "people" / "reach.csv").write_text(header + "".join(f"{t},{t},0,0,1,0,0,0\n" for t in (0.0, 0.1, 0.2, 0.3)))
+    text = (home / "intent.yaml").read_text()
+    (home / "intent.yaml").write_text(text.replace("{kind: sine}", "{kind: recording, file: people/reach.csv}"))
+    monkeypatch.chdir(home.parent)
+    checked, source = profile.load("home/intent.yaml")
+    graph = wiring.build(checked, source, [])
+    assert graph.layout.meta["files"].keys() == {"people/p07.json"}
+    (home / "people" / "reach.csv").rename(home.parent / "other.csv")
+    with pytest.raises(RecordingError, match=r"home/people/reach\.csv"):
+        wiring.build(checked, source, [])
+    wiring.build(*profile.load("home/intent.yaml", ["sim.parts.hand.motion.file=other.csv"]), [])
