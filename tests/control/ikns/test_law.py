@@ -335,3 +335,35 @@ def test_wiring_goes_by_the_calibrations_names_and_frame(file: Path) -> None:
         wiring.build(*profile.parse("p.yaml", elsewhere))
     with pytest.raises(WiringError, match="elbow"):
         wiring.build(*profile.parse("p.yaml", text.replace("elbow", "ellbow")))
+
+
+FROM_MARKERS = """
+name: null-space
+rate: 100
+devices:
+  mocap:
+    driver: vicon
+    port: "tcp://127.0.0.1:801"
+    frame: room
+    markers: {clav: A/CLAV, c7: A/C7, strn: A/STRN, t10: A/T10, rsho: A/RSHO, rupa: A/RUPA, relb: A/RELB, rfrm: A/RFRM,
+              rwra: A/RWRA, rwrb: A/RWRB, rfin: A/RFIN}
+models:
+  body: {kind: body, sides: [right]}
+frames:
+  room: {}
+  chest: {parent: room, pose: arm.chest}
+controllers:
+  - {use: arm-angles, name: arm, chest: chest, in: {markers: mocap.markers, marker_visible: mocap.marker_visible}}
+  - {use: ikns, name: intent, calibration: FILE, in: {angles: arm.angles, held: arm.held, hand: arm.hand}}
+"""
+
+
+def test_it_takes_from_arm_angles_what_that_gives(file: Path, tmp_path: Path) -> None:
+    values = json.loads(file.read_text())
+    turns = ("shoulder_abduction", "shoulder_flexion", "shoulder_rotation", "elbow_flexion", "forearm_pronation")
+    values["joints"] = [f"right_{name}" for name in (*turns, "wrist_flexion", "wrist_deviation")]
+    (tmp_path / "p08.json").write_text(json.dumps(values))
+    text = FROM_MARKERS.replace("FILE", str(tmp_path / "p08.json"))
+    wiring.build(*profile.parse("p.yaml", text))
+    with pytest.raises(WiringError, match=r"input 'held' \(7 1\) of intent isn't bound"):
+        wiring.build(*profile.parse("p.yaml", text.replace("held: arm.held, ", "")))
