@@ -37,6 +37,8 @@ class Controller(ABC):
         transforms: the transforms that it needs; `self.transform["name"]` (7,) is a pose: x y z (m), w x y z. Fixed
             ones are there from `bind` on; measured ones are computed before each `reset` and `update`. They stay as
             they were while a frame isn't seen, and are NaN before it was.
+        lost: a law sets it in `reset` and `update`. True: what it follows hasn't been there for longer than it may
+            hold its outputs. The limb then stops as it does for the loss of the device that the law follows.
     """
 
     Config: type[ControllerConfig] = ControllerConfig
@@ -54,6 +56,7 @@ class Controller(ABC):
         self.output: Mapping[str, Array] = {}
         self.applied: Mapping[str, Array] = {}
         self.param: Mapping[str, Array] = {}
+        self.lost = False
 
     def bind(
         self,

@@ -93,6 +93,7 @@ class Cycle:
         self._sights = Sights(graph.sights)
         self._count = len(graph.devices)
         self._laws = [(law.controller, law.reads, law.measured, law.writes) for law in graph.laws]
+        self._followed = [graph.followed(law) for law in graph.laws]
         self._emergency = [(graph.element(e), e.when, self._device_of(e.signal)) for e in graph.profile.emergency]
         # A device without feedback starts at its `home` position, where the user has placed it: at the first
         # start and after a limp stop. After a loss it is near what was sent last and goes home slowly.
@@ -236,6 +237,10 @@ class Cycle:
             except Exception:
                 self.report(f"controller '{controller.name}' failed: {traceback.format_exc(limit=-3)}")
                 self.machine.stop(Fault(Cause.CONTROLLER_ERROR, i))
+                return
+            if controller.lost:
+                self.report(f"controller '{controller.name}' has lost what it follows")
+                self.machine.stop(Fault(Cause.INTENT_LOSS, self._followed[i]))
                 return
 
     def _reseat(self) -> None:

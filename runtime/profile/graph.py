@@ -112,6 +112,19 @@ class Graph:
         place = labels.index(entry.element) if entry.element is not None and labels else 0
         return self.row.views[entry.signal][place : place + 1]
 
+    def followed(self, law: Law) -> int:
+        """Index of the first sensor or client that the law follows, itself or by way of other laws; -1: none."""
+        laws, left, known = {each.controller.name: each for each in self.laws}, [law], set[str]()
+        while left:
+            names = [name.partition(".")[0] for wire in left.pop(0).inputs.values() for name in wire.far]
+            for owner in dict.fromkeys(names):
+                if owner in self.layout.devices and self.intent[found := self.layout.devices.index(owner)]:
+                    return found
+                if owner in laws and owner not in known:
+                    known.add(owner)
+                    left.append(laws[owner])
+        return -1
+
     def actuators_of(self, device: int) -> list[Actuator]:
         """The commands of the device at this index; none for a sensor."""
         return [a for a in self.actuators if a.device == device]

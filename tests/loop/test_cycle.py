@@ -42,6 +42,26 @@ def test_a_driver_whose_write_fails_stops_the_limb(tmp_path: Path) -> None:
     assert b.states[-1][1] is Cause.DRIVER_ERROR
 
 
+def test_a_law_that_lost_what_it_follows_stops_the_limb_as_the_loss_of_its_sensor(tmp_path: Path) -> None:
+    b = Bench(tmp_path)
+
+    def script(k: int) -> None:
+        b.hand.values["position"][:] = 1.5
+        if k == 50:
+            b.cycle.graph.laws[0].controller.lost = True
+        if k == 90:
+            b.cycle.graph.laws[0].controller.lost = False
+            b.ask("reset")
+
+    b.run(150, script)
+    assert b.word("state")[50] in (State.STOPPING, State.STOPPED)
+    assert b.word("cause")[50] == Cause.INTENT_LOSS
+    assert b.cycle.graph.layout.devices[b.word("culprit")[50]] == "hand"
+    assert any("has lost what it follows" in event for event in b.events)
+    assert b.states[-1] == (State.ACTIVE, Cause.NONE)
+    assert abs(np.diff(np.array(b.arm.sent)[:, 0])).max() <= SPEED * 0.01 * (1 + 1e-6)
+
+
 def test_a_device_that_refuses_to_move_stops_the_limb_and_recovers_only_when_told(tmp_path: Path) -> None:
     b = Bench(tmp_path)
     sent_in_fault = 0

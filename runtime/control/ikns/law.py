@@ -38,6 +38,9 @@ class IknsConfig(ControllerConfig):
     unseen: float = Field(
         0.1, ge=0.0, description="how wrong c may become by joints whose angles are held; beyond that c is held too"
     )
+    max_hold: float = Field(
+        2.0, gt=0.0, description="s for which a c may be held; after that the person is lost, and the limb stops"
+    )
 
 
 class Ikns(Controller):
@@ -49,7 +52,8 @@ class Ikns(Controller):
     the points' hull the directions are those of its nearest point.
 
     While an input isn't finite, all of c is held. While joints are held, a degree of freedom is held if they could make
-    its c wrong by more than `unseen`. Afterwards c goes back at `catch_up` on top of the person's own motion.
+    its c wrong by more than `unseen`. Afterwards c goes back at `catch_up` on top of the person's own motion. A hold
+    that takes more than `max_hold` is the loss of the person.
     """
 
     Config = IknsConfig
@@ -81,7 +85,7 @@ class Ikns(Controller):
         bounds = matters(found).reshape(len(found.sites), -1)
         self._table = np.hstack([directions, lower, ranges, bounds])
         self._unseen = config.unseen
-        self._clamp, self._catch_up = config.clamp, config.catch_up
+        self._clamp, self._catch_up, self._patience = config.clamp, config.catch_up, config.max_hold
         self.inputs = (
             Signal(name="angles", shape=(self._n,), unit="rad", labels=made.joints),
             Signal(name="hand", shape=(7,), unit="m", frame=made.frame, labels=POSE),
@@ -107,6 +111,7 @@ class Ikns(Controller):
         """Begins at the applied value, or at the present one if c commands nothing. What is held keeps its value."""
         c = self.output["c"]
         self._clear()
+        self.lost = False
         self._frozen[:] = False
         now = self._read(c)
         begin = self.applied.get("c", np.where(self._hold, c, now))
@@ -126,6 +131,7 @@ class Ikns(Controller):
             self._longest = max(self._longest, self._for)
         else:
             self._for = 0.0
+        self.lost = self._for > self._patience
         # What comes back, be it c itself or a joint that it did without, moves c at `catch_up`.
         back = before if not (frozen & ~self._frozen).any() else np.ones(self._k, dtype=bool)
         np.copyto(self._behind, c - now, where=back)

@@ -124,6 +124,23 @@ def test_without_inputs_it_holds_and_comes_back_without_a_jump(file: Path, missi
     assert made.output["c"] == pytest.approx(truth)
 
 
+def test_a_hold_that_lasts_is_the_loss_of_the_person(file: Path) -> None:
+    arm, made = Arm(), law(file, max_hold=0.1)
+    put(made, arm, arm.at(MIDDLE))
+    made.reset()
+    made.input["hand"][0] = np.nan
+    lost = []
+    for _ in range(15):
+        made.update(DT)
+        lost.append(made.lost)
+    assert lost == [False] * 10 + [True] * 5
+    made.reset()
+    assert not made.lost  # it may try again, as long as before
+    put(made, arm, arm.at(MIDDLE))
+    made.update(DT)
+    assert not made.lost
+
+
 def hold(law: Ikns, arm: Arm, *joints: str) -> None:
     law.input["held"][:] = [name in joints for name in arm.names]
 
@@ -288,7 +305,9 @@ def test_what_cant_be_used_is_refused_with_place_and_remedy(file: Path, tmp_path
     values = json.loads(file.read_text())
     values["points"][2]["samples"] = [3]
     (tmp_path / "few.json").write_text(json.dumps(values))
-    with pytest.raises(ProfileError, match=r"controllers\.ikns\.calibration: .*few\.json: point 3: 3 samples.*Redo"):
+    with pytest.raises(
+        ProfileError, match=r"controllers\.ikns\.calibration: .*few\.json: point 3: samples kept: 3.*Redo"
+    ):
         law(tmp_path / "few.json")
 
 
