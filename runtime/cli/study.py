@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import inspect
 import json
 import sys
 from math import isfinite
@@ -26,12 +27,29 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         help="change what was assumed: how much does each claim depend on it",
     )
     parser.add_argument("--json", action="store_true", help="one JSON object")
+    trials = parser.add_argument_group("how trials run (studies whose trials are tasks: docs/studies.md)")
+    where = trials.add_mutually_exclusive_group()
+    where.add_argument("--workers", type=int, metavar="N", help="processes on this machine; default: one a core")
+    where.add_argument("--on", metavar="ADDRESS", help="a Dask scheduler, such as tcp://scheduler:8786")
+    trials.add_argument(
+        "--tls",
+        type=Path,
+        metavar="FOLDER",
+        help="mutual TLS to the scheduler: ca.pem, certificate.pem, key.pem; default: the folder in $SRL_STUDY_TLS",
+    )
+    trials.add_argument(
+        "--insecure-no-tls",
+        action="store_true",
+        help="goes over a network without TLS: who reaches the scheduler can run programs on its workers and here",
+    )
+    trials.add_argument("--retry", action="store_true", help="runs trials again that failed before")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Runs the study. Returns 0 also if a claim doesn't hold; the output says so."""
+    """Runs the study. Returns 0 also if a claim doesn't hold, which the output says; 1 if trials failed."""
     study = registry.load("studies", args.name, f"srl study {args.name}")
+    runner = _runner(args, study)
     folder = args.out / args.name
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -39,11 +57,12 @@ def run(args: argparse.Namespace) -> int:
         raise RequestError(f"--out {args.out}", f"can't be written: {error.strerror}", "Name another folder") from None
     if args.sweep:
         return _sweep(args.name, study, folder, args.json)
-    result = study(folder, args.quick)
+    result = study(folder, args.quick) if runner is None else study(folder, args.quick, runner=runner)
+    code = 1 if runner is not None and runner.failed else 0
     if args.json:
         print(_json(result.figures()))
         _keep(folder / "result.json", result.figures())
-        return 0
+        return code
     print(f"{result.study} ({'simulated' if result.simulated else 'on hardware'}, seeds {result.seeds})")
     _print_table(result.table)
     for claim in result.claims:
@@ -53,7 +72,19 @@ def run(args: argparse.Namespace) -> int:
     for file in (*result.files, "result.json"):
         print(f"  {file}")
     _keep(folder / "result.json", result.figures())
-    return 0
+    return code
+
+
+def _runner(args: argparse.Namespace, study: Any) -> Any:
+    """The runner of the study's trials; None if they aren't tasks."""
+    place = f"srl study {args.name}"
+    if "runner" not in inspect.signature(study).parameters:
+        options = {"--workers": args.workers, "--on": args.on, "--tls": args.tls, "--retry": args.retry}
+        if named := [name for name, value in options.items() if value]:
+            raise RequestError(f"{place} {named[0]}", "this study's trials aren't tasks", f"Leave out {named[0]}")
+        return None
+    make = registry.load("runners", "tasks", place)
+    return make(workers=args.workers, on=args.on, tls=args.tls, insecure=args.insecure_no_tls, retry=args.retry)
 
 
 def _keep(file: Path, figures: dict[str, Any]) -> None:
