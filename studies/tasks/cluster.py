@@ -42,13 +42,17 @@ class Cluster:
     tls: Path | None = None
     insecure: bool = False
 
+    def __post_init__(self) -> None:
+        """Raises RequestError: the address, or what it needs, is wrong."""
+        self._checked()
+
     def run(
         self, orders: Mapping[str, dict[str, Any]], say: Callable[[str], None] = print
     ) -> Generator[list[tuple[str, dict[str, Any]]]]:
         """Runs orders by key; yields keys and answers in the order in which they come, several at a time.
 
         Raises:
-            RequestError: the address is wrong, nobody answers, or the scheduler or all workers were lost.
+            RequestError: nobody answers, or the scheduler or all workers were lost.
             HostError: `distributed` isn't installed, or a worker's program differs.
         """
         with self._client() as client:
@@ -87,6 +91,9 @@ class Cluster:
             raise
         except (CancelledError, OSError):
             raise self._lost("the scheduler was lost") from None
+        except Exception as error:  # such as a worker that came later and hasn't the package
+            problem = f"one can't run a trial: {type(error).__name__}: {' '.join(str(error).split())}"
+            raise HostError("workers", problem, "Install the same there and start the workers again") from None
 
     def _lost(self, problem: str) -> RequestError:
         return RequestError(
@@ -103,7 +110,8 @@ class Cluster:
             raise HostError(
                 "--on", "the package 'distributed' isn't installed", "pip install 'srl-runtime[distributed]'"
             ) from None
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters is said here, without tracebacks
+        for name in ("distributed", "distributed.client", "distributed.core", "distributed.comm"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters is said here, without tracebacks
         security = Security(**files, require_encryption=True) if files else None
         try:
             client = Client(address, security=security, timeout=CONNECT, set_as_default=False)

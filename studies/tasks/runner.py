@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
-from runtime.contracts.errors import RequestError, SrlError
+from runtime.contracts.errors import RequestError
 from studies.tasks import journal as journals
 from studies.tasks import table
 from studies.tasks.cluster import Cluster
@@ -50,21 +50,17 @@ class Runner:
             SrlError: a trial isn't registered, or the engine gives up.
         """
         wanted, environments = self._wanted(tasks)
-        with journals.opened(folder) as journal:
-            missing = {key: t for key, t in wanted.items() if self._is_missing(journal.rows.get(key))}
-            for line in _remarks(journal, wanted, environments):
-                print(line, file=sys.stderr)
-            try:
+        try:
+            with journals.opened(folder) as journal:
+                missing = {key: t for key, t in wanted.items() if self._is_missing(journal.rows.get(key))}
+                for line in _remarks(journal, wanted, environments):
+                    print(line, file=sys.stderr)
                 if missing:
                     self._run(missing, environments, journal, len(wanted))
-            except (KeyboardInterrupt, SrlError) as problem:
-                there = [journal.rows[key] for key in wanted if key in journal.rows]
-                words = f"{len(there)} of {len(wanted)} trials are kept; give the same command again to go on"
-                print(f"{folder}: {words}", file=sys.stderr)
-                if isinstance(problem, KeyboardInterrupt):
-                    table.write(folder / table.FILE, there)
-                raise
-            rows = [journal.rows[key] for key in wanted]
+                rows = [journal.rows[key] for key in wanted]
+        except KeyboardInterrupt:
+            _interrupted(folder, wanted)
+            raise
         table.write(folder / table.FILE, rows)
         self._count(rows)
         return rows
@@ -146,6 +142,15 @@ def runner(
 
 def _row(key: str, task: TrialTask, answer: dict[str, Any]) -> Row:
     return Row(key=key, task=replace(task, text=""), profile_sha256=task.profile_sha256, **answer)
+
+
+def _interrupted(folder: Path, wanted: Mapping[str, TrialTask]) -> None:
+    """Makes the table of what is there, and says how to go on."""
+    with journals.opened(folder) as journal:  # read again: the interrupt may have come between two of its steps
+        there = [journal.rows[key] for key in wanted if key in journal.rows]
+    table.write(folder / table.FILE, there)
+    words = f"{len(there)} of {len(wanted)} trials are kept; give the same command again to go on"
+    print(f"{folder}: {words}", file=sys.stderr)
 
 
 def _remarks(

@@ -7,9 +7,14 @@ one.
 from __future__ import annotations
 
 import os
+import subprocess
 from pathlib import Path
 
 from helpers import ROOT
+from helpers.run import srl
+from studies.tasks import journal, table
+
+DIFFERENT = ("seconds", "worker")  # from run to run
 
 MODULE = '''
 """The toy study."""
@@ -75,3 +80,21 @@ def installed(folder: Path) -> dict[str, str]:
     )
     before = os.environ.get("PYTHONPATH", "")
     return os.environ | {"PYTHONPATH": os.pathsep.join([str(folder), str(ROOT), before])}
+
+
+def kept(folder: Path) -> str:
+    """The table of a folder, bit for bit, without what differs from run to run."""
+    rows = table.read(folder / table.FILE)
+    return repr([{name: value for name, value in row.items() if name not in DIFFERENT} for row in rows])
+
+
+def lines(folder: Path) -> int:
+    """The whole rows in a journal."""
+    file = folder / journal.FILE
+    return file.read_bytes().count(b"\n") if file.exists() else 0
+
+
+def started(folder: Path, env: dict[str, str], *more: str) -> subprocess.Popen[str]:
+    """`srl study toy` in the background."""
+    command = srl("study", "toy", "--out", str(folder), "--json", *more)
+    return subprocess.Popen(command, env=env, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)

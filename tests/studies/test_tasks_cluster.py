@@ -1,0 +1,140 @@
+"""Trials on a Dask scheduler over loopback: the rows of one machine, whatever is killed."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+from pathlib import Path
+
+import pytest
+from helpers.dask_cluster import DaskCluster
+from helpers.toy_trials import installed, kept, lines, started
+from helpers.wait import until
+from helpers.zenoh import certificates
+
+from runtime.contracts.errors import RequestError
+from studies.tasks import cluster, runner, table
+from studies.tasks.cluster import Cluster
+
+pytestmark = pytest.mark.slow
+
+
+def finished(folder: Path, env: dict[str, str], *more: str, code: int = 0) -> str:
+    """Runs the toy study to its end; what it said on standard error."""
+    client = started(folder, env, *more)
+    said = client.communicate(timeout=90)[1]
+    assert client.returncode == code, said
+    assert "Traceback" not in said, said
+    return said
+
+
+def test_a_worker_and_then_the_client_are_killed_and_the_rows_are_those_of_one_machine(tmp_path: Path) -> None:
+    env = installed(tmp_path / "toy") | {"TOY_BOMB": str(tmp_path / "bomb"), "TOY_GATE": str(tmp_path / "gate")}
+    out = tmp_path / "out" / "toy"
+    with DaskCluster(tmp_path / "dask", env) as dask:
+        workers = [dask.worker(), dask.worker()]
+        client = started(tmp_path / "out", env, "--on", dask.address)
+        until(lambda: lines(out) == 6, what=lambda: f"six rows, not {lines(out)}")
+        assert sorted(w.poll() is None for w in workers) == [False, True]  # one died of its trial, another did it
+        client.send_signal(signal.SIGKILL)
+        client.communicate()
+        (tmp_path / "gate").touch()
+        assert "6 of 12 trials" in finished(tmp_path / "out", env, "--on", dask.address)
+    finished(tmp_path / "local", env, "--workers", "1")
+    assert kept(out) == kept(tmp_path / "local" / "toy")
+    assert len({row["worker"] for row in table.read(out / table.FILE)}) == 2
+
+
+def test_a_scheduler_that_dies_ends_the_study_with_what_is_kept(tmp_path: Path) -> None:
+    env = installed(tmp_path / "toy") | {"TOY_GATE": str(tmp_path / "gate")}
+    with DaskCluster(tmp_path / "dask", env) as dask:
+        dask.worker()
+        client = started(tmp_path / "out", env, "--on", dask.address)
+        until(lambda: lines(tmp_path / "out" / "toy") == 6, what="six rows")
+        dask.stop_scheduler()
+        said = client.communicate(timeout=90)[1]
+    assert client.returncode == 2, said
+    assert "the scheduler was lost" in said
+    assert "Traceback" not in said
+    (tmp_path / "gate").touch()
+    assert "6 of 12 trials" in finished(tmp_path / "out", env)
+
+
+def test_a_worker_with_another_program_is_named_before_any_work(tmp_path: Path) -> None:
+    env = installed(tmp_path / "here")
+    other = installed(tmp_path / "there")
+    file = tmp_path / "there" / "toy_study.py"
+    file.write_text(file.read_text().replace("(40, 40)", "(41, 41)"))
+    with DaskCluster(tmp_path / "dask", other) as dask:
+        dask.worker()
+        said = finished(tmp_path / "out", env, "--on", dask.address, code=2)
+    assert "program: " in said
+    assert "Install the same there" in said
+    assert lines(tmp_path / "out" / "toy") == 0
+
+
+def test_a_worker_without_the_package_is_named(tmp_path: Path) -> None:
+    env = installed(tmp_path / "toy")
+    bare = tmp_path / "bare"
+    bare.mkdir()
+    (bare / "studies.py").write_text("raise ImportError('no such package')\n")  # hides an installed one
+    without = os.environ | {"PYTHONPATH": str(bare)}
+    with DaskCluster(tmp_path / "dask", without) as dask:
+        dask.worker()
+        said = finished(tmp_path / "out", env, "--on", dask.address, code=2)
+    assert "no srl-runtime that runs trials" in said
+
+
+def test_over_mutual_tls_the_rows_are_the_same_and_nobody_without_a_certificate_gets_in(tmp_path: Path) -> None:
+    env = installed(tmp_path / "toy")
+    folders = {}
+    (tmp_path / "keys").mkdir()
+    for name, files in certificates(tmp_path / "keys", ["cluster", "client"]).items():
+        folders[name] = tmp_path / name
+        folders[name].mkdir()
+        for file, path in (("ca", files.ca), ("certificate", files.certificate), ("key", files.key)):
+            shutil.copy(path, folders[name] / f"{file}.pem")
+    with DaskCluster(tmp_path / "dask", env, folders["cluster"]) as dask:
+        dask.worker()
+        assert dask.address.startswith("tls://")
+        plain = dask.address.replace("tls://", "tcp://")
+        finished(tmp_path / "out", env, "--on", plain, "--tls", str(folders["client"]))
+        finished(tmp_path / "named", env | {"SRL_STUDY_TLS": str(folders["client"])}, "--on", dask.address)
+        said = finished(tmp_path / "none", env, "--on", plain, code=2)
+        assert "no scheduler answers" in said
+        (tmp_path / "strange").mkdir()
+        (tmp_path / "strangers").mkdir()
+        stranger = certificates(tmp_path / "strangers", ["stranger"])["stranger"]
+        for file, path in (("ca", stranger.ca), ("certificate", stranger.certificate), ("key", stranger.key)):
+            shutil.copy(path, tmp_path / "strange" / f"{file}.pem")
+        said = finished(tmp_path / "none", env, "--on", plain, "--tls", str(tmp_path / "strange"), code=2)
+        assert "no scheduler answers" in said
+    finished(tmp_path / "local", env)
+    assert kept(tmp_path / "out" / "toy") == kept(tmp_path / "named" / "toy") == kept(tmp_path / "local" / "toy")
+
+
+def test_where_nobody_answers_it_is_said_in_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cluster, "CONNECT", 0.5)
+    with pytest.raises(RequestError, match="no scheduler answers"):
+        list(Cluster("tcp://127.0.0.1:1").run({}))
+    with DaskCluster(tmp_path / "dask", dict(os.environ)) as dask, pytest.raises(RequestError, match="has no workers"):
+        list(Cluster(dask.address).run({}))
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"on": "tcp://10.2.3.4:8786"}, "whoever reaches a scheduler without TLS"),
+        ({"on": "tls://127.0.0.1:8786"}, "TLS needs certificates"),
+        ({"on": "127.0.0.1:8786"}, "this isn't an address"),
+        ({"on": "tcp://127.0.0.1"}, "this isn't an address"),
+        ({"on": "tcp://127.0.0.1:port"}, "this isn't an address"),
+        ({"on": "tcp://127.0.0.1:8786", "tls": Path("/nowhere")}, "it has no ca.pem, certificate.pem, key.pem"),
+        ({"tls": Path("/nowhere")}, "none is named"),
+        ({"workers": 0}, "0 can't work"),
+    ],
+)
+def test_options_that_cant_be_meant_are_refused(options: dict, words: str) -> None:
+    with pytest.raises(RequestError, match=words):
+        runner.runner(**options)
