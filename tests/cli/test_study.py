@@ -52,3 +52,11 @@ def test_what_isnt_there_is_named(
 ) -> None:
     assert main(["study", *arguments, "--out", str(tmp_path)]) == 2
     assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("option", [["--workers", "2"], ["--on", "tcp://127.0.0.1:8786"], ["--retry"]])
+def test_a_study_whose_trials_arent_tasks_takes_no_options_of_trials(
+    option: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["study", "peg-in-hole", *option, "--out", str(tmp_path)]) == 2
+    assert f"{option[0]}: this study's trials aren't tasks" in capsys.readouterr().err

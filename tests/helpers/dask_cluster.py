@@ -49,6 +49,10 @@ class DaskCluster:
     def _said(self) -> str:
         return (self._folder / "log").read_text()
 
+    def ready(self, workers: int) -> None:
+        """Waits until so many workers are there."""
+        until(lambda: self._said().count("Register worker") >= workers, what=self._said, pause=0.02)
+
     def stop_scheduler(self) -> None:
         """Kills the scheduler."""
         self._processes[0].kill()
