@@ -1,0 +1,94 @@
+"""`srl panel`: the participant's screen of a running instance, a page in the browser."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+
+import numpy as np
+
+from runtime.cli import add_command
+from runtime.cli.instance import choose
+from runtime.contracts.errors import HostError, RequestError
+from runtime.panel.screen import Screen
+from runtime.panel.trial import ScreenTrial, Trial
+
+TRIALS = 3
+SECONDS = 25.0
+REST = 5.0  # s between the demonstration's trials
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Registers the command."""
+    parser = add_command(
+        subparsers, "panel", "the participant's screen of a running instance, in the browser",
+        "srl panel ikns-finger --signal ikns.c --demo",
+    )  # fmt: skip
+    parser.add_argument("instance", nargs="?", help="its name; not needed where only one runs")
+    parser.add_argument("--signal", required=True, help="the control value: one number of the loop's rows")
+    parser.add_argument(
+        "--span", type=float, nargs=2, default=(0.0, 1.0), metavar=("LOW", "HIGH"),
+        help="values of the signal that are shown as 0 and 100 (default: 0 1)",
+    )  # fmt: skip
+    parser.add_argument("--held", metavar="SIGNAL", help="a signal that isn't zero while the value is held")
+    parser.add_argument("--port", type=int, default=0, help="on 127.0.0.1 (default: any free one)")
+    parser.add_argument("--demo", action="store_true", help=f"{TRIALS} trials to try the screen")
+    parser.add_argument("--out", type=Path, metavar="FOLDER", help="with --demo: stores the trials there")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Serves until Ctrl-C, or until the demonstration is over."""
+    low, high = args.span
+    if not np.isfinite(args.span).all() or low == high:
+        raise RequestError("--span", "it needs two different numbers", "For example: --span 0 1")
+    if not 0 <= args.port <= 65535:
+        raise RequestError("--port", f"{args.port} is no port", "Leave it out for any free one")
+    if args.out is not None and not args.demo:
+        raise RequestError("--out", "there are no trials to store", "Add --demo")
+    with Screen(choose(args.instance), args.signal, (low, high), args.held, args.port) as screen:
+        print(f"Open this once, in the participant's browser (Ctrl-C ends):\n  {screen.address}", flush=True)
+        if not args.demo:
+            while screen.alive:
+                time.sleep(0.2)
+            raise HostError("srl panel", "the page's process has ended", "Start it again")
+        for number in range(1, TRIALS + 1):
+            while not _one(screen, number, args.out):
+                pass
+    return 0
+
+
+def _one(screen: Screen, number: int, out: Path | None) -> bool:
+    """Runs one trial and says what came of it. Returns whether it counts."""
+    rest = REST if number > 1 else 0.0
+    done = screen.run_trial(
+        Trial(demo_curve(number), SECONDS, rest=rest, title="Demonstration", number=number, of=TRIALS)
+    )
+    if out is not None:
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+            done.save(out / f"trial-{number}{'-aborted' if done.aborted else ''}")
+        except OSError as error:
+            raise HostError(str(out), f"the trial can't be stored: {error.strerror}", "Give another --out") from None
+    print(f"trial {number}: {_words(done)}", flush=True)
+    return not done.aborted
+
+
+def _words(done: ScreenTrial) -> str:
+    if done.aborted:
+        return f"broken off: {done.aborted}"
+    error = 100 * float(np.sqrt(np.nanmean((done.samples[:, 1] - done.samples[:, 2]) ** 2)))
+    timing = done.timing
+    said = f"RMSE {error:.2f} of 100 over {len(done.samples)} rows"
+    if "interval_p50" in timing:
+        said += f"; {1 / timing['interval_p50']:.1f} frames/s, {100 * timing['missed']:.1f} % missed"
+    return said
+
+
+def demo_curve(number: int) -> tuple[float, ...]:
+    """A smooth curve that begins flat, faster with each trial; (501,), 0..1."""
+    t = np.linspace(0.0, SECONDS, 501)
+    swing = 0.28 * np.sin(0.35 * number * t) + 0.14 * np.sin(0.9 * number * t)
+    curve = 0.5 + swing * np.clip((t - 1.5) / 2.0, 0.0, 1.0)
+    return tuple(curve.tolist())
