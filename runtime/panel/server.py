@@ -83,8 +83,9 @@ class Server:
 
     async def _stop(self, request: web.Request) -> web.Response:
         """A stop by the participant. It goes straight to the loop's stop socket, whatever the state of the screen."""
+        sent = asyncio.get_running_loop().run_in_executor(None, send_request, self._folder, "stop")
         self.session.abort("stopped on the screen", time.monotonic())
-        answer = await asyncio.to_thread(send_request, self._folder, "stop")
+        answer = await sent
         return web.json_response(answer or {"ok": False, "error": "no answer"}, status=200 if answer else 504)
 
     async def _talk(self, request: web.Request) -> web.StreamResponse:

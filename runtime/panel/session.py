@@ -50,6 +50,7 @@ class Session:
     _frames: list[list[float]]
     _events: list[tuple[float, str]]
     _reading: Reading | None
+    _said: str
 
     def __init__(self) -> None:
         self.told = ""

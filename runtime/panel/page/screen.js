@@ -77,7 +77,7 @@ async function stop() {
   try {
     const answer = await fetch("/stop", { method: "POST", keepalive: true });
     const said = await answer.json();
-    stopWords = said.ok ? "Stopped" : `The stop wasn't confirmed. Use the hardware stop`;
+    stopWords = said.ok ? "" : "The stop wasn't confirmed. Use the hardware stop"; // the rows tell that it stands
   } catch {
     stopWords = "The stop can't be sent. Use the hardware stop";
   }
