@@ -131,7 +131,7 @@ function words(now, kind, why) {
   } else if (state.phase === "waiting") {
     const rest = Math.ceil((trial.rested - now) / 1e3);
     const told = state.told ? `${state.told}.` : notice;
-    if (rest > 0) card = ["A short break", `Trial ${trial.number} of ${trial.of} can begin in ${rest} s.`, ""];
+    if (trial.rest > 0 && rest > 0) card = ["A short break", `Trial ${trial.number} of ${trial.of} can begin in ${rest} s.`, ""];
     else card = [`Trial ${trial.number} of ${trial.of}`, notice || told || "Follow the blue line with the red pointer.",
       participant ? "Press space to begin" : "The participant begins"];
     part.note.textContent = "The pointer shows your movement already.";
