@@ -139,13 +139,13 @@ class Source:
         self._generation += 1
 
     def _values(self, rows: Words) -> Array:
-        place = f"the signal '{self._signal}'"
+        place = "the participant's screen"
         values = pick(self._layout, rows, self._signal, place)
         if values.ndim != 1:
-            problem = f"it has {int(np.prod(values.shape[1:]))} numbers, and the screen shows one"
+            problem = f"'{self._signal}' has {int(np.prod(values.shape[1:]))} numbers, and one is shown"
             raise RecordingError(place, problem, f"Say which, for example '{self._signal}[NAME]'")
         if self._held is not None:
-            pick(self._layout, rows[:0], self._held, f"the signal '{self._held}'")
+            pick(self._layout, rows[:0], self._held, place)
         times = self._layout.word(rows, "control") / 1e9
         return np.column_stack([times, (values - self._low) / (self._high - self._low)])
 

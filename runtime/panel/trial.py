@@ -68,7 +68,7 @@ class ScreenTrial:
         began: CLOCK_MONOTONIC s of the curve's beginning; 0 if the trial never got so far.
         samples: (m, 3) the loop's own rows since the curve's beginning: t s, target, value. These are what counts.
         frames: (n, 3) the page's frames from the settling on: t s since the curve's beginning, the value drawn (NaN:
-            none), the age of it, s. A new frame has a new t: t is the browser's own stamp of the frame.
+            none), its age when it was drawn, s. t is the browser's own stamp of the frame.
         events: (t s since the curve's beginning, words): when the value was held, and when it followed again.
         aborted: why the trial doesn't count; empty if it does.
         round_trip: s, the least that a message took from the page and back; t of the frames is known to half of it.

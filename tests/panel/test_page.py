@@ -126,10 +126,6 @@ def test_a_trial_from_the_card_to_its_frames(seen: Seen) -> None:
     assert (value[t > 0] == 0.3).all()
     assert (age[np.isfinite(age)] > -done.round_trip).all()  # the clocks agree
     assert 0 < done.round_trip < 1
-    # A frame's time less the age of what it shows is the time of one of the loop's rows.
-    stamps = done.samples[:, 0]
-    shown = (t - age)[(t > 0.3) & (t - age > stamps[0])]
-    assert np.abs(shown[:, None] - stamps[None, :]).min(axis=1).max() < 1e-3
     seen.until("phase", "idle")
 
 

@@ -147,8 +147,8 @@ function words(now, kind, why) {
 }
 
 function frame(at) {
-  const now = serverTime(at);
-  const [kind, why] = condition(serverTime(performance.now()));
+  const now = serverTime(at), drawn = serverTime(performance.now()); // the frame's own stamp, and now indeed
+  const [kind, why] = condition(drawn);
   const t = now - state.began;
   const running = state.phase === "running" && state.trial;
   const share = running ? Math.min(Math.max(t / 1e3 / state.trial.duration, 0), 1) : 0;
@@ -156,7 +156,7 @@ function frame(at) {
   const value = newest.y;
   drawing.frame(share, value, kind === "live", state.trial && share === 0, running && t >= 0 && !over);
   words(now, kind, why);
-  const age = newest.t && Number.isFinite(now) ? now - newest.t : null;
+  const age = newest.t && Number.isFinite(drawn) ? drawn - newest.t : null;
   if (running && !over && Number.isFinite(now)) frames.push([now, value, age]);
   if (over && !finished) { finished = true; report(true); }
   globalThis.screenNow = { // for whoever looks from outside: what this frame shows
