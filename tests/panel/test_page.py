@@ -191,6 +191,19 @@ def test_a_dead_server_is_seen(seen: Seen) -> None:
     until(lambda: "hardware stop" in seen.text("warning"))
 
 
+def test_a_server_that_hangs_is_seen_and_so_is_that_it_goes_on(seen: Seen) -> None:
+    os.kill(seen.screen.pid, signal.SIGSTOP)
+    try:
+        seen.until("condition", "silent")
+        assert "late" in seen.text("warning")
+        assert seen.colour()[3] == 0
+        seen.page.key("Escape", "Escape", 27)
+        until(lambda: "hardware stop" in seen.text("warning"))
+    finally:
+        os.kill(seen.screen.pid, signal.SIGCONT)
+    until(lambda: seen.loop.stops == 1)  # the stop arrives all the same
+
+
 def test_escape_and_the_button_stop_the_limb(seen: Seen) -> None:
     thread, found = seen.trial(LONG)
     seen.begin()

@@ -4,6 +4,7 @@ import { Drawing } from "/drawing.js";
 const OLD = 150; // ms of a value's age from which it isn't shown as if it followed
 const PING = 500, SEND = 500, AGAIN = 500; // ms between pings, reports of frames, attempts to connect
 const PINGS = 40; // round trips that are remembered
+const ANSWER = 3000; // ms that a stop may take to be confirmed
 const FLASH = 1200; // ms that the word at the beginning is shown
 
 const part = Object.fromEntries([...document.querySelectorAll("[id]")].map((e) => [e.id, e]));
@@ -75,7 +76,7 @@ function begin() {
 async function stop() {
   stopWords = "Stopping …";
   try {
-    const answer = await fetch("/stop", { method: "POST", keepalive: true });
+    const answer = await fetch("/stop", { method: "POST", keepalive: true, signal: AbortSignal.timeout(ANSWER) });
     const said = await answer.json();
     stopWords = said.ok ? "" : "The stop wasn't confirmed. Use the hardware stop"; // the rows tell that it stands
   } catch {
