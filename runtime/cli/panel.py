@@ -90,5 +90,6 @@ def demo_curve(number: int) -> tuple[float, ...]:
     """A smooth curve that begins flat, faster with each trial; (501,), 0..1."""
     t = np.linspace(0.0, SECONDS, 501)
     swing = 0.28 * np.sin(0.35 * number * t) + 0.14 * np.sin(0.9 * number * t)
-    curve = 0.5 + swing * np.clip((t - 1.5) / 2.0, 0.0, 1.0)
+    rise = np.clip((t - 1.5) / 2.0, 0.0, 1.0)
+    curve = 0.5 + swing * rise**2 * (3.0 - 2.0 * rise)
     return tuple(curve.tolist())
