@@ -22,7 +22,7 @@ from sim.devices.shared.noise import SampleNoise
 from sim.devices.shared.sensor import SampledFake, SensorOptions
 from sim.devices.shared.windows import Windows, inside, rising
 from sim.devices.vicon.scene import Scene
-from sim.parts.body.mocap_body import MocapBody
+from sim.parts.body.subject import MocapSubject
 
 _LEVER: Final = 0.05  # m between markers: position noise divided by it is the orientation's noise
 _ENOUGH: Final = 3  # markers needed to find a segment
@@ -46,9 +46,10 @@ class FakeViconConfig(SensorOptions):
 
 
 class FakeVicon(Sensor, SampledFake):
-    """Sees every mocap-body of the cell, and the bodies in the option `bodies`.
+    """Sees every part of the cell that is a subject, and the bodies in the option `bodies`.
 
-    A segment is found if three of its markers are visible. The noise of orientations is that of markers 5 cm apart.
+    A segment that has three markers or more is found if three of them are visible. The noise of
+    orientations is that of markers 5 cm apart.
     """
 
     Options = FakeViconConfig
@@ -61,9 +62,9 @@ class FakeVicon(Sensor, SampledFake):
         self.vicon, self.seen_by = config, options
         place = f"sim.devices.{name}"
         if options.part is not None:
-            parts = [self.cell.part(MocapBody, name, options.part)]
+            parts = [self.cell.part(MocapSubject, name, options.part)]  # type: ignore[type-abstract]
         else:
-            parts = [part for part in self.cell.parts.values() if isinstance(part, MocapBody)]
+            parts = [part for part in self.cell.parts.values() if isinstance(part, MocapSubject)]
         self.scene = scene = Scene(self.cell, parts, options.bodies, place, self.states[0].frame)
         self.sampled(scene.size, scene.take)
         per_pose = [1.0] * 3 + [0.5 / _LEVER] * 4
@@ -126,8 +127,8 @@ class FakeVicon(Sensor, SampledFake):
                 markers &= ~hidden_markers
         if self.seen_by.marker_dropout > 0.0:
             markers &= self._marker_noise.noise(number) >= self._drop_below
-        for row, (subject, _) in enumerate(scene.segments):
-            own = scene.owner_of_marker == subject
+        for row in range(len(scene.segments)):
+            own = scene.carriers == row
             if int(own.sum()) >= _ENOUGH and int((own & markers).sum()) < _ENOUGH:
                 segments[row] = False
         return segments, markers

@@ -12,7 +12,7 @@ from runtime.contracts.errors import WiringError, nearest
 from runtime.contracts.frames import IDENTITY, as_pose
 from runtime.contracts.rotation import composed, homogeneous, inverted
 from runtime.contracts.signals import Array
-from sim.parts.body.mocap_body import MocapBody
+from sim.parts.body.subject import MocapSubject
 from sim.world.cell import Cell
 
 
@@ -23,16 +23,17 @@ class Scene:
         subjects: names and numbers, as the server streams them.
         segments: (subject's number, segment's number) of each row of poses.
         markers: (subject's number, marker's number) of each row of points.
+        carriers: of each row of points, the row of poses of the segment that carries the marker.
     """
 
     def __init__(
-        self, cell: Cell, parts: Iterable[MocapBody], bodies: Mapping[str, Mapping[str, str]], place: str,
+        self, cell: Cell, parts: Iterable[MocapSubject], bodies: Mapping[str, Mapping[str, str]], place: str,
         frame: str | None = None,
     ) -> None:  # fmt: skip
         """
         Args:
             cell: the world.
-            parts: each is a subject of one segment.
+            parts: each is a subject.
             bodies: further subjects without markers: by name, their segments' bodies in the cell, the root first.
             place: the profile's key, for errors.
             frame: the server's origin in the profile's tree; None, or one that isn't in it: the world's.
@@ -42,27 +43,33 @@ class Scene:
         self._data = cell.data
         self._cell, self._frame = cell, frame if frame in cell.frames.entries else None
         subjects: list[Subject] = []
-        body_ids, site_ids = list[int](), list[int]()
+        body_ids, site_ids, carriers = list[int](), list[int](), list[int]()
         self.segments: list[tuple[int, int]] = []
         self.markers: list[tuple[int, int]] = []
         for part in parts:
-            number = len(subjects) + 1
-            markers = tuple(Marker(i, label) for i, label in enumerate(part.labels, 1))
-            subjects.append(Subject(number, part.subject, (Segment(1, part.segment, 0),), markers))
-            body_ids.append(cell.model.body(part.body).id)
-            self.segments.append((number, 1))
-            site_ids += [cell.model.site(f"{part.name}/{label}").id for label in part.labels]
+            number, first = len(subjects) + 1, len(self.segments)
+            names = list(part.segments)
+            segments = tuple(
+                Segment(i, name, names.index(seen.parent) + 1 if seen.parent else 0)
+                for i, (name, seen) in enumerate(part.segments.items(), 1)
+            )
+            markers = tuple(Marker(i, label) for i, label in enumerate(part.markers, 1))
+            subjects.append(Subject(number, part.subject, segments, markers))
+            body_ids += [cell.model.body(seen.body).id for seen in part.segments.values()]
+            self.segments += [(number, segment.id) for segment in segments]
+            site_ids += [cell.model.site(f"{part.name}/{label}").id for label in part.markers]
             self.markers += [(number, marker.id) for marker in markers]
+            carriers += [first + names.index(name) for name in part.markers.values()]
         known = [cell.model.body(i).name for i in range(1, cell.model.nbody)]
-        for subject, segments in bodies.items():
+        for subject, own in bodies.items():
             number = len(subjects) + 1
-            for name, body in segments.items():
+            for name, body in own.items():
                 if body not in known:
                     raise WiringError(
                         f"{place}.bodies.{subject}.{name}", f"the cell has no body '{body}'", nearest(body, known)
                     )
-            body_ids += [cell.model.body(body).id for body in segments.values()]
-            named = tuple(Segment(i, name, 0 if i == 1 else 1) for i, name in enumerate(segments, 1))
+            body_ids += [cell.model.body(body).id for body in own.values()]
+            named = tuple(Segment(i, name, 0 if i == 1 else 1) for i, name in enumerate(own, 1))
             self.segments += [(number, segment.id) for segment in named]
             subjects.append(Subject(number, subject, named, ()))
         self.subjects = tuple(subjects)
@@ -70,9 +77,12 @@ class Scene:
         if twice := [name for name in names if names.count(name) > 1]:
             raise WiringError(place, f"two subjects are called '{twice[0]}'", "Give one another 'subject'")
         if not subjects:
-            raise WiringError(place, "the cell has nothing for cameras to see", "Add a part 'mocap-body', or 'bodies'")
+            raise WiringError(
+                place, "the cell has nothing for cameras to see", "Add a part 'mocap-body' or 'upper-body', or 'bodies'"
+            )
         self._bodies, self._sites = np.array(body_ids, np.intp), np.array(site_ids, np.intp)
         self.owner_of_segment = np.array([number for number, _ in self.segments], np.intp)
+        self.carriers = np.array(carriers, np.intp)
         self.owner_of_marker = np.array([number for number, _ in self.markers], np.intp)
 
     @property
@@ -97,6 +107,10 @@ class Scene:
         poses = poses.copy()
         poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
         return poses, points
+
+    def carried_by(self, subject: Subject) -> list[int]:
+        """The number of the segment that carries each of the subject's markers."""
+        return [self.segments[row][1] for row in self.carriers[self.owner_of_marker == subject.id].tolist()]
 
     def masks(self, name: str) -> tuple[NDArray[np.bool_], NDArray[np.bool_]] | None:
         """Masks of the segments and markers of `SUBJECT` or `SUBJECT/MARKER`; None if the name is unknown."""

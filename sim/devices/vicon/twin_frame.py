@@ -91,7 +91,8 @@ class FrameMaker:
         made: list[_Made] = [(Block.STREAM_INFO, encode.stream_info(options.rate))]
         for subject in self.subjects():
             numbers = [segment.id for segment in subject.segments]
-            attached = [(marker.id, numbers[0]) for marker in subject.markers]
+            carriers = self.fake.scene.carried_by(subject)
+            attached = [(marker.id, segment) for marker, segment in zip(subject.markers, carriers, strict=True)]
             rest = np.zeros((len(numbers), 3)), np.tile(np.eye(3), (len(numbers), 1, 1))
             made += [
                 (Block.SUBJECT_INFO, encode.subject_info(subject, attached=attached)),

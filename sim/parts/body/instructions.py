@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
-Vector = tuple[float, float, float]
+from runtime.contracts.rotation import Quaternion, Vector
+
 Dof = Literal["swivel", "shrug", "protraction"]
 """Motions that leave the hand still: the elbow about the line from shoulder to wrist, the clavicle up, forward."""
 
@@ -33,10 +34,12 @@ class Hold:
     Attributes:
         point: m, of the palm's middle, in the chest's frame.
         move: the DoF to swing through its whole range there and back, again and again, while the hand is held.
+        turn: the hand's orientation, w x y z, in the chest's frame; None: straight with the forearm, elbow at rest.
     """
 
     point: Vector
     move: Dof | None = None
+    turn: Quaternion | None = None
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,9 @@ from pydantic import Field
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import POINT, POSE
 from sim.parts.body.mocap_motion import MotionConfig, make_motion
+from sim.parts.body.subject import MocapSubject, SeenSegment
 from sim.world.mjcf import CONTACT, add
-from sim.world.part import Mjcf, Part, PartConfig
+from sim.world.part import Mjcf, PartConfig
 
 _UPDATE: Final = 0.002  # s between two targets
 _MARKERS: Final = {  # all distances differ, so that the body can be told from its mirror image
@@ -39,16 +40,12 @@ class MocapBodyConfig(PartConfig):
     contact: bool = Field(default=True, description="other things can touch it, hold it back and be pushed")
 
 
-class MocapBody(Part):
+class MocapBody(MocapSubject):
     """A free, weightless body, welded softly to a target that follows the motion exactly.
 
     So it lags, and gives way to obstacles in its path; the cameras see its true position.
 
     Truth: `<name>_pose` (7,): x, y, z (m), w, x, y, z; `<name>_markers` (k, 3), m.
-
-    Attributes:
-        subject, segment: names in the capture system.
-        labels: names of the markers.
     """
 
     Config = MocapBodyConfig
@@ -60,18 +57,20 @@ class MocapBody(Part):
         self._config = config
         self._motion = make_motion(config.motion)
         self.subject = config.subject or name
-        self.segment = config.segment or self.subject
-        self.labels = tuple(config.markers)
+        segment = config.segment or self.subject
+        self.segments = {segment: SeenSegment(f"{name}/body")}
+        self.markers = dict.fromkeys(config.markers, segment)
+        self._labels = tuple(config.markers)
         self.every = 1
         truth = [Signal(name=f"{name}_pose", shape=(7,), unit="m", labels=POSE)]
-        if self.labels:
-            shape = (len(self.labels), 3)
+        if self._labels:
+            shape = (len(self._labels), 3)
             truth.append(
                 Signal(
                     name=f"{name}_markers",
                     shape=shape,
                     unit="m",
-                    labels=self.labels,
+                    labels=self._labels,
                     components=(POINT,),
                     visual="points",
                 )
@@ -102,7 +101,7 @@ class MocapBody(Part):
         self._data, self._dt = data, model.opt.timestep
         self._body = model.body(f"{self.name}/body").id
         self._mocap = model.body(f"{self.name}/target").mocapid[0]
-        self._sites = np.array([model.site(f"{self.name}/{label}").id for label in self.labels], np.intp)
+        self._sites = np.array([model.site(f"{self.name}/{label}").id for label in self._labels], np.intp)
         self.every = max(1, round(_UPDATE / self._dt))
         at = model.joint(f"{self.name}/free").qposadr[0]
         data.qpos[at : at + 7] = self.target(0.0)
@@ -124,15 +123,10 @@ class MocapBody(Part):
     def fill(self, truth: Mapping[str, Array]) -> None:
         out = truth[f"{self.name}_pose"]
         out[:3], out[3:] = self._data.xpos[self._body], self._data.xquat[self._body]
-        if self.labels:
+        if self._labels:
             truth[f"{self.name}_markers"][...] = self.marker_positions()
 
     def marker_positions(self) -> Array:
         """(k, 3), m: positions of the markers."""
         positions: Array = self._data.site_xpos[self._sites]
         return positions
-
-    @property
-    def body(self) -> str:
-        """The name of its body in the model."""
-        return f"{self.name}/body"

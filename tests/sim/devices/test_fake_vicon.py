@@ -191,7 +191,7 @@ def test_what_isn_t_there_is_refused_as_by_the_driver(device, message):
         ({"occlusion": {"Wand/M9": [[0, 1]]}}, "no subject or marker"),
         ({"bodies": {"Rig": {"Base": "nobody"}}}, r"bodies\.Rig\.Base: the cell has no body 'nobody'"),
         ({"bodies": {"Wand": {"Base": "wand/body"}}}, "two subjects are called 'Wand'"),
-        ({"part": "nothing"}, "no MocapBody called 'nothing'"),
+        ({"part": "nothing"}, "no MocapSubject called 'nothing'"),
     ],
 )
 def test_options_that_don_t_fit_the_cell_are_errors(options, message):
