@@ -34,7 +34,6 @@ class Procedure:
         given: dict[str, Any] = yaml.safe_load(text)
         given["controllers"] = [law for law in given["controllers"] if law["use"] == _CHAIN]
         given["devices"] = {"mocap": given["devices"]["mocap"]}
-        given["sim"]["parts"] = {n: p for n, p in given["sim"]["parts"].items() if p["part"] == "upper-body"}
         for key in ("guard", "stop", "record", "faults"):
             given.pop(key, None)
         self._lockstep = Lockstep(wiring.build(*profile.parse("calibration", yaml.safe_dump(given)), []))

@@ -19,9 +19,10 @@ from sim.parts.body.wearer_config import Tracking
 DOFS = 3
 _MUSCLES = 50.0  # rad/s, of a second-order lag: 0.04 s of the delays below
 _STEEP = 0.3  # least slope that is believed
-_DOUBT = 0.05  # of the pointer, how far a sample may be from the line
+_DOUBT = 0.15  # of the pointer, how far a sample may be from the line
+_END = 0.99  # a pointer beyond it (below 0.01) is at its end
 _UNSURE = 0.5  # of slope and offset, at the beginning
-_FAR = 0.16  # rad, to which a goal is drawn in: so no DoF moves faster than 3 rad/s
+_FAR = (0.1, 0.04, 0.04)  # rad, to which a goal is drawn in: DoFs move at 1.8 and 0.7 rad/s at most
 
 
 class Tracker:
@@ -78,15 +79,17 @@ class Tracker:
         if isfinite(was_seen):
             self._learn(dof, was_share, was_seen)
         slope, offset = self.lines[dof].tolist()
-        slope = max(abs(slope), _STEEP) * (1.0 if slope >= 0.0 else -1.0)
+        # Cautious: who isn't sure how the pointer moves, or which way, moves less.
+        unsure = _DOUBT**2 * float(self._trust[dof, 0, 0])
+        per = slope / max(slope * slope + unsure, _STEEP**2)
         believed = slope * was_share + offset if isnan(was_seen) else was_seen
         error = was_wanted - believed if isfinite(believed) else 0.0
         if config.model == "preview":
             self._shift[dof] = min(max(self._shift[dof] + dt * config.correction * error, -0.5), 0.5)
             aim = wanted + self._shift[dof]
-            goal = low + span * ((aim - offset) / slope + 0.5)
+            goal = low + span * ((aim - offset) * per + 0.5)
         else:  # the shift is the motion itself, as a share of the range from where it began
-            self._shift[dof] += dt * config.crossover * error / slope
+            self._shift[dof] += dt * config.crossover * error * per
             self._shift[dof] = min(max(self._shift[dof], -1.0), 1.0)
             goal = low + span * (0.5 + self._shift[dof])
         self._past[row, :, dof] = wanted, share, pointer
@@ -100,21 +103,22 @@ class Tracker:
     def _pull(self, dof: int, goal: float) -> None:
         """The muscles: a critically damped lag of second order, exact over one update for a constant goal."""
         w, dt = _MUSCLES, self._dt
-        off, v = min(max(self.x[dof] - goal, -_FAR), _FAR), self.v[dof]
+        off, v = min(max(self.x[dof] - goal, -_FAR[dof]), _FAR[dof]), self.v[dof]
         goal = self.x[dof] - off
         fade, rate = exp(-w * dt), v + w * off
         self.x[dof] = goal + (off + rate * dt) * fade
         self.v[dof] = (v - w * rate * dt) * fade
 
     def _learn(self, dof: int, share: float, seen: float) -> None:
-        """Recursive least squares with forgetting. At the pointer's ends nothing can be learned."""
-        if not 0.01 < seen < 0.99:
-            return
+        """Recursive least squares with forgetting. A pointer at its end only says that the line isn't inside."""
         P, line = self._trust[dof], self.lines[dof]
         row = np.array([share, 1.0])
+        expected = float(line @ row)
+        if (seen > _END and expected > _END) or (seen < 1.0 - _END and expected < 1.0 - _END):
+            return
         gain = P @ row
         gain /= self._forget + float(row @ gain)
-        line += gain * (seen - float(line @ row))
+        line += gain * (seen - expected)
         P -= np.outer(gain, row @ P)
         if np.trace(P) < 2.0 * (_UNSURE / _DOUBT) ** 2:
             P /= self._forget

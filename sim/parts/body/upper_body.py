@@ -9,10 +9,12 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from runtime.contracts import rotation
+from runtime.contracts.errors import WiringError, nearest
 from runtime.contracts.frames import as_pose
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import POINT, POSE
 from sim.parts.body.arm_posture import ArmPosture
+from sim.parts.body.instructions import Dof
 from sim.parts.body.subject import MocapSubject, SeenSegment
 from sim.parts.body.wearer import NAMES, BodyWearer
 from sim.parts.body.wearer_config import UpperBodyConfig
@@ -24,6 +26,9 @@ _ARMATURE: Final = 10.0  # kg m^2 (kg for what slides): so heavy that what is wo
 _MASS: Final = 0.05  # kg of a segment; next to the armature it doesn't matter
 _SKIN: Final = {"rgba": "0.85 0.68 0.58 1", "friction": (0.8, 0.005, 0.0001)}
 _SHAPES: Final = {"upper_arm": 0.040, "forearm": 0.032, "hand": 0.020}  # m, radius
+
+
+_Watched = tuple[int, int, float, float]
 
 
 class UpperBodyPart(MocapSubject):
@@ -134,10 +139,20 @@ class UpperBodyPart(MocapSubject):
         self._chest = int(model.body(f"{name}/torso").id)
         self._hand = int(model.body(f"{name}/{self._config.side}_hand").id)
         self._grip: rotation.Pose = (*body.grip(self._config.side), 1.0, 0.0, 0.0, 0.0)
+        self._watched = [self._watch(dof, model) for dof in self._config.watches]
         # What is wanted at the last, this and the next tick, so that the motion between is smooth.
         self._ahead = np.tile(self._wanted(), (4, 1))
         data.qpos[self._qpos] = self._ahead[0, : len(self._q)]
         self._slip(0.0)
+
+    def _watch(self, dof: Dof, model: Any) -> _Watched:
+        """The DoF's number; the address, the open and the closed position of the joint that it drives."""
+        watched = self._config.watches[dof]
+        names = [model.joint(i).name for i in range(model.njnt)]
+        if watched.joint not in names:
+            place = f"sim.parts.{self.name}.watches.{dof}.joint"
+            raise WiringError(place, f"the cell has no joint '{watched.joint}'", nearest(watched.joint, names))
+        return NAMES.index(dof), int(model.joint(watched.joint).qposadr[0]), watched.open, watched.closed
 
     def _wanted(self) -> Array:
         """(n + 6,): all joints as the wearer has them; where the hand is meant to be, m; the DoFs, rad."""
@@ -151,6 +166,8 @@ class UpperBodyPart(MocapSubject):
     def drive(self, step: int) -> None:
         """Puts the joints where they belong, with the velocity and the acceleration that take them to the next tick."""
         number, T = step // self.every, self._dt
+        for dof, at, opened, closed in self._watched:
+            self.wearer.watch(dof, (float(self._data.qpos[at]) - opened) / (closed - opened))
         self.wearer.next(number + 2)
         self._ahead = np.vstack([self._ahead[-3:], self._wanted()])
         before, now, after, beyond = self._ahead[:, : len(self._q)]

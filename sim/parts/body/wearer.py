@@ -33,6 +33,9 @@ _MARGIN: Final = 0.05  # rad, that is left to the end of a joint's range
 _STEP: Final = 0.02  # rad, of the search for a DoF's ends
 _COAST: Final = 0.15  # s, in which a motion dies away when something else is wanted
 _NEAR: Final = 0.015  # m from a point: there
+_CLAVICLE: Final = 0.5  # pace of the clavicle, which moves the whole arm, as a share of the elbow's
+_LEAST: Final = 0.6  # s, that a motion takes
+_TURNING: Final = 1.0  # rad/s, mean of the hand that turns
 _EASE: Final = 1.0  # s, from what was before to a curve
 _STATE: Final = (
     "_place", "_axes", "_x", "_velocity", "_posture", "_from_place", "_from_turn", "_from_x", "_from_velocity",
@@ -108,6 +111,10 @@ class BodyWearer:
         for name, value in zip(names, pointers, strict=False):
             self._pointers[NAMES.index(name)] = value
 
+    def watch(self, dof: int, pointer: float) -> None:
+        """Shows it the pointer of one DoF, by its number."""
+        self._pointers[dof] = pointer
+
     # -- updates
 
     def next(self, number: int) -> None:
@@ -156,8 +163,12 @@ class BodyWearer:
         else:
             to = self._arm.natural(self._box[0] if isinstance(given, Explore) else self._box[2], self._config.elbow)
         self._to_place, self._to_axes = to
-        way = float(np.linalg.norm(to.place - self._from_place))
-        self._takes = max(way / self._config.speed, 0.6) if way > 1e-9 else 0.0
+        turn = rotation.error(rotation.from_matrix(to.axes), rotation.from_matrix(self._axes))
+        self._takes = max(
+            float(np.linalg.norm(to.place - self._place)) / self._config.speed,
+            float(np.linalg.norm(turn)) / _TURNING,
+            _LEAST,
+        )
         self._low, self._high = self._ends(to)
         if isinstance(given, Follow):
             self._tracker.begin(self._x, self._velocity[1], self._low, self._high)
@@ -216,7 +227,8 @@ class BodyWearer:
     def _swung(self, dof: int, t: float, middle: float) -> float:
         """How far a DoF is from `middle`, t s after it began to swing: to its upper end, then there and back."""
         low, high = float(self._low[dof]), float(self._high[dof])
-        first, whole = (high - middle) / self._config.pace, (high - low) / self._config.pace
+        pace = self._config.pace if dof == 0 else _CLAVICLE * self._config.pace
+        first, whole = (high - middle) / pace, (high - low) / pace
         if t < first:
             return quintic(t / first) * (high - middle)
         count, rest = divmod((t - first) / whole, 1.0)

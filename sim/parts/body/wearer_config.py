@@ -84,6 +84,16 @@ class Slip(BaseModel):
     at: float = Field(default=0.0, ge=0, description="s of world time")
 
 
+class Watched(BaseModel):
+    """A joint of the cell that the wearer sees as the pointer of a DoF."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    joint: str = Field(description="PART/JOINT, such as finger/flexion_1")
+    open: float = Field(description="rad, where the pointer is 0")
+    closed: float = Field(description="rad, where it is 1")
+
+
 class Tracking(BaseModel):
     """How the wearer makes a pointer follow a displayed curve."""
 
@@ -111,6 +121,9 @@ class UpperBodyConfig(PartConfig):
     subject: str | None = Field(default=None, description="its name in the capture system; null: the part's name")
     plan: tuple[Step, ...] = Field(default=(), description="what the wearer does, one step after another")
     again: bool = Field(default=False, description="begin the plan anew after its end")
+    watches: dict[Dof, Watched] = Field(
+        default_factory=dict, description="what it sees move with its DoFs; left out: what it is shown, or nothing"
+    )
     tracking: Tracking = Tracking()
     elbow: float = Field(default=0.6, ge=0, le=1.5, description="rad, swivel angle of a resting arm")
     swing: tuple[float, float] = Field(
