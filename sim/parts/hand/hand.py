@@ -14,8 +14,8 @@ from sim.world.part import Mjcf
 from sim.world.robot_mjcf import placed, turned
 
 # Of the unscaled model, m.
-_PALM: Final = {"pos": (0.0, 0.036, 0.002), "size": (0.033, 0.034, 0.010)}
-_RADII: Final = {"thumb": (0.011, 0.010, 0.009), "finger": (0.009, 0.008, 0.007)}
+PALM: Final = {"pos": (0.0, 0.036, 0.002), "size": (0.033, 0.034, 0.010)}
+RADII: Final = {"thumb": (0.011, 0.010, 0.009), "finger": (0.009, 0.008, 0.007)}
 _DENSITY: Final = 1100.0  # kg/m^3, soft tissue and bone
 
 # By the joint's position in its finger. The strength gives about 10 N at the fingertip: a gentle grip.
@@ -36,11 +36,11 @@ def add_hand(mjcf: Mjcf, base: Element, name: str, hand: HandModel, strength: fl
         strength: multiplies every joint's greatest torque.
     """
     scale = hand.scale
-    palm = {key: tuple(scale * v for v in value) for key, value in _PALM.items()}
+    palm = {key: tuple(scale * v for v in value) for key, value in PALM.items()}
     add(base, "geom", name=f"{name}/palm", type="box", density=_DENSITY, **palm, **CONTACT["hand"], **_SKIN)
     joints = zip(hand.names, hand.ranges.tolist(), strict=True)
     for finger, origin, rows in zip(FINGERS, *hand.geometry(), strict=True):
-        radii = iter(_RADII["thumb" if finger == "thumb" else "finger"])
+        radii = iter(RADII["thumb" if finger == "thumb" else "finger"])
         body, place = base, placed(origin)
         for k, (alpha, length) in enumerate(rows.tolist()):
             joint, limits = next(joints)

@@ -3,49 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, ClassVar, Final, Literal, Self, cast
 from xml.etree.ElementTree import Element
 
-import numpy as np
 from pydantic import Field, model_validator
 
 from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import POINT
+from runtime.contracts.terms import POINT, POSE
+from sim.parts.hand.ycb import YCB, Shape, add_shape
 from sim.world.mjcf import CONTACT, add
 from sim.world.part import Mjcf, Part, PartConfig
 
 
-@dataclass(frozen=True)
-class _Ycb:
-    shape: Literal["box", "sphere", "cylinder"]
-    size: tuple[float, ...]  # m
-    mass: float  # kg
-    inertia: tuple[float, float, float]  # kg m^2, about the centre of mass
-    friction: float  # against a silicone or rubber pad
-
-
-# Sheet ycb_objects. Cups and the wine glass are cylinders of their greatest diameter, with their own inertia.
-_YCB: Final = {
-    "A": _Ycb("box", (0.06, 0.06, 0.06), 0.084, (5.04e-5, 5.04e-5, 5.04e-5), 0.9),
-    "B": _Ycb("sphere", (0.096,), 0.191, (1.76e-4, 1.76e-4, 1.76e-4), 1.2),
-    "C": _Ycb("cylinder", (0.075, 0.25), 0.205, (1.14e-3, 1.14e-3, 1.44e-4), 0.8),
-    "D": _Ycb("cylinder", (0.066, 0.101), 0.349, (3.92e-4, 3.92e-4, 1.90e-4), 0.8),
-    "E": _Ycb("cylinder", (0.06, 0.062), 0.014, (1.14e-5, 1.14e-5, 1.14e-5), 0.8),
-    "F": _Ycb("cylinder", (0.075, 0.068), 0.021, (2.36e-5, 2.36e-5, 2.63e-5), 0.8),
-    "G": _Ycb("cylinder", (0.085, 0.072), 0.028, (3.81e-5, 3.81e-5, 4.48e-5), 0.8),
-    "H": _Ycb("cylinder", (0.095, 0.076), 0.035, (5.68e-5, 5.68e-5, 6.96e-5), 0.8),
-    "I": _Ycb("sphere", (0.075,), 0.068, (3.83e-5, 3.83e-5, 3.83e-5), 0.85),
-    "L": _Ycb("cylinder", (0.089, 0.137), 0.133, (2.40e-4, 2.40e-4, 6.45e-5), 0.75),
-    "M": _Ycb("box", (0.05, 0.097, 0.082), 0.370, (4.97e-4, 2.84e-4, 3.67e-4), 0.8),
-}
 _SIZES: Final = {"box": 3, "sphere": 1, "cylinder": 2}
 
 
 class ObjectConfig(PartConfig):
     """One object: either a `shape` with `size` and `mass`, or a YCB `code` that implies its own.
 
-    It stands with its centre.
+    It stands with the middle of its height.
     """
 
     shape: Literal["box", "sphere", "cylinder", "ycb"]
@@ -80,7 +56,8 @@ class ObjectConfig(PartConfig):
 class ObjectPart(Part):
     """An object that falls, after something else has held it in place until `held_until`.
 
-    Its body is `<name>/body`, its geom `<name>/geom`. Truth: `<name>_position` (3,), m, of its centre in the world.
+    Its body is `<name>/body`, its geom `<name>/geom`. Truth: `<name>_position` (3,), m, of its centre in the world, and
+    `<name>_pose` (7,), m and w x y z.
     """
 
     Config: ClassVar[type[PartConfig]] = ObjectConfig
@@ -89,12 +66,15 @@ class ObjectPart(Part):
     def __init__(self, name: str, config: PartConfig, seed: int) -> None:
         super().__init__(name, config, seed)
         self._config = cast(ObjectConfig, config)
-        self.truth = (Signal(name=f"{name}_position", shape=(3,), unit="m", labels=POINT, visual="points"),)
+        self.truth = (
+            Signal(name=f"{name}_position", shape=(3,), unit="m", labels=POINT, visual="points"),
+            Signal(name=f"{name}_pose", shape=(7,), unit="m", labels=POSE),
+        )
 
     def build(self, mjcf: Mjcf, parent: Element) -> None:
         config, name = self._config, self.name
-        ycb = _YCB[config.code] if config.code is not None else None
-        shape, size = (ycb.shape, ycb.size) if ycb else (config.shape, config.size)
+        ycb = YCB[config.code] if config.code is not None else None
+        shape, size = (ycb.shape, ycb.size) if ycb else (cast(Shape, config.shape), config.size)
         mass, friction = (ycb.mass, ycb.friction) if ycb else (config.mass or 0.0, 0.8)
         body = mjcf.body(parent, f"{name}/body", **self.at())
         if config.held_until is not None:
@@ -104,18 +84,19 @@ class ObjectPart(Part):
                 held = {"name": f"{name}/held", "body1": f"{name}/body"}
                 add(mjcf.equality, "weld", **held, anchor=self.stand[:3], solref=(0.004, 1.0))
         if ycb is not None:
-            add(body, "inertial", pos="0 0 0", mass=mass, diaginertia=ycb.inertia)
-        add(
+            add(body, "inertial", pos=(0.0, 0.0, ycb.centre), mass=mass, diaginertia=ycb.inertia)
+        add_shape(
+            mjcf,
             body,
-            "geom",
-            name=f"{name}/geom",
-            type=shape,
-            size=tuple(np.array(size) / 2),
+            name,
+            shape,
+            size,
             mass=mass,
             # The sheets give the object's friction for a pair of materials, so it overrides that of skin and pads.
             priority=1,
             condim=4,
             friction=(config.friction or friction, 0.005, 0.0001),
+            solref=(ycb.softness if ycb else 0.02, 1.0),
             rgba="0.75 0.35 0.3 1",
             **CONTACT["object"],
         )
@@ -135,4 +116,6 @@ class ObjectPart(Part):
         return self._release if step < self._release else None
 
     def fill(self, truth: Mapping[str, Array]) -> None:
-        truth[f"{self.name}_position"][:] = self._data.xpos[self._body]
+        pose = truth[f"{self.name}_pose"]
+        pose[:3], pose[3:] = self._data.xpos[self._body], self._data.xquat[self._body]
+        truth[f"{self.name}_position"][:] = pose[:3]

@@ -59,6 +59,7 @@ def test_truth_has_the_documented_signals():
             }.items()
         },
         "ball_position": ((3,), "m", None),
+        "ball_pose": ((7,), "m", None),
     }
     assert all(isinstance(signal, Signal) for signal in w.truth)
     w.set_servo(5, 0.7)
