@@ -22,6 +22,9 @@ from sim.world.part import Mjcf, Part, PartConfig
 _OPEN: Final = (0.5, 0.0, 0.0, 0.0) + 4 * (0.0, 0.26, 0.26, 0.17)
 _DENSITY: Final = 1100.0  # kg/m^3, as the moving hand's
 
+PALM_FACE: Final = PALM["size"][2] - PALM["pos"][2]
+"""m, from the wrist's centre to the palm's face, of the unscaled hand."""
+
 
 class PassiveHandConfig(PartConfig):
     """Options of the hand. It stands with its wrist: x to the little finger (of a right hand), y distal, z dorsal."""

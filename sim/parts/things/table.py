@@ -13,7 +13,8 @@ from sim.world.part import Mjcf, Part, PartConfig
 
 Spot2 = tuple[Finite, Finite]
 _THICK: Final = 0.03  # m
-_MARK: Final = 0.05  # m, half a mark's side, or its radius
+MARK: Final = 0.05
+"""m, half a mark's side, or its radius; ours."""
 
 
 class TableConfig(PartConfig):
@@ -46,5 +47,5 @@ class TablePart(Part):
         )  # fmt: skip
         marks = {"start": (config.start, "box", "0.1 0.7 0.2 1"), "goal": (config.goal, "cylinder", "0.8 0.1 0.1 1")}
         for mark, (place, shape, colour) in marks.items():
-            size = (_MARK, _MARK, 0.0005) if shape == "box" else (_MARK, 0.0005)
+            size = (MARK, MARK, 0.0005) if shape == "box" else (MARK, 0.0005)
             add(top, "site", name=f"{name}/{mark}", type=shape, pos=(*place, 0.0), size=size, rgba=colour)
