@@ -1,4 +1,4 @@
-"""One trial of the paper's second experiment: pick, lift, place and release an object (Lisini Baldi et al. 2023, III-C).
+"""One trial of the grasping experiment: pick, lift, place and release an object (Lisini Baldi et al. 2023, III-C).
 
 Whoever does it is behind `Grasper`: an ideal carrier here, a simulated wearer or a person in a study. The hand comes
 from the side, its palm vertical, with the little finger down; the object is pressed between the worn finger and palm.
@@ -62,6 +62,7 @@ class Task:
         lift: m above the table.
         heading: rad, of the forearm, from x to y.
         miss: m, how far off the hand takes the object, in the world.
+        squeeze: how far the finger is closed, 0 to 1.
         pace: s of each motion of the hand; ours, as fast as people reach without hurry.
     """
 
@@ -71,6 +72,7 @@ class Task:
     lift: float = 0.10
     heading: float = 0.0
     miss: Vector = (0.0, 0.0, 0.0)
+    squeeze: float = 1.0
     pace: float = 0.8
 
 
@@ -173,7 +175,7 @@ class _Trial:
         task, take = self._task, self._grasper
         self._reach(task.start, aside=_AWAY)
         self._reach(task.start)
-        take.squeeze(1.0)
+        take.squeeze(task.squeeze)
         self._until(lambda: take.squeezed)
         stood, self._held = float(self._pose[2]), self._inside()
         self._reach(task.start, up=task.lift, failure="not lifted")
@@ -181,12 +183,13 @@ class _Trial:
             raise _FailureError("not lifted")
         self._reach(task.goal, up=task.lift)
         self._reach(task.goal)
-        held, self._held = self._inside(), None
+        self._held = None
         take.squeeze(0.0)
         self._until(lambda: take.squeezed and self._contact[0] == 0.0, failure="not released")
         self._done = self._world.time
+        left, hand = self._pose[:3].copy(), self._place()
         self._reach(task.goal, aside=_AWAY)
-        if np.linalg.norm(self._inside() - held) < _AWAY / 2:
+        if np.linalg.norm(self._pose[:3] - left) > np.linalg.norm(self._place() - hand) / 2:  # it went with the hand
             raise _FailureError("not released")
         if self._off() > MARK:
             raise _FailureError("off the goal")
@@ -224,6 +227,10 @@ class _Trial:
         hand = self._world.pose_of(self._hand)
         x, y, z = (self._pose[:3] - hand[:3]).tolist()
         return np.array(turned(conjugate(hand[3:]), (x, y, z)))
+
+    def _place(self) -> Array:
+        """(3,) m, the hand's frame in the world."""
+        return np.array(self._world.pose_of(self._hand)[:3])
 
     def _off(self) -> float:
         """m, from the goal."""

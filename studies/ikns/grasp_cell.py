@@ -13,8 +13,8 @@ from studies.ikns.grasp import Carried, Task
 START: Final = (0.0, -0.15)  # m, as the table's marks
 GOAL: Final = (0.0, 0.15)
 SERVO: Final = {"stall_torque": 0.22, "no_load_speed": 13.0, "stiffness": 4.7, "damping": 0.08}
-"""A micro servo with metal gears (MG90S's sheet at 6 V: 2.2 kg cm, 0.08 s for 60 degrees); the position loop's gains are
-those of the standard finger's servo, scaled with its torque."""
+"""A micro servo with metal gears (as MG90S at 6 V: 2.2 kg cm, 0.08 s for 60 degrees). The gains of its position loop are
+the standard servo's, scaled with the torque."""
 
 _TEXT: Final = """
 name: finger-grasp
@@ -63,26 +63,23 @@ def carried_cell(
     code: str,
     *,
     seed: int = 1,
-    miss: tuple[float, float, float] = (0.0, 0.0, 0.0),
     servo: Mapping[str, Any] = SERVO,
     thing: Mapping[str, Any] | None = None,
     hand: Mapping[str, Any] | None = None,
-    law: Mapping[str, Any] | None = None,
+    **task: Any,
 ) -> tuple[Lockstep, Carried, Task]:
     """The running cell, who grasps in it, and what is to be done.
 
     Args:
         code: of the object.
-        miss: m, how far off the hand takes it.
         servo, thing, hand: options of the finger's servos, of the object and of the passive hand.
-        law: options of `finger-closure`, such as another `closed`.
+        task: what differs in the task.
     """
     # The object stands a little above the table, so that it doesn't begin inside it.
     place = [*START, YCB[code].height / 2 + 1e-4]
     made = {"part": "object", "shape": "ycb", "code": code, "at": {"position": place}, **(thing or {})}
     values: dict[str, Any] = {"seed": seed, "sim.parts.thing": made, "sim.parts.finger.servo": dict(servo)}
     values |= {f"sim.parts.hand.{key}": value for key, value in (hand or {}).items()}
-    values |= {f"controllers.closure.{key}": value for key, value in (law or {}).items()}
     checked, source = profile.parse("finger-grasp.yaml", _TEXT, [f"{key}={value!r}" for key, value in values.items()])
     lockstep = Lockstep(wiring.build(checked, source, []))
-    return lockstep, Carried(lockstep, "arm", "client.c"), Task(START, GOAL, miss=miss)
+    return lockstep, Carried(lockstep, "arm", "client.c"), Task(START, GOAL, **task)

@@ -14,7 +14,6 @@ from sim.parts.hand.ycb import YCB, Shape, add_shape
 from sim.world.mjcf import CONTACT, add
 from sim.world.part import Mjcf, Part, PartConfig
 
-
 _SIZES: Final = {"box": 3, "sphere": 1, "cylinder": 2}
 
 

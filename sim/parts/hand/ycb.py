@@ -66,7 +66,9 @@ YCB: Final = {
 }
 
 
-def add_shape(mjcf: Mjcf, body: Element, name: str, shape: Shape, size: tuple[float, ...], **attributes: object) -> None:
+def add_shape(
+    mjcf: Mjcf, body: Element, name: str, shape: Shape, size: tuple[float, ...], **attributes: object
+) -> None:
     """Adds the geoms of a shape of this size (m) to a body: `<name>/geom`, and further ones where it isn't convex.
 
     Cups are solid truncated cones. The glass is an ellipsoid on a stem and a foot.

@@ -24,9 +24,7 @@ class TableConfig(PartConfig):
     start: Spot2 = Field(default=(0.0, -0.15), description="m, from the middle: where things are picked; ours")
     goal: Spot2 = Field(default=(0.0, 0.15), description="m, from the middle: where they are placed; ours")
     friction: float = Field(default=0.4, gt=0, description="of its top against everything; ours: plastic on lacquer")
-    rolling: float = Field(
-        default=0.0005, ge=0, description="m, rolling resistance on its top; ours: a 75 mm ball stops on a 1 % slope"
-    )
+    rolling: float = Field(default=0.0005, ge=0, description="m, rolling resistance on its top; ours")
 
 
 class TablePart(Part):
