@@ -13,8 +13,8 @@ from studies.ikns.grasp import Carried, Task
 START: Final = (0.0, -0.15)  # m, as the table's marks
 GOAL: Final = (0.0, 0.15)
 SERVO: Final = {"stall_torque": 0.22, "no_load_speed": 13.0, "stiffness": 4.7, "damping": 0.08}
-"""A micro servo with metal gears (as MG90S at 6 V: 2.2 kg cm, 0.08 s for 60 degrees). Its position loop has the gains of
-the standard servo, scaled with the torque."""
+"""A micro servo with metal gears, as MG90S at 6 V: 2.2 kg cm, 0.08 s for 60 degrees. The gains of its position loop
+are the standard servo's, scaled with the torque."""
 
 _TEXT: Final = """
 name: finger-grasp
