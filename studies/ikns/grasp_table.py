@@ -43,7 +43,7 @@ def conditions(code: str) -> Iterator[tuple[str, dict[str, Any]]]:
 def main() -> None:
     """Prints the tables: of the conditions, and of how many of the draws succeed when the hand is off."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--draws", type=int, default=20, help="how often each object is taken when the hand is off")
+    parser.add_argument("--draws", type=int, default=10, help="how often each object is taken when the hand is off")
     draws = parser.parse_args().draws
     for servo in (SERVO, WEAK):
         print(f"servo of {servo['stall_torque']} N m: result, slip in mm")
