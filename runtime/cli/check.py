@@ -46,6 +46,7 @@ def run(args: argparse.Namespace) -> int:
         content = {
             "profile": checked.name,
             "rate_hz": float(checked.rate),
+            "chosen": source.chosen,
             "wiring": [asdict(connection) for connection in connections(graph)],
             "transforms": transforms(graph),
             "untaken": untaken(graph),
@@ -59,6 +60,8 @@ def run(args: argparse.Namespace) -> int:
         return 0
     print(f"{checked.name}: {checked.summary}".rstrip(": "))
     print(f"  rate {float(checked.rate):g} Hz, clock {checked.clock}, start {checked.start}")
+    for choice, word in source.chosen.items():
+        print(f"  choice {choice}: {word}")
     for device in graph.devices:
         kind = "simulated" if device.name in graph.simulated else checked.devices[device.name].driver
         age = f", stale after {device.max_age:g} s" if device.max_age else ""
@@ -124,6 +127,7 @@ def listed_limits(graph: Graph, command: str) -> dict[str, dict[str, float]]:
 def schema() -> dict[str, Any]:
     """JSON Schema of a profile, with the options of every registered driver and controller."""
     content = profile.Profile.model_json_schema(by_alias=True)
+    content["additionalProperties"] = {"type": "string"}  # the word of a choice
     definitions = content["$defs"]
     for group, entry, key in (("drivers", "DeviceEntry", "driver"), ("controllers", "ControllerEntry", "use")):
         rules = []

@@ -39,6 +39,7 @@ def describe(
         "label": source.label,
         "profile": source.text,
         "overrides": list(source.overrides),
+        "chosen": dict(source.chosen),
         "sha256": source.sha256,
         "files": encoded(source.files.kept),
         "rate": [profile.rate.numerator, profile.rate.denominator],

@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from fractions import Fraction
 from importlib import resources
 from pathlib import Path
@@ -26,6 +27,7 @@ from runtime.contracts.signals import Stop
 from runtime.control.models import KINDS, Model, of_entry
 from runtime.guard.limits import GuardLimits
 from runtime.profile.bus import BusConfig
+from runtime.profile.choices import Choices, merge
 from runtime.profile.element import Element
 from runtime.profile.plots import Plot
 from runtime.profile.reset import ResetConfig
@@ -174,6 +176,7 @@ class Profile(Part):
     reset: ResetConfig = ResetConfig()
     bus: BusConfig | None = Field(default_factory=BusConfig, description="null: no bus")
     record: Record = Record()
+    choices: Choices = Field(default_factory=dict, description="merged when the file is read, so empty afterwards")
 
     @field_validator("rate", mode="before")
     @classmethod
@@ -261,10 +264,19 @@ def parse(label: str, text: str, overrides: Sequence[str] = (), files: Files | N
     _note_lines(tree, "", lines)
     source = Source(label, text, tuple(overrides), lines, files or Files(Path(label).parent))
     plain = _plain(tree)
-    for override in overrides:
+    # What a choice brings can be overridden like the rest of the profile, so the choices are made in between.
+    words = plain.get("choices")
+    before = {"choices", *(words if isinstance(words, dict) else ())}
+    first = [override for override in overrides if override.partition("=")[0].split(".")[0].strip() in before]
+    for override in first:
         _override(plain, override)
+    merged = merge(plain, source, Profile.model_fields)
+    source = replace(source, chosen=merged.words, moved=merged.moved)
+    for override in overrides:
+        if override not in first:
+            _override(merged.tree, override)
     try:
-        return Profile.model_validate(plain), source
+        return Profile.model_validate(merged.tree), source
     except ValidationError as error:
         raise first_error(error, source, "", Profile) from None
 

@@ -22,6 +22,8 @@ class Source:
         overrides: the `--set` options, in order.
         lines: line number (from 1) of each key path.
         files: the files that its options name.
+        chosen: the word of each of the profile's choices.
+        moved: where a key path of the profile is written, for what a choice put there.
     """
 
     label: str
@@ -29,12 +31,17 @@ class Source:
     overrides: tuple[str, ...] = ()
     lines: dict[str, int] = field(default_factory=dict)
     files: Files = field(default_factory=Files)
+    chosen: dict[str, str] = field(default_factory=dict)
+    moved: dict[str, str] = field(default_factory=dict)
 
     def place(self, path: str) -> str:
         """A key path as it appears in errors: "sixth-finger.yaml line 12: devices.glove.port"."""
-        for override in self.overrides:
-            if override.split("=", 1)[0].strip() == path:
-                return f"--set {path}"
+        given = {override.split("=", 1)[0].strip() for override in self.overrides}
+        if path in given:
+            return f"--set {path}"
+        path = written(path, self.moved)
+        if path in given:
+            return f"--set {path}"
         at = path
         while at and at not in self.lines:
             at = at.rpartition(".")[0]
@@ -45,6 +52,17 @@ class Source:
     def sha256(self) -> str:
         """Hash of the text and the overrides."""
         return hashlib.sha256("\n--set ".join((self.text, *self.overrides)).encode()).hexdigest()
+
+
+def written(path: str, moved: dict[str, str]) -> str:
+    """The key path in the file of a key path in the merged profile."""
+    at, rest = path, ""
+    while at:
+        if at in moved:
+            return moved[at] + rest
+        at, dot, last = at.rpartition(".")
+        rest = f"{dot}{last}{rest}"
+    return path
 
 
 _OWN = ("function-", "literal", "is-instance", "tagged-")  # what pydantic adds to a key path
