@@ -1,0 +1,74 @@
+"""A control value from how far an axis is deflected: position control with a stick, a trigger or a held button."""
+
+from __future__ import annotations
+
+from math import isfinite
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from runtime.contracts.controller import Controller, ControllerConfig
+from runtime.contracts.signals import Signal
+
+
+class AxisPositionConfig(ControllerConfig):
+    """Options of `axis-position`."""
+
+    lower: float = Field(0.0, allow_inf_nan=False, description="deflection at which c is 0")
+    upper: float = Field(1.0, allow_inf_nan=False, description="deflection at which c is 1; may be less than `lower`")
+    rest: float = Field(0.0, allow_inf_nan=False, description="deflection of the axis that nobody touches")
+    dead_band: float = Field(0.0, ge=0.0, allow_inf_nan=False, description="deflections so near to `rest` count as it")
+    speed: float = Field(5.0, gt=0.0, allow_inf_nan=False, description="1/s, of c")
+
+    @model_validator(mode="after")
+    def _fits(self) -> AxisPositionConfig:
+        low, high = sorted((self.lower, self.upper))
+        if low == high:
+            raise ValueError("'lower' and 'upper' must differ")
+        if not low <= self.rest <= high:
+            raise ValueError("'rest' must be within 'lower' and 'upper'")
+        if any(0.0 < side <= self.dead_band for side in (self.rest - low, high - self.rest)):
+            raise ValueError("'dead_band' must leave some range on each side of 'rest'")
+        return self
+
+
+class AxisPosition(Controller):
+    """Converts an axis's deflection to a control value.
+
+    Input `axis` (1,). Outputs `c` (1,), 0 to 1, and `c_rate` (1,) 1/s. Beyond the dead band the deflection is
+    stretched, so that c is continuous and reaches its ends. c follows at `speed` at most, from the applied value after
+    a reset; a c that commands no device stays where it was. While the input isn't finite, c is held.
+    """
+
+    Config = AxisPositionConfig
+    summary = "control value from an axis's deflection: a stick, a trigger, a button while held"
+
+    def __init__(self, name: str, config: AxisPositionConfig) -> None:
+        super().__init__(name, config)
+        self.inputs = (Signal(name="axis", shape=(1,), unit="1"),)
+        self.outputs = (Signal(name="c", shape=(1,), unit="1"), Signal(name="c_rate", shape=(1,), unit="1/s"))
+        self._config = config
+        self._c = self._wanted(config.rest)
+
+    def reset(self) -> None:
+        if "c" in self.applied:
+            self._c = float(np.clip(self.applied["c"][0], 0.0, 1.0))
+        self.output["c"][0], self.output["c_rate"][0] = self._c, 0.0
+
+    def update(self, dt: float) -> None:
+        axis, last = float(self.input["axis"][0]), self._c
+        if isfinite(axis):
+            step = self._config.speed * dt
+            self._c = min(max(self._wanted(axis), last - step), last + step)
+        self.output["c"][0], self.output["c_rate"][0] = self._c, (self._c - last) / dt
+
+    def _wanted(self, axis: float) -> float:
+        o = self._config
+        low, high = sorted((o.lower, o.upper))
+        off = min(max(axis, low), high) - o.rest
+        if abs(off) <= o.dead_band:
+            off = 0.0
+        else:
+            full = (high if off > 0.0 else low) - o.rest
+            off = full * (abs(off) - o.dead_band) / (abs(full) - o.dead_band)
+        return min(max((o.rest + off - o.lower) / (o.upper - o.lower), 0.0), 1.0)
