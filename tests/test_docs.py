@@ -173,11 +173,14 @@ def test_profiles_page_has_the_defaults() -> None:
 
 
 def test_profiles_pages_example_is_right() -> None:
-    (text,) = (body for kind, body in FENCE.findall((DOCS / "profiles.md").read_text()) if kind == "yaml")
-    checked, source = profile.parse("one-servo.yaml", text)
+    text, choices = (body for kind, body in FENCE.findall((DOCS / "profiles.md").read_text()) if kind == "yaml")
     nothing: list[str] | None = None
-    for simulated in (nothing, []):
-        assert check_guards(wiring.build(checked, source, simulated)) == {"board.position_command": "hold"}
+    for content, words in ((text, ()), (text + choices, ()), (text + choices, ("input=ring",))):
+        checked, source = profile.parse("one-servo.yaml", content, words)
+        for simulated in (nothing, []):
+            graph = wiring.build(checked, source, simulated)
+            assert check_guards(graph) == {"board.position_command": "hold"}
+            assert {d.name for d in graph.devices} == {"board", *(["ring"] if words else [])}
 
 
 def test_every_override_on_the_profiles_page_works(parser: argparse.ArgumentParser) -> None:
