@@ -1,4 +1,4 @@
-"""Makes the calibration file of the simulated wearer that comes with a profile: `python -m studies.ikns.calibrate_wearer`.
+"""Makes the calibration files of the simulated wearers in the profiles: `python -m studies.ikns.calibrate_wearer`.
 
 The wearer of the profile's own cell does what it is told at ten points; nothing moves but it. Simulated.
 """
@@ -15,6 +15,7 @@ from typing import Any, Final, cast
 import numpy as np
 import yaml
 
+from runtime.contracts.signals import Array
 from runtime.control.ikns.calibration import Recording, Thresholds, calibrate, refusals
 from runtime.control.ikns.record import Record, write
 from runtime.loop.lockstep import Lockstep
@@ -28,7 +29,7 @@ _CHAIN: Final = "arm-angles"
 
 
 class Procedure:
-    """The wearer of a profile, its cameras and `arm-angles`; the devices that move and what drives them are left out."""
+    """The wearer of a profile, its cameras and `arm-angles`. Devices that move, and what drives them, are left out."""
 
     def __init__(self, text: str) -> None:
         given: dict[str, Any] = yaml.safe_load(text)
@@ -45,7 +46,7 @@ class Procedure:
         self.rows: list[tuple[float, ...]] = []
         self._time = 0.0
 
-    def tell(self, instruction: Instruction, seconds: float = 0.0, dof: int | None = None) -> np.ndarray[Any, Any]:
+    def tell(self, instruction: Instruction, seconds: float = 0.0, dof: int | None = None) -> Array:
         """Waits until it is reached, goes on for some seconds and returns (T, 3) m where the hand was in them.
 
         With `dof` these are samples of its trial.

@@ -79,7 +79,7 @@ class ArmPosture:
         return q
 
     def natural(self, place: Array, swivel: float, pronation: float = 0.0) -> Hold:
-        """The hand at a place (3,) m with a straight wrist, as the forearm of that swivel angle has it."""
+        """The hand at a place (3,) m with a nearly straight wrist, as the forearm of that swivel angle has it."""
         _, shoulder = self._girdle((0.0, 0.0))
         U, flexion = self._upper_arm(shoulder, place, swivel, self._fore + self._palm)
         z = self._sign[6] * pronation

@@ -204,3 +204,21 @@ def test_a_world_without_parts_is_refused():
         FakeVicon("mocap", config(**WAND), Elsewhere(), FakeVicon.Options())
     with pytest.raises(ValidationError, match="times must rise"):
         FakeVicon.Options.model_validate({"occlusion": {"Wand": [[2, 1]]}})
+
+
+def test_an_upper_body_is_a_subject_of_several_segments_with_its_markers() -> None:
+    seen_by = config(segments={"fore": "wearer/right_forearm"}, markers={"relb": "wearer/RELB"})
+    parts = {"wearer": {"part": "upper-body", "at": {"position": [0.0, 0.0, 1.1]}}, **STILL}
+    made = opened(seen_by, parts, occlusion={"wearer/RWRA": [[0.45, 1.0]]}, part="wearer", **EXACT)
+    states, _ = follow(made, 0.4)
+    world = made.world
+    assert states[-1]["markers"][0] == pytest.approx(world.data.site("wearer/RELB").xpos, abs=1e-9)
+    assert states[-1]["pose"][0, :3] == pytest.approx(world.data.body("wearer/right_forearm").xpos, abs=1e-9)
+    segments = {s.name: s for s in made.scene.subjects[0].segments}
+    assert segments["torso"].parent == 0
+    assert segments["right_hand"].parent == segments["right_forearm"].id
+    # Two of the forearm's three markers don't show it; the others see nothing of that.
+    follow(made, 0.1)
+    seen, _ = made.visible(made.newest())
+    hidden = [name for name, shown in zip(segments, seen, strict=True) if not shown]
+    assert hidden == ["right_forearm"]
