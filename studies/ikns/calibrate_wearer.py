@@ -5,6 +5,7 @@ The wearer of the profile's own cell does what it is told at ten points; nothing
 
 from __future__ import annotations
 
+import json
 import sys
 from datetime import date
 from importlib import resources
@@ -13,7 +14,7 @@ from pathlib import Path
 from typing import Any, Final, cast
 
 import numpy as np
-import yaml
+from ruamel.yaml import YAML
 
 from runtime.contracts.signals import Array
 from runtime.control.ikns.calibration import Recording, Thresholds, calibrate, refusals
@@ -32,12 +33,12 @@ class Procedure:
     """The wearer of a profile, its cameras and `arm-angles`. Devices that move, and what drives them, are left out."""
 
     def __init__(self, text: str) -> None:
-        given: dict[str, Any] = yaml.safe_load(text)
+        given: dict[str, Any] = YAML(typ="safe", pure=True).load(text)
         given["controllers"] = [law for law in given["controllers"] if law["use"] == _CHAIN]
         given["devices"] = {"mocap": given["devices"]["mocap"]}
         for key in ("guard", "stop", "record", "faults"):
             given.pop(key, None)
-        self._lockstep = Lockstep(wiring.build(*profile.parse("calibration", yaml.safe_dump(given)), []))
+        self._lockstep = Lockstep(wiring.build(*profile.parse("calibration", json.dumps(given)), []))
         graph = self._lockstep.graph
         (part,) = (part for part in cast(Cell, graph.world).parts.values() if isinstance(part, UpperBodyPart))
         self._wearer, self._views = part.wearer, graph.row.views
