@@ -16,7 +16,7 @@ from runtime.contracts.terms import POINT, POSE
 from sim.parts.body.arm_posture import ArmPosture
 from sim.parts.body.instructions import Dof
 from sim.parts.body.subject import MocapSubject, SeenSegment
-from sim.parts.body.wearer import NAMES, BodyWearer
+from sim.parts.body.wearer import NAMES, BodyWearer, workspace
 from sim.parts.body.wearer_config import UpperBodyConfig
 from sim.world.mjcf import CONTACT, add
 from sim.world.part import Mjcf, PartConfig
@@ -43,7 +43,7 @@ class UpperBodyPart(MocapSubject):
 
     Attributes:
         body: its description.
-        wearer: who moves it (`sim.parts.body.instructions.Wearer`).
+        wearer: who moves it (`sim.parts.body.instructions.Wearer`), once the world is made.
     """
 
     Config = UpperBodyConfig
@@ -54,12 +54,12 @@ class UpperBodyPart(MocapSubject):
         self._config = config = cast(UpperBodyConfig, config)
         self.body = body = config.model.body
         self._arm = ArmPosture(body, config.side)
-        self._set_up(0.001)
+        self.every = 1
         self._q = np.zeros(len(body.joints))
         for side in body.sides:
             if side != config.side:  # it rests
                 other = ArmPosture(body, side)
-                rest = other.natural(_mirrored(self.wearer.place), config.elbow)
+                rest = other.natural(workspace(other)[2], config.elbow)
                 self._q[other.joints] = other.solve(rest, config.elbow)
         self._torso = [body.names.index(f"torso_{turn}") for turn in ("yaw", "lean", "side")]
         self._turns = np.array([i for i, joint in enumerate(body.joints) if not joint.slides])
@@ -83,11 +83,6 @@ class UpperBodyPart(MocapSubject):
             Signal(name=f"{name}_dofs", shape=(3,), unit="rad", labels=NAMES),
             Signal(name=f"{name}_leak", shape=(1,), unit="m"),
         )  # fmt: skip
-
-    def _set_up(self, timestep: float) -> None:
-        self.every = max(1, round(_TICK / timestep))
-        self._dt = self.every * timestep
-        self.wearer = BodyWearer(self._config, self._arm, self.seed, self.name, self._dt)
 
     # -- the model
 
@@ -130,8 +125,10 @@ class UpperBodyPart(MocapSubject):
 
     def bind(self, model: Any, data: Any) -> None:
         self._model, self._data = model, data
-        self._set_up(float(model.opt.timestep))
-        name, body = self.name, self.body
+        name, body, timestep = self.name, self.body, float(model.opt.timestep)
+        self.every = max(1, round(_TICK / timestep))
+        self._dt = self.every * timestep
+        self.wearer = BodyWearer(self._config, self._arm, self.seed, name, self._dt)
         joints = [model.joint(f"{name}/{joint}") for joint in body.names]
         self._qpos = np.array([int(joint.qposadr[0]) for joint in joints])
         self._qvel = np.array([int(joint.dofadr[0]) for joint in joints])
@@ -215,7 +212,3 @@ def _parent(segment: str, segments: Mapping[str, int]) -> str:
         return ""
     at = chain.index(part)
     return f"{side}_{chain[at - 1]}" if at else "torso"
-
-
-def _mirrored(place: Array) -> Array:
-    return place * (1.0, -1.0, 1.0)

@@ -39,9 +39,19 @@ _TURNING: Final = 1.0  # rad/s, mean of the hand that turns
 _EASE: Final = 1.0  # s, from what was before to a curve
 _STATE: Final = (
     "_place", "_axes", "_x", "_velocity", "_posture", "_from_place", "_from_turn", "_from_x", "_from_velocity",
-    "_to_place", "_to_axes", "_low", "_high", "_pointers", "q", "place", "dofs", "torso",
+    "_to_place", "_to_axes", "_at_rest", "_low", "_high", "_pointers", "q", "place", "dofs", "torso",
 )  # fmt: skip
 """Arrays that a saved wearer consists of, besides what its parts save."""
+
+
+def workspace(arm: ArmPosture) -> tuple[Array, Array, Array]:
+    """The middle of the box in which a hand works, its half lengths, and where the hand rests; (3,) m each."""
+    inwards = np.array([1.0, -np.sign(arm.shoulder[1]), 1.0])
+    return (
+        arm.shoulder + arm.reach * _MIDDLE * inwards,
+        arm.reach * _HALF,
+        arm.shoulder + arm.reach * _RESTING * inwards,
+    )
 
 
 class BodyWearer:
@@ -56,12 +66,7 @@ class BodyWearer:
 
     def __init__(self, config: UpperBodyConfig, arm: ArmPosture, seed: int, name: str, dt: float) -> None:
         self._config, self._arm, self._dt = config, arm, dt
-        inwards = -1.0 if config.side == "left" else 1.0
-        self._box = (
-            arm.shoulder + arm.reach * _MIDDLE * (1.0, inwards, 1.0),
-            arm.reach * _HALF,
-            arm.shoulder + arm.reach * _RESTING * (1.0, inwards, 1.0),
-        )
+        self._middle, self._half, self._resting = workspace(arm)
         self._unsteady = Unsteadiness(config, seed, name, dt)
         self._tracker = Tracker(config.tracking, seed, name, dt)
         # Instructions by number: the plan's first, then those that come from outside.
@@ -69,7 +74,7 @@ class BodyWearer:
         self._changes = [round(end / dt) for end in accumulate(step.seconds for step in config.plan)]
         self._told = False  # by somebody: the plan is over
         self._pointers = np.full(DOFS, np.nan)
-        rest = arm.natural(self._box[2], config.elbow)
+        rest = arm.natural(self._resting, config.elbow)
         self._place, self._axes = rest
         self._x = np.array([config.elbow, 0.0, 0.0])
         self._posture = arm.solve(rest, config.elbow)
@@ -92,7 +97,7 @@ class BodyWearer:
             return since >= given.times[-1]
         if isinstance(given, Explore):
             return since >= self._config.reaction + self._takes + given.seconds
-        there = np.array(given.point) if isinstance(given, Hold) else self._box[2]
+        there = np.array(given.point) if isinstance(given, Hold) else self._resting
         return bool(np.linalg.norm(self._arm.place(self.q) - there) < _NEAR)
 
     def instruct(self, instruction: Instruction) -> None:
@@ -161,7 +166,7 @@ class BodyWearer:
         elif isinstance(given, Follow):
             to = Held(self._place, self._axes)
         else:
-            to = self._arm.natural(self._box[0] if isinstance(given, Explore) else self._box[2], self._config.elbow)
+            to = self._arm.natural(self._middle if isinstance(given, Explore) else self._resting, self._config.elbow)
         self._to_place, self._to_axes = to
         turn = rotation.error(rotation.from_matrix(to.axes), rotation.from_matrix(self._axes))
         self._takes = max(
@@ -169,20 +174,30 @@ class BodyWearer:
             float(np.linalg.norm(turn)) / _TURNING,
             _LEAST,
         )
+        self._at_rest = np.array([self._elbow(to), 0.0, 0.0])
         self._low, self._high = self._ends(to)
         if isinstance(given, Follow):
             self._tracker.begin(self._x, self._velocity[1], self._low, self._high)
+
+    def _elbow(self, hold: Held) -> float:
+        """rad: the swivel angle that the joints' ranges allow there, nearest to that of rest."""
+        config, arm = self._config, self._arm
+        angles = np.arange(*config.swing, _STEP).tolist()
+        for angle in sorted([config.elbow, *angles], key=lambda angle: abs(angle - config.elbow)):
+            if arm.fits(arm.solve(hold, angle), _MARGIN):
+                return float(angle)
+        return config.elbow
 
     def _ends(self, hold: Held) -> tuple[Array, Array]:
         """(3,), (3,) rad: the range of each DoF that is used while the hand is held there."""
         config, arm = self._config, self._arm
         low, high = np.empty(DOFS), np.empty(DOFS)
         for dof, (least, middle, most) in enumerate(
-            ((config.swing[0], config.elbow, config.swing[1]), (-pi, 0.0, pi), (-pi, 0.0, pi))
+            ((config.swing[0], float(self._at_rest[0]), config.swing[1]), (-pi, 0.0, pi), (-pi, 0.0, pi))
         ):
             ends = []
             for sense, end in ((-1.0, least), (1.0, most)):
-                x, there = np.array([config.elbow, 0.0, 0.0]), middle
+                x, there = self._at_rest.copy(), middle
                 while sense * (end - there) > 0.0:
                     x[dof] = there + sense * _STEP
                     q = arm.solve(hold, float(x[0]), (float(x[2]), float(x[1])))
@@ -201,13 +216,13 @@ class BodyWearer:
         t = since - config.reaction
         share = quintic(t / self._takes) if 0.0 < t < self._takes else float(t >= self._takes)
         coast = since * exp(-since / _COAST)
-        x = self._from_x + share * (np.array([config.elbow, 0.0, 0.0]) - self._from_x) + coast * self._from_velocity[1]
+        x = self._from_x + share * (self._at_rest - self._from_x) + coast * self._from_velocity[1]
         place = self._from_place + share * (self._to_place - self._from_place) + coast * self._from_velocity[0]
         late = t - self._takes
         if isinstance(given, Explore) and late > 0.0:
             fade = 1.0 - exp(-late)
             swing = fade * np.array([sin(2.0 * pi * late / period) for period in _PERIODS])
-            place = place + self._box[1] * swing
+            place = place + self._half * swing
             x[0] += 0.3 * fade * sin(2.0 * pi * late / 3.1)
             axes = self._arm.natural(place, config.elbow).axes
         else:

@@ -10,7 +10,8 @@ from helpers.upper_body import POINT, STEADY, cell, run
 from pydantic import ValidationError
 
 from runtime.contracts.errors import WiringError
-from sim.parts.body.instructions import Dof, Explore, Follow, Hold, Instruction, Rest
+from runtime.contracts.rotation import exp, product
+from sim.parts.body.instructions import Dof, Explore, Follow, Hold, Instruction, Rest, Wearer
 from sim.parts.body.wearer import NAMES
 
 
@@ -163,6 +164,41 @@ def test_what_is_worn_moves_with_the_forearm_and_doesn_t_move_it() -> None:
     assert with_finger["position"] == pytest.approx(without["position"], abs=1e-6)
     forearm, base = world.data.body("wearer/right_forearm"), world.data.body("finger/base")
     assert base.xpos == pytest.approx(forearm.xpos + forearm.xmat.reshape(3, 3) @ [0, 0.04, -0.2], abs=1e-9)
+
+
+def test_the_hand_is_turned_as_it_is_told() -> None:
+    world, part = cell(**STEADY)
+    wearer: Wearer = part.wearer
+    run(world, 0.1)
+    wearer.instruct(Hold(POINT))
+    turn = product(exp(0.0, 0.2, 0.3), tuple(run(world, 3.0)["hand"][-1, 3:].tolist()))  # type: ignore[arg-type]
+    wearer.instruct(Hold(POINT, turn=turn))
+    hand = run(world, 4.0)["hand"][-1]
+    assert wearer.done
+    assert hand[:3] == pytest.approx(POINT, abs=1e-4)
+    assert abs(hand[3:] @ turn) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_trunk_that_sways_takes_the_arm_along() -> None:
+    world, part = cell(sway=0.05, **STEADY)
+    part.wearer.instruct(Hold(POINT))
+    run(world, 2.0)
+    truth = run(world, 10.0)
+    assert truth["hand"][:, :3] == pytest.approx(np.tile(POINT, (1000, 1)), abs=1e-4)
+    assert np.ptp(truth["markers"][:, tuple(part.body.markers).index("RFIN")], axis=0).max() > 0.01
+
+
+def test_the_other_arm_moves_where_it_is_told() -> None:
+    world, part = cell(side="left", **STEADY)
+    left = (POINT[0], -POINT[1], POINT[2])
+    part.wearer.instruct(Hold(left, "swivel"))
+    run(world, 2.0)
+    truth = run(world, 4.0)
+    assert truth["hand"][:, :3] == pytest.approx(np.tile(left, (400, 1)), abs=1e-4)
+    labels = world.truth[0].labels
+    moved = {label for label, span in zip(labels, np.ptp(truth["position"], axis=0), strict=True) if span > 1e-3}
+    assert moved
+    assert all(label.startswith("left") for label in moved)
 
 
 def test_a_marker_slips_when_it_is_told() -> None:
