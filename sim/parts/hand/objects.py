@@ -6,8 +6,10 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, Final, Literal, Self, cast
 from xml.etree.ElementTree import Element
 
+import mujoco
 from pydantic import Field, model_validator
 
+from runtime.contracts.rotation import Pose
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import POINT, POSE
 from sim.parts.hand.ycb import YCB, Shape, add_shape
@@ -101,11 +103,22 @@ class ObjectPart(Part):
         )
 
     def bind(self, model: Any, data: Any) -> None:
-        self._data, self._body = data, int(model.body(f"{self.name}/body").id)
+        self._model, self._data, self._body = model, data, int(model.body(f"{self.name}/body").id)
         self._weld: int | None = None
         if self._config.held_until:
             self._weld = int(model.equality(f"{self.name}/held").id)
             self._release = round(self._config.held_until / model.opt.timestep)
+
+    def put(self, pose: Pose) -> None:
+        """Puts a free object elsewhere, at rest: what an experimenter does between two trials.
+
+        Args:
+            pose: in the world, x y z (m), w x y z.
+        """
+        joint = self._model.joint(f"{self.name}/joint")
+        at, speed = int(joint.qposadr[0]), int(joint.dofadr[0])
+        self._data.qpos[at : at + 7], self._data.qvel[speed : speed + 6] = pose, 0.0
+        mujoco.mj_kinematics(self._model, self._data)
 
     def latch(self, step: int) -> int | None:
         """Releases the object when it is time; returns the step of the release."""

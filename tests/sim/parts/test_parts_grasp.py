@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from runtime.control.hand.human_hand import FINGERS
 from runtime.control.models import HandModel, context
 from sim.parts.body.carrier import CarrierPart
+from sim.parts.hand.objects import ObjectPart
 from sim.parts.hand.ycb import YCB
 from sim.world.cell import Cell, CellConfig
 
@@ -80,6 +81,16 @@ def test_an_object_stands_still_on_the_table(code: str) -> None:
     world.advance(3000 * MS)
     np.testing.assert_allclose(world.truth_arrays["thing_pose"], first, atol=1e-4)
     np.testing.assert_array_equal(world.truth_arrays["thing_position"], world.truth_arrays["thing_pose"][:3])
+
+
+def test_an_object_can_be_put_elsewhere() -> None:
+    world = cell(standing("D"))
+    world.advance(200 * MS)
+    thing = world.parts["thing"]
+    assert isinstance(thing, ObjectPart)
+    thing.put((0.1, 0.1, 0.0506, 1.0, 0.0, 0.0, 0.0))
+    world.advance(1000 * MS)
+    np.testing.assert_allclose(world.truth_arrays["thing_pose"], [0.1, 0.1, 0.0505, 1, 0, 0, 0], atol=1e-3)
 
 
 def test_on_a_slope_friction_decides_and_a_ball_rolls() -> None:
