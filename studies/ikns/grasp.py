@@ -33,7 +33,7 @@ _NEAR: Final = 0.004  # m between object and palm; ours
 _LOWEST: Final = 0.040  # m, of the hand's middle above the table: the edge of the hand is 33 mm below it
 _HIGHEST: Final = 0.150  # m: nobody takes the chips can at its top
 _LOST: Final = 0.05  # m that an object may move in the hand before it counts as dropped; ours
-_AWAY: Final = 0.15  # m that the hand begins and ends to the side
+ASIDE: Final = 0.15  # m that the hand begins and ends to the side
 
 
 class Grasper(Protocol):
@@ -173,7 +173,7 @@ class _Trial:
 
     def run(self) -> None:
         task, take = self._task, self._grasper
-        self._reach(task.start, aside=_AWAY)
+        self._reach(task.start, aside=ASIDE)
         self._reach(task.start)
         take.squeeze(task.squeeze)
         self._until(lambda: take.squeezed)
@@ -188,7 +188,7 @@ class _Trial:
         self._until(lambda: take.squeezed and self._contact[0] == 0.0, failure="not released")
         self._done = self._world.time
         left, hand = self._pose[:3].copy(), self._place()
-        self._reach(task.goal, aside=_AWAY)
+        self._reach(task.goal, aside=ASIDE)
         if np.linalg.norm(self._pose[:3] - left) > np.linalg.norm(self._place() - hand) / 2:  # it went with the hand
             raise _FailureError("not released")
         if self._off() > MARK:
