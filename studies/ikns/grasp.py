@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import acos, cos, hypot, sin
+from math import acos, cos, hypot, inf, sin
 from typing import Final, Literal, Protocol
 
 import numpy as np
@@ -32,7 +32,7 @@ _GAP: Final = 0.010  # m between object and straight finger, when the palm comes
 _NEAR: Final = 0.004  # m between object and palm; ours
 _LOWEST: Final = 0.040  # m, of the hand's middle above the table: the edge of the hand is 33 mm below it
 _HIGHEST: Final = 0.150  # m: nobody takes the chips can at its top
-_LOST: Final = 0.05  # m that an object may move in the hand before it counts as dropped; ours
+_SUNK: Final = 0.25  # share of the lift below which an object that was lifted counts as dropped; ours
 ASIDE: Final = 0.15  # m that the hand begins and ends to the side
 
 
@@ -170,6 +170,7 @@ class _Trial:
         self._began, self._done = world.time, 0
         self._held: Array | None = None  # m, of the object in the hand when it was lifted
         self._slip = self._force = 0.0
+        self._floor = -inf  # m, height below which the object is lost
 
     def run(self) -> None:
         task, take = self._task, self._grasper
@@ -178,10 +179,12 @@ class _Trial:
         take.squeeze(task.squeeze)
         self._until(lambda: take.squeezed)
         stood, self._held = float(self._pose[2]), self._inside()
-        self._reach(task.start, up=task.lift, failure="not lifted")
+        self._reach(task.start, up=task.lift)
         if self._pose[2] - stood < task.lift / 2:
             raise _FailureError("not lifted")
+        self._floor = stood + _SUNK * task.lift
         self._reach(task.goal, up=task.lift)
+        self._floor = -inf
         self._reach(task.goal)
         self._held = None
         take.squeeze(0.0)
@@ -201,11 +204,9 @@ class _Trial:
         tilt = 0.0 if self._thing.shape == "sphere" else tilt
         return Grasp(not reason, reason, (end - self._began) * 1e-9, self._slip, tilt, self._off(), self._force)
 
-    def _reach(
-        self, place: tuple[float, float], up: float = 0.0, aside: float = 0.0, failure: Reason = "out of time"
-    ) -> None:
+    def _reach(self, place: tuple[float, float], up: float = 0.0, aside: float = 0.0) -> None:
         self._grasper.reach(wrist(self._task, self._thing, place, up, aside), self._task.pace)
-        self._until(lambda: self._grasper.arrived, failure)
+        self._until(lambda: self._grasper.arrived)
 
     def _until(self, reached: Callable[[], bool], failure: Reason = "out of time") -> None:
         """Steps until it is reached, the object is lost, or the time is over."""
@@ -217,8 +218,8 @@ class _Trial:
             if self._held is not None:
                 self._slip = max(self._slip, float(np.linalg.norm(self._inside() - self._held)))
                 self._force = max(self._force, float(self._contact[0]))
-                if self._slip > _LOST:
-                    raise _FailureError("not lifted" if failure == "not lifted" else "dropped")
+            if self._pose[2] < self._floor:
+                raise _FailureError("dropped")
             if not self._done and self._world.time - self._began > LIMIT * 1e9:
                 raise _FailureError(failure)
 
