@@ -58,7 +58,7 @@ def test_c_is_monotone_in_the_swivel_and_closes_the_finger() -> None:
     run = Run("ikns-finger", *CALM, EXACT, "sim.parts.wearer.watches={}")
     run.rows(Hold(POINT), 2.0)
     dofs, c, finger, leak = run.rows(
-        Hold(POINT, "swivel"), 6.0, "world.wearer_dofs", "null-space.c", "world.finger_position", "world.wearer_leak"
+        Hold(POINT, "swivel"), 6.0, "world.wearer_dofs", "intent.c", "world.finger_position", "world.wearer_leak"
     )
     swivel = dofs[:-1, 0]
     order = np.argsort(swivel)
@@ -98,7 +98,7 @@ def test_two_dofs_move_two_joints() -> None:
     swung = []
     for dof in ("swivel", "shrug"):
         run.rows(Hold(POINT), 2.0)
-        swung += run.rows(Hold(POINT, dof), 7.0, "null-space.c")  # type: ignore[arg-type]
+        swung += run.rows(Hold(POINT, dof), 7.0, "intent.c")  # type: ignore[arg-type]
     spans = np.array([np.ptp(c, axis=0) for c in swung])
     assert spans.diagonal().min() > 0.85
     assert max(spans[0, 1], spans[1, 0]) < 0.3
