@@ -8,10 +8,17 @@ from pathlib import Path
 
 import pytest
 from helpers.run import call
+from ruamel.yaml import YAML
 
 from runtime.profile import profile, wiring
 
 PROFILES = sorted(path.stem for path in (Path(__file__).parents[2] / "profiles").glob("*.yaml"))
+WORDS = [
+    (path.stem, f"{choice}={word}")
+    for path in sorted((Path(__file__).parents[2] / "profiles").glob("*.yaml"))
+    for choice, branches in YAML(typ="safe", pure=True).load(path.read_text()).get("choices", {}).items()
+    for word in branches
+]
 
 
 @pytest.mark.parametrize("name", PROFILES)
@@ -23,6 +30,21 @@ def test_its_wiring_holds(name: str) -> None:
     assert simulated.world is not None
     assert set(simulated.simulated) == set(checked.devices)
     simulated.world.close()
+
+
+@pytest.mark.parametrize(("name", "word"), WORDS)
+def test_the_wiring_of_each_choice_holds(name: str, word: str) -> None:
+    checked, source = profile.load(name, [word])
+    wiring.build(checked, source)
+    simulated = wiring.build(checked, source, [])
+    assert set(simulated.simulated) == set(checked.devices)
+    assert simulated.world is not None
+    simulated.world.close()
+
+
+def test_ikns_finger_takes_its_control_value_from_four_sources() -> None:
+    words = {word for name, word in WORDS if name == "ikns-finger"}
+    assert words == {"input=ikns", "input=gamepad", "input=gamepad-rate", "input=ring"}
 
 
 @pytest.mark.parametrize("name", PROFILES)
