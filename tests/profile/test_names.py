@@ -105,7 +105,7 @@ def test_every_order_of_six_joints_is_followed_or_is_a_view() -> None:
 
 
 def test_names_that_agree_are_views_into_the_row() -> None:
-    for name in profile.shipped():
+    for name in set(profile.shipped()) - {"ikns-two"}:  # whose laws take one element each of another's two
         graph = wiring.build(*profile.load(name), [])
         assert not graph.reads
         for law in graph.laws:
