@@ -11,15 +11,9 @@ from runtime.loop.lockstep import Lockstep
 from sim.parts.hand.robotic_finger import RoboticFingerPart
 from sim.parts.hand.ycb import YCB
 from sim.world.cell import Cell
-from studies.ikns.grasp import Carried, Grasp, Task, grasp_trial, wrist
+from studies.ikns.grasp import Carried, Task, grasp_trial, wrist
 from studies.ikns.grasp_cell import GOAL, SERVO, START, carried_cell
-
-WEAK = {"stall_torque": 0.14, "no_load_speed": 8.0, "stiffness": 3.0, "damping": 0.05}  # the standard finger's
-
-
-def trial(code: str, **options: Any) -> Grasp:
-    lockstep, who, task = carried_cell(code, **options)
-    return grasp_trial(lockstep, who, task, YCB[code], watch=who.watch)
+from studies.ikns.grasp_table import WEAK, one
 
 
 def world_of(lockstep: Lockstep) -> Cell:
@@ -46,7 +40,7 @@ def held(code: str, **options: Any) -> tuple[Lockstep, Carried, Task]:
 
 @pytest.mark.parametrize("code", YCB)
 def test_an_ideal_hand_picks_and_places_every_object(code: str) -> None:
-    found = trial(code)
+    found = one(code)
     assert found.success, found
     assert found.reason == ""
     assert found.seconds < 8.0
@@ -83,12 +77,12 @@ def test_contact_stops_the_finger_at_its_servos_stall_torque() -> None:
 
 def test_the_heaviest_object_needs_the_stronger_servo() -> None:
     """370 g: the standard finger of 0.14 N m doesn't lift it, one of 0.22 N m does. 68 g are light for both."""
-    assert trial("M", servo=WEAK).reason in ("not lifted", "dropped")
-    assert trial("I", servo=WEAK).success
+    assert one("M", servo=WEAK).reason in ("not lifted", "dropped")
+    assert one("I", servo=WEAK).success
 
 
 def test_too_little_closing_doesnt_lift() -> None:
-    assert trial("D", squeeze=0.3).reason == "not lifted"
+    assert one("D", squeeze=0.3).reason == "not lifted"
 
 
 def test_a_finger_that_opens_on_the_way_drops_the_object() -> None:
@@ -120,7 +114,7 @@ def test_a_finger_that_doesnt_open_hasnt_released() -> None:
 
 
 def test_a_slow_hand_runs_out_of_time() -> None:
-    found = trial("I", pace=6.0)
+    found = one("I", pace=6.0)
     assert (found.success, found.reason) == (False, "out of time")
     assert found.seconds == pytest.approx(20.0, abs=0.1)
 
@@ -140,7 +134,7 @@ def test_an_object_that_is_left_elsewhere_is_off_the_goal() -> None:
 
 
 def test_the_same_seed_gives_the_same_grasp() -> None:
-    assert trial("L") == trial("L")
+    assert one("L") == one("L")
 
 
 def test_a_restored_world_holds_the_object_bit_for_bit() -> None:
