@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict
 from runtime.contracts.driver import DeviceConfig, Driver
 from runtime.contracts.frames import Frames
 from runtime.contracts.signals import Array, Signal
+from runtime.contracts.wearer import Wearer
 
 
 class WorldConfig(BaseModel):
@@ -38,6 +39,7 @@ class World(ABC):
             to a controller.
         scenery: objects that never move, for viewers: kind ("box", "cylinder", "capsule", "sphere"), size (m:
             half sizes; radius and half length), position (m), quaternion (w x y z), colour (red, green, blue, alpha).
+        wearer: the simulated wearer that takes instructions; None where there isn't exactly one.
     """
 
     Config: type[WorldConfig] = WorldConfig
@@ -54,6 +56,7 @@ class World(ABC):
         self.truth: tuple[Signal, ...] = ()
         self.scenery: list[dict[str, Any]] = []
         self.truth_arrays: Mapping[str, Array] = {}
+        self.wearer: Wearer | None = None
 
     def bind(self, truth: Mapping[str, Array]) -> None:
         """Takes the arrays that `advance` fills."""

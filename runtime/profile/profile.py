@@ -248,9 +248,24 @@ def parse(label: str, text: str, overrides: Sequence[str] = (), files: Files | N
     Raises:
         ProfileError: the first error, with its place.
     """
+    plain, source = tree(label, text, overrides, files)
+    try:
+        return Profile.model_validate(plain), source
+    except ValidationError as error:
+        raise first_error(error, source, "", Profile) from None
+
+
+def tree(
+    label: str, text: str, overrides: Sequence[str] = (), files: Files | None = None
+) -> tuple[dict[str, Any], Source]:
+    """The keys of a profile's text as plain values, with its choices made and the overrides; arguments: `parse`.
+
+    Raises:
+        ProfileError: it isn't valid YAML, or a choice can't be made.
+    """
     try:
         _refuse_nested_aliases(label, text)
-        tree = YAML(typ="rt", pure=True).load(text)
+        read = YAML(typ="rt", pure=True).load(text)
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = f" line {mark.line + 1}" if mark else ""
@@ -258,12 +273,12 @@ def parse(label: str, text: str, overrides: Sequence[str] = (), files: Files | N
         raise ProfileError(f"{label}{line}", f"this isn't valid YAML: {problem}", "Mend the text there") from None
     except YAMLError as error:
         raise ProfileError(label, f"this isn't valid YAML: {error}", "Mend the text") from None
-    if not isinstance(tree, CommentedMap):
+    if not isinstance(read, CommentedMap):
         raise ProfileError(label, "the profile isn't a mapping of keys to values", "Start from one under profiles/")
     lines: dict[str, int] = {}
-    _note_lines(tree, "", lines)
+    _note_lines(read, "", lines)
     source = Source(label, text, tuple(overrides), lines, files or Files(Path(label).parent))
-    plain = _plain(tree)
+    plain: dict[str, Any] = _plain(read)
     # What a choice brings can be overridden like the rest of the profile, so the choices are made in between.
     words = plain.get("choices")
     before = {"choices", *(words if isinstance(words, dict) else ())}
@@ -275,10 +290,7 @@ def parse(label: str, text: str, overrides: Sequence[str] = (), files: Files | N
     for override in overrides:
         if override not in first:
             _override(merged.tree, override)
-    try:
-        return Profile.model_validate(merged.tree), source
-    except ValidationError as error:
-        raise first_error(error, source, "", Profile) from None
+    return merged.tree, source
 
 
 def _refuse_nested_aliases(label: str, text: str) -> None:

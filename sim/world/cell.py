@@ -76,6 +76,8 @@ class Cell(World):
         self.step = 0
         for part in self.parts.values():
             part.bind(self.model, self.data)
+        wearers = [wearer for part in self.parts.values() if (wearer := getattr(part, "wearer", None)) is not None]
+        self.wearer = wearers[0] if len(wearers) == 1 else None
         mujoco.mj_forward(self.model, self.data)
         self.scenery = _scenery(self.model, self.data)
         self._planner = self._ending(config.ends_with)

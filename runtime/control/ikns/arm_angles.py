@@ -50,7 +50,7 @@ class ArmAnglesConfig(ControllerConfig):
         body = self.body.body
         if self.side not in body.sides:
             raise OptionError(f"the body has no {self.side} arm", f"It has: {', '.join(body.sides)}")
-        body = _one(body, self.side)
+        body = one_arm(body, self.side)
         for name, place in self.segments.items():
             if place.segment not in body.segments:
                 raise OptionError(
@@ -75,7 +75,7 @@ class ArmAngles(Controller):
 
     def __init__(self, name: str, config: ArmAnglesConfig) -> None:
         super().__init__(name, config)
-        body, side = _one(config.body.body, config.side), config.side
+        body, side = one_arm(config.body.body, config.side), config.side
         self._offsets = [_corners(place.placed()) for place in config.segments.values()]
         if config.segments:
             places = {n: p.segment for n, p in config.segments.items()}
@@ -174,7 +174,7 @@ class ArmAngles(Controller):
         return (x, y, z, *turn)
 
 
-def _one(body: Body, side: Side) -> Body:
+def one_arm(body: Body, side: Side) -> Body:
     """The body with this arm alone."""
     markers = {n: m for n, m in body.markers.items() if m.segment == "torso" or m.segment.startswith(side)}
     return replace(body, sides=(side,), markers=markers)

@@ -6,11 +6,12 @@ III. What differs from it, and why: docs/ikns.md.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from runtime.contracts.errors import SrlError
@@ -54,12 +55,15 @@ class Recording:
         angles: (T, n) rad, unwrapped.
         hand: (T, 3) m, position in the frame in which the law will get it.
         dof: (T,), the DoF that was to move in each sample's trial: 0 to k - 1.
+        point: (T,), the point at which each sample's trial was, 0 to N - 1, where that is known. k-means then begins at
+            the mean of each point's samples instead of on the surface of the box.
     """
 
     times: Array
     angles: Array
     hand: Array
     dof: Indices
+    point: Indices | None = None
 
 
 @dataclass(frozen=True)
@@ -119,7 +123,11 @@ def calibrate(recording: Recording, thresholds: Thresholds | None = None) -> Cal
             "Hold the hand still at each point, and move only the arm",
         )
     q, hand, dof = recording.angles[kept], recording.hand[kept], recording.dof[kept]
-    sites, cluster = k_means(hand, box_points(hand, th.points, th.up))
+    if recording.point is None:
+        begin = box_points(hand, th.points, th.up)
+    else:
+        begin = _middles(recording.hand, seen, recording.point)
+    sites, cluster = k_means(hand, begin)
     sites, cluster = trimmed(hand, sites, cluster, th.radius)
     n, N, k = q.shape[1], len(sites), int(recording.dof.max()) + 1
     Z = np.full((N, k, n), np.nan)
@@ -163,12 +171,30 @@ def calibrate(recording: Recording, thresholds: Thresholds | None = None) -> Cal
     )  # fmt: skip
 
 
-def refusals(found: Calibration, thresholds: Thresholds | None = None) -> tuple[CalibrationError, ...]:
-    """Returns every reason for which a calibration can't work, with its remedy. Empty: it can be used."""
-    return tuple(_refusals(found, thresholds or Thresholds()))
+def flipped(found: Calibration, dof: int) -> Calibration:
+    """Returns the calibration with the sense of one DoF (0 to k - 1) turned round: its c becomes 1 - c."""
+    sense = np.ones(found.lower.shape[1])
+    sense[dof] = -1.0
+    return replace(
+        found,
+        directions=sense[:, None] * found.directions,
+        lower=np.where(sense > 0.0, found.lower, -found.upper),
+        upper=np.where(sense > 0.0, found.upper, -found.lower),
+        crosstalk=sense[:, None] * found.crosstalk * sense,
+    )
 
 
-def _refusals(found: Calibration, th: Thresholds) -> Iterator[CalibrationError]:
+def refusals(
+    found: Calibration, thresholds: Thresholds | None = None, numbers: Sequence[int] | None = None
+) -> tuple[CalibrationError, ...]:
+    """Returns every reason for which a calibration can't work, with its remedy. Empty: it can be used.
+
+    `numbers`: by which each point is called; 1, 2, ... by default.
+    """
+    return tuple(_refusals(found, thresholds or Thresholds(), numbers or range(1, len(found.sites) + 1)))
+
+
+def _refusals(found: Calibration, th: Thresholds, numbers: Sequence[int]) -> Iterator[CalibrationError]:
     if found.lost > _LOST:
         yield CalibrationError(
             "recording",
@@ -185,25 +211,25 @@ def _refusals(found: Calibration, th: Thresholds) -> Iterator[CalibrationError]:
         yield CalibrationError("points", error.problem, error.remedy)
     for i in range(len(found.sites)):
         for j in range(found.samples.shape[1]):
-            yield from _refused(found, th, i, j)
+            yield from _refused(found, th, i, j, numbers[i])
         if found.wander[i] > th.wander:
             yield CalibrationError(
-                f"point {i + 1}",
+                f"point {numbers[i]}",
                 f"the hand wandered by {1e3 * found.wander[i]:.0f} mm rms, {1e3 * th.wander:.0f} mm are allowed",
                 "Redo the point with the hand at a support",
             )
         if found.agreement[i] < _SIDEWAYS:
             angle = np.rad2deg(np.arccos(found.agreement[i]))
             yield CalibrationError(
-                f"point {i + 1}",
+                f"point {numbers[i]}",
                 f"its motion is turned by {angle:.0f} degrees against that of its neighbour, so its sense is a guess",
                 "Redo the point with the same motion as at the others, or add a point between them",
             )
 
 
-def _refused(found: Calibration, th: Thresholds, i: int, j: int) -> Iterator[CalibrationError]:
-    """What is wrong with DoF j at point i."""
-    place = f"point {i + 1}" if found.samples.shape[1] == 1 else f"point {i + 1}, DoF {j + 1}"
+def _refused(found: Calibration, th: Thresholds, i: int, j: int, number: int) -> Iterator[CalibrationError]:
+    """What is wrong with DoF j at point i, which is called `number`."""
+    place = f"point {number}" if found.samples.shape[1] == 1 else f"point {number}, DoF {j + 1}"
     span = found.upper[i, j] - found.lower[i, j]
     if found.samples[i, j] < th.samples or not np.isfinite(found.directions[i, j]).all():
         yield CalibrationError(
@@ -232,6 +258,17 @@ def _refused(found: Calibration, th: Thresholds, i: int, j: int) -> Iterator[Cal
             f"its motion is only {angle:.0f} degrees apart from the other DoFs' motions",
             "Redo its trial with this DoF alone, or do without it",
         )
+
+
+def _middles(hand: Array, seen: NDArray[np.bool_], point: Indices) -> Array:
+    """(N, 3) m: the mean of each point's samples."""
+    found = np.empty((int(point.max()) + 1, 3))
+    for i in range(len(found)):
+        there = seen & (point == i)
+        if not there.any():
+            raise CalibrationError(f"point {i + 1}", "none of its samples has angles and hand", "Redo the point")
+        found[i] = hand[there].mean(axis=0)
+    return found
 
 
 def _components(q: Array, th: Thresholds) -> tuple[Array, float]:

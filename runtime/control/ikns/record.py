@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import os
 from collections.abc import Sequence
@@ -168,6 +169,9 @@ def write(path: Path, record: Record) -> None:
         scratch.rename(path)
     except OSError as error:
         raise RecordError(str(path), f"it can't be written: {error.strerror}", "Choose another folder") from None
+    finally:
+        with contextlib.suppress(OSError):
+            scratch.unlink()
 
 
 def _error(place: str, error: ValidationError, remedy: str) -> RecordError:

@@ -1,76 +1,7 @@
-"""What a simulated wearer can be told to do: by a calibration, a study, or the part's own plan.
-
-Pure data. Whoever instructs gives one at a time to `Wearer.instruct`, and asks `Wearer.done` whether it is reached.
-"""
+"""The instructions of a simulated wearer, under the name by which the parts know them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal, Protocol
+from runtime.contracts.wearer import Dof, Explore, Follow, Hold, Instruction, Rest, Vector, Wearer
 
-from runtime.contracts.rotation import Quaternion, Vector
-
-Dof = Literal["swivel", "shrug", "protraction"]
-"""Motions that leave the hand still: the elbow about the line from shoulder to wrist, the clavicle up, forward."""
-
-
-@dataclass(frozen=True)
-class Rest:
-    """Sit still with the forearm in front of the body. Done when the hand is there."""
-
-
-@dataclass(frozen=True)
-class Explore:
-    """Move the hand through the whole workspace, the torso still. Done after `seconds`; it goes on until told else."""
-
-    seconds: float = 60.0
-
-
-@dataclass(frozen=True)
-class Hold:
-    """Take the hand to a point and hold it there, still in position and orientation. Done when it is there.
-
-    Attributes:
-        point: m, of the palm's middle, in the chest's frame.
-        move: the DoF to swing through its whole range there and back, again and again, while the hand is held.
-        turn: the hand's orientation, w x y z, in the chest's frame; None: straight with the forearm, elbow at rest.
-    """
-
-    point: Vector
-    move: Dof | None = None
-    turn: Quaternion | None = None
-
-
-@dataclass(frozen=True)
-class Follow:
-    """Hold the hand where it is (or at `point`), and make the pointers follow displayed curves. Done after the last.
-
-    Attributes:
-        times: (T,) s since the instruction, ascending.
-        values: (T, k) what the pointers should be, 0 to 1; linear between, constant outside.
-        dofs: (k,) the DoF that drives each pointer.
-        point: m, as in `Hold`; None: where the hand is.
-    """
-
-    times: Sequence[float]
-    values: Sequence[Sequence[float]]
-    dofs: tuple[Dof, ...] = ("swivel",)
-    point: Vector | None = None
-
-
-Instruction = Rest | Explore | Hold | Follow
-
-
-class Wearer(Protocol):
-    """A simulated wearer, as who instructs it knows it. A cell's part that has one offers it as `wearer`."""
-
-    @property
-    def done(self) -> bool:
-        """Whether the last instruction is reached."""
-
-    def instruct(self, instruction: Instruction) -> None:
-        """Ends what it is doing and begins this, from the present instant of the world on."""
-
-    def see(self, pointers: Sequence[float]) -> None:
-        """Shows it the pointers (k,), 0 to 1, as they are on the screen now; it perceives them with its own delay."""
+__all__ = ["Dof", "Explore", "Follow", "Hold", "Instruction", "Rest", "Vector", "Wearer"]

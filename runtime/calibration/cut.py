@@ -1,0 +1,203 @@
+"""The part of a profile that a calibration needs: the sensors and laws before the law that it is for.
+
+Nothing moves: the law itself, what stands behind it, every actuator, guard and stop are left out. So it works, too,
+when the calibration file that the profile names isn't there yet.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+
+from ruamel.yaml import YAML
+
+from runtime.contracts.errors import ProfileError, WiringError, nearest
+from runtime.control.ikns.calibration import Thresholds
+from runtime.profile import profile, wiring
+from runtime.profile.graph import Graph
+from runtime.profile.profile import ControllerEntry, Profile
+from runtime.profile.source import Source
+
+LAW: Final = "ikns"
+MARKS: Final = "calibration-marks"
+_DROPPED: Final = ("setpoints", "guard", "stop", "faults", "emergency", "reset", "record", "start")
+
+
+def find(checked: Profile, source: Source) -> int:
+    """The place of the law to calibrate among the profile's controllers. Raises ProfileError: not exactly one."""
+    found = [i for i, entry in enumerate(checked.controllers) if entry.use == LAW]
+    if len(found) != 1:
+        problem = f"the profile has {len(found)} laws '{LAW}'" if found else f"the profile has no law '{LAW}'"
+        remedy = "Calibrate with a profile that has one" if found else f"Add `- use: {LAW}` to it (docs/ikns.md)"
+        raise ProfileError(source.place("controllers"), problem, remedy)
+    return found[0]
+
+
+def cut(
+    checked: Profile,
+    source: Source,
+    person: str,
+    dofs: tuple[str, ...],
+    thresholds: Thresholds,
+    sim: bool = False,
+) -> tuple[Profile, Source]:
+    """Returns the cut profile, with the marks' law at its end.
+
+    Args:
+        checked, source: the whole profile.
+        person: anonymous id.
+        dofs: names of the degrees of freedom to calibrate.
+        thresholds: of the calibration.
+        sim: keep the names of the simulated world's parts, on which frames may hang.
+    Raises:
+        ProfileError, WiringError: there is no such law, or what it reads can't be had without moving something.
+    """
+    law = find(checked, source)
+    entry = checked.controllers[law]
+    for name in ("angles", "hand"):
+        if name not in entry.inputs:
+            raise WiringError(
+                source.place(f"controllers.{law}.in"), f"input '{name}' isn't bound", f"Add `{name}: LAW.{name}`"
+            )
+    kept, devices = _needed(checked, source, law)
+    plain, _ = profile.tree(source.label, source.text, source.overrides)
+    for key in _DROPPED:
+        plain.pop(key, None)
+    plain["devices"] = {name: plain["devices"][name] for name in plain["devices"] if name in devices}
+    plain["bus"] = None
+    if plain.get("clock") not in devices:
+        plain.pop("clock", None)
+    laws = [checked.controllers[i] for i in kept]
+    plain["frames"] = _frames(checked, plain.get("frames") or {}, devices, laws, sim)
+    plain["controllers"] = [plain["controllers"][i] for i in kept]
+    if plain.get("sim"):
+        plain["sim"]["devices"] = {n: v for n, v in (plain["sim"].get("devices") or {}).items() if n in devices}
+        for key in ("ends_with", "duration"):
+            plain["sim"].pop(key, None)
+    before = _build(plain, source, sim)
+    plain["controllers"].append(_marks(before, entry, laws, person, dofs, thresholds))
+    return profile.parse(source.label, _text(plain))
+
+
+def build(checked: Profile, source: Source, sim: bool) -> Graph:
+    """Builds the system of a cut profile, simulated or not. Opens nothing."""
+    return wiring.build(checked, source, [] if sim else None)
+
+
+def _needed(checked: Profile, source: Source, law: int) -> tuple[list[int], set[str]]:
+    """The laws before `law` that it needs, directly or not, in their order; and the devices."""
+    writers: dict[str, int] = {}
+    for i, entry in enumerate(checked.controllers):
+        for wire in entry.outputs.values():
+            writers |= dict.fromkeys(wire.signals, i)
+    names = {entry.name or entry.use: i for i, entry in enumerate(checked.controllers)}
+    measured = {f.pose for f in checked.frames.values() if f.pose is not None}
+    laws: set[int] = set()
+    devices: set[str] = set()
+    open_ = [(law, name) for name in _read(checked.controllers[law])]
+    while open_:
+        reader, name = open_.pop()
+        owner = name.partition(".")[0]
+        place = source.place(f"controllers.{reader}.in")
+        if owner in checked.devices:
+            devices.add(owner)
+        elif name in checked.setpoints:
+            problem = f"'{name}' comes from clients of the bus, and there is no bus during a calibration"
+            raise WiringError(place, problem, "Wire what a device gives")
+        elif (writer := writers.get(name, names.get(owner))) is not None and writer < reader:
+            if writer not in laws:
+                laws.add(writer)
+                open_ += [(writer, each) for each in _read(checked.controllers[writer])]
+        else:
+            raise WiringError(place, f"no signal '{name}' is made before", nearest(name, [*names, *checked.devices]))
+    # A law may need a frame that a device measures and nothing else reads.
+    devices |= {
+        owner for pose in measured if (owner := pose.partition(".")[0]) in checked.devices and _quiet(checked, owner)
+    }
+    return sorted(laws), devices
+
+
+def _quiet(checked: Profile, device: str) -> bool:
+    """Whether the profile commands nothing of a device."""
+    return not any(
+        target.partition(".")[0] == device
+        for e in checked.controllers
+        for w in e.outputs.values()
+        for target in w.signals
+    )
+
+
+def _read(entry: ControllerEntry) -> Iterator[str]:
+    for wire in entry.inputs.values():
+        yield from wire.signals
+
+
+def _frames(
+    checked: Profile, plain: Mapping[str, Any], devices: set[str], laws: list[ControllerEntry], sim: bool
+) -> dict[str, Any]:
+    """The frames that are still there without the devices and laws that were left out."""
+    parts = checked.sim.options.get("parts") if sim and checked.sim is not None else None
+    gone = checked.devices.keys() - devices - (parts.keys() if isinstance(parts, dict) else set())
+    made = {target for e in laws for w in e.outputs.values() for target in w.signals}
+    owners = devices | {e.name or e.use for e in laws}
+    left = dict(checked.frames)
+    while True:
+        lost = [
+            name
+            for name, frame in left.items()
+            if (frame.pose is not None and frame.pose not in made and frame.pose.partition(".")[0] not in owners)
+            or (frame.parent is not None and frame.parent in checked.frames and frame.parent not in left)
+            or (frame.parent is not None and frame.parent not in left and frame.parent.partition("/")[0] in gone)
+        ]
+        if not lost:
+            return {name: plain[name] for name in plain if name in left}
+        for name in lost:
+            del left[name]
+
+
+def _build(plain: dict[str, Any], source: Source, sim: bool) -> Graph:
+    """The system before the marks are there, for the names of its signals' elements."""
+    made, _ = profile.parse(source.label, _text(plain))
+    return build(made, source, sim)
+
+
+def _marks(
+    graph: Graph,
+    entry: ControllerEntry,
+    laws: list[ControllerEntry],
+    person: str,
+    dofs: tuple[str, ...],
+    thresholds: Thresholds,
+) -> dict[str, Any]:
+    """The entry of the marks' law: where each joint's angle is, whether it is observed, and where the hand is."""
+    fields = graph.layout.fields
+    wire = entry.inputs["angles"]
+    own = {far: near for near, far in wire.map.items()}
+    angles: dict[str, str] = {}
+    held: dict[str, str] = {}
+    for signal in wire.signals:
+        if signal not in fields:
+            raise WiringError(f"the input 'angles' of {LAW}", f"there is no signal '{signal}'", nearest(signal, fields))
+        # Beside its angles, a law may say which of them it only holds.
+        beside = f"{signal.rpartition('.')[0]}.held"
+        for label in fields[signal].labels or ("0",):
+            joint = own.get(f"{signal}.{label}", own.get(label, label))
+            if joint in angles:
+                raise WiringError(
+                    f"the input 'angles' of {LAW}", f"two signals have a joint '{joint}'", "Rename one with `map:`"
+                )
+            angles[joint] = f"{signal}[{label}]"
+            if beside in fields and label in fields[beside].labels:
+                held[joint] = f"{beside}[{label}]"
+    (hand,) = entry.inputs["hand"].signals
+    return {
+        "use": MARKS, "name": MARKS, "person": person, "dofs": list(dofs), "angles": angles, "held": held,
+        "hand": hand, "thresholds": thresholds.model_dump(),
+    }  # fmt: skip
+
+
+def _text(plain: dict[str, Any]) -> str:
+    stream = io.StringIO()
+    YAML(typ="safe", pure=True).dump(plain, stream)
+    return stream.getvalue()

@@ -1,0 +1,68 @@
+"""Leads a person, or the simulated wearer, through the procedure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from runtime.calibration.screen import Screen
+from runtime.calibration.sources import Rows, RowSource
+from runtime.contracts.errors import SrlError
+from runtime.control.ikns.procedure import Kind, Procedure, Step
+from runtime.control.ikns.samples import Samples
+
+
+class QuitError(SrlError):
+    """The person ended the calibration."""
+
+
+class Guide:
+    """Feeds the procedure with a source's rows and the person's keys.
+
+    Attributes:
+        samples: all of them so far.
+        first: the first rows that came.
+    """
+
+    def __init__(self, source: RowSource, procedure: Procedure, screen: Screen, stop: Callable[[], bool]) -> None:
+        """`stop`: whether a signal asks for the end."""
+        self._source, self._procedure, self._screen, self._stop = source, procedure, screen, stop
+        self.samples: list[Samples] = []
+        self.first: Rows | None = None
+        self._step: Step | None = None
+
+    def run(self) -> None:
+        """Goes on until the procedure is done. Raises QuitError, CalibrationError, and what the source raises."""
+        procedure = self._procedure
+        while True:
+            if procedure.step is not self._step:
+                self._step = procedure.step
+                self._source.begin(self._step, procedure)
+            if procedure.step.kind is Kind.DONE:
+                return
+            self._look()
+            rows = self._source.take()
+            if len(rows):
+                if self.first is None:
+                    self.first = rows
+                self.samples.append(self._source.taps.samples(rows))
+                procedure.feed(self.samples[-1])
+            self._screen.show(procedure.view())
+
+    def _look(self) -> None:
+        """Does what was typed."""
+        typed = self._screen.command()
+        if self._stop() or typed == "q":
+            raise QuitError("calibration", "it was ended before it was complete", "Nothing was written; begin again")
+        if typed == "none":
+            return
+        word, _, number = typed.partition(" ")
+        if typed == "":
+            answer = self._procedure.go_on()
+        elif typed == "s":
+            answer = self._procedure.skip()
+        elif word == "r" and number.strip().isdigit():
+            answer = self._procedure.redo(int(number))
+        else:
+            answer = f"'{typed}' is no command"
+        if answer:
+            self._screen.say(answer)

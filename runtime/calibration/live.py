@@ -1,0 +1,126 @@
+"""A person's calibration: the cut profile runs as a service of its own, and its rows are read from their ring."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from runtime.calibration.sources import MARK, Rows, RowSource
+from runtime.calibration.taps import taps
+from runtime.contracts.errors import HostError
+from runtime.control.ikns.procedure import Procedure, Step
+from runtime.ipc.control_socket import send_request
+from runtime.ipc.launch import Launch
+from runtime.ipc.requests import RequestKind, RequestWriter
+from runtime.ipc.ring import RingReader
+from runtime.ipc.run_folder import RunFolder
+from runtime.ipc.words import State
+from runtime.profile.source import Source
+from runtime.service.helpers import helpers
+from runtime.service.supervisor import Supervisor, state_dir
+
+_LIFE: Final = 2_000_000_000  # ns that a change of the mark may wait for a cycle
+_LOOK: Final = 0.05  # s between two looks at the rows
+_AGAIN: Final = 1.0  # s between two resets of a run whose mocap was lost
+
+
+class Live(RowSource):
+    """The run of a cut profile.
+
+    Attributes:
+        folder: of its instance.
+        supervisor: its supervisor, for `pass_to`.
+    """
+
+    def __init__(
+        self, source: Source, instance: str, record: Path | None, view: bool, report: Callable[[str], None],
+        sim: bool = False,
+    ) -> None:  # fmt: skip
+        """Starts it and waits until it runs.
+
+        Args:
+            source: of the cut profile.
+            instance: its name.
+            record: file of the recording.
+            view: show it in the rerun viewer.
+            report: takes a line of text.
+            sim: run on the simulated devices, in real time.
+        Raises:
+            SrlError: it doesn't start.
+        """
+        self.folder = RunFolder.of(instance)
+        self.folder.claim()
+        self._report = report
+        self._reset = 0.0
+        self._rows: RingReader | None = None
+        self._over = False
+        try:
+            launch = Launch(
+                source.label, source.text, [], [] if sim else None, False, None, True, [], record is not None
+            )
+            self.supervisor = Supervisor(
+                self.folder, launch, state_dir(instance), helpers(self.folder, False, record, view), report
+            )
+            self.supervisor.start()
+            while self.supervisor.step() and not self.supervisor.running:
+                pass
+            if not self.supervisor.running or self.supervisor.layout is None:
+                raise self.supervisor.error or HostError(instance, "the run ended before it began", "Try `srl run`")
+            layout = self.supervisor.layout
+            self.taps = taps(layout, source.label)
+            names = [p["name"] for p in layout.meta["parameters"]]
+            self._target = names.index(MARK)
+            self._rows = RingReader(self.folder.rows, width=layout.width)
+            self._requests = RequestWriter(self.folder.requests)
+        except BaseException:
+            self._end()
+            raise
+
+    def take(self) -> Rows:
+        assert self._rows is not None
+        until = time.monotonic() + _LOOK
+        while time.monotonic() < until:
+            if not self.supervisor.step():
+                self._over = True
+                how = self.supervisor.death.how if self.supervisor.death else "the run has ended"
+                raise self.supervisor.error or HostError(self.folder.path.name, how, "Begin again; nothing was written")
+        for event in self.supervisor.events.take() if self.supervisor.events is not None else ():
+            self._report(event.text)
+        rows = self._rows.take()
+        if self._rows.lost:
+            raise HostError("rows", f"{self._rows.lost} were overwritten before they were read", "Free the processor")
+        if len(rows) and self.taps.layout.word(rows[-1], "state") == int(State.STOPPED):
+            self._begin_again()
+        return rows
+
+    def begin(self, step: Step, procedure: Procedure) -> None:
+        expires = time.monotonic_ns() + _LIFE
+        self._requests.send(RequestKind.PARAMETER, expires, self._target, np.array([float(step.mark)]))
+
+    def close(self) -> None:
+        self._requests.close()
+        self._end()
+
+    def _begin_again(self) -> None:
+        """Ends the stop after a loss of the mocap: nothing can move."""
+        if time.monotonic() >= self._reset + _AGAIN:
+            self._reset = time.monotonic()
+            send_request(self.folder, "reset", timeout=0.0)
+
+    def _end(self) -> None:
+        supervisor = getattr(self, "supervisor", None)
+        try:
+            if supervisor is not None and supervisor.loop is not None:
+                supervisor.end()
+                while not self._over and supervisor.step():
+                    pass
+                for name in supervisor.finish():
+                    self._report(f"{name} could not finish its work")
+            if self._rows is not None:
+                self._rows.close()
+        finally:
+            self.folder.release()

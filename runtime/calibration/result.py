@@ -1,0 +1,131 @@
+"""From the samples of a run to a calibration, what is wrong with it, and the file."""
+
+from __future__ import annotations
+
+import datetime
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from runtime.calibration.taps import Taps
+from runtime.contracts.errors import RequestError, nearest
+from runtime.contracts.signals import Array
+from runtime.control.ikns import record
+from runtime.control.ikns.arm_angles import ArmAnglesConfig, one_arm
+from runtime.control.ikns.calibration import Calibration, CalibrationError, Recording, calibrate, flipped, refusals
+from runtime.control.ikns.noise import noise_of_c
+from runtime.control.ikns.samples import Samples, joined, trials, whole
+from runtime.profile import profile, wiring
+
+
+@dataclass(frozen=True)
+class Result:
+    """A calibration with what its report tells. N points, k DoFs, n joints.
+
+    Attributes:
+        taps: names and options.
+        recording: the samples that it was made from.
+        found: the calibration.
+        numbers: by which the person knows each point.
+        date: of the recording.
+        noise: (N, k), standard deviation of c per mm of marker noise; None where angles aren't from markers.
+        refusals: why it can't be used; none if it can.
+    """
+
+    taps: Taps
+    recording: Recording
+    found: Calibration
+    numbers: tuple[int, ...]
+    date: datetime.date
+    noise: Array | None
+    refusals: tuple[CalibrationError, ...]
+
+    @property
+    def dofs(self) -> tuple[str, ...]:
+        """Names of the degrees of freedom."""
+        return self.taps.options.dofs
+
+    def flipped(self, dof: str) -> Result:
+        """The same with the sense of a DoF turned round. Raises RequestError: there is no such DoF."""
+        if dof not in self.dofs:
+            raise RequestError("flip", f"there is no degree of freedom '{dof}'", nearest(dof, self.dofs))
+        return replace(self, found=flipped(self.found, self.dofs.index(dof)))
+
+    def record(self) -> record.Record:
+        """What the file holds. Raises RecordError."""
+        options = self.taps.options
+        return record.Record.of(
+            self.found, options.thresholds, person=options.person, date=self.date, rate=self.taps.rate,
+            frame=self.taps.frame, joints=self.taps.joints, dofs=self.dofs,
+        )  # fmt: skip
+
+
+def compute(taps: Taps, parts: Sequence[Samples], date: datetime.date) -> Result:
+    """Computes the calibration of runs, in their order; with marks, the last trial at each point counts.
+
+    Raises:
+        CalibrationError: nothing can be computed, so `refusals` would have nothing to look at.
+    """
+    samples, options = joined(parts), taps.options
+    if taps.mark is None:
+        if len(options.dofs) > 1:
+            problem = f"it has no marks, so it can't tell {len(options.dofs)} degrees of freedom apart"
+            raise CalibrationError("recording", problem, "Record with `srl calibrate`, or use one: --dofs swivel")
+        recording = whole(samples)
+        numbers = tuple(range(1, options.thresholds.points + 1))
+    else:
+        recording, numbers = trials(samples, len(options.dofs))
+    found = calibrate(recording, options.thresholds)
+    reasons = refusals(found, options.thresholds, numbers)
+    return Result(taps, recording, found, numbers, date, _noise(taps, recording, found), reasons)
+
+
+def _noise(taps: Taps, recording: Recording, found: Calibration) -> Array | None:
+    """Of the fit that the run's own law makes; None if its angles come from something else."""
+    meta = taps.layout.meta
+    owners = {reference.partition(".")[0] for reference in taps.options.angles.values()}
+    checked, source = profile.parse(meta["label"], meta["profile"], meta["overrides"])
+    laws = wiring.build(checked, source, [] if meta["simulated"] else None).controllers
+    law = next((law for law in laws if {law.name} == owners), None)
+    options = None if law is None else law.config
+    if not isinstance(options, ArmAnglesConfig) or options.segments:
+        return None
+    return noise_of_c(one_arm(options.body.body, options.side), taps.joints, _postures(recording, found), found)
+
+
+def _postures(recording: Recording, found: Calibration) -> Array:
+    """(N, n): the mean angles of the samples nearest to each site; not finite where there are none."""
+    seen = np.isfinite(np.column_stack([recording.angles, recording.hand])).all(axis=1)
+    gaps = np.linalg.norm(recording.hand[:, None] - found.sites, axis=2)
+    near = np.where(seen, np.nan_to_num(gaps, nan=np.inf).argmin(axis=1), -1)
+    means = [recording.angles[near == i].mean(axis=0) if (near == i).any() else None for i in range(len(found.sites))]
+    return np.array([np.full(recording.angles.shape[1], np.nan) if m is None else m for m in means])
+
+
+def write(path: Path, result: Result, replacing: bool) -> None:
+    """Writes the file, whole or not at all; one that is there is kept as FILE.old. Raises SrlError."""
+    made = result.record()
+    check_target(path, replacing)
+    older = path.with_name(f"{path.name}.old")
+    try:
+        before = path.read_bytes() if path.exists() else None
+        if before is not None:
+            older.write_bytes(before)
+    except OSError as error:
+        raise record.RecordError(
+            str(older), f"it can't be written: {error.strerror}", "Choose another folder"
+        ) from None
+    record.write(path, made)
+
+
+def check_target(path: Path, replacing: bool) -> None:
+    """Checks, before anybody sits down, that the file can be written. Raises RecordError."""
+    if path.exists() and not replacing:
+        raise record.RecordError(
+            str(path), "a calibration is there already", "Add --yes to replace it (it is kept as .old), or -o FILE"
+        )
+    if not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
+        raise record.RecordError(str(path.parent), "the folder can't be written", "Make it, or choose another with -o")

@@ -1,0 +1,174 @@
+"""What a guided calibration shows on the terminal, and the keys that it takes."""
+
+from __future__ import annotations
+
+import os
+import select
+import sys
+import termios
+import time
+import tty
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Any, Final, Self
+
+import numpy as np
+from rich.console import Console, Group
+from rich.live import Live
+from rich.panel import Panel
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+from runtime.control.ikns.procedure import Kind, Step, View
+
+_PERIOD: Final = 0.1  # s between two pictures
+_BAR: Final = 30
+_STYLES: Final = {"done": "green", "now": "bold cyan", "weak": "yellow", "waiting": "dim", "left out": "dim"}
+KEYS: Final = "Enter go on   s leave the point out   r N Enter redo point N   q quit"
+
+
+class Screen(ABC):
+    """Shows views and gives the keys pressed."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Leaves the terminal as it was."""
+
+    @abstractmethod
+    def show(self, view: View) -> None:
+        """Shows the newest view; may be called as often as one likes."""
+
+    @abstractmethod
+    def say(self, text: str) -> None:
+        """Shows a line that stays."""
+
+    def command(self) -> str:
+        """The next command that was typed: "", "s", "r 3", "q", ... without a wait; "none" if there is none."""
+        return "none"
+
+    def ask(self, question: str) -> str:
+        """Waits for an answer; "" where nobody can give one."""
+        return ""
+
+
+class Plain(Screen):
+    """One line for each step, for what isn't a terminal."""
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self._say = say
+        self._last: Step | None = None
+
+    def show(self, view: View) -> None:
+        if view.step != self._last:
+            self._last = view.step
+            self._say(view.task)
+
+    def say(self, text: str) -> None:
+        self._say(text)
+
+
+class Terminal(Screen):
+    """A live picture."""
+
+    def __init__(self, title: str, console: Console | None = None) -> None:
+        self._title = title
+        self._live = Live(
+            console=console or Console(stderr=True), auto_refresh=False, transient=True, redirect_stdout=False
+        )
+        self._next = 0.0
+        self._typed = ""
+        self._keys = os.isatty(sys.stdin.fileno())
+        self._before: list[Any] = []
+
+    def __enter__(self) -> Self:
+        if self._keys:
+            self._before = termios.tcgetattr(sys.stdin)
+            tty.setcbreak(sys.stdin)
+        self._live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._live.stop()
+        if self._keys:
+            termios.tcsetattr(sys.stdin, termios.TCSADRAIN, self._before)
+
+    def show(self, view: View) -> None:
+        now = time.monotonic()
+        if now >= self._next:
+            self._next = now + _PERIOD
+            self._live.update(picture(self._title, view, self._typed), refresh=True)
+
+    def say(self, text: str) -> None:
+        self._live.console.print(text, highlight=False)
+
+    def command(self) -> str:
+        while self._keys and select.select([sys.stdin], [], [], 0)[0]:
+            key = os.read(sys.stdin.fileno(), 1).decode(errors="replace")
+            if not key:
+                self._keys = False
+                return "none"
+            if key in "\r\n":
+                typed, self._typed = self._typed.strip(), ""
+                return typed
+            if key in "\x7f\b":
+                self._typed = self._typed[:-1]
+            elif not self._typed and key in "sq":
+                return key
+            elif key.isprintable():
+                self._typed += key
+        return "none"
+
+    def ask(self, question: str) -> str:
+        if not self._keys:
+            return ""
+        self.say(question)
+        while (typed := self.command()) == "none":
+            if not self._keys:
+                return ""
+            self._live.update(Text(f"> {self._typed}"), refresh=True)
+            select.select([sys.stdin], [], [], 0.2)
+        return typed
+
+
+def picture(title: str, view: View, typed: str = "") -> Panel:
+    """The live picture of a view."""
+    rows: list[Any] = [Text(view.task, style="bold white on blue", justify="center"), Text()]
+    table = Table.grid(padding=(0, 2))
+    table.add_row("step", ProgressBar(total=1.0, completed=view.progress, width=_BAR), view.step.kind.value)
+    calm = 1.0 if not np.isfinite(view.speed) else min(view.speed / 0.1, 1.0)
+    slow = np.isfinite(view.speed) and view.speed < 0.05
+    colour = "green" if slow else "red"
+    speed = ProgressBar(total=1.0, completed=calm, width=_BAR, complete_style=colour, finished_style=colour)
+    said = f"{100 * view.speed:.1f} cm/s" if np.isfinite(view.speed) else "not seen"
+    table.add_row("hand's speed", speed, f"{said}, below 5 counts as still")
+    if view.step.kind in (Kind.GO, Kind.TRIAL):
+        gap = f"{100 * view.distance:.1f} cm from the point" if np.isfinite(view.distance) else "not seen"
+        table.add_row("hand's place", "", gap)
+    if view.step.kind is Kind.TRIAL:
+        kept = ProgressBar(total=view.needed, completed=min(view.kept, view.needed), width=_BAR)
+        table.add_row("samples kept", kept, f"{view.kept} of {view.needed} needed")
+        span = ProgressBar(total=view.least_range, completed=min(view.range, view.least_range), width=_BAR)
+        table.add_row("range", span, f"{view.range:.2f} rad, {view.least_range} needed; more is better")
+    if view.box is not None:
+        x, y, z = 100.0 * (view.box[1] - view.box[0])
+        table.add_row("workspace", "", f"{x:.0f} cm deep, {y:.0f} cm wide, {z:.0f} cm high")
+    rows.append(table)
+    if view.lost > 0.0:
+        rows.append(Text(f"{view.lost:.0%} of the samples lack angles or hand", style="red"))
+    if view.lack:
+        rows.append(Text(view.lack, style="yellow"))
+    if view.states:
+        listed = Text("points ")
+        for i, state in enumerate(view.states):
+            short = state.partition(":")[0]
+            sign = {"done": "✓", "weak": "!", "now": "▶", "left out": "–"}.get(short, "·")
+            listed.append(f" {i + 1}{sign}", style=_STYLES.get(short, ""))
+        rows += [Text(), listed]
+        rows += [
+            Text(f"  point {i + 1} {s}", style="yellow") for i, s in enumerate(view.states) if s.startswith("weak")
+        ]
+    rows += [Text(), Text(f"> {typed}" if typed else KEYS, style="dim")]
+    return Panel(Group(*rows), title=title, title_align="left")

@@ -1,0 +1,137 @@
+"""Where a guided calibration's samples come from: a simulated wearer in this process, or a recording."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.calibration.cut import MARKS, build
+from runtime.calibration.taps import Taps, taps
+from runtime.contracts.errors import ProfileError, RecordingError
+from runtime.contracts.wearer import Dof, Explore, Hold, Instruction, Rest
+from runtime.control.ikns.procedure import Kind, Procedure, Step
+from runtime.control.ikns.samples import MarksConfig
+from runtime.ipc.requests import RequestKind
+from runtime.ipc.words import State
+from runtime.loop.lockstep import Lockstep
+from runtime.profile.profile import Profile
+from runtime.profile.source import Source
+from runtime.recording.reader import read
+
+Rows = NDArray[np.int64]
+_CHUNK: Final = 0.2  # s of simulated time between two looks at the procedure
+MARK: Final = f"{MARKS}.mark"
+
+
+class RowSource(ABC):
+    """A running source of rows.
+
+    Attributes:
+        taps: where the calibration's signals are in them.
+    """
+
+    taps: Taps
+
+    @abstractmethod
+    def take(self) -> Rows:
+        """Returns the rows (k, width) since the last call; waits a little, so that none may have come."""
+
+    @abstractmethod
+    def begin(self, step: Step, procedure: Procedure) -> None:
+        """A step begins: rows bear its mark from one of the next on, and a simulated wearer is instructed."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Ends it. What is recorded is whole afterwards."""
+
+
+class Simulated(RowSource):
+    """The simulated wearer of a cut profile, in lockstep, as fast as it goes."""
+
+    def __init__(
+        self, checked: Profile, source: Source, report: Callable[[str], None], record: Path | None = None
+    ) -> None:
+        """`record`: the file for every row, if one is wanted.
+
+        Raises:
+            SrlError: the system can't be built, its world has no wearer, or the file can't be written.
+        """
+        self._graph = build(checked, source, True)
+        world = self._graph.world
+        if world is None or world.wearer is None:
+            problem = "the simulated world has no wearer, or several"
+            raise ProfileError(source.place("sim"), problem, "Add one part `upper-body`, or calibrate a person")
+        self._wearer = world.wearer
+        # The rows' time begins with the world; their date is today's.
+        self._graph.layout.meta["wall"] = time.time_ns()
+        self.taps = taps(self._graph.layout, source.label)
+        self._lockstep = Lockstep(self._graph, report)
+        self._count = max(round(_CHUNK * float(checked.rate)), 1)
+        self._file = None if record is None else _File(self._graph.layout, record)
+
+    def take(self) -> Rows:
+        rows = np.empty((self._count, self._graph.layout.width), np.int64)
+        for row in rows:
+            # Nothing can move, so what has stopped begins again by itself.
+            stopped = self._lockstep.cycle.machine.state is State.STOPPED
+            self._lockstep.step(RequestKind.RESET if stopped else RequestKind.NONE)
+            row[:] = self._graph.row.words
+        if self._file is not None:
+            self._file.add(rows)
+        return rows
+
+    def begin(self, step: Step, procedure: Procedure) -> None:
+        self._graph.row.views[MARK][()] = step.mark
+        instruction: Instruction = Rest()
+        if step.kind is Kind.EXPLORATION:
+            instruction = Explore(procedure.plan.exploration)
+        elif procedure.target is not None:
+            x, y, z = procedure.target.tolist()
+            move = cast(Dof, procedure.dofs[step.dof]) if step.kind is Kind.TRIAL else None
+            instruction = Hold((x, y, z), move)
+        self._wearer.instruct(instruction)
+
+    def close(self) -> None:
+        if self._graph.world is not None:
+            self._graph.world.close()
+        if self._file is not None:
+            self._file.close()
+
+
+class _File:
+    """A recording that this process writes itself."""
+
+    def __init__(self, layout: Any, path: Path) -> None:
+        from runtime.recorder.stream import Stream
+        from runtime.recording.segments import check_target
+
+        check_target(path)
+        with tempfile.TemporaryDirectory(prefix="srl-") as scratch:
+            layout.save(Path(scratch) / "layout.json")
+            text = (Path(scratch) / "layout.json").read_text()
+        self._stream, self._number = Stream(text), 0
+        self._stream.recording.save(path)
+        self._stream.prologue(None)
+
+    def add(self, rows: Rows) -> None:
+        self._stream.rows(np.arange(self._number + 1, self._number + len(rows) + 1), rows)
+        self._number += len(rows)
+
+    def close(self) -> None:
+        self._stream.recording.disconnect()
+
+
+def recorded(path: Path, own: MarksConfig | None = None) -> tuple[Taps, Rows]:
+    """The rows of a recording. `own`: as in `taps`. Raises RecordingError: rows are missing, or signals."""
+    found = read(path)
+    if found.missing:
+        first, last = found.missing[0]
+        raise RecordingError(str(path), f"rows {first} to {last} are missing", "Use a whole recording")
+    return taps(found.layout, str(path), own), found.rows

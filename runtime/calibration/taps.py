@@ -1,0 +1,120 @@
+"""Where a calibration's signals are in the rows of a run, live or recorded."""
+
+from __future__ import annotations
+
+import datetime
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.calibration.cut import MARKS
+from runtime.contracts.errors import RecordingError
+from runtime.contracts.signals import Array
+from runtime.control.ikns.samples import MarksConfig, Samples
+from runtime.ipc.layout import Layout
+from runtime.ipc.words import State
+from runtime.profile import profile
+from runtime.profile.plots import indices, split
+
+_FRAME: Final = "chest"  # of a hand whose law doesn't say in which frame it gives it
+
+
+@dataclass(frozen=True)
+class Taps:
+    """Places among a row's float64 words.
+
+    Attributes:
+        options: of the marks' law: names of joints and DoFs, thresholds, the person's id.
+        frame: in which the hand's pose is.
+        angles: (n,) of the joints' angles.
+        held: (m,) of what says that a joint isn't observed; `holds` (m,) is the joint.
+        hand: of the pose's first word.
+        mark: of the mark; None in a recording without one.
+    """
+
+    layout: Layout
+    options: MarksConfig
+    frame: str
+    angles: NDArray[np.intp]
+    held: NDArray[np.intp]
+    holds: NDArray[np.intp]
+    hand: int
+    mark: int | None
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the angles."""
+        return tuple(self.options.angles)
+
+    @property
+    def rate(self) -> float:
+        """Hz, of the rows."""
+        up, down = self.layout.meta["rate"]
+        return float(up / down)
+
+    def samples(self, rows: NDArray[np.int64]) -> Samples:
+        """The samples of rows (k, width). What was computed in no cycle, or wasn't observed, is NaN."""
+        floats: Array = np.ascontiguousarray(rows[:, self.layout.ints :]).view(np.float64)
+        angles: Array = floats[:, self.angles]
+        hand = floats[:, self.hand : self.hand + 3].copy()
+        i, j = np.nonzero(floats[:, self.held] > 0.5)
+        angles[i, self.holds[j]] = np.nan
+        idle = self.layout.word(rows, "state") != int(State.ACTIVE)
+        angles[idle], hand[idle] = np.nan, np.nan
+        marks = np.zeros(len(rows), np.intp) if self.mark is None else floats[:, self.mark].astype(np.intp)
+        times: Array = self.layout.word(rows, "now").astype(np.float64) * 1e-9
+        return Samples(times, angles, hand, marks)
+
+    def date(self, rows: NDArray[np.int64]) -> datetime.date:
+        """The day of the first row, UTC."""
+        wall = int(self.layout.word(rows[0], "now")) + int(self.layout.meta.get("wall", 0))
+        return datetime.datetime.fromtimestamp(wall * 1e-9, datetime.UTC).date()
+
+
+def taps(layout: Layout, place: str, own: MarksConfig | None = None) -> Taps:
+    """Finds them by the marks' law in the layout's profile.
+
+    Args:
+        layout: of the rows.
+        place: the recording, for errors.
+        own: what to take for a recording that has no such law, as a plain run hasn't.
+    Raises:
+        RecordingError: it has none and `own` is None; or it lacks a signal.
+    """
+    layout.needs(place, "label", "profile", "overrides", "rate")
+    meta = layout.meta
+    checked, _ = profile.parse(meta["label"], meta["profile"], meta["overrides"])
+    entry = next((e for e in checked.controllers if e.use == MARKS), None)
+    if entry is not None:
+        return _of(layout, place, MarksConfig.model_validate(entry.options), f"{entry.name or MARKS}.mark")
+    if own is None:
+        problem = "it has no marks, so which samples belong to which trial isn't known"
+        raise RecordingError(place, problem, "Use a recording of `srl calibrate`, or only one without marks")
+    return _of(layout, place, own, None)
+
+
+def _of(layout: Layout, place: str, options: MarksConfig, mark: str | None) -> Taps:
+    names = list(options.angles)
+    hand = layout.fields.get(options.hand)
+    if hand is None or hand.shape != (7,):
+        problem = f"there is no pose '{options.hand}' in it"
+        raise RecordingError(place, problem, "Use a recording of the profile that is calibrated")
+    return Taps(
+        layout, options, hand.frame or _FRAME,
+        _words(layout, list(options.angles.values()), place), _words(layout, list(options.held.values()), place),
+        np.array([names.index(joint) for joint in options.held], np.intp), hand.offset,
+        None if mark is None else layout.fields[mark].offset,
+    )  # fmt: skip
+
+
+def _words(layout: Layout, references: list[str], place: str) -> NDArray[np.intp]:
+    found = []
+    for reference in references:
+        field = layout.fields.get(split(reference)[0])
+        if field is None:
+            problem = f"there is no signal '{split(reference)[0]}' in it"
+            raise RecordingError(place, problem, "Use a recording of the profile that is calibrated")
+        found.append(field.offset + indices(field, reference, place)[0])
+    return np.array(found, np.intp)
