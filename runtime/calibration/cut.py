@@ -199,5 +199,5 @@ def _marks(
 
 def _text(plain: dict[str, Any]) -> str:
     stream = io.StringIO()
-    YAML(typ="safe", pure=True).dump(plain, stream)
+    YAML().dump(plain, stream)
     return stream.getvalue()

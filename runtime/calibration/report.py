@@ -91,9 +91,6 @@ def draw(result: Result, png: Path) -> None:
     """Draws the report. Raises RecordError: it can't be written."""
     found = result.found
     figure = plt.figure(figsize=(11, 7.5), constrained_layout=True)
-    grid = figure.add_gridspec(3, 2, width_ratios=(1.25, 1.0))
-    space: Any = figure.add_subplot(grid[:, 0], projection="3d")
-    _space(space, result)
     wide = 0.8 / len(result.dofs)
     at = np.arange(len(result.numbers))
     panels: list[tuple[str, Array, float | None]] = [
@@ -102,10 +99,9 @@ def draw(result: Result, png: Path) -> None:
         ("samples kept", found.samples.astype(float), float(result.taps.options.thresholds.samples)),
     ]
     if result.noise is not None:
-        panels[1:2] = [("expected noise of c per mm of marker noise", result.noise, None)]
-        space.set_title(
-            space.get_title() + f"\nvariance explained: {np.nanmin(found.explained):.0%} or more", fontsize=9
-        )
+        panels.append(("expected noise of c per mm of marker noise", result.noise, None))
+    grid = figure.add_gridspec(len(panels), 2, width_ratios=(1.25, 1.0))
+    _space(figure.add_subplot(grid[:, 0], projection="3d"), result)
     for row, (title, values, least) in enumerate(panels):
         axes = figure.add_subplot(grid[row, 1])
         for j, dof in enumerate(result.dofs):
@@ -116,7 +112,7 @@ def draw(result: Result, png: Path) -> None:
         axes.set_xticks(at, [str(n) for n in result.numbers])
         axes.tick_params(labelsize=8)
     figure.axes[-1].set_xlabel("point", fontsize=8)
-    figure.axes[1].legend(fontsize=8, loc="upper right")
+    figure.axes[1].legend(fontsize=8, loc="lower right")
     told = crosstalk(result)
     talk = "" if told is None else f", crosstalk up to {told:.3f} (in sample)"
     figure.suptitle(f"IKNS calibration of {result.taps.options.person}, {result.date.isoformat()}{talk}", fontsize=11)

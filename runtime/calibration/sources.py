@@ -27,6 +27,7 @@ from runtime.recording.reader import read
 
 Rows = NDArray[np.int64]
 _CHUNK: Final = 0.2  # s of simulated time between two looks at the procedure
+_CHUNKS: Final = 50  # that go to the file together: each write has columns of its own, which cost room
 MARK: Final = f"{MARKS}.mark"
 
 
@@ -116,16 +117,25 @@ class _File:
         with tempfile.TemporaryDirectory(prefix="srl-") as scratch:
             layout.save(Path(scratch) / "layout.json")
             text = (Path(scratch) / "layout.json").read_text()
-        self._stream, self._number = Stream(text), 0
+        self._stream, self._number, self._held = Stream(text), 0, list[Rows]()
         self._stream.recording.save(path)
         self._stream.prologue(None)
 
     def add(self, rows: Rows) -> None:
-        self._stream.rows(np.arange(self._number + 1, self._number + len(rows) + 1), rows)
-        self._number += len(rows)
+        self._held.append(rows)
+        if len(self._held) >= _CHUNKS:
+            self._write()
 
     def close(self) -> None:
+        self._write()
         self._stream.recording.disconnect()
+
+    def _write(self) -> None:
+        if self._held:
+            rows = np.concatenate(self._held)
+            self._stream.rows(np.arange(self._number + 1, self._number + len(rows) + 1), rows)
+            self._number += len(rows)
+            self._held.clear()
 
 
 def recorded(path: Path, own: MarksConfig | None = None) -> tuple[Taps, Rows]:

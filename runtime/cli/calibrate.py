@@ -212,9 +212,9 @@ def _finish(args: argparse.Namespace, target: Path, result: Result, screen: Scre
         for reason in result.refusals[:-1]:
             print(f"srl calibrate: {reason}", file=sys.stderr)
         raise result.refusals[-1]
-    results.write(target, result, args.yes)
     picture = target.with_name(f"{target.name}.report.png")
-    report.draw(result, picture)
+    report.draw(result, picture)  # first: without its report the file could be taken for a good one
+    results.write(target, result, args.yes)
     told |= {"file": str(target), "report": str(picture)}
     if args.json:
         print(json.dumps(told))

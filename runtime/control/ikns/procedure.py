@@ -41,7 +41,7 @@ class Plan(Options):
     settle: float = Field(1.0, gt=0.0, description="s for which the hand is still before a trial begins")
     patience: float = Field(20.0, gt=0.0, description="s beyond its time after which a step ends as it is")
     depth: float = Field(0.12, gt=0.0, description="m, least size of the explored box in each direction")
-    inset: float = Field(0.6, gt=0.0, le=1.0, description="size of the points' box, in that of the explored box")
+    inset: float = Field(0.8, gt=0.0, le=1.0, description="size of the points' box, in that of the explored box")
 
 
 class Kind(Enum):
