@@ -18,7 +18,6 @@ from runtime.ipc.launch import Launch
 from runtime.ipc.requests import RequestKind, RequestWriter
 from runtime.ipc.ring import RingReader
 from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.words import State
 from runtime.profile.source import Source
 from runtime.service.helpers import helpers
 from runtime.service.supervisor import Supervisor, state_dir
@@ -93,7 +92,7 @@ class Live(RowSource):
         rows = self._rows.take()
         if self._rows.lost:
             raise HostError("rows", f"{self._rows.lost} were overwritten before they were read", "Free the processor")
-        if len(rows) and self.taps.layout.word(rows[-1], "state") == int(State.STOPPED):
+        if len(rows) and self.taps.may_begin_again(rows[-1]):
             self._begin_again()
         return rows
 
@@ -106,7 +105,7 @@ class Live(RowSource):
         self._end()
 
     def _begin_again(self) -> None:
-        """Ends the stop after a loss of the mocap: nothing can move."""
+        """Ends the stop after a loss of the mocap."""
         if time.monotonic() >= self._reset + _AGAIN:
             self._reset = time.monotonic()
             send_request(self.folder, "reset", timeout=0.0)

@@ -19,7 +19,6 @@ from runtime.contracts.wearer import Dof, Explore, Hold, Instruction, Rest
 from runtime.control.ikns.procedure import Kind, Procedure, Step
 from runtime.control.ikns.samples import MarksConfig
 from runtime.ipc.requests import RequestKind
-from runtime.ipc.words import State
 from runtime.loop.lockstep import Lockstep
 from runtime.profile.profile import Profile
 from runtime.profile.source import Source
@@ -80,9 +79,8 @@ class Simulated(RowSource):
     def take(self) -> Rows:
         rows = np.empty((self._count, self._graph.layout.width), np.int64)
         for row in rows:
-            # Nothing can move, so what has stopped begins again by itself.
-            stopped = self._lockstep.cycle.machine.state is State.STOPPED
-            self._lockstep.step(RequestKind.RESET if stopped else RequestKind.NONE)
+            again = self.taps.may_begin_again(self._graph.row.words)
+            self._lockstep.step(RequestKind.RESET if again else RequestKind.NONE)
             row[:] = self._graph.row.words
         if self._file is not None:
             self._file.add(rows)

@@ -14,7 +14,7 @@ from runtime.contracts.errors import RecordingError
 from runtime.contracts.signals import Array
 from runtime.control.ikns.samples import MarksConfig, Samples
 from runtime.ipc.layout import Layout
-from runtime.ipc.words import State
+from runtime.ipc.words import LINK_CONNECTED, LINK_ERROR, LINK_FAULT, LINK_STALE, State
 from runtime.profile import profile
 from runtime.profile.plots import indices, split
 
@@ -53,6 +53,12 @@ class Taps:
         """Hz, of the rows."""
         up, down = self.layout.meta["rate"]
         return float(up / down)
+
+    def may_begin_again(self, row: NDArray[np.int64]) -> bool:
+        """Whether the run has stopped, and every device is there again. Nothing can move, so it may go on."""
+        links = [int(self.layout.word(row, f"{device}.link")) for device in self.layout.devices]
+        there = all(link & LINK_CONNECTED and not link & (LINK_STALE | LINK_ERROR | LINK_FAULT) for link in links)
+        return there and int(self.layout.word(row, "state")) == State.STOPPED
 
     def samples(self, rows: NDArray[np.int64]) -> Samples:
         """The samples of rows (k, width). What was computed in no cycle, or wasn't observed, is NaN."""

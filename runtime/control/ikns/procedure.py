@@ -216,8 +216,10 @@ class Procedure:
         gap = np.full(3, np.nan) if self.target is None else self.target - hand
         moving = self._speed[tail & np.isfinite(self._speed)]
         trial = self.step.kind is Kind.TRIAL
+        # What a trial lacks, it may still get in its time.
+        lack = self._unseen() if trial and self._elapsed < self._span() else self._lack
         return View(
-            self.step, self._task(gap), self._lack, min(self._elapsed / self._span(), 1.0),
+            self.step, self._task(gap), lack, min(self._elapsed / self._span(), 1.0),
             float(moving[-1]) if len(moving) else np.nan, float(np.linalg.norm(gap)),
             1.0 - float(self._seen[tail].mean()) if tail.any() else 0.0, self._kept if trial else 0,
             self.thresholds.samples, self._range if trial else 0.0, self.thresholds.range, self._box, self.points, hand,
