@@ -74,7 +74,7 @@ class Simulated(RowSource):
         self.taps = taps(self._graph.layout, source.label)
         self._lockstep = Lockstep(self._graph, report)
         self._count = max(round(_CHUNK * float(checked.rate)), 1)
-        self._file = None if record is None else _File(self._graph.layout, record)
+        self._file = None if record is None else RowFile(self._graph.layout, record)
 
     def take(self) -> Rows:
         rows = np.empty((self._count, self._graph.layout.width), np.int64)
@@ -104,7 +104,7 @@ class Simulated(RowSource):
             self._file.close()
 
 
-class _File:
+class RowFile:
     """A recording that this process writes itself."""
 
     def __init__(self, layout: Any, path: Path) -> None:

@@ -1,0 +1,90 @@
+"""The part of a profile that a calibration needs: it works without the file, and nothing in it can move."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from helpers.calibration import FEW, PROFILE
+
+from runtime.calibration.cut import MARKS, build, cut
+from runtime.contracts.errors import ProfileError, WiringError
+from runtime.loop.cycle import limits_of
+from runtime.profile import profile
+from runtime.profile.profile import Profile
+
+
+def made(text: str, sim: bool = False, dofs: tuple[str, ...] = ("swivel",)) -> Profile:
+    return cut(*profile.parse("worn.yaml", text), "P07", dofs, FEW, sim)[0]
+
+
+@pytest.mark.parametrize("sim", [False, True])
+def test_only_what_the_law_reads_is_left(sim: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)  # where no p07.json is
+    checked, source = cut(*profile.parse("worn.yaml", PROFILE), "P07", ("swivel",), FEW, sim)
+    assert list(checked.devices) == ["mocap"]
+    assert [entry.use for entry in checked.controllers] == ["arm-angles", MARKS]
+    assert checked.bus is None
+    assert checked.start == "auto"
+    left = checked.guard, checked.stop, checked.emergency, checked.setpoints, checked.record.plots
+    assert not any(left)
+    assert list(checked.frames) == ["room", "chest"]
+    graph = build(checked, source, sim)
+    assert graph.actuators == []
+    assert limits_of(graph) == {}
+    assert not any(device.commands for device in graph.devices)
+    # It is text that another process reads as the same.
+    assert profile.parse(source.label, source.text)[0] == checked
+
+
+def test_the_marks_say_where_each_joint_is() -> None:
+    options = made(PROFILE).controllers[-1].options
+    joints = list(options["angles"])
+    assert joints[0] == "right_shoulder_abduction"
+    assert len(joints) == 7
+    assert options["angles"]["right_elbow_flexion"] == "arm.angles[right_elbow_flexion]"
+    assert options["held"]["right_elbow_flexion"] == "arm.held[right_elbow_flexion]"
+    assert (options["person"], options["hand"]) == ("P07", "arm.hand")
+
+
+def test_other_names_of_the_joints_are_kept() -> None:
+    text = PROFILE.replace(
+        "in: {angles: arm.angles,", "in: {angles: {from: arm.angles, map: {elbow: right_elbow_flexion}},"
+    )
+    angles = made(text).controllers[-1].options["angles"]
+    assert angles["elbow"] == "arm.angles[right_elbow_flexion]"
+    assert "right_elbow_flexion" not in angles
+
+
+def test_a_clock_that_is_left_out_is_replaced() -> None:
+    assert made(PROFILE.replace("clock: monotonic", "clock: finger")).clock == "monotonic"
+    assert made(PROFILE.replace("clock: monotonic", "clock: mocap")).clock == "mocap"
+
+
+def test_a_frame_on_what_is_left_out_goes_and_takes_with_it_what_hangs_on_it() -> None:
+    more = "  nail: {parent: tip}\nsim:"
+    assert list(made(PROFILE.replace("sim:", more, 1)).frames) == ["room", "chest"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "error", "words"),
+    [
+        ("use: ikns\n", "use: joint-setpoint\n", ProfileError, r"the profile has no law 'ikns'"),
+        ("angles: arm.angles, ", "", WiringError, r"line 28: .*input 'angles' isn't bound"),
+        ("angles: arm.angles", "angles: arn.angles", WiringError, r"no signal 'arn\.angles' is made before"),
+        ("hand: arm.hand", "hand: closure.q", WiringError, r"no signal 'closure\.q' is made before"),
+        ("hand: arm.hand", "hand: client.hand", WiringError, r"comes from clients of the bus"),
+    ],
+)
+def test_what_cant_be_cut_is_refused(old: str, new: str, error: type[Exception], words: str) -> None:
+    text = PROFILE.replace(old, new, 1)
+    if "client" in new:
+        text += "setpoints: {client.hand: {shape: [7], unit: m, labels: [x, y, z, qw, qx, qy, qz]}}\n"
+    with pytest.raises(error, match=words):
+        made(text)
+
+
+def test_two_laws_are_refused() -> None:
+    second = "  - {use: ikns, name: again, calibration: a.json, in: {angles: arm.angles, hand: arm.hand}}\n  - use: fin"
+    with pytest.raises(ProfileError, match="has 2 laws 'ikns'"):
+        made(PROFILE.replace("  - use: fin", second))

@@ -1,0 +1,278 @@
+"""A whole calibration of a person made of formulas: the file, refusals, a point done again, a recording."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.calibration import FEW, QUICK, Actor, Person
+from helpers.recording import make_layout
+
+from runtime.calibration import report
+from runtime.calibration.guide import Guide, QuitError
+from runtime.calibration.result import Result, compute, write
+from runtime.calibration.screen import Plain, Screen
+from runtime.calibration.sources import RowFile, recorded
+from runtime.calibration.taps import taps
+from runtime.contracts.errors import RecordingError, RequestError
+from runtime.control.ikns import record
+from runtime.control.ikns.calibration import CalibrationError
+from runtime.control.ikns.procedure import Procedure, View
+from runtime.control.ikns.samples import joined, mark_of, stretch, trials
+
+DAY = datetime.date(2023, 11, 14)  # of the actor's rows
+
+
+class Typist(Screen):
+    """Types when the procedure comes to a step."""
+
+    def __init__(self, typed: dict[tuple[int, str], list[str]] | None = None) -> None:
+        self.typed, self.said, self.views = typed or {}, list[str](), list[View]()
+
+    def show(self, view: View) -> None:
+        self.views.append(view)
+
+    def say(self, text: str) -> None:
+        self.said.append(text)
+
+    def command(self) -> str:
+        if not self.views:
+            return "none"
+        step = self.views[-1].step
+        waiting = self.typed.get((step.point + 1, step.kind.value))
+        return waiting.pop(0) if waiting else "none"
+
+
+def guided(actor: Actor, screen: Screen | None = None, dofs: tuple[str, ...] = ("swivel",)) -> Guide:
+    guide = Guide(actor, Procedure(dofs, FEW, QUICK), screen or Typist(), lambda: False)
+    guide.run()
+    return guide
+
+
+def result_of(actor: Actor, guide: Guide) -> Result:
+    assert guide.first is not None
+    return compute(actor.taps, guide.samples, actor.taps.date(guide.first))
+
+
+def done(actor: Actor, screen: Screen | None = None, dofs: tuple[str, ...] = ("swivel",)) -> Result:
+    return result_of(actor, guided(actor, screen, dofs))
+
+
+@pytest.fixture(scope="module")
+def good() -> tuple[Actor, Result]:
+    actor = Actor()
+    return actor, done(actor)
+
+
+@pytest.mark.parametrize("dofs", [("swivel",), ("swivel", "shrug", "protraction")])
+def test_the_calibration_reads_the_dofs(dofs: tuple[str, ...], tmp_path: Path) -> None:
+    actor = Actor(dofs)
+    result = done(actor, dofs=dofs)
+    assert result.refusals == ()
+    assert result.numbers == tuple(range(1, 11))
+    assert result.date == DAY
+    write(tmp_path / "p07.json", result, replacing=False)
+    made = record.read(tmp_path / "p07.json")
+    assert (made.person, made.dofs, made.frame, made.rate) == ("P07", dofs, "chest", 100.0)
+    assert made.joints == actor.taps.joints
+    found = made.calibration()
+    assert found.upper - found.lower == pytest.approx(np.ones((10, len(dofs))), abs=0.1)
+    told = report.crosstalk(result)
+    assert told is None if len(dofs) == 1 else told is not None and told < 0.05
+
+
+def test_the_points_of_the_file_are_those_of_the_guide(good: tuple[Actor, Result]) -> None:
+    actor, result = good
+    procedure = actor._procedure
+    assert procedure.points is not None
+    assert np.linalg.norm(result.found.sites - procedure.points, axis=1).max() < QUICK.near
+
+
+@pytest.mark.parametrize(
+    ("person", "words"),
+    [
+        (Person(wander={3: 0.1}), "point 3: .* samples are kept, 60 needed: the hand was faster than 0.05 m/s"),
+        (Person(swing={5: 0.02}), "point 5: the range is 0.02 rad, 0.15 rad are needed"),
+        (Person(hidden={4}), "point 4: no sample of its trial has angles and hand: markers were missing"),
+        (Person(hidden={1, 2, 3, 4}), "point 1: no sample of its trial has angles and hand: markers were missing"),
+        (Person(flat=True), "points: .*(plane|flat|volume)"),
+    ],
+)
+def test_what_cant_work_is_refused_with_the_place(person: Person, words: str) -> None:
+    with pytest.raises(CalibrationError, match=words):
+        _refused(person)
+
+
+def _refused(person: Person) -> None:
+    for reason in done(Actor(person=person)).refusals:
+        raise reason
+
+
+def test_a_point_done_again_repairs_it(good: tuple[Actor, Result]) -> None:
+    actor = Actor(person=Person(wander={3: 0.1}))
+    guide = guided(actor)
+    assert any(r.place == "point 3" for r in result_of(actor, guide).refusals)
+    actor.person = Person()
+    assert guide._procedure.redo(3) == ""
+    guide.run()
+    again = result_of(actor, guide)
+    assert again.refusals == ()
+    first = good[1].found
+    assert np.abs(again.found.sites - first.sites).max() < 0.01
+    assert np.abs(again.found.directions @ first.directions.swapaxes(1, 2) - 1.0).max() < 0.01
+
+
+def test_a_point_done_again_in_another_session_repairs_it() -> None:
+    bad = Actor(person=Person(wander={3: 0.1}))
+    before = guided(bad).samples
+    again = Actor()
+    explored = joined(before).hand[stretch(joined(before), 2)]
+    procedure = Procedure(("swivel",), FEW, QUICK, explored)
+    assert procedure.redo(3) == ""
+    guide = Guide(again, procedure, Typist(), lambda: False)
+    guide.run()
+    assert compute(bad.taps, [*before, *guide.samples], DAY).refusals == ()
+
+
+def test_keys_redo_and_leave_out(good: tuple[Actor, Result]) -> None:
+    screen = Typist({(2, "go"): ["s"], (4, "trial"): ["r 1", "x"], (6, "go"): [""], (7, "trial"): ["r 99"]})
+    actor = Actor()
+    result = done(actor, screen)
+    assert result.refusals == ()
+    assert result.numbers == (1, 3, 4, 5, 6, 7, 8, 9, 10)
+    assert any("'x' is no command" in line for line in screen.said)
+    assert "the points are 1 to 10" in screen.said
+    assert joined([actor.taps.samples(np.concatenate(actor.rows))]).marks.max() == mark_of(9, 0)
+
+
+def test_quitting_and_a_signal_end_it() -> None:
+    with pytest.raises(QuitError, match="ended before it was complete"):
+        guided(Actor(), Typist({(2, "go"): ["q"]}))
+    asked = iter([False] * 50 + [True] * 2)
+    with pytest.raises(QuitError):
+        Guide(Actor(), Procedure(("swivel",), FEW, QUICK), Typist(), lambda: next(asked)).run()
+
+
+def test_plain_lines_say_each_step_once() -> None:
+    lines: list[str] = []
+    done(Actor(), Plain(lines.append))
+    assert len(lines) == 2 + 2 * 10 + 1
+    assert lines[0] == "Sit still, the forearm in front of you"
+    assert lines[-1] == "All points are done"
+
+
+def test_turning_the_sense_round_turns_c_round(good: tuple[Actor, Result]) -> None:
+    before = good[1].found
+    after = good[1].flipped("swivel").found
+    q = good[1].recording.angles[::50]
+    for i in range(len(before.sites)):
+        c, d = ((q @ f.directions[i, 0] - f.lower[i, 0]) / (f.upper[i, 0] - f.lower[i, 0]) for f in (before, after))
+        assert c + d == pytest.approx(1.0)
+    twice = good[1].flipped("swivel").flipped("swivel").found
+    assert (twice.directions == before.directions).all()
+    with pytest.raises(RequestError, match="no degree of freedom 'shrug'"):
+        good[1].flipped("shrug")
+
+
+def test_a_recording_gives_the_same_file_to_the_bit(good: tuple[Actor, Result], tmp_path: Path) -> None:
+    actor, result = good
+    file = RowFile(actor.graph.layout, tmp_path / "run.rrd")
+    for rows in actor.rows:
+        file.add(rows)
+    file.close()
+    where, rows = recorded(tmp_path / "run.rrd")
+    again = compute(where, [where.samples(rows)], where.date(rows))
+    write(tmp_path / "a.json", result, replacing=False)
+    write(tmp_path / "b.json", again, replacing=False)
+    assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
+
+
+def test_a_recording_without_marks_has_clusters_alone(good: tuple[Actor, Result]) -> None:
+    actor, result = good
+    samples = actor.taps.samples(np.concatenate(actor.rows))
+    plain = actor.taps.__class__(**{**vars(actor.taps), "mark": None})
+    keep = samples.marks >= mark_of(0, 0)
+    some = type(samples)(samples.times[keep], samples.angles[keep], samples.hand[keep], samples.marks[keep])
+    found = compute(plain, [some], DAY)
+    assert found.refusals == ()
+    gaps = np.linalg.norm(found.found.sites[:, None] - result.found.sites, axis=2).min(axis=1)
+    assert gaps.max() < 0.01
+    options = actor.taps.options.model_copy(update={"dofs": ("swivel", "shrug")})
+    two = actor.taps.__class__(**{**vars(plain), "options": options})
+    with pytest.raises(CalibrationError, match="can't tell 2 degrees of freedom apart"):
+        compute(two, [some], DAY)
+
+
+def test_too_few_points_are_refused(good: tuple[Actor, Result]) -> None:
+    actor, _ = good
+    samples = actor.taps.samples(np.concatenate(actor.rows))
+    samples.marks[samples.marks >= mark_of(7, 0)] = 0
+    with pytest.raises(CalibrationError, match="points: 7 points have a trial of each DoF, 8 are needed"):
+        trials(samples, 1)
+
+
+@pytest.fixture
+def readonly(tmp_path: Path) -> Iterator[Path]:
+    folder = tmp_path / "ro"
+    folder.mkdir()
+    folder.chmod(0o500)
+    yield folder
+    folder.chmod(0o700)
+
+
+def test_a_file_that_is_there_is_kept_and_replaced_only_on_request(good: tuple[Actor, Result], tmp_path: Path) -> None:
+    path = tmp_path / "p07.json"
+    write(path, good[1], replacing=False)
+    first = path.read_bytes()
+    with pytest.raises(record.RecordError, match="a calibration is there already"):
+        write(path, good[1].flipped("swivel"), replacing=False)
+    assert path.read_bytes() == first
+    write(path, good[1].flipped("swivel"), replacing=True)
+    assert path.read_bytes() != first
+    assert (tmp_path / "p07.json.old").read_bytes() == first
+
+
+def test_a_full_disk_leaves_nothing_half(
+    good: tuple[Actor, Result], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(descriptor: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(record.RecordError, match="it can't be written: No space left on device"):
+        write(tmp_path / "p07.json", good[1], replacing=False)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_isnt_there_is_named(good: tuple[Actor, Result], tmp_path: Path) -> None:
+    with pytest.raises(record.RecordError, match="the folder can't be written"):
+        write(tmp_path / "none" / "p07.json", good[1], replacing=False)
+
+
+def test_the_report_says_what_was_found(good: tuple[Actor, Result], tmp_path: Path) -> None:
+    _, result = good
+    told = report.figures(result)
+    assert told["person"] == "P07"
+    assert [p["number"] for p in told["points"]] == list(range(1, 11))
+    assert told["points"][0]["dofs"]["swivel"]["range"] == pytest.approx(1.0, abs=0.1)
+    assert 0.0 < told["noise_per_mm"]["swivel"] < 0.1
+    assert told["refusals"] == []
+    assert len(report.lines(result)) == 2 + 10 + 1
+    report.draw(result, tmp_path / "p07.json.report.png")
+    assert (tmp_path / "p07.json.report.png").read_bytes()[:4] == b"\x89PNG"
+    bad = done(Actor(person=Person(wander={3: 0.1}, swing={5: 0.02})))
+    assert {r["place"] for r in report.figures(bad)["refusals"]} == {"point 3", "point 5"}
+    report.draw(bad, tmp_path / "bad.png")
+
+
+def test_a_recording_of_something_else_is_refused(good: tuple[Actor, Result], tmp_path: Path) -> None:
+    actor, _ = good
+    layout = make_layout()
+    layout.meta |= {"label": "made-up", "profile": "name: x\nrate: 10\ndevices: {a: {driver: ring}}", "overrides": []}
+    with pytest.raises(RecordingError, match="has no marks"):
+        taps(layout, "x.rrd")
+    with pytest.raises(RecordingError, match=r"no pose 'arm\.hand' in it"):
+        taps(layout, "x.rrd", actor.taps.options)

@@ -1,0 +1,81 @@
+"""Samples with marks: which belong to which trial, and the law that says so in every row."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from runtime.control.ikns.samples import Marks, MarksConfig, Samples, joined, mark_of, seen, stretch, trials, whole
+
+
+def samples(marks: list[int], start: float = 0.0) -> Samples:
+    k = len(marks)
+    numbers = np.arange(k, dtype=float)
+    return Samples(
+        start + 0.01 * numbers, np.column_stack([numbers, -numbers]), np.tile(numbers[:, None], 3), np.array(marks)
+    )
+
+
+@given(st.lists(st.tuples(st.sampled_from([0, 1, 101, 102, 201]), st.integers(1, 5)), max_size=12))
+def test_a_stretch_is_the_last_run_of_a_mark(runs: list[tuple[int, int]]) -> None:
+    marks = [mark for mark, count in runs for _ in range(count)]
+    at = stretch(samples(marks), 101)
+    assert all(mark == 101 for mark in marks[at])
+    assert 101 not in marks[at.stop :]
+    if at.start > 0 and at.stop > at.start:
+        assert marks[at.start - 1] != 101
+    assert (at.stop > at.start) == (101 in marks)
+
+
+@given(st.lists(st.integers(0, 6), min_size=1, max_size=4), st.lists(st.floats(-100, 100), min_size=4, max_size=4))
+def test_joined_samples_ascend_in_time_and_keep_their_steps(sizes: list[int], starts: list[float]) -> None:
+    parts = [samples([0] * size, start) for size, start in zip(sizes, starts, strict=False)]
+    together = joined(parts)
+    assert len(together) == sum(sizes)
+    assert (np.diff(together.times) > 0.0).all()
+    at = 0
+    for part in parts:
+        own = together.times[at : at + len(part)]
+        assert np.diff(own) == pytest.approx(np.diff(part.times))
+        at += len(part)
+
+
+def test_each_point_has_a_number_and_the_last_trial_counts() -> None:
+    marks = [1, 2]
+    for point in (0, 1, 2, 4, 5, 6, 7, 8):
+        marks += [0, *[mark_of(point, 0)] * 2, 0, *[mark_of(point, 1)] * 3]
+    marks += [mark_of(3, 0)] * 4  # its second DoF is missing
+    marks += [0, *[mark_of(1, 0)] * 5]  # again
+    made, numbers = trials(samples(marks), 2)
+    assert numbers == (1, 2, 3, 5, 6, 7, 8, 9)
+    assert made.point is not None
+    assert [int((made.point[made.dof == 0] == i).sum()) for i in range(8)] == [2, 5, 2, 2, 2, 2, 2, 2]
+    assert (np.diff(made.times) > 0.0).all()
+    again = (made.point == 1) & (made.dof == 0)
+    assert made.angles[again][:, 0].tolist() == [len(marks) - 5 + i for i in range(5)]
+
+
+def test_what_wasnt_observed_isnt_seen() -> None:
+    made = samples([2] * 6)
+    made.angles[1, 0], made.hand[3, 2] = np.nan, np.inf
+    assert seen(made, slice(0, 6))[:, 0].tolist() == [0.0, 2.0, 4.0, 5.0]
+    assert whole(made).dof.tolist() == [0] * 6
+
+
+def test_the_law_has_one_parameter_and_computes_nothing() -> None:
+    options = {
+        "person": "P07",
+        "dofs": ["swivel", "shrug"],
+        "angles": {"elbow": "arm.angles[elbow]"},
+        "hand": "arm.hand",
+    }
+    law = Marks("marks", MarksConfig.model_validate(options))
+    (mark,) = law.parameters
+    assert (mark.default, mark.lower, mark.upper) == (0.0, 0.0, mark_of(9, 1))
+    assert law.inputs == law.outputs == ()
+    law.reset()
+    law.update(0.01)
+    with pytest.raises(ValueError, match="pattern"):
+        MarksConfig.model_validate(options | {"person": "Ada Lovelace"})
