@@ -100,6 +100,9 @@ class Live(RowSource):
         expires = time.monotonic_ns() + _LIFE
         self._requests.send(RequestKind.PARAMETER, expires, self._target, np.array([float(step.mark)]))
 
+    def wait(self) -> None:
+        self.take()
+
     def close(self) -> None:
         self._requests.close()
         self._end()

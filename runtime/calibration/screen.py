@@ -49,8 +49,8 @@ class Screen(ABC):
         """The next command that was typed: "", "s", "r 3", "q", ... without a wait; "none" if there is none."""
         return "none"
 
-    def ask(self, question: str) -> str:
-        """Waits for an answer; "" where nobody can give one."""
+    def ask(self, question: str, wait: Callable[[], None]) -> str:
+        """Waits for an answer, and calls `wait` meanwhile; "" where nobody can give one."""
         return ""
 
 
@@ -121,7 +121,7 @@ class Terminal(Screen):
                 self._typed += key
         return "none"
 
-    def ask(self, question: str) -> str:
+    def ask(self, question: str, wait: Callable[[], None]) -> str:
         if not self._keys:
             return ""
         self.say(question)
@@ -129,7 +129,8 @@ class Terminal(Screen):
             if not self._keys:
                 return ""
             self._live.update(Text(f"> {self._typed}"), refresh=True)
-            select.select([sys.stdin], [], [], 0.2)
+            select.select([sys.stdin], [], [], 0.05)
+            wait()
         return typed
 
 

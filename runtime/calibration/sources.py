@@ -47,6 +47,9 @@ class RowSource(ABC):
     def begin(self, step: Step, procedure: Procedure) -> None:
         """A step begins: rows bear its mark from one of the next on, and a simulated wearer is instructed."""
 
+    def wait(self) -> None:
+        """Nothing is asked of the person for a moment; rows that come don't count."""
+
     @abstractmethod
     def close(self) -> None:
         """Ends it. What is recorded is whole afterwards."""

@@ -97,7 +97,8 @@ def taps(layout: Layout, place: str, own: MarksConfig | None = None) -> Taps:
         return _of(layout, place, MarksConfig.model_validate(entry.options), f"{entry.name or MARKS}.mark")
     if own is None:
         problem = "it has no marks, so which samples belong to which trial isn't known"
-        raise RecordingError(place, problem, "Use a recording of `srl calibrate`, or only one without marks")
+        remedy = "Use a recording of `srl calibrate`; or say whose it is (--person), for one degree of freedom"
+        raise RecordingError(place, problem, remedy)
     return _of(layout, place, own, None)
 
 

@@ -62,7 +62,7 @@ def test_a_clock_that_is_left_out_is_replaced() -> None:
 
 
 def test_a_frame_on_what_is_left_out_goes_and_takes_with_it_what_hangs_on_it() -> None:
-    more = "  nail: {parent: tip}\nsim:"
+    more = "  tip: {parent: finger/base, position: [0.1, 0.0, 0.0]}\n  nail: {parent: tip}\nsim:"
     assert list(made(PROFILE.replace("sim:", more, 1)).frames) == ["room", "chest"]
 
 

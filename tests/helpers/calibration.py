@@ -36,6 +36,9 @@ devices:
     port: /dev/ttyACM0
     servos:
       abduction: {pin: 9, lower: -1.571, upper: 1.571, home: 0.0}
+      flexion_1: {pin: 10, lower: -1.571, upper: 1.571, home: 0.1}
+      flexion_2: {pin: 11, lower: -1.571, upper: 1.571, home: 0.1}
+      flexion_3: {pin: 6, lower: -1.571, upper: 1.571, home: 0.1}
 controllers:
   - use: arm-angles
     name: arm
@@ -47,8 +50,8 @@ controllers:
     in: {angles: arm.angles, hand: arm.hand}
   - use: finger-closure
     name: closure
-    open: {abduction: 0.0}
-    closed: {abduction: 0.7}
+    open: {abduction: 0.0, flexion_1: 0.1, flexion_2: 0.1, flexion_3: 0.1}
+    closed: {abduction: 0.0, flexion_1: 0.7, flexion_2: 0.9, flexion_3: 0.7}
     in: {c: null-space.c, c_rate: null-space.c_rate}
     out: {q: finger.position_command, q_velocity: finger.position_command.velocity}
 guard:
@@ -58,10 +61,10 @@ faults: {intent-loss: hold}
 emergency: [{signal: ring.buttons, element: button}]
 models:
   body: {kind: body, stature: 1.75, sides: [right]}
+  finger: {kind: finger}
 frames:
   room: {}
   chest: {parent: room, pose: arm.chest}
-  tip: {parent: finger/base, position: [0.1, 0.0, 0.0]}
 sim:
   world: cell
   ends_with: wearer

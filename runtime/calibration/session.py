@@ -1,0 +1,282 @@
+"""One calibration from what the command line orders to the file."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+from pydantic import ValidationError
+
+from runtime.calibration import cut as cutting
+from runtime.calibration import report
+from runtime.calibration import result as results
+from runtime.calibration.guide import Guide, QuitError
+from runtime.calibration.live import Live
+from runtime.calibration.result import Result
+from runtime.calibration.screen import Screen
+from runtime.calibration.sources import RowSource, Simulated, recorded
+from runtime.calibration.taps import Taps
+from runtime.contracts.errors import RequestError, nearest
+from runtime.contracts.signals import Array
+from runtime.control.ikns import samples as marks
+from runtime.control.ikns.calibration import CalibrationError, Thresholds
+from runtime.control.ikns.procedure import Plan, Procedure
+from runtime.control.ikns.samples import MarksConfig, Samples
+from runtime.profile import profile
+from runtime.profile.profile import Profile
+from runtime.profile.source import Source
+from runtime.recording.segments import check_target
+from runtime.service.end_signals import EndSignals
+
+ANONYMOUS: Final = r"^[A-Za-z]{0,4}[0-9]{1,6}$"  # no name fits it
+_NEXT: Final = "Enter write it   f DOF flip its sense   r N redo point N   q quit"
+_REFUSED: Final = "r N redo point N   q quit"
+
+
+@dataclass(frozen=True)
+class Order:
+    """What is wanted; the options of `srl calibrate`."""
+
+    profile: str
+    person: str | None = None
+    out: Path | None = None
+    yes: bool = False
+    sim: bool = False
+    record: Path | None = None
+    view: bool = False
+    recording: Sequence[Path] | None = None
+    before: Sequence[Path] | None = None
+    redo: Sequence[int] | None = None
+    dofs: str | None = None
+    points: int | None = None
+    flip: Sequence[str] = ()
+    option: Sequence[str] = ()
+    set: Sequence[str] = ()
+    instance: str | None = None
+    json: bool = False
+
+
+def run(order: Order, screen: Screen) -> int:
+    """Returns 0 once the file is written, 130 after Ctrl-C. Errors are raised: a refused calibration is one."""
+    checked, source = profile.load(order.profile, order.set)
+    target = _target(order, checked, source)
+    plan, thresholds = _options(order)
+    if order.recording:
+        taps, parts, date = _recorded(order, order.recording, checked, source, thresholds)
+        result = _flipped(results.compute(taps, parts, date), order.flip)
+        if not order.json:
+            print("\n".join(report.lines(result)))
+        return _finish(order, target, result)
+    if order.person is None:
+        raise RequestError("--person", "it isn't said whose calibration it is", "Give an anonymous id: --person P07")
+    dofs = _dofs(order) or ("swivel",)
+    before: list[Samples] = []
+    if order.redo:
+        old, before, _ = _recorded(order, order.before or (), checked, source, thresholds)
+        if order.dofs and old.options.dofs != dofs:
+            problem = f"they are of {', '.join(old.options.dofs)}"
+            raise RequestError("--from", problem, "Name recordings of the same degrees of freedom")
+        dofs, thresholds = old.options.dofs, old.options.thresholds
+    elif order.before:
+        raise RequestError("--from", "it goes with --redo", "Say which points: --redo 3")
+    made, text = cutting.cut(checked, source, order.person, dofs, thresholds, order.sim)
+    procedure = Procedure(dofs, thresholds, plan, _explored(before) if before else None)
+    for number in order.redo or ():
+        if answer := procedure.redo(number):
+            raise RequestError(f"--redo {number}", answer, "Name one of them")
+    if order.sim:
+        simulated = Simulated(made, text, screen.say, order.record)
+        try:
+            return _guided(order, target, simulated, procedure, before, screen)
+        finally:
+            simulated.close()
+    return _live(order, target, text, order.instance or checked.name, procedure, before, screen)
+
+
+def _live(
+    order: Order, target: Path, text: Source, name: str, procedure: Procedure, before: list[Samples], screen: Screen
+) -> int:
+    """Runs the cut profile, and ends it in any case; Ctrl-C ends it, too."""
+    if not re.match(profile.SLUG, name):
+        raise RequestError("--instance", f"'{name}' is no name", "Use lower-case letters, digits, - and _")
+    record = order.record or target.with_name(f"{target.stem}-{time.strftime('%Y%m%d-%H%M%S')}.rrd")
+    check_target(record)
+    with EndSignals() as signals:
+        asked: list[bool] = []
+        signals.pass_to(lambda: asked.append(True))
+        source = Live(text, name, record, order.view, screen.say)
+        try:
+            code = _guided(order, target, source, procedure, before, screen, lambda: bool(asked))
+        except QuitError:
+            if asked:
+                return 130  # by Ctrl-C, as a shell says it
+            raise
+        finally:
+            source.close()
+            screen.say(f"recorded in {record}")
+        return code
+
+
+def _guided(
+    order: Order,
+    target: Path,
+    source: RowSource,
+    procedure: Procedure,
+    before: list[Samples],
+    screen: Screen,
+    stop: Any = lambda: False,
+) -> int:
+    """Leads through the procedure until a file is written, or it is given up."""
+    guide = Guide(source, procedure, screen, stop)
+    with screen:
+        while True:
+            guide.run()
+            if guide.first is None:
+                raise CalibrationError("recording", "no row has come", "Begin again")
+            again = _computed(order, source.taps, [*before, *guide.samples], guide)
+            answer, result = _decide(screen, again, source.wait)
+            word, _, number = answer.partition(" ")
+            if word == "r" and number.strip().isdigit():
+                if lack := procedure.redo(int(number)):
+                    screen.say(lack)
+                continue
+            if word == "q":
+                raise QuitError("calibration", "it was ended without a file", "Its recording can be used: --recording")
+            break
+    return _finish(order, target, result)
+
+
+def _computed(order: Order, taps: Taps, parts: list[Samples], guide: Guide) -> Result | CalibrationError:
+    assert guide.first is not None
+    try:
+        return _flipped(results.compute(taps, parts, taps.date(guide.first)), order.flip)
+    except CalibrationError as error:
+        return error
+
+
+def _decide(
+    screen: Screen, result: Result | CalibrationError, wait: Callable[[], None]
+) -> tuple[str, Result | CalibrationError]:
+    """Shows the report and asks what to do; flips until something else is wanted."""
+    refused: tuple[CalibrationError, ...] = (result,) if isinstance(result, CalibrationError) else result.refusals
+    for line in [] if isinstance(result, CalibrationError) else report.lines(result):
+        screen.say(line)
+    for reason in refused:
+        screen.say(f"refused: {reason}")
+    while True:
+        answer = screen.ask(_REFUSED if refused else _NEXT, wait)
+        word, _, dof = answer.partition(" ")
+        if word != "f" or isinstance(result, CalibrationError):
+            return answer, result
+        try:
+            result = result.flipped(dof.strip() or result.dofs[0])
+            screen.say(f"{dof.strip() or result.dofs[0]} is turned round: what was 0 is 1")
+        except RequestError as error:
+            screen.say(str(error))
+
+
+def _finish(order: Order, target: Path, result: Result | CalibrationError) -> int:
+    """Writes the file and its report; or says why it can't be used."""
+    if isinstance(result, CalibrationError):
+        raise result
+    told = report.figures(result) | {"file": None, "report": None}
+    if result.refusals:
+        if order.json:
+            print(json.dumps(told))
+        for reason in result.refusals[:-1]:
+            print(f"srl calibrate: {reason}", file=sys.stderr)
+        raise result.refusals[-1]
+    picture = target.with_name(f"{target.name}.report.png")
+    report.draw(result, picture)  # first: without its report the file could be taken for a good one
+    results.write(target, result, order.yes)
+    told |= {"file": str(target), "report": str(picture)}
+    if order.json:
+        print(json.dumps(told))
+    else:
+        print(f"{target}\n{picture}")
+    return 0
+
+
+def _flipped(result: Result, dofs: Sequence[str]) -> Result:
+    for dof in dofs:
+        result = result.flipped(dof)
+    return result
+
+
+def _recorded(
+    order: Order, paths: Sequence[Path], checked: Profile, source: Source, thresholds: Thresholds
+) -> tuple[Taps, list[Samples], Any]:
+    """Reads recordings of one calibration, in their order."""
+    if not paths:
+        raise RequestError("--redo", "it isn't said what the other points come from", "Add --from FILE.rrd")
+    own: MarksConfig | None = None
+    if order.person is not None:  # a plain run's recording says neither whose it is nor where its signals are
+        made, _ = cutting.cut(checked, source, order.person, _dofs(order) or ("swivel",), thresholds)
+        own = MarksConfig.model_validate(made.controllers[-1].options)
+    found: Taps | None = None
+    parts: list[Samples] = []
+    for path in paths:
+        taps, rows = recorded(path, own)
+        if found is not None and (taps.joints, taps.options.dofs) != (found.joints, found.options.dofs):
+            problem = "it has other joints or degrees of freedom than the one before"
+            raise RequestError(str(path), problem, "Name recordings of one calibration")
+        if order.person not in (None, taps.options.person):
+            raise RequestError(str(path), f"it is of {taps.options.person}", "Name a recording of this person")
+        found = taps
+        parts.append(taps.samples(rows))
+        date = taps.date(rows)
+    assert found is not None
+    if order.option or order.points:
+        found = replace(found, options=found.options.model_copy(update={"thresholds": thresholds}))
+    return found, parts, date
+
+
+def _explored(parts: Sequence[Samples]) -> Array:
+    """(T, 3) m: where the hand has been in the exploration."""
+    samples = marks.joined(parts)
+    return marks.seen(samples, marks.stretch(samples, marks.EXPLORATION))
+
+
+def _target(order: Order, checked: Profile, source: Source) -> Path:
+    law = checked.controllers[cutting.find(checked, source)]
+    if order.person is not None and not re.match(ANONYMOUS, order.person):
+        problem = f"'{order.person}' isn't anonymous: up to four letters, then a number"
+        raise RequestError("--person", problem, "Number the persons, P07, and keep their names elsewhere")
+    path = order.out
+    if path is None:
+        if not isinstance(named := law.options.get("calibration"), str):
+            raise RequestError("-o", "the profile names no calibration file", "Say where it goes: -o p07.json")
+        path = Path(named)
+    results.check_target(path, order.yes)
+    return Path(path)
+
+
+def _dofs(order: Order) -> tuple[str, ...]:
+    found = tuple(name.strip() for name in (order.dofs or "").split(",") if name.strip())
+    if len(set(found)) < len(found):
+        raise RequestError("--dofs", "a degree of freedom is named twice", "Name each once")
+    return found
+
+
+def _options(order: Order) -> tuple[Plan, Thresholds]:
+    """The procedure's times and the thresholds, with what the command line says."""
+    values: dict[str, dict[str, Any]] = {"plan": {}, "thresholds": {}}
+    known = {**dict.fromkeys(Plan.model_fields, "plan"), **dict.fromkeys(Thresholds.model_fields, "thresholds")}
+    given = [*order.option, *([f"points={order.points}"] if order.points is not None else [])]
+    for text in given:
+        key, equals, value = text.partition("=")
+        if key not in known or not equals:
+            raise RequestError(f"--option {text}", "there is no such option", nearest(key, known))
+        values[known[key]][key] = value
+    try:
+        return Plan.model_validate(values["plan"]), Thresholds.model_validate(values["thresholds"])
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = f"--option {'.'.join(map(str, first['loc']))}"
+        raise RequestError(place, first["msg"], "Correct the value") from None

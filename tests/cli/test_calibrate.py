@@ -1,0 +1,186 @@
+"""`srl calibrate`: the command line, with a person made of formulas; the simulated wearer end to end."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.calibration import PROFILE, Actor, Person
+from helpers.run import call, environment, srl, summary
+from helpers.wait import until
+
+from runtime.calibration import session
+from runtime.calibration.sources import RowFile
+from runtime.cli import main
+from runtime.control.ikns import record
+
+QUICK = ["static=0.5", "exploration=4", "trial=1.5", "settle=0.3", "patience=3", "samples=60"]
+OPTIONS = [word for option in QUICK for word in ("--option", option)]
+Command = Callable[..., int]
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    (tmp_path / "worn.yaml").write_text(PROFILE)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def command(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
+    """`srl calibrate worn.yaml ikns ...` with the actor in place of the simulated wearer."""
+
+    def run(*arguments: str, actor: Actor | None = None) -> int:
+        monkeypatch.setattr(session, "Simulated", lambda *_: actor or Actor())
+        return main(["calibrate", "worn.yaml", "ikns", *OPTIONS, *arguments])
+
+    return run
+
+
+def test_the_file_goes_where_the_profile_says(
+    command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    actor = Actor()
+    assert command("--sim", "--person", "P07", actor=actor) == 0
+    assert actor.closed
+    assert record.read(folder / "p07.json").person == "P07"
+    assert {p.name for p in folder.iterdir()} == {"worn.yaml", "p07.json", "p07.json.report.png"}
+    said = capsys.readouterr()
+    assert "Take the hand to point 10 of 10" in said.err
+    assert said.out.endswith("p07.json\np07.json.report.png\n")
+
+
+def test_the_law_reads_it(command: Command, folder: Path) -> None:
+    assert command("--sim", "--person", "P07") == 0
+    assert main(["check", "worn.yaml"]) == 0
+
+
+def test_one_object_says_all(command: Command, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert command("--sim", "--person", "P07", "--json", "-o", "other.json", "--flip", "swivel") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["file"] == "other.json"
+    assert len(told["points"]) == 10
+    assert command("--sim", "--person", "P07", "-o", "plain.json") == 0
+    flipped, plain = (record.read(folder / name).calibration() for name in ("other.json", "plain.json"))
+    assert (flipped.directions == -plain.directions).all()
+    assert (flipped.lower == -plain.upper).all()
+
+
+def test_a_refused_calibration_writes_nothing(
+    command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    actor = Actor(person=Person(wander={3: 0.1}, swing={5: 0.02}))
+    assert command("--sim", "--person", "P07", "--json", actor=actor) == 2
+    said = capsys.readouterr()
+    assert "srl calibrate: point 3: " in said.err
+    assert "srl calibrate: point 5: the range is 0.02 rad" in said.err
+    assert "Redo the point" in said.err
+    assert {r["place"] for r in json.loads(said.out)["refusals"]} == {"point 3", "point 5"}
+    assert [p.name for p in folder.iterdir()] == ["worn.yaml"]
+
+
+def test_a_file_that_is_there_stays_without_yes(
+    command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert command("--sim", "--person", "P07") == 0
+    before = (folder / "p07.json").read_bytes()
+    assert command("--sim", "--person", "P07", "--flip", "swivel") == 2
+    assert "a calibration is there already" in capsys.readouterr().err
+    assert (folder / "p07.json").read_bytes() == before
+    assert command("--sim", "--person", "P07", "--flip", "swivel", "--yes") == 0
+    assert (folder / "p07.json.old").read_bytes() == before
+    assert (folder / "p07.json").read_bytes() != before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--sim"], "--person: it isn't said whose"),
+        (["--sim", "--person", "Ada"], "'Ada' isn't anonymous"),
+        (["--sim", "--person", "P07", "-o", "none/p.json"], "none: the folder can't be written"),
+        (["--sim", "--person", "P07", "--option", "smaples=3"], "Did you mean 'samples'"),
+        (["--sim", "--person", "P07", "--option", "static=-1"], "--option static: Input should be greater than 0"),
+        (["--sim", "--person", "P07", "--points", "3"], "--option points: Input should be greater than or equal to 8"),
+        (["--sim", "--person", "P07", "--dofs", "swivel,swivel"], "a degree of freedom is named twice"),
+        (["--sim", "--person", "P07", "--redo", "3"], "it isn't said what the other points come from"),
+        (["--sim", "--person", "P07", "--from", "a.rrd"], "--from: it goes with --redo"),
+        (["--recording", "a.rrd"], "a.rrd: there is no such file"),
+        (["--sim", "--person", "P07", "--flip", "twist"], "no degree of freedom 'twist'"),
+        (["--person", "P07", "--instance", "Ada's"], "'Ada's' is no name"),
+    ],
+)
+def test_wrong_arguments_are_named(
+    arguments: list[str], words: str, command: Command, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert command(*arguments) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_a_profile_without_the_law_is_named(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["calibrate", "sixth-finger", "ikns", "--sim", "--person", "P07"]) == 2
+    assert "the profile has no law 'ikns'" in capsys.readouterr().err
+
+
+def test_a_recording_gives_the_same_file_and_a_point_is_done_again(
+    command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad = Actor(person=Person(wander={3: 0.1}))
+    assert command("--sim", "--person", "P07", actor=bad) == 2
+    recorded(bad, folder / "bad.rrd")
+    assert command("--recording", "bad.rrd") == 2
+    assert "point 3: " in capsys.readouterr().err
+    again = Actor()
+    assert command("--sim", "--person", "P07", "--redo", "3", "--from", "bad.rrd", actor=again) == 0
+    assert "Take the hand to point 4" not in capsys.readouterr().err
+    recorded(again, folder / "again.rrd")
+    assert command("--recording", "bad.rrd", "again.rrd", "-o", "both.json") == 0
+    assert (folder / "both.json").read_bytes() == (folder / "p07.json").read_bytes()
+    assert command("--sim", "--person", "P08", "--redo", "3", "--from", "bad.rrd", "-o", "p08.json") == 2
+    assert "bad.rrd: it is of P07" in capsys.readouterr().err
+
+
+def recorded(actor: Actor, path: Path) -> None:
+    file = RowFile(actor.graph.layout, path)
+    for rows in actor.rows:
+        file.add(rows)
+    file.close()
+
+
+# The simulated wearer
+
+SIM = ["--sim", "--person", "P07", "--option", "exploration=20", "--option", "trial=4"]
+
+
+@pytest.mark.slow
+def test_the_simulated_wearer_is_calibrated_and_recorded(tmp_path: Path) -> None:
+    (tmp_path / "worn.yaml").write_text(PROFILE)
+    done = call(tmp_path, "calibrate", "worn.yaml", "ikns", *SIM, "--record", "run.rrd", "--json")
+    told: dict[str, Any] = summary(done)
+    assert told["refusals"] == []
+    assert told["noise_per_mm"]["swivel"] == pytest.approx(0.006, abs=0.0015)
+    assert all(point["dofs"]["swivel"]["range"] > 1.0 for point in told["points"])
+    call(tmp_path, "calibrate", "worn.yaml", "ikns", "--recording", "run.rrd", "-o", "again.json")
+    assert (tmp_path / "again.json").read_bytes() == (tmp_path / "p07.json").read_bytes()
+
+
+@pytest.mark.slow
+def test_ctrl_c_leaves_nothing_half(tmp_path: Path) -> None:
+    (tmp_path / "worn.yaml").write_text(PROFILE)
+    process = subprocess.Popen(
+        srl("calibrate", "worn.yaml", "ikns", *SIM), env=environment(tmp_path), cwd=tmp_path,
+        stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    lines: list[str] = []
+    assert process.stderr is not None
+    until(lambda: lines.append(process.stderr.readline()) or "point 2 " in lines[-1], what="point 2")
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in err
+    assert out == ""
+    assert [p.name for p in tmp_path.iterdir() if p.is_file()] == ["worn.yaml"]
