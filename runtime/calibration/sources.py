@@ -91,20 +91,23 @@ class Simulated(RowSource):
 
     def begin(self, step: Step, procedure: Procedure) -> None:
         self._graph.row.views[MARK][()] = step.mark
-        instruction: Instruction = Rest()
-        if step.kind is Kind.EXPLORATION:
-            instruction = Explore(procedure.plan.exploration)
-        elif procedure.target is not None:
-            x, y, z = procedure.target.tolist()
-            move = cast(Dof, procedure.dofs[step.dof]) if step.kind is Kind.TRIAL else None
-            instruction = Hold((x, y, z), move)
-        self._wearer.instruct(instruction)
+        self._wearer.instruct(instruction(step, procedure))
 
     def close(self) -> None:
         if self._graph.world is not None:
             self._graph.world.close()
         if self._file is not None:
             self._file.close()
+
+
+def instruction(step: Step, procedure: Procedure) -> Instruction:
+    """What a simulated wearer is told at a step."""
+    if step.kind is Kind.EXPLORATION:
+        return Explore(procedure.plan.exploration)
+    if procedure.target is None:
+        return Rest()
+    x, y, z = procedure.target.tolist()
+    return Hold((x, y, z), cast(Dof, procedure.dofs[step.dof]) if step.kind is Kind.TRIAL else None)
 
 
 class RowFile:

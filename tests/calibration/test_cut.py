@@ -70,7 +70,7 @@ def test_a_frame_on_what_is_left_out_goes_and_takes_with_it_what_hangs_on_it() -
     ("old", "new", "error", "words"),
     [
         ("use: ikns\n", "use: joint-setpoint\n", ProfileError, r"the profile has no law 'ikns'"),
-        ("angles: arm.angles, ", "", WiringError, r"line 28: .*input 'angles' isn't bound"),
+        ("angles: arm.angles, ", "", WiringError, r"line 31: .*input 'angles' isn't bound"),
         ("angles: arm.angles", "angles: arn.angles", WiringError, r"no signal 'arn\.angles' is made before"),
         ("hand: arm.hand", "hand: closure.q", WiringError, r"no signal 'closure\.q' is made before"),
         ("hand: arm.hand", "hand: client.hand", WiringError, r"comes from clients of the bus"),

@@ -64,9 +64,10 @@ def joined(parts: Sequence[Samples]) -> Samples:
         times.append(part.times + shift)
         end = times[-1][-1]
     some = [part for part in parts if len(part)] or list(parts[:1])
+    # In C order, whatever the parts' was: sums in another order would differ in the last bit.
     return Samples(
-        np.concatenate(times) if times else np.empty(0), np.concatenate([p.angles for p in some]),
-        np.concatenate([p.hand for p in some]), np.concatenate([p.marks for p in some]),
+        np.concatenate(times) if times else np.empty(0), np.ascontiguousarray(np.concatenate([p.angles for p in some])),
+        np.ascontiguousarray(np.concatenate([p.hand for p in some])), np.concatenate([p.marks for p in some]),
     )  # fmt: skip
 
 

@@ -1,0 +1,102 @@
+"""A calibration over the wire: Vicon's twin, the driver, the cut profile as a service of its own, the guide."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import pytest
+from helpers.background import repeating
+from helpers.calibration import PROFILE
+
+from runtime.calibration.cut import build, cut
+from runtime.calibration.guide import Guide
+from runtime.calibration.live import Live
+from runtime.calibration.result import compute, write
+from runtime.calibration.screen import Plain
+from runtime.calibration.sources import Rows, RowSource, instruction, recorded
+from runtime.contracts.wearer import Instruction
+from runtime.control.ikns.calibration import Thresholds
+from runtime.control.ikns.procedure import Plan, Procedure, Step
+from runtime.ipc.run_folder import running
+from runtime.profile import profile
+from sim.devices.vicon.fake import FakeVicon
+from sim.devices.vicon.twin import ViconTwin
+
+PLAN = Plan(static=1.0, exploration=12.0, trial=3.0, settle=0.3, patience=20.0)
+FEW = Thresholds(points=8, samples=60)
+
+
+class Led(RowSource):
+    """A live run whose simulated wearer is told what the person is."""
+
+    def __init__(self, live: Live, told: list[Instruction]) -> None:
+        self._live, self._told, self.taps = live, told, live.taps
+
+    def take(self) -> Rows:
+        return self._live.take()
+
+    def begin(self, step: Step, procedure: Procedure) -> None:
+        self._live.begin(step, procedure)
+        self._told.append(instruction(step, procedure))
+
+    def close(self) -> None:
+        self._live.close()
+
+
+@pytest.mark.slow
+def test_a_wearer_before_cameras_is_calibrated_live(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SRL_RUNTIME_DIR", str(tmp_path / "run"))
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
+    world_of = build(*cut(*profile.parse("worn.yaml", PROFILE), "P07", ("swivel",), FEW, sim=True), sim=True)
+    (fake,) = world_of.devices
+    world = world_of.world
+    assert isinstance(fake, FakeVicon)
+    assert world is not None
+    assert world.wearer is not None
+    wearer, told = world.wearer, list[Instruction]()
+    twin = ViconTwin(fake)
+    twin.open()
+    start = time.monotonic_ns()
+
+    def turn() -> None:
+        if told:
+            wearer.instruct(told.pop(0))
+        now = time.monotonic_ns() - start
+        world.advance(now)
+        twin.service(now)
+
+    lines: list[str] = []
+    try:
+        with repeating(turn, 0.002):
+            text = PROFILE.replace("tcp://192.168.10.1:801", twin.address)
+            made, source = cut(*profile.parse("worn.yaml", text), "P07", ("swivel",), FEW)
+            live = Live(source, made.name, tmp_path / "live.rrd", False, lines.append)
+            led = Led(live, told)
+            guide = Guide(led, Procedure(("swivel",), FEW, PLAN), Plain(lines.append), lambda: False)
+            try:
+                guide.run()
+            finally:
+                led.close()
+    finally:
+        twin.close()
+    assert guide.first is not None
+    found = compute(led.taps, guide.samples, led.taps.date(guide.first))
+    assert [str(reason) for reason in found.refusals] == [], lines
+    assert (found.found.upper - found.found.lower).min() > 1.0
+    taps, rows = recorded(tmp_path / "live.rrd")
+    again = compute(taps, [taps.samples(rows)], taps.date(rows))
+    write(tmp_path / "a.json", found, replacing=False)
+    write(tmp_path / "b.json", again, replacing=False)
+    assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
+    assert running() == []
+
+
+def test_a_run_that_doesnt_start_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SRL_RUNTIME_DIR", str(tmp_path / "run"))
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
+    text = PROFILE.replace("tcp://192.168.10.1:801", "tcp://127.0.0.1:9")
+    _, source = cut(*profile.parse("worn.yaml", text), "P07", ("swivel",), FEW)
+    with pytest.raises(Exception, match="mocap"):
+        Live(source, "worn", None, False, lambda text: None)
+    assert running() == []
