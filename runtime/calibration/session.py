@@ -133,14 +133,14 @@ def _guided(
     stop: Any = lambda: False,
 ) -> int:
     """Leads through the procedure until a file is written, or it is given up."""
-    guide = Guide(source, procedure, screen, stop)
+    guide, turned = Guide(source, procedure, screen, stop), list(order.flip)
     with screen:
         while True:
             guide.run()
             if guide.first is None:
                 raise CalibrationError("recording", "no row has come", "Begin again")
-            again = _computed(order, source.taps, [*before, *guide.samples], guide)
-            answer, result = _decide(screen, again, source.wait)
+            again = _computed(turned, source.taps, [*before, *guide.samples], guide)
+            answer, result = _decide(screen, again, turned, source.wait)
             word, _, number = answer.partition(" ")
             if word == "r" and number.strip().isdigit():
                 if lack := procedure.redo(int(number)):
@@ -152,18 +152,18 @@ def _guided(
     return _finish(order, target, result)
 
 
-def _computed(order: Order, taps: Taps, parts: list[Samples], guide: Guide) -> Result | CalibrationError:
+def _computed(turned: Sequence[str], taps: Taps, parts: list[Samples], guide: Guide) -> Result | CalibrationError:
     assert guide.first is not None
     try:
-        return _flipped(results.compute(taps, parts, taps.date(guide.first)), order.flip)
+        return _flipped(results.compute(taps, parts, taps.date(guide.first)), turned)
     except CalibrationError as error:
         return error
 
 
 def _decide(
-    screen: Screen, result: Result | CalibrationError, wait: Callable[[], None]
+    screen: Screen, result: Result | CalibrationError, turned: list[str], wait: Callable[[], None]
 ) -> tuple[str, Result | CalibrationError]:
-    """Shows the report and asks what to do; flips until something else is wanted."""
+    """Shows the report and asks what to do; flips, and notes it in `turned`, until something else is wanted."""
     refused: tuple[CalibrationError, ...] = (result,) if isinstance(result, CalibrationError) else result.refusals
     for line in [] if isinstance(result, CalibrationError) else report.lines(result):
         screen.say(line)
@@ -174,9 +174,11 @@ def _decide(
         word, _, dof = answer.partition(" ")
         if word != "f" or isinstance(result, CalibrationError):
             return answer, result
+        name = dof.strip() or result.dofs[0]
         try:
-            result = result.flipped(dof.strip() or result.dofs[0])
-            screen.say(f"{dof.strip() or result.dofs[0]} is turned round: what was 0 is 1")
+            result = result.flipped(name)
+            turned.append(name)
+            screen.say(f"{name} is turned round: what was 0 is 1")
         except RequestError as error:
             screen.say(str(error))
 
