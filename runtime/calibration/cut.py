@@ -13,6 +13,7 @@ from typing import Any, Final
 from ruamel.yaml import YAML
 
 from runtime.contracts.errors import ProfileError, WiringError, nearest
+from runtime.contracts.files import Files, Typed
 from runtime.control.ikns.calibration import Thresholds
 from runtime.profile import profile, wiring
 from runtime.profile.graph import Graph
@@ -61,7 +62,7 @@ def cut(
                 source.place(f"controllers.{law}.in"), f"input '{name}' isn't bound", f"Add `{name}: LAW.{name}`"
             )
     kept, devices = _needed(checked, source, law)
-    plain, _ = profile.tree(source.label, source.text, source.overrides)
+    plain, _ = profile.tree(source.label, source.text, source.overrides, source.files)
     for key in _DROPPED:
         plain.pop(key, None)
     plain["devices"] = {name: plain["devices"][name] for name in plain["devices"] if name in devices}
@@ -77,7 +78,7 @@ def cut(
             plain["sim"].pop(key, None)
     before = _build(plain, source, sim)
     plain["controllers"].append(_marks(before, entry, laws, person, dofs, thresholds))
-    return profile.parse(source.label, _text(plain))
+    return profile.parse(source.label, _text(plain), files=Files(source.files.folder))
 
 
 def build(checked: Profile, source: Source, sim: bool) -> Graph:
@@ -158,8 +159,7 @@ def _frames(
 
 def _build(plain: dict[str, Any], source: Source, sim: bool) -> Graph:
     """The system before the marks are there, for the names of its signals' elements."""
-    made, _ = profile.parse(source.label, _text(plain))
-    return build(made, source, sim)
+    return build(*profile.parse(source.label, _text(plain), files=Files(source.files.folder)), sim)
 
 
 def _marks(
@@ -199,5 +199,14 @@ def _marks(
 
 def _text(plain: dict[str, Any]) -> str:
     stream = io.StringIO()
-    YAML().dump(plain, stream)
+    YAML().dump(_written(plain), stream)
     return stream.getvalue()
+
+
+def _written(value: Any) -> Any:
+    """The same as YAML can write it: strings that were typed with `--set` are strings."""
+    if isinstance(value, dict):
+        return {key: _written(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [_written(each) for each in value]
+    return str(value) if isinstance(value, Typed) else value

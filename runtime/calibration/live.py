@@ -12,6 +12,7 @@ import numpy as np
 from runtime.calibration.sources import MARK, Rows, RowSource
 from runtime.calibration.taps import taps
 from runtime.contracts.errors import HostError
+from runtime.contracts.files import encoded
 from runtime.control.ikns.procedure import Procedure, Step
 from runtime.ipc.control_socket import send_request
 from runtime.ipc.launch import Launch
@@ -59,7 +60,17 @@ class Live(RowSource):
         self._over = False
         try:
             launch = Launch(
-                source.label, source.text, [], [] if sim else None, False, None, True, [], record is not None
+                source.label,
+                source.text,
+                [],
+                str(source.files.folder),
+                encoded(source.files.kept),
+                [] if sim else None,
+                False,
+                None,
+                True,
+                [],
+                record is not None,
             )
             self.supervisor = Supervisor(
                 self.folder, launch, state_dir(instance), helpers(self.folder, False, record, view), report

@@ -12,6 +12,7 @@ import numpy as np
 
 from runtime.calibration.taps import Taps
 from runtime.contracts.errors import RequestError, nearest
+from runtime.contracts.files import Files, decoded
 from runtime.contracts.signals import Array
 from runtime.control.ikns import record
 from runtime.control.ikns.arm_angles import ArmAnglesConfig, one_arm
@@ -87,7 +88,8 @@ def _noise(taps: Taps, recording: Recording, found: Calibration) -> Array | None
     """Of the fit that the run's own law makes; None if its angles come from something else."""
     meta = taps.layout.meta
     owners = {reference.partition(".")[0] for reference in taps.options.angles.values()}
-    checked, source = profile.parse(meta["label"], meta["profile"], meta["overrides"])
+    files = Files(Path(meta["label"]).parent, decoded(meta.get("files", {}), meta["label"]))
+    checked, source = profile.parse(meta["label"], meta["profile"], meta["overrides"], files)
     laws = wiring.build(checked, source, [] if meta["simulated"] else None).controllers
     law = next((law for law in laws if {law.name} == owners), None)
     options = None if law is None else law.config

@@ -254,7 +254,7 @@ def _target(order: Order, checked: Profile, source: Source) -> Path:
     if path is None:
         if not isinstance(named := law.options.get("calibration"), str):
             raise RequestError("-o", "the profile names no calibration file", "Say where it goes: -o p07.json")
-        path = Path(named)
+        path = source.files.find(named)
     results.check_target(path, order.yes)
     return Path(path)
 

@@ -47,7 +47,7 @@ controllers:
   - use: ikns
     name: null-space
     calibration: p07.json
-    in: {angles: arm.angles, hand: arm.hand}
+    in: {angles: arm.angles, held: arm.held, hand: arm.hand}
   - use: finger-closure
     name: closure
     open: {abduction: 0.0, flexion_1: 0.1, flexion_2: 0.1, flexion_3: 0.1}
