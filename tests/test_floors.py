@@ -36,7 +36,8 @@ ROOMS: dict[str, set[str]] = {
     "runtime.panel": LOOP,
     "runtime.service": LOOP,
     "runtime.calibration": LOOP | {"runtime.recorder", "runtime.service"},
-    "runtime.cli": LOOP | {"runtime.bus", "runtime.recorder", "runtime.panel", "runtime.service", "runtime.calibration"},
+    "runtime.cli": LOOP
+    | {"runtime.bus", "runtime.recorder", "runtime.panel", "runtime.service", "runtime.calibration"},
     "drivers": GROUND | {"runtime.messages", "runtime.recording"},
     "sim.world": GROUND | {"runtime.messages"} | DESCRIPTIONS,
     "sim.wearer": GROUND | {"sim.world", "drivers"} | DESCRIPTIONS,
