@@ -38,6 +38,9 @@ class IknsConfig(ControllerConfig):
     unseen: float = Field(
         0.1, ge=0.0, description="how wrong c may become by joints whose angles are held; beyond that c is held too"
     )
+    inset: float = Field(
+        0.05, ge=0.0, le=0.5, description="how far within the points' hull c is read at most, as a share of the way in"
+    )
     max_hold: float = Field(
         2.0, gt=0.0, description="s for which a c may be held; after that the person is lost, and the limb stops"
     )
@@ -49,7 +52,7 @@ class Ikns(Controller):
     Inputs: `angles` (n,) rad, unwrapped; `hand` (7,) m and w x y z, pose in the calibration's frame, of which only the
     position is used; `held` (n,), 1 where the angle isn't seen and stays as it was (unless the option `held` is off).
     Outputs `c` (k,), from 0 to 1 over the calibrated range; `c_rate` (k,) 1/s; `held` (k,), 1 where c is held. Outside
-    the points' hull the directions are those of its nearest point.
+    the points' hull, shrunk by `inset`, the directions are those of its nearest point.
 
     While an input isn't finite, all of c is held. While joints are held, a degree of freedom is held if they could make
     its c wrong by more than `unseen`. Afterwards c goes back at `catch_up` on top of the person's own motion. A hold
@@ -85,6 +88,7 @@ class Ikns(Controller):
         bounds = matters(found).reshape(len(found.sites), -1)
         self._table = np.hstack([directions, lower, ranges, bounds])
         self._unseen = config.unseen
+        self._middle, self._scale = found.sites.mean(axis=0), 1.0 - config.inset
         self._clamp, self._catch_up, self._patience = config.clamp, config.catch_up, config.max_hold
         self.inputs = (
             Signal(name="angles", shape=(self._n,), unit="rad", labels=made.joints),
@@ -151,11 +155,13 @@ class Ikns(Controller):
         self._hold = np.ones(k, dtype=bool)
         if not (np.isfinite(q).all() and np.isfinite(hand).all()):
             return c.copy()
-        near = self._sibson.nearest(hand)
+        # The nearest point of the hull, shrunk about its middle: at nearly flat faces the weights themselves are steep.
+        middle, scale = self._middle, self._scale
+        near = self._sibson.nearest(middle + (hand - middle) / scale)
         if near.distance > 0.0:
             self._outside += 1
-            self._farthest = max(self._farthest, near.distance)
-        row = self._sibson.weights(near.point).dot(self._table)
+            self._farthest = max(self._farthest, scale * near.distance)
+        row = self._sibson.weights(middle + (near.point - middle) * scale).dot(self._table)
         found: Array = row[: k * n].reshape(k, n).dot(q)
         found -= row[k * n : k * n + k]
         found /= row[k * n + k : k * n + 2 * k]
@@ -176,8 +182,8 @@ class Ikns(Controller):
         """Returns the figures of the run, since the last reset.
 
         person, date: of the calibration; held, outside: share of the cycles in which some c was held, and in which the
-        hand was outside the points' hull; longest_hold_s; farthest_outside_m; range: least and greatest c a degree of
-        freedom, before it was clamped.
+        hand was outside the points' shrunk hull; longest_hold_s; farthest_outside_m; range: least and greatest c a
+        degree of freedom, before it was clamped.
         """
         n = max(self._cycles, 1)
         ranges = {

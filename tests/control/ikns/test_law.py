@@ -57,14 +57,46 @@ def follow(law: Ikns, arm: Arm, qs: Array) -> Array:
     return np.array(found)
 
 
-def test_c_goes_from_0_to_1_with_the_swivel_at_every_point_and_between(file: Path) -> None:
+@pytest.mark.parametrize(("inset", "close"), [(0.0, 0.02), (0.05, 0.025)])
+def test_c_goes_from_0_to_1_with_the_swivel_at_every_point_and_between(file: Path, inset: float, close: float) -> None:
     arm = Arm()
     for place in (*POINTS, MIDDLE):
         swing = arm.swing(arm.at(place), 0.6, 21)
-        c = follow(law(file, clamp=False), arm, swing)[:, 0]
+        c = follow(law(file, clamp=False, inset=inset), arm, swing)[:, 0]
         c = c if c[-1] > c[0] else 1.0 - c
         assert (np.diff(c) > 0.0).all()
-        assert c[[0, -1]] == pytest.approx([0.0, 1.0], abs=0.02 if place is not MIDDLE else 0.1)
+        assert c[[0, -1]] == pytest.approx([0.0, 1.0], abs=close if place is not MIDDLE else 0.1)
+
+
+def test_a_hand_that_moves_by_a_millimetre_at_a_nearly_flat_face_hardly_moves_c(file: Path, tmp_path: Path) -> None:
+    """A lower face whose points are 3 mm off a plane, with directions that differ: at the hull c is steep there."""
+    values = json.loads(file.read_text())
+    low = sorted(values["points"], key=lambda point: float(point["site"][2]))[:5]
+    for i, point in enumerate(low):
+        point["site"][2] = low[0]["site"][2] + 0.003 * (i % 2)
+        point["lower"] = [point["lower"][0] + 0.4 * (-1) ** i]
+        point["upper"] = [point["upper"][0] + 0.4 * (-1) ** i]
+    flat = tmp_path / "flat.json"
+    flat.write_text(json.dumps(values))
+    arm, rng = Arm(), np.random.default_rng(0)
+    corners = np.array([point["site"] for point in low])
+    begin = rng.dirichlet(np.ones(5), 100) @ corners
+    worst = {}
+    for inset in (0.0, 0.05):
+        made = law(flat, clamp=False, inset=inset, catch_up=1e6)
+        put(made, arm, arm.at(MIDDLE))
+        made.reset()
+        steps = []
+        for at in begin:
+            found = []
+            for up in (-0.002, -0.001, 0.0, 0.001, 0.002, 0.003, 0.004):
+                made.input["hand"][:3] = at + np.array([0.0, 0.0, up])
+                made.update(DT)
+                found.append(float(made.output["c"][0]))
+            steps.append(np.abs(np.diff(found)).max())
+        worst[inset] = max(steps)
+    assert worst[0.05] < 0.02
+    assert worst[0.0] > 4.0 * worst[0.05]
 
 
 def test_flipped_it_goes_the_other_way(file: Path) -> None:
@@ -156,7 +188,7 @@ def test_the_bound_by_which_it_decides(file: Path, joints: tuple[str, ...]) -> N
     for place in POINTS:
         (point,) = [p for p in record.points if np.linalg.norm(np.array(p.site) - place) < 0.02]
         swing = arm.swing(arm.at(place), 0.6, 21)
-        made = law(file, clamp=False)
+        made = law(file, clamp=False, inset=0.0)
         truth = follow(made, arm, swing)
         put(made, arm, swing[0])
         made.reset()
