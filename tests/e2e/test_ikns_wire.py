@@ -1,0 +1,140 @@
+"""The profile ikns-finger against the wire-level twins of its cameras and servos, over a real socket and a real pty."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.run import Running, call
+from helpers.srl_twin import TwinProcess
+from scipy.spatial import cKDTree
+
+from runtime.contracts.signals import Array
+from runtime.ipc.words import LINK_STALE, Cause, State
+from runtime.loop.lockstep import Lockstep
+from runtime.profile import profile, wiring
+from runtime.recording.reader import Recording, read
+
+pytestmark = [pytest.mark.serial, pytest.mark.slow]  # a loop that is held up for 0.1 s counts as hung
+
+# The wearer doesn't look at the finger: it moves by the world's time alone, in both runs alike.
+ALIKE = ("sim.parts.wearer.watches={}", "sim.devices.mocap={noise: 0.0}")
+MAX_AGE = 0.5  # s: the twins, on the same host, may be held up for longer than a Vicon may be silent
+PLAN = 20.0  # s of the profile's plan, which begins anew after it
+SETTLED = 50  # cycles until `arm-angles` has found the posture
+LAG = 0.5  # s of the wire, by which the finger may be later
+
+
+@contextmanager
+def wired(folder: Path) -> Iterator[tuple[TwinProcess, Running]]:
+    """The twins, and a run on them that has begun to move."""
+    options = [word for setting in ALIKE for word in ("--set", setting)]
+    with TwinProcess("ikns-finger", "--control", "--log", str(folder / "log.npz"), *options) as twins:
+        arguments = (*twins.run[1:], "--record", "x.rrd", "--set", f"devices.mocap.max_age={MAX_AGE}")
+        with Running(folder, *arguments, instance="ikns-finger") as run:
+            run.started()
+            run.until(lambda: run.word("state") == State.ACTIVE, "motion")
+            yield twins, run
+
+
+def fakes(seconds: float, *names: str) -> list[Array]:
+    """Signals of the same profile with fakes, (cycles, elements)."""
+    lockstep = Lockstep(wiring.build(*profile.load("ikns-finger", ALIKE), []))
+    views = lockstep.graph.row.views
+    found: list[list[Array]] = [[] for _ in names]
+    for _ in range(round(100 * seconds)):
+        lockstep.step()
+        for name, values in zip(names, found, strict=True):
+            values.append(views[name].ravel().copy())
+    return [np.array(values) for values in found]
+
+
+def in_motion(recording: Recording, name: str) -> Array:
+    """A signal (cycles, elements) in the cycles in which the limb was active, without the first ones."""
+    active = recording.layout.word(recording.rows, "state") == State.ACTIVE
+    values = recording.layout.value(recording.rows, name)[active][SETTLED:]
+    return values.reshape(len(values), -1)
+
+
+@pytest.mark.timeout(300)
+def test_the_wire_gives_the_path_of_the_fakes(tmp_path: Path) -> None:
+    """From cameras to servos. A host under load delays and drops frames, so instants aren't compared.
+
+    c: wherever the wire shows a posture, c is what the fakes' run has at that posture, within 0.005. The finger: at
+    every instant of the world it is, within 0.03 rad (four dead bands of a servo), where the fakes' finger is then or
+    was up to half a second before.
+    """
+    with wired(tmp_path) as (_, run):
+        mark = run.reader.head
+        run.until(lambda: run.reader.head > mark + 100 * (PLAN + 2.0), "a whole plan", timeout=120.0)
+        call(tmp_path, "stop", "--exit")
+        assert run.finish()["cause"] == "request"
+    recording, log = read(tmp_path / "x.rrd"), np.load(tmp_path / "log.npz")
+    markers, c, finger = fakes(log["t"][-1], "mocap.markers", "null-space.c", "world.finger_position")
+
+    distance, at = cKDTree(markers).query(in_motion(recording, "mocap.markers"))
+    assert distance.max() < 1e-4, "m; the wire shows postures that the fakes' wearer doesn't have"
+    found = in_motion(recording, "null-space.c")
+    gap = np.abs(found - c[at])
+    print(f"c: {len(found)} cycles, at most {gap.max():.5f} apart (median {np.median(gap):.1e}) of {np.ptp(found):.2f}")
+    assert np.ptp(found) > 0.6
+    assert gap.max() < 0.005
+
+    # The finger moves with the loop, from when it was active until it was stopped.
+    now, states = recording.layout.word(recording.rows, "now"), recording.layout.word(recording.rows, "state")
+    active = now[states == State.ACTIVE]
+    rows = np.flatnonzero((log["now_ns"] > active[0] + 2e9) & (log["now_ns"] < active[-1]))
+    moved, off = log["world.finger_position"][rows], np.empty(len(rows))
+    for i, (time, q) in enumerate(zip(log["t"][rows], moved, strict=True)):
+        near = finger[max(round(100 * (time - LAG)) - 1, 0) : round(100 * time) + 1]
+        off[i] = np.abs(near - q).max(axis=1).min()
+    print(f"finger: at most {off.max():.4f} rad off (median {np.median(off):.4f}) of {np.ptp(moved, axis=0).max():.2f}")
+    assert np.ptp(moved, axis=0).max() > 0.6
+    assert off.max() < 0.03
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("fault", ["close", "mute"])
+def test_a_cut_cable_of_the_cameras_holds_c_and_the_finger(fault: str, tmp_path: Path) -> None:
+    with wired(tmp_path) as (twins, run):
+
+        def speed() -> float:
+            row = run.reader.newest()
+            return 0.0 if row is None else float(np.abs(run.layout.value(row[None], "null-space.c_rate")).max())
+
+        run.until(lambda: run.reader.head > 200 and speed() > 0.15, "the finger in motion")
+        twins.control(f"{fault} mocap")
+        run.until(lambda: run.word("state") == State.STOPPED, "the stop")
+        assert call(tmp_path, "reset", code=2).stderr.count("still there") == 1
+        twins.control(("open" if fault == "close" else "unmute") + " mocap")
+        run.until(lambda: run.word("mocap.link") & LINK_STALE == 0 and run.word("mocap.link") & 1 == 1, "the cameras")
+        mark = run.reader.head
+        run.until(lambda: run.reader.head > mark + 50, "half a second in which it could move")
+        assert run.word("state") == State.STOPPED, "it must not move by itself"
+        call(tmp_path, "reset")
+        run.until(lambda: run.word("state") == State.ACTIVE, "motion again")
+        mark = run.reader.head
+        run.until(lambda: run.reader.head > mark + 200, "two seconds of motion")
+        call(tmp_path, "stop", "--exit")
+        found = run.finish()
+    assert found["devices"]["mocap"]["reconnects"] == (1 if fault == "close" else 0)
+    assert "intent_loss mocap" in run.stderr
+    recording = read(tmp_path / "x.rrd")
+    layout, rows = recording.layout, recording.rows
+    states, now = layout.word(rows, "state"), layout.word(rows, "now")
+    first = int(np.flatnonzero(layout.word(rows, "cause") == Cause.INTENT_LOSS)[0])
+    age = (now - layout.word(rows, "mocap.stamp")) / 1e9
+    print(f"{fault}: stopping {age[first] * 1e3:.0f} ms after the last sample")
+    assert age[first - 1] <= MAX_AGE, "it stops in the first cycle that finds the sample stale"
+    again = first + int(np.flatnonzero(states[first:] == State.ACTIVE)[0])
+    c, applied = layout.value(rows, "null-space.c"), layout.value(rows, "finger.position_command.applied")
+    assert np.ptp(c[first - 1 : again], axis=0).max() == 0.0, "c is held"
+    # The finger brakes within the guard's limits, holds, and goes on without a step.
+    stopped = first + int(np.flatnonzero(states[first:] == State.STOPPED)[0])
+    assert np.ptp(applied[stopped:again], axis=0).max() == 0.0
+    velocity = np.diff(applied, axis=0) / (layout.word(rows, "dt")[1:, None] * 1e-9)
+    assert np.abs(velocity).max() <= 4.0 * (1 + 1e-6)
+    assert np.abs(np.diff(velocity[first - 50 :], axis=0)).max() <= 40.0 * 0.010 * 2.05
