@@ -1,13 +1,20 @@
-"""The profile ikns-finger against the wire-level twins of its cameras and servos, over a real socket and a real pty."""
+"""The profile ikns-finger against the wire-level twins of its cameras and servos, over a real socket and a real pty.
+
+Also with a finger of four Dynamixel servos instead of those behind the Firmata board.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import resources
 from pathlib import Path
+from shutil import copy
+from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from helpers.run import Running, call
 from helpers.srl_twin import TwinProcess
 from scipy.spatial import cKDTree
@@ -28,11 +35,37 @@ SETTLED = 50  # cycles until `arm-angles` has found the posture
 LAG = 0.5  # s of the wire, by which the finger may be later
 
 
+def written(folder: Path, dynamixel: bool) -> str:
+    """The profile in a folder, with its calibration."""
+    home = resources.files("profiles")
+    text: dict[str, Any] = yaml.safe_load((home / "ikns-finger.yaml").read_text())
+    if dynamixel:
+        joints = list(text["devices"]["finger"]["servos"])
+        motors = {joint: {"id": i, "model": "MX-28"} for i, joint in enumerate(joints, 1)}
+        text["devices"]["finger"] = {
+            "driver": "dynamixel",
+            "port": "/dev/ttyUSB0",
+            "baudrate": 1_000_000,
+            "motors": motors,
+        }
+        axes = {
+            joint: {"model": "MX-28", "axis": axis, "link": [0.042, 0.0, 0.0], "start": start}
+            for joint, axis, start in zip(joints, ([0, 0, 1], *[[0, 1, 0]] * 3), (0.0, -0.4, 0.1, 0.1), strict=True)
+        }
+        text["frames"]["world"] = {}  # of the chain's tip
+        finger = text["sim"]["parts"]["finger"]
+        text["sim"]["parts"]["finger"] = {"part": "dynamixel-chain", "at": finger["at"], "axes": axes}
+    with resources.as_file(home / "ikns-finger.calibration.json") as calibration:
+        copy(calibration, folder)
+    (folder / "ikns-finger.yaml").write_text(yaml.safe_dump(text, sort_keys=False))
+    return str(folder / "ikns-finger.yaml")
+
+
 @contextmanager
-def wired(folder: Path) -> Iterator[tuple[TwinProcess, Running]]:
+def wired(folder: Path, name: str) -> Iterator[tuple[TwinProcess, Running]]:
     """The twins, and a run on them that has begun to move."""
     options = [word for setting in ALIKE for word in ("--set", setting)]
-    with TwinProcess("ikns-finger", "--control", "--log", str(folder / "log.npz"), *options) as twins:
+    with TwinProcess(name, "--control", "--log", str(folder / "log.npz"), *options) as twins:
         arguments = (*twins.run[1:], "--record", "x.rrd", "--set", f"devices.mocap.max_age={MAX_AGE}")
         with Running(folder, *arguments, instance="ikns-finger") as run:
             run.started()
@@ -40,15 +73,15 @@ def wired(folder: Path) -> Iterator[tuple[TwinProcess, Running]]:
             yield twins, run
 
 
-def fakes(seconds: float, *names: str) -> list[Array]:
+def fakes(name: str, seconds: float, *names: str) -> list[Array]:
     """Signals of the same profile with fakes, (cycles, elements)."""
-    lockstep = Lockstep(wiring.build(*profile.load("ikns-finger", ALIKE), []))
+    lockstep = Lockstep(wiring.build(*profile.load(name, ALIKE), []))
     views = lockstep.graph.row.views
     found: list[list[Array]] = [[] for _ in names]
     for _ in range(round(100 * seconds)):
         lockstep.step()
-        for name, values in zip(names, found, strict=True):
-            values.append(views[name].ravel().copy())
+        for signal, values in zip(names, found, strict=True):
+            values.append(views[signal].ravel().copy())
     return [np.array(values) for values in found]
 
 
@@ -60,20 +93,22 @@ def in_motion(recording: Recording, name: str) -> Array:
 
 
 @pytest.mark.timeout(300)
-def test_the_wire_gives_the_path_of_the_fakes(tmp_path: Path) -> None:
+@pytest.mark.parametrize("dynamixel", [False, True], ids=["firmata", "dynamixel"])
+def test_the_wire_gives_the_path_of_the_fakes(dynamixel: bool, tmp_path: Path) -> None:
     """From cameras to servos. A host under load delays and drops frames, so instants aren't compared.
 
     c: wherever the wire shows a posture, c is what the fakes' run has at that posture, within 0.005. The finger: at
     every instant of the world it is, within 0.03 rad (four dead bands of a servo), where the fakes' finger is then or
     was up to half a second before.
     """
-    with wired(tmp_path) as (_, run):
+    name = written(tmp_path, dynamixel)
+    with wired(tmp_path, name) as (_, run):
         mark = run.reader.head
         run.until(lambda: run.reader.head > mark + 100 * (PLAN + 2.0), "a whole plan", timeout=120.0)
         call(tmp_path, "stop", "--exit")
         assert run.finish()["cause"] == "request"
     recording, log = read(tmp_path / "x.rrd"), np.load(tmp_path / "log.npz")
-    markers, c, finger = fakes(log["t"][-1], "mocap.markers", "null-space.c", "world.finger_position")
+    markers, c, finger = fakes(name, log["t"][-1], "mocap.markers", "null-space.c", "world.finger_position")
 
     distance, at = cKDTree(markers).query(in_motion(recording, "mocap.markers"))
     assert distance.max() < 1e-4, "m; the wire shows postures that the fakes' wearer doesn't have"
@@ -99,7 +134,7 @@ def test_the_wire_gives_the_path_of_the_fakes(tmp_path: Path) -> None:
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("fault", ["close", "mute"])
 def test_a_cut_cable_of_the_cameras_holds_c_and_the_finger(fault: str, tmp_path: Path) -> None:
-    with wired(tmp_path) as (twins, run):
+    with wired(tmp_path, "ikns-finger") as (twins, run):
 
         def speed() -> float:
             row = run.reader.newest()
