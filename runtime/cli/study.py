@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
     except OSError as error:
         raise RequestError(f"--out {args.out}", f"can't be written: {error.strerror}", "Name another folder") from None
     if args.sweep:
-        return _sweep(args.name, study, folder, args.json)
+        return _sweep(args.name, study, folder, runner, args.json)
     result = study(folder, args.quick) if runner is None else study(folder, args.quick, runner=runner)
     code = 1 if runner is not None and runner.failed else 0
     if args.json:
@@ -108,11 +108,11 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not isfinite(value) else value
 
 
-def _sweep(name: str, study: Any, folder: Path, as_json: bool) -> int:
+def _sweep(name: str, study: Any, folder: Path, runner: Any, as_json: bool) -> int:
     sweep = getattr(sys.modules[study.__module__], "sweep", None)
     if sweep is None:
         raise RequestError(f"srl study {name} --sweep", "this study has nothing to sweep", "Leave out --sweep")
-    rows = sweep(folder)
+    rows = sweep(folder) if runner is None else sweep(folder, runner=runner)
     figures = {"study": name, "simulated": True, "sweep": rows}
     if as_json:
         print(_json(figures))
@@ -120,7 +120,7 @@ def _sweep(name: str, study: Any, folder: Path, as_json: bool) -> int:
         print(f"{name}, simulated, with other assumptions")
         _print_table(rows)
     _keep(folder / "sweep.json", figures)
-    return 0
+    return 1 if runner is not None and runner.failed else 0
 
 
 def _print_table(rows: list[dict[str, Any]]) -> None:

@@ -54,8 +54,13 @@ class FakeGamepad(Sensor, Fake):
         assert isinstance(config, GamepadConfig)
         assert isinstance(options, FakeGamepadConfig)
         self._dead_zone, self.script = config.dead_zone, options
+        self._held: dict[str, float] = {}
         # A worn stick rests near its centre, always at the same place.
         self._rest = np.random.default_rng(world.seed).uniform(-options.noise, options.noise, 4)
+
+    def hold(self, axis: str, value: float) -> None:
+        """Somebody in this process holds an axis there, in place of its script. It is no part of the world's state."""
+        self._held[axis] = value
 
     def open(self) -> None:
         refuse_while_gone(self.name, self.script.loss, self.world.time)
@@ -86,7 +91,8 @@ class FakeGamepad(Sensor, Fake):
 
     def axes(self) -> Array:
         """(6,) sticks, right and up positive, measured in 16 bits; triggers, in 8 bits."""
-        wanted = np.array([_at(self.script.axes.get(name, ()), self.world.time) for name in AXES])
+        now, script = self.world.time, self.script.axes
+        wanted = np.array([self._held.get(name, _at(script.get(name, ()), now)) for name in AXES])
         wanted[:4] = np.round(np.clip(wanted[:4] + self._rest, -1, 1) * 32767) / 32767
         wanted[4:] = np.round(np.clip(wanted[4:], 0, 1) * 255) / 255
         return wanted
