@@ -21,7 +21,8 @@ _FIGURES = ("arm-angles", "ikns", "both")
 def run() -> list[Row]:
     """`arm-angles` and `ikns` of the profile ikns-finger, on what its simulated cameras saw, frame by frame."""
     lockstep = Lockstep(wiring.build(*profile.load("ikns-finger"), []))
-    arm, ikns = lockstep.graph.controllers[:2]
+    laws = {law.name: law for law in lockstep.graph.controllers}
+    arm, ikns = laws["arm"], laws["intent"]
     for _ in range(_BEGUN):
         lockstep.step()
     seen: list[dict[str, Array]] = []

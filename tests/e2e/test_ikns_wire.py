@@ -5,6 +5,7 @@ Also with a finger of four Dynamixel servos instead of those behind the Firmata 
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import resources
@@ -14,9 +15,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 from helpers.run import Running, call
 from helpers.srl_twin import TwinProcess
+from ruamel.yaml import YAML
 from scipy.spatial import cKDTree
 
 from runtime.contracts.signals import Array
@@ -38,10 +39,10 @@ LAG = 0.5  # s of the wire, by which the finger may be later
 def written(folder: Path, dynamixel: bool) -> str:
     """The profile in a folder, with its calibration."""
     home = resources.files("profiles")
-    text: dict[str, Any] = yaml.safe_load((home / "ikns-finger.yaml").read_text())
+    text: dict[str, Any] = YAML(typ="safe", pure=True).load((home / "ikns-finger.yaml").read_text())
     if dynamixel:
-        joints = list(text["devices"]["finger"]["servos"])
-        motors = {joint: {"id": i, "model": "MX-28"} for i, joint in enumerate(joints, 1)}
+        homes = {joint: servo["home"] for joint, servo in text["devices"]["finger"]["servos"].items()}
+        motors = {joint: {"id": i, "model": "MX-28"} for i, joint in enumerate(homes, 1)}
         text["devices"]["finger"] = {
             "driver": "dynamixel",
             "port": "/dev/ttyUSB0",
@@ -49,15 +50,15 @@ def written(folder: Path, dynamixel: bool) -> str:
             "motors": motors,
         }
         axes = {
-            joint: {"model": "MX-28", "axis": axis, "link": [0.042, 0.0, 0.0], "start": start}
-            for joint, axis, start in zip(joints, ([0, 0, 1], *[[0, 1, 0]] * 3), (0.0, -0.4, 0.1, 0.1), strict=True)
+            joint: {"model": "MX-28", "axis": axis, "link": [0.042, 0.0, 0.0], "start": home}
+            for (joint, home), axis in zip(homes.items(), ([0, 0, 1], *[[0, 1, 0]] * 3), strict=True)
         }
         text["frames"]["world"] = {}  # of the chain's tip
         finger = text["sim"]["parts"]["finger"]
         text["sim"]["parts"]["finger"] = {"part": "dynamixel-chain", "at": finger["at"], "axes": axes}
     with resources.as_file(home / "ikns-finger.calibration.json") as calibration:
         copy(calibration, folder)
-    (folder / "ikns-finger.yaml").write_text(yaml.safe_dump(text, sort_keys=False))
+    (folder / "ikns-finger.yaml").write_text(json.dumps(text))
     return str(folder / "ikns-finger.yaml")
 
 
@@ -108,11 +109,11 @@ def test_the_wire_gives_the_path_of_the_fakes(dynamixel: bool, tmp_path: Path) -
         call(tmp_path, "stop", "--exit")
         assert run.finish()["cause"] == "request"
     recording, log = read(tmp_path / "x.rrd"), np.load(tmp_path / "log.npz")
-    markers, c, finger = fakes(name, log["t"][-1], "mocap.markers", "null-space.c", "world.finger_position")
+    markers, c, finger = fakes(name, log["t"][-1], "mocap.markers", "intent.c", "world.finger_position")
 
     distance, at = cKDTree(markers).query(in_motion(recording, "mocap.markers"))
     assert distance.max() < 1e-4, "m; the wire shows postures that the fakes' wearer doesn't have"
-    found = in_motion(recording, "null-space.c")
+    found = in_motion(recording, "intent.c")
     gap = np.abs(found - c[at])
     print(f"c: {len(found)} cycles, at most {gap.max():.5f} apart (median {np.median(gap):.1e}) of {np.ptp(found):.2f}")
     assert np.ptp(found) > 0.6
@@ -138,7 +139,7 @@ def test_a_cut_cable_of_the_cameras_holds_c_and_the_finger(fault: str, tmp_path:
 
         def speed() -> float:
             row = run.reader.newest()
-            return 0.0 if row is None else float(np.abs(run.layout.value(row[None], "null-space.c_rate")).max())
+            return 0.0 if row is None else float(np.abs(run.layout.value(row[None], "intent.c_rate")).max())
 
         run.until(lambda: run.reader.head > 200 and speed() > 0.15, "the finger in motion")
         twins.control(f"{fault} mocap")
@@ -165,7 +166,7 @@ def test_a_cut_cable_of_the_cameras_holds_c_and_the_finger(fault: str, tmp_path:
     print(f"{fault}: stopping {age[first] * 1e3:.0f} ms after the last sample")
     assert age[first - 1] <= MAX_AGE, "it stops in the first cycle that finds the sample stale"
     again = first + int(np.flatnonzero(states[first:] == State.ACTIVE)[0])
-    c, applied = layout.value(rows, "null-space.c"), layout.value(rows, "finger.position_command.applied")
+    c, applied = layout.value(rows, "intent.c"), layout.value(rows, "finger.position_command.applied")
     assert np.ptp(c[first - 1 : again], axis=0).max() == 0.0, "c is held"
     # The finger brakes within the guard's limits, holds, and goes on without a step.
     stopped = first + int(np.flatnonzero(states[first:] == State.STOPPED)[0])
