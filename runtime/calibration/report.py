@@ -83,7 +83,7 @@ def lines(result: Result) -> list[str]:
         each = ", ".join(f"{dof} {value:.4f}" for dof, value in told["noise_per_mm"].items())
         text.append(f"  expected noise of c per mm of marker noise, mean of the points: {each}")
     if told["crosstalk"] is not None:
-        text.append(f"  another DoF moves by at most {told['crosstalk']:.3f} of its range (in these samples)")
+        text.append(f"  while one DoF moves, another goes through at most {told['crosstalk']:.3f} of its range (in these samples)")
     return text
 
 

@@ -21,6 +21,9 @@ from runtime.control.ikns.clusters import Indices, box_points, hand_speed, k_mea
 from runtime.control.ikns.delaunay import SitesError, delaunay
 
 _SIDEWAYS: Final = 0.3  # cosine between directions of neighbouring points below which their sense is a guess
+_CONDITION: Final = 0.05  # below that, noise of one DoF is twenty times as large in c
+_REACH: Final = 2.0  # m
+_SPAN: Final = 4 * np.pi  # rad
 _LOST: Final = 0.2  # share of samples without angles or hand
 
 
@@ -29,21 +32,28 @@ class CalibrationError(SrlError):
 
 
 class Thresholds(Options):
-    """What a calibration keeps, and what it refuses."""
+    """What a calibration keeps, and what it refuses. A file brings its own: no file goes beyond their bounds."""
 
     points: int = Field(10, ge=8, le=26, description="calibration points: corners of a box, centres of its faces, ...")
     up: Literal[0, 1, 2] = Field(2, description="axis of the hand's frame that points upwards")
-    speed: float = Field(0.05, gt=0.0, description="m/s; samples in which the hand is faster are discarded")
-    radius: float = Field(0.05, gt=0.0, description="m; samples farther from their point's centroid are discarded")
+    speed: float = Field(0.05, gt=0.0, le=0.2, description="m/s; samples in which the hand is faster are discarded")
+    radius: float = Field(
+        0.05, gt=0.0, le=0.15, description="m; samples farther from their point's centroid are discarded"
+    )
     components: Literal["first", "sum"] = Field(
         "first", description="first principal component, or the paper's weighted sum of those that explain `share`"
     )
     share: float = Field(0.8, gt=0.0, le=1.0, description="of the variance, for `components: sum`")
     samples: int = Field(100, ge=10, description="least number of samples kept a point and DoF")
-    range: float = Field(0.15, gt=0.0, description="rad, least range of motion along the direction, a point and DoF")
-    explained: float = Field(0.7, gt=0.0, le=1.0, description="least share of the variance that the direction explains")
-    wander: float = Field(0.02, gt=0.0, description="m, largest rms distance of the hand from its point")
-    condition: float = Field(0.25, gt=0.0, le=1.0, description="least sine of a DoF's direction to all the others'")
+    range: float = Field(0.15, ge=0.05, description="rad, least range of motion along the direction, a point and DoF")
+    explained: float = Field(0.7, ge=0.3, le=1.0, description="least share of the variance that the direction explains")
+    wander: float = Field(0.02, gt=0.0, le=0.05, description="m, largest rms distance of the hand from its point")
+    condition: float = Field(
+        0.25, ge=_CONDITION, le=1.0, description="least sine of a DoF's direction to all the others'"
+    )
+    crosstalk: float = Field(
+        0.5, gt=0.0, le=1.0, description="of its range, the most that a DoF may move in the trials of another"
+    )
 
 
 @dataclass(frozen=True)
@@ -79,7 +89,8 @@ class Calibration:
         explained: (N, k), share of the variance along the trial's direction.
         wander: (N,) m, rms distance of the kept samples' hand from the site.
         condition: (N, k), sine of the angle between a trial's direction and the space of the others'; 1 for one DoF.
-        crosstalk: (N, k, k), [i, j]: how much of its range DoF i moves when DoF j moves through its own, in j's trials.
+        crosstalk: (N, k, k), [i, j]: how far DoF i goes, from its least to its greatest, in the trials of j, of its
+            range; 1 for i = j.
         agreement: (N,), least cosine between the trials' directions here and at the point they were signed by; 1 at the
             first.
         still: share of the samples in which the hand was slow enough.
@@ -162,9 +173,9 @@ def calibrate(recording: Recording, thresholds: Thresholds | None = None) -> Cal
                 along = q[chosen] @ B[i].T
                 lower[i, j], upper[i, j] = along[:, j].min(), along[:, j].max()
                 travel[i, j] = np.ptp(q[chosen], axis=0)
-                away = along - along.mean(axis=0)
-                crosstalk[i, :, j] = away.T @ away[:, j] / max(float(away[:, j] @ away[:, j]), 1e-300)
-        crosstalk[i] *= (upper[i] - lower[i]) / (upper[i] - lower[i])[:, None]
+                crosstalk[i, :, j] = np.ptp(along, axis=0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            crosstalk[i] /= (upper[i] - lower[i])[:, None]
     return Calibration(
         sites, B, lower, upper, travel, samples, explained, wander, condition, crosstalk, agreement,
         still=float(kept.sum() / max(seen.sum(), 1)), lost=float(1.0 - seen.mean()), jumps=int((steps > np.pi).sum()),
@@ -180,7 +191,6 @@ def flipped(found: Calibration, dof: int) -> Calibration:
         directions=sense[:, None] * found.directions,
         lower=np.where(sense > 0.0, found.lower, -found.upper),
         upper=np.where(sense > 0.0, found.upper, -found.lower),
-        crosstalk=sense[:, None] * found.crosstalk * sense,
     )
 
 
@@ -212,6 +222,7 @@ def _refusals(found: Calibration, th: Thresholds, numbers: Sequence[int]) -> Ite
     for i in range(len(found.sites)):
         for j in range(found.samples.shape[1]):
             yield from _refused(found, th, i, j, numbers[i])
+        yield from _impossible(found, i, numbers[i])
         if found.wander[i] > th.wander:
             yield CalibrationError(
                 f"point {numbers[i]}",
@@ -258,6 +269,30 @@ def _refused(found: Calibration, th: Thresholds, i: int, j: int, number: int) ->
             f"its motion is only {angle:.0f} degrees apart from the other DoFs' motions",
             "Redo its trial with this DoF alone, or do without it",
         )
+    else:
+        for other in range(found.samples.shape[1]):
+            if other != j and found.crosstalk[i, j, other] > th.crosstalk:
+                talk = found.crosstalk[i, j, other]
+                yield CalibrationError(
+                    place,
+                    f"it moves through {talk:.0%} of its range in the trial of DoF {other + 1}; {th.crosstalk:.0%} are "
+                    "allowed",
+                    f"Redo the trial of DoF {other + 1} with this DoF still",
+                )
+
+
+def _impossible(found: Calibration, i: int, number: int) -> Iterator[CalibrationError]:
+    """Numbers that no arm gives: a file that was edited, or in other units."""
+    place, remedy = f"point {number}", "Calibrate again"
+    if np.linalg.norm(found.sites[i]) > _REACH:
+        yield CalibrationError(place, f"it is farther than {_REACH:g} m from the chest; is it in mm?", remedy)
+    length = np.linalg.norm(found.directions[i], axis=1)
+    one = len(length) == 1
+    if (length < 0.99).any() or (length > (1.01 if one else 1.01 / _CONDITION)).any():
+        yield CalibrationError(place, f"its directions have the lengths {length.round(3).tolist()}", remedy)
+    spans = np.concatenate([found.upper[i] - found.lower[i], found.travel[i].ravel()])
+    if (spans > _SPAN).any() or (spans < 0.0).any() or (found.travel[i].sum(axis=1) <= 0.0).any():
+        yield CalibrationError(place, "its ranges are no motion of an arm; are they in degrees?", remedy)
 
 
 def _middles(hand: Array, seen: NDArray[np.bool_], point: Indices) -> Array:

@@ -14,6 +14,7 @@ Indices = NDArray[np.intp]
 
 _ROUNDS: Final = 100  # of k-means; the assignment is unchanged long before
 _WINDOW: Final = 0.1  # s, over which the hand's velocity is a fitted line's: differences of noisy samples are too large
+_BLOCK: Final = 1000  # samples
 
 
 def hand_speed(times: Array, hand: Array) -> Array:
@@ -21,6 +22,16 @@ def hand_speed(times: Array, hand: Array) -> Array:
 
     Not finite where fewer than three finite samples lie in it.
     """
+    speed = np.full(len(times), np.nan)
+    for begin in range(0, len(times), _BLOCK):  # sums over hours would lose the digits of a tenth of a second
+        end = min(begin + _BLOCK, len(times))
+        low = int(np.searchsorted(times, times[begin] - _WINDOW))
+        high = int(np.searchsorted(times, times[end - 1] + _WINDOW))
+        speed[begin:end] = _block_speed(times[low:high], hand[low:high])[begin - low : end - low]
+    return speed
+
+
+def _block_speed(times: Array, hand: Array) -> Array:
     seen = np.isfinite(hand).all(axis=1)
     t = times[seen] - times[0]
     x = hand[seen] - (hand[seen].mean(axis=0) if seen.any() else 0.0)

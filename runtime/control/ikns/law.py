@@ -32,17 +32,26 @@ class IknsConfig(ControllerConfig):
     flip: tuple[str, ...] = Field((), description="degrees of freedom whose sense is turned round")
     clamp: bool = Field(True, description="keep c within 0 and 1")
     catch_up: float = Field(
-        1.0, gt=0.0, description="1/s, how fast c goes to where it should be after it was held or reset"
+        1.0,
+        gt=0.0,
+        allow_inf_nan=False,
+        description="1/s, how fast c goes to where it should be after it was held or reset",
     )
     held: bool = Field(True, description="whether the input `held` tells which angles are held")
     unseen: float = Field(
-        0.1, ge=0.0, description="how wrong c may become by joints whose angles are held; beyond that c is held too"
+        0.1,
+        ge=0.0,
+        le=1.0,
+        description="how wrong c may become by joints whose angles are held; beyond that c is held too",
     )
     inset: float = Field(
         0.05, ge=0.0, le=0.5, description="how far within the points' hull c is read at most, as a share of the way in"
     )
     max_hold: float = Field(
-        2.0, gt=0.0, description="s for which a c may be held; after that the person is lost, and the limb stops"
+        2.0,
+        gt=0.0,
+        le=60.0,
+        description="s for which a c may be held; after that the person is lost, and the limb stops",
     )
 
 
@@ -104,6 +113,7 @@ class Ikns(Controller):
         self._behind = np.zeros(self._k)  # how far c is still from where it should be
         self._hold = np.zeros(self._k, dtype=bool)
         self._frozen = np.zeros(self._n, dtype=bool)  # joints that were held in the cycle before
+        self._missed = 0.0  # s held, less s seen
         self._clear()
 
     def _clear(self) -> None:
@@ -115,7 +125,7 @@ class Ikns(Controller):
         """Begins at the applied value, or at the present one if c commands nothing. What is held keeps its value."""
         c = self.output["c"]
         self._clear()
-        self.lost = False
+        self.lost, self._missed = False, 0.0
         self._frozen[:] = False
         now = self._read(c)
         begin = self.applied.get("c", np.where(self._hold, c, now))
@@ -133,9 +143,10 @@ class Ikns(Controller):
             self._held += 1
             self._for += dt
             self._longest = max(self._longest, self._for)
+            self._missed += dt
         else:
-            self._for = 0.0
-        self.lost = self._for > self._patience
+            self._for, self._missed = 0.0, max(0.0, self._missed - dt)  # a good frame now and then isn't a person
+        self.lost = self._missed > self._patience
         # What comes back, be it c itself or a joint that it did without, moves c at `catch_up`.
         back = before if not (frozen & ~self._frozen).any() else np.ones(self._k, dtype=bool)
         np.copyto(self._behind, c - now, where=back)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from math import isfinite
+from typing import Final
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from runtime.contracts.controller import Controller, ControllerConfig
 from runtime.contracts.signals import Signal
+
+_NEAR: Final = 0.05  # of c, how near the axis meets it
 
 
 class AxisPositionConfig(ControllerConfig):
@@ -37,7 +40,8 @@ class AxisPosition(Controller):
 
     Input `axis` (1,). Outputs `c` (1,), 0 to 1, and `c_rate` (1,) 1/s. Beyond the dead band the deflection is
     stretched, so that c is continuous and reaches its ends. c follows at `speed` at most, from the applied value after
-    a reset; a c that commands no device stays where it was. While the input isn't finite, c is held.
+    a reset; a c that commands no device stays where it was. After a reset c stays until the axis has met it: a trigger
+    that was pulled or let go meanwhile moves nothing by itself. While the input isn't finite, c is held.
     """
 
     Config = AxisPositionConfig
@@ -49,18 +53,28 @@ class AxisPosition(Controller):
         self.outputs = (Signal(name="c", shape=(1,), unit="1"), Signal(name="c_rate", shape=(1,), unit="1/s"))
         self._config = config
         self._c = self._wanted(config.rest)
+        self._met, self._side = False, 0.0  # whether the axis has met c since the reset; on which side of it it was
 
     def reset(self) -> None:
         if "c" in self.applied:
             self._c = float(np.clip(self.applied["c"][0], 0.0, 1.0))
+        self._met = False
+        self._side = 0.0
         self.output["c"][0], self.output["c_rate"][0] = self._c, 0.0
 
     def update(self, dt: float) -> None:
         axis, last = float(self.input["axis"][0]), self._c
-        if isfinite(axis):
+        if isfinite(axis) and self._meets(self._wanted(axis)):
             step = self._config.speed * dt
             self._c = min(max(self._wanted(axis), last - step), last + step)
         self.output["c"][0], self.output["c_rate"][0] = self._c, (self._c - last) / dt
+
+    def _meets(self, wanted: float) -> bool:
+        """Whether the axis has been at c, or on both sides of it, since the reset."""
+        off = wanted - self._c
+        self._met = self._met or abs(off) <= _NEAR or off * self._side < 0.0
+        self._side = off
+        return self._met
 
     def _wanted(self, axis: float) -> float:
         o = self._config

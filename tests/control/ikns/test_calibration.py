@@ -152,18 +152,44 @@ def test_several_dofs_hardly_disturb_each_other(k: int) -> None:
     c = found(0.5, "clavicle", k)
     assert refusals(c, FEW) == ()
     others = ~np.eye(k, dtype=bool)
-    assert np.abs(c.crosstalk[:, others]).max() < 0.05
+    assert 0.0 < c.crosstalk[:, others].max() < 0.08
     assert np.diagonal(c.crosstalk, axis1=1, axis2=2) == pytest.approx(1.0)
     for p, i in enumerate(nearest(c)):
         for j in range(k):
             q = trials(0.5, "clavicle", k)[p][j]
             value = (q @ c.directions[i].T - c.lower[i]) / (c.upper[i] - c.lower[i])
             assert np.ptp(value[:, j]) == pytest.approx(1.0)
-            slopes = np.polyfit(value[:, j], value, 1)[0]
-            assert c.crosstalk[i, :, j] == pytest.approx(slopes)
+            assert c.crosstalk[i, :, j] == pytest.approx(np.ptp(value, axis=0))
     # The dual basis is what does it: the trials' own directions aren't orthogonal.
     gram = c.directions @ c.directions.transpose(0, 2, 1)
     assert np.abs(gram[:, others]).max() > 0.2
+
+
+def test_a_dof_that_moves_in_the_trials_of_another_is_refused() -> None:
+    """It goes there and back while the other goes there, so no straight line through the samples shows it."""
+    Z = np.linalg.qr(np.random.default_rng(0).normal(size=(9, 9)))[0]
+    s = np.sin(np.linspace(0, 4 * np.pi, 500))[:, None]
+    moved = [0.8 * s * Z[0] + 0.5 * (0.8 * s) ** 2 * Z[1], 0.15 * s * Z[1]]
+    rows = [(q, point, dof) for point in POINTS for dof, q in enumerate(moved)]
+    times = np.concatenate([6.0 * i + np.arange(500) * 0.01 for i in range(len(rows))])
+    hand = np.concatenate([np.tile(point, (500, 1)) for _, point, _ in rows])
+    dof = np.repeat([d for *_, d in rows], 500)
+    made = calibrate(Recording(times, np.concatenate([q for q, *_ in rows]), hand, dof))
+    assert made.crosstalk[:, 1, 0].max() > 1.0
+    said = refusals(made)
+    assert len(said) == len(POINTS)
+    assert all("of its range in the trial of DoF 1" in str(reason) for reason in said)
+
+
+def test_a_file_in_other_units_is_refused() -> None:
+    c = found(0.5)
+    for change, words in (
+        ({"sites": 1e3 * c.sites}, "in mm"),
+        ({"directions": 10.0 * c.directions}, "lengths"),
+        ({"lower": np.rad2deg(c.lower), "upper": np.rad2deg(c.upper)}, "in degrees"),
+        ({"travel": 0.0 * c.travel}, "no motion"),
+    ):
+        assert any(words in str(reason) for reason in refusals(replace(c, **change), FEW)), words
 
 
 # Clusters
@@ -198,6 +224,11 @@ def test_the_hands_speed() -> None:
     speed = hand_speed(times, hand)
     assert np.isnan(speed[120:180]).all()
     assert speed[np.isfinite(speed)] == pytest.approx(0.05)
+    hours = np.arange(50_000) * 0.01 + 8 * 3600.0
+    walked = np.random.default_rng(5).normal(size=(50_000, 3)).cumsum(axis=0) * 1e-4
+    assert hand_speed(hours, walked) == pytest.approx(hand_speed(hours - 8 * 3600.0, walked), abs=1e-6)
+    long = np.arange(1_500_000) * 0.01  # four hours
+    assert hand_speed(long, long[:, None] * [0.03, 0.0, -0.04]) == pytest.approx(0.05, abs=1e-6)
     noisy = np.random.default_rng(4).normal(size=(500, 3)) * 5e-4
     assert np.percentile(hand_speed(np.arange(500) / 100, noisy), 99) < 0.025  # differences would say 0.04
 

@@ -81,6 +81,7 @@ def test_position_is_monotone_continuous_and_reaches_its_ends(
     sides = [side for side in (abs(rest - lower), abs(upper - rest)) if side > 0.0]
     options = AxisPositionConfig(lower=lower, upper=upper, rest=rest, dead_band=band * min(sides), speed=1e6)
     law = started(AxisPosition("c", options))
+    step(law, rest)
     assert step(law, lower) == pytest.approx(0.0, abs=1e-9)
     assert step(law, upper) == pytest.approx(1.0)
     at_rest = step(law, rest)
@@ -94,8 +95,23 @@ def test_position_is_monotone_continuous_and_reaches_its_ends(
 
 def test_a_held_button_closes_and_a_released_one_opens() -> None:
     law = started(AxisPosition("c", AxisPositionConfig(speed=1.0)))
+    step(law, 0.0)
     assert step(law, 1.0, 50) == pytest.approx(0.5)
     assert step(law, 0.0, 20) == pytest.approx(0.3)
+
+
+def test_a_trigger_that_was_pulled_or_let_go_meanwhile_moves_nothing_until_it_has_met_c() -> None:
+    law = started(AxisPosition("c", AxisPositionConfig()), first=1.0, applied=0.0)
+    assert step(law, 1.0, 20) == 0.0
+    assert step(law, 0.5, 20) == 0.0
+    assert step(law, 0.0, 20) == 0.0
+    assert step(law, 0.5, 20) == pytest.approx(0.5)
+    law = started(AxisPosition("c", AxisPositionConfig()), first=0.0, applied=0.8)
+    assert step(law, 0.0, 20) == 0.8
+    assert step(law, 0.6, 20) == 0.8
+    assert step(law, np.nan, 20) == 0.8
+    assert step(law, 0.9, 20) == pytest.approx(0.9)  # it has gone past c
+    assert step(law, 0.0, 20) == 0.0
 
 
 @given(deflection=st.floats(-1.0, 1.0), cycles=st.integers(1, 150))
