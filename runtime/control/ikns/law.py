@@ -124,10 +124,10 @@ class Ikns(Controller):
     def reset(self) -> None:
         """Begins at the applied value, or at the present one if c commands nothing. What is held keeps its value."""
         c = self.output["c"]
-        self._clear()
         self.lost, self._missed = False, 0.0
         self._frozen[:] = False
         now = self._read(c)
+        self._clear()  # this reading belongs to no cycle
         begin = self.applied.get("c", np.where(self._hold, c, now))
         self._behind = np.where(self._hold, 0.0, begin - now)
         c[:] = begin

@@ -305,6 +305,16 @@ def test_it_begins_where_what_it_commands_is(file: Path) -> None:
     assert made.output["c"] == 0.9
 
 
+def test_the_share_of_cycles_outside_counts_no_reset(file: Path) -> None:
+    arm, made = Arm(), law(file)
+    put(made, arm, arm.at(MIDDLE))
+    made.input["hand"][:3] = MIDDLE + 1.0
+    made.reset()
+    for _ in range(3):
+        made.update(DT)
+    assert made.figures()["outside"] == 1.0
+
+
 def test_across_the_hull_c_is_continuous(file: Path) -> None:
     """The hand moves out of the points' hull and back in elsewhere; the arm's angles stay."""
     arm, made = Arm(), law(file, clamp=False)
