@@ -114,7 +114,8 @@ class Instructed:
     """What a wearer did at the calibration points: at each one, one instructed trial a DoF.
 
     Attributes:
-        rows: (T, 1 + n + 3 + 1), s, rad, m in the chest's frame, and the number of the DoF that was to move.
+        rows: (T, 1 + n + 3 + 2), s, rad, m in the chest's frame, and the numbers of the point and of the DoF that was to
+            move.
         ranges: (10, k) rad, of each DoF's own angle at each point.
         dofs: their names.
         joints: names of the angles.
@@ -133,7 +134,8 @@ class Instructed:
         rows = self.rows[np.isin(self.rows[:, -1], chosen)]
         number = np.array([chosen.index(int(j)) for j in rows[:, -1]], np.intp)
         thresholds = Thresholds()
-        found = calibrate(Recording(rows[:, 0], rows[:, 1:-4], rows[:, -4:-1], number), thresholds)
+        point = rows[:, -2].astype(np.intp)
+        found = calibrate(Recording(rows[:, 0], rows[:, 1:-5], rows[:, -5:-2], number, point), thresholds)
         for reason in refusals(found, thresholds):
             raise reason
         made = Record.of(
@@ -156,7 +158,7 @@ def instructed(rig: Rig, dofs: Sequence[Dof]) -> Instructed:
             angles, hand, truth = rig.tell(Hold((x, y, z), dof), _HELD, "arm.angles", "arm.hand", "world.wearer_dofs")
             t = begun + np.arange(len(angles)) / rig.rate
             begun = float(t[-1]) + 1.0  # what is between two trials isn't recorded
-            rows.append(np.column_stack([t, angles, hand[:, :3], np.full(len(t), j)]))
+            rows.append(np.column_stack([t, angles, hand[:, :3], np.full((len(t), 2), (i, j))]))
             ranges[i, j] = np.ptp(truth[:, DOFS.index(dof)])
     joints = rig.lockstep.graph.layout.fields["arm.angles"].labels
     return Instructed(np.vstack(rows), ranges, tuple(dofs), joints, rig.rate)
