@@ -114,8 +114,7 @@ class Instructed:
     """What a wearer did at the calibration points: at each one, one instructed trial a DoF.
 
     Attributes:
-        rows: (T, 1 + n + 3 + 2), s, rad, m in the chest's frame, and the numbers of the point and of the DoF that was to
-            move.
+        rows: (T, 1 + n + 3 + 2), s, rad, m in the chest's frame, the point's number, that of the DoF that was to move.
         ranges: (10, k) rad, of each DoF's own angle at each point.
         dofs: their names.
         joints: names of the angles.
