@@ -57,6 +57,8 @@ def test_labels_are_exchanged_while_it_is_due_and_not_before() -> None:
         seen.append(bool(np.linalg.norm(points[b] - before) < np.linalg.norm(points[a] - before)))
     assert not any(seen[10:480])
     assert all(seen[520:])
+    used = rig.views["arm.used"]
+    assert used[[a, b]].tolist() == [-1.0, -1.0], "the law got them, and rejected them"
 
 
 def test_a_condition_changes_what_it_says() -> None:
