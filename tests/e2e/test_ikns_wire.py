@@ -31,7 +31,7 @@ pytestmark = [pytest.mark.serial, pytest.mark.slow]  # a loop that is held up fo
 
 # The wearer doesn't look at the finger: it moves by the world's time alone, in both runs alike.
 ALIKE = ("sim.parts.wearer.watches={}", "sim.devices.mocap={noise: 0.0}")
-PATIENT, SHORT = 5.0, 0.5  # s, for which the cameras may be silent: a host under load holds up the twins
+PATIENT, SHORT = 60.0, 0.5  # s, for which the cameras may be silent: a host under load holds up the twins
 PLAN = 20.0  # s of the profile's plan, which begins anew after it
 SETTLED = 50  # cycles until `arm-angles` has found the posture
 LAG = 0.5  # s of the wire, by which the finger may be later
