@@ -83,7 +83,8 @@ def lines(result: Result) -> list[str]:
         each = ", ".join(f"{dof} {value:.4f}" for dof, value in told["noise_per_mm"].items())
         text.append(f"  expected noise of c per mm of marker noise, mean of the points: {each}")
     if told["crosstalk"] is not None:
-        text.append(f"  while one DoF moves, another goes through at most {told['crosstalk']:.3f} of its range (in these samples)")
+        share = f"{told['crosstalk']:.3f}"
+        text.append(f"  while one DoF moves, another goes through {share} of its range at most (in these samples)")
     return text
 
 
