@@ -25,7 +25,7 @@ from runtime.profile.source import Source
 from runtime.recording.reader import read
 
 Rows = NDArray[np.int64]
-_CHUNK: Final = 0.2  # s of simulated time between two looks at the procedure
+LOOK: Final = 0.2  # s of simulated time between two looks at the procedure
 _CHUNKS: Final = 50  # that go to the file together: each write has columns of its own, which cost room
 MARK: Final = f"{MARKS}.mark"
 
@@ -76,7 +76,7 @@ class Simulated(RowSource):
         self._graph.layout.meta["wall"] = time.time_ns()
         self.taps = taps(self._graph.layout, source.label)
         self._lockstep = Lockstep(self._graph, report)
-        self._count = max(round(_CHUNK * float(checked.rate)), 1)
+        self._count = max(round(LOOK * float(checked.rate)), 1)
         self._file = None if record is None else RowFile(self._graph.layout, record)
 
     def take(self) -> Rows:

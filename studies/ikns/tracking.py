@@ -15,10 +15,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from runtime.profile import profile as profiles
 from studies.ikns.curves import KINDS
 from studies.ikns.tracking_analysis import analysed, figure
-from studies.ikns.tracking_trial import CALIBRATION, PROFILE
+from studies.ikns.tracking_trial import PROFILE
 from studies.ikns.wearers import COUNT, Wearer, assumed, wearers
 from studies.result import Result
 from studies.tasks.runner import Runner
@@ -75,13 +74,12 @@ def study(
 def calibrated(who: Sequence[Wearer], folder: Path, runner: Runner) -> list[Calibrated]:
     """Calibrates each wearer, once more if it is refused, as a person would."""
     found = {one.name: Calibrated(one, "", ()) for one in who}
-    shipped = (Path(str(profiles.find(PROFILE)[2])) / CALIBRATION).read_text(encoding="utf-8")
     for attempt in range(1, _TRIES + 1):
         left = [one for one in who if not found[one.name].content]
         tasks = [
             TrialTask.of(
                 NAME, "ikns-wearer-calibration", 10_000 * attempt + one.number,
-                {"wearer": one.name, "set": settings(one, "ikns", "preview"), "calibration": shipped}, profile=PROFILE,
+                {"person": one.name, "set": settings(one, "ikns", "preview"), "plan": {}}, profile=PROFILE,
             )
             for one in left
         ]  # fmt: skip

@@ -7,96 +7,85 @@ from __future__ import annotations
 
 import datetime
 import json
-from collections.abc import Mapping, Sequence
-from itertools import product
+import math
+from collections.abc import Mapping
 from typing import Any, Final, cast
 
 import numpy as np
 
-from runtime.contracts.errors import SrlError
+from runtime.calibration import cut as cutting
+from runtime.calibration import result as results
+from runtime.calibration.guide import Guide, QuitError
+from runtime.calibration.screen import Plain
+from runtime.calibration.sources import LOOK, Simulated
 from runtime.contracts.files import Files
 from runtime.contracts.signals import Array
+from runtime.contracts.wearer import Follow, Hold
 from runtime.control.ikns import record
-from runtime.control.ikns.calibration import Recording, Thresholds, calibrate, refusals
+from runtime.control.ikns.calibration import CalibrationError, Thresholds
+from runtime.control.ikns.procedure import Plan, Procedure
+from runtime.control.ikns.record import RecordError
 from runtime.control.ikns.sibson import Sibson
 from runtime.loop.lockstep import Lockstep
 from runtime.profile import profile, wiring
+from runtime.profile.profile import Profile
+from runtime.profile.source import Source
 from sim.devices.gamepad.fake import FakeGamepad
-from sim.parts.body.instructions import Explore, Follow, Hold, Instruction
-from sim.parts.body.upper_body import UpperBodyPart
 from sim.parts.body.wearer_config import Tracking
-from sim.world.cell import Cell
 from studies.ikns.curves import SECONDS, SETTLE, curve
 from studies.ikns.trigger import TriggerFinger
 from studies.tasks.task import Value
-from studies.toolkit.errors import StudyError
 
 PROFILE: Final = "ikns-finger"
 CALIBRATION: Final = "ikns-finger.calibration.json"  # as the profile names it
 VALUE: Final = "intent.c"
 _DATE: Final = datetime.date(2024, 1, 1)  # of simulated calibrations: a task depends on no clock
-_PATIENCE: Final = 20.0  # s for the hand to come to a point
-_EXPLORATION: Final = 60.0  # s, as in the paper
-_HELD: Final = 5.0  # s at a point
+_PATIENCE: Final = 600.0  # s that a simulated calibration may take
 _COARSE: Final = 10  # Hz, of the path that is kept for the figure
 
 
 def calibration(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Value]:
-    """The wearer does what a calibration asks for: a minute of exploration, then 10 points, 5 s each.
+    """The wearer does what `srl calibrate --sim` asks for.
 
     Args:
         text: the profile's.
-        parameters: `set`, overrides by key path; `calibration`, any valid one, which the profile's law needs to run.
+        parameters: `set`, overrides by key path; `person`, its anonymous id; `plan`, times that differ.
         seed: of the world.
     Returns:
         `calibration`: the file's content, empty if it is `refused`, which says why; figures of its quality.
     """
-    lockstep = _lockstep(text, parameters, seed)
-    part, views = _wearer(lockstep), lockstep.graph.row.views
-    rate = float(lockstep.graph.profile.rate)
-    rows: list[tuple[float, ...]] = []
+    dofs, thresholds = ("swivel",), Thresholds()
+    checked, source = _parsed(text, parameters, seed, {})
+    made, cut = cutting.cut(checked, source, parameters["person"], dofs, thresholds, sim=True)
+    simulated = Simulated(made, cut, lambda _: None)
+    seconds = 0.0
 
-    def tell(instruction: Instruction, seconds: float, trial: bool = False) -> Array:
-        part.wearer.instruct(instruction)
-        for _ in range(round(_PATIENCE * rate)):
-            lockstep.step()
-            if isinstance(instruction, Explore) or part.wearer.done:
-                break
-        else:
-            raise StudyError("calibration", f"the hand didn't get there: {instruction}", "Look at the wearer's options")
-        hand = []
-        for _ in range(round(seconds * rate)):
-            lockstep.step()
-            hand.append(views["arm.hand"][:3].copy())
-            if trial:
-                rows.append((lockstep.count / rate, *views["arm.angles"], *hand[-1]))
-        return np.array(hand)
+    def over() -> bool:
+        nonlocal seconds
+        seconds += LOOK
+        return seconds > _PATIENCE
 
-    explored = tell(Explore(_EXPLORATION), _EXPLORATION)
-    middle, half = 0.5 * (explored.max(axis=0) + explored.min(axis=0)), 0.5 * np.ptp(explored, axis=0)
-    for corner in (*product((-1.0, 1.0), repeat=3), (0.0, 0.0, -1.0), (0.0, 0.0, 1.0)):
-        x, y, z = (middle + 0.9 * half * corner).tolist()
-        tell(Hold((x, y, z)), 1.0)
-        tell(Hold((x, y, z), "swivel"), _HELD, trial=True)
-    data, thresholds = np.array(rows), Thresholds()
+    guide = Guide(simulated, Procedure(dofs, thresholds, Plan(**parameters["plan"])), Plain(lambda _: None), over)
     try:
-        found = calibrate(Recording(data[:, 0], data[:, 1:-3], data[:, -3:], np.zeros(len(data), int)), thresholds)
-        for reason in refusals(found, thresholds):
-            raise reason
-        made = record.Record.of(
-            found, thresholds, person="simulated", date=_DATE, rate=rate, frame="chest",
-            joints=lockstep.graph.layout.fields["arm.angles"].labels, dofs=("swivel",),
-        )  # fmt: skip
-    except SrlError as error:
-        return {"refused": f"{error.place}: {error.problem}", "calibration": ""}
+        guide.run()
+        result = results.compute(simulated.taps, guide.samples, _DATE)
+        if result.refusals:
+            raise result.refusals[0]
+        content = result.record().model_dump_json()
+    except (CalibrationError, RecordError, QuitError) as error:
+        return {"refused": str(error), "calibration": ""}
+    finally:
+        simulated.close()
+    found = result.found
     return {
         "refused": "",
-        "calibration": made.model_dump_json(),
+        "calibration": content,
         "samples": int(found.samples.min()),
         "explained": float(found.explained.min()),
         "range": float((found.upper - found.lower).min()),
         "wander": float(found.wander.max()),
         "agreement": float(found.agreement.min()),
+        "noise": math.nan if result.noise is None else float(result.noise.max()),
     }
 
 
@@ -113,8 +102,12 @@ def trial(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Valu
         rmse, mean_error, worst_step: % of the greatest value; hand_rms, hand_p95, hand_max: m from its mean place;
         outside, held: share of the 25 s; path: JSON, the value each 0.1 s, from 0.1 s on.
     """
-    lockstep = _lockstep(text, parameters, seed)
-    part, graph = _wearer(lockstep), lockstep.graph
+    files = {CALIBRATION: parameters["calibration"].encode()}
+    lockstep = Lockstep(wiring.build(*_parsed(text, parameters, seed, files), []))
+    graph = lockstep.graph
+    assert graph.world is not None
+    wearer = graph.world.wearer
+    assert wearer is not None
     c = graph.row.views[VALUE]
     name, rate = parameters["curve"], float(graph.profile.rate)
     sites = record.parse(parameters["calibration"].encode(), CALIBRATION).calibration().sites
@@ -124,12 +117,12 @@ def trial(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Valu
     shown = curve(name, times - SETTLE)
     trigger = None
     if parameters["set"].get("input", "ikns") == "gamepad":
-        part.wearer.instruct(Hold((x, y, z)))
+        wearer.instruct(Hold((x, y, z)))
         tracking = Tracking.model_validate(parameters["tracking"])
         trigger = TriggerFinger(tracking, seed=seed, **parameters["trigger"])
         (pad,) = (d.driver for d in lockstep.devices if isinstance(d.driver, FakeGamepad))
     else:
-        part.wearer.instruct(Follow(cast(Any, times), cast(Any, shown[:, None]), ("swivel",), (x, y, z)))
+        wearer.instruct(Follow(cast(Any, times), cast(Any, shown[:, None]), ("swivel",), (x, y, z)))
     late = max(round(parameters["display"] * rate), 0)
     count = round((SETTLE + SECONDS) * rate)
     values, hands, held = np.zeros(count), np.zeros((count, 3)), np.zeros(count)
@@ -138,7 +131,7 @@ def trial(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Valu
     for k in range(count):
         seen = float(values[max(k - 1 - late, 0)])
         if trigger is None:
-            part.wearer.see([seen])
+            wearer.see([seen])
         else:
             pad.hold("right_trigger", trigger.until((k + 1) / rate, lambda t: float(np.interp(t, times, shown)), seen))
         lockstep.step()
@@ -146,10 +139,10 @@ def trial(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Valu
         held[k] = 0.0 if law_held is None else law_held.item()
     t = np.arange(1, count + 1) / rate - SETTLE
     counts = t > 0.0
-    row: dict[str, Value] = dict(scores(t[counts], values[counts], name))
-    row |= stillness(hands[counts])
     step = max(round(rate / _COARSE), 1)
-    return row | {
+    return {
+        **scores(t[counts], values[counts], name),
+        **stillness(hands[counts]),
         "held": float(held[counts].mean()),
         "outside": float(np.mean([hull.nearest(place).distance > 0.0 for place in hands[counts][::step]])),
         "path": json.dumps(np.round(values[counts][step - 1 :: step], 3).tolist()),
@@ -176,17 +169,10 @@ def stillness(hand: Array) -> dict[str, float]:
     }
 
 
-def _lockstep(text: str, parameters: Mapping[str, Any], seed: int) -> Lockstep:
-    """The profile as it runs for one wearer."""
+def _parsed(text: str, parameters: Mapping[str, Any], seed: int, files: Mapping[str, bytes]) -> tuple[Profile, Source]:
+    """The profile for one wearer. `files`: the content of those that it names, as if they had been recorded."""
     part = "sim.parts.wearer"
     # What the wearer sees is the screen, not the finger.
     own = {f"{part}.plan": [], f"{part}.watches": {}, "seed": seed}
     overrides = [f"{key}={json.dumps(value)}" for key, value in {**parameters["set"], **own}.items()]
-    files = Files(recorded={CALIBRATION: parameters["calibration"].encode()})
-    return Lockstep(wiring.build(*profile.parse(f"{PROFILE}.yaml", text, overrides, files), []))
-
-
-def _wearer(lockstep: Lockstep) -> UpperBodyPart:
-    parts: Sequence[Any] = list(cast(Cell, lockstep.graph.world).parts.values())
-    (found,) = (part for part in parts if isinstance(part, UpperBodyPart))
-    return found
+    return profile.parse(f"{PROFILE}.yaml", text, overrides, Files(recorded=files))
