@@ -27,6 +27,9 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         help="change what was assumed: how much does each claim depend on it",
     )
     parser.add_argument("--json", action="store_true", help="one JSON object")
+    people = parser.add_argument_group("with a person, beside `srl run`, where the study can be done with people")
+    people.add_argument("--person", metavar="ID", help="anonymous id, such as P07")
+    people.add_argument("--profile", metavar="PROFILE", help="the one that runs; default: the study's own")
     trials = parser.add_argument_group("how trials run (studies whose trials are tasks: docs/studies.md)")
     where = trials.add_mutually_exclusive_group()
     where.add_argument("--workers", type=int, metavar="N", help="processes on this machine; default: one a core")
@@ -49,6 +52,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 def run(args: argparse.Namespace) -> int:
     """Runs the study. Returns 0 also if a claim doesn't hold, which the output says; 1 if trials failed."""
     study = registry.load("studies", args.name, f"srl study {args.name}")
+    if args.person is None and args.profile is not None:
+        raise RequestError("--profile", "it is for a study with a person", "Add --person ID, or leave it out")
     runner = _runner(args, study)
     folder = args.out / args.name
     try:
@@ -57,12 +62,28 @@ def run(args: argparse.Namespace) -> int:
         raise RequestError(f"--out {args.out}", f"can't be written: {error.strerror}", "Name another folder") from None
     if args.sweep:
         return _sweep(args.name, study, folder, runner, args.json)
+    if args.person is not None:
+        return _show(_session(args, study, folder), folder, args.json)
     result = study(folder, args.quick) if runner is None else study(folder, args.quick, runner=runner)
-    code = 1 if runner is not None and runner.failed else 0
-    if args.json:
+    return max(_show(result, folder, args.json), 1 if runner is not None and runner.failed else 0)
+
+
+def _session(args: argparse.Namespace, study: Any, folder: Path) -> Any:
+    """The result of a study with one more person."""
+    place = f"srl study {args.name} --person"
+    session = getattr(sys.modules[study.__module__], "session", None)
+    if session is None:
+        raise RequestError(place, "this study has simulated persons only", "Leave out --person")
+    given = {} if args.profile is None else {"profile": args.profile}
+    return session(folder, args.person, quick=args.quick, **given)
+
+
+def _show(result: Any, folder: Path, as_json: bool) -> int:
+    """Prints a result and keeps it."""
+    if as_json:
         print(_json(result.figures()))
         _keep(folder / "result.json", result.figures())
-        return code
+        return 0
     print(f"{result.study} ({'simulated' if result.simulated else 'on hardware'}, seeds {result.seeds})")
     _print_table(result.table)
     for claim in result.claims:
@@ -72,7 +93,7 @@ def run(args: argparse.Namespace) -> int:
     for file in (*result.files, "result.json"):
         print(f"  {file}")
     _keep(folder / "result.json", result.figures())
-    return code
+    return 0
 
 
 def _runner(args: argparse.Namespace, study: Any) -> Any:

@@ -17,16 +17,16 @@ import numpy as np
 
 from studies.ikns.curves import KINDS
 from studies.ikns.tracking_analysis import analysed, figure
+from studies.ikns.tracking_order import CONDITIONS, NAME, REPETITIONS, ordered
+from studies.ikns.tracking_person import session
 from studies.ikns.tracking_trial import PROFILE
 from studies.ikns.wearers import COUNT, Wearer, assumed, wearers
 from studies.result import Result
 from studies.tasks.runner import Runner
 from studies.tasks.task import Row, TrialTask
 
-NAME: Final = "ikns-tracking"
-CONDITIONS: Final = ("ikns", "gamepad")
 MODELS: Final = ("preview", "pursuit")
-REPETITIONS: Final = 3
+__all__ = ["run", "session", "study", "sweep"]
 _QUICK: Final = 3  # wearers
 _SWEPT: Final = 4  # wearers of the sweep
 _TRIES: Final = 2  # calibrations of a wearer
@@ -95,14 +95,9 @@ def calibrated(who: Sequence[Wearer], folder: Path, runner: Runner) -> list[Cali
 
 def trials(one: Calibrated, model: str, repetitions: int = REPETITIONS) -> Iterator[TrialTask]:
     """A wearer's trials, in its own random order: which condition comes first, and the nine trials of each."""
-    order = np.random.default_rng([assumed()["seed"], one.wearer.number, 1])
-    place = 0
-    for condition in order.permutation(CONDITIONS).tolist():
-        plan = [(name, repetition) for name in KINDS for repetition in range(1, repetitions + 1)]
-        for at in order.permutation(len(plan)).tolist():
-            place += 1
-            name, repetition = plan[at]
-            yield task(one, condition, model, name, repetition, place)
+    order = ordered([assumed()["seed"], one.wearer.number, 1], repetitions)
+    for place, (condition, name, repetition) in enumerate(order, 1):
+        yield task(one, condition, model, name, repetition, place)
 
 
 def task(

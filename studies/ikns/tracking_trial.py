@@ -41,7 +41,7 @@ CALIBRATION: Final = "ikns-finger.calibration.json"  # as the profile names it
 VALUE: Final = "intent.c"
 _DATE: Final = datetime.date(2024, 1, 1)  # of simulated calibrations: a task depends on no clock
 _PATIENCE: Final = 600.0  # s that a simulated calibration may take
-_COARSE: Final = 10  # Hz, of the path that is kept for the figure
+COARSE: Final = 10  # Hz, of the path that is kept for the figure
 
 
 def calibration(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Value]:
@@ -139,7 +139,7 @@ def trial(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Valu
         held[k] = 0.0 if law_held is None else law_held.item()
     t = np.arange(1, count + 1) / rate - SETTLE
     counts = t > 0.0
-    step = max(round(rate / _COARSE), 1)
+    step = max(round(rate / COARSE), 1)
     return {
         **scores(t[counts], values[counts], name),
         **stillness(hands[counts]),

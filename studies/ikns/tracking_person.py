@@ -1,0 +1,256 @@
+"""The tracking experiment with a person: the loop runs beside it, the person has the participant's screen.
+
+The order is drawn once and stored. Each trial is on the disk before the next one begins, and the same command goes on
+where it was. Nothing here knows who the person is.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import re
+import secrets
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from runtime.calibration.session import ANONYMOUS
+from runtime.contracts.errors import RecordingError, RequestError
+from runtime.contracts.files import decoded
+from runtime.contracts.signals import Array
+from runtime.control.ikns import record
+from runtime.control.ikns.sibson import Sibson
+from runtime.ipc import private_file
+from runtime.ipc.layout import Layout
+from runtime.ipc.ring import RingReader
+from runtime.ipc.run_folder import RunFolder, running
+from runtime.panel.screen import Screen
+from runtime.panel.trial import ScreenTrial, Trial
+from runtime.profile import profile as profiles
+from runtime.profile.plots import pick
+from studies.ikns.curves import SECONDS, SETTLE, curve
+from studies.ikns.tracking_analysis import analysed, figure
+from studies.ikns.tracking_order import NAME, REPETITIONS, Entry, ordered
+from studies.ikns.tracking_trial import COARSE, PROFILE, VALUE, scores, stillness
+from studies.result import Result
+from studies.tasks import journal as journals
+from studies.tasks import table
+from studies.tasks.environment import environment
+from studies.tasks.task import DONE, Row, TrialTask, Value
+from studies.toolkit.errors import StudyError
+
+_ORDER: Final = "order.json"
+_REST: Final = 5.0  # s between trials, at least
+_LOOK: Final = 0.5  # s between looks for the run
+_SAMPLES: Final = 1001  # of a curve, as the screen gets it
+_HELD: Final = "intent.held"
+_HAND: Final = "arm.hand"
+_MODEL: Final = "person"
+
+
+@dataclass(frozen=True)
+class _Run:
+    """A running instance, and what its layout says of it."""
+
+    folder: RunFolder
+    layout: Layout
+
+    @property
+    def simulated(self) -> bool:
+        """Whether any of its devices is."""
+        return bool(self.layout.meta["simulated"])
+
+
+def session(folder: Path, person: str, profile: str = PROFILE, quick: bool = False) -> Result:
+    """Runs a person's trials, those that are missing; `quick`: one of each instead of three.
+
+    Args:
+        folder: of the study; the person's own is in it.
+        person: anonymous id, such as P07.
+        profile: the one whose loop is run beside it, by `srl run PROFILE --set input=ikns` (then `=gamepad`).
+    Returns:
+        The person's table, or that of all people who are through; claims if those are three or more.
+    Raises:
+        SrlError: the id isn't anonymous, trials can't be stored, or the screen has ended.
+    """
+    if not re.match(ANONYMOUS, person):
+        problem = f"'{person}' isn't anonymous: up to four letters, then a number"
+        raise RequestError("--person", problem, "Number the persons, P07, and keep their names elsewhere")
+    name = profiles.load(profile)[0].name
+    own = folder / person
+    own.mkdir(parents=True, exist_ok=True)
+    order = _order(own, person, 1 if quick else REPETITIONS)
+    with journals.opened(own) as journal:
+        try:
+            for condition, entries in groupby(enumerate(order, 1), key=lambda entry: entry[1][0]):
+                missing = [(i, e) for i, e in entries if _key(person, e) not in journal.rows]
+                if missing:
+                    run = _found(name, profile, condition)
+                    with Screen(run.folder, VALUE, held=_HELD if _HELD in run.layout.fields else None) as screen:
+                        _say(f"Open this once, in the participant's browser:\n  {screen.address}")
+                        for place, entry in missing:
+                            task = _task(person, entry, place, profile)
+                            journal.append([_done(own, screen, run, task, entry, len(order))])
+        except KeyboardInterrupt:
+            _say(f"{own}: {len(journal.rows)} of {len(order)} trials are kept; give the same command again to go on")
+            raise
+        finally:
+            table.write(own / table.FILE, [r for e in order if (r := journal.rows.get(_key(person, e)))])
+    return _result(folder, person)
+
+
+def _order(own: Path, person: str, repetitions: int) -> list[Entry]:
+    """The person's order: drawn and stored, or the stored one."""
+    path = own / _ORDER
+    if not path.exists():
+        seed = secrets.randbits(32)
+        content = {"person": person, "seed": seed, "order": list(ordered([seed], repetitions))}
+        private_file.replace(path, json.dumps(content, indent=1).encode())
+    try:
+        stored = json.loads(path.read_text(encoding="utf-8"))["order"]
+        found = [(str(condition), str(name), int(repetition)) for condition, name, repetition in stored]
+    except (OSError, ValueError, KeyError, TypeError):
+        raise StudyError(str(path), "the order can't be read", "Mend it, or begin in another folder: --out") from None
+    if len(found) != len(list(ordered([0], repetitions))):
+        problem = f"this person's session has {len(found)} trials"
+        raise RequestError("--quick", problem, "Go on as it was begun, with or without --quick")
+    return found
+
+
+def _found(instance: str, profile: str, condition: str) -> _Run:
+    """Waits until the loop runs with this condition's input."""
+    asked = False
+    while True:
+        for folder in running():
+            run = _opened(folder) if folder.path.name == instance else None
+            if run is not None and run.layout.meta["chosen"].get("input") == condition:
+                return run
+        if not asked:
+            _say(f"Waiting for the loop; in another terminal: srl run {profile} --set input={condition}")
+            asked = True
+        time.sleep(_LOOK)
+
+
+def _opened(folder: RunFolder) -> _Run | None:
+    """None while a run begins or ends."""
+    try:
+        layout = Layout.load(folder.layout)
+        with RingReader(folder.rows, width=layout.width) as ring:
+            return None if ring.closed or ring.head == 0 else _Run(folder, layout)
+    except (RecordingError, OSError):
+        return None
+
+
+def _done(own: Path, screen: Screen, run: _Run, task: TrialTask, entry: Entry, of: int) -> Row:
+    """Lets the person do one trial, as often as it takes until it counts, and stores it."""
+    condition, name, repetition = entry
+    place = int(task.parameters["place"])
+    shown = tuple(np.clip(curve(name, np.linspace(0.0, SECONDS, _SAMPLES)), 0.0, 1.0).tolist())
+    attempt = 0
+    while True:
+        rest = _REST if place > 1 or attempt else 0.0
+        trial = Trial(shown, SECONDS, SETTLE, rest, title=condition, number=place, of=of)
+        begin = time.monotonic()
+        found = screen.run_trial(trial)
+        stem = f"{place:02}-{condition}-{name}-{repetition}"
+        problem = found.aborted or ("" if len(found.samples) > 1 else "there are no rows")
+        attempt += bool(problem)
+        try:
+            found.save(own / (f"{stem}-aborted-{attempt}" if problem else stem))
+        except OSError as error:
+            raise StudyError(str(own), f"the trial can't be stored: {error.strerror}", "Make room there") from None
+        if problem:
+            _say(f"{stem}: broken off: {problem}; once more")
+            continue
+        values = _values(found, run, name)
+        _say(f"{stem}: RMSE {values['rmse']:.2f}")
+        return Row(
+            key=_key(task.parameters["wearer"], entry), task=task, profile_sha256=str(run.layout.meta["sha256"]),
+            state=DONE, values=values, error="", seconds=round(time.monotonic() - begin, 3), worker="",
+            environment=environment(NAME),
+        )  # fmt: skip
+
+
+def _values(found: ScreenTrial, run: _Run, name: str) -> dict[str, Value]:
+    """The figures of a trial: those of the simulated ones, and the screen's."""
+    t, value = found.samples[:, 0], found.samples[:, 2]
+    known = np.isfinite(value)
+    rows = _rows(found, run)
+    hand = pick(run.layout, rows, _HAND, _HAND)[:, :3] if _HAND in run.layout.fields else np.empty((0, 3))
+    hand = hand[np.isfinite(hand).all(axis=1)]
+    held = pick(run.layout, rows, _HELD, _HELD) if _HELD in run.layout.fields else np.zeros(1)
+    at = np.linspace(0.0, SECONDS, round(COARSE * SECONDS) + 1)[1:]
+    return {
+        **scores(t[known], value[known], name),
+        **(stillness(hand) if len(hand) else dict.fromkeys(("hand_rms", "hand_p95", "hand_max"), math.nan)),
+        "held": float(np.mean(held)) if len(held) else math.nan,
+        "outside": _outside(hand, run),
+        "path": json.dumps(np.round(np.interp(at, t[known], value[known]), 3).tolist()),
+        "simulated": run.simulated,
+        "rows": len(found.samples),
+        "rows_lost": found.lost,
+        **{f"screen_{key}": value for key, value in found.timing.items()},
+    }
+
+
+def _rows(found: ScreenTrial, run: _Run) -> Any:
+    """The loop's rows during the curve, as far as the ring still has them."""
+    with RingReader(run.folder.rows, width=run.layout.width) as ring:
+        parts = [ring.take()]
+        while len(parts[-1]):
+            parts.append(ring.take())
+    rows = np.concatenate(parts)
+    t = run.layout.word(rows, "control") * 1e-9 - found.began
+    return rows[(t >= 0.0) & (t <= SECONDS)]
+
+
+def _outside(hand: Array, run: _Run) -> float:
+    """The share of the hand's places outside the calibration's hull; NaN where there is no calibration."""
+    for content in decoded(run.layout.meta.get("files", {}), "the run's files").values():
+        try:
+            sites = record.parse(content, "calibration").calibration().sites
+        except record.RecordError:
+            continue  # another kind of file
+        hull = Sibson(sites)
+        return float(np.mean([hull.nearest(place).distance > 0.0 for place in hand[::10]])) if len(hand) else math.nan
+    return math.nan
+
+
+def _task(person: str, entry: Entry, place: int, profile: str) -> TrialTask:
+    condition, name, repetition = entry
+    parameters = {"wearer": person, "condition": condition, "model": _MODEL, "curve": name, "repetition": repetition,
+                  "place": place}  # fmt: skip
+    return TrialTask(NAME, _MODEL, place, parameters, profile)
+
+
+def _key(person: str, entry: Entry) -> str:
+    """A person's trial stays done whatever changes in the program."""
+    return hashlib.sha256(json.dumps([NAME, person, *entry]).encode()).hexdigest()[:32]
+
+
+def _result(folder: Path, person: str) -> Result:
+    """The people who are through, or this person alone."""
+    people: dict[str, list[Mapping[str, Any]]] = {}
+    for path in sorted(folder.glob(f"*/{_ORDER}")):
+        who = path.parent.name
+        rows = [journals.decoded(line) for line in (path.parent / journals.FILE).read_bytes().splitlines(keepends=True)]
+        own = {row.key: {**row.task.parameters, **row.values} for row in rows if row is not None}
+        if len(own) == len(json.loads(path.read_text(encoding="utf-8"))["order"]):
+            people[who] = list(own.values())
+    found = [row for own in people.values() for row in own]
+    claims, lines, statistics = analysed({_MODEL: found}, simulated=False)
+    simulated = any(row["simulated"] for row in found)
+    (folder / f"{person}.json").write_text(json.dumps(statistics, indent=1) + "\n", encoding="utf-8")
+    figure(found, folder / f"{person}.png", "simulated" if simulated else "people")
+    return Result(NAME, simulated, [], claims, lines, [f"{person}.png", f"{person}.json", f"{person}/{table.FILE}"])
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)

@@ -1,0 +1,117 @@
+"""`srl study ikns-tracking --person`: beside a run, trial by trial, resumed where it was."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import math
+import re
+import signal
+import subprocess
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import aiohttp
+import pytest
+from helpers.run import Running, call, environment, srl
+
+from runtime.ipc.words import State
+from studies.ikns.tracking_order import ordered
+from studies.tasks import journal
+
+ORDER = [*ordered([1], 1)]
+
+
+def stored(folder: Path) -> Path:
+    """The person's folder with an order that begins with IKNS."""
+    own = folder / "out" / "ikns-tracking" / "P07"
+    own.mkdir(parents=True)
+    order = sorted(ORDER, key=lambda entry: entry[0] != "ikns")
+    (own / "order.json").write_text(json.dumps({"person": "P07", "seed": 1, "order": order}))
+    return own
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [(["--person", "Anna"], "anonymous"), (["--profile", "ikns-finger"], "--person"),
+     (["--person", "P07", "--profile", "no-such"], "no-such")],
+)  # fmt: skip
+def test_what_cannot_be_is_said(tmp_path: Path, options: list[str], words: str) -> None:
+    assert words in call(tmp_path, "study", "ikns-tracking", *options, code=2).stderr
+
+
+def test_other_studies_have_no_people(tmp_path: Path) -> None:
+    assert "simulated persons" in call(tmp_path, "study", "passivity", "--person", "P07", code=2).stderr
+
+
+def test_a_session_goes_on_as_it_was_begun(tmp_path: Path) -> None:
+    stored(tmp_path)
+    assert "--quick" in call(tmp_path, "study", "ikns-tracking", "--person", "P07", code=2).stderr
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_a_trial_is_stored_as_it_ends_and_the_session_resumes_after_it(tmp_path: Path) -> None:
+    own = stored(tmp_path)
+    with Running(tmp_path, "ikns-finger", "--sim", "--confirm", instance="ikns-finger") as run:
+        run.started()
+        run.until(lambda: run.word("state") == State.ACTIVE, "motion")
+        with study(tmp_path) as address:
+            first = asyncio.run(trials(address, 2))
+        assert [t["number"] for t in first] == [1, 2]  # the second is offered once the first is stored
+        with journal.opened(own) as kept:
+            (row,) = kept.rows.values()
+        assert row.values["rows"] > 2000
+        assert 0.0 < row.values["rmse"] < 100.0
+        assert 0.0 < row.values["hand_rms"] < 0.1
+        assert row.values["simulated"] is True
+        assert math.isfinite(row.values["held"])
+        assert len(json.loads(row.values["path"])) == 250
+        assert row.task.parameters["wearer"] == "P07"
+        assert {p.name for p in own.glob("01-*")} == {f"01-ikns-{row.task.parameters['curve']}-1{end}" for end in
+                                                      (".json", "-samples.parquet", "-frames.parquet")}  # fmt: skip
+        with study(tmp_path) as address:
+            again = asyncio.run(trials(address, 1))
+        assert [t["number"] for t in again] == [2]
+
+
+@contextlib.contextmanager
+def study(folder: Path) -> Any:
+    """The command, until it gives the page's address; interrupted at the end."""
+    command = srl("study", "ikns-tracking", "--person", "P07", "--quick", "--out", "out")
+    with subprocess.Popen(command, env=environment(folder), cwd=folder, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        said = ""
+        try:
+            while not (found := re.search(r"http://127\S+", said)):
+                line = process.stderr.readline()
+                assert line, said
+                said += line
+            yield found.group()
+        finally:
+            process.send_signal(signal.SIGINT)
+            rest = process.stderr.read()
+    assert "Traceback" not in rest, rest
+    assert "give the same command again" in rest
+
+
+async def trials(address: str, count: int) -> list[dict[str, Any]]:
+    """Begins each trial that is offered, as a participant's page does, until `count` of them were offered."""
+    place = f"{urlsplit(address).scheme}://{urlsplit(address).netloc}"
+    jar = aiohttp.CookieJar(unsafe=True)  # for an address without a name
+    offered: list[dict[str, Any]] = []
+    async with aiohttp.ClientSession(headers={"Origin": place}, cookie_jar=jar) as session:
+        async with session.get(address):
+            pass
+        async with session.ws_connect(f"{place}/socket") as socket:
+            while True:
+                message = await socket.receive_json()
+                waiting = message["kind"] == "state" and message["phase"] == "waiting"
+                if waiting and message["trial"]["number"] not in [t["number"] for t in offered]:
+                    offered.append(message["trial"])
+                    if len(offered) == count:
+                        return offered
+                if message["kind"] == "notice" or waiting or message["kind"] == "value":
+                    await socket.send_json({"kind": "begin"})
