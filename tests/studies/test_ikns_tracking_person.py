@@ -106,12 +106,15 @@ async def trials(address: str, count: int) -> list[dict[str, Any]]:
         async with session.get(address):
             pass
         async with session.ws_connect(f"{place}/socket") as socket:
+            waiting, heard = False, 0
             while True:
                 message = await socket.receive_json()
-                waiting = message["kind"] == "state" and message["phase"] == "waiting"
-                if waiting and message["trial"]["number"] not in [t["number"] for t in offered]:
-                    offered.append(message["trial"])
-                    if len(offered) == count:
-                        return offered
-                if message["kind"] == "notice" or waiting or message["kind"] == "value":
+                heard += 1
+                if message["kind"] == "state":
+                    waiting = message["phase"] == "waiting"
+                    if waiting and message["trial"]["number"] not in [t["number"] for t in offered]:
+                        offered.append(message["trial"])
+                        if len(offered) == count:
+                            return offered
+                if waiting and heard % 25 == 0:  # a break may not be over, or the pointer not live yet
                     await socket.send_json({"kind": "begin"})
