@@ -28,7 +28,11 @@ from studies.tasks.task import Row, TrialTask
 MODELS: Final = ("preview", "pursuit")
 __all__ = ["run", "session", "study", "sweep"]
 _QUICK: Final = 3  # wearers
-_SWEPT: Final = 4  # wearers of the sweep
+_SWEPT: Final = 3  # wearers of the sweep
+_UNCONCERNED: Final = {  # what a condition doesn't depend on
+    "ikns": ("force_noise", "preload"),
+    "gamepad": ("direction_error", "feedback", "marker_noise"),
+}
 _TRIES: Final = 2  # calibrations of a wearer
 
 
@@ -103,7 +107,12 @@ def trials(one: Calibrated, model: str, repetitions: int = REPETITIONS) -> Itera
 def task(
     one: Calibrated, condition: str, model: str, name: str, repetition: int, place: int, **changed: Any
 ) -> TrialTask:
-    """One trial. `changed`: a wearer's property, or `display`, `preload`, `gain_error`, `marker_noise`."""
+    """One trial. `changed`: a wearer's property, or `display`, `preload`, `gain_error`, `marker_noise`.
+
+    Raises ValueError: there is no such property.
+    """
+    if unknown := [k for k in changed if not hasattr(one.wearer, k) and k not in assumed()]:
+        raise ValueError(f"a wearer has no {', '.join(unknown)}")
     wearer = replace(one.wearer, **{k: v for k, v in changed.items() if hasattr(one.wearer, k)})
     a = {**assumed(), **changed}
     parameters = {
@@ -140,21 +149,14 @@ def sweep(folder: Path, runner: Runner) -> list[dict[str, Any]]:
     The wearers keep their calibrations. A factor multiplies a property of each wearer.
     """
     ready = [one for one in calibrated(wearers(_SWEPT), folder, runner) if one.content]
-    tasks, labels = [], []
-    for label, changed, model in _changes():
-        for one in ready:
-            own = {k: v(getattr(one.wearer, k)) if callable(v) else v for k, v in changed.items()}
-            for condition in CONDITIONS:
-                for name in KINDS:
-                    tasks.append(task(one, condition, model, name, 1, 0, **own))
-                    labels.append(label)
-    # Where a change doesn't concern a condition, two tasks would be the same.
-    unique = {one.identity: one for one in tasks}
+    asked = [(label, one) for label, changed, model in _changes() for one in swept(ready, changed, model)]
+    # Where a change doesn't concern a condition, its trials are those without the change.
+    unique = {one.identity: one for _, one in asked}
     rows = dict(zip(unique, _rows(runner, list(unique.values()), folder / "sweep"), strict=True))
     found = []
-    for label in dict.fromkeys(labels):
-        values = [plain(rows[t.identity]) for t, own in zip(tasks, labels, strict=True) if own == label
-                  and rows[t.identity].done]  # fmt: skip
+    for label in dict.fromkeys(label for label, _ in asked):
+        own = [rows[one.identity] for of, one in asked if of == label]
+        values = [plain(row) for row in own if row.done]
         entry: dict[str, Any] = {"changed": label}
         for condition in CONDITIONS:
             for name in KINDS:
@@ -168,8 +170,18 @@ def sweep(folder: Path, runner: Runner) -> list[dict[str, Any]]:
     return found
 
 
+def swept(ready: Sequence[Calibrated], changed: Mapping[str, Any], model: str) -> Iterator[TrialTask]:
+    """One trial of each curve and condition. `changed`: by name a value, or a function of the wearer's own."""
+    for one in ready:
+        own = {k: v(getattr(one.wearer, k)) if callable(v) else v for k, v in changed.items()}
+        for condition in CONDITIONS:
+            concerns = {k: v for k, v in own.items() if k not in _UNCONCERNED[condition]}
+            for name in KINDS:
+                yield task(one, condition, model, name, 1, 0, **concerns)
+
+
 def _changes() -> Iterator[tuple[str, dict[str, Any], str]]:
-    """What is changed: in words; by name, a value or a function of the wearer's own; the visual model."""
+    """What is changed: in words; as in `swept`; the visual model."""
 
     def times(factor: float) -> Any:
         return lambda value: value * factor

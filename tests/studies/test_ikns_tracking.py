@@ -19,7 +19,7 @@ from studies.ikns.tracking_analysis import analysed, figure, means
 from studies.ikns.tracking_order import CONDITIONS, ordered
 from studies.ikns.tracking_trial import calibration, scores, stillness, trial
 from studies.ikns.wearers import wearers
-from studies.tasks.task import TrialTask, flat
+from studies.tasks.task import DONE, Row, TrialTask, flat
 from studies.toolkit.statistics import paired_t, tost
 
 SHIPPED = (resources.files("profiles") / "ikns-finger.calibration.json").read_text()
@@ -45,6 +45,39 @@ def test_a_wearers_tasks_differ_in_seed_and_are_plain() -> None:
     pursuit = {t.identity for t in tracking.trials(ONE, "pursuit")}
     assert not pursuit & {t.identity for t in tasks}
     assert {t.seed for t in tracking.trials(ONE, "pursuit")} == {t.seed for t in tasks}
+
+
+def test_a_change_of_the_arm_leaves_the_gamepads_trials_and_the_other_way_round() -> None:
+    plain = {t.identity for t in tracking.swept([ONE], {}, "preview")}
+    for changed, condition in (({"marker_noise": 0.002}, "ikns"), ({"preload": 0.2}, "gamepad"),
+                               ({"direction_error": lambda x: 2 * x}, "ikns")):  # fmt: skip
+        new = [t for t in tracking.swept([ONE], changed, "preview") if t.identity not in plain]
+        assert [t.parameters["condition"] for t in new] == [condition] * 3
+    both = [t for t in tracking.swept([ONE], {"lag": 0.2}, "preview") if t.identity not in plain]
+    assert len(both) == 6
+    assert {t.parameters["tracking"]["lag"] for t in both} == {0.2}
+    with pytest.raises(ValueError, match="no lagg"):
+        list(tracking.swept([ONE], {"lagg": 0.2}, "preview"))
+
+
+def test_a_wearer_who_is_refused_twice_is_left_out(tmp_path: Path) -> None:
+    who = wearers(3)
+
+    class Answers:
+        """W01 is calibrated, W02 at its second try, W03 never."""
+
+        def rows(self, tasks: list[TrialTask], folder: Path) -> list[Row]:
+            out = []
+            for t in tasks:
+                name, again = t.parameters["person"], t.seed > 20_000
+                content = "" if name == "W03" or (name == "W02" and not again) else SHIPPED
+                values = {"calibration": content, "refused": "" if content else "the hand wasn't still"}
+                out.append(Row("k", t, "", DONE, values, "", 0.0, "", {}))
+            return out
+
+    found = {one.wearer.name: one for one in tracking.calibrated(who, tmp_path, Answers())}  # type: ignore[arg-type]
+    assert [len(found[f"W0{k}"].refused) for k in (1, 2, 3)] == [0, 1, 2]
+    assert [bool(found[f"W0{k}"].content) for k in (1, 2, 3)] == [True, True, False]
 
 
 @cache
