@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     if args.sweep:
         return _sweep(args.name, study, folder, runner, args.json)
     if args.person is not None:
-        return _show(_session(args, study, folder), folder, args.json)
+        return _show(_session(args, study, folder), folder / args.person, args.json)
     result = study(folder, args.quick) if runner is None else study(folder, args.quick, runner=runner)
     return max(_show(result, folder, args.json), 1 if runner is not None and runner.failed else 0)
 

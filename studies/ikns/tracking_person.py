@@ -76,7 +76,7 @@ def session(folder: Path, person: str, profile: str = PROFILE, quick: bool = Fal
         person: anonymous id, such as P07.
         profile: the one whose loop is run beside it, by `srl run PROFILE --set input=ikns` (then `=gamepad`).
     Returns:
-        The person's table, or that of all people who are through; claims if those are three or more.
+        The table of all people who are through; claims if they are three or more. Its files are in the person's folder.
     Raises:
         SrlError: the id isn't anonymous, trials can't be stored, or the screen has ended.
     """
@@ -89,8 +89,8 @@ def session(folder: Path, person: str, profile: str = PROFILE, quick: bool = Fal
     order = _order(own, person, 1 if quick else REPETITIONS)
     with journals.opened(own) as journal:
         try:
-            for condition, entries in groupby(enumerate(order, 1), key=lambda entry: entry[1][0]):
-                missing = [(i, e) for i, e in entries if _key(person, e) not in journal.rows]
+            for condition, entries in groupby(enumerate(order, 1), key=lambda item: item[1][0]):
+                missing = [(i, e) for i, e in entries if key(person, e) not in journal.rows]
                 if missing:
                     run = _found(name, profile, condition)
                     with Screen(run.folder, VALUE, held=_HELD if _HELD in run.layout.fields else None) as screen:
@@ -102,7 +102,7 @@ def session(folder: Path, person: str, profile: str = PROFILE, quick: bool = Fal
             _say(f"{own}: {len(journal.rows)} of {len(order)} trials are kept; give the same command again to go on")
             raise
         finally:
-            table.write(own / table.FILE, [r for e in order if (r := journal.rows.get(_key(person, e)))])
+            table.write(own / table.FILE, [r for e in order if (r := journal.rows.get(key(person, e)))])
     return _result(folder, person)
 
 
@@ -172,7 +172,7 @@ def _done(own: Path, screen: Screen, run: _Run, task: TrialTask, entry: Entry, o
         values = _values(found, run, name)
         _say(f"{stem}: RMSE {values['rmse']:.2f}")
         return Row(
-            key=_key(task.parameters["wearer"], entry), task=task, profile_sha256=str(run.layout.meta["sha256"]),
+            key=key(task.parameters["wearer"], entry), task=task, profile_sha256=str(run.layout.meta["sha256"]),
             state=DONE, values=values, error="", seconds=round(time.monotonic() - begin, 3), worker="",
             environment=environment(NAME),
         )  # fmt: skip
@@ -230,13 +230,13 @@ def _task(person: str, entry: Entry, place: int, profile: str) -> TrialTask:
     return TrialTask(NAME, _MODEL, place, parameters, profile)
 
 
-def _key(person: str, entry: Entry) -> str:
-    """A person's trial stays done whatever changes in the program."""
+def key(person: str, entry: Entry) -> str:
+    """Of a person's trial in the journal. It stays done whatever changes in the program."""
     return hashlib.sha256(json.dumps([NAME, person, *entry]).encode()).hexdigest()[:32]
 
 
 def _result(folder: Path, person: str) -> Result:
-    """The people who are through, or this person alone."""
+    """The people who are through, of whom the person is one."""
     people: dict[str, list[Mapping[str, Any]]] = {}
     for path in sorted(folder.glob(f"*/{_ORDER}")):
         who = path.parent.name
@@ -247,9 +247,10 @@ def _result(folder: Path, person: str) -> Result:
     found = [row for own in people.values() for row in own]
     claims, lines, statistics = analysed({_MODEL: found}, simulated=False)
     simulated = any(row["simulated"] for row in found)
-    (folder / f"{person}.json").write_text(json.dumps(statistics, indent=1) + "\n", encoding="utf-8")
-    figure(found, folder / f"{person}.png", "simulated" if simulated else "people")
-    return Result(NAME, simulated, [], claims, lines, [f"{person}.png", f"{person}.json", f"{person}/{table.FILE}"])
+    files = ["curves.png", "statistics.json", table.FILE]
+    figure(found, folder / person / files[0], "simulated" if simulated else "people")
+    (folder / person / files[1]).write_text(json.dumps(statistics, indent=1) + "\n", encoding="utf-8")
+    return Result(NAME, simulated, [], claims, lines, files)
 
 
 def _say(text: str) -> None:

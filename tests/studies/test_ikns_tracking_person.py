@@ -14,14 +14,17 @@ from typing import Any
 from urllib.parse import urlsplit
 
 import aiohttp
+import numpy as np
 import pytest
 from helpers.run import Running, call, environment, srl
 
 from runtime.ipc.words import State
-from studies.ikns.tracking_order import ordered
+from studies.ikns.tracking_order import Entry, ordered
+from studies.ikns.tracking_person import key, session
 from studies.tasks import journal
+from studies.tasks.task import DONE, Row, TrialTask
 
-ORDER = [*ordered([1], 1)]
+ORDER: list[Entry] = [*ordered([1], 1)]
 
 
 def stored(folder: Path) -> Path:
@@ -49,6 +52,33 @@ def test_other_studies_have_no_people(tmp_path: Path) -> None:
 def test_a_session_goes_on_as_it_was_begun(tmp_path: Path) -> None:
     stored(tmp_path)
     assert "--quick" in call(tmp_path, "study", "ikns-tracking", "--person", "P07", code=2).stderr
+
+
+def test_three_people_who_are_through_give_claims_and_nobody_else_counts(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    for who, count in (("P01", 6), ("P02", 6), ("P03", 6), ("P04", 5)):
+        own = tmp_path / who
+        own.mkdir()
+        (own / "order.json").write_text(json.dumps({"person": who, "seed": 1, "order": ORDER}))
+        with journal.opened(own) as kept:
+            kept.append(row(who, entry, float(rng.uniform(3, 4))) for entry in ORDER[:count])
+    result = session(tmp_path, "P03", quick=True)
+    assert {claim.id for claim in result.claims} >= {"rmse-t1", "no-difference-from-gamepad", "hand-still"}
+    assert all(line["n"] == 3 for line in result.table)
+    assert result.simulated is False
+    assert all((tmp_path / "P03" / file).stat().st_size > 0 for file in result.files)
+    assert not list((tmp_path / "P04").glob("*.png"))
+
+
+def row(who: str, entry: Entry, rmse: float) -> Row:
+    """A trial that was done."""
+    condition, name, repetition = entry
+    hand = {"ikns": 0.004, "gamepad": math.nan}[condition]
+    parameters = {"wearer": who, "condition": condition, "model": "person", "curve": name, "repetition": repetition}
+    values = {"rmse": rmse, "mean_error": rmse, "worst_step": 1.0, "hand_rms": hand, "hand_p95": hand, "hand_max": hand,
+              "outside": 0.0, "held": 0.0, "simulated": False, "path": json.dumps([0.5] * 250)}  # fmt: skip
+    task = TrialTask("ikns-tracking", "person", 1, parameters, "ikns-finger")
+    return Row(key(who, entry), task, "", DONE, values, "", 30.0, "", {})
 
 
 @pytest.mark.slow

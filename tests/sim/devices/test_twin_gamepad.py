@@ -173,3 +173,14 @@ def test_an_axis_without_room_to_both_sides_is_refused_and_others_don_t_matter()
         with pytest.raises(DeviceError, match="axis 0x10 has no range"):
             pad._check("x", layout(axis10=narrow))
     pad._check("x", layout(axis28=AxisInfo(0, 0, 0), axis2=AxisInfo(0, 0, 1)))
+
+
+def test_somebody_can_hold_an_axis_in_place_of_its_script(pair: Pair) -> None:
+    pair.at(1.0)
+    before = pair.fake.state_arrays["axes"].copy()
+    pair.fake.hold("right_trigger", 0.4)
+    pair.at(1.5)
+    after = pair.fake.state_arrays["axes"]
+    assert after[5] == pytest.approx(0.4, abs=1 / 255)
+    assert after[:5] == pytest.approx(before[:5])
+    assert pair.driver.state_arrays["axes"][5] == after[5]
