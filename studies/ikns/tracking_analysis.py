@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -32,18 +33,31 @@ def analysed(rows: Mapping[str, Rows], *, simulated: bool) -> tuple[list[Claim],
         rows: of each model of the wearer, the headline first; for people one entry alone.
         simulated: where they come from, for the claims' words.
     """
+    left_out = {model: incomplete(own) for model, own in rows.items()}
+    rows = {model: [row for row in own if row["wearer"] not in left_out[model]] for model, own in rows.items()}
     table = [line for model, own in rows.items() for line in _table(model, own)]
     headline = next(iter(rows.values()))
     subjects = sorted({str(row["wearer"]) for row in headline})
     if len(subjects) < 3:  # nothing can be tested
-        return [], table, {"subjects": subjects}
+        return [], table, {"subjects": subjects, "left_out": left_out}
     words = f"{len(subjects)} {'simulated wearers' if simulated else 'people'}"
-    statistics: dict[str, Any] = {"subjects": subjects, "margin": MARGIN}
+    if lacking := left_out[next(iter(rows))]:
+        words += f" ({len(lacking)} left out, who lack trials)"
+    statistics: dict[str, Any] = {"subjects": subjects, "left_out": left_out, "margin": MARGIN}
     for model, own in rows.items():
         statistics[model] = _tests(own)
     claims = [*_levels(headline, words), _order(headline, words), _same(statistics[next(iter(rows))], words),
               _still(headline, words)]  # fmt: skip
     return claims, table, statistics
+
+
+def incomplete(rows: Rows) -> list[str]:
+    """The subjects who lack a trial that others have: who is compared with whom must not depend on what is missing."""
+    counts = Counter((str(row["wearer"]), str(row["condition"]), str(row["curve"])) for row in rows)
+    kinds = {kind[1:] for kind in counts}
+    subjects = sorted({kind[0] for kind in counts})
+    most = max(counts.values(), default=0)
+    return [who for who in subjects if any(counts[who, *kind] < most for kind in kinds)]
 
 
 def means(rows: Rows, condition: str, name: str | None = None, what: str = "rmse") -> Array:

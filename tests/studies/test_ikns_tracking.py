@@ -194,6 +194,17 @@ def test_tests_are_made_on_subjects_means_not_on_trials() -> None:
     assert statistics["paired_t_as_published"]["freedom"] == 35
 
 
+def test_who_lacks_a_trial_is_left_out_of_both_conditions_and_named() -> None:
+    rows = made_up(level=0.3)
+    lacking = [row for row in rows if (row["wearer"], row["condition"]) != ("P01", "ikns")]
+    lacking.remove(next(row for row in lacking if (row["wearer"], row["curve"]) == ("P08", "T2")))
+    found, _, statistics = analysed({"preview": lacking}, simulated=True)
+    whole = [row for row in rows if row["wearer"] not in ("P01", "P08")]
+    assert statistics["left_out"] == {"preview": ["P01", "P08"]}
+    assert statistics["preview"] == analysed({"preview": whole}, simulated=True)[2]["preview"]
+    assert all("10 simulated wearers (2 left out" in claim.text for claim in found)
+
+
 def test_two_people_give_a_table_and_no_claims(tmp_path: Path) -> None:
     rows = made_up(subjects=2)
     found, table, _ = analysed({"person": rows}, simulated=False)
