@@ -23,7 +23,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     """Registers the command."""
     parser = add_command(
         subparsers, "panel", "the participant's screen of a running instance, in the browser",
-        "srl panel ikns-finger --signal ikns.c --demo",
+        "srl panel ikns-finger --signal intent.c --demo",
     )  # fmt: skip
     parser.add_argument("instance", nargs="?", help="its name; not needed where only one runs")
     parser.add_argument("--signal", required=True, help="the control value: one number of the loop's rows")
