@@ -35,11 +35,14 @@ class Hold:
         point: m, of the palm's middle, in the chest's frame.
         move: the DoF to swing through its whole range there and back, again and again, while the hand is held.
         turn: the hand's orientation, w x y z, in the chest's frame; None: straight with the forearm, elbow at rest.
+        swivel: where the elbow is held, as a share of its range there: 0 at the trunk, 1 outwards; None: at rest. While
+            the share changes and the rest stays, the arm moves in its null space alone.
     """
 
     point: Vector
     move: Dof | None = None
     turn: Quaternion | None = None
+    swivel: float | None = None
 
 
 @dataclass(frozen=True)

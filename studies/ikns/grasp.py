@@ -60,9 +60,12 @@ class Task:
 
     Attributes:
         lift: m above the table.
-        heading: rad, of the forearm, from x to y.
+        heading: rad, of the forearm where the object is taken, from x to y.
+        turn: rad, by which it is turned further where the object is placed.
         miss: m, how far off the hand takes the object, in the world.
+        clear: m, by which the palm stops farther from the object than an ideal one.
         squeeze: how far the finger is closed, 0 to 1.
+        behind: how far the hand comes from behind, as a share of how far it comes from the side.
         pace: s of each motion of the hand; ours, as fast as people reach without hurry.
     """
 
@@ -71,8 +74,11 @@ class Task:
     table: float = 0.0
     lift: float = 0.10
     heading: float = 0.0
+    turn: float = 0.0
     miss: Vector = (0.0, 0.0, 0.0)
+    clear: float = 0.0
     squeeze: float = 1.0
+    behind: float = 0.0
     pace: float = 0.8
 
 
@@ -102,20 +108,21 @@ class _FailureError(Exception):
         self.reason = reason
 
 
-def grip(thing: Ycb) -> Vector:
-    """Where the middle of an object is in the hand's frame when the palm has come to it, m."""
+def grip(thing: Ycb, clear: float = 0.0) -> Vector:
+    """Where the middle of an object is in the hand's frame when the palm has come to it but for `clear`, m."""
     across = thing.size[0] / 2  # along the hand; from the palm outwards a box has another width
     deep = thing.size[1] / 2 if thing.shape == "box" else across
     height = min(max(thing.height / 2 + thing.centre, _LOWEST), _HIGHEST)
-    return (height - thing.height / 2, _FINGER_FACE + _GAP + across, -(PALM_FACE + _NEAR + deep))
+    return (height - thing.height / 2, _FINGER_FACE + _GAP + across, -(PALM_FACE + _NEAR + clear + deep))
 
 
 def wrist(task: Task, thing: Ycb, place: tuple[float, float], up: float = 0.0, aside: float = 0.0) -> Pose:
     """Where the hand's frame is when it has the object at a place, so far above the table and to the side, m."""
-    heading = (cos(task.heading / 2), 0.0, 0.0, sin(task.heading / 2))
+    half = (task.heading + (task.turn if place == task.goal else 0.0)) / 2
+    heading = (cos(half), 0.0, 0.0, sin(half))
     turn = product(heading, _SIDE)
-    dx, dy, dz = turned(turn, grip(thing))
-    sx, sy, _ = turned(heading, (0.0, -aside, 0.0))
+    dx, dy, dz = turned(turn, grip(thing, task.clear))
+    sx, sy, _ = turned(heading, (-aside * task.behind, -aside, 0.0))
     x, y, z = place[0] - dx + sx, place[1] - dy + sy, task.table + thing.height / 2 - dz + up
     mx, my, mz = task.miss
     return (x + mx, y + my, z + mz, *turn)

@@ -42,6 +42,11 @@ class FakeRing(Sensor, Fake):
         assert isinstance(options, FakeRingConfig)
         self.script, self.hold = options, config.hold
         self._switch = Debounced(config.debounce)
+        self._held = False
+
+    def press(self, down: bool) -> None:
+        """Somebody in this process holds the button down, besides its script. No part of the world's state."""
+        self._held = down
 
     def open(self) -> None:
         refuse_while_gone(self.name, self.script.loss, self.world.time)
@@ -76,7 +81,7 @@ class FakeRing(Sensor, Fake):
     def contact(self) -> float:
         """Whether the contact is closed now, 0 or 1; it bounces after each edge."""
         now, bounce = self.world.time, round(self.script.bounce * 1e9)
-        pressed = inside(self.script.presses, now)
+        pressed = self._held or inside(self.script.presses, now)
         for edge in (round(t * 1e9) for window in self.script.presses for t in window):
             if 0 <= now - edge < bounce:
                 return float(pressed != bool((now - edge) // 1_000_000 % 2))

@@ -176,6 +176,10 @@ class BodyWearer:
         )
         self._at_rest = np.array([self._elbow(to), 0.0, 0.0])
         self._low, self._high = self._ends(to)
+        if isinstance(given, Hold) and given.swivel is not None:
+            low, high = float(self._low[0]), float(self._high[0])
+            self._at_rest[0] = low + given.swivel * (high - low)
+            self._takes = max(self._takes, abs(float(self._at_rest[0] - self._x[0])) / self._config.pace)
         if isinstance(given, Follow):
             self._tracker.begin(self._x, self._velocity[1], self._low, self._high)
 

@@ -1,0 +1,2 @@
+"""placeholder"""
+def session(*a, **k): raise NotImplementedError
