@@ -8,7 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
-from runtime.contracts.rotation import Pose, Quaternion, conjugate, product, turned
+from runtime.contracts.rotation import Pose, Quaternion, Vector, conjugate, product, turned
+from runtime.control.ikns.body import Body
 from runtime.loop.lockstep import Lockstep
 from sim.parts.body.instructions import Hold
 from sim.parts.body.upper_body import UpperBodyPart
@@ -27,7 +28,7 @@ SETTLE: Final = 2.5
 """s, in which the hand goes to the side of the start."""
 _HALF: Final = 0.5**0.5
 # The hand's frame in the body's hand: x to the little finger, y distal, z dorsal, where the body has -x, -z and -y.
-_HAND: Final[Quaternion] = (0.0, 0.0, _HALF, -_HALF)
+HAND: Final[Quaternion] = (0.0, 0.0, _HALF, -_HALF)
 _WORLD: Final = f"""
 models:
   body: {{kind: body, sides: [right]}}
@@ -36,7 +37,7 @@ sim:
   parts:
     table: {{part: table, size: [0.4, 0.6], at: {{position: {list(TABLE)}}}}}
     wearer: {{part: upper-body, at: {{position: [0.0, 0.0, 1.1]}}}}     # the jugular notch of somebody who sits
-    hand: {{part: passive-hand, at: {{parent: wearer/right_hand, quaternion: {list(_HAND)}}}}}
+    hand: {{part: passive-hand, at: {{parent: wearer/right_hand, quaternion: {list(HAND)}}}}}
     # At the wrist, out of the palm's side: the place of the sixth finger, on the forearm.
     finger:
       part: robotic-finger
@@ -57,11 +58,8 @@ class Instructed(Client):
     def reach(self, wrist: Pose, seconds: float) -> None:
         """Tells it to go there; how long it takes is the wearer's affair."""
         chest = self._world.pose_of(f"{self._name}/torso")
-        back = conjugate(chest[3:])
-        turn = product(back, product(wrist[3:], conjugate(_HAND)))
-        x, y, z = turned(back, (wrist[0] - chest[0], wrist[1] - chest[1], wrist[2] - chest[2]))
-        gx, gy, gz = turned(turn, self._part.body.grip("right"))
-        self._part.wearer.instruct(Hold((x + gx, y + gy, z + gz), None, turn))
+        point, turn = hand_at(self._part.body, chest, wrist)
+        self._part.wearer.instruct(Hold(point, None, turn))
 
     @property
     def arrived(self) -> bool:
@@ -92,3 +90,16 @@ def wearer_cell(
     thing = world.part(ObjectPart, "thing")
     thing.put((*START, TABLE[2] + YCB[code].height / 2 + 1e-4, 1.0, 0.0, 0.0, 0.0))
     return lockstep, who, made
+
+
+def hand_at(body: Body, chest: Pose, wrist: Pose) -> tuple[Vector, Quaternion]:
+    """The right palm's middle (m) and the hand's orientation in the chest's frame, for the passive hand's frame.
+
+    Args:
+        chest, wrist: poses in the world, x y z (m), w x y z.
+    """
+    back = conjugate(chest[3:])
+    turn = product(back, product(wrist[3:], conjugate(HAND)))
+    x, y, z = turned(back, (wrist[0] - chest[0], wrist[1] - chest[1], wrist[2] - chest[2]))
+    gx, gy, gz = turned(turn, body.grip("right"))
+    return (x + gx, y + gy, z + gz), turn

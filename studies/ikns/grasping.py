@@ -15,9 +15,8 @@ from typing import Any, Final
 import numpy as np
 
 from sim.parts.hand.ycb import YCB
-from studies.ikns.grasp_cell import SERVO
 from studies.ikns.grasping_analysis import analysed, counted
-from studies.ikns.grasping_person import session
+from studies.ikns.grasping_person import NAME, QUICK, session
 from studies.ikns.grasping_trial import AIM, PROFILE
 from studies.ikns.grasping_wearer import KINDS
 from studies.ikns.tracking import Calibrated, calibrated
@@ -28,18 +27,16 @@ from studies.tasks.task import Row, TrialTask
 
 __all__ = ["NAME", "run", "session", "sweep"]
 
-NAME: Final = "ikns-grasping"
 COUNT: Final = 50
 """Wearers of the whole study."""
-_QUICK: Final = 2  # wearers, and
-_QUICK_OBJECTS: Final = "AI"
+_QUICK: Final = 2  # wearers
 _SWEPT: Final = 4  # wearers of the sweep
 
 
 def run(folder: Path, quick: bool, runner: Runner) -> Result:
     """The whole study; `quick`: two wearers, two objects."""
     if quick:
-        return study(folder, runner, wearers(_QUICK), _QUICK_OBJECTS)
+        return study(folder, runner, wearers(_QUICK), QUICK)
     return study(folder, runner, wearers(COUNT))
 
 
@@ -117,14 +114,18 @@ def changes() -> Iterator[tuple[str, str, Mapping[str, Any]]]:
     yield "nothing", "ikns", {}
     yield "ring", "ring", {}
     for share in (0.7, 1.3):
-        yield f"friction of the pads x {share}", "ikns", {
-            "thing": lambda wearer, code, share=share: {"friction": share * YCB[code].friction}
-        }
+        yield (
+            f"friction of the pads x {share}",
+            "ikns",
+            {"thing": lambda wearer, code, share=share: {"friction": share * YCB[code].friction}},
+        )
     for skin in (0.40, 0.84):
         yield f"friction of the skin {skin}", "ikns", {"hand": {"friction": skin}}
-    yield "servos of 0.14 N m", "ikns", {
-        "servo": {"stall_torque": 0.14, "no_load_speed": 8.0, "stiffness": 3.0, "damping": 0.05}
-    }
+    yield (
+        "servos of 0.14 N m",
+        "ikns",
+        {"servo": {"stall_torque": 0.14, "no_load_speed": 8.0, "stiffness": 3.0, "damping": 0.05}},
+    )
     for aim in (0.0, 2 * AIM, 3 * AIM):
         yield f"aim {1e3 * aim:.0f} mm instead of {1e3 * AIM:.0f}", "ikns", {"aim": aim}
     for factor in (0.5, 2.0):

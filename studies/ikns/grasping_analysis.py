@@ -27,7 +27,7 @@ def analysed(rows: Sequence[Mapping[str, Any]]) -> tuple[list[Claim], list[dict[
     done = {c: {(r["wearer"], r["object"]): r["duration"] for r in _of(rows, c) if r["success"]} for c in _CONDITIONS}
     both = sorted(done["ikns"].keys() & done["ring"].keys())
     statistics: dict[str, Any] = {c: counted(_of(rows, c)) for c in _CONDITIONS}
-    claims = [_success(_of(rows, "ikns"))]
+    claims = [_success(_of(rows, "ikns"))] if _of(rows, "ikns") else []
     if both:
         slow, fast = ([done[c][pair] for pair in both] for c in _CONDITIONS)
         test = sign_test(slow, fast)
@@ -98,9 +98,10 @@ def _success(rows: Sequence[Mapping[str, Any]]) -> Claim:
     k, n = sum(bool(row["success"]) for row in rows), len(rows)
     good, of = GRASPS["ikns"]
     low, high = exact(k, n)
-    words = f"the share of successes with IKNS isn't below the paper's; ours: {k} of {n}, 95 % {low:.3f} to {high:.3f}"
+    words = f"with IKNS no fewer succeed than in the paper; ours: {k} of {n}, exact 95 % {low:.3f} to {high:.3f}"
     return Claim(
-        id="success-rate", text=words, paper=f"{good} of {of}", measured=100.0 * k / n, unit="%", holds=high >= good / of
+        id="success-rate", text=words, paper=f"{good} of {of}", measured=100.0 * k / n, unit="%",
+        holds=high >= good / of,
     )  # fmt: skip
 
 

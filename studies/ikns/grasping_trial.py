@@ -28,14 +28,15 @@ from sim.parts.hand.ycb import YCB
 from sim.world.cell import Cell
 from studies.ikns.grasp import ASIDE, Task, grasp_trial, wrist
 from studies.ikns.grasp_cell import SERVO
-from studies.ikns.grasping_wearer import HAND, KINDS, VALUE, Grasping, heading
+from studies.ikns.grasp_wearer import HAND
+from studies.ikns.grasping_wearer import KINDS, VALUE, Grasping, heading
 from studies.tasks.task import Value
 
 PROFILE: Final = "ikns-finger"
 CALIBRATION: Final = "ikns-finger.calibration.json"  # as the profile names it
 STATURE: Final = 1.75
 """m, of the wearer for whom the lengths below are meant; chair and table are set to each."""
-BELOW: Final = 0.31  # m, of the table's top below the jugular notch: seat at 0.45, notch at 0.58 above it, table at 0.72
+BELOW: Final = 0.31  # m, of the table's top below the jugular notch: 0.45 for the seat and 0.58, less 0.72
 START: Final = (0.36, -0.24)  # m, from the chest
 GOAL: Final = (0.36, -0.06)
 _CHEST: Final[Pose] = (0.0, 0.0, 1.1, 1.0, 0.0, 0.0, 0.0)  # where the profile's wearer sits
@@ -56,8 +57,8 @@ def trial(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Valu
     Args:
         text: the profile's.
         parameters: `condition`, ikns or ring; `object`, its code; `set`, overrides by key path, which make the wearer;
-            `calibration`, the wearer's file; and perhaps `aim`, `clear` (m), `servo`, `thing`, `hand` (options of the servos,
-            of the object, of the passive hand), `outwards`, true: the finger closes with the elbow outwards.
+            `calibration`, the wearer's file; and perhaps `aim`, `clear` (m), `servo`, `thing`, `hand` (options of the
+            servos, of the object, of the passive hand), `outwards`, true: the finger closes with the elbow outwards.
         seed: of the world, and of where the hand takes the object.
     Returns:
         success, reason; duration (s, from the beginning to the release); slip, off, leak (m), tilt (rad), force (N);

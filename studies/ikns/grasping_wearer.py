@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from math import inf
-from typing import Any, Final, cast
+from typing import Final, cast
 
 import numpy as np
 
-from runtime.contracts.rotation import Pose, Quaternion, conjugate, matrix, product, turned
+from runtime.contracts.rotation import Pose, matrix
 from runtime.contracts.signals import Array
 from runtime.contracts.wearer import Hold
 from runtime.control.ikns.body import Body
@@ -25,6 +25,7 @@ from sim.parts.body.wearer_config import UpperBodyConfig
 from sim.parts.hand.ycb import Ycb
 from sim.world.cell import Cell
 from studies.ikns.grasp import Task, wrist
+from studies.ikns.grasp_wearer import hand_at
 
 VALUE: Final = "intent.c"
 OPENED: Final = 1.0
@@ -35,9 +36,6 @@ SEEN: Final = 0.2  # s, from what finger and object do to what is decided: Jeann
 _RESTS: Final = 0.3  # rad/s, below which a finger is seen to rest; ours
 _PRESS: Final = 0.15  # s, for which the ring's button is down; ours
 _HEADINGS: Final = np.arange(-0.9, 1.2, 0.05).tolist()  # rad
-_HALF: Final = 0.5**0.5
-HAND: Final[Quaternion] = (0.0, 0.0, _HALF, -_HALF)
-"""The passive hand's frame in the body's hand: x to the little finger, y distal, z dorsal; the body has -x, -z, -y."""
 
 
 class Grasping:
@@ -147,15 +145,6 @@ class Pressing(Grasping):
 
 KINDS: Final[Mapping[str, type[Grasping]]] = {"ikns": NullSpace, "ring": Pressing}
 """By condition, which is the profile's `input`, too."""
-
-
-def hand_at(body: Body, chest: Pose, wrist: Pose) -> tuple[Any, Quaternion]:
-    """The palm's middle (m) and the hand's orientation in the chest's frame, for the passive hand's frame."""
-    back = conjugate(chest[3:])
-    turn = product(back, product(wrist[3:], conjugate(HAND)))
-    x, y, z = turned(back, (wrist[0] - chest[0], wrist[1] - chest[1], wrist[2] - chest[2]))
-    gx, gy, gz = turned(turn, body.grip("right"))
-    return (x + gx, y + gy, z + gz), turn
 
 
 def heading(body: Body, chest: Pose, task: Task, thing: Ycb, place: tuple[float, float], swivel: float) -> float:

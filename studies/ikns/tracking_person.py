@@ -9,32 +9,23 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import re
-import secrets
-import sys
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from runtime.calibration.session import ANONYMOUS
-from runtime.contracts.errors import RecordingError, RequestError
 from runtime.contracts.files import decoded
 from runtime.contracts.signals import Array
 from runtime.control.ikns import record
 from runtime.control.ikns.sibson import Sibson
-from runtime.ipc import private_file
-from runtime.ipc.layout import Layout
 from runtime.ipc.ring import RingReader
-from runtime.ipc.run_folder import RunFolder, running
 from runtime.panel.screen import Screen
 from runtime.panel.trial import ScreenTrial, Trial
 from runtime.profile import profile as profiles
 from runtime.profile.plots import pick
+from studies.ikns import people
 from studies.ikns.curves import SECONDS, SETTLE, curve
 from studies.ikns.tracking_analysis import analysed, figure
 from studies.ikns.tracking_order import NAME, REPETITIONS, Entry, ordered
@@ -46,26 +37,11 @@ from studies.tasks.environment import environment
 from studies.tasks.task import DONE, Row, TrialTask, Value
 from studies.toolkit.errors import StudyError
 
-_ORDER: Final = "order.json"
 _REST: Final = 5.0  # s between trials, at least
-_LOOK: Final = 0.5  # s between looks for the run
 _SAMPLES: Final = 1001  # of a curve, as the screen gets it
 _HELD: Final = "intent.held"
 _HAND: Final = "arm.hand"
 _MODEL: Final = "person"
-
-
-@dataclass(frozen=True)
-class _Run:
-    """A running instance, and what its layout says of it."""
-
-    folder: RunFolder
-    layout: Layout
-
-    @property
-    def simulated(self) -> bool:
-        """Whether any of its devices is."""
-        return bool(self.layout.meta["simulated"])
 
 
 def session(folder: Path, person: str, profile: str = PROFILE, quick: bool = False) -> Result:
@@ -80,75 +56,34 @@ def session(folder: Path, person: str, profile: str = PROFILE, quick: bool = Fal
     Raises:
         SrlError: the id isn't anonymous, trials can't be stored, or the screen has ended.
     """
-    if not re.match(ANONYMOUS, person):
-        problem = f"'{person}' isn't anonymous: up to four letters, then a number"
-        raise RequestError("--person", problem, "Number the persons, P07, and keep their names elsewhere")
+    people.check(person)
     name = profiles.load(profile)[0].name
     own = folder / person
     own.mkdir(parents=True, exist_ok=True)
-    order = _order(own, person, 1 if quick else REPETITIONS)
+    repetitions = 1 if quick else REPETITIONS
+    order = people.stored_order(own, person, lambda seed: list(ordered([seed], repetitions)))
     with journals.opened(own) as journal:
         try:
             for condition, entries in groupby(enumerate(order, 1), key=lambda item: item[1][0]):
                 missing = [(i, e) for i, e in entries if key(person, e) not in journal.rows]
                 if missing:
-                    run = _found(name, profile, condition)
+                    run = people.beside(name, profile, condition)
                     with Screen(run.folder, VALUE, held=_HELD if _HELD in run.layout.fields else None) as screen:
-                        _say(f"Open this once, in the participant's browser:\n  {screen.address}")
+                        people.say(f"Open this once, in the participant's browser:\n  {screen.address}")
                         for place, entry in missing:
                             task = _task(person, entry, place, profile)
                             journal.append([_done(own, screen, run, task, entry, len(order))])
         except KeyboardInterrupt:
-            _say(f"{own}: {len(journal.rows)} of {len(order)} trials are kept; give the same command again to go on")
+            people.say(
+                f"{own}: {len(journal.rows)} of {len(order)} trials are kept; give the same command again to go on"
+            )
             raise
         finally:
             table.write(own / table.FILE, [r for e in order if (r := journal.rows.get(key(person, e)))])
     return _result(folder, person)
 
 
-def _order(own: Path, person: str, repetitions: int) -> list[Entry]:
-    """The person's order: drawn and stored, or the stored one."""
-    path = own / _ORDER
-    if not path.exists():
-        seed = secrets.randbits(32)
-        content = {"person": person, "seed": seed, "order": list(ordered([seed], repetitions))}
-        private_file.replace(path, json.dumps(content, indent=1).encode())
-    try:
-        stored = json.loads(path.read_text(encoding="utf-8"))["order"]
-        found = [(str(condition), str(name), int(repetition)) for condition, name, repetition in stored]
-    except (OSError, ValueError, KeyError, TypeError):
-        raise StudyError(str(path), "the order can't be read", "Mend it, or begin in another folder: --out") from None
-    if len(found) != len(list(ordered([0], repetitions))):
-        problem = f"this person's session has {len(found)} trials"
-        raise RequestError("--quick", problem, "Go on as it was begun, with or without --quick")
-    return found
-
-
-def _found(instance: str, profile: str, condition: str) -> _Run:
-    """Waits until the loop runs with this condition's input."""
-    asked = False
-    while True:
-        for folder in running():
-            run = _opened(folder) if folder.path.name == instance else None
-            if run is not None and run.layout.meta["chosen"].get("input") == condition:
-                return run
-        if not asked:
-            _say(f"Waiting for the loop; in another terminal: srl run {profile} --set input={condition}")
-            asked = True
-        time.sleep(_LOOK)
-
-
-def _opened(folder: RunFolder) -> _Run | None:
-    """None while a run begins or ends."""
-    try:
-        layout = Layout.load(folder.layout)
-        with RingReader(folder.rows, width=layout.width) as ring:
-            return None if ring.closed or ring.head == 0 else _Run(folder, layout)
-    except (RecordingError, OSError):
-        return None
-
-
-def _done(own: Path, screen: Screen, run: _Run, task: TrialTask, entry: Entry, of: int) -> Row:
+def _done(own: Path, screen: Screen, run: people.Run, task: TrialTask, entry: Entry, of: int) -> Row:
     """Lets the person do one trial, as often as it takes until it counts, and stores it."""
     condition, name, repetition = entry
     place = int(task.parameters["place"])
@@ -167,10 +102,10 @@ def _done(own: Path, screen: Screen, run: _Run, task: TrialTask, entry: Entry, o
         except OSError as error:
             raise StudyError(str(own), f"the trial can't be stored: {error.strerror}", "Make room there") from None
         if problem:
-            _say(f"{stem}: broken off: {problem}; once more")
+            people.say(f"{stem}: broken off: {problem}; once more")
             continue
         values = _values(found, run, name)
-        _say(f"{stem}: RMSE {values['rmse']:.2f}")
+        people.say(f"{stem}: RMSE {values['rmse']:.2f}")
         return Row(
             key=key(task.parameters["wearer"], entry), task=task, profile_sha256=str(run.layout.meta["sha256"]),
             state=DONE, values=values, error="", seconds=round(time.monotonic() - begin, 3), worker="",
@@ -178,7 +113,7 @@ def _done(own: Path, screen: Screen, run: _Run, task: TrialTask, entry: Entry, o
         )  # fmt: skip
 
 
-def _values(found: ScreenTrial, run: _Run, name: str) -> dict[str, Value]:
+def _values(found: ScreenTrial, run: people.Run, name: str) -> dict[str, Value]:
     """The figures of a trial: those of the simulated ones, and the screen's."""
     t, value = found.samples[:, 0], found.samples[:, 2]
     known = np.isfinite(value)
@@ -200,7 +135,7 @@ def _values(found: ScreenTrial, run: _Run, name: str) -> dict[str, Value]:
     }
 
 
-def _rows(found: ScreenTrial, run: _Run) -> Any:
+def _rows(found: ScreenTrial, run: people.Run) -> Any:
     """The loop's rows during the curve, as far as the ring still has them."""
     with RingReader(run.folder.rows, width=run.layout.width) as ring:
         parts = [ring.take()]
@@ -211,7 +146,7 @@ def _rows(found: ScreenTrial, run: _Run) -> Any:
     return rows[(t >= 0.0) & (t <= SECONDS)]
 
 
-def _outside(hand: Array, run: _Run) -> float:
+def _outside(hand: Array, run: people.Run) -> float:
     """The share of the hand's places outside the calibration's hull; NaN where there is no calibration."""
     for content in decoded(run.layout.meta.get("files", {}), "the run's files").values():
         try:
@@ -237,21 +172,10 @@ def key(person: str, entry: Entry) -> str:
 
 def _result(folder: Path, person: str) -> Result:
     """The people who are through, of whom the person is one."""
-    people: dict[str, list[Mapping[str, Any]]] = {}
-    for path in sorted(folder.glob(f"*/{_ORDER}")):
-        who = path.parent.name
-        rows = [journals.decoded(line) for line in (path.parent / journals.FILE).read_bytes().splitlines(keepends=True)]
-        own = {row.key: {**row.task.parameters, **row.values} for row in rows if row is not None}
-        if len(own) == len(json.loads(path.read_text(encoding="utf-8"))["order"]):
-            people[who] = list(own.values())
-    found = [row for own in people.values() for row in own]
+    found = people.through(folder)
     claims, lines, statistics = analysed({_MODEL: found}, simulated=False)
     simulated = any(row["simulated"] for row in found)
     files = ["curves.png", "statistics.json", table.FILE]
     figure(found, folder / person / files[0], "simulated" if simulated else "people")
     (folder / person / files[1]).write_text(json.dumps(statistics, indent=1) + "\n", encoding="utf-8")
     return Result(NAME, simulated, [], claims, lines, files)
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
