@@ -95,7 +95,7 @@ def sweep(folder: Path, runner: Runner) -> list[dict[str, Any]]:
     for label, condition, change in changes():
         for one in ready:
             for code in YCB:
-                tasks.append(task(one, condition, code, **_own(one.wearer, code, change)))
+                tasks.append(swept(one, condition, code, change))
                 labels.append(label)
     rows = rows_of(runner, tasks, folder / "sweep")
     found = []
@@ -120,7 +120,7 @@ def changes() -> Iterator[tuple[str, str, Mapping[str, Any]]]:
             {"thing": lambda wearer, code, share=share: {"friction": share * YCB[code].friction}},
         )
     for skin in (0.40, 0.84):
-        yield f"friction of the skin {skin}", "ikns", {"hand": {"friction": skin}}
+        yield f"friction of the skin {skin}", "ikns", {"skin": skin}
     yield (
         "servos of 0.14 N m",
         "ikns",
@@ -137,5 +137,7 @@ def changes() -> Iterator[tuple[str, str, Mapping[str, Any]]]:
     yield "closes with the elbow outwards", "ikns", {"outwards": True}
 
 
-def _own(wearer: Wearer, code: str, change: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: value(wearer, code) if callable(value) else value for name, value in change.items()}
+def swept(one: Calibrated, condition: str, code: str, change: Mapping[str, Any]) -> TrialTask:
+    """One trial of the sweep."""
+    own = {name: value(one.wearer, code) if callable(value) else value for name, value in change.items()}
+    return task(one, condition, code, **own)

@@ -57,8 +57,8 @@ def trial(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Valu
     Args:
         text: the profile's.
         parameters: `condition`, ikns or ring; `object`, its code; `set`, overrides by key path, which make the wearer;
-            `calibration`, the wearer's file; and perhaps `aim`, `clear` (m), `servo`, `thing`, `hand` (options of the
-            servos, of the object, of the passive hand), `outwards`, true: the finger closes with the elbow outwards.
+            `calibration`, the wearer's file; and perhaps `aim`, `clear` (m), `servo`, `thing` (options of the
+            servos, of the object), `skin` (friction of the hand's), `outwards`, true: the finger closes with the elbow outwards.
         seed: of the world, and of where the hand takes the object.
     Returns:
         success, reason; duration (s, from the beginning to the release); slip, off, leak (m), tilt (rad), force (N);
@@ -141,7 +141,7 @@ def _lockstep(
         },
         f"{parts}.hand": {
             "part": "passive-hand", "at": {"parent": "wearer/right_hand", "quaternion": list(HAND)},
-            **parameters.get("hand", {}),
+            **({"friction": parameters["skin"]} if "skin" in parameters else {}),
         },
         f"{parts}.finger.at": {
             "parent": "wearer/right_forearm", "position": [0.0, 0.030, _FROM_WRIST - forearm],

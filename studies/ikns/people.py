@@ -68,7 +68,7 @@ def stored_order(own: Path, person: str, draw: Callable[[int], Sequence[_Entry]]
     known: dict[tuple[Any, ...], _Entry] = {entry: entry for entry in expected}
     if any(entry not in known for entry in found) or len(set(found)) < len(found):
         raise StudyError(
-            str(path), "it has trials that this study hasn't", "Mend it, or begin in another folder: --out"
+            str(path), "it names trials that this study hasn't", "Mend it, or begin in another folder: --out"
         )
     return [known[entry] for entry in found]
 

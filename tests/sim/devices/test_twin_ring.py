@@ -221,3 +221,16 @@ def test_what_isn_t_the_remote_is_looked_into_twice_and_no_more(nodes: dict[str,
     for k in range(1, 20):
         ring.read(k * 1_000 * MS)
     assert other.opened == other.closed == 2
+
+
+def test_somebody_in_this_process_presses() -> None:
+    world = StillWorld()
+    fake = bound(FakeRing("ring", RingConfig(port="input"), world, FakeRingConfig()))
+    fake.open()
+    counts = []
+    for k in range(100):
+        world.time = k * 10_000_000
+        fake.press(k in range(20, 35) or k in range(60, 70))
+        fake.read(world.time)
+        counts.append(float(fake.state_arrays["presses"][0]))
+    assert (counts[15], counts[45], counts[-1]) == (0.0, 1.0, 2.0)

@@ -46,6 +46,27 @@ def test_a_steady_wearer_moves_each_dof_and_nothing_else() -> None:
         assert np.delete(moved, i).max() < 1e-5
 
 
+def test_the_elbow_goes_where_it_is_told_and_the_hand_stays_or_is_carried() -> None:
+    world, part = cell(**STEADY)
+    part.wearer.instruct(Hold(POINT, swivel=1.0))
+    run(world, 4.0)
+    assert part.wearer.done
+    high = world.truth_arrays["wearer_dofs"][0]
+    part.wearer.instruct(Hold(POINT, swivel=0.0))
+    run(world, 0.5)
+    assert not part.wearer.done
+    truth = run(world, 3.0)
+    assert part.wearer.done
+    assert truth["hand"][:, :3] == pytest.approx(np.tile(POINT, (300, 1)), abs=1e-4)
+    assert high - truth["dofs"][-1, 0] > 1.2
+    # At its mean pace; half a second of it was before.
+    assert np.ptp(truth["dofs"][:, 0]) > 0.9
+    part.wearer.instruct(Hold((0.30, -0.10, -0.12), swivel=0.0))
+    carried = run(world, 3.0)
+    assert carried["hand"][-1, :3] == pytest.approx((0.30, -0.10, -0.12), abs=1e-4)
+    assert np.ptp(carried["dofs"][:, 0]) < 0.1
+
+
 def test_the_motion_is_smooth_for_what_is_worn() -> None:
     """Between two ticks the joints neither jump nor lag: steps of a millisecond differ little from each other."""
     world, part = cell(**STEADY)
@@ -116,7 +137,7 @@ def test_a_beginning_it_can_t_know() -> None:
 
 
 INSTRUCTIONS: tuple[Instruction, ...] = (
-    Explore(3.0), Hold(POINT, "shrug"), Follow((0.0, 3.0), ((0.3,), (0.8,))), Rest()
+    Explore(3.0), Hold(POINT, "shrug"), Hold(POINT, None, None, 0.8), Follow((0.0, 3.0), ((0.3,), (0.8,))), Rest()
 )  # fmt: skip
 
 

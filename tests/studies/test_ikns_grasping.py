@@ -1,0 +1,171 @@
+"""The study `ikns-grasping`: real trials, the sense of the null-space motion, and what the analysis makes of rows."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from importlib import resources
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from runtime.control.ikns.record import parse
+from runtime.control.models import BodyModel
+from sim.parts.body import arm_posture
+from sim.parts.hand.ycb import YCB
+from studies.ikns import grasping
+from studies.ikns.grasp import Task, wrist
+from studies.ikns.grasp_wearer import hand_at
+from studies.ikns.grasping_analysis import analysed, counted, exact
+from studies.ikns.grasping_trial import CALIBRATION, inwards, trial, turned_round
+from studies.ikns.grasping_wearer import KINDS, heading
+from studies.ikns.tracking import Calibrated
+from studies.ikns.wearers import wearers
+
+PROFILE = (resources.files("profiles") / "ikns-finger.yaml").read_text()
+SHIPPED = (resources.files("profiles") / "ikns-finger.calibration.json").read_text()
+FILE = parse(SHIPPED.encode(), CALIBRATION)
+CHEST = (0.0, 0.0, 1.1, 1.0, 0.0, 0.0, 0.0)
+
+
+@cache
+def done(condition: str, **changed: Any) -> Any:
+    """A trial with the soup can, without an error of reaching."""
+    given = {"condition": condition, "object": "D", "set": {}, "calibration": SHIPPED, "aim": 0.0, **changed}
+    return trial(PROFILE, given, 1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("condition", KINDS)
+def test_a_wearer_picks_and_places_in_both_conditions(condition: str) -> None:
+    row = done(condition)
+    assert (row["success"], row["reason"]) == (True, "")
+    assert 5.0 < row["duration"] < 12.0
+    assert row["off"] < 0.05
+    assert row["slip"] < 0.05
+    assert 0.0 < row["leak"] < 0.04
+    assert row["c"] > 0.6
+    assert row["closing"] < row["duration"]
+
+
+@pytest.mark.slow
+def test_the_control_value_is_the_wearers_own() -> None:
+    """The same motion with the other sense opens the finger where it should close."""
+    row = done("ikns", outwards=True)
+    assert not row["success"]
+    assert row["reason"] in ("not lifted", "out of time")
+
+
+@pytest.mark.slow
+def test_a_trial_is_a_pure_function() -> None:
+    assert dict(done("ring")) == dict(done.__wrapped__("ring"))
+
+
+def test_the_sense_of_a_calibration_is_known_and_can_be_turned_round() -> None:
+    other = turned_round(FILE)
+    assert inwards(FILE) != inwards(other)
+    assert turned_round(other) == FILE
+    for a, b in zip(FILE.points, other.points, strict=True):
+        q = np.array(a.directions[0])
+        c = (q @ q - a.lower[0]) / (a.upper[0] - a.lower[0])
+        turned = (np.array(b.directions[0]) @ q - b.lower[0]) / (b.upper[0] - b.lower[0])
+        assert c + turned == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("place", [(0.36, -0.24), (0.36, -0.06)])
+def test_the_wrist_is_straight_where_the_finger_closes(place: tuple[float, float]) -> None:
+    body = BodyModel(kind="body", sides=("right",)).body
+    arm = arm_posture.ArmPosture(body, "right")
+    task, swivel = Task(place, (9.0, 9.0), table=0.79), 0.1
+
+    def bent(angle: float) -> float:
+        own = Task(place, (9.0, 9.0), table=0.79, heading=angle)
+        point, turn = hand_at(body, CHEST, wrist(own, YCB["A"], place))
+        from runtime.contracts.rotation import matrix
+
+        return abs(float(arm.solve(arm_posture.Hold(np.array(point), matrix(turn)), swivel)[7]))
+
+    found = heading(body, CHEST, task, YCB["A"], place, swivel)
+    assert bent(found) < 0.06
+    assert bent(found + 0.4) > 0.3
+
+
+def test_every_wearer_has_every_object_in_both_conditions_with_the_same_errors() -> None:
+    orders = []
+    for one in (Calibrated(w, SHIPPED, ()) for w in wearers(4)):
+        tasks = list(grasping.trials(one, tuple(YCB)))
+        seeds = {c: {t.parameters["object"]: t.seed for t in tasks if t.parameters["condition"] == c} for c in KINDS}
+        assert seeds["ikns"] == seeds["ring"]
+        assert set(seeds["ikns"]) == set(YCB)
+        assert len({t.parameters["condition"] for t in tasks[: len(YCB)]}) == 1
+        orders.append([t.parameters["object"] for t in tasks])
+    assert len({tuple(order) for order in orders}) == 4
+
+
+def test_a_sweep_changes_one_thing_at_a_time() -> None:
+    one = Calibrated(wearers(1)[0], SHIPPED, ())
+    plain = grasping.task(one, "ikns", "A").parameters
+    changed = [grasping.swept(one, condition, "A", change) for _, condition, change in grasping.changes()]
+    assert len({task.identity for task in changed}) == len(changed)
+    assert changed[0].parameters == plain
+    for task in changed[2:]:
+        keys = {k for k in task.parameters if task.parameters[k] != plain.get(k)}
+        own = {k for k in plain["set"] if task.parameters["set"][k] != plain["set"][k]}
+        assert len(own | (keys - {"set"})) == 1
+
+
+def rows(ikns: list[float], ring: list[float]) -> list[dict[str, Any]]:
+    """A row a duration; a negative one failed."""
+    return [
+        {"wearer": f"W{i:02}", "condition": condition, "object": "I", "duration": abs(s), "success": s > 0.0,
+         "reason": "" if s > 0.0 else "dropped"}
+        for condition, given in (("ikns", ikns), ("ring", ring))
+        for i, s in enumerate(given)
+    ]  # fmt: skip
+
+
+def test_the_sign_test_takes_pairs_that_both_succeeded() -> None:
+    claims, table, statistics = analysed(rows([9.0, 8.0, -3.0, 9.5, 7.0, 9.0, 8.5], [6.0, 6.5, 6.0, -2.0, 6.9, 6.0, 6]))
+    found = statistics["sign test"]
+    assert (found["pairs"], found["ring faster"], found["p"]) == (5, 5, pytest.approx(2 * 0.5**5))
+    assert found["median"] == pytest.approx(2.5)
+    claim = {c.id: c for c in claims}["ring-faster"]
+    assert not claim.holds  # p is 0.0625
+    assert table[-1]["ikns success"] == 6
+    assert table[0]["ring failures"] == "dropped 1"
+
+
+@pytest.mark.parametrize(("slow", "holds"), [(9.0, True), (5.0, False)])
+def test_the_ring_is_faster_only_if_it_is(slow: float, holds: bool) -> None:
+    claims, _, _ = analysed(rows([slow] * 8, [6.0] * 8))
+    assert {c.id: c.holds for c in claims}["ring-faster"] is holds
+
+
+@pytest.mark.parametrize(("good", "holds"), [(30, True), (10, False)])
+def test_the_success_rate_is_judged_by_its_interval(good: int, holds: bool) -> None:
+    claims, _, _ = analysed(rows([9.0] * good + [-9.0] * (30 - good), []))
+    assert {c.id: c.holds for c in claims} == {"success-rate": holds}
+
+
+def test_nobody_gives_no_claims() -> None:
+    claims, _, statistics = analysed([])
+    assert claims == []
+    json.dumps(statistics)
+
+
+@pytest.mark.parametrize(("k", "n"), [(0, 10), (88, 100), (50, 50), (3, 7)])
+def test_the_exact_interval_cuts_tails_of_a_fortieth(k: int, n: int) -> None:
+    low, high = exact(k, n)
+    assert low <= k / n <= high
+    if k > 0:
+        assert stats.binom.sf(k - 1, n, low) == pytest.approx(0.025, abs=1e-6)
+    if k < n:
+        assert stats.binom.cdf(k, n, high) == pytest.approx(0.025, abs=1e-6)
+
+
+def test_failures_are_counted_by_reason() -> None:
+    found = counted(rows([9.0, -1.0, -2.0], []))
+    assert (found["successes"], found["of"], found["failures"]) == (1, 3, "dropped 2")
+    assert found["median s"] == 9.0

@@ -1,0 +1,109 @@
+"""`srl study ikns-grasping --person`: the experimenter's keys, the stored order, and a session that goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from helpers.run import call
+
+from runtime.contracts.errors import RequestError
+from studies.ikns import grasping_person, people
+from studies.ikns.grasping_person import judged, ordered, session
+from studies.tasks import table
+from studies.toolkit.errors import StudyError
+
+
+def told(lines: list[str], seconds: list[float]) -> dict[str, Any]:
+    """A trial with what is typed and what the clock shows."""
+    answers, times = iter(lines), iter(seconds)
+    return judged(lambda question: next(answers), lambda: next(times))
+
+
+def test_enter_is_a_success_and_a_letter_a_reason() -> None:
+    assert told(["", ""], [10.0, 17.5]) == {"success": True, "reason": "", "duration": 7.5}
+    assert told(["", "d\n"], [0.0, 3.0]) == {"success": False, "reason": "dropped", "duration": 3.0}
+
+
+def test_twenty_seconds_are_too_long() -> None:
+    assert told(["", ""], [0.0, 20.5])["reason"] == "out of time"
+    assert told(["", "g"], [0.0, 20.5])["reason"] == "off the goal"
+
+
+@pytest.mark.parametrize("key", ["x", "?"])
+def test_a_trial_that_doesnt_count_is_done_again(key: str) -> None:
+    assert told(["", key, "", ""], [0.0, 5.0, 100.0, 106.0]) == {"success": True, "reason": "", "duration": 6.0}
+
+
+def test_the_order_is_one_condition_after_the_other() -> None:
+    drawn = {seed: ordered(seed, "ABC") for seed in range(40)}
+    for order in drawn.values():
+        assert sorted(order) == [(c, o) for c in ("ikns", "ring") for o in "ABC"]
+        assert len({c for c, _ in order[:3]}) == 1
+    assert len({tuple(order) for order in drawn.values()}) > 10
+    assert {order[0][0] for order in drawn.values()} == {"ikns", "ring"}
+
+
+@pytest.fixture
+def keys(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """What the experimenter types, line by line; at the end the power goes. A run is there, simulated."""
+    typed: list[str] = []
+
+    def answer(question: str) -> str:
+        if not typed:
+            raise KeyboardInterrupt
+        return typed.pop(0)
+
+    clock: Iterator[float] = (7.0 * i for i in range(1000))
+    run = SimpleNamespace(simulated=True, layout=SimpleNamespace(meta={"sha256": "ab"}))
+    monkeypatch.setattr(grasping_person, "typed", answer)
+    monkeypatch.setattr(grasping_person, "time", SimpleNamespace(monotonic=lambda: next(clock)))
+    monkeypatch.setattr(people, "beside", lambda *_: run)
+    return typed
+
+
+def test_a_session_goes_on_where_it_was(tmp_path: Path, keys: list[str]) -> None:
+    keys += ["", "", "", "d", ""]  # two trials; the third begins
+    with pytest.raises(KeyboardInterrupt):
+        session(tmp_path, "P07", quick=True)
+    first = table.read(tmp_path / "P07" / table.FILE)
+    assert [row["reason"] for row in first] == ["", "dropped"]
+    keys += ["", "", "", ""]
+    result = session(tmp_path, "P07", quick=True)
+    rows = table.read(tmp_path / "P07" / table.FILE)
+    assert [row["key"] for row in rows[:2]] == [row["key"] for row in first]
+    assert len(rows) == 4
+    assert result.simulated
+    assert {claim.id for claim in result.claims} >= {"success-rate"}
+    assert sum(row["success"] for row in rows) == 3
+    session(tmp_path, "P07", quick=True)  # nobody is asked
+    with pytest.raises(RequestError, match="4 trials"):
+        session(tmp_path, "P07")
+
+
+def test_a_person_who_isnt_through_isnt_in_the_table(tmp_path: Path, keys: list[str]) -> None:
+    keys += 8 * [""]
+    session(tmp_path, "P07", quick=True)
+    keys += ["", ""]
+    with pytest.raises(KeyboardInterrupt):
+        session(tmp_path, "P08", quick=True)
+    assert {row["wearer"] for row in people.through(tmp_path)} == {"P07"}
+
+
+def test_an_order_that_was_spoiled_is_refused(tmp_path: Path, keys: list[str]) -> None:
+    keys += 8 * [""]
+    session(tmp_path, "P07", quick=True)
+    path = tmp_path / "P07" / people.ORDER
+    path.write_text(path.read_text().replace('"A"', '"Z"'))
+    with pytest.raises(StudyError, match="this study hasn't"):
+        session(tmp_path, "P07", quick=True)
+    path.write_text("{")
+    with pytest.raises(StudyError, match="can't be read"):
+        session(tmp_path, "P07", quick=True)
+
+
+def test_a_name_is_refused(tmp_path: Path) -> None:
+    assert "anonymous" in call(tmp_path, "study", "ikns-grasping", "--person", "Anna", code=2).stderr
