@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
+import termios
 import time
 from collections.abc import Callable
 from itertools import groupby
@@ -61,10 +62,8 @@ def session(folder: Path, person: str, profile: str = PROFILE, quick: bool = Fal
         try:
             for condition, entries in groupby(enumerate(order, 1), key=lambda item: item[1][0]):
                 missing = [(place, entry) for place, entry in entries if key(person, entry) not in journal.rows]
-                if not missing:
-                    continue
-                run = people.beside(name, profile, condition)
                 for place, entry in missing:
+                    run = people.beside(name, profile, condition)
                     people.say(f"{place} of {len(order)}, {condition}: {YCB[entry[1]].name} ({entry[1]})")
                     begin = time.monotonic()
                     values = judged(typed, time.monotonic) | {"simulated": run.simulated}
@@ -110,6 +109,8 @@ def judged(answer: Callable[[str], str], clock: Callable[[], float]) -> dict[str
 def typed(question: str) -> str:
     """A line from the terminal. Raises RequestError: there is no more."""
     print(question, end="", file=sys.stderr, flush=True)
+    if sys.stdin.isatty():
+        termios.tcflush(sys.stdin, termios.TCIFLUSH)  # what was typed before it was asked
     line = sys.stdin.readline()
     if not line:
         raise RequestError("--person", "nobody types here", "Give the command in a terminal; it goes on where it was")

@@ -47,6 +47,9 @@ _SETTLE: Final = 5.0  # s at most for the hand to go to the side of the start
 AIM: Final = 0.004
 """m, standard deviation along each axis of where the hand takes the object, by sight; ours."""
 
+CARRIED: Final = 0.2
+"""Share of a wearer's errors of motion that acts on a reach; null-space motion has them whole. Ours: the whole of them
+would be 60 mm at the end of a reach, where people scatter by a few percent of its length (van Beers et al. 2004)."""
 CLEAR: Final = 2.0 * AIM
 """m, that the palm stops short of the object: twice the error of reaching, so that it is seldom knocked over; ours."""
 
@@ -58,7 +61,8 @@ def trial(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Valu
         text: the profile's.
         parameters: `condition`, ikns or ring; `object`, its code; `set`, overrides by key path, which make the wearer;
             `calibration`, the wearer's file; and perhaps `aim`, `clear` (m), `servo`, `thing` (options of the
-            servos, of the object), `skin` (friction of the hand's), `outwards`, true: the finger closes with the elbow outwards.
+            servos, of the object), `skin` (friction of the hand's), `outwards`: whether the finger closes with the
+            elbow outwards.
         seed: of the world, and of where the hand takes the object.
     Returns:
         success, reason; duration (s, from the beginning to the release); slip, off, leak (m), tilt (rad), force (N);
@@ -135,6 +139,7 @@ def _lockstep(
         "input": condition,
         f"{parts}.wearer.plan": [],
         f"{parts}.wearer.watches": {},
+        f"{parts}.wearer.carried": parameters.get("carried", CARRIED),
         f"{parts}.table": {
             "part": "table", "size": [0.5, 0.9], "at": {"position": [start[0], 0.0, table]},
             "start": [0.0, start[1]], "goal": [0.0, goal[1]],

@@ -33,7 +33,8 @@ OPENED: Final = 1.0
 turns away from the palm when the elbow goes out, so the other sense works against itself."""
 CLOSED: Final = 0.0
 SEEN: Final = 0.2  # s, from what finger and object do to what is decided: Jeannerod 1988, 0.1 to 0.2; ours
-_RESTS: Final = 0.3  # rad/s, below which a finger is seen to rest; ours
+_RESTS: Final = 0.06  # rad in that time, below which a finger is seen to rest; ours
+_GAPES: Final = 0.35  # rad, by which a finger is seen to have opened; ours
 _PRESS: Final = 0.15  # s, for which the ring's button is down; ours
 _HEADINGS: Final = np.arange(-0.9, 1.2, 0.05).tolist()  # rad
 
@@ -53,11 +54,11 @@ class Grasping:
         truth = world.truth_arrays
         self._lockstep, self._part, self._chest = lockstep, part, chest
         self._contact: Array = truth["finger_contact"]
-        self._speed: Array = truth["finger_velocity"]
+        self._finger: Array = truth["finger_position"]
         self._leak: Array = truth["wearer_leak"]
         self._rate = 1e9 / lockstep.period
         self._late = round(SEEN * self._rate)
-        self._sights: list[tuple[bool, bool]] = []  # since the last decision: whether it touched, whether it rested
+        self._sights: list[tuple[bool, Array]] = []  # since the last decision: whether it touches, its posture, rad
         self._hold = Hold((0.0, 0.0, 0.0))
         self._closes = self._done = False
         self.leak = self.closing = 0.0
@@ -88,11 +89,14 @@ class Grasping:
         seen = self._sights[: -self._late][-self._late :]
         if len(seen) < self._late:
             return False
-        return all(touches and rests for touches, rests in seen) if self._closes else not seen[-1][0]
+        touched = float(np.mean([touches for touches, _ in seen]))
+        if self._closes:  # an unsteady hand loses touch now and then
+            return touched > 0.5 and float(np.abs(seen[-1][1] - seen[0][1]).max()) < _RESTS
+        return touched == 0.0 and float(np.abs(seen[-1][1] - self._sights[0][1]).max()) > _GAPES
 
     def watch(self) -> None:
         """Looks: to be called after every step."""
-        self._sights.append((bool(self._contact[0] > 0.0), bool(np.abs(self._speed).max() < _RESTS)))
+        self._sights.append((bool(self._contact[0] > 0.0), self._finger.copy()))
         self._done = self._done or self._judged()
         if self._closes and not self._done:
             self.closing = len(self._sights) / self._rate

@@ -60,13 +60,14 @@ def stored_order(own: Path, person: str, draw: Callable[[int], Sequence[_Entry]]
         private_file.replace(path, json.dumps(content, indent=1).encode())
     try:
         found: list[tuple[Any, ...]] = [tuple(entry) for entry in json.loads(path.read_text(encoding="utf-8"))["order"]]
+        different = len(set(found))
     except (OSError, ValueError, KeyError, TypeError):
         raise StudyError(str(path), "the order can't be read", "Mend it, or begin in another folder: --out") from None
     if len(found) != len(expected):
         problem = f"this person's session has {len(found)} trials"
         raise RequestError("--quick", problem, "Go on as it was begun, with or without --quick")
     known: dict[tuple[Any, ...], _Entry] = {entry: entry for entry in expected}
-    if any(entry not in known for entry in found) or len(set(found)) < len(found):
+    if any(entry not in known for entry in found) or different < len(found):
         raise StudyError(
             str(path), "it names trials that this study hasn't", "Mend it, or begin in another folder: --out"
         )

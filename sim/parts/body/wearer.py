@@ -125,11 +125,16 @@ class BodyWearer:
     def next(self, number: int) -> None:
         """Goes on to update `number`; they come one after another."""
         self._choose(number)
-        before, posture = self._x, self._posture
+        before, posture, place = self._x, self._posture, self._place
         self._mean(number)
         x, dt, hold = self._x, self._dt, Held(self._place, self._axes)
         self._posture = self._arm.solve(hold, float(x[0]), (float(x[2]), float(x[1])))
         speed = (self._posture - posture) / dt
+        if self._config.carried < 1.0 and (self._place != place).any():
+            # What the DoFs do to the joints; the rest carries the hand, which is seen and more exact.
+            alone = self._arm.solve(hold, float(before[0]), (float(before[2]), float(before[1])))
+            own = (self._posture - alone) / dt
+            speed = own + self._config.carried * (speed - own)
         self._unsteady.next(number, self._arm.jacobian(posture), speed, (x - before) / dt)
         off = self._unsteady.hand
         turn = rotation.matrix(rotation.exp(*off[3:].tolist()))

@@ -142,6 +142,9 @@ class UpperBodyConfig(PartConfig):
         description="rad, of the joints' motion from the one that leaves the hand still",
     )
     noise: float = Field(default=0.15, ge=0, le=0.6, description="rms of each joint's speed error, share of its speed")
+    carried: float = Field(
+        default=1.0, ge=0, le=1, description="share of both that acts on motion that carries the hand elsewhere"
+    )
     feedback: float = Field(default=3.0, ge=0, le=4, description="1/s, of the hand's error as it is felt; 0: none")
     feel: float = Field(default=0.12, ge=0.02, le=0.35, description="s, delay of what is felt")
     sway: float = Field(default=0.0, ge=0, le=0.3, description="rad rms of the torso's yaw, lean and side; 0: held")
