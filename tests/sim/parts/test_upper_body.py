@@ -67,6 +67,22 @@ def test_the_elbow_goes_where_it_is_told_and_the_hand_stays_or_is_carried() -> N
     assert np.ptp(carried["dofs"][:, 0]) < 0.1
 
 
+def test_the_errors_of_a_reach_can_be_less_than_those_of_null_space_motion() -> None:
+    def leaks(carried: float) -> tuple[float, float]:
+        world, part = cell(**STEADY | {"direction_error": 0.15}, carried=carried)
+        part.wearer.instruct(Hold(POINT, swivel=1.0))
+        run(world, 4.0)
+        part.wearer.instruct(Hold((0.34, -0.04, -0.12), swivel=1.0))
+        reach = run(world, 4.0)["leak"].max()
+        part.wearer.instruct(Hold((0.34, -0.04, -0.12), swivel=0.0))
+        return float(reach), float(run(world, 4.0)["leak"].max())
+
+    whole, part, none = leaks(1.0), leaks(0.2), leaks(0.0)
+    assert max(none[0], part[0]) < 0.4 * whole[0]
+    assert whole[1] > 0.003
+    assert none[1] == pytest.approx(whole[1], rel=0.2)
+
+
 def test_the_motion_is_smooth_for_what_is_worn() -> None:
     """Between two ticks the joints neither jump nor lag: steps of a millisecond differ little from each other."""
     world, part = cell(**STEADY)
