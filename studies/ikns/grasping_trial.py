@@ -66,7 +66,7 @@ def trial(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Valu
         seed: of the world, and of where the hand takes the object.
     Returns:
         success, reason; duration (s, from the beginning to the release); slip, off, leak (m), tilt (rad), force (N);
-        closing, s; c, the control value when the object was lifted.
+        closing, s; c, the greatest control value.
     """
     made = Setting(text, parameters, seed)
     who, c = made.grasper, made.lockstep.graph.row.views[VALUE]
