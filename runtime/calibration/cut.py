@@ -62,6 +62,7 @@ def cut(
                 source.place(f"controllers.{law}.in"), f"input '{name}' isn't bound", f"Add `{name}: LAW.{name}`"
             )
     kept, devices = _needed(checked, source, law)
+    _still(checked, source, kept, devices)
     plain, _ = profile.tree(source.label, source.text, source.overrides, source.files)
     for key in _DROPPED:
         plain.pop(key, None)
@@ -119,6 +120,22 @@ def _needed(checked: Profile, source: Source, law: int) -> tuple[list[int], set[
     return sorted(laws), devices
 
 
+def _still(checked: Profile, source: Source, kept: list[int], devices: set[str]) -> None:
+    """Raises WiringError: a law that is kept commands something, or a device that is kept takes commands."""
+    for i, entry in enumerate(checked.controllers):
+        for name, wire in entry.outputs.items():
+            for target in wire.signals:
+                owner = target.partition(".")[0]
+                if i in kept and owner in checked.devices:
+                    problem = f"a law that gives the angles or the hand also commands '{target}'"
+                    remedy = "Split it in two laws, one that measures and one that commands: nothing may move meanwhile"
+                    raise WiringError(source.place(f"controllers.{i}.out.{name}"), problem, remedy)
+                if owner in devices:
+                    problem = f"angles or hand come from it, and it takes commands ('{target}'), so it could move"
+                    remedy = "Take them from devices that only measure"
+                    raise WiringError(source.place(f"devices.{owner}"), problem, remedy)
+
+
 def _quiet(checked: Profile, device: str) -> bool:
     """Whether the profile commands nothing of a device."""
     return not any(
@@ -158,8 +175,16 @@ def _frames(
 
 
 def _build(plain: dict[str, Any], source: Source, sim: bool) -> Graph:
-    """The system before the marks are there, for the names of its signals' elements."""
-    return build(*profile.parse(source.label, _text(plain), files=Files(source.files.folder)), sim)
+    """The system before the marks are there, for the names of its signals' elements. Raises WiringError: it can move.
+
+    The loop keeps an active actuator where it is even if no law commands it. Guard and stop are left out, so there
+    must be none.
+    """
+    graph = build(*profile.parse(source.label, _text(plain), files=Files(source.files.folder)), sim)
+    if graph.actuators:
+        problem = f"it would still command '{graph.actuators[0].name}' during the calibration"
+        raise WiringError(source.label, problem, "Take the angles and the hand from devices that only measure")
+    return graph
 
 
 def _marks(

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 from helpers.calibration import FEW, PROFILE
 
-from runtime.calibration.cut import MARKS, build, cut
+from runtime.calibration.cut import MARKS, _build, build, cut
+from runtime.contracts import registry
+from runtime.contracts.controller import Controller, ControllerConfig
 from runtime.contracts.errors import ProfileError, WiringError
+from runtime.contracts.signals import Signal
+from runtime.contracts.terms import POSE
 from runtime.loop.cycle import limits_of
 from runtime.profile import profile
 from runtime.profile.profile import Profile
@@ -88,3 +93,80 @@ def test_two_laws_are_refused() -> None:
     second = "  - {use: ikns, name: again, calibration: a.json, in: {angles: arm.angles, hand: arm.hand}}\n  - use: fin"
     with pytest.raises(ProfileError, match="has 2 laws 'ikns'"):
         made(PROFILE.replace("  - use: fin", second))
+
+
+class Exoskeleton(Controller):
+    """A law that gives an arm's angles from a device that it also commands."""
+
+    summary = "an exoskeleton"
+
+    def __init__(self, name: str, config: ControllerConfig) -> None:
+        super().__init__(name, config)
+        joints = tuple(f"joint{i}" for i in range(1, 8))
+        self.inputs = (Signal(name="q", shape=(7,), unit="rad", labels=joints),)
+        self.outputs = (
+            Signal(name="angles", shape=(7,), unit="rad", labels=joints),
+            Signal(name="hand", shape=(7,), unit="m", frame="chest", labels=POSE),
+            Signal(name="velocity", shape=(7,), unit="rad/s", labels=joints),
+        )
+
+    def reset(self) -> None:
+        """Has no state."""
+
+    def update(self, dt: float) -> None:
+        """Is never run here."""
+
+
+EXOSKELETON = """
+name: exo
+rate: 1000
+clock: arm
+devices:
+  arm: {driver: panda, port: tcp://172.16.0.2:1337, interface: velocity, collision: {torque: 20.0, force: 20.0}}
+controllers:
+  - {use: exoskeleton, name: exo, in: {q: arm.position}, out: {velocity: arm.velocity_command}}
+  - {use: ikns, held: false, calibration: p.json, in: {angles: exo.angles, hand: exo.hand}}
+guard: {arm.velocity_command: {velocity: 0.1, acceleration: 0.5}}
+stop: {arm: hold}
+frames: {chest: {}}
+sim: {world: cell, parts: {arm: {part: panda}}}
+"""
+
+
+_OUT = ", out: {velocity: arm.velocity_command}"
+_IKNS = "  - {use: ikns, held: false, calibration: p.json, in: {angles: exo.angles, hand: exo.hand}}\n"
+
+
+@pytest.mark.parametrize("sim", [False, True])
+@pytest.mark.parametrize(
+    ("old", "words"),
+    [
+        ("", r"line 8: controllers\.0\.out\.velocity: .*also commands 'arm\.velocity_command'\. Split it"),
+        (_OUT, r"line 6: devices\.arm: .*takes commands \('arm\.velocity_command'\)"),
+    ],
+)
+def test_what_could_move_is_refused(old: str, words: str, sim: bool, known: None) -> None:
+    text = EXOSKELETON
+    if old:  # another law commands what this one reads
+        other = f"  - {{use: exoskeleton, name: b, in: {{q: arm.position}}{old}}}\n"
+        text = text.replace(old, "").replace("guard:", f"{other}guard:")
+    with pytest.raises(WiringError, match=words):
+        made(text, sim)
+
+
+def test_a_system_with_an_actuator_is_refused_whatever_the_text_says(known: None) -> None:
+    text = EXOSKELETON.replace(_IKNS, "")
+    _, source = profile.parse("exo.yaml", text)
+    with pytest.raises(WiringError, match=r"exo\.yaml: it would still command 'arm\.velocity_command'"):
+        _build(profile.tree(source.label, source.text)[0], source, False)
+
+
+@pytest.fixture
+def known(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The law is registered."""
+    load = registry.load
+
+    def registered(group: str, name: str, place: str) -> Any:
+        return Exoskeleton if name == "exoskeleton" else load(group, name, place)
+
+    monkeypatch.setattr(registry, "load", registered)
