@@ -8,18 +8,22 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from runtime.calibration.sources import MARK, Rows, RowSource
 from runtime.calibration.taps import taps
 from runtime.contracts.errors import HostError
 from runtime.contracts.files import encoded
 from runtime.control.ikns.procedure import Procedure, Step
+from runtime.ipc import latches
 from runtime.ipc.control_socket import send_request
 from runtime.ipc.launch import Launch
 from runtime.ipc.requests import RequestKind, RequestWriter
 from runtime.ipc.ring import RingReader
 from runtime.ipc.run_folder import RunFolder
+from runtime.ipc.words import CYCLE, Cause, State
 from runtime.profile.source import Source
+from runtime.service import standing
 from runtime.service.helpers import helpers
 from runtime.service.supervisor import Supervisor, state_dir
 
@@ -30,6 +34,9 @@ _AGAIN: Final = 1.0  # s between two resets of a run whose mocap was lost
 
 class Live(RowSource):
     """The run of a cut profile.
+
+    It begins with the latches that stand from the instance's runs, but leaves their file as it is: what stopped the
+    limb is the limb's own run's to end.
 
     Attributes:
         folder: of its instance.
@@ -55,7 +62,7 @@ class Live(RowSource):
         self.folder = RunFolder.of(instance)
         self.folder.claim()
         self._report = report
-        self._reset = 0.0
+        self._reset, self._told = 0.0, ""
         self._rows: RingReader | None = None
         self._over = False
         try:
@@ -69,7 +76,7 @@ class Live(RowSource):
                 False,
                 None,
                 True,
-                [],
+                latches.names(standing.read(state_dir(instance), report)),
                 record is not None,
             )
             self.supervisor = Supervisor(
@@ -103,8 +110,10 @@ class Live(RowSource):
         rows = self._rows.take()
         if self._rows.lost:
             raise HostError("rows", f"{self._rows.lost} were overwritten before they were read", "Free the processor")
-        if len(rows) and self.taps.may_begin_again(rows[-1]):
-            self._begin_again()
+        if len(rows):
+            self._tell(rows[-1])
+            if self.taps.may_begin_again(rows[-1]):
+                self._begin_again(int(rows[-1][CYCLE.wake]))
         return rows
 
     def begin(self, step: Step, procedure: Procedure) -> None:
@@ -118,11 +127,25 @@ class Live(RowSource):
         self._requests.close()
         self._end()
 
-    def _begin_again(self) -> None:
-        """Ends the stop after a loss of the mocap."""
+    def _tell(self, row: NDArray[np.int64]) -> None:
+        """Says once what has stopped the run, and what to do."""
+        state, cause = State(int(row[CYCLE.state])), Cause(int(row[CYCLE.cause])).name.lower().replace("_", " ")
+        text = ""
+        if self.taps.lost(row):
+            text = "a device is lost: it goes on by itself once it is there again"
+        elif state is State.STOPPED:
+            kept = ", ".join(latches.names(int(row[CYCLE.latches]))) or "nothing"
+            name = self.folder.path.name
+            text = f"stopped ({cause}; latched: {kept}), so nothing counts: `srl reset {name}` goes on, q ends"
+        if text and text != self._told:
+            self._report(text)
+        self._told = text
+
+    def _begin_again(self, seen: int) -> None:
+        """Ends the stop after a loss of the mocap; not one that came after `seen`, CLOCK_MONOTONIC ns of the row."""
         if time.monotonic() >= self._reset + _AGAIN:
             self._reset = time.monotonic()
-            send_request(self.folder, "reset", timeout=0.0)
+            send_request(self.folder, "reset", timeout=0.0, since=seen)
 
     def _end(self) -> None:
         supervisor = getattr(self, "supervisor", None)

@@ -14,7 +14,7 @@ from runtime.contracts.errors import RecordingError
 from runtime.contracts.signals import Array
 from runtime.control.ikns.samples import MarksConfig, Samples
 from runtime.ipc.layout import Layout
-from runtime.ipc.words import LINK_CONNECTED, LINK_ERROR, LINK_FAULT, LINK_STALE, State
+from runtime.ipc.words import LINK_CONNECTED, LINK_ERROR, LINK_FAULT, LINK_STALE, Cause, Latch, State
 from runtime.profile import profile
 from runtime.profile.plots import indices, split
 
@@ -55,10 +55,19 @@ class Taps:
         return float(up / down)
 
     def may_begin_again(self, row: NDArray[np.int64]) -> bool:
-        """Whether the run has stopped, and every device is there again. Nothing can move, so it may go on."""
+        """Whether a device was lost, nothing else keeps the stop, and every device is there again.
+
+        Nothing can move, so the run may then go on without a person. What somebody stopped stays stopped.
+        """
+        if not self.lost(row):
+            return False
         links = [int(self.layout.word(row, f"{device}.link")) for device in self.layout.devices]
-        there = all(link & LINK_CONNECTED and not link & (LINK_STALE | LINK_ERROR | LINK_FAULT) for link in links)
-        return there and int(self.layout.word(row, "state")) == State.STOPPED
+        return all(link & LINK_CONNECTED and not link & (LINK_STALE | LINK_ERROR | LINK_FAULT) for link in links)
+
+    def lost(self, row: NDArray[np.int64]) -> bool:
+        """Whether the run is stopped by the loss of a device, and by nothing else."""
+        state, cause, standing = (int(self.layout.word(row, name)) for name in ("state", "cause", "latches"))
+        return state == State.STOPPED and cause == Cause.INTENT_LOSS and not standing & ~Latch.FAULT
 
     def samples(self, rows: NDArray[np.int64]) -> Samples:
         """The samples of rows (k, width). What was computed in no cycle, or wasn't observed, is NaN."""

@@ -22,7 +22,7 @@ STOPS = ("stop", "exit", "fault")
 
 
 def send_request(
-    run_folder: RunFolder, what: str, cause: str | None = None, timeout: float = 2.0
+    run_folder: RunFolder, what: str, cause: str | None = None, timeout: float = 2.0, since: int | None = None
 ) -> dict[str, object] | None:
     """Sends a request to a running loop. A stop waits for one that is about to begin, and until then is tried again.
 
@@ -31,12 +31,14 @@ def send_request(
         what: "start", "stop", "reset", "exit" or "fault".
         cause: for "exit" and "fault" of the supervisor: the name of a `Cause`.
         timeout: s.
+        since: CLOCK_MONOTONIC ns of what the sender has seen: a stop after that refuses the start or reset. Default:
+            now.
     Returns:
         The loop's answer; None if there was none in time.
     """
     message: dict[str, Any] = {"ask": what} | ({"cause": cause} if cause else {})
     if what not in STOPS:
-        message["expires"] = time.monotonic_ns() + LIFETIME
+        message["expires"] = (time.monotonic_ns() if since is None else since) + LIFETIME
     deadline = time.monotonic() + timeout
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as sender:
         sender.settimeout(timeout)

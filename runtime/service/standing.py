@@ -22,6 +22,25 @@ _OLD = "running"  # the mark of srl 0.1.0: a run that didn't end well
 WRITING = 10.0  # s that the last writing may take
 
 
+def read(state: Path, report: Callable[[str], None]) -> Latch:
+    """The latches that an instance's last run left in its state folder; `report` is told of a damaged file."""
+    path, old = state / _NAME, (state / _OLD).exists()
+    try:
+        listed = json.loads(path.read_text())["latches"]
+        if not isinstance(listed, list):
+            raise TypeError  # a text is a list of letters, an empty one would be no latch
+        found = latches.of_names(listed)
+    except FileNotFoundError:
+        found = latches.NONE
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        report(
+            f"{path} can't be read ({type(error).__name__}), so this run begins as after a person's stop and "
+            "a bad end: look at the limb, then `srl reset`"
+        )
+        return Latch.PERSON | Latch.RESTART
+    return found | Latch.RESTART if old else found
+
+
 class Standing:
     """One run's view of the file; see the module's docstring.
 
@@ -39,7 +58,7 @@ class Standing:
             HostError: the file can't be written.
         """
         self._path, self._report = state / _NAME, report
-        self.latches = self._read()
+        self.latches = read(state, report)
         self._now = self.latches  # of the newest row
         self._ring: RingReader | None = None
         self._wanted: Latch | None = None
@@ -55,23 +74,6 @@ class Standing:
         # A disk may take seconds, and whoever follows the rows also watches the loop.
         self._writer = threading.Thread(target=self._keep, name="standing", daemon=True)
         self._writer.start()
-
-    def _read(self) -> Latch:
-        old = (self._path.parent / _OLD).exists()
-        try:
-            listed = json.loads(self._path.read_text())["latches"]
-            if not isinstance(listed, list):
-                raise TypeError  # a text is a list of letters, an empty one would be no latch
-            found = latches.of_names(listed)
-        except FileNotFoundError:
-            found = latches.NONE
-        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-            self._report(
-                f"{self._path} can't be read ({type(error).__name__}), so this run begins as after a person's stop and "
-                "a bad end: look at the limb, then `srl reset`"
-            )
-            return Latch.PERSON | Latch.RESTART
-        return found | Latch.RESTART if old else found
 
     @property
     def began(self) -> bool:

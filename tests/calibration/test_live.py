@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
 import time
 from pathlib import Path
 
 import pytest
 from helpers.background import repeating
-from helpers.calibration import PROFILE
+from helpers.calibration import PROFILE, Actor
+from helpers.run import environment, srl
+from helpers.wait import until
 
 from runtime.calibration.cut import build, cut
 from runtime.calibration.guide import Guide
@@ -18,8 +22,11 @@ from runtime.calibration.sources import Rows, RowSource, instruction, recorded
 from runtime.contracts.wearer import Instruction
 from runtime.control.ikns.calibration import Thresholds
 from runtime.control.ikns.procedure import Plan, Procedure, Step
+from runtime.ipc.control_socket import send_request
 from runtime.ipc.run_folder import running
+from runtime.ipc.words import CYCLE, DEVICE, LINK_CONNECTED, LINK_STALE, Cause, Latch, State
 from runtime.profile import profile
+from runtime.service.supervisor import state_dir
 from sim.devices.vicon.fake import FakeVicon
 from sim.devices.vicon.twin import ViconTwin
 
@@ -100,3 +107,82 @@ def test_a_run_that_doesnt_start_says_why(tmp_path: Path, monkeypatch: pytest.Mo
     with pytest.raises(Exception, match="mocap"):
         Live(source, "worn", None, False, lambda text: None)
     assert running() == []
+
+
+def started(folder: Path, monkeypatch: pytest.MonkeyPatch, lines: list[str]) -> Live:
+    for name, value in environment(folder).items():
+        monkeypatch.setenv(name, value)
+    _, source = cut(*profile.parse("worn.yaml", PROFILE), "P07", ("swivel",), FEW, sim=True)
+    return Live(source, "worn", None, False, lines.append, sim=True)
+
+
+@pytest.mark.slow
+def test_what_somebody_stopped_stays_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    lines: list[str] = []
+    live = started(tmp_path, monkeypatch, lines)
+    rows: list[Rows] = []
+
+    def newest(state: State) -> bool:
+        rows.extend(live.take())
+        return bool(rows) and int(rows[-1][CYCLE.state]) == state
+
+    try:
+        until(lambda: newest(State.ACTIVE))
+        before = rows[-1]
+        subprocess.run(srl("stop", "worn"), env=environment(tmp_path), check=True, capture_output=True, timeout=60)
+        until(lambda: newest(State.STOPPED))
+        assert any("latched: person), so nothing counts: `srl reset worn` goes on" in line for line in lines)
+        # The calibration's own reset is of what it had seen, and a stop that came since refuses it.
+        answer = send_request(live.folder, "reset", since=int(before[CYCLE.wake]))
+        assert answer is not None
+        assert not answer["ok"]
+        stopped = len(rows)
+        until(lambda: newest(State.STOPPED) and len(rows) > stopped + 200)
+        assert {int(row[CYCLE.state]) for row in rows[stopped:]} == {State.STOPPED}
+        subprocess.run(srl("reset", "worn"), env=environment(tmp_path), check=True, capture_output=True, timeout=60)
+        until(lambda: newest(State.ACTIVE))
+    finally:
+        live.close()
+
+
+@pytest.mark.slow
+def test_the_latches_of_the_limb_stand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
+    state = state_dir("worn")
+    state.mkdir(parents=True)
+    text = json.dumps({"latches": ["emergency", "person"]})
+    (state / "latches.json").write_text(text)
+    lines: list[str] = []
+    live = started(tmp_path, monkeypatch, lines)
+    try:
+        rows = until(lambda: list(live.take()))
+        assert {int(row[CYCLE.state]) for row in rows} == {State.STOPPED}
+        assert any("latched: person, emergency" in line for line in lines)
+        subprocess.run(srl("reset", "worn"), env=environment(tmp_path), check=True, capture_output=True, timeout=60)
+        until(lambda: any(int(row[CYCLE.state]) == State.ACTIVE for row in live.take()))
+    finally:
+        live.close()
+    assert (state / "latches.json").read_text() == text  # they are the limb's run's to end
+
+
+@pytest.mark.parametrize(
+    ("state", "cause", "standing", "link", "again"),
+    [
+        (State.STOPPED, Cause.INTENT_LOSS, Latch.FAULT, LINK_CONNECTED, True),
+        (State.STOPPED, Cause.INTENT_LOSS, Latch.FAULT, LINK_CONNECTED | LINK_STALE, False),
+        (State.STOPPED, Cause.INTENT_LOSS, Latch.FAULT | Latch.PERSON, LINK_CONNECTED, False),
+        (State.STOPPED, Cause.INTENT_LOSS, Latch.FAULT | Latch.EMERGENCY, LINK_CONNECTED, False),
+        (State.STOPPED, Cause.REQUEST, Latch.PERSON, LINK_CONNECTED, False),
+        (State.STOPPED, Cause.REQUEST, Latch(0), LINK_CONNECTED, False),
+        (State.STOPPED, Cause.RESTART, Latch.FAULT, LINK_CONNECTED, False),
+        (State.ACTIVE, Cause.NONE, Latch(0), LINK_CONNECTED, False),
+    ],
+)
+def test_only_the_loss_of_a_device_ends_by_itself(
+    state: State, cause: Cause, standing: Latch, link: int, again: bool
+) -> None:
+    actor = Actor()
+    row = actor.graph.row
+    row.ints[[CYCLE.state, CYCLE.cause, CYCLE.latches]] = state, cause, standing
+    row.devices[:, DEVICE.link] = link
+    assert actor.taps.may_begin_again(row.words) is again
