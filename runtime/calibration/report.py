@@ -52,6 +52,7 @@ def figures(result: Result) -> dict[str, Any]:
         "lost": found.lost,
         "noise_per_mm": _noise(result),
         "crosstalk": crosstalk(result),
+        "sense": {"file": None if result.sense is None else str(result.sense), "turned": list(result.turned)},
         "points": points,
         "refusals": [{"place": r.place, "problem": r.problem, "remedy": r.remedy} for r in result.refusals],
     }
@@ -82,6 +83,9 @@ def lines(result: Result) -> list[str]:
     if told["noise_per_mm"]:
         each = ", ".join(f"{dof} {value:.4f}" for dof, value in told["noise_per_mm"].items())
         text.append(f"  expected noise of c per mm of marker noise, mean of the points: {each}")
+    if result.sense is not None:
+        turned = f": {', '.join(result.turned)} turned round for it" if result.turned else ""
+        text.append(f"  the sense is that of {result.sense}{turned}")
     if told["crosstalk"] is not None:
         share = f"{told['crosstalk']:.3f}"
         text.append(f"  while one DoF moves, another goes through {share} of its range at most (in these samples)")

@@ -34,6 +34,8 @@ class Result:
         date: of the recording.
         noise: (N, k), standard deviation of c per mm of marker noise; None where angles aren't from markers.
         refusals: why it can't be used; none if it can.
+        sense: the file whose sense was kept; None if there was none.
+        turned: DoFs that were turned round for it.
     """
 
     taps: Taps
@@ -43,6 +45,8 @@ class Result:
     date: datetime.date
     noise: Array | None
     refusals: tuple[CalibrationError, ...]
+    sense: Path | None = None
+    turned: tuple[str, ...] = ()
 
     @property
     def dofs(self) -> tuple[str, ...]:

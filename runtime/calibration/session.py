@@ -20,6 +20,7 @@ from runtime.calibration.guide import Guide, QuitError
 from runtime.calibration.live import Live
 from runtime.calibration.result import Result
 from runtime.calibration.screen import Screen
+from runtime.calibration.sense import Senses
 from runtime.calibration.sources import RowSource, Simulated, recorded
 from runtime.calibration.taps import Taps
 from runtime.contracts.errors import RequestError, nearest
@@ -56,6 +57,7 @@ class Order:
     dofs: str | None = None
     points: int | None = None
     flip: Sequence[str] = ()
+    sense: Path | None = None
     option: Sequence[str] = ()
     set: Sequence[str] = ()
     instance: str | None = None
@@ -67,9 +69,11 @@ def run(order: Order, screen: Screen) -> int:
     checked, source = profile.load(order.profile, order.set)
     target = _target(order, checked, source)
     plan, thresholds = _options(order)
+    senses = _senses(order, target, checked, source)
     if order.recording:
         taps, parts, date = _recorded(order, order.recording, checked, source, thresholds)
-        result = _flipped(results.compute(taps, parts, date), order.flip)
+        _check_sense(order, senses, taps.options, screen)
+        result = _flipped(senses.kept(results.compute(taps, parts, date)), order.flip)
         if not order.json:
             print("\n".join(report.lines(result)))
         return _finish(order, target, result)
@@ -86,6 +90,7 @@ def run(order: Order, screen: Screen) -> int:
     elif order.before:
         raise RequestError("--from", "it goes with --redo", "Say which points: --redo 3")
     made, text = cutting.cut(checked, source, order.person, dofs, thresholds, order.sim)
+    _check_sense(order, senses, MarksConfig.model_validate(made.controllers[-1].options), screen)
     procedure = Procedure(dofs, thresholds, plan, _explored(before) if before else None)
     for number in order.redo or ():
         if answer := procedure.redo(number):
@@ -93,15 +98,16 @@ def run(order: Order, screen: Screen) -> int:
     if order.sim:
         simulated = Simulated(made, text, screen.say, order.record)
         try:
-            return _guided(order, target, simulated, procedure, before, screen)
+            return _guided(order, target, simulated, procedure, before, screen, senses)
         finally:
             simulated.close()
-    return _live(order, target, text, order.instance or checked.name, procedure, before, screen)
+    return _live(order, target, text, order.instance or checked.name, procedure, before, screen, senses)
 
 
 def _live(
-    order: Order, target: Path, text: Source, name: str, procedure: Procedure, before: list[Samples], screen: Screen
-) -> int:
+    order: Order, target: Path, text: Source, name: str, procedure: Procedure, before: list[Samples], screen: Screen,
+    senses: Senses,
+) -> int:  # fmt: skip
     """Runs the cut profile, and ends it in any case; Ctrl-C ends it, too."""
     if not re.match(profile.SLUG, name):
         raise RequestError("--instance", f"'{name}' is no name", "Use lower-case letters, digits, - and _")
@@ -112,7 +118,7 @@ def _live(
         signals.pass_to(lambda: asked.append(True))
         source = Live(text, name, record, order.view, screen.say)
         try:
-            code = _guided(order, target, source, procedure, before, screen, lambda: bool(asked))
+            code = _guided(order, target, source, procedure, before, screen, senses, lambda: bool(asked))
         except QuitError:
             if asked:
                 return 130  # by Ctrl-C, as a shell says it
@@ -130,6 +136,7 @@ def _guided(
     procedure: Procedure,
     before: list[Samples],
     screen: Screen,
+    senses: Senses,
     stop: Any = lambda: False,
 ) -> int:
     """Leads through the procedure until a file is written, or it is given up."""
@@ -139,7 +146,7 @@ def _guided(
             guide.run()
             if guide.first is None:
                 raise CalibrationError("recording", "no row has come", "Begin again")
-            again = _computed(turned, source.taps, [*before, *guide.samples], guide)
+            again = _computed(turned, senses, source.taps, [*before, *guide.samples], guide)
             answer, result = _decide(screen, again, turned, source.wait)
             word, _, number = answer.partition(" ")
             if word == "r" and number.strip().isdigit():
@@ -152,10 +159,12 @@ def _guided(
     return _finish(order, target, result)
 
 
-def _computed(turned: Sequence[str], taps: Taps, parts: list[Samples], guide: Guide) -> Result | CalibrationError:
+def _computed(
+    turned: Sequence[str], senses: Senses, taps: Taps, parts: list[Samples], guide: Guide
+) -> Result | CalibrationError:
     assert guide.first is not None
     try:
-        return _flipped(results.compute(taps, parts, taps.date(guide.first)), turned)
+        return _flipped(senses.kept(results.compute(taps, parts, taps.date(guide.first))), turned)
     except CalibrationError as error:
         return error
 
@@ -209,6 +218,26 @@ def _flipped(result: Result, dofs: Sequence[str]) -> Result:
     for dof in dofs:
         result = result.flipped(dof)
     return result
+
+
+def _senses(order: Order, target: Path, checked: Profile, source: Source) -> Senses:
+    """The files whose sense may be kept: the one that is named; else the target, then the profile's."""
+    named = checked.controllers[cutting.find(checked, source)].options.get("calibration")
+    return Senses(order.sense, [target, *([source.files.find(named)] if isinstance(named, str) else [])])
+
+
+def _check_sense(order: Order, senses: Senses, options: MarksConfig, screen: Screen) -> None:
+    """Checks what the command line says of the sense, before anybody sits down. Raises RequestError."""
+    for dof in order.flip:
+        if dof not in options.dofs:
+            raise RequestError("--flip", f"there is no degree of freedom '{dof}'", nearest(dof, options.dofs))
+        if order.flip.count(dof) > 1:
+            raise RequestError("--flip", f"'{dof}' is named twice, which would turn nothing", "Name it once")
+    if senses.of(options) is None and (order.recording or order.redo):
+        screen.say(
+            f"No calibration file of {options.person} with these joints stands there, so the sense is as computed: "
+            "what was turned round before (--flip, f) isn't in a recording. --sense FILE takes it from a file"
+        )
 
 
 def _recorded(

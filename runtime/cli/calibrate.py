@@ -33,6 +33,9 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument("--points", type=int, metavar="N", help="number of points; default: 10")
     parser.add_argument("--flip", action="append", default=[], metavar="DOF", help="turn its sense round")
     parser.add_argument(
+        "--sense", type=Path, metavar="FILE", help="keep the sense of this file; default: of the one that is replaced"
+    )
+    parser.add_argument(
         "--option", action="append", default=[], metavar="KEY=VALUE",
         help="a time of the procedure or a threshold: exploration=30, samples=200 (docs/calibrate.md)",
     )  # fmt: skip

@@ -111,6 +111,8 @@ def test_a_file_that_is_there_stays_without_yes(
         (["--sim", "--person", "P07", "--from", "a.rrd"], "--from: it goes with --redo"),
         (["--recording", "a.rrd"], "a.rrd: there is no such file"),
         (["--sim", "--person", "P07", "--flip", "twist"], "no degree of freedom 'twist'"),
+        (["--sim", "--person", "P07", "--flip", "swivel", "--flip", "swivel"], "'swivel' is named twice"),
+        (["--sim", "--person", "P07", "--sense", "none.json"], "none.json: it can't be read"),
         (["--person", "P07", "--instance", "Ada's"], "'Ada's' is no name"),
     ],
 )
@@ -142,6 +144,53 @@ def test_a_recording_gives_the_same_file_and_a_point_is_done_again(
     assert (folder / "both.json").read_bytes() == (folder / "p07.json").read_bytes()
     assert command("--sim", "--person", "P08", "--redo", "3", "--from", "bad.rrd", "-o", "p08.json") == 2
     assert "bad.rrd: it is of P07" in capsys.readouterr().err
+
+
+def along(one: Path, other: Path) -> Any:
+    """(N, k), cosine between the directions of two files with the same points."""
+    a, b = record.read(one).calibration(), record.read(other).calibration()
+    return (a.directions * b.directions).sum(axis=2)
+
+
+@pytest.mark.slow
+def test_the_sense_that_a_person_is_used_to_stays(
+    command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    actor = Actor()
+    assert command("--sim", "--person", "P07", "-o", "plain.json", actor=actor) == 0
+    recorded(actor, folder / "run.rrd")
+    assert command("--sim", "--person", "P07", "--flip", "swivel") == 0
+    used = folder / "p07.json"
+    assert (along(used, folder / "plain.json") < -0.99).all()
+    # Computed again in place of the file, elsewhere with the profile's, and with another that is named.
+    for i, where in enumerate((["--yes"], ["-o", "b.json"], ["-o", "c.json", "--sense", "plain.json"])):
+        capsys.readouterr()
+        assert command("--recording", "run.rrd", "--json", *where) == 0
+        told = json.loads(capsys.readouterr().out)
+        assert Path(told["sense"]["file"]).name == ("plain.json" if i == 2 else "p07.json")
+        assert told["sense"]["turned"] == ([] if i == 2 else ["swivel"])
+        assert (along(Path(told["file"]), folder / "plain.json") * (1 if i == 2 else -1) > 0.99).all()
+    # A point done again, and a turn that is wanted.
+    assert command("--sim", "--person", "P07", "--redo", "3", "--from", "run.rrd", "--yes") == 0
+    assert "swivel turned round for it" in capsys.readouterr().err
+    assert (along(used, folder / "b.json") > 0.99).all()
+    assert command("--recording", "run.rrd", "--yes", "--flip", "swivel") == 0
+    assert (along(used, folder / "plain.json") > 0.99).all()
+
+
+def test_a_recording_alone_says_that_it_holds_no_sense(
+    command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    actor = Actor()
+    assert command("--sim", "--person", "P07", "-o", "plain.json", actor=actor) == 0
+    recorded(actor, folder / "run.rrd")
+    capsys.readouterr()
+    assert command("--recording", "run.rrd") == 0
+    assert "what was turned round before (--flip, f) isn't in a recording" in capsys.readouterr().err
+    made = json.loads((folder / "plain.json").read_text()) | {"person": "P08"}
+    (folder / "p08.json").write_text(json.dumps(made))
+    assert command("--recording", "run.rrd", "--yes", "--sense", "p08.json") == 2
+    assert "--sense p08.json: it is of P08" in capsys.readouterr().err
 
 
 def recorded(actor: Actor, path: Path) -> None:
