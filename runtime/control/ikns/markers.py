@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from runtime.contracts.rotation import euler_angles
 from runtime.contracts.signals import Array
 from runtime.control.ikns.body import Body, Marker
+from runtime.control.ikns.postures import STARTS, Postures, rigid
 
 Mask = NDArray[np.bool_]
 
@@ -37,16 +38,6 @@ _FORCE: Final = 100.0  # m/s^2; a marker that leaves its predicted place faster 
 _WEAK: Final = 60.0  # rad/m: an angle that 1 mm of noise moves by more than 0.06 rad isn't observed
 _FADE: Final = 0.2  # s, time constant with which a change of markers comes through
 _LOST: Final = 10  # frames without a fit, after which the posture is searched anew
-
-# Postures (abduction, flexion, rotation, elbow) in degrees from which the posture is searched.
-_STARTS: Final = (
-    (10, 0, 0, 60),
-    (70, 0, 0, 90),
-    (20, 60, 20, 40),
-    (60, 40, 40, 100),
-    (20, -20, 0, 100),
-    (120, 0, 0, 30),
-)
 
 
 class MarkerFit:
@@ -96,14 +87,15 @@ class MarkerFit:
         for axis, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
             self._skew[axis, 3 * i + j], self._skew[axis, 3 * j + i] = 1.0, -1.0
         self._eye = np.eye(n)
-        self._turns = np.array([not joint.slides for joint in body.joints])
+        self._postures = Postures(body)
+        self._places, self._torso = places, np.array([m.segment == "torso" for m in self.markers.values()])
         self._active: dict[bytes, tuple[Array, Mask]] = {}
         self.q, self.angles = np.zeros(n), np.zeros(n)
         self._rest, self._goal = np.zeros(n), np.zeros((k, 3))  # what fades; the frame before
         self.held = np.ones(n, bool)
         self.used, self.rejected = np.zeros(k, bool), np.zeros(k, bool)
         self.residual = 0.0
-        self._reference = self.jacobian(self._start(_STARTS[0]))
+        self._reference = self.jacobian(self._postures.start(STARTS[0]))
         self.reset()
 
     def reset(self) -> None:
@@ -132,7 +124,7 @@ class MarkerFit:
         before, used, fitted = self.q, self.used, self._missed == 0
         first = not self.known
         self._age += dt
-        done = self._follow(goal, seen) if self.known else any(self._search(goal, seen) for _ in range(starts))
+        done = self._follow(goal, seen) if self.known else self._search(goal, seen, starts)
         if not done:
             self._miss(before, seen)
             return False
@@ -329,63 +321,35 @@ class MarkerFit:
 
     # -- from nothing
 
-    def _start(self, posture: Sequence[float]) -> Array:
-        """(n,) with both arms in a posture."""
-        q = np.zeros(len(self.body.joints))
-        for side in self.body.sides:
-            for joint, angle in zip(self.body.chains[f"{side}_arm"], posture, strict=False):
-                q[joint] = np.deg2rad(angle)
-        return q
-
-    def _search(self, goal: Array, seen: Mask) -> bool:
-        """Tries one start: the torso from its own markers, the arms in the next of a few postures."""
-        torso = np.array([m.segment == "torso" for m in self.markers.values()]) & seen
+    def _search(self, goal: Array, seen: Mask, starts: int) -> bool:
+        """Tries the next of a few starts; of those that a person can have, takes the one that fits best."""
+        torso = self._torso & seen
         if np.count_nonzero(torso) < 3:
             return False
         last = self.q
-        q = self._start(_STARTS[self._tried % len(_STARTS)])
-        self._tried += 1
-        places = np.array([m.at for m in self.markers.values()])[torso]
-        R, t = _rigid(places, goal[torso])
-        yaw, lean, side = euler_angles(R[None], "ZYX")[0]
-        q[:6] = (*t, yaw, lean, side)
-        self.q = q
-        self._place(q)
-        # Far from the posture, whole limbs would be left out and the rest would fit.
-        spare = int(np.count_nonzero(seen)) // 4
-        if not self._settle(goal, seen, seen, last if self._shown else q, _SEARCH_STEPS, _DAMPING, spare):
+        R, t = rigid(self._places[torso], goal[torso])
+        trunk = (*t, *euler_angles(R[None], "ZYX")[0])
+        found: list[tuple[int, float, Array, tuple[Mask, Mask, Mask]]] = []
+        for _ in range(starts):
+            q = self._postures.start(STARTS[self._tried % len(STARTS)])
+            self._tried += 1
+            q[:6] = trunk
+            self.q = q
+            self._place(q)
+            # Far from the posture, whole limbs would be left out and the rest would fit.
+            spare = int(np.count_nonzero(seen)) // 4
+            if not self._settle(goal, seen, seen, last if self._shown else q, _SEARCH_STEPS, _DAMPING, spare):
+                continue
+            q = self._postures.home(self.q, last)
+            if self._postures.refused(np.where(self.held, 0.0, q)):
+                continue
+            left_out = int(np.count_nonzero(self.rejected))
+            found.append((left_out, self.residual, q, (self.held, self.used, self.rejected)))
+            if not left_out and self.residual < 0.25 * self.gate:
+                break
+        if not found:
             self.q = last
             return False
-        q = self._nearest_turn(self.q, last)
-        if self._outside(q):
-            self.q = last
-            return False
-        self.q = q
+        _, self.residual, self.q, (self.held, self.used, self.rejected) = min(found, key=lambda one: one[:2])
+        self._place(self.q)
         return True
-
-    def _outside(self, q: Array) -> bool:
-        """Whether an elbow is bent the wrong way: the mirrored posture that fits nearly as well."""
-        ranges, slack = self.body.ranges, np.deg2rad(20.0)
-        elbows = [i for i, name in enumerate(self.body.names) if name.endswith("elbow_flexion")]
-        return any(not ranges[i, 0] - slack <= q[i] <= ranges[i, 1] + slack for i in elbows)
-
-    def _nearest_turn(self, q: Array, last: Array) -> Array:
-        """The same posture by the angles nearest to the last ones: whole turns, and the shoulder's two ways."""
-        q = q.copy()
-        for side in self.body.sides:
-            shoulder = list(self.body.chains[f"{side}_arm"][:3])
-            a, b, c = q[shoulder]
-            ways = [np.array([a, b, c]), np.array([a + np.pi, np.pi - b, c + np.pi])]
-            ways = [way - 2 * np.pi * np.round((way - last[shoulder]) / (2 * np.pi)) for way in ways]
-            q[shoulder] = min(ways, key=lambda way: float(np.abs(way - last[shoulder]).sum()))
-        turned = q - 2 * np.pi * np.round((q - last) / (2 * np.pi))
-        return np.where(self._turns, turned, q)
-
-
-def _rigid(places: Array, points: Array) -> tuple[Array, Array]:
-    """The rotation and translation that bring places (k, 3) nearest to points (k, 3). (Kabsch 1976)"""
-    a, b = places.mean(axis=0), points.mean(axis=0)
-    u, _, vt = np.linalg.svd((places - a).T @ (points - b))
-    d = np.sign(np.linalg.det(vt.T @ u.T))
-    R: Array = vt.T @ np.diag([1.0, 1.0, d]) @ u.T
-    return R, b - R @ a
