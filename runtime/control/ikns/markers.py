@@ -37,6 +37,9 @@ _COAST: Final = 0.8  # of the last frame's velocity that is predicted
 _FORCE: Final = 100.0  # m/s^2; a marker that leaves its predicted place faster is suspected before the fit
 _WEAK: Final = 60.0  # rad/m: an angle that 1 mm of noise moves by more than 0.06 rad isn't observed
 _FADE: Final = 0.2  # s, time constant with which a change of markers comes through
+_BELIEVED: Final = (
+    0.5  # s, after which a marker that stays beyond the gate is believed, unless it is at another's place
+)
 _LOST: Final = 10  # frames without a fit, after which the posture is searched anew
 
 
@@ -106,6 +109,7 @@ class MarkerFit:
         self._velocity = np.zeros(len(self.body.joints))
         self._age = 0.0  # s since the last fit
         self._missed = self._tried = 0
+        self._doubt = np.zeros(len(self.names))  # s for which each marker has been rejected
         self._shown = False  # whether `angles` are anybody's
 
     def solve(self, points: Array, visible: Mask, dt: float = 0.01, starts: int = 1) -> bool:
@@ -140,6 +144,7 @@ class MarkerFit:
         self._velocity = moved / max(self._age, 1e-6)
         self.known, self._shown, self._age, self._missed = True, True, 0.0, 0
         self._goal = goal
+        self._doubt = np.where(self.rejected, self._doubt + dt, 0.0)
         self.angles = self.q + self._rest
         if self._rest.any():
             self._place(self.angles)
@@ -205,14 +210,16 @@ class MarkerFit:
         self.q = before + _COAST * self._age * self._velocity
         self._place(self.q)
         leap = self.gate + 0.5 * _FORCE * self._age**2
-        use = seen & (self._wrong(goal, self._distance(goal)) <= leap)
+        wrong = self._wrong(goal, self._distance(goal))
+        use = seen & (wrong <= leap)
         if 2 * np.count_nonzero(use) <= np.count_nonzero(seen):
             use = seen  # not they, but the person leapt
-        for suspect in np.flatnonzero(seen & ~use):
-            # What alone shows a joint that was held may be anywhere.
+        believed = (self._doubt == 0.0) | (self._doubt > _BELIEVED) & np.isfinite(wrong)
+        for suspect in np.flatnonzero(seen & ~use & believed):
+            # What alone shows a joint that was held may be anywhere, if it wasn't doubted a moment ago.
             more = use.copy()
             more[suspect] = True
-            if np.count_nonzero(self._rows(more)[1]) < np.count_nonzero(self._rows(use)[1]):
+            if (self.held & self._rows(use)[1] & ~self._rows(more)[1]).any():
                 use = more
         return self._settle(goal, seen, use, before, _STEPS, _PRIOR, (int(np.count_nonzero(seen)) - 1) // 2)
 

@@ -5,12 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from helpers.mocap import made, reaching
+from hypothesis import given
+from hypothesis import strategies as st
 
 from runtime.control.ikns.body import Body, average
 from runtime.control.ikns.markers import MarkerFit
 
 BODY = average(1.75)
 ARM = average(1.75, ("right",))
+SEEN = np.ones(len(ARM.markers), bool)
 DT = 0.01
 
 
@@ -120,6 +123,72 @@ def test_without_fin_the_wrist_is_held_and_comes_back_smoothly() -> None:
     steps = np.abs(np.diff(seen["angles"], axis=0)).max()
     assert steps < np.abs(np.diff(q, axis=0)).max() + np.deg2rad(1.5)
     assert off(ARM, seen["angles"], q)[-1].max() < 0.1
+
+
+WRIST = [ARM.names.index(f"right_wrist_{joint}") for joint in ("flexion", "deviation")]
+
+
+@pytest.mark.parametrize("other", ["RWRA", "RWRB"])
+def test_fin_swapped_with_a_wrist_marker_isnt_followed(other: str) -> None:
+    """For 2 s: FIN alone shows the wrist, but the wrist was seen before."""
+    q = reaching(ARM, 300)
+    fit = MarkerFit(ARM)
+    a, b = fit.names.index("RFIN"), fit.names.index(other)
+    angles = []
+    for i, posture in enumerate(q):
+        points = made(ARM, posture)
+        if 50 <= i < 250:
+            points[[a, b]] = points[[b, a]]
+        assert fit.solve(points, SEEN, DT, starts=6)
+        swapped = 50 <= i < 250
+        assert fit.held[WRIST].tolist() == [swapped, swapped], i
+        assert set(np.flatnonzero(fit.rejected)) == ({a, b} if swapped else set())
+        angles.append(fit.angles.copy())
+    assert np.ptp(np.array(angles)[50:250, WRIST], axis=0).max() < 1e-9
+    assert off(ARM, np.delete(angles, WRIST, axis=1), np.delete(q, WRIST, axis=1)).max() < 2.0
+
+
+@given(st.floats(0.05, 0.3), st.floats(-1.0, 1.0), st.floats(-np.pi, np.pi), st.integers(1, 40))
+def test_a_ghost_of_fin_holds_the_wrist(far: float, height: float, way: float, count: int) -> None:
+    """Any point that FIN leaps to from a still hand, beyond what a hand's acceleration explains."""
+    q = reaching(ARM, 1)[0]
+    fit, points = MarkerFit(ARM), made(ARM, q)
+    for _ in range(5):
+        fit.solve(points, SEEN, DT, starts=6)
+    ghost, level = points.copy(), np.sqrt(1.0 - height**2)
+    ghost[fit.names.index("RFIN")] += far * np.array([level * np.cos(way), level * np.sin(way), height])
+    before = fit.angles.copy()
+    for _ in range(count):
+        assert fit.solve(ghost, SEEN, DT)
+        assert fit.held[WRIST].all()
+    np.testing.assert_allclose(fit.angles, before, atol=1e-3)
+
+
+def test_a_fin_that_stays_elsewhere_is_believed_at_last() -> None:
+    """What held the wrist was wrong: a marker that somebody turned, say."""
+    q = reaching(ARM, 1)[0]
+    fit = MarkerFit(ARM)
+    fit.solve(made(ARM, q), SEEN, DT, starts=6)
+    q[WRIST[0]] += 1.0
+    held = []
+    for _ in range(100):
+        assert fit.solve(made(ARM, q), SEEN, DT)
+        held.append(fit.held[WRIST].all())
+    assert held == [True] * 50 + [False] * 50
+    assert off(ARM, fit.q[None], q[None]).max() < 0.1
+
+
+def test_a_fin_that_was_hidden_may_come_back_anywhere() -> None:
+    q = reaching(ARM, 1)[0]
+    fit = MarkerFit(ARM)
+    fit.solve(made(ARM, q), SEEN, DT, starts=6)
+    hidden = SEEN.copy()
+    hidden[fit.names.index("RFIN")] = False
+    fit.solve(made(ARM, q), hidden, DT)
+    q[WRIST[0]] += 1.0
+    fit.solve(made(ARM, q), SEEN, DT)
+    assert not fit.held.any()
+    assert not fit.rejected.any()
 
 
 def test_what_a_marker_is_needed_for() -> None:
