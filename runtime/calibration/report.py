@@ -45,6 +45,7 @@ def figures(result: Result) -> dict[str, Any]:
     return {
         "person": result.taps.options.person,
         "date": result.date.isoformat(),
+        "simulated": result.taps.simulated,
         "frame": result.taps.frame,
         "joints": list(result.taps.joints),
         "dofs": list(result.dofs),
@@ -68,8 +69,9 @@ def crosstalk(result: Result) -> float | None:
 def lines(result: Result) -> list[str]:
     """The report as text."""
     found, told = result.found, figures(result)
+    who = f"person {told['person']}{' (simulated)' if told['simulated'] else ''}"
     text = [
-        f"person {told['person']}, {told['date']}: {len(result.numbers)} points, {', '.join(result.dofs)}; "
+        f"{who}, {told['date']}: {len(result.numbers)} points, {', '.join(result.dofs)}; "
         f"{found.still:.0%} of the samples with the hand still, {found.lost:.1%} without angles or hand"
     ]
     text.append("  point  degree of freedom  kept  range rad  explained  noise of c per mm  hand mm rms")
@@ -120,7 +122,8 @@ def draw(result: Result, png: Path) -> None:
     figure.axes[1].legend(fontsize=8, loc="lower right")
     told = crosstalk(result)
     talk = "" if told is None else f", crosstalk up to {told:.3f} (in sample)"
-    figure.suptitle(f"IKNS calibration of {result.taps.options.person}, {result.date.isoformat()}{talk}", fontsize=11)
+    who = f"{result.taps.options.person}{' (simulated)' if result.taps.simulated else ''}"
+    figure.suptitle(f"IKNS calibration of {who}, {result.date.isoformat()}{talk}", fontsize=11)
     scratch = png.with_name(f".{png.name}.new")
     try:
         figure.savefig(scratch, dpi=110, format="png")

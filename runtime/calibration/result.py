@@ -63,7 +63,8 @@ class Result:
         """What the file holds. Raises RecordError."""
         options = self.taps.options
         return record.Record.of(
-            self.found, options.thresholds, person=options.person, date=self.date, rate=self.taps.rate,
+            self.found, options.thresholds, person=options.person, date=self.date,
+            simulated=self.taps.simulated, rate=self.taps.rate,
             frame=self.taps.frame, joints=self.taps.joints, dofs=self.dofs,
         )  # fmt: skip
 

@@ -22,7 +22,7 @@ from runtime.calibration.result import Result
 from runtime.calibration.screen import Screen
 from runtime.calibration.sense import Senses
 from runtime.calibration.sources import RowSource, Simulated, recorded
-from runtime.calibration.taps import Taps
+from runtime.calibration.taps import Taps, bodies
 from runtime.contracts.errors import RequestError, nearest
 from runtime.contracts.signals import Array
 from runtime.control.ikns import samples as marks
@@ -257,6 +257,7 @@ def _recorded(
         if found is not None and (taps.joints, taps.options.dofs) != (found.joints, found.options.dofs):
             problem = "it has other joints or degrees of freedom than the one before"
             raise RequestError(str(path), problem, "Name recordings of one calibration")
+        _check_origin(path, taps, found, checked, order)
         if order.person not in (None, taps.options.person):
             raise RequestError(str(path), f"it is of {taps.options.person}", "Name a recording of this person")
         found = taps
@@ -266,6 +267,26 @@ def _recorded(
     if order.option or order.points:
         found = replace(found, options=found.options.model_copy(update={"thresholds": thresholds}))
     return found, parts, date
+
+
+def _check_origin(path: Path, taps: Taps, before: Taps | None, checked: Profile, order: Order) -> None:
+    """Raises RequestError: a recording is of another body, or simulated and the others aren't."""
+    theirs, ours = taps.bodies, bodies(checked)
+    for name in sorted(theirs.keys() | ours.keys()):
+        if (was := theirs.get(name)) != (now := ours.get(name)):
+            problem = f"it was made with another body '{name}': {_differs(was, now)} in the profile"
+            raise RequestError(str(path), problem, "Calibrate from the beginning, or set the body as it was")
+    others = taps.simulated if before is None else before.simulated
+    if taps.simulated != (order.sim if order.redo else others):
+        problem = "it is simulated, the rest isn't" if taps.simulated else "it is of a person, the rest is simulated"
+        raise RequestError(str(path), problem, "Don't mix a person and the simulated wearer in one file")
+
+
+def _differs(was: dict[str, Any] | None, now: dict[str, Any] | None) -> str:
+    """The first option that differs: "stature 1.75, now 1.6"."""
+    if was is None or now is None:
+        return f"{'none' if was is None else 'one'}, now {'none' if now is None else 'one'}"
+    return next(f"{key} {was[key]}, now {now[key]}" for key in was if was[key] != now[key])
 
 
 def _explored(parts: Sequence[Samples]) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +13,12 @@ from runtime.calibration.cut import MARKS
 from runtime.contracts.errors import RecordingError
 from runtime.contracts.signals import Array
 from runtime.control.ikns.samples import MarksConfig, Samples
+from runtime.control.models import BodyModel
 from runtime.ipc.layout import Layout
 from runtime.ipc.words import LINK_CONNECTED, LINK_ERROR, LINK_FAULT, LINK_STALE, Cause, Latch, State
 from runtime.profile import profile
 from runtime.profile.plots import indices, split
+from runtime.profile.profile import Profile
 
 _FRAME: Final = "chest"  # of a hand whose law doesn't say in which frame it gives it
 
@@ -54,6 +56,18 @@ class Taps:
         up, down = self.layout.meta["rate"]
         return float(up / down)
 
+    @property
+    def simulated(self) -> bool:
+        """Whether the person is simulated: a sensor is. A simulated limb of a plain run doesn't count."""
+        driven = {name.partition(".")[0] for name, field in self.layout.fields.items() if field.role == "sent"}
+        return any(device not in driven for device in self.layout.meta["simulated"])
+
+    @property
+    def bodies(self) -> dict[str, dict[str, Any]]:
+        """The bodies by which the angles were measured; as in `bodies`."""
+        meta = self.layout.meta
+        return bodies(profile.parse(meta["label"], meta["profile"], meta["overrides"])[0])
+
     def may_begin_again(self, row: NDArray[np.int64]) -> bool:
         """Whether a device was lost, nothing else keeps the stop, and every device is there again.
 
@@ -86,6 +100,11 @@ class Taps:
         """The day of the first row, UTC."""
         wall = int(self.layout.word(rows[0], "now")) + int(self.layout.meta.get("wall", 0))
         return datetime.datetime.fromtimestamp(wall * 1e-9, datetime.UTC).date()
+
+
+def bodies(checked: Profile) -> dict[str, dict[str, Any]]:
+    """A profile's bodies by name: their sizes, but not which sides they have."""
+    return {n: m.model_dump(exclude={"sides"}) for n, m in checked.models.items() if isinstance(m, BodyModel)}
 
 
 def taps(layout: Layout, place: str, own: MarksConfig | None = None) -> Taps:

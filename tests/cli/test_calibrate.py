@@ -193,6 +193,28 @@ def test_a_recording_alone_says_that_it_holds_no_sense(
     assert "--sense p08.json: it is of P08" in capsys.readouterr().err
 
 
+def test_another_body_and_a_mixture_are_refused(
+    command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    actor = Actor()
+    assert command("--sim", "--person", "P07", actor=actor) == 0
+    recorded(actor, folder / "run.rrd")
+    assert record.read(folder / "p07.json").simulated
+    redo = ("--person", "P07", "--redo", "3", "--from", "run.rrd", "--yes")
+    assert command(*redo, "--sim", "--set", "models.body.stature=1.6") == 2
+    assert "run.rrd: it was made with another body 'body': stature 1.75, now 1.6" in capsys.readouterr().err
+    assert command("--recording", "run.rrd", "--yes", "--set", "models.body.stature=1.6") == 2
+    assert "another body" in capsys.readouterr().err
+    actor.graph.layout.meta["simulated"] = []
+    recorded(actor, folder / "live.rrd")
+    assert command("--recording", "live.rrd", "-o", "live.json") == 0
+    assert not record.read(folder / "live.json").simulated
+    assert command("--recording", "run.rrd", "live.rrd", "--yes") == 2
+    assert "live.rrd: it is of a person, the rest is simulated" in capsys.readouterr().err
+    assert command(*redo) == 2
+    assert "run.rrd: it is simulated, the rest isn't" in capsys.readouterr().err
+
+
 def recorded(actor: Actor, path: Path) -> None:
     file = RowFile(actor.graph.layout, path)
     for rows in actor.rows:

@@ -55,6 +55,9 @@ def test_every_law_names_its_elements(name: str, tmp_path: Path) -> None:
         "joint-setpoint": {"joints": ["a"]},
         "velocity-setpoint": {"axes": ["a"]},
         "pose-in-frame": {"frame": "a"},
+        "finger-closure": {"open": 0.0, "closed": 1.0, "model": FingerModel()},
+        "calibration-marks": {"person": "P1", "dofs": ["swivel"], "angles": {"elbow": "arm.angles[elbow]"},
+                              "hand": "arm.hand"},
     }
     if name == "ikns":
         calibrated(tmp_path / "p07.json")

@@ -114,6 +114,7 @@ class Actor(RowSource):
         made = cut(*profile.parse("worn-finger.yaml", PROFILE), "P07", dofs, FEW)
         self.graph = build(*made, sim=False)
         self.graph.layout.meta["wall"] = 1_700_000_000_000_000_000
+        self.graph.layout.meta["simulated"] = ["mocap"]  # it stands for the simulated wearer
         self.taps = taps(self.graph.layout, "worn-finger.yaml")
         self.person = person or Person()
         self.rows: list[Rows] = []

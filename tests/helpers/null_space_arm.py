@@ -153,8 +153,8 @@ def calibrated(path: Path, chain: str = "arm", k: int = 1) -> Record:
         q = arm.at(place)
         trials.append([arm.swing(q, 0.6, 21), arm.shrug(q, 1, 0.25, 21), arm.shrug(q, 0, 0.25, 21)][:k])
     record = Record.of(
-        calibrate(recorded(arm, trials), thresholds), thresholds, person="p07", date=date(2024, 5, 17), rate=100.0,
-        frame="chest", joints=arm.names, dofs=("swivel", "shrug", "protraction")[:k],
+        calibrate(recorded(arm, trials), thresholds), thresholds, person="p07", simulated=True, date=date(2024, 5, 17),
+        rate=100.0, frame="chest", joints=arm.names, dofs=("swivel", "shrug", "protraction")[:k],
     )  # fmt: skip
     write(path, record)
     return record

@@ -52,6 +52,7 @@ class Record(_Part):
         format: of the file.
         person: an anonymous id. No name: the file is copied beside recordings.
         date: of the recording.
+        simulated: by the simulated wearer, so it says nothing about people.
         rate: Hz, of the recording.
         frame: in which `site` is, and in which the law expects the hand.
         joints: names of the angles, n.
@@ -64,6 +65,7 @@ class Record(_Part):
     format: Literal["srl-ikns-1"]
     person: Name
     date: datetime.date
+    simulated: bool
     rate: Annotated[FiniteFloat, Field(gt=0.0)]
     frame: Name
     joints: Annotated[tuple[Name, ...], Field(min_length=1)]
@@ -98,6 +100,7 @@ class Record(_Part):
         *,
         person: str,
         date: datetime.date,
+        simulated: bool,
         rate: float,
         frame: str,
         joints: Sequence[str],
@@ -121,9 +124,9 @@ class Record(_Part):
             for i in range(len(found.sites))
         ]
         values = {
-            "format": FORMAT, "person": person, "date": date, "rate": rate, "frame": frame, "joints": tuple(joints),
-            "dofs": tuple(dofs), "thresholds": thresholds, "points": points, "still": found.still, "lost": found.lost,
-            "jumps": found.jumps,
+            "format": FORMAT, "person": person, "date": date, "simulated": simulated, "rate": rate, "frame": frame,
+            "joints": tuple(joints), "dofs": tuple(dofs), "thresholds": thresholds, "points": points,
+            "still": found.still, "lost": found.lost, "jumps": found.jumps,
         }  # fmt: skip
         try:
             return cls.model_validate(values)

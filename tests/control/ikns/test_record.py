@@ -26,8 +26,8 @@ def test_what_is_written_is_read_to_the_bit(made: tuple[Path, Record]) -> None:
     assert read(path) == record
     found = record.calibration()
     again = Record.of(
-        found, record.thresholds, person=record.person, date=record.date, rate=record.rate, frame=record.frame,
-        joints=record.joints, dofs=record.dofs,
+        found, record.thresholds, person=record.person, date=record.date, simulated=record.simulated,
+        rate=record.rate, frame=record.frame, joints=record.joints, dofs=record.dofs,
     )  # fmt: skip
     assert again == record
     assert {name: np.shape(getattr(found, name)) for name in Calibration.__dataclass_fields__} == {

@@ -303,11 +303,11 @@ def test_what_moves_freely_stands_in_the_world_alone() -> None:
 @pytest.mark.parametrize(
     ("old", "new"),
     [
-        ({"on": "arm/flange"}, r"'on' is gone: write `at: FRAME`, `at: PART/BODY`"),
-        ({"position": [0, 0, 1]}, r"'position' is gone: write `at: FRAME` or `at: \{position: \[\.\.\.\]\}`"),
-        ({"quaternion": [1, 0, 0, 0]}, r"'quaternion' is gone: write `at: FRAME` or `at: \{quaternion: \[\.\.\.\]\}`"),
-        ({"at": {"xyz": [0, 0, 1]}}, "'xyz' is gone: it is called 'position'"),
-        ({"off_by": {"euler": [0, 0, 1]}}, "'euler' is gone: write `rpy`"),
+        ({"on": "arm/flange"}, r"'on' is gone. Write `at: FRAME`, `at: PART/BODY`"),
+        ({"position": [0, 0, 1]}, r"'position' is gone. Write `at: FRAME` or `at: \{position: \[\.\.\.\]\}`"),
+        ({"quaternion": [1, 0, 0, 0]}, r"'quaternion' is gone. Write `at: FRAME` or `at: \{quaternion: \[\.\.\.\]\}`"),
+        ({"at": {"xyz": [0, 0, 1]}}, "'xyz' is gone. It is called 'position'"),
+        ({"off_by": {"euler": [0, 0, 1]}}, "'euler' is gone. Write `rpy`"),
     ],
 )
 def test_the_old_keys_are_refused_with_the_new_ones(old: dict[str, Any], new: str) -> None:
