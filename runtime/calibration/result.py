@@ -130,6 +130,10 @@ def write(path: Path, result: Result, replacing: bool) -> None:
 
 def check_target(path: Path, replacing: bool) -> None:
     """Checks, before anybody sits down, that the file can be written. Raises RecordError."""
+    if path.is_dir():
+        raise record.RecordError(str(path), "it is a folder", f"Name a file in it: -o {path}/p07.json")
+    if path.exists() and replacing:
+        record.read(path)  # what is no calibration isn't replaced
     if path.exists() and not replacing:
         raise record.RecordError(
             str(path), "a calibration is there already", "Add --yes to replace it (it is kept as .old), or -o FILE"

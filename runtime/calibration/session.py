@@ -297,7 +297,7 @@ def _explored(parts: Sequence[Samples]) -> Array:
 
 def _target(order: Order, checked: Profile, source: Source) -> Path:
     law = checked.controllers[cutting.find(checked, source)]
-    if order.person is not None and not re.match(ANONYMOUS, order.person):
+    if order.person is not None and not re.fullmatch(ANONYMOUS, order.person):
         problem = f"'{order.person}' isn't anonymous: up to four letters, then a number"
         raise RequestError("--person", problem, "Number the persons, P07, and keep their names elsewhere")
     path = order.out
