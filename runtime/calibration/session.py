@@ -180,10 +180,14 @@ def _decide(
         screen.say(f"refused: {reason}")
     while True:
         answer = screen.ask(_REFUSED if refused else _NEXT, wait)
-        word, _, dof = answer.partition(" ")
+        word, _, rest = answer.strip().partition(" ")
+        if word in ("", "q") or (word == "r" and rest.strip().isdigit()):
+            return answer.strip(), result
+        # Nothing else may write a file, least of all a word that was misspelt.
         if word != "f" or isinstance(result, CalibrationError):
-            return answer, result
-        name = dof.strip() or result.dofs[0]
+            screen.say(f"'{answer}' is no command")
+            continue
+        name = rest.strip() or (result.dofs[0] if len(result.dofs) == 1 else "")
         try:
             result = result.flipped(name)
             turned.append(name)

@@ -177,6 +177,6 @@ def inwards(file: Record) -> bool:
 def turned_round(file: Record) -> Record:
     """The calibration with the other sense of its degree of freedom, as a person may wish it."""
     return Record.of(
-        flipped(file.calibration(), 0), file.thresholds, person=file.person, simulated=file.simulated, date=file.date, rate=file.rate,
-        frame=file.frame, joints=file.joints, dofs=file.dofs,
+        flipped(file.calibration(), 0), file.thresholds, person=file.person, simulated=file.simulated, date=file.date,
+        rate=file.rate, frame=file.frame, joints=file.joints, dofs=file.dofs,
     )  # fmt: skip

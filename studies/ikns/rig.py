@@ -138,8 +138,8 @@ class Instructed:
         for reason in refusals(found, thresholds):
             raise reason
         made = Record.of(
-            found, thresholds, person="simulated", simulated=True, date=_DATE, rate=self.rate, frame="chest", joints=self.joints,
-            dofs=tuple(dofs),
+            found, thresholds, person="simulated", simulated=True, date=_DATE, rate=self.rate, frame="chest",
+            joints=self.joints, dofs=tuple(dofs),
         )  # fmt: skip
         return made, found
 

@@ -97,6 +97,14 @@ def test_a_sense_turned_round_stays_so_when_a_point_is_done_again(actor: Actor) 
     assert (np.sum(turned.directions * plain.directions, axis=2) < -0.99).all()
 
 
+def test_a_word_that_is_no_command_writes_nothing(actor: Actor, tmp_path: Path) -> None:
+    screen = Answers("redo 5", "F swivel", "no", "r", "r x", "q")
+    with pytest.raises(QuitError):
+        session.run(ordered("a.json"), screen)
+    assert sum("is no command" in line for line in screen.said) == 5
+    assert not (tmp_path / "a.json").exists()
+
+
 def test_a_refused_point_is_done_again_at_once(actor: Actor) -> None:
     actor.person = Person(wander={3: 0.1})
     screen = Answers("r 99", "r 3", "", then=lambda: setattr(actor, "person", Person()))

@@ -15,6 +15,7 @@ from runtime.contracts.controller import ControllerConfig
 from runtime.contracts.driver import DeviceConfig
 from runtime.contracts.signals import Signal
 from runtime.control.hand.human_hand import SENSORS
+from runtime.control.models import FingerModel
 from runtime.profile import profile, wiring
 from srl.testing import check_controller, check_driver
 
@@ -56,8 +57,12 @@ def test_every_law_names_its_elements(name: str, tmp_path: Path) -> None:
         "velocity-setpoint": {"axes": ["a"]},
         "pose-in-frame": {"frame": "a"},
         "finger-closure": {"open": 0.0, "closed": 1.0, "model": FingerModel()},
-        "calibration-marks": {"person": "P1", "dofs": ["swivel"], "angles": {"elbow": "arm.angles[elbow]"},
-                              "hand": "arm.hand"},
+        "calibration-marks": {
+            "person": "P1",
+            "dofs": ["swivel"],
+            "angles": {"elbow": "arm.angles[elbow]"},
+            "hand": "arm.hand",
+        },
     }
     if name == "ikns":
         calibrated(tmp_path / "p07.json")
