@@ -5,7 +5,8 @@ than the gate, or near another's (a reflection, swapped labels), is left out and
 that are left can't show is held: FIN lost, the wrist stays. Each frame says what was used, rejected and held.
 
 Skin moves and bodies aren't chains, so the fit with a marker and the fit without it differ by some degrees. Where the
-used markers change, the angles go on from where they were, and what they differ by fades.
+used markers change, the angles go on from where they were, and what they differ by fades. A joint that was held is at
+once where it is seen again.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ class MarkerFit:
     """The posture of a body that fits its markers best.
 
     Attributes:
-        angles: (n,) rad (torso's x, y, z: m), unwrapped; a change of markers fades in.
+        angles: (n,) rad (torso's x, y, z: m), unwrapped; a change of markers fades in, where `held` falls they jump.
         q: (n,) the same as fitted.
         held: (n,) True where this frame's markers don't show the joint; it keeps its value.
         used: (k,) True for markers that this frame's fit rests on.
@@ -95,7 +96,6 @@ class MarkerFit:
         self._active: dict[bytes, tuple[Array, Mask]] = {}
         self.q, self.angles = np.zeros(n), np.zeros(n)
         self._rest, self._goal = np.zeros(n), np.zeros((k, 3))  # what fades; the frame before
-        self.held = np.ones(n, bool)
         self.used, self.rejected = np.zeros(k, bool), np.zeros(k, bool)
         self.residual = 0.0
         self._reference = self.jacobian(self._postures.start(STARTS[0]))
@@ -106,6 +106,7 @@ class MarkerFit:
         self.known = False
         self.q, self.angles = np.zeros_like(self.q), np.zeros_like(self.q)
         self._rest[:] = 0.0
+        self.held = np.ones(len(self.body.joints), bool)
         self._velocity = np.zeros(len(self.body.joints))
         self._age = 0.0  # s since the last fit
         self._missed = self._tried = 0
@@ -125,22 +126,21 @@ class MarkerFit:
         """
         seen = visible & np.isfinite(points).all(axis=1)
         goal = np.where(seen[:, None], points, 0.0)
-        before, used, fitted = self.q, self.used, self._missed == 0
+        before, used, fitted, unseen = self.q, self.used, self._missed == 0, self.held
         first = not self.known
         self._age += dt
         done = self._follow(goal, seen) if self.known else self._search(goal, seen, starts)
         if not done:
             self._miss(before, seen)
             return False
-        self._rest *= exp(-dt / _FADE)
+        self._rest[~self.held] *= exp(-dt / _FADE)
         moved = self.q - before
-        if first or not fitted:
-            self._rest[:] = self.angles - self.q if self._shown else 0.0
-            moved[:] = 0.0
-        elif not np.array_equal(used, self.used):
+        if not first and fitted and not np.array_equal(used, self.used):
             change = self._change(before, used, goal)
             self._rest += change
             moved += change
+        back = unseen & ~self.held  # whoever heeds `held` has to know where the joint is, not where it was
+        self._rest[back] = moved[back] = 0.0
         self._velocity = moved / max(self._age, 1e-6)
         self.known, self._shown, self._age, self._missed = True, True, 0.0, 0
         self._goal = goal
@@ -237,7 +237,7 @@ class MarkerFit:
                 self.q = np.where(held, before, start)
                 self._place(self.q)
             fresh = (self.held & ~held).any()  # nothing is known of where a held joint went
-            self._fit(goal, active, steps, _DAMPING if fresh else prior)
+            self._fit(goal, active, *((_SEARCH_STEPS, _DAMPING) if fresh else (steps, prior)))
             distance = self._distance(goal)
             wrong = self._wrong(goal, distance)
             beyond = np.where(use, wrong, 0.0)

@@ -15,6 +15,7 @@ BODY = average(1.75)
 ARM = average(1.75, ("right",))
 SEEN = np.ones(len(ARM.markers), bool)
 DT = 0.01
+WRIST = [ARM.names.index(f"right_wrist_{joint}") for joint in ("flexion", "deviation")]
 
 
 def follow(
@@ -110,22 +111,20 @@ def test_markers_swapped_from_the_first_frame_on_are_rejected() -> None:
     assert off(ARM, fit.q[None], q[None]).max() < 0.1
 
 
-def test_without_fin_the_wrist_is_held_and_comes_back_smoothly() -> None:
+def test_without_fin_the_wrist_is_held_and_is_seen_at_once_afterwards() -> None:
     q = reaching(ARM, 300)
     seen = follow(MarkerFit(ARM), q, hidden={"RFIN": slice(100, 150)})
-    wrist = [ARM.names.index(f"right_wrist_{joint}") for joint in ("flexion", "deviation")]
     expected = np.zeros_like(seen["held"])
-    expected[np.ix_(range(100, 150), wrist)] = True
+    expected[np.ix_(range(100, 150), WRIST)] = True
     np.testing.assert_array_equal(seen["held"], expected)
-    assert np.ptp(seen["angles"][100:150, wrist], axis=0).max() < np.deg2rad(0.01)
-    others = np.delete(off(ARM, seen["angles"], q), [w - 3 for w in wrist], axis=1)
+    assert np.ptp(seen["angles"][100:150, WRIST], axis=0).max() < 1e-9
+    others = np.delete(off(ARM, seen["angles"], q), [w - 3 for w in WRIST], axis=1)
     assert others.max() < 1.2
-    steps = np.abs(np.diff(seen["angles"], axis=0)).max()
-    assert steps < np.abs(np.diff(q, axis=0)).max() + np.deg2rad(1.5)
+    assert off(ARM, seen["angles"], q)[150:].max() < 1.2
+    steps = np.abs(np.diff(seen["angles"], axis=0))
+    steps[149, WRIST] = 0.0  # where `held` falls
+    assert steps.max() < np.abs(np.diff(q, axis=0)).max() + np.deg2rad(1.5)
     assert off(ARM, seen["angles"], q)[-1].max() < 0.1
-
-
-WRIST = [ARM.names.index(f"right_wrist_{joint}") for joint in ("flexion", "deviation")]
 
 
 @pytest.mark.parametrize("other", ["RWRA", "RWRB"])
@@ -205,15 +204,18 @@ def test_markers_that_come_and_go_make_no_steps() -> None:
     rng = np.random.default_rng(1)
     wrong = {n: rng.normal(0.0, 0.006, 3) for n in body.markers}  # skin: each marker off its place
     fit = MarkerFit(body)
-    angles = []
+    angles, held = [], []
     for posture in q:
         visible = rng.random(len(fit.names)) > 0.05
         points = made(body, posture) + np.array([wrong[n] for n in fit.names])
         fit.solve(points, visible, DT, starts=6)
         angles.append(fit.angles.copy())
+        held.append(fit.held.copy())
     steps = np.rad2deg(np.abs(np.diff(angles, axis=0)))[:, 3:]
     moved = np.rad2deg(np.abs(np.diff(q, axis=0)))[:, 3:]
-    assert (steps - moved).max() < 3.0
+    again = (np.array(held)[:-1] & ~np.array(held)[1:])[:, 3:]
+    assert again.any()
+    assert (steps - moved)[~again].max() < 3.0
 
 
 def test_angles_go_on_beyond_a_turn() -> None:

@@ -1,0 +1,80 @@
+"""`arm-angles` and `ikns` together: c while markers are hidden, and how it comes back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from helpers import ROOT
+from helpers.control import bound
+from helpers.mocap import made
+
+from runtime.control.ikns.arm_angles import ArmAngles, ArmAnglesConfig
+from runtime.control.ikns.body import average
+from runtime.control.ikns.law import Ikns, IknsConfig
+from runtime.control.models import BodyModel
+
+ARM = average(1.75, ("right",))
+DT, CATCH_UP = 0.01, 1.0
+HIDDEN = ("rsho", "rupa", "relb", "rfrm", "rwra", "rwrb", "rfin")
+# Elbow down and elbow out, the hand nearly in one place: clavicle and arm, degrees.
+DOWN, OUT = (0, 0, 9, 12, 4, 118, 11, 25, -2), (0, 0, 71, 33, 37, 120, -25, -52, -9)
+
+
+class Wearer:
+    """Both laws behind markers, and the c of the true angles."""
+
+    def __init__(self, q: np.ndarray) -> None:
+        file = str(ROOT / "profiles/ikns-finger.calibration.json")
+        self.arm = bound(ArmAngles("arm", ArmAnglesConfig(body=BodyModel(stature=1.75, sides=("right",)))))
+        self.law, self.true = (bound(Ikns(name, IknsConfig(calibration=file, clamp=False))) for name in ("c", "true"))
+        self._see(q, ())
+        for law in (self.arm, self.law, self.true):
+            if law is not self.arm:
+                self._hand_on(q)
+            law.reset()
+
+    def step(self, q: np.ndarray, *hidden: str) -> tuple[float, float, bool]:
+        """c, the true c, and whether c is held."""
+        self._see(q, hidden)
+        self.arm.update(DT)
+        self._hand_on(q)
+        self.law.update(DT)
+        self.true.update(DT)
+        return float(self.law.output["c"][0]), float(self.true.output["c"][0]), bool(self.law.output["held"][0])
+
+    def _see(self, q: np.ndarray, hidden: tuple[str, ...]) -> None:
+        self.arm.input["markers"][:] = made(ARM, q)
+        self.arm.input["marker_visible"][:] = [name not in hidden for name in self.arm.inputs[0].labels]
+
+    def _hand_on(self, q: np.ndarray) -> None:
+        for name in ("angles", "hand", "held"):
+            self.law.input[name][:] = self.arm.output[name]
+        self.true.input["angles"][:] = q[list(ARM.chains["right_arm"])]
+        poses = ARM.forward(q)
+        palm = np.linalg.inv(poses["torso"]) @ poses["right_hand"] @ [*ARM.grip("right"), 1.0]
+        self.true.input["hand"][:] = (*palm[:3], 1.0, 0.0, 0.0, 0.0)
+
+
+def posture(share: float) -> np.ndarray:
+    q = np.zeros(len(ARM.joints))
+    q[6:] = np.deg2rad(DOWN) + share * np.deg2rad(np.subtract(OUT, DOWN))
+    return q
+
+
+@pytest.mark.parametrize("hidden", [HIDDEN, ("rfin",)], ids=["arm", "fin"])
+@pytest.mark.parametrize("seconds", [0.5, 1.0, 1.5])
+def test_after_an_occlusion_c_catches_up_and_no_faster(seconds: float, hidden: tuple[str, ...]) -> None:
+    """The elbow goes out while it is hidden, and moves on when it is seen again."""
+    frames = round(seconds / DT)
+    shares = [0.1] * 30 + np.linspace(0.1, 0.8, frames).tolist()
+    shares += (0.8 + 0.1 * np.sin(np.arange(150) * 2 * np.pi * DT)).tolist()
+    wearer = Wearer(posture(shares[0]))
+    rows = [wearer.step(posture(s), *(hidden if 30 <= i < 30 + frames else ())) for i, s in enumerate(shares)]
+    c, true, held = np.array(rows).T
+    assert held[30 : 30 + frames].all()
+    assert np.ptp(c[29 : 30 + frames]) < 1e-9
+    assert abs(true[30 + frames] - true[29]) > 0.3
+    assert not held[30 + frames :].any()
+    beyond = np.abs(np.diff(c) - np.diff(true))[29 + frames :] / DT
+    assert beyond.max() < CATCH_UP + 0.1
+    assert abs(c[-1] - true[-1]) < 0.02
