@@ -48,9 +48,11 @@ class MarkerFit:
     """The posture of a body that fits its markers best.
 
     Attributes:
-        angles: (n,) rad (torso's x, y, z: m), unwrapped; a change of markers fades in, where `held` falls they jump.
+        angles: (n,) rad (torso's x, y, z: m), those of the joints' ranges; the torso's yaw is unwrapped. A change of
+            markers fades in; where `held` falls they jump.
         q: (n,) the same as fitted.
-        held: (n,) True where this frame's markers don't show the joint; it keeps its value.
+        held: (n,) True where this frame's markers don't show the joint, or it returns to its range by other angles of
+            the same posture; it keeps its value.
         used: (k,) True for markers that this frame's fit rests on.
         rejected: (k,) True for markers that were seen, and not where the body can have them.
         residual: m, rms distance of the used markers from their places.
@@ -126,6 +128,7 @@ class MarkerFit:
         """
         seen = visible & np.isfinite(points).all(axis=1)
         goal = np.where(seen[:, None], points, 0.0)
+        shown, turned = self.angles, self._return()
         before, used, fitted, unseen = self.q, self.used, self._missed == 0, self.held
         first = not self.known
         self._age += dt
@@ -139,7 +142,7 @@ class MarkerFit:
             change = self._change(before, used, goal)
             self._rest += change
             moved += change
-        back = unseen & ~self.held  # whoever heeds `held` has to know where the joint is, not where it was
+        back = (unseen & ~self.held) | turned  # whoever heeds `held` has to know where a joint is, not where it was
         self._rest[back] = moved[back] = 0.0
         self._velocity = moved / max(self._age, 1e-6)
         self.known, self._shown, self._age, self._missed = True, True, 0.0, 0
@@ -148,7 +151,16 @@ class MarkerFit:
         self.angles = self.q + self._rest
         if self._rest.any():
             self._place(self.angles)
+        if turned.any():  # the same posture; its angles are given in the next frame, where `held` falls
+            self.angles, self.held = np.where(turned, shown, self.angles), self.held | turned
         return True
+
+    def _return(self) -> Mask:
+        """Goes on by the angles nearest to the joints' ranges. Returns (n,) True for joints whose angles differ."""
+        q = self._postures.returned(self.q) if self.known else self.q
+        turned: Mask = q != self.q
+        self.q, self._velocity = q, np.where(turned, 0.0, self._velocity)
+        return turned
 
     def _change(self, before: Array, used: Mask, goal: Array) -> Array:
         """(n,): what takes back the motion of the fitted angles that is only the change of the used markers."""

@@ -1,4 +1,4 @@
-"""`arm-angles` and `ikns` together: c while markers are hidden, and how it comes back."""
+"""`arm-angles` and `ikns` together: c while markers are hidden, and how it comes back; c after a circle of the arm."""
 
 from __future__ import annotations
 
@@ -78,3 +78,33 @@ def test_after_an_occlusion_c_catches_up_and_no_faster(seconds: float, hidden: t
     beyond = np.abs(np.diff(c) - np.diff(true))[29 + frames :] / DT
     assert beyond.max() < CATCH_UP + 0.1
     assert abs(c[-1] - true[-1]) < 0.02
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+@pytest.mark.parametrize("cone", [25.0, 40.0])
+def test_after_a_circle_about_straight_forward_c_is_what_it_was(cone: float, sense: float) -> None:
+    """As in wiping a window: the shoulder's order XYZ turns by a whole turn about its singularity."""
+    q = posture(0.3)
+    up = q.copy()
+    first, second, third, elbow = ARM.chains["right_arm"][:4]
+    up[second], up[elbow] = np.deg2rad(90.0 - cone), np.deg2rad(70.0)
+    ease = lambda n: 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, n))[:, None]  # noqa: E731
+    circle = np.repeat(up[None], 300, axis=0)
+    circle[:, [first, third]] += 2 * np.pi * sense * ease(300) * (1.0, -1.0)
+    motion = [*q + ease(150) * (up - q), *circle, *up + ease(150) * (q - up), *[q] * 150]
+    wearer = Wearer(q)
+    before = wearer.arm.output["angles"].copy()
+    found, held, angles = [], [], []
+    for row in motion:
+        c, _, hold = wearer.step(row)
+        found.append(c)
+        held.append(wearer.arm.output["held"].copy())
+        angles.append(wearer.arm.output["angles"].copy())
+    np.testing.assert_allclose(angles[-1], before, atol=np.deg2rad(0.1))
+    assert abs(found[-1] - found[0]) < 0.01
+    steps, again = np.abs(np.diff(angles, axis=0)), np.array(held)[:-1] > np.array(held)[1:]
+    assert steps[again].max() > 3.0  # an angle does go back by half a turn or more
+    assert steps[~again].max() < 0.3
+    assert 1 <= np.array(held).any(axis=1).sum() <= 8
+    # A turn would move c by several ranges at once.
+    assert np.abs(np.diff(found)).max() < 0.2
