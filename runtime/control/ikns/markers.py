@@ -359,6 +359,8 @@ class MarkerFit:
             spare = int(np.count_nonzero(seen)) // 4
             if not self._settle(goal, seen, seen, last if self._shown else q, _SEARCH_STEPS, _DAMPING, spare):
                 continue
+            if self.residual > 0.5 * self.gate:  # each within the gate, and yet not this body: crossed labels, say
+                continue
             q = self._postures.home(self.q, last)
             if self._postures.refused(np.where(self.held, 0.0, q)):
                 continue

@@ -111,6 +111,16 @@ def test_markers_swapped_from_the_first_frame_on_are_rejected() -> None:
     assert off(ARM, fit.q[None], q[None]).max() < 0.1
 
 
+def test_a_chest_with_crossed_markers_isnt_begun_with() -> None:
+    """C7 and T10 crossed leave 23 mm of residual: every marker is within the gate."""
+    fit, points = MarkerFit(ARM), made(ARM, reaching(ARM, 1)[0])
+    a, b = fit.names.index("C7"), fit.names.index("T10")
+    points[[a, b]] = points[[b, a]]
+    for _ in range(20):
+        assert not fit.solve(points, SEEN, DT, starts=6)
+    assert fit.held.all()
+
+
 def test_without_fin_the_wrist_is_held_and_is_seen_at_once_afterwards() -> None:
     q = reaching(ARM, 300)
     seen = follow(MarkerFit(ARM), q, hidden={"RFIN": slice(100, 150)})

@@ -96,7 +96,7 @@ def test_after_a_circle_about_straight_forward_c_is_what_it_was(cone: float, sen
     before = wearer.arm.output["angles"].copy()
     found, held, angles = [], [], []
     for row in motion:
-        c, _, hold = wearer.step(row)
+        c, _, _ = wearer.step(row)
         found.append(c)
         held.append(wearer.arm.output["held"].copy())
         angles.append(wearer.arm.output["angles"].copy())
