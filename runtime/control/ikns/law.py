@@ -58,8 +58,9 @@ class IknsConfig(ControllerConfig):
 class Ikns(Controller):
     """Reads control values from joint angles, with directions interpolated between calibration points.
 
-    Inputs: `angles` (n,) rad, continuous but where `held` tells; `hand` (7,) m and w x y z, pose in the calibration's frame, of which only the
-    position is used; `held` (n,), 1 where the angle isn't seen and stays as it was (unless the option `held` is off).
+    Inputs: `angles` (n,) rad, continuous but where `held` tells; `hand` (7,) m and w x y z, pose in the calibration's
+    frame, of which only the position is used; `held` (n,), 1 where the angle isn't seen and stays as it was (unless the
+    option `held` is off).
     Outputs `c` (k,), from 0 to 1 over the calibrated range; `c_rate` (k,) 1/s; `held` (k,), 1 where c is held. Outside
     the points' hull, shrunk by `inset`, the directions are those of its nearest point.
 
