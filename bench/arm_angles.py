@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from time import perf_counter_ns
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from bench.pairs import Row, measure
+from bench.pairs import Row, measure, there_and_back
 from runtime.contracts.signals import Array
 from runtime.control.ikns.body import Body, average
 from runtime.control.ikns.markers import MarkerFit, Mask
@@ -31,7 +29,7 @@ def run() -> list[Row]:
             def once(i: int) -> None:
                 fit.solve(points[i], everything)
 
-            return _median(once)
+            return there_and_back(once, _FRAMES)
 
         def scipys(fit: MarkerFit = fit, points: Array = points) -> dict[str, float]:
             q = fit.q
@@ -40,23 +38,13 @@ def run() -> list[Row]:
                 nonlocal q
                 q = _least_squares(fit, points[i], q)
 
-            return _median(once)
+            return there_and_back(once, _FRAMES)
 
         pairs = measure(ours, {"scipy least_squares": scipys})
         row = pairs.row("arm-angles", f"{what}, one frame", "p50", "scipy least_squares", "us")
         one = len(body.sides) == 1  # what the law fits
         rows.append(replace(row, aim=f"at most {_AIM:g} us", holds=row.ours <= _AIM) if one else row)
     return rows
-
-
-def _median(once: Callable[[int], object]) -> dict[str, float]:
-    """There and back through the motion, so that the next time begins where this one ends."""
-    times = []
-    for i in [*range(_FRAMES), *reversed(range(_FRAMES))]:
-        start = perf_counter_ns()
-        once(i)
-        times.append((perf_counter_ns() - start) / 1e3)
-    return {"p50": float(np.median(times))}
 
 
 def _motion(body: Body) -> Array:

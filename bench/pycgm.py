@@ -11,12 +11,11 @@ import os
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from time import perf_counter_ns
 from typing import Any, Final
 
 import numpy as np
 
-from bench.pairs import Row, measure
+from bench.pairs import Row, measure, there_and_back
 from runtime.contracts.signals import Array
 from runtime.control.ikns.body import Side, average
 from runtime.control.ikns.identify import Measures, identify, plug_in_gait
@@ -47,10 +46,10 @@ def run() -> list[Row]:
         raise RuntimeError("the recording's first frame doesn't fit its person")
 
     def ours() -> dict[str, float]:
-        return _median(lambda i: fit.solve(points[i], everything))
+        return there_and_back(lambda i: fit.solve(points[i], everything), _FRAMES)
 
     def theirs() -> dict[str, float]:
-        return _median(lambda i: cgm.JointAngleCalc(rows[i], subject))
+        return there_and_back(lambda i: cgm.JointAngleCalc(rows[i], subject), _FRAMES)
 
     pairs = measure(ours, {"pycgm": theirs})
     return [pairs.row("pycgm", "a recorded frame's angles, both arms", "p50", "pycgm", "us")]
@@ -68,13 +67,3 @@ def _points(file: Path) -> dict[str, Array]:
 
 def _rows(points: dict[str, Array]) -> list[dict[str, Array]]:
     return [{name: values[i] for name, values in points.items()} for i in range(len(points["CLAV"]))]
-
-
-def _median(once: Any) -> dict[str, float]:
-    """There and back through the frames, so that the next time begins where this one ends."""
-    times = []
-    for i in [*range(_FRAMES), *reversed(range(_FRAMES))]:
-        start = perf_counter_ns()
-        once(i)
-        times.append((perf_counter_ns() - start) / 1e3)
-    return {"p50": float(np.median(times))}

@@ -72,6 +72,17 @@ class Mjcf:
         self.bodies[name] = body = add(parent, "body", name=name, **attributes)
         return body
 
+    def lead(self, part: str, body: str, stiffness: float, **stand: object) -> None:
+        """Welds a free body softly to the mocap body `PART/target`, which is where `stand` says.
+
+        `stiffness`: s, in which the body returns to its target.
+        """
+        add(self.worldbody, "body", name=f"{part}/target", mocap=True, **stand)
+        add(
+            self.equality, "weld", name=f"{part}/weld", body1=f"{part}/target", body2=body,
+            relpose=(0, 0, 0, 1, 0, 0, 0), solref=(stiffness, 1.0),
+        )  # fmt: skip
+
 
 class Part(ABC):
     """One part of the world.

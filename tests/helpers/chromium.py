@@ -25,7 +25,7 @@ def found() -> str:
     for name in NAMES:
         if path := shutil.which(name):
             return path
-    pytest.skip("Chromium is not installed")
+    pytest.skip("Chromium is not installed: apt install chromium")
 
 
 class Chromium:

@@ -120,12 +120,8 @@ class BodyPart(Part):
             elements.append(body)
             if i in made:
                 self._segment(body, full, made[i])
-        target = f"{name}/target"
-        add(mjcf.worldbody, "body", name=target, mocap=True, pos=pos, quat=quat)
-        add(
-            mjcf.equality, "weld", name=f"{name}/weld", body1=target, body2=f"{name}/Hips",
-            relpose=(0, 0, 0, 1, 0, 0, 0), solref=(self._lead / 2.0, 1.0),  # its delay is then that of the springs
-        )  # fmt: skip
+        # Its delay is then that of the springs.
+        mjcf.lead(name, f"{name}/Hips", self._lead / 2.0, pos=pos, quat=quat)
 
     def _segment(self, body: Element, full: str, segment: Segment) -> None:
         add(body, "inertial", pos=segment.com, mass=segment.mass, diaginertia=segment.inertia)

@@ -50,11 +50,7 @@ class CarrierPart(Part):
         add(body, "freejoint", name=f"{name}/free")
         size = {"type": "capsule", "fromto": (0, -0.2, 0, 0, -0.03, 0), "size": 0.028}  # what is seen of the forearm
         add(body, "geom", name=f"{name}/arm", mass=config.mass, rgba="0.86 0.69 0.58 1", **size, **CONTACT["none"])
-        add(mjcf.worldbody, "body", name=f"{name}/target", mocap=True, **self.at())
-        add(
-            mjcf.equality, "weld", name=f"{name}/weld", body1=f"{name}/target", body2=f"{name}/body",
-            relpose=(0, 0, 0, 1, 0, 0, 0), solref=(config.stiffness, 1.0),
-        )  # fmt: skip
+        mjcf.lead(name, f"{name}/body", config.stiffness, **self.at())
 
     def bind(self, model: Any, data: Any) -> None:
         self._data, self._dt = data, float(model.opt.timestep)

@@ -91,11 +91,7 @@ class MocapBody(MocapSubject):
         add(body, "geom", name=f"{name}/box", type="box", size=config.size, mass=config.mass, **contact)
         for label, place in config.markers.items():
             add(body, "site", name=f"{name}/{label}", pos=place, size=(0.007,), rgba="0.8 0.8 0.8 1")
-        add(mjcf.worldbody, "body", name=f"{name}/target", mocap=True, **self.at())
-        add(
-            mjcf.equality, "weld", name=f"{name}/weld", body1=f"{name}/target", body2=f"{name}/body",
-            relpose=(0, 0, 0, 1, 0, 0, 0), solref=(config.stiffness, 1.0),
-        )  # fmt: skip
+        mjcf.lead(name, f"{name}/body", config.stiffness, **self.at())
 
     def bind(self, model: Any, data: Any) -> None:
         self._data, self._dt = data, model.opt.timestep
