@@ -4,7 +4,9 @@ The guard limits a controller's commands in the loop's own time. The robot count
 next a torque may change by 1 N m, however much time has passed, and a motion has bounded jerk. The next setpoint is
 computed from the robot's own record of the last packet it took (tau_J_d, or q_d, dq_d, ddq_d). So if a packet is lost
 and the robot replaces it, the next one isn't a jump. The robot replaces a lost packet of a motion by continuing with
-the same acceleration: where packets are often lost, each is planned to last until the next one arrives.
+the same acceleration: where packets are often lost, each is planned to last until the next one arrives. And whatever
+the packets before were, each leaves so much room below the velocity limit that as many losses in a row as the robot
+bears don't take the motion beyond it.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from drivers.panda.limits import ACCELERATION, DT, JERK, TORQUE, TORQUE_RATE, Ro
 STEP: Final = TORQUE * TORQUE_RATE * DT  # N m from one packet to the next
 FOLLOW: Final = 0.02  # s: time constant for reducing a position error to the moving target
 CATCH: Final = 0.5  # of the acceleration, at most, for slowing down at the end of this
+LOSSES: Final = 19  # packets in a row that may be lost; one more and the robot stops whatever the motion is
 HASTE: Final = 0.05  # share of the velocity, at most, beyond the command's own: the guard may have slowed the arm
 _SAME: Final = 7e-8  # relative: tolerance for a float32 state that shows the value sent
 _FORGET: Final = 0.98  # factor per packet: how fast the expectation of further losses decays
@@ -89,6 +92,7 @@ class MotionLimiter:
             target = min(max(wanted[i] if isfinite(wanted[i]) else 0.0, least), most)
             step, A, a = self._jerk_step[i], self._acceleration[i], self.ddq[i]
             ahead = approach(target - v, step, self._lasts)
+            ahead = min(max(ahead, -room(v - least, step)), room(most - v, step))
             ahead = min(max(ahead, a - step, -A), a + step, A)
             self.dq[i], self.ddq[i] = v + ahead * DT, ahead
             self.q[i] += self.dq[i] * DT
@@ -129,6 +133,21 @@ def approach(error: float, step: float, dt: float = DT) -> float:
     n = ceil((sqrt(1 + 8 * s) - 1) / 2)
     x = step * (s + n * (n - 1) / 2) / n
     return x if error > 0 else -x
+
+
+def room(distance: float, step: float) -> float:
+    """Returns the largest acceleration x that a packet may have so far below a velocity limit.
+
+    The robot goes on with x for all `LOSSES`; then x - step, x - 2 step, ... x - n step >= 0 end the acceleration at
+    the limit: x (LOSSES + n + 1) - step n (n + 1) / 2 = distance / DT.
+
+    Args:
+        distance: rad/s from the velocity to its limit; 0 beyond it gives 0.
+        step: the change of acceleration from packet to packet.
+    """
+    total, b = max(distance, 0.0) / DT, LOSSES + 0.5
+    n = int(sqrt(b * b + 2 * total / step) - b)
+    return (total + step * n * (n + 1) / 2) / (LOSSES + n + 1)
 
 
 def catch_up(error: float, brake: float, follow: float = FOLLOW) -> float:

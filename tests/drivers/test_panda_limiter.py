@@ -138,6 +138,25 @@ def test_many_lost_packets_make_no_oscillation(limits, real, position, seed):
 
 
 @ROBOTS
+@pytest.mark.parametrize("gap", [1, 2, 3, 6, 12, 19])
+@settings(max_examples=25, deadline=None)
+@given(since=st.integers(1, 250), sign=st.sampled_from([-1.5, 1.5]), more=st.lists(st.integers(20, 120), max_size=2))
+def test_losses_on_the_way_to_full_speed_are_no_reason_to_stop(limits, gap, since, sign, more):
+    robot, limiter = Robot(limits, np.float64), MotionLimiter(limits)
+    limiter.start(robot.q.tolist())
+    wanted = (sign * np.array(limits.velocity)).tolist()
+    for packets in (since, *more, 60):
+        lost = 0
+        for _ in range(packets):
+            limiter.take(*robot.state(), ticks=lost + 1)
+            lost = 0
+            dq = np.array(limiter.velocity(wanted))
+            robot.take(robot.q + dq * DT, dq)
+        for lost in range(1, gap + 1):
+            robot.lose()
+
+
+@ROBOTS
 def test_a_smooth_position_is_followed_closely(limits):
     robot, limiter = Robot(limits, np.float32), MotionLimiter(limits)
     limiter.start(robot.q.tolist())
