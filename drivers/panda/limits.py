@@ -23,7 +23,7 @@ JERK: Final = 0.24
 TORQUE: Final = 0.999
 _BRAKE: Final = 0.9  # share of the acceleration for slowing down towards the end of a joint
 _SHORT: Final = 2e-4  # rad before the end of a joint at which a motion stops
-_AHEAD: Final = 31e-3  # s until a new velocity bound is reached: jerk, the robot's own cycle, 19 lost packets
+_AHEAD: Final = 33e-3  # s until a new velocity bound is reached: jerk, the robot's own cycle, 19 lost packets
 
 
 @dataclass(frozen=True)

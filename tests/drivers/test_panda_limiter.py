@@ -145,14 +145,14 @@ def test_losses_on_the_way_to_full_speed_are_no_reason_to_stop(limits, gap, sinc
     robot, limiter = Robot(limits, np.float64), MotionLimiter(limits)
     limiter.start(robot.q.tolist())
     wanted = (sign * np.array(limits.velocity)).tolist()
+    missing = 0
     for packets in (since, *more, 60):
-        lost = 0
-        for _ in range(packets):
-            limiter.take(*robot.state(), ticks=lost + 1)
-            lost = 0
+        for packet in range(packets):
+            limiter.take(*robot.state(), ticks=1 if packet else missing + 1)
             dq = np.array(limiter.velocity(wanted))
             robot.take(robot.q + dq * DT, dq)
-        for lost in range(1, gap + 1):
+        missing = gap
+        for _ in range(gap):
             robot.lose()
 
 
