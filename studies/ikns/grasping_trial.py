@@ -49,7 +49,7 @@ AIM: Final = 0.004
 
 CARRIED: Final = 0.2
 """Share of a wearer's errors of motion that acts on a reach; null-space motion has them whole. Ours: the whole of them
-would be 60 mm at the end of a reach, where people scatter by a few percent of its length (van Beers et al. 2004)."""
+would be 60 mm at the end of a reach, where people scatter less (van Beers et al. 2004); how much less is ours."""
 CLEAR: Final = 2.0 * AIM
 """m, that the palm stops short of the object: twice the error of reaching, so that it is seldom knocked over; ours."""
 

@@ -32,7 +32,7 @@ OPENED: Final = 1.0
 """Share of the swivel's range at which the finger is open: the elbow outwards. A finger that is worn on the forearm
 turns away from the palm when the elbow goes out, so the other sense works against itself."""
 CLOSED: Final = 0.0
-SEEN: Final = 0.2  # s, from what finger and object do to what is decided: Jeannerod 1988, 0.1 to 0.2; ours
+SEEN: Final = 0.2  # s, from what finger and object do to what is decided: ours
 _RESTS: Final = 0.06  # rad in that time, below which a finger is seen to rest; ours
 _GAPES: Final = 0.35  # rad, by which a finger is seen to have opened; ours
 _PRESS: Final = 0.15  # s, for which the ring's button is down; ours

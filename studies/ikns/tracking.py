@@ -188,7 +188,7 @@ def _changes() -> Iterator[tuple[str, dict[str, Any], str]]:
 
     yield "nothing", {}, "preview"
     yield "pursuit", {}, "pursuit"
-    for lag in (0.07, 0.2, 0.3):
+    for lag in (0.04, 0.2, 0.3):
         yield f"lag {lag} s", {"lag": lag}, "preview"
     yield "noise x 2", {"noise": times(2.0)}, "preview"
     yield "direction error x 2", {"direction_error": times(2.0)}, "preview"

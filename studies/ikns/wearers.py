@@ -126,8 +126,8 @@ def drawn() -> list[Wearer]:
     found = []
     for number in range(1, COUNT + 1):
         stature = round(draw("stature_man" if number % 2 else "stature_woman"), 3)
-        hand = draw("proportion")  # palm and fingers go together
-        shares = (draw("proportion"), draw("proportion"), hand, hand)
+        hand = draw("proportion_hand")  # palm and fingers go together
+        shares = (draw("proportion_upper_arm"), draw("proportion_forearm"), hand, hand)
         lengths = {n: round(FRACTIONS[n] * stature * s, 4) for n, s in zip(_LENGTHS, shares, strict=True)}
         rest = {f.name: round(draw(f.name), 5) for f in fields(Wearer) if f.name not in ("name", "stature", *_LENGTHS)}
         found.append(Wearer(f"W{number:02}", stature, **lengths, **rest))

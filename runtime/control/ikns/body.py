@@ -28,7 +28,8 @@ Side = Literal["left", "right"]
 SIDES: Final[tuple[Side, ...]] = ("left", "right")
 Vector = tuple[float, float, float]
 
-# Fractions of the stature: Drillis and Contini (1966); `palm`, wrist to third knuckle, de Leva (1996).
+# Fractions of the stature: Drillis and Contini (1966), as Winter (2009) has them; `palm`, wrist to third knuckle, is de
+# Leva's (1996) of men, his women have 0.045. In ANSUR II half the shoulders' breadth is 0.112 to 0.118.
 FRACTIONS: Final = {"upper_arm": 0.186, "forearm": 0.146, "palm": 0.0495, "hand": 0.108, "shoulder": 0.129}
 """`shoulder`: the joint's distance from the middle of the body."""
 

@@ -102,7 +102,9 @@ class Tracking(BaseModel):
     model: Literal["preview", "pursuit"] = Field(
         default="preview", description="sees the curve ahead; or reacts to the pointer's error alone"
     )
-    lag: float = Field(default=0.125, ge=0.05, le=0.5, description="s that remain with preview")
+    lag: float = Field(
+        default=0.125, ge=0.04, le=0.5, description="s that remain with preview; the muscles' own are 0.04"
+    )
     crossover: float = Field(default=3.8, gt=0, le=6, description="rad/s, of pursuit")
     delay: float = Field(default=0.20, ge=0.06, le=0.45, description="s, from what is seen to the motion")
     correction: float = Field(default=1.0, ge=0, le=3, description="1/s, of seen errors that preview leaves")

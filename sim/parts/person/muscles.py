@@ -18,7 +18,7 @@ PULLS: Final[dict[str, Vector]] = {
 _TONE: Final = 0.02  # share of the greatest contraction, at rest; ours
 _STIFFENING: Final = 0.1  # share of the force with which every muscle contracts, too; ours
 _TIRING: Final = 1 / 60  # 1/s, k of Ma et al., Int. J. Ind. Ergonomics 39 (2009): 1 per minute
-_RECOVERY: Final = 2.4 / 60  # 1/s, R of the same authors: 2.4 per minute
+_RECOVERY: Final = 2.4 / 60  # 1/s, R of Ma et al. 2010: 2.4 per minute, from memory
 _LIGHT: Final = 0.15  # share of the strength; below it muscles recover (Rohmert's endurance limit)
 
 
