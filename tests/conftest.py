@@ -1,12 +1,18 @@
 """Settings for every test: hypothesis without deadlines, as the machine may be slow at any instant; short paths."""
 
 import shutil
+import signal
 import tempfile
 
 import pytest
 from hypothesis import settings
 
 LONGEST = 16  # bytes of the folder that holds all others: with a test's own below it, a Unix socket's 107 bytes do
+
+# A shell starts what runs in its background with SIGINT ignored, and every child inherits that: a test that sends it to
+# a process of its own would wait for good.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 settings.register_profile("srl", deadline=None, derandomize=True)
 settings.load_profile("srl")

@@ -54,6 +54,7 @@ def run(args: argparse.Namespace) -> int:
     study = registry.load("studies", args.name, f"srl study {args.name}")
     if args.person is None and args.profile is not None:
         raise RequestError("--profile", "it is for a study with a person", "Add --person ID, or leave it out")
+    _refuse_what_would_be_ignored(args)
     runner = _runner(args, study)
     folder = args.out / args.name
     try:
@@ -96,12 +97,25 @@ def _show(result: Any, folder: Path, as_json: bool) -> int:
     return 0
 
 
+def _refuse_what_would_be_ignored(args: argparse.Namespace) -> None:
+    if args.sweep and (args.quick or args.person is not None):
+        raise RequestError("--sweep", "it has its own persons and tasks", "Leave out --quick and --person")
+    if args.person is not None and (named := _about_trials(args)):
+        raise RequestError(named[0], "a person's trials are run here, one by one", f"Leave out {named[0]}")
+
+
+def _about_trials(args: argparse.Namespace) -> list[str]:
+    """The options that say how trials run, as given."""
+    options = {"--workers": args.workers, "--on": args.on, "--tls": args.tls}
+    flags = {"--insecure-no-tls": args.insecure_no_tls, "--retry": args.retry}
+    return [name for name, value in options.items() if value is not None] + [name for name in flags if flags[name]]
+
+
 def _runner(args: argparse.Namespace, study: Any) -> Any:
     """The runner of the study's trials; None if they aren't tasks."""
     place = f"srl study {args.name}"
     if "runner" not in inspect.signature(study).parameters:
-        options = {"--workers": args.workers, "--on": args.on, "--tls": args.tls, "--retry": args.retry}
-        if named := [name for name, value in options.items() if value]:
+        if named := _about_trials(args):
             raise RequestError(f"{place} {named[0]}", "this study's trials aren't tasks", f"Leave out {named[0]}")
         return None
     make = registry.load("runners", "tasks", place)

@@ -92,10 +92,12 @@ class _pool:  # noqa: N801
         return self._pool
 
     def __exit__(self, *_: object) -> None:
+        ours = set(multiprocessing.active_children()) - self._before
         self._pool.shutdown(wait=False, cancel_futures=True)
-        for process in set(multiprocessing.active_children()) - self._before:
+        for process in ours:
             process.terminate()
-        self._pool.shutdown(wait=True)
+        for process in ours:
+            process.join()
 
 
 def _begin(client: int) -> None:

@@ -54,9 +54,34 @@ def test_what_isnt_there_is_named(
     assert words in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("option", [["--workers", "2"], ["--on", "tcp://127.0.0.1:8786"], ["--retry"]])
+TRIAL_OPTIONS = pytest.mark.parametrize(
+    "option",
+    [["--workers", "2"], ["--workers", "0"], ["--on", "tcp://127.0.0.1:8786"], ["--tls", "keys"], ["--retry"],
+     ["--insecure-no-tls"]],
+)  # fmt: skip
+
+
+@TRIAL_OPTIONS
 def test_a_study_whose_trials_arent_tasks_takes_no_options_of_trials(
     option: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["study", "peg-in-hole", *option, "--out", str(tmp_path)]) == 2
     assert f"{option[0]}: this study's trials aren't tasks" in capsys.readouterr().err
+
+
+@TRIAL_OPTIONS
+def test_a_persons_trials_take_no_options_of_tasks(
+    option: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["study", "ikns-tracking", "--person", "P07", *option, "--out", str(tmp_path)]) == 2
+    assert f"{option[0]}: a person's trials are run here" in capsys.readouterr().err
+    assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("option", [["--quick"], ["--person", "P07"]])
+def test_a_sweep_takes_no_other_choice_of_persons(
+    option: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["study", "ikns-tracking", "--sweep", *option, "--out", str(tmp_path)]) == 2
+    assert "--sweep" in capsys.readouterr().err
+    assert not any(tmp_path.iterdir())

@@ -54,8 +54,10 @@ class Chromium:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._wait(self._session.close())
-        self._end()
+        try:
+            self._wait(self._session.close())
+        finally:
+            self._end()
 
     def open(self, url: str) -> Page:
         """Opens a page in a tab of its own."""

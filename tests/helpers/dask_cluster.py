@@ -28,7 +28,11 @@ class DaskCluster:
         self._processes: list[subprocess.Popen[bytes]] = []
         file = folder / "scheduler.json"
         self._start("scheduler", "--port", "0", "--no-show", "--scheduler-file", str(file))
-        self.address = until(lambda: _address(file), what=self._said, pause=0.02)
+        try:
+            self.address = until(lambda: _address(file), what=self._said, pause=0.02)
+        except BaseException:
+            self._end()
+            raise
 
     def worker(self) -> subprocess.Popen[bytes]:
         """Starts a worker of one thread."""
@@ -61,6 +65,9 @@ class DaskCluster:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._end()
+
+    def _end(self) -> None:
         for process in reversed(self._processes):
             process.kill()
             process.wait()

@@ -6,12 +6,14 @@ one.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 
 from helpers import ROOT
-from helpers.run import srl
+from helpers.run import ended, srl
 from studies.tasks import journal, table
 
 DIFFERENT = ("seconds", "worker")  # from run to run
@@ -19,6 +21,7 @@ DIFFERENT = ("seconds", "worker")  # from run to run
 MODULE = '''
 """The toy study."""
 import os, signal, time
+from collections.abc import Iterator
 from pathlib import Path
 import numpy as np
 from studies.result import Claim, Result
@@ -94,7 +97,8 @@ def lines(folder: Path) -> int:
     return file.read_bytes().count(b"\n") if file.exists() else 0
 
 
-def started(folder: Path, env: dict[str, str], *more: str) -> subprocess.Popen[str]:
-    """`srl study toy` in the background."""
-    command = srl("study", "toy", "--out", str(folder), "--json", *more)
-    return subprocess.Popen(command, env=env, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+@contextlib.contextmanager
+def started(folder: Path, env: dict[str, str], *more: str) -> Iterator[subprocess.Popen[str]]:
+    """`srl study toy` in the background; with its workers it ends with the `with` at the latest."""
+    with ended(srl("study", "toy", "--out", str(folder), "--json", *more), env=env) as client:
+        yield client

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import re
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ import aiohttp
 import numpy as np
 import psutil
 import pytest
-from helpers.run import Running, alive, call, environment, srl
+from helpers.run import Running, alive, call, ended, environment, srl
 from helpers.wait import until
 
 from runtime.cli.panel import SECONDS, TRIALS, demo_curve
@@ -53,13 +52,13 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
 @pytest.mark.slow
 def test_the_page_shows_the_loops_values_and_stops_it(run: Running) -> None:
     command = srl("panel", "--signal", SIGNAL, "--span", "-1", "3")
-    with subprocess.Popen(command, env=environment(run.folder), stdout=subprocess.PIPE, text=True) as panel:
+    with ended(command, env=environment(run.folder)) as panel:
         assert panel.stdout is not None
         panel.stdout.readline()
         address = panel.stdout.readline().strip()
         assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\?token=[\w-]{32}", address)
         (page,) = psutil.Process(panel.pid).children()
-        values = asyncio.run(_values_then_stop(address, 40))
+        values = asyncio.run(asyncio.wait_for(_values_then_stop(address, 40), 60))
         panel.kill()  # the command has no chance to tidy up
         until(lambda: not alive(page.pid))
     rows = run.reader.take()

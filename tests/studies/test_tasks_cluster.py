@@ -22,8 +22,8 @@ pytestmark = pytest.mark.slow
 
 def finished(folder: Path, env: dict[str, str], *more: str, code: int = 0) -> str:
     """Runs the toy study to its end; what it said on standard error."""
-    client = started(folder, env, *more)
-    said = client.communicate(timeout=90)[1]
+    with started(folder, env, *more) as client:
+        said = client.communicate(timeout=90)[1]
     assert client.returncode == code, said
     assert "Traceback" not in said, said
     return said
@@ -35,11 +35,11 @@ def test_a_worker_and_then_the_client_are_killed_and_the_rows_are_those_of_one_m
     with DaskCluster(tmp_path / "dask", env) as dask:
         workers = [dask.worker(), dask.worker()]
         dask.ready(2)
-        client = started(tmp_path / "out", env, "--on", dask.address)
-        # One dies of its trial. The other may come to wait for the gate before it has done what the first one left.
-        until(lambda: lines(out) and any(w.poll() is not None for w in workers), what="a row, and a worker's death")
-        client.send_signal(signal.SIGKILL)
-        client.communicate()
+        with started(tmp_path / "out", env, "--on", dask.address) as client:
+            # One dies of its trial. The other may come to wait for the gate before it has done what the first one left.
+            until(lambda: lines(out) and any(w.poll() is not None for w in workers), what="a row, and a worker's death")
+            client.send_signal(signal.SIGKILL)
+            client.communicate()
         there = lines(out)
         assert 0 < there < 12
         (tmp_path / "gate").touch()
@@ -53,10 +53,10 @@ def test_a_scheduler_that_dies_ends_the_study_with_what_is_kept(tmp_path: Path) 
     env = installed(tmp_path / "toy") | {"TOY_GATE": str(tmp_path / "gate")}
     with DaskCluster(tmp_path / "dask", env) as dask:
         dask.worker()
-        client = started(tmp_path / "out", env, "--on", dask.address)
-        until(lambda: lines(tmp_path / "out" / "toy") == 6, what="six rows")
-        dask.stop_scheduler()
-        said = client.communicate(timeout=90)[1]
+        with started(tmp_path / "out", env, "--on", dask.address) as client:
+            until(lambda: lines(tmp_path / "out" / "toy") == 6, what="six rows")
+            dask.stop_scheduler()
+            said = client.communicate(timeout=90)[1]
     assert client.returncode == 2, said
     assert "the scheduler was lost" in said
     assert "Traceback" not in said

@@ -126,29 +126,29 @@ def test_a_program_that_is_edited_while_the_study_runs_is_noticed(toy: Any, tmp_
 def test_a_client_that_is_killed_half_way_goes_on_where_it_was(tmp_path: Path, by: signal.Signals) -> None:
     env = installed(tmp_path / "toy") | {"TOY_GATE": str(tmp_path / "gate")}
     out = tmp_path / "out" / "toy"
-    client = started(tmp_path / "out", env, "--workers", "2")
-    until(lambda: lines(out) == 6, what=lambda: f"six rows, not {lines(out)}")  # the others wait for the gate
-    children = Path(f"/proc/{client.pid}/task/{client.pid}/children").read_text().split()
-    client.send_signal(by)
-    said = client.communicate(timeout=60)[1]
+    with started(tmp_path / "out", env, "--workers", "2") as client:
+        until(lambda: lines(out) == 6, what=lambda: f"six rows, not {lines(out)}")  # the others wait for the gate
+        children = Path(f"/proc/{client.pid}/task/{client.pid}/children").read_text().split()
+        client.send_signal(by)
+        said = client.communicate(timeout=60)[1]
+        until(lambda: not any(alive(int(child)) for child in children), what="the workers end with their client")
     if by is signal.SIGINT:
         assert client.returncode == 130
         assert "6 of 12 trials are kept; give the same command again" in said
         assert "Traceback" not in said
         assert len(table.read(out / table.FILE)) == 6
     assert len(children) >= 2
-    until(lambda: not any(alive(int(child)) for child in children), what="the workers end with their client")
     first = (out / journal.FILE).read_bytes()
     with open(out / journal.FILE, "ab") as file:
         file.write(first[: len(first) // 10])  # and the next row was being written
     (tmp_path / "gate").touch()
-    resumed = started(tmp_path / "out", env, "--workers", "2")
-    said = resumed.communicate(timeout=60)[1]
+    with started(tmp_path / "out", env, "--workers", "2") as resumed:
+        said = resumed.communicate(timeout=60)[1]
     assert resumed.returncode == 0, said
     assert "6 of 12 trials" in said
     assert "it was cut off" in said
     assert (out / journal.FILE).read_bytes().startswith(first)
-    whole = started(tmp_path / "whole", env, "--workers", "1")
-    whole.communicate(timeout=60)
+    with started(tmp_path / "whole", env, "--workers", "1") as whole:
+        whole.communicate(timeout=60)
     assert whole.returncode == 0
     assert kept(out) == kept(tmp_path / "whole" / "toy")
