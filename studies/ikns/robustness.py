@@ -132,24 +132,17 @@ def _apart(own: Row, base: Row) -> tuple[float, float]:
 
 
 def _claims(table: list[dict[str, Any]]) -> list[Claim]:
-    """Ours: the paper doesn't disturb anything."""
-    fastest = max((line["fastest command, rad/s"] for line in table), default=float("nan"))
+    """Ours: the paper disturbs nothing. None is about the finger's command: the guard bounds what is read of it."""
     swapped = [line["open rms"] for line in table if line["what"] == "swapped"]
-    claims = [
+    if not swapped:
+        return []
+    worst = max(swapped)
+    return [
         Claim(
-            id="no-step", text=f"the finger's command never changes faster than the guard's {_FASTEST:g} rad/s",
-            paper="", measured=fastest, unit="rad/s", holds=fastest <= _FASTEST * (1 + 1e-6),
+            id="swapped-seen", text="exchanged labels change c by less than 5 % of its range, rms",
+            paper="", measured=worst, unit="% of range", holds=worst < 5.0,
         )
     ]  # fmt: skip
-    if swapped:
-        worst = max(swapped)
-        claims.append(
-            Claim(
-                id="swapped-seen", text="exchanged labels change c by less than 5 % of its range, rms",
-                paper="", measured=worst, unit="% of range", holds=worst < 5.0,
-            )
-        )  # fmt: skip
-    return claims
 
 
 def _draw(file: Path, table: list[dict[str, Any]]) -> None:
