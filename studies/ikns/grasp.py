@@ -33,6 +33,7 @@ _NEAR: Final = 0.004  # m between object and palm; ours
 _LOWEST: Final = 0.040  # m, of the hand's middle above the table: the edge of the hand is 33 mm below it
 _HIGHEST: Final = 0.150  # m: nobody takes the chips can at its top
 _SUNK: Final = 0.25  # share of the lift below which an object that was lifted counts as dropped; ours
+_CLOSING: Final = 1.0  # s, of an ideal grasper's control value for its whole range; ours
 ASIDE: Final = 0.15  # m that the hand begins and ends to the side
 
 
@@ -246,22 +247,37 @@ class _Trial:
         return hypot(float(self._pose[0]) - x, float(self._pose[1]) - y)
 
 
-class Client:
-    """Brings a control value evenly to what is wished: the client that sends a setpoint of the profile, every cycle."""
+class Carried:
+    """An ideal grasper: the part `carrier` takes the hand.
 
-    def __init__(self, lockstep: Lockstep, c: str, closing: float = 1.0) -> None:
+    The control value goes evenly to what is wished: the client that sends a setpoint of the profile, every cycle.
+    """
+
+    def __init__(self, lockstep: Lockstep, part: str, c: str) -> None:
         """Args:
+        part: the carrier's name.
         c: the setpoint's name, CLIENT.NAME; that of its rate is with `_rate`.
-        closing: s for the whole range.
         """
+        world = lockstep.graph.world
+        assert isinstance(world, Cell)
+        self._carrier = world.part(CarrierPart, part)
         self._c, self._c_rate = (lockstep.graph.row.views[name] for name in (c, f"{c}_rate"))
         self._dt = lockstep.period * 1e-9
-        self._step, self._wish = self._dt / closing, 0.0
+        self._step, self._wish = self._dt / _CLOSING, 0.0
         self._c[0] = self._c_rate[0] = 0.0
         self._lockstep = lockstep
         row = lockstep.graph.row
         self._words = row.devices[row.layout.devices.index(c.partition(".")[0])]
         self._words[DEVICE.link] |= LINK_CONNECTED
+
+    def reach(self, wrist: Pose, seconds: float) -> None:
+        """Begins to take the hand there."""
+        self._carrier.go(wrist, seconds)
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the hand is there."""
+        return self._carrier.there
 
     def squeeze(self, c: float) -> None:
         """Begins to bring the control value to c."""
@@ -280,23 +296,3 @@ class Client:
             self._c[0] = self._wish
         self._c_rate[0] = step / self._dt
         self._words[DEVICE.stamp] = self._lockstep.count * self._lockstep.period
-
-
-class Carried(Client):
-    """An ideal grasper: the part `carrier` takes the hand."""
-
-    def __init__(self, lockstep: Lockstep, part: str, c: str, closing: float = 1.0) -> None:
-        """Args: part, the carrier's name; c, closing: see `Client`."""
-        super().__init__(lockstep, c, closing)
-        world = lockstep.graph.world
-        assert isinstance(world, Cell)
-        self._carrier = world.part(CarrierPart, part)
-
-    def reach(self, wrist: Pose, seconds: float) -> None:
-        """Begins to take the hand there."""
-        self._carrier.go(wrist, seconds)
-
-    @property
-    def arrived(self) -> bool:
-        """Whether the hand is there."""
-        return self._carrier.there

@@ -16,7 +16,7 @@ SERVO: Final = {"stall_torque": 0.22, "no_load_speed": 13.0, "stiffness": 4.7, "
 """A micro servo with metal gears, as MG90S at 6 V: 2.2 kg cm, 0.08 s for 60 degrees. The gains of its position loop
 are the standard servo's, scaled with the torque."""
 
-PROFILE: Final = """
+_PROFILE: Final = """
 name: finger-grasp
 summary: a finger closes an object against a hand
 rate: 100
@@ -47,10 +47,6 @@ guard:
     acceleration: 40.0
 stop: {finger: hold}
 faults: {bus-loss: hold}
-"""
-"""A finger that follows the setpoint `client.c`; the world is to follow."""
-
-_CARRIED: Final = """
 sim:
   world: cell
   parts:
@@ -61,6 +57,7 @@ sim:
       part: robotic-finger
       at: {parent: hand/base, position: [0.0, -0.020, -0.030], quaternion: [0.5, -0.5, 0.5, 0.5]}
 """
+"""A finger that follows the setpoint `client.c`."""
 
 
 def carried_cell(
@@ -79,32 +76,14 @@ def carried_cell(
         servo, thing, hand: options of the finger's servos, of the object and of the passive hand.
         task: what differs in the task.
     """
-    values = {f"sim.parts.hand.{key}": value for key, value in (hand or {}).items()}
-    lockstep = wired(PROFILE + _CARRIED, code, (*START, 0.0), seed, servo, thing or {}, values)
-    return lockstep, Carried(lockstep, "arm", "client.c"), Task(START, GOAL, **task)
-
-
-def wired(
-    text: str,
-    code: str,
-    place: tuple[float, float, float],
-    seed: int,
-    servo: Mapping[str, Any],
-    thing: Mapping[str, Any],
-    values: Mapping[str, Any],
-) -> Lockstep:
-    """A running cell with the part `thing`.
-
-    Args:
-        text: the profile without the object.
-        code: of the object.
-        place: m, on the table, where the object stands.
-        servo, thing: options of the finger's servos and of the object.
-        values: further ones by their key path.
-    """
     # The object stands a little above the table, so that it doesn't begin inside it.
-    x, y, z = place
-    made = {"part": "object", "shape": "ycb", "code": code, "at": {"position": [x, y, z + YCB[code].height / 2 + 1e-4]}}
-    all_values = {"seed": seed, "sim.parts.thing": made | dict(thing), "sim.parts.finger.servo": dict(servo), **values}
-    overrides = [f"{key}={value!r}" for key, value in all_values.items()]
-    return Lockstep(wiring.build(*profile.parse("finger-grasp.yaml", text, overrides), []))
+    at = {"position": [*START, YCB[code].height / 2 + 1e-4]}
+    values = {
+        "seed": seed,
+        "sim.parts.thing": {"part": "object", "shape": "ycb", "code": code, "at": at, **(thing or {})},
+        "sim.parts.finger.servo": dict(servo),
+        **{f"sim.parts.hand.{key}": value for key, value in (hand or {}).items()},
+    }
+    overrides = [f"{key}={value!r}" for key, value in values.items()]
+    lockstep = Lockstep(wiring.build(*profile.parse("finger-grasp.yaml", _PROFILE, overrides), []))
+    return lockstep, Carried(lockstep, "arm", "client.c"), Task(START, GOAL, **task)

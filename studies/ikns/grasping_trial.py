@@ -28,8 +28,7 @@ from sim.parts.hand.ycb import YCB
 from sim.world.cell import Cell
 from studies.ikns.grasp import ASIDE, Task, grasp_trial, wrist
 from studies.ikns.grasp_cell import SERVO
-from studies.ikns.grasp_wearer import HAND
-from studies.ikns.grasping_wearer import KINDS, VALUE, Grasping, heading
+from studies.ikns.grasping_wearer import HAND, KINDS, VALUE, Grasping, heading
 from studies.tasks.task import Value
 
 PROFILE: Final = "ikns-finger"

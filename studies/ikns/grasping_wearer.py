@@ -13,7 +13,7 @@ from typing import Final, cast
 
 import numpy as np
 
-from runtime.contracts.rotation import Pose, matrix
+from runtime.contracts.rotation import Pose, Quaternion, Vector, conjugate, matrix, product, turned
 from runtime.contracts.signals import Array
 from runtime.contracts.wearer import Hold
 from runtime.control.ikns.body import Body
@@ -25,7 +25,6 @@ from sim.parts.body.wearer_config import UpperBodyConfig
 from sim.parts.hand.ycb import Ycb
 from sim.world.cell import Cell
 from studies.ikns.grasp import Task, wrist
-from studies.ikns.grasp_wearer import hand_at
 
 VALUE: Final = "intent.c"
 OPENED: Final = 1.0
@@ -36,6 +35,9 @@ SEEN: Final = 0.2  # s, from what finger and object do to what is decided: ours
 _RESTS: Final = 0.06  # rad in that time, below which a finger is seen to rest; ours
 _GAPES: Final = 0.35  # rad, by which a finger is seen to have opened; ours
 _PRESS: Final = 0.15  # s, for which the ring's button is down; ours
+_HALF: Final = 0.5**0.5
+# The hand's frame in the body's hand: x to the little finger, y distal, z dorsal, where the body has -x, -z and -y.
+HAND: Final[Quaternion] = (0.0, 0.0, _HALF, -_HALF)
 _HEADINGS: Final = np.arange(-0.9, 1.2, 0.05).tolist()  # rad
 
 
@@ -161,3 +163,16 @@ def heading(body: Body, chest: Pose, task: Task, thing: Ycb, place: tuple[float,
         if bent < least:
             found, least = angle, bent
     return found
+
+
+def hand_at(body: Body, chest: Pose, wrist: Pose) -> tuple[Vector, Quaternion]:
+    """The right palm's middle (m) and the hand's orientation in the chest's frame, for the passive hand's frame.
+
+    Args:
+        chest, wrist: poses in the world, x y z (m), w x y z.
+    """
+    back = conjugate(chest[3:])
+    turn = product(back, product(wrist[3:], conjugate(HAND)))
+    x, y, z = turned(back, (wrist[0] - chest[0], wrist[1] - chest[1], wrist[2] - chest[2]))
+    gx, gy, gz = turned(turn, body.grip("right"))
+    return (x + gx, y + gy, z + gz), turn

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import cache
 from importlib import resources
 from typing import Any
@@ -11,16 +12,17 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from runtime.contracts.rotation import conjugate, log, matrix, product
 from runtime.control.ikns.record import parse
 from runtime.control.models import BodyModel
 from sim.parts.body import arm_posture
 from sim.parts.hand.ycb import YCB
+from sim.world.cell import Cell
 from studies.ikns import grasping
-from studies.ikns.grasp import Task, wrist
-from studies.ikns.grasp_wearer import hand_at
+from studies.ikns.grasp import Task, grasp_trial, wrist
 from studies.ikns.grasping_analysis import analysed, counted, exact
-from studies.ikns.grasping_trial import CALIBRATION, inwards, trial, turned_round
-from studies.ikns.grasping_wearer import KINDS, heading
+from studies.ikns.grasping_trial import CALIBRATION, Setting, inwards, trial, turned_round
+from studies.ikns.grasping_wearer import KINDS, hand_at, heading
 from studies.ikns.tracking import Calibrated
 from studies.ikns.wearers import wearers
 
@@ -35,6 +37,46 @@ def done(condition: str, **changed: Any) -> Any:
     """A trial with the soup can, without an error of reaching."""
     given = {"condition": condition, "object": "D", "set": {}, "calibration": SHIPPED, "aim": 0.0, **changed}
     return trial(PROFILE, given, 1)
+
+
+def steady(condition: str, code: str) -> Setting:
+    """A wearer who moves and takes the object without errors."""
+    errors = {f"sim.parts.wearer.{name}": 0.0 for name in ("wander", "wander_turn", "noise", "direction_error")}
+    given = {"condition": condition, "object": code, "set": errors, "calibration": SHIPPED, "aim": 0.0}
+    return Setting(PROFILE, given, 1)
+
+
+@pytest.mark.parametrize("condition", KINDS)
+def test_the_hand_comes_where_it_is_told_with_its_palm_upright(condition: str) -> None:
+    made = steady(condition, "A")
+    goal = wrist(made.task, YCB["A"], made.task.goal)
+    made.grasper.reach(goal, 1.0)
+    for _ in range(500):
+        made.lockstep.step()
+        made.grasper.watch()
+        if made.grasper.arrived:
+            break
+    assert made.grasper.arrived
+    world = made.lockstep.graph.world
+    assert isinstance(world, Cell)
+    found = world.pose_of("hand")
+    assert np.linalg.norm(np.subtract(found[:3], goal[:3])) < 0.01
+    assert np.linalg.norm(log(product(goal[3:], conjugate(found[3:])))) < 0.03
+
+
+@pytest.mark.parametrize("code", "AI")
+def test_a_steady_wearer_picks_and_places(code: str) -> None:
+    made = steady("ikns", code)
+    found = grasp_trial(made.lockstep, made.grasper, made.task, YCB[code], watch=made.grasper.watch)
+    assert found.success, found
+    assert found.seconds < 12.0
+
+
+def test_out_of_reach_is_out_of_time() -> None:
+    made = steady("ikns", "I")
+    task = replace(made.task, lift=1.2)
+    found = grasp_trial(made.lockstep, made.grasper, task, YCB["I"], watch=made.grasper.watch)
+    assert (found.success, found.reason) == (False, "out of time")
 
 
 @pytest.mark.slow
@@ -83,8 +125,6 @@ def test_the_wrist_is_straight_where_the_finger_closes(place: tuple[float, float
     def bent(angle: float) -> float:
         own = Task(place, (9.0, 9.0), table=0.79, heading=angle)
         point, turn = hand_at(body, CHEST, wrist(own, YCB["A"], place))
-        from runtime.contracts.rotation import matrix
-
         return abs(float(arm.solve(arm_posture.Hold(np.array(point), matrix(turn)), swivel)[7]))
 
     found = heading(body, CHEST, task, YCB["A"], place, swivel)
