@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,7 +17,7 @@ import numpy as np
 from sim.parts.hand.ycb import YCB
 from studies.ikns.grasping_analysis import analysed, counted
 from studies.ikns.grasping_person import NAME, QUICK, session
-from studies.ikns.grasping_trial import AIM, PROFILE
+from studies.ikns.grasping_trial import AIM, OPTIONS, PROFILE
 from studies.ikns.grasping_wearer import KINDS
 from studies.ikns.tracking import Calibrated, calibrated
 from studies.ikns.wearers import Wearer, assumed, wearers
@@ -63,15 +63,21 @@ def trials(one: Calibrated, codes: Sequence[str]) -> Iterator[TrialTask]:
 
 
 def task(one: Calibrated, condition: str, code: str, **changed: Any) -> TrialTask:
-    """One trial. `changed`: a wearer's property, or what `grasping_trial.trial` knows besides."""
-    wearer = replace(one.wearer, **{k: v for k, v in changed.items() if hasattr(one.wearer, k)})
+    """One trial. `changed`: a wearer's property, or one of `grasping_trial.OPTIONS`.
+
+    Raises ValueError: there is no such one.
+    """
+    own = {field.name for field in fields(Wearer)} & changed.keys()
+    if unknown := [name for name in changed if name not in own and name not in OPTIONS]:
+        raise ValueError(f"neither a wearer nor a trial has {', '.join(unknown)}; a trial has {', '.join(OPTIONS)}")
+    wearer = replace(one.wearer, **{name: changed[name] for name in own})
     a = assumed()
     options = wearer.overrides("preview", a["gain_error"])
     if condition == "ikns":
         options["sim.devices.mocap.noise"] = a["marker_noise"]
     parameters = {
         "wearer": wearer.name, "condition": condition, "object": code, "set": options, "calibration": one.content,
-        **{k: v for k, v in changed.items() if not hasattr(one.wearer, k)},
+        **{name: value for name, value in changed.items() if name not in own},
     }  # fmt: skip
     seed = 100 * wearer.number + list(YCB).index(code)
     return TrialTask.of(NAME, NAME, seed, parameters, profile=PROFILE)

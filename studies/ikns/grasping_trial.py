@@ -45,12 +45,13 @@ _FROM_WRIST: Final = 0.020  # m, from the wrist to the finger, along the forearm
 _SETTLE: Final = 5.0  # s at most for the hand to go to the side of the start
 AIM: Final = 0.004
 """m, standard deviation along each axis of where the hand takes the object, by sight; ours."""
-
 CARRIED: Final = 0.2
 """Share of a wearer's errors of motion that acts on a reach; null-space motion has them whole. Ours: the whole of them
 would be 60 mm at the end of a reach, where people scatter less (van Beers et al. 2004); how much less is ours."""
 CLEAR: Final = 2.0 * AIM
 """m, that the palm stops short of the object: twice the error of reaching, so that it is seldom knocked over; ours."""
+OPTIONS: Final = ("aim", "clear", "servo", "thing", "skin", "outwards", "carried")
+"""What a trial's parameters may have besides."""
 
 
 def trial(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Value]:
@@ -59,9 +60,9 @@ def trial(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Valu
     Args:
         text: the profile's.
         parameters: `condition`, ikns or ring; `object`, its code; `set`, overrides by key path, which make the wearer;
-            `calibration`, the wearer's file; and perhaps `aim`, `clear` (m), `servo`, `thing` (options of the
-            servos, of the object), `skin` (friction of the hand's), `outwards`: whether the finger closes with the
-            elbow outwards.
+            `calibration`, the wearer's file; and perhaps `OPTIONS`: `aim`, `clear` (m), `servo`, `thing` (options of
+            the servos, of the object), `skin` (friction of the hand's), `outwards`: whether the finger closes with the
+            elbow outwards, `carried` (share of errors, see `CARRIED`).
         seed: of the world, and of where the hand takes the object.
     Returns:
         success, reason; duration (s, from the beginning to the release); slip, off, leak (m), tilt (rad), force (N);

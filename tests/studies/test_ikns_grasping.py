@@ -21,7 +21,7 @@ from sim.world.cell import Cell
 from studies.ikns import grasping
 from studies.ikns.grasp import Task, grasp_trial, wrist
 from studies.ikns.grasping_analysis import analysed, counted, exact
-from studies.ikns.grasping_trial import CALIBRATION, Setting, inwards, trial, turned_round
+from studies.ikns.grasping_trial import CALIBRATION, OPTIONS, Setting, inwards, trial, turned_round
 from studies.ikns.grasping_wearer import KINDS, hand_at, heading
 from studies.ikns.tracking import Calibrated
 from studies.ikns.wearers import wearers
@@ -154,6 +154,26 @@ def test_a_sweep_changes_one_thing_at_a_time() -> None:
         keys = {k for k in task.parameters if task.parameters[k] != plain.get(k)}
         own = {k for k in plain["set"] if task.parameters["set"][k] != plain["set"][k]}
         assert len(own | (keys - {"set"})) == 1
+
+
+@pytest.mark.parametrize("name", ["aims", "tracking", "number"])
+def test_a_change_of_what_nothing_has_is_refused_by_name(name: str) -> None:
+    one = Calibrated(wearers(1)[0], SHIPPED, ())
+    known = "aim, clear, servo, thing, skin, outwards, carried"
+    with pytest.raises(ValueError, match=rf"has {name}; a trial has {known}$"):
+        grasping.task(one, "ikns", "A", aim=0.0, reaction=0.3, **{name: 1.0})
+
+
+@pytest.mark.slow
+def test_what_a_trial_may_have_besides_changes_it() -> None:
+    """So a name in the list that the trial doesn't read would be noticed."""
+    changed: dict[str, Any] = {
+        "aim": 0.02, "clear": 0.02, "servo": {"stall_torque": 0.1}, "thing": {"friction": 0.9}, "skin": 0.9,
+        "outwards": True, "carried": 1.0,
+    }  # fmt: skip
+    assert tuple(changed) == OPTIONS
+    for name, value in changed.items():
+        assert done.__wrapped__("ikns", **{name: value}) != done("ikns"), name
 
 
 def rows(ikns: list[float], ring: list[float]) -> list[dict[str, Any]]:
