@@ -1,25 +1,21 @@
 """The grasping experiment with a person: the experimenter places the object, runs the clock and judges, by keys.
 
-The order is drawn once and stored. Each trial is on the disk before the next one begins, and the same command goes on
-where it was. Nothing here knows who the person is.
+The order is one condition after the other, and the objects at random in each.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
 import sys
 import termios
 import time
 from collections.abc import Callable
-from itertools import groupby
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from runtime.contracts.errors import RequestError
-from runtime.profile import profile as profiles
 from sim.parts.hand.ycb import YCB
 from studies.ikns import people
 from studies.ikns.grasping_analysis import analysed
@@ -27,10 +23,8 @@ from studies.ikns.grasping_trial import PROFILE
 from studies.ikns.grasping_wearer import KINDS
 from studies.ikns.published import LIMIT
 from studies.result import Result
-from studies.tasks import journal as journals
 from studies.tasks import table
-from studies.tasks.environment import environment
-from studies.tasks.task import DONE, Row, TrialTask, Value
+from studies.tasks.task import Value
 
 NAME: Final = "ikns-grasping"
 Entry = tuple[str, str]
@@ -53,26 +47,15 @@ def session(folder: Path, person: str, profile: str = PROFILE, quick: bool = Fal
     Raises:
         SrlError: the id isn't anonymous, trials can't be stored, or nobody types.
     """
-    people.check(person)
-    name = profiles.load(profile)[0].name
-    own = folder / person
-    own.mkdir(parents=True, exist_ok=True)
-    order = people.stored_order(own, person, lambda seed: ordered(seed, QUICK if quick else "".join(YCB)))
-    with journals.opened(own) as journal:
-        try:
-            for condition, entries in groupby(enumerate(order, 1), key=lambda item: item[1][0]):
-                missing = [(place, entry) for place, entry in entries if key(person, entry) not in journal.rows]
-                for place, entry in missing:
-                    run = people.beside(name, profile, condition)
-                    people.say(f"{place} of {len(order)}, {condition}: {YCB[entry[1]].name} ({entry[1]})")
-                    begin = time.monotonic()
-                    values = judged(typed, time.monotonic) | {"simulated": run.simulated}
-                    journal.append([_row(person, entry, place, profile, run, values, time.monotonic() - begin)])
-        except KeyboardInterrupt:
-            people.say(f"{own}: {len(journal.rows)} of {len(order)} trials are kept; give the same command to go on")
-            raise
-        finally:
-            table.write(own / table.FILE, [r for e in order if (r := journal.rows.get(key(person, e)))])
+    codes = QUICK if quick else "".join(YCB)
+    with people.opened(NAME, folder, person, profile, lambda seed: ordered(seed, codes)) as on:
+        for condition, missing in on.missing():
+            for place, entry in missing:
+                run = on.beside(condition)
+                people.say(f"{place} of {len(on.order)}, {condition}: {YCB[entry[1]].name} ({entry[1]})")
+                begin = time.monotonic()
+                values = judged(typed, time.monotonic) | {"simulated": run.simulated}
+                on.keep(place, entry, {"object": entry[1]}, run, values, time.monotonic() - begin)
     return _result(folder, person)
 
 
@@ -115,23 +98,6 @@ def typed(question: str) -> str:
     if not line:
         raise RequestError("--person", "nobody types here", "Give the command in a terminal; it goes on where it was")
     return line
-
-
-def key(person: str, entry: Entry) -> str:
-    """Names a person's trial. It stays done whatever changes in the program."""
-    return hashlib.sha256(json.dumps([NAME, person, *entry]).encode()).hexdigest()[:32]
-
-
-def _row(
-    person: str, entry: Entry, place: int, profile: str, run: people.Run, values: dict[str, Value], seconds: float
-) -> Row:
-    condition, code = entry
-    parameters = {"wearer": person, "condition": condition, "object": code, "place": place}
-    return Row(
-        key=key(person, entry), task=TrialTask(NAME, "person", place, parameters, profile),
-        profile_sha256=str(run.layout.meta["sha256"]), state=DONE, values=values, error="", seconds=round(seconds, 3),
-        worker="", environment=environment(NAME),
-    )  # fmt: skip
 
 
 def _result(folder: Path, person: str) -> Result:

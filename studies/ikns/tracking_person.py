@@ -1,16 +1,13 @@
 """The tracking experiment with a person: the loop runs beside it, the person has the participant's screen.
 
-The order is drawn once and stored. Each trial is on the disk before the next one begins, and the same command goes on
-where it was. Nothing here knows who the person is.
+A trial that was broken off is done once more.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import time
-from itertools import groupby
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,7 +20,6 @@ from runtime.control.ikns.sibson import Sibson
 from runtime.ipc.ring import RingReader
 from runtime.panel.screen import Screen
 from runtime.panel.trial import ScreenTrial, Trial
-from runtime.profile import profile as profiles
 from runtime.profile.plots import pick
 from studies.ikns import people
 from studies.ikns.curves import SECONDS, SETTLE, curve
@@ -31,17 +27,14 @@ from studies.ikns.tracking_analysis import analysed, figure
 from studies.ikns.tracking_order import NAME, REPETITIONS, Entry, ordered
 from studies.ikns.tracking_trial import COARSE, PROFILE, VALUE, scores, stillness
 from studies.result import Result
-from studies.tasks import journal as journals
 from studies.tasks import table
-from studies.tasks.environment import environment
-from studies.tasks.task import DONE, Row, TrialTask, Value
+from studies.tasks.task import Value
 from studies.toolkit.errors import StudyError
 
 _REST: Final = 5.0  # s between trials, at least
 _SAMPLES: Final = 1001  # of a curve, as the screen gets it
 _HELD: Final = "intent.held"
 _HAND: Final = "arm.hand"
-_MODEL: Final = "person"
 
 
 def session(folder: Path, person: str, profile: str = PROFILE, quick: bool = False) -> Result:
@@ -56,61 +49,42 @@ def session(folder: Path, person: str, profile: str = PROFILE, quick: bool = Fal
     Raises:
         SrlError: the id isn't anonymous, trials can't be stored, or the screen has ended.
     """
-    people.check(person)
-    name = profiles.load(profile)[0].name
-    own = folder / person
-    own.mkdir(parents=True, exist_ok=True)
     repetitions = 1 if quick else REPETITIONS
-    order = people.stored_order(own, person, lambda seed: list(ordered([seed], repetitions)))
-    with journals.opened(own) as journal:
-        try:
-            for condition, entries in groupby(enumerate(order, 1), key=lambda item: item[1][0]):
-                missing = [(i, e) for i, e in entries if key(person, e) not in journal.rows]
-                if missing:
-                    run = people.beside(name, profile, condition)
-                    with Screen(run.folder, VALUE, held=_HELD if _HELD in run.layout.fields else None) as screen:
-                        people.say(f"Open this once, in the participant's browser:\n  {screen.address}")
-                        for place, entry in missing:
-                            task = _task(person, entry, place, profile)
-                            journal.append([_done(own, screen, run, task, entry, len(order))])
-        except KeyboardInterrupt:
-            people.say(
-                f"{own}: {len(journal.rows)} of {len(order)} trials are kept; give the same command again to go on"
-            )
-            raise
-        finally:
-            table.write(own / table.FILE, [r for e in order if (r := journal.rows.get(key(person, e)))])
+    with people.opened(NAME, folder, person, profile, lambda seed: list(ordered([seed], repetitions))) as on:
+        for condition, missing in on.missing():
+            run = on.beside(condition)
+            with Screen(run.folder, VALUE, held=_HELD if _HELD in run.layout.fields else None) as screen:
+                people.say(f"Open this once, in the participant's browser:\n  {screen.address}")
+                for place, entry in missing:
+                    _done(on, screen, run, place, entry)
     return _result(folder, person)
 
 
-def _done(own: Path, screen: Screen, run: people.Run, task: TrialTask, entry: Entry, of: int) -> Row:
+def _done(on: people.Session[Entry], screen: Screen, run: people.Run, place: int, entry: Entry) -> None:
     """Lets the person do one trial, as often as it takes until it counts, and stores it."""
     condition, name, repetition = entry
-    place = int(task.parameters["place"])
     shown = tuple(np.clip(curve(name, np.linspace(0.0, SECONDS, _SAMPLES)), 0.0, 1.0).tolist())
     attempt = 0
     while True:
         rest = _REST if place > 1 or attempt else 0.0
-        trial = Trial(shown, SECONDS, SETTLE, rest, title=condition, number=place, of=of)
+        trial = Trial(shown, SECONDS, SETTLE, rest, title=condition, number=place, of=len(on.order))
         begin = time.monotonic()
         found = screen.run_trial(trial)
         stem = f"{place:02}-{condition}-{name}-{repetition}"
         problem = found.aborted or ("" if len(found.samples) > 1 else "there are no rows")
         attempt += bool(problem)
         try:
-            found.save(own / (f"{stem}-aborted-{attempt}" if problem else stem))
+            found.save(on.own / (f"{stem}-aborted-{attempt}" if problem else stem))
         except OSError as error:
-            raise StudyError(str(own), f"the trial can't be stored: {error.strerror}", "Make room there") from None
+            raise StudyError(str(on.own), f"the trial can't be stored: {error.strerror}", "Make room there") from None
         if problem:
             people.say(f"{stem}: broken off: {problem}; once more")
             continue
         values = _values(found, run, name)
         people.say(f"{stem}: RMSE {values['rmse']:.2f}")
-        return Row(
-            key=key(task.parameters["wearer"], entry), task=task, profile_sha256=str(run.layout.meta["sha256"]),
-            state=DONE, values=values, error="", seconds=round(time.monotonic() - begin, 3), worker="",
-            environment=environment(NAME),
-        )  # fmt: skip
+        given = {"model": people.MODEL, "curve": name, "repetition": repetition}
+        on.keep(place, entry, given, run, values, time.monotonic() - begin)
+        return
 
 
 def _values(found: ScreenTrial, run: people.Run, name: str) -> dict[str, Value]:
@@ -158,22 +132,10 @@ def _outside(hand: Array, run: people.Run) -> float:
     return math.nan
 
 
-def _task(person: str, entry: Entry, place: int, profile: str) -> TrialTask:
-    condition, name, repetition = entry
-    parameters = {"wearer": person, "condition": condition, "model": _MODEL, "curve": name, "repetition": repetition,
-                  "place": place}  # fmt: skip
-    return TrialTask(NAME, _MODEL, place, parameters, profile)
-
-
-def key(person: str, entry: Entry) -> str:
-    """Of a person's trial in the journal. It stays done whatever changes in the program."""
-    return hashlib.sha256(json.dumps([NAME, person, *entry]).encode()).hexdigest()[:32]
-
-
 def _result(folder: Path, person: str) -> Result:
     """The people who are through, of whom the person is one."""
     found = people.through(folder)
-    claims, lines, statistics = analysed({_MODEL: found}, simulated=False)
+    claims, lines, statistics = analysed({people.MODEL: found}, simulated=False)
     simulated = any(row["simulated"] for row in found)
     files = ["curves.png", "statistics.json", table.FILE]
     figure(found, folder / person / files[0], "simulated" if simulated else "people")

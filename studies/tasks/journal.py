@@ -86,26 +86,37 @@ def opened(folder: Path) -> Iterator[Journal]:
 
 def _salvaged(journal: Journal) -> Journal:
     """Reads what is there, and cuts off what was being written when the last writer was killed."""
-    data = journal.path.read_bytes()
-    end = 0
-    for line in data.splitlines(keepends=True):
-        row = decoded(line)
-        journal._end += len(line)
-        if row is None:
-            journal.broken += 1
-        else:
-            journal.rows[row.key] = row
-            end = journal._end
-    if end < len(data):
-        tail = data[end:].splitlines()
-        journal.torn, journal.broken = True, journal.broken - len(tail)
-        os.ftruncate(journal._descriptor, end)
-    journal._end = end
+    _fill(journal)
+    if journal.torn:
+        os.ftruncate(journal._descriptor, journal._end)
     folder = os.open(journal.path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         os.fsync(folder)  # a new file's name must outlive a power cut, too
     finally:
         os.close(folder)
+    return journal
+
+
+def read(path: Path) -> Journal:
+    """Returns a journal's rows without opening it for writing; somebody may write to it. Raises OSError."""
+    return _fill(Journal(path))
+
+
+def _fill(journal: Journal) -> Journal:
+    """Reads the rows, and finds the end of the last whole one."""
+    data = journal.path.read_bytes()
+    end = done = 0
+    for line in data.splitlines(keepends=True):
+        row = decoded(line)
+        done += len(line)
+        if row is None:
+            journal.broken += 1
+        else:
+            journal.rows[row.key] = row
+            end = done
+    if end < len(data):
+        journal.torn, journal.broken = True, journal.broken - len(data[end:].splitlines())
+    journal._end = end
     return journal
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import json
+import re
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,7 +15,7 @@ from helpers.run import call
 from runtime.contracts.errors import RequestError
 from studies.ikns import grasping_person, people
 from studies.ikns.grasping_person import judged, ordered, session
-from studies.tasks import table
+from studies.tasks import journal, table
 from studies.toolkit.errors import StudyError
 
 
@@ -91,6 +93,58 @@ def test_a_person_who_isnt_through_isnt_in_the_table(tmp_path: Path, keys: list[
     with pytest.raises(KeyboardInterrupt):
         session(tmp_path, "P08", quick=True)
     assert {row["wearer"] for row in people.through(tmp_path)} == {"P07"}
+
+
+def test_a_trial_says_who_did_it_beside_what(tmp_path: Path, keys: list[str]) -> None:
+    keys += 8 * [""]
+    session(tmp_path, "P07", quick=True)
+    rows = people.through(tmp_path)
+    order = json.loads((tmp_path / "P07" / people.ORDER).read_text())["order"]
+    assert [[row["condition"], row["object"]] for row in rows] == order
+    assert [(row["wearer"], row["place"], row["simulated"]) for row in rows] == [("P07", i, True) for i in range(1, 5)]
+    assert {row["profile_sha256"] for row in table.read(tmp_path / "P07" / table.FILE)} == {"ab"}
+
+
+def in_the_middle(own: Path, whole: bytes) -> None:
+    """The second line can't be read, and the last trial isn't there."""
+    lines = whole.splitlines(keepends=True)
+    (own / journal.FILE).write_bytes(b"".join([lines[0], lines[1].replace(b"ikns", b"inks"), *lines[2:-1]]))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda own, whole: (own / people.ORDER).write_text("{"), "order.json is damaged"),
+        (lambda own, whole: (own / people.ORDER).write_text("[]"), "order.json is damaged"),
+        (lambda own, whole: (own / people.ORDER).write_bytes(b"\xff"), "order.json is damaged"),
+        (lambda own, whole: (own / journal.FILE).unlink(), "trials.journal isn't there"),
+        (lambda own, whole: [(own / journal.FILE).unlink(), (own / journal.FILE).mkdir()], "Is a directory"),
+        (in_the_middle, "lines of trials.journal are damaged: 1"),
+    ],
+)
+def test_trials_of_another_that_cannot_be_read_are_said(
+    tmp_path: Path, keys: list[str], spoil: Callable[[Path, bytes], Any], words: str
+) -> None:
+    keys += 16 * [""]
+    session(tmp_path, "P07", quick=True)
+    own = tmp_path / "P07"
+    spoil(own, (own / journal.FILE).read_bytes())
+    with pytest.raises(RequestError, match=re.escape(words)) as raised:
+        session(tmp_path, "P08", quick=True)
+    assert (raised.value.place, raised.value.remedy.partition(",")[0]) == (str(own), "Put it right")
+    own.rename(tmp_path.parent / f"{tmp_path.name}-P07")
+    session(tmp_path, "P08", quick=True)  # its trials were kept, nobody is asked
+    assert {row["wearer"] for row in people.through(tmp_path)} == {"P08"}
+
+
+def test_a_trial_that_was_being_written_is_no_damage(tmp_path: Path, keys: list[str]) -> None:
+    keys += 8 * [""]
+    session(tmp_path, "P07", quick=True)
+    own = tmp_path / "P07"
+    whole = (own / journal.FILE).read_bytes()
+    (own / journal.FILE).write_bytes(whole[:-10])
+    assert people.through(tmp_path) == []
+    assert (own / journal.FILE).read_bytes() == whole[:-10]  # who looks doesn't write
 
 
 def test_an_order_that_was_spoiled_is_refused(tmp_path: Path, keys: list[str]) -> None:

@@ -19,8 +19,9 @@ import pytest
 from helpers.run import Running, call, environment, srl
 
 from runtime.ipc.words import State
+from studies.ikns import people
 from studies.ikns.tracking_order import Entry, ordered
-from studies.ikns.tracking_person import key, session
+from studies.ikns.tracking_person import session
 from studies.tasks import journal
 from studies.tasks.task import DONE, Row, TrialTask
 
@@ -78,7 +79,7 @@ def row(who: str, entry: Entry, rmse: float) -> Row:
     values = {"rmse": rmse, "mean_error": rmse, "worst_step": 1.0, "hand_rms": hand, "hand_p95": hand, "hand_max": hand,
               "outside": 0.0, "held": 0.0, "simulated": False, "path": json.dumps([0.5] * 250)}  # fmt: skip
     task = TrialTask("ikns-tracking", "person", 1, parameters, "ikns-finger")
-    return Row(key(who, entry), task, "", DONE, values, "", 30.0, "", {})
+    return Row(people.key("ikns-tracking", who, entry), task, "", DONE, values, "", 30.0, "", {})
 
 
 @pytest.mark.slow
