@@ -67,3 +67,13 @@ def _knots(name: str) -> tuple[Array, Array]:
         times += [times[-1] + flat, times[-1] + flat + move]
         values += [values[-1], value]
     return np.array(times), np.array(values)
+
+
+def scores(t: Array, value: Array, name: str) -> dict[str, float]:
+    """How well a control value (n,) at t (n,) s followed a curve: % of the greatest value."""
+    error = 100.0 * (value - curve(name, t))
+    return {
+        "rmse": float(np.sqrt(np.mean(error**2))),
+        "mean_error": float(np.mean(np.abs(error))),
+        "worst_step": float(100.0 * np.abs(np.diff(value)).max(initial=0.0)),
+    }

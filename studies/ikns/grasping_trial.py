@@ -6,21 +6,18 @@ guard and servos to the contact with the object.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
 
-from runtime.contracts.files import Files
 from runtime.contracts.rotation import Pose
 from runtime.control.ikns.body import FRACTIONS
 from runtime.control.ikns.calibration import flipped
 from runtime.control.ikns.record import Record, parse
 from runtime.control.models import BodyModel
 from runtime.loop.lockstep import Lockstep
-from runtime.profile import profile, wiring
 from sim.parts.body.arm_posture import ArmPosture
 from sim.parts.body.upper_body import UpperBodyPart
 from sim.parts.hand.objects import ObjectPart
@@ -29,10 +26,10 @@ from sim.world.cell import Cell
 from studies.ikns.grasp import ASIDE, Task, grasp_trial, wrist
 from studies.ikns.grasp_cell import SERVO
 from studies.ikns.grasping_wearer import HAND, KINDS, VALUE, Grasping, heading
+from studies.ikns.rig import FILE, Rig
 from studies.tasks.task import Value
 
 PROFILE: Final = "ikns-finger"
-CALIBRATION: Final = "ikns-finger.calibration.json"  # as the profile names it
 STATURE: Final = 1.75
 """m, of the wearer for whom the lengths below are meant; chair and table are set to each."""
 BELOW: Final = 0.31  # m, of the table's top below the jugular notch: 0.45 for the seat and 0.58, less 0.72
@@ -131,14 +128,11 @@ def _lockstep(
     forearm = options.get("models.wearer", {}).get("lengths", {}).get("forearm", FRACTIONS["forearm"] * STATURE)
     parts, half = "sim.parts", 0.5**0.5
     waits = [start[0] + 0.2, start[1] + 0.5, table + YCB[code].height / 2 + 1e-4]
-    file = parse(parameters["calibration"].encode(), CALIBRATION)
+    file = parse(parameters["calibration"].encode(), FILE)
     if inwards(file) == bool(parameters.get("outwards", False)):
         file = turned_round(file)
     own: dict[str, Any] = {
-        "seed": seed,
         "input": condition,
-        f"{parts}.wearer.plan": [],
-        f"{parts}.wearer.watches": {},
         f"{parts}.wearer.carried": parameters.get("carried", CARRIED),
         f"{parts}.table": {
             "part": "table", "size": [0.5, 0.9], "at": {"position": [start[0], 0.0, table]},
@@ -159,9 +153,7 @@ def _lockstep(
     }  # fmt: skip
     if condition == "ring":
         own["sim.devices.ring"] = {"presses": []}
-    overrides = [f"{key}={json.dumps(value)}" for key, value in {**options, **own}.items()]
-    files = Files(recorded={CALIBRATION: file.model_dump_json().encode()})
-    return Lockstep(wiring.build(*profile.parse(f"{PROFILE}.yaml", text, overrides, files), []))
+    return Rig(text, {**options, **own}, seed, file.model_dump_json()).lockstep
 
 
 def inwards(file: Record) -> bool:

@@ -1,4 +1,4 @@
-"""A wearer in lockstep for the studies of several degrees of freedom and of robustness, and its k-DoF calibration."""
+"""A wearer in lockstep for the studies of IKNS, and its k-DoF calibration."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ from runtime.control.ikns.record import Record
 from runtime.ipc.requests import RequestKind
 from runtime.loop.lockstep import Lockstep
 from runtime.profile import profile, wiring
+from runtime.profile.profile import Profile
+from runtime.profile.source import Source
 from sim.parts.body.instructions import Dof, Explore, Hold, Instruction
 from sim.parts.body.upper_body import UpperBodyPart
 from sim.world.cell import Cell
@@ -28,10 +30,26 @@ FILE: Final = "ikns-finger.calibration.json"  # as the profile ikns-finger names
 DOFS: Final[tuple[Dof, ...]] = ("swivel", "shrug", "protraction")
 """In the order of the signal `world.wearer_dofs`."""
 _PATIENCE: Final = 20.0  # s for the hand to come to a point
-_DATE: Final = datetime.date(2024, 1, 1)  # of simulated calibrations: a task depends on no clock
+DATE: Final = datetime.date(2024, 1, 1)  # of simulated calibrations: a task depends on no clock
 _EXPLORATION: Final = 20.0  # s; it only says how large the workspace is
 _HELD: Final = 5.0  # s of each trial
 _CORNERS: Final = (*product((-1.0, 1.0), repeat=3), (0.0, 0.0, -1.0), (0.0, 0.0, 1.0))
+
+
+def worn(text: str, overrides: Mapping[str, Any], seed: int, calibration: str = "") -> tuple[Profile, Source]:
+    """A profile with a simulated wearer who does what a trial tells it.
+
+    Args:
+        text: the profile's.
+        overrides: what else is set, by key path.
+        seed: of the world.
+        calibration: content of the file that the profile names `FILE`; empty: there is none.
+    """
+    # What the wearer sees is what the trial shows it, not the finger.
+    own = {"sim.parts.wearer.plan": [], "sim.parts.wearer.watches": {}, "seed": seed}
+    words = [f"{key}={json.dumps(value)}" for key, value in {**overrides, **own}.items()]
+    files = Files(recorded={FILE: calibration.encode()} if calibration else {})
+    return profile.parse("study.yaml", text, words, files)
 
 
 class Rig:
@@ -46,18 +64,8 @@ class Rig:
     """
 
     def __init__(self, text: str, overrides: Mapping[str, Any], seed: int, calibration: str = "") -> None:
-        """
-        Args:
-            text: the profile's.
-            overrides: what else is set, by key path.
-            seed: of the world.
-            calibration: content of the file that the profile names `FILE`.
-        """
-        # What the wearer sees is what the trial shows it, not the finger.
-        own = {"sim.parts.wearer.plan": [], "sim.parts.wearer.watches": {}, "seed": seed}
-        words = [f"{key}={json.dumps(value)}" for key, value in {**overrides, **own}.items()]
-        files = Files(recorded={FILE: calibration.encode()})
-        self.lockstep = Lockstep(wiring.build(*profile.parse("study.yaml", text, words, files), []))
+        """Arguments: as of `worn`."""
+        self.lockstep = Lockstep(wiring.build(*worn(text, overrides, seed, calibration), []))
         graph = self.lockstep.graph
         (part,) = (p for p in cast(Cell, graph.world).parts.values() if isinstance(p, UpperBodyPart))
         self.wearer, self.views, self.rate = part.wearer, graph.row.views, float(graph.profile.rate)
@@ -138,7 +146,7 @@ class Instructed:
         for reason in refusals(found, thresholds):
             raise reason
         made = Record.of(
-            found, thresholds, person="simulated", simulated=True, date=_DATE, rate=self.rate, frame="chest",
+            found, thresholds, person="simulated", simulated=True, date=DATE, rate=self.rate, frame="chest",
             joints=self.joints, dofs=tuple(dofs),
         )  # fmt: skip
         return made, found

@@ -14,7 +14,7 @@ from runtime.control.ikns import record
 from runtime.ipc.requests import RequestKind
 from runtime.ipc.words import State
 from sim.parts.body.instructions import Follow, Hold
-from studies.ikns.curves import SETTLE, curve
+from studies.ikns.curves import SETTLE, curve, scores
 from studies.ikns.rig import FILE, Rig
 from studies.tasks.task import Value
 
@@ -73,7 +73,7 @@ def trial(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Valu
     t = np.arange(1, count + 1) / rig.rate - SETTLE
     counts = t > 0.0
     return {
-        "rmse": 100.0 * float(np.sqrt(np.mean((c[counts] - curve(CURVE, t[counts])) ** 2))),
+        "rmse": scores(t[counts], c[counts], CURVE)["rmse"],
         "worst_c": float(np.abs(np.diff(c[counts])).max() * rig.rate),
         "worst_command": float(np.abs(np.diff(command[counts], axis=0)).max() * rig.rate),
         "held": float(held[counts].mean()),

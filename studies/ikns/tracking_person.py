@@ -22,10 +22,10 @@ from runtime.panel.screen import Screen
 from runtime.panel.trial import ScreenTrial, Trial
 from runtime.profile.plots import pick
 from studies.ikns import people
-from studies.ikns.curves import SECONDS, SETTLE, curve
+from studies.ikns.curves import SECONDS, SETTLE, curve, scores
 from studies.ikns.tracking_analysis import analysed, figure
 from studies.ikns.tracking_order import NAME, REPETITIONS, Entry, ordered
-from studies.ikns.tracking_trial import COARSE, PROFILE, VALUE, scores, stillness
+from studies.ikns.tracking_trial import COARSE, PROFILE, VALUE, stillness
 from studies.result import Result
 from studies.tasks import table
 from studies.tasks.task import Value

@@ -5,7 +5,6 @@ The profile itself runs in lockstep, from the markers that the simulated cameras
 
 from __future__ import annotations
 
-import datetime
 import json
 import math
 from collections.abc import Mapping
@@ -18,7 +17,6 @@ from runtime.calibration import result as results
 from runtime.calibration.guide import Guide, QuitError
 from runtime.calibration.screen import Plain
 from runtime.calibration.sources import LOOK, Simulated
-from runtime.contracts.files import Files
 from runtime.contracts.signals import Array
 from runtime.contracts.wearer import Follow, Hold
 from runtime.control.ikns import record
@@ -26,20 +24,15 @@ from runtime.control.ikns.calibration import CalibrationError, Thresholds
 from runtime.control.ikns.procedure import Plan, Procedure
 from runtime.control.ikns.record import RecordError
 from runtime.control.ikns.sibson import Sibson
-from runtime.loop.lockstep import Lockstep
-from runtime.profile import profile, wiring
-from runtime.profile.profile import Profile
-from runtime.profile.source import Source
 from sim.devices.gamepad.fake import FakeGamepad
 from sim.parts.body.wearer_config import Tracking
-from studies.ikns.curves import SECONDS, SETTLE, curve
+from studies.ikns.curves import SECONDS, SETTLE, curve, scores
+from studies.ikns.rig import DATE, FILE, Rig, worn
 from studies.ikns.trigger import TriggerFinger
 from studies.tasks.task import Value
 
 PROFILE: Final = "ikns-finger"
-CALIBRATION: Final = "ikns-finger.calibration.json"  # as the profile names it
 VALUE: Final = "intent.c"
-_DATE: Final = datetime.date(2024, 1, 1)  # of simulated calibrations: a task depends on no clock
 _PATIENCE: Final = 600.0  # s that a simulated calibration may take
 COARSE: Final = 10  # Hz, of the path that is kept for the figure
 
@@ -55,7 +48,7 @@ def calibration(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str
         `calibration`: the file's content, empty if it is `refused`, which says why; figures of its quality.
     """
     dofs, thresholds = ("swivel",), Thresholds()
-    checked, source = _parsed(text, parameters, seed, {})
+    checked, source = worn(text, parameters["set"], seed)
     made, cut = cutting.cut(checked, source, parameters["person"], dofs, thresholds, sim=True)
     simulated = Simulated(made, cut, lambda _: None)
     seconds = 0.0
@@ -68,7 +61,7 @@ def calibration(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str
     guide = Guide(simulated, Procedure(dofs, thresholds, Plan(**parameters["plan"])), Plain(lambda _: None), over)
     try:
         guide.run()
-        result = results.compute(simulated.taps, guide.samples, _DATE)
+        result = results.compute(simulated.taps, guide.samples, DATE)
         if result.refusals:
             raise result.refusals[0]
         content = result.record().model_dump_json()
@@ -102,15 +95,9 @@ def trial(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Valu
         rmse, mean_error, worst_step: % of the greatest value; hand_rms, hand_p95, hand_max: m from its mean place;
         outside, held: share of the 25 s; path: JSON, the value each 0.1 s, from 0.1 s on.
     """
-    files = {CALIBRATION: parameters["calibration"].encode()}
-    lockstep = Lockstep(wiring.build(*_parsed(text, parameters, seed, files), []))
-    graph = lockstep.graph
-    assert graph.world is not None
-    wearer = graph.world.wearer
-    assert wearer is not None
-    c = graph.row.views[VALUE]
-    name, rate = parameters["curve"], float(graph.profile.rate)
-    sites = record.parse(parameters["calibration"].encode(), CALIBRATION).calibration().sites
+    rig = Rig(text, parameters["set"], seed, parameters["calibration"])
+    wearer, c, name, rate = rig.wearer, rig.views[VALUE], parameters["curve"], rig.rate
+    sites = record.parse(parameters["calibration"].encode(), FILE).calibration().sites
     x, y, z = sites.mean(axis=0).tolist()
     hull = Sibson(sites)
     times = np.arange(0.0, SETTLE + SECONDS + 1.0, 0.02)
@@ -120,21 +107,21 @@ def trial(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Valu
         wearer.instruct(Hold((x, y, z)))
         tracking = Tracking.model_validate(parameters["tracking"])
         trigger = TriggerFinger(tracking, seed=seed, **parameters["trigger"])
-        (pad,) = (d.driver for d in lockstep.devices if isinstance(d.driver, FakeGamepad))
+        (pad,) = (d.driver for d in rig.lockstep.devices if isinstance(d.driver, FakeGamepad))
     else:
         wearer.instruct(Follow(cast(Any, times), cast(Any, shown[:, None]), ("swivel",), (x, y, z)))
     late = max(round(parameters["display"] * rate), 0)
     count = round((SETTLE + SECONDS) * rate)
     values, hands, held = np.zeros(count), np.zeros((count, 3)), np.zeros(count)
-    hand = graph.row.views["world.wearer_hand"]
-    law_held = graph.row.views.get("intent.held")
+    hand = rig.views["world.wearer_hand"]
+    law_held = rig.views.get("intent.held")
     for k in range(count):
         seen = float(values[max(k - 1 - late, 0)])
         if trigger is None:
             wearer.see([seen])
         else:
             pad.hold("right_trigger", trigger.until((k + 1) / rate, lambda t: float(np.interp(t, times, shown)), seen))
-        lockstep.step()
+        rig.step()
         values[k], hands[k] = c.item(), hand[:3]
         held[k] = 0.0 if law_held is None else law_held.item()
     t = np.arange(1, count + 1) / rate - SETTLE
@@ -149,16 +136,6 @@ def trial(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Valu
     }
 
 
-def scores(t: Array, value: Array, name: str) -> dict[str, float]:
-    """How well a control value (n,) at t (n,) s followed a curve: % of the greatest value."""
-    error = 100.0 * (value - curve(name, t))
-    return {
-        "rmse": float(np.sqrt(np.mean(error**2))),
-        "mean_error": float(np.mean(np.abs(error))),
-        "worst_step": float(100.0 * np.abs(np.diff(value)).max(initial=0.0)),
-    }
-
-
 def stillness(hand: Array) -> dict[str, float]:
     """How far a hand (n, 3) m was from its mean place."""
     away = np.linalg.norm(hand - hand.mean(axis=0), axis=1)
@@ -167,12 +144,3 @@ def stillness(hand: Array) -> dict[str, float]:
         "hand_p95": float(np.percentile(away, 95)),
         "hand_max": float(away.max()),
     }
-
-
-def _parsed(text: str, parameters: Mapping[str, Any], seed: int, files: Mapping[str, bytes]) -> tuple[Profile, Source]:
-    """The profile for one wearer. `files`: the content of those that it names, as if they had been recorded."""
-    part = "sim.parts.wearer"
-    # What the wearer sees is the screen, not the finger.
-    own = {f"{part}.plan": [], f"{part}.watches": {}, "seed": seed}
-    overrides = [f"{key}={json.dumps(value)}" for key, value in {**parameters["set"], **own}.items()]
-    return profile.parse(f"{PROFILE}.yaml", text, overrides, Files(recorded=files))

@@ -18,17 +18,17 @@ from runtime.control.models import BodyModel
 from sim.parts.body import arm_posture
 from sim.parts.hand.ycb import YCB
 from sim.world.cell import Cell
-from studies.ikns import grasping
+from studies.ikns import grasping, rig
 from studies.ikns.grasp import Task, grasp_trial, wrist
 from studies.ikns.grasping_analysis import analysed, counted, exact
-from studies.ikns.grasping_trial import CALIBRATION, OPTIONS, Setting, inwards, trial, turned_round
+from studies.ikns.grasping_trial import OPTIONS, Setting, inwards, trial, turned_round
 from studies.ikns.grasping_wearer import KINDS, hand_at, heading
 from studies.ikns.tracking import Calibrated
 from studies.ikns.wearers import wearers
 
 PROFILE = (resources.files("profiles") / "ikns-finger.yaml").read_text()
 SHIPPED = (resources.files("profiles") / "ikns-finger.calibration.json").read_text()
-FILE = parse(SHIPPED.encode(), CALIBRATION)
+FILE = parse(SHIPPED.encode(), rig.FILE)
 CHEST = (0.0, 0.0, 1.1, 1.0, 0.0, 0.0, 0.0)
 
 

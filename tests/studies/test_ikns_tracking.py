@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from studies.ikns import tracking
-from studies.ikns.curves import KINDS, SECONDS, curve
+from studies.ikns.curves import KINDS, SECONDS, curve, scores
 from studies.ikns.published import RMSE
 from studies.ikns.tracking_analysis import analysed, figure, means
 from studies.ikns.tracking_order import CONDITIONS, ordered
-from studies.ikns.tracking_trial import calibration, scores, stillness, trial
+from studies.ikns.tracking_trial import calibration, stillness, trial
 from studies.ikns.wearers import wearers
 from studies.tasks.task import DONE, Row, TrialTask, flat
 from studies.toolkit.statistics import paired_t, tost
