@@ -34,8 +34,7 @@ _LINEAR, _APART, _STILL = 0.05, 1.0, 20.0  # share of the range; points of RMSE;
 def run(folder: Path, quick: bool, runner: Runner) -> Result:
     """Runs all trials; `quick`: one wearer and one pair."""
     count = 1 if quick else WEARERS
-    (kept := folder / "calibrations").mkdir(exist_ok=True)
-    made = runner.rows(_calibrations(count), kept)
+    made = runner.rows(_calibrations(count), folder / "calibrations")
     names = list(SETS)[:1] if quick else list(SETS)
     rows = runner.rows(
         [task for row in made for name in names if _usable(row, name) for task in _trials(row, name)], folder

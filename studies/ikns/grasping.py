@@ -44,7 +44,7 @@ def study(folder: Path, runner: Runner, who: Sequence[Wearer], codes: Sequence[s
     """Runs the trials of these wearers with these objects and judges the claims. Rows: folder/trials/rows.parquet."""
     found = calibrated(who, folder, runner)
     tasks = [task for one in found if one.content for task in trials(one, codes)]
-    rows = [plain(row) for row in rows_of(runner, tasks, folder / "trials") if row.done]
+    rows = [plain(row) for row in runner.rows(tasks, folder / "trials") if row.done]
     claims, table, statistics = analysed(rows)
     statistics["refused"] = {one.wearer.name: one.refused for one in found if one.refused}
     statistics["excluded"] = [one.wearer.name for one in found if not one.content]
@@ -88,12 +88,6 @@ def plain(row: Row) -> dict[str, Any]:
     return {name: row.task.parameters[name] for name in ("wearer", "condition", "object")} | row.values
 
 
-def rows_of(runner: Runner, tasks: Sequence[TrialTask], folder: Path) -> list[Row]:
-    """The rows of tasks, in a folder of their own."""
-    folder.mkdir(exist_ok=True)
-    return runner.rows(tasks, folder)
-
-
 def sweep(folder: Path, runner: Runner) -> list[dict[str, Any]]:
     """Changes one assumption at a time, for the first wearers and all objects, IKNS alone."""
     ready = [one for one in calibrated(wearers(_SWEPT), folder, runner) if one.content]
@@ -103,7 +97,7 @@ def sweep(folder: Path, runner: Runner) -> list[dict[str, Any]]:
             for code in YCB:
                 tasks.append(swept(one, condition, code, change))
                 labels.append(label)
-    rows = rows_of(runner, tasks, folder / "sweep")
+    rows = runner.rows(tasks, folder / "sweep")
     found = []
     for label in dict.fromkeys(labels):
         chosen = [plain(row) for row, own in zip(rows, labels, strict=True) if own == label and row.done]

@@ -65,7 +65,7 @@ def study(
     rows = {}
     for model in models:
         tasks = [task for one in ready for task in trials(one, model, repetitions)]
-        rows[model] = [plain(row) for row in _rows(runner, tasks, folder / model) if row.done]
+        rows[model] = [plain(row) for row in runner.rows(tasks, folder / model) if row.done]
     claims, table, statistics = analysed(rows, simulated=True)
     statistics["refused"] = {one.wearer.name: one.refused for one in found if one.refused}
     statistics["excluded"] = [one.wearer.name for one in found if not one.content]
@@ -89,7 +89,7 @@ def calibrated(who: Sequence[Wearer], folder: Path, runner: Runner) -> list[Cali
         ]  # fmt: skip
         if not tasks:
             break
-        for one, row in zip(left, _rows(runner, tasks, folder / f"calibration-{attempt}"), strict=True):
+        for one, row in zip(left, runner.rows(tasks, folder / f"calibration-{attempt}"), strict=True):
             before = found[one.name]
             reason = row.error or str(row.values["refused"])
             content = str(row.values.get("calibration", ""))
@@ -132,11 +132,6 @@ def settings(one: Wearer, condition: str, model: str, a: Mapping[str, Any] | Non
     return given if condition != "ikns" else given | {"sim.devices.mocap.noise": a["marker_noise"]}
 
 
-def _rows(runner: Runner, tasks: Sequence[TrialTask], folder: Path) -> list[Row]:
-    folder.mkdir(exist_ok=True)
-    return runner.rows(tasks, folder)
-
-
 def plain(row: Row) -> dict[str, Any]:
     """What the analysis needs of a row."""
     names = ("wearer", "condition", "model", "curve", "repetition", "place")
@@ -152,7 +147,7 @@ def sweep(folder: Path, runner: Runner) -> list[dict[str, Any]]:
     asked = [(label, one) for label, changed, model in _changes() for one in swept(ready, changed, model)]
     # Where a change doesn't concern a condition, its trials are those without the change.
     unique = {one.identity: one for _, one in asked}
-    rows = dict(zip(unique, _rows(runner, list(unique.values()), folder / "sweep"), strict=True))
+    rows = dict(zip(unique, runner.rows(list(unique.values()), folder / "sweep"), strict=True))
     found = []
     for label in dict.fromkeys(label for label, _ in asked):
         own = [rows[one.identity] for of, one in asked if of == label]

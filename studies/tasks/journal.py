@@ -62,13 +62,14 @@ class Journal:
 
 @contextmanager
 def opened(folder: Path) -> Iterator[Journal]:
-    """Opens the journal of a folder, new or old.
+    """Opens the journal of a folder; both may be new.
 
     Raises:
         StudyError: it can't be opened, or somebody else writes to it.
     """
     path = folder / FILE
     try:
+        folder.mkdir(parents=True, exist_ok=True)
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     except OSError as error:
         raise StudyError(str(path), f"it can't be opened: {error.strerror}", "Name another folder by --out") from None

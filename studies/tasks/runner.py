@@ -42,8 +42,8 @@ class Runner:
     def rows(self, tasks: Sequence[TrialTask], folder: Path) -> list[Row]:
         """Returns the tasks' rows, in the tasks' order; the same ones on any engine.
 
-        They are in `folder`: each in the journal as soon as it is there, all in `rows.parquet` at the end, or at the
-        end of an interrupted run those that are there. Trials that failed have rows without values.
+        They are in `folder`, which may be new: each in the journal as soon as it is there, all in `rows.parquet` at the
+        end, or at the end of an interrupted run those that are there. Trials that failed have rows without values.
 
         Raises:
             StudyError: two tasks are the same, or rows can't be kept.

@@ -17,6 +17,7 @@ from studies.tasks import environment, journal, runner, table
 from studies.tasks.local import LocalEngine
 from studies.tasks.task import Row
 from studies.tasks.worker import ProgramError
+from studies.toolkit.errors import StudyError
 
 
 @pytest.fixture
@@ -33,7 +34,6 @@ def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
 
 
 def run(toy: Any, folder: Path, workers: int, retry: bool = False) -> list[Row]:
-    folder.mkdir(exist_ok=True)
     made = runner.runner(workers=workers, retry=retry)
     rows: list[Row] = made.rows(toy.tasks(folder), folder)
     assert made.failed == sum(not row.done for row in rows)
@@ -55,6 +55,12 @@ def test_rows_are_the_same_with_any_number_of_workers_and_arent_computed_twice(t
     again = run(toy, tmp_path / "one", 2)
     assert [row.worker for row in again] == workers
     assert lines(tmp_path / "one") == 12
+
+
+def test_a_folder_that_cannot_be_made_is_said(toy: Any, tmp_path: Path) -> None:
+    (tmp_path / "out").write_text("a file")
+    with pytest.raises(StudyError, match="can't be opened: Not a directory"):
+        run(toy, tmp_path / "out" / "toy", 1)
 
 
 def test_a_worker_that_is_killed_costs_no_row(toy: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
