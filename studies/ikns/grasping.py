@@ -15,6 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from sim.parts.hand.ycb import YCB
+from studies.ikns.grasp_table import WEAK
 from studies.ikns.grasping_analysis import analysed, counted
 from studies.ikns.grasping_person import NAME, QUICK, session
 from studies.ikns.grasping_trial import AIM, OPTIONS, PROFILE
@@ -121,11 +122,7 @@ def changes() -> Iterator[tuple[str, str, Mapping[str, Any]]]:
         )
     for skin in (0.40, 0.84):
         yield f"friction of the skin {skin}", "ikns", {"skin": skin}
-    yield (
-        "servos of 0.14 N m",
-        "ikns",
-        {"servo": {"stall_torque": 0.14, "no_load_speed": 8.0, "stiffness": 3.0, "damping": 0.05}},
-    )
+    yield f"servos of {WEAK['stall_torque']} N m", "ikns", {"servo": WEAK}
     for aim in (0.0, 2 * AIM, 3 * AIM):
         yield f"aim {1e3 * aim:.0f} mm instead of {1e3 * AIM:.0f}", "ikns", {"aim": aim}
     for factor in (0.5, 2.0):
