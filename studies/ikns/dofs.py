@@ -13,6 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from studies.ikns.columns import mean, most
 from studies.ikns.wearers import assumed, wearers
 from studies.result import Claim, Result
 from studies.tasks.runner import Runner
@@ -95,19 +96,19 @@ def _lines(name: str, made: list[Row], rows: list[Row]) -> Iterable[dict[str, An
             "dof": dof,
             "wearers": len(calibrations),
             "refused": len(made) - len(calibrations),
-            "range deg": _mean(calibrations, f"range_{dof}"),
+            "range deg": mean(calibrations, f"range_{dof}"),
             # How much of this DoF's range moves when another moves: the worse of the others.
             "in sample": _worst(calibrations, f"{name}.linear", dof, others),
             "again": _worst(again, "linear", dof, others),
             "between": _worst(between, "linear", dof, others),
             "between, span": _worst(between, "span", dof, others),
-            "c per mm": _mean(_of(rows, name, "noise"), f"noise_{dof}"),
-            "leak rms mm": 1e3 * _mean(between, f"leak_rms_{dof}"),
-            "leak max mm": 1e3 * _most(between, f"leak_max_{dof}"),
+            "c per mm": mean(_of(rows, name, "noise"), f"noise_{dof}"),
+            "leak rms mm": 1e3 * mean(between, f"leak_rms_{dof}"),
+            "leak max mm": 1e3 * most(between, f"leak_max_{dof}"),
             "target": targets[j],
-            "rmse alone": _mean(alone, f"rmse_{dof}"),
-            "rmse at once": _mean(both, f"rmse_{dof}"),
-            "leak at once, max mm": 1e3 * _most(both, "leak_max"),
+            "rmse alone": mean(alone, f"rmse_{dof}"),
+            "rmse at once": mean(both, f"rmse_{dof}"),
+            "leak at once, max mm": 1e3 * most(both, "leak_max"),
         }
 
 
@@ -122,12 +123,12 @@ def _claims(names: list[str], made: list[Row], rows: list[Row]) -> list[Claim]:
     ]
     pairs = [name for name in names if len(SETS[name]) == 2]
     worse = [
-        _mean(_of(rows, name, "tracking", targets=list(_BOTH)), f"rmse_{dof}")
-        - _mean(_of(rows, name, "tracking", targets=list(_ONE[j])), f"rmse_{dof}")
+        mean(_of(rows, name, "tracking", targets=list(_BOTH)), f"rmse_{dof}")
+        - mean(_of(rows, name, "tracking", targets=list(_ONE[j])), f"rmse_{dof}")
         for name in pairs
         for j, dof in enumerate(SETS[name])
     ]
-    leak = 1e3 * max(_most(_of(rows, name, "tracking", targets=list(_BOTH)), "leak_max") for name in pairs)
+    leak = 1e3 * max(most(_of(rows, name, "tracking", targets=list(_BOTH)), "leak_max") for name in pairs)
     at_most = float(np.max(np.array(linear, dtype=float))) if linear else float("nan")
     apart = float(np.max(worse))
     return [
@@ -148,12 +149,4 @@ def _claims(names: list[str], made: list[Row], rows: list[Row]) -> list[Claim]:
 
 
 def _worst(found: list[Mapping[str, Any]], what: str, dof: str, others: list[str]) -> float:
-    return float(np.max([_mean(found, f"{what}_{dof}_{other}") for other in others]))
-
-
-def _mean(found: list[Mapping[str, Any]], key: str) -> float:
-    return float(np.mean([values[key] for values in found])) if found else float("nan")
-
-
-def _most(found: list[Mapping[str, Any]], key: str) -> float:
-    return float(np.max([values[key] for values in found])) if found else float("nan")
+    return float(np.max([mean(found, f"{what}_{dof}_{other}") for other in others]))

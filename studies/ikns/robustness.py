@@ -17,6 +17,7 @@ from typing import Any, Final
 import numpy as np
 
 from runtime.contracts.signals import Array
+from studies.ikns.columns import mean, most
 from studies.ikns.rig import FILE
 from studies.ikns.robustness_trial import MARKERS
 from studies.ikns.wearers import assumed
@@ -107,28 +108,28 @@ def _line(condition: Condition, found: dict[tuple[str, str, bool, int], Row], co
         (found.get((condition.what, condition.much, False, s)), found.get(("nothing", "", False, s))) for s in seeds
     ]
     apart = [_apart(own, base) for own, base in open_loop if own and base]
-    rmse = [float(str(values["rmse"])) for values in closed]
+    rmse: list[Any] = [values["rmse"] for values in closed]
     low, high = interval(rmse) if len(rmse) > 1 else (float("nan"), float("nan"))
     return {
         "what": condition.what,
         "much": condition.much,
         "trials": len(closed),
-        "rmse": _mean(rmse),
+        "rmse": mean(closed, "rmse"),
         "low": low,
         "high": high,
-        "open rms": _mean([off[0] for off in apart]) if condition.open else None,
-        "open max": _mean([off[1] for off in apart]) if condition.open else None,
-        "fastest c, 1/s": _most(closed, "worst_c"),
-        "fastest command, rad/s": _most(closed, "worst_command"),
-        "held": _mean([float(str(values["held"])) for values in closed]),
+        "open rms": mean(apart, "rms") if condition.open else None,
+        "open max": mean(apart, "max") if condition.open else None,
+        "fastest c, 1/s": most(closed, "worst_c"),
+        "fastest command, rad/s": most(closed, "worst_command"),
+        "held": mean(closed, "held"),
         "stops": sum(int(str(values["stops"])) for values in closed),
     }
 
 
-def _apart(own: Row, base: Row) -> tuple[float, float]:
-    """rms and largest distance of c from c of the same motion with nothing wrong, % of the range."""
+def _apart(own: Row, base: Row) -> dict[str, float]:
+    """How far c is from c of the same motion with nothing wrong, `rms` and `max`, % of the range."""
     off: Array = np.array(json.loads(str(own.values["path"]))) - np.array(json.loads(str(base.values["path"])))
-    return 100.0 * float(np.sqrt(np.mean(off**2))), 100.0 * float(np.abs(off).max())
+    return {"rms": 100.0 * float(np.sqrt(np.mean(off**2))), "max": 100.0 * float(np.abs(off).max())}
 
 
 def _claims(table: list[dict[str, Any]]) -> list[Claim]:
@@ -168,11 +169,3 @@ def _draw(file: Path, table: list[dict[str, Any]]) -> None:
     axes[0].set_yticks(at, [f"{line['what']} {line['much']}".strip() for line in table])
     figure.suptitle("ikns-finger with something wrong (simulated)")
     figure.savefig(file, dpi=120)
-
-
-def _mean(values: list[float]) -> float:
-    return float(np.mean(values)) if values else float("nan")
-
-
-def _most(found: list[dict[str, Any]], key: str) -> float:
-    return float(np.max([values[key] for values in found])) if found else float("nan")
