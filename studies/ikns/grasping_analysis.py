@@ -9,7 +9,7 @@ from typing import Any, Final
 from sim.parts.hand.ycb import YCB
 from studies.ikns.published import GRASPS, MEDIAN_INCREASE, SECONDS
 from studies.result import Claim
-from studies.toolkit.statistics import SignTest, sign_test, summary
+from studies.toolkit.statistics import SignTest, proportion, sign_test, summary
 
 _LEVEL: Final = 0.05
 _CONDITIONS: Final = ("ikns", "ring")
@@ -45,7 +45,7 @@ def counted(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     good = [row for row in rows if row["success"]]
     times = summary([row["duration"] for row in good]) if good else None
     reasons = sorted({str(row["reason"]) for row in rows if not row["success"]})
-    low, high = exact(len(good), len(rows)) if rows else (0.0, 1.0)
+    low, high = proportion(len(good), len(rows)) if rows else (0.0, 1.0)
     return {
         "successes": len(good),
         "of": len(rows),
@@ -69,14 +69,6 @@ def by_wearer(both: Sequence[tuple[str, str]], done: Mapping[str, Mapping[tuple[
     return {"wearers": len(medians), "ring faster": test.more, "ring slower": test.less, "p": test.p}
 
 
-def exact(k: int, n: int, level: float = 0.95) -> tuple[float, float]:
-    """Returns the exact interval (Clopper and Pearson 1934) of the probability behind k successes of n > 0."""
-    from scipy import stats
-
-    found = stats.binomtest(k, n).proportion_ci(level, method="exact")
-    return float(found.low), float(found.high)
-
-
 def _of(rows: Sequence[Mapping[str, Any]], condition: str) -> list[Mapping[str, Any]]:
     return [row for row in rows if row["condition"] == condition]
 
@@ -97,7 +89,7 @@ def _success(rows: Sequence[Mapping[str, Any]]) -> Claim:
     """Holds if the published share lies within the exact interval of ours, or ours is above it."""
     k, n = sum(bool(row["success"]) for row in rows), len(rows)
     good, of = GRASPS["ikns"]
-    low, high = exact(k, n)
+    low, high = proportion(k, n)
     words = f"with IKNS no fewer succeed than in the paper; ours: {k} of {n}, exact 95 % {low:.3f} to {high:.3f}"
     return Claim(
         id="success-rate", text=words, paper=f"{good} of {of}", measured=100.0 * k / n, unit="%",

@@ -1,4 +1,4 @@
-"""Summaries and tests of paired samples: the same subjects under two conditions."""
+"""Summaries, intervals, and tests of paired samples: the same subjects under two conditions."""
 
 from __future__ import annotations
 
@@ -174,6 +174,20 @@ def interval(values: ArrayLike, level: float = 0.95, place: str = "interval") ->
 
     reach = float(stats.t.ppf((1 + level) / 2, len(found) - 1)) * float(np.std(found, ddof=1)) / math.sqrt(len(found))
     return float(np.mean(found)) - reach, float(np.mean(found)) + reach
+
+
+def proportion(k: int, n: int, level: float = 0.95, place: str = "proportion") -> tuple[float, float]:
+    """Returns the exact interval (Clopper and Pearson 1934) of the probability behind k successes of n > 0.
+
+    Raises:
+        StudyError: there are no trials, or not as many.
+    """
+    if not 0 <= k <= n or n == 0:
+        raise StudyError(place, f"{k} successes of {n}", "Give the successes, and the number of all trials")
+    from scipy import stats
+
+    found = stats.binomtest(k, n).proportion_ci(level, method="exact")
+    return float(found.low), float(found.high)
 
 
 def shapiro_wilk(values: ArrayLike, place: str = "Shapiro-Wilk test") -> ShapiroWilk:

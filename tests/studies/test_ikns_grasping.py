@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from runtime.contracts.rotation import conjugate, log, matrix, product
 from runtime.control.ikns.record import parse
@@ -20,7 +19,7 @@ from sim.parts.hand.ycb import YCB
 from sim.world.cell import Cell
 from studies.ikns import grasping, rig
 from studies.ikns.grasp import Task, grasp_trial, wrist
-from studies.ikns.grasping_analysis import analysed, counted, exact
+from studies.ikns.grasping_analysis import analysed, counted
 from studies.ikns.grasping_trial import OPTIONS, Setting, inwards, trial, turned_round
 from studies.ikns.grasping_wearer import KINDS, hand_at, heading
 from studies.ikns.tracking import Calibrated
@@ -213,16 +212,6 @@ def test_nobody_gives_no_claims() -> None:
     claims, _, statistics = analysed([])
     assert claims == []
     json.dumps(statistics)
-
-
-@pytest.mark.parametrize(("k", "n"), [(0, 10), (88, 100), (50, 50), (3, 7)])
-def test_the_exact_interval_cuts_tails_of_a_fortieth(k: int, n: int) -> None:
-    low, high = exact(k, n)
-    assert low <= k / n <= high
-    if k > 0:
-        assert stats.binom.sf(k - 1, n, low) == pytest.approx(0.025, abs=1e-6)
-    if k < n:
-        assert stats.binom.cdf(k, n, high) == pytest.approx(0.025, abs=1e-6)
 
 
 def test_failures_are_counted_by_reason() -> None:

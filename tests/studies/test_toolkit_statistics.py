@@ -18,6 +18,7 @@ from studies.toolkit.statistics import (
     interval,
     level,
     paired_t,
+    proportion,
     shapiro_wilk,
     sign_test,
     stars,
@@ -58,6 +59,22 @@ def test_the_paired_t_test_is_scipys(pairs: list[tuple[float, float]]) -> None:
     assert found.t == pytest.approx(by_hand, rel=1e-9, abs=1e-12)
     assert (found.t, found.p) == pytest.approx((theirs.statistic, theirs.pvalue), rel=1e-6, abs=1e-12)
     assert found.freedom == len(pairs) - 1
+
+
+@pytest.mark.parametrize(("k", "n"), [(0, 10), (88, 100), (50, 50), (3, 7)])
+def test_the_exact_interval_of_a_proportion_cuts_tails_of_a_fortieth(k: int, n: int) -> None:
+    low, high = proportion(k, n)
+    assert low <= k / n <= high
+    if k > 0:
+        assert stats.binom.sf(k - 1, n, low) == pytest.approx(0.025, abs=1e-6)
+    if k < n:
+        assert stats.binom.cdf(k, n, high) == pytest.approx(0.025, abs=1e-6)
+
+
+@pytest.mark.parametrize(("k", "n"), [(0, 0), (3, 2), (-1, 5)])
+def test_successes_that_cannot_be_are_refused(k: int, n: int) -> None:
+    with pytest.raises(StudyError, match=f"{k} successes of {n}"):
+        proportion(k, n)
 
 
 def test_shapiro_wilk_tells_a_normal_sample_from_a_skewed_one() -> None:
