@@ -23,7 +23,9 @@ def analysed(rows: Sequence[Mapping[str, Any]]) -> tuple[list[Claim], list[dict[
     """
     table = [_line(code, [row for row in rows if row["object"] == code]) for code in YCB]
     table = [line for line in table if line["ikns of"] or line["ring of"]]
-    table.append(_line("all", rows) | {"ikns paper": "88/100", "s paper": "8.94", "ring s paper": "6.34"})
+    paper = {"ikns paper": "{}/{}".format(*GRASPS["ikns"])}
+    paper |= {"s paper": f"{SECONDS['ikns'][0]:.2f}", "ring s paper": f"{SECONDS['ring'][0]:.2f}"}
+    table.append(_line("all", rows) | paper)
     done = {c: {(r["wearer"], r["object"]): r["duration"] for r in _of(rows, c) if r["success"]} for c in _CONDITIONS}
     both = sorted(done["ikns"].keys() & done["ring"].keys())
     statistics: dict[str, Any] = {c: counted(_of(rows, c)) for c in _CONDITIONS}

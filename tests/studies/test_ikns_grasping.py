@@ -193,6 +193,7 @@ def test_the_sign_test_takes_pairs_that_both_succeeded() -> None:
     claim = {c.id: c for c in claims}["ring-faster"]
     assert not claim.holds  # p is 0.0625
     assert table[-1]["ikns success"] == 6
+    assert [table[-1][f"{what} paper"] for what in ("ikns", "s", "ring s")] == ["88/100", "8.94", "6.34"]
     assert table[0]["ring failures"] == "dropped 1"
 
 

@@ -175,6 +175,11 @@ def test_each_claim_can_fail(changed: dict[str, float], fails: set[str]) -> None
     assert fails <= {name for name, holds in found.items() if not holds}
 
 
+def test_the_order_is_shown_beside_the_papers_means() -> None:
+    found = {claim.id: claim for claim in analysed({"preview": made_up()}, simulated=True)[0]}["order-t2-t3-t1"]
+    assert (found.paper, found.measured) == ("5.43, 4.50, 3.35", 100.0)
+
+
 def test_levels_far_from_the_papers_fail() -> None:
     rows = [{**row, "rmse": row["rmse"] - 2.5} for row in made_up()]
     found = claims(rows)
