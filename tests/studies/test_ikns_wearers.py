@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -29,9 +30,14 @@ def test_a_wearer_is_a_valid_part_and_the_laws_body_is_another(one: Wearer) -> N
     options: dict[str, Any] = {
         key.removeprefix("sim.parts.wearer."): value for key, value in given.items() if key.startswith("sim.")
     }
-    options |= {"model": bodies["wearer"], "part": "upper-body"}
-    options.pop("part")
-    assert UpperBodyConfig.model_validate(options).tracking.lag == one.lag
+    assert options.pop("model") == "wearer"
+    config = UpperBodyConfig.model_validate({**options, "model": bodies["wearer"]})
+    # Each property of the wearer is the part's, but for its size, which is the body's, and its finger.
+    elsewhere = {"name", "stature", "upper_arm", "forearm", "palm", "hand", "force_noise"}
+    for name in {field.name for field in fields(Wearer)} - elsewhere:
+        owner = config.tracking if name in Tracking.model_fields else config
+        assert getattr(owner, name) == getattr(one, name), name
+    assert config.tracking.model == "preview"
     real, taped = bodies["wearer"].body, bodies["body"].body
     assert real.sizes["forearm"]["right"] == one.forearm != taped.sizes["forearm"]["right"]
     assert real.sizes["forearm"]["right"] == pytest.approx(taped.sizes["forearm"]["right"], abs=0.03)
