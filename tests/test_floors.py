@@ -19,7 +19,7 @@ GROUND = {"runtime", "runtime.contracts"}
 LOOP = GROUND | {f"runtime.{r}" for r in ("messages", "control", "guard", "ipc", "recording", "profile", "loop")}
 DESCRIPTIONS = {  # data, not laws
     *("runtime.control.robots", "runtime.control.hand.human_hand", "runtime.control.ikns.body"),
-    "runtime.control.models",
+    *("runtime.control.models", "runtime.control.skeleton.arms", "runtime.control.skeleton.bvh"),
 }
 ROOMS: dict[str, set[str]] = {
     "runtime": set(),

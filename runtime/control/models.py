@@ -30,6 +30,7 @@ from runtime.contracts.per_element import Listed, in_order
 from runtime.contracts.signals import Array
 from runtime.control.hand.human_hand import FINGER_JOINTS, JOINTS, MODEL_LENGTH, RANGES, hand_geometry
 from runtime.control.ikns.body import Body, Marker, Side, Vector, average
+from runtime.control.skeleton import arms as srl_arms
 
 
 class Model(BaseModel):
@@ -236,7 +237,54 @@ class BodyModel(Model):
         return replace(plain, shoulder={**plain.shoulder, **self.shoulder}, sizes=sizes, markers=markers)
 
 
-KINDS: Final[dict[str, type[Model]]] = {"finger": FingerModel, "hand": HandModel, "body": BodyModel}
+class ArmJointEntry(BaseModel):
+    """A joint of a supernumerary arm, as it is on the right side."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    at: Vector = Field(description="m, in the frame of the node before it")
+    axis: srl_arms.Axis = Field(description="of the turn or the displacement; all axes are the suit's at zero")
+    slides: bool = Field(False, description="it is prismatic: it moves the next node")
+
+
+class ArmsModel(Model):
+    """Supernumerary arms on the body (`runtime.control.skeleton.arms`). The axes are the paper's, the sizes ours.
+
+    Attributes:
+        arms: the description itself.
+    """
+
+    kind: Literal["srl-arms"] = "srl-arms"
+    sides: tuple[srl_arms.Side, ...] = Field(("right",), min_length=1, description="the arms that exist")
+    parent: str = Field("Spine", description="the suit's joint on which both bases hang")
+    base: Vector = Field(srl_arms.BASE, description="m, the right base in the parent's frame")
+    joints: tuple[ArmJointEntry, ...] = Field(
+        tuple(ArmJointEntry.model_validate(vars(joint)) for joint in srl_arms.STANDARD),
+        min_length=1,
+        description="from the base on",
+    )
+    end: Vector = Field(srl_arms.END, description="m, the end in the last joint's frame")
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if len(set(self.sides)) < len(self.sides):
+            raise ValueError("each side once")
+        if not np.isfinite([self.base, self.end, *(joint.at for joint in self.joints)]).all():
+            raise ValueError("places must be finite")
+        return self
+
+    @cached_property
+    def arms(self) -> srl_arms.Arms:
+        """The arms."""
+        joints = tuple(srl_arms.ArmJoint(j.at, j.axis, j.slides) for j in self.joints)
+        sides = tuple(side for side in srl_arms.SIDES if side in self.sides)
+        return srl_arms.Arms(self.parent, self.base, joints, self.end, sides)
+
+
+KINDS: Final[dict[str, type[Model]]] = {
+    **{"finger": FingerModel, "hand": HandModel, "body": BodyModel},
+    "srl-arms": ArmsModel,
+}
 
 
 def of_entry(given: Any) -> Model:
@@ -287,10 +335,12 @@ HandOption = Annotated[HandModel, BeforeValidator(partial(_find, HandModel)), _N
 """An option that names a hand."""
 BodyOption = Annotated[BodyModel, BeforeValidator(partial(_find, BodyModel)), _NAME]
 """An option that names a body."""
+ArmsOption = Annotated[ArmsModel, BeforeValidator(partial(_find, ArmsModel)), _NAME]
+"""An option that names supernumerary arms."""
 
 
 def named(name: str) -> Any:
-    """The default of a FingerOption, HandOption or BodyOption: the entry of that name.
+    """The default of a FingerOption, HandOption, BodyOption or ArmsOption: the entry of that name.
 
     If it is the kind's own name, it is the standard description where the profile has no such entry.
     """

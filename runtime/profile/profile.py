@@ -201,8 +201,8 @@ class Profile(Part):
     @classmethod
     def _names(cls, value: dict[str, Model]) -> dict[str, Model]:
         for name in value:
-            if not re.match(r"^[a-z][a-z0-9_]*$", name):
-                raise ValueError(f"'{name}' isn't a valid name: lower-case letters, digits and _ only")
+            if not re.match(SLUG, name):
+                raise ValueError(f"'{name}' isn't a valid name: lower-case letters, digits, - and _ only")
         return value
 
 

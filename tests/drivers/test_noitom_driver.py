@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from drivers.noitom.protocol import encode_binary
 from drivers.pause import WATCH
-from sim.wearer import bvh
+from runtime.control.skeleton import bvh
 
 # -- what is read
 

@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import zlib
 from pathlib import Path
-from typing import Final, Literal, Protocol, cast
+from typing import Final, Literal, Protocol
 
 import numpy as np
 
 from drivers.noitom.skeleton import JOINTS, Skeleton
 from runtime.contracts.errors import RecordingError
-from runtime.contracts.rotation import EulerQuaternions, Order
+from runtime.contracts.rotation import EulerQuaternions
 from runtime.contracts.signals import Array
-from sim.wearer import bvh
+from runtime.control.skeleton import bvh
 from sim.wearer.motion import minimum_jerk
 
 Script = Literal["t-pose", "still", "walk", "reach"]
@@ -69,8 +69,7 @@ class Recorded:
                     f"its rotation channels are '{order}'",
                     "Expected X, Y and Z, each once",
                 )
-            angles = np.deg2rad(file.frames[:, [column for _, column in channels]])
-            EulerQuaternions(cast(Order, order), len(angles)).fill(angles, self._rotations[:, i])
+            self._rotations[:, i] = file.quaternions(row)
         flip = np.sum(self._rotations[1:] * self._rotations[:-1], axis=2) < 0.0
         self._rotations[1:][np.cumsum(flip, axis=0) % 2 == 1] *= -1.0
         self._period, self._loop = file.frame_time, loop

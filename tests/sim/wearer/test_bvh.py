@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from runtime.contracts.errors import RecordingError
 from runtime.control.hand.human_hand import FINGERS, JOINTS
-from sim.wearer import bvh, load_wearer
+from runtime.control.skeleton import bvh
+from sim.wearer import load_wearer
 from sim.wearer.bvh_hand import _knuckle, hand_angles
 
 FILES = ("left_arm_fingers_yxz.bvh", "fullbody_walk_yxz.bvh", "fullbody_xyz.bvh")

@@ -1,19 +1,26 @@
-"""Biovision Hierarchy (BVH) files: a skeleton and its motion."""
+"""Biovision Hierarchy (BVH) files: a skeleton and its motion, read and written.
+
+Nothing is assumed about a file but its grammar: channels may come in any order and number, position channels replace
+OFFSET and may change from frame to frame, end sites have no channels. The frame time is as written; exporters round it.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final, NoReturn
+from typing import Final, NoReturn, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from runtime.contracts.errors import RecordingError
-from runtime.contracts.rotation import about_axis
+from runtime.contracts.rotation import EulerQuaternions, Order, about_axis, euler_angles, matrices, product
 from runtime.contracts.signals import Array
+from runtime.control.skeleton.tree import Node, Tree
 
 _AXES: Final = {"X": 0, "Y": 1, "Z": 2}
+_END: Final = "_End"  # of an end site's name, which is its parent's otherwise
 
 
 @dataclass
@@ -31,6 +38,7 @@ class Joint:
     offset: Array
     positions: list[tuple[int, int]] = field(default_factory=list)
     rotations: list[tuple[int, int]] = field(default_factory=list)
+    end: bool = False
 
 
 @dataclass
@@ -51,6 +59,51 @@ class Bvh:
         for axis, column in self.joints[index].rotations:
             R = R @ about_axis(axis, np.deg2rad(self.frames[:, column]))
         return R
+
+    def quaternions(self, index: int) -> Array:
+        """(n, 4): the same rotation as unit quaternions w x y z."""
+        channels, n = self.joints[index].rotations, len(self.frames)
+        angles = np.deg2rad(self.frames[:, [column for _, column in channels]])
+        order = "".join("XYZ"[axis] for axis, _ in channels)
+        out = np.empty((n, 4))
+        if sorted(order) == ["X", "Y", "Z"]:
+            EulerQuaternions(cast(Order, order), n).fill(angles, out)
+            return out
+        out[:] = 1.0, 0.0, 0.0, 0.0
+        for (axis, _), half in zip(channels, angles.T / 2.0, strict=True):
+            turn = [np.cos(half), np.zeros(n), np.zeros(n), np.zeros(n)]
+            turn[axis + 1] = np.sin(half)
+            out = np.array(product(tuple(out.T), tuple(turn))).T  # type: ignore[arg-type]  # arrays for numbers
+        return out
+
+    def pose(self, names: Sequence[str], unit: float = 0.01) -> tuple[Array, Array]:
+        """The motion of joints relative to their parents.
+
+        Args:
+            names: k joints.
+            unit: m per unit of the file's lengths.
+
+        Returns:
+            (n, k, 4) unit quaternions, (n, k, 3) m.
+
+        Raises:
+            KeyError: the file has no such joint.
+        """
+        rows = [self.index(name) for name in names]
+        if min(rows) < 0:
+            raise KeyError(names[rows.index(-1)])
+        turns = np.stack([self.quaternions(row) for row in rows], axis=1)
+        return turns, np.stack([self.translation(row) for row in rows], axis=1) * unit
+
+    def tree(self, unit: float = 0.01) -> Tree:
+        """The skeleton at rest, m. `unit`: m per unit of the file's lengths."""
+        nodes = []
+        for joint in self.joints:
+            x, y, z = (joint.offset * unit).tolist()
+            nodes.append(
+                Node(joint.name, "" if joint.parent < 0 else self.joints[joint.parent].name, (x, y, z), joint.end)
+            )
+        return Tree(nodes)
 
     def translation(self, index: int) -> Array:
         """(n, 3): a joint's position in its parent. Position channels replace OFFSET; they aren't added to it."""
@@ -77,16 +130,75 @@ class Bvh:
 
 
 def read(path: Path) -> Bvh:
-    """Reads a file.
+    """Reads a file of two frames at least.
 
     Raises:
         RecordingError: with the line, what was expected there, and the remedy.
     """
+    return _Parser(path, _lines(path)).parse()
+
+
+def read_tree(path: Path, unit: float = 0.01) -> Tree:
+    """Reads a file's skeleton alone; its motion may be missing. `unit`: m per unit of its lengths.
+
+    Raises:
+        RecordingError: as `read`.
+    """
+    parser = _Parser(path, _lines(path))
+    joints = parser.hierarchy()
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        return Bvh(joints, np.empty((0, 0)), 1.0).tree(unit)
+    except ValueError as error:
+        raise RecordingError(str(path), str(error), "Give each joint a name of its own") from None
+
+
+def _lines(path: Path) -> list[str]:
+    try:
+        return path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise RecordingError(str(path), f"it can't be read as text ({error})", "Give a BVH text file") from error
-    return _Parser(path, lines).parse()
+
+
+def write(path: Path, tree: Tree, rotation: Array, translation: Array, period: float, order: Order = "ZXY") -> None:
+    """Writes a file, cm and degrees. Every joint has six channels: its place in its parent, then its rotation.
+
+    Args:
+        path: where; a file that is there is replaced.
+        tree: n nodes.
+        rotation: (frames, n, 4) unit quaternions of the nodes in their parents; those of end sites aren't used.
+        translation: (frames, n, 3) m, of the same.
+        period: s between two frames.
+        order: of the rotation channels.
+
+    Raises:
+        RecordingError: it can't be written.
+    """
+    joints = list(tree.joints)
+    columns = np.empty((len(rotation), len(joints), 6))
+    columns[:, :, :3] = translation[:, joints] * 100.0
+    turns = matrices(rotation[:, joints].reshape(-1, 4))
+    columns[:, :, 3:] = np.rad2deg(euler_angles(turns, order)).reshape(-1, len(joints), 3)
+    head = ["HIERARCHY", *_block(tree, 0, order), "MOTION", f"Frames: {len(columns)}", f"Frame Time: {period:.9g}"]
+    try:
+        with path.open("w", encoding="ascii") as file:
+            file.write("\n".join(head) + "\n")
+            np.savetxt(file, columns.reshape(len(columns), -1), fmt="%.8f")
+    except OSError as error:
+        raise RecordingError(str(path), f"it can't be written ({error.strerror})", "Choose another place") from error
+
+
+def _block(tree: Tree, index: int, order: Order, depth: int = 0) -> list[str]:
+    """The lines of a node and of all that hangs on it."""
+    node, indent = tree.nodes[index], "\t" * depth
+    x, y, z = (100.0 * value for value in node.offset)
+    title = "End Site" if node.end else f"{'JOINT' if depth else 'ROOT'} {node.name}"
+    lines = [f"{indent}{title}", f"{indent}{{", f"{indent}\tOFFSET {x:.8f} {y:.8f} {z:.8f}"]
+    if not node.end:
+        turns = " ".join(f"{axis}rotation" for axis in order)
+        lines.append(f"{indent}\tCHANNELS 6 Xposition Yposition Zposition {turns}")
+        for child in tree.children(index):
+            lines += _block(tree, child, order, depth + 1)
+    return [*lines, f"{indent}}}"]
 
 
 class _Parser:
@@ -95,10 +207,14 @@ class _Parser:
         self._joints: list[Joint] = []
         self._columns = 0
 
-    def parse(self) -> Bvh:
+    def hierarchy(self) -> list[Joint]:
         self._expect("HIERARCHY")
         words = self._expect("ROOT")
         self._joint(" ".join(words[1:]), -1)
+        return self._joints
+
+    def parse(self) -> Bvh:
+        self.hierarchy()
         self._expect("MOTION")
         count = self._count(self._expect("Frames:"))
         frame_time = self._floats(self._expect("Frame", "Time:")[2:], 1)[0]
@@ -109,11 +225,11 @@ class _Parser:
             frames[row] = self._floats(self._next(f"frame {row + 1} of {count}"), self._columns)
         return Bvh(self._joints, frames, frame_time)
 
-    def _joint(self, name: str, parent: int) -> None:
+    def _joint(self, name: str, parent: int, end: bool = False) -> None:
         """Reads the block in braces of a joint or end site, with all its descendants."""
         self._expect("{")
         offset = np.array(self._floats(self._expect("OFFSET")[1:], 3))
-        joint, index = Joint(name, parent, offset), len(self._joints)
+        joint, index = Joint(name, parent, offset, end=end), len(self._joints)
         self._joints.append(joint)
         while (words := self._next("'}'"))[0] != "}":
             if words[0] == "CHANNELS":
@@ -121,7 +237,7 @@ class _Parser:
             elif words[0] == "JOINT":
                 self._joint(" ".join(words[1:]), index)
             elif words[0] == "End":
-                self._joint(f"{name}_End", index)
+                self._joint(name + _END, index, end=True)
             else:
                 self._fail(f"'{words[0]}'", "Expected CHANNELS, JOINT, End Site or '}'")
 
