@@ -247,6 +247,10 @@ class ArmJointEntry(BaseModel):
     slides: bool = Field(False, description="it is prismatic: it moves the next node")
 
 
+# Written out: a schema of `models:` can't point to definitions.
+_JointOption = Annotated[ArmJointEntry, WithJsonSchema(ArmJointEntry.model_json_schema())]
+
+
 class ArmsModel(Model):
     """Supernumerary arms on the body (`runtime.control.skeleton.arms`). The axes are the paper's, the sizes ours.
 
@@ -258,7 +262,7 @@ class ArmsModel(Model):
     sides: tuple[srl_arms.Side, ...] = Field(("right",), min_length=1, description="the arms that exist")
     parent: str = Field("Spine", description="the suit's joint on which both bases hang")
     base: Vector = Field(srl_arms.BASE, description="m, the right base in the parent's frame")
-    joints: tuple[ArmJointEntry, ...] = Field(
+    joints: tuple[_JointOption, ...] = Field(
         tuple(ArmJointEntry.model_validate(vars(joint)) for joint in srl_arms.STANDARD),
         min_length=1,
         description="from the base on",

@@ -135,7 +135,7 @@ def read(path: Path) -> Bvh:
     Raises:
         RecordingError: with the line, what was expected there, and the remedy.
     """
-    return _Parser(path, _lines(path)).parse()
+    return _Parser(str(path), _lines(path)).parse()
 
 
 def read_tree(path: Path, unit: float = 0.01) -> Tree:
@@ -144,12 +144,16 @@ def read_tree(path: Path, unit: float = 0.01) -> Tree:
     Raises:
         RecordingError: as `read`.
     """
-    parser = _Parser(path, _lines(path))
-    joints = parser.hierarchy()
+    return parse_tree("\n".join(_lines(path)), str(path), unit)
+
+
+def parse_tree(text: str, place: str, unit: float = 0.01) -> Tree:
+    """As `read_tree`, of a file's text; `place` is for errors."""
+    joints = _Parser(place, text.splitlines()).hierarchy()
     try:
         return Bvh(joints, np.empty((0, 0)), 1.0).tree(unit)
     except ValueError as error:
-        raise RecordingError(str(path), str(error), "Give each joint a name of its own") from None
+        raise RecordingError(place, str(error), "Give each joint a name of its own") from None
 
 
 def _lines(path: Path) -> list[str]:
@@ -202,8 +206,8 @@ def _block(tree: Tree, index: int, order: Order, depth: int = 0) -> list[str]:
 
 
 class _Parser:
-    def __init__(self, path: Path, lines: list[str]) -> None:
-        self._path, self._lines, self._at = path, lines, 0
+    def __init__(self, place: str, lines: list[str]) -> None:
+        self._place, self._lines, self._at = place, lines, 0
         self._joints: list[Joint] = []
         self._columns = 0
 
@@ -281,4 +285,4 @@ class _Parser:
         return values
 
     def _fail(self, problem: str, remedy: str) -> NoReturn:
-        raise RecordingError(f"{self._path}, line {self._at}", problem, remedy)
+        raise RecordingError(f"{self._place}, line {self._at}", problem, remedy)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any, ClassVar, Literal, Self, cast
 from xml.etree.ElementTree import Element
 
@@ -10,8 +11,11 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from drivers.dynamixel.models import MODELS
+from runtime.contracts.errors import OptionError
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import POINT
+from runtime.control.models import ArmsOption
+from runtime.control.skeleton.arms import Side
 from sim.parts.dynamixel.motors import AMBIENT, NOMINAL, Motors
 from sim.world.mjcf import CONTACT, add
 from sim.world.part import Mjcf, Part, PartConfig
@@ -20,7 +24,10 @@ Vector = tuple[float, float, float]
 
 
 class AxisConfig(BaseModel):
-    """One axis and the link behind it; `reversed`, `zero` and `m_per_rad` describe how its servo is mounted."""
+    """One axis and the link behind it; `reversed`, `zero` and `m_per_rad` describe how its servo is mounted.
+
+    In a chain that is one of the profile's `srl-arms`, `axis` and `link` come from there.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -47,6 +54,11 @@ class DynamixelChainConfig(PartConfig):
     """Options of the chain."""
 
     axes: dict[str, AxisConfig] = Field(min_length=1, description="from the base to the tip")
+    arms: ArmsOption | None = Field(
+        default=None,
+        description="supernumerary arms under `models:`: the chain is one of them; it stands at their parent",
+    )
+    side: Side = Field(default="right", description="which of the arms")
     voltage: float = Field(NOMINAL, gt=0, description="V, of the supply")
     ambient: float = Field(AMBIENT, description="degC, where the servos begin")
 
@@ -55,7 +67,48 @@ class DynamixelChainConfig(PartConfig):
         for name in ("base", "tip"):
             if name in self.axes:
                 raise ValueError(f"no axis can be called '{name}': a body of the chain is")
+        if self.arms is None:
+            return self
+        joints = self.arms.arms.joints
+        if len(joints) != len(self.axes):
+            raise OptionError(
+                f"the arms have {len(joints)} joints, and these are {len(self.axes)} axes", "Give each one"
+            )
+        for (name, axis), joint in zip(self.axes.items(), joints, strict=True):
+            if given := {"axis", "link"} & axis.model_fields_set:
+                raise OptionError(f"{name}: '{min(given)}' is described under `models:`", "Leave it out here")
+            if joint.slides != (axis.m_per_rad is not None):
+                raise OptionError(
+                    f"{name} {'slides' if joint.slides else 'turns'} under `models:`", "Correct 'm_per_rad'"
+                )
         return self
+
+    @cached_property
+    def base(self) -> Vector:
+        """m, of the chain's first axis' base where the part stands."""
+        return _vector(self.arms.arms.offsets(self.side)[0]) if self.arms is not None else (0.0, 0.0, 0.0)
+
+    @cached_property
+    def first(self) -> Vector:
+        """m, from the base to the first axis."""
+        return _vector(self.arms.arms.offsets(self.side)[1]) if self.arms is not None else (0.0, 0.0, 0.0)
+
+    @cached_property
+    def chain(self) -> dict[str, AxisConfig]:
+        """The axes with their places."""
+        if self.arms is None:
+            return self.axes
+        arms = self.arms.arms
+        places = zip(self.axes.items(), arms.axes(self.side), arms.offsets(self.side)[2:], strict=True)
+        return {
+            name: axis.model_copy(update={"axis": _vector(turn), "link": _vector(link)})
+            for (name, axis), turn, link in places
+        }
+
+
+def _vector(row: Array) -> Vector:
+    x, y, z = row.tolist()
+    return (x, y, z)
 
 
 class DynamixelChain(Part):
@@ -79,7 +132,7 @@ class DynamixelChain(Part):
     def __init__(self, name: str, config: PartConfig, seed: int) -> None:
         super().__init__(name, config, seed)
         self._config = cast(DynamixelChainConfig, config)
-        axes = self._config.axes
+        axes = self._config.chain
         self.names, n = tuple(axes), len(axes)
         self.scale = np.array([axis.scale for axis in axes.values()])
         self.zero = np.array([axis.zero for axis in axes.values()])
@@ -103,14 +156,14 @@ class DynamixelChain(Part):
 
     def build(self, mjcf: Mjcf, parent: Element) -> None:
         config, name = self._config, self.name
-        body = mjcf.body(parent, f"{name}/base", **self.at())
+        body = mjcf.body(parent, f"{name}/base", **self.at((*config.base, 1.0, 0.0, 0.0, 0.0)))
         first = self.models[0]
         look = {"rgba": "0.2 0.2 0.22 1", **CONTACT["none"]}
         add(body, "geom", name=f"{name}/base", type="box", size=(0.02, 0.02, 0.025), mass=first.mass, **look)
-        place: Vector = (0.0, 0.0, 0.0)
+        place = config.first
         carried = [model.mass for model in self.models[1:]] + [0.0]
         drives = Motors(self.models, config.voltage, 1e-3)
-        for i, (axis_name, axis) in enumerate(config.axes.items()):
+        for i, (axis_name, axis) in enumerate(config.chain.items()):
             full = f"{name}/{axis_name}"
             body = mjcf.body(body, full, pos=place)
             scale = abs(axis.scale)

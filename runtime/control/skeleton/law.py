@@ -1,0 +1,74 @@
+"""The control law `skeleton`: the human-SRL skeleton's nodes from suit and servos, in each cycle."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from runtime.contracts.controller import Controller
+from runtime.contracts.signals import Signal
+from runtime.contracts.terms import POINT, QUATERNION
+from runtime.control.skeleton.kinematics import Kinematics
+from runtime.control.skeleton.options import SkeletonConfig
+from runtime.control.skeleton.paper import COLUMNS, PaperVector
+
+
+class SkeletonLawConfig(SkeletonConfig):
+    """Options of `skeleton`."""
+
+    frame: str | None = Field(None, description="frame of the profile's tree that the suit's world is")
+    vector: bool = Field(True, description="give the paper's motion vector, too; it takes longer than the nodes")
+
+
+class Skeleton(Controller):
+    """The nodes of human and supernumerary arms, and the paper's motion vector.
+
+    Inputs: `rotation` (59, 4) and `translation` (59, 3) m of the suit's joints in their parents; `right`, `left` (n,)
+    rad (m where a joint slides), the positions of the arms that exist. An arm that doesn't is drawn at zero.
+
+    Outputs: `nodes` (90, 3) m in the suit's world (y up, z forward at calibration, x to the body's left); `vector`
+    (90, 6), row after row the paper's 540 numbers, cm and degrees (`runtime.control.skeleton.paper`).
+
+    Source: Zhang, Liu, Li 2022, algorithm 1 without its drawing; forward kinematics as BVH means it.
+    """
+
+    Config = SkeletonLawConfig
+    summary = "90 nodes of a wearer and supernumerary arms from a suit and servos"
+
+    def __init__(self, name: str, config: SkeletonLawConfig) -> None:
+        super().__init__(name, config)
+        figure = config.figure
+        tree, arms, joints = figure.tree, figure.arms, figure.labels
+        self._kinematics = Kinematics(figure)
+        self._kinematics.rest()
+        self._paper = PaperVector(figure) if config.vector else None
+        k, n = len(joints), len(tree)
+        self.inputs = (
+            Signal(name="rotation", shape=(k, 4), unit="1", labels=joints, components=(QUATERNION,)),
+            Signal(name="translation", shape=(k, 3), unit="m", labels=joints, components=(POINT,)),
+            *(Signal(name=side, shape=(arms.n,), unit="rad", labels=arms.labels) for side in arms.sides),
+        )
+        self.outputs = (
+            Signal(
+                name="nodes",
+                shape=(n, 3),
+                unit="m",
+                frame=config.frame,
+                labels=tree.names,
+                components=(POINT,),
+                visual="robot",
+                links=tree.polylines,
+            ),
+        )
+        if config.vector:
+            self.outputs += (Signal(name="vector", shape=(n, 6), unit="1", labels=tree.names, components=(COLUMNS,)),)
+        self._sides = arms.sides
+
+    def reset(self) -> None:
+        self.update(0.0)
+
+    def update(self, dt: float) -> None:
+        rotation, translation = self.input["rotation"], self.input["translation"]
+        arms = {side: self.input[side] for side in self._sides}
+        self.output["nodes"][:] = self._kinematics.nodes(rotation, translation, arms)
+        if self._paper is not None:
+            self._paper.write(rotation, translation, arms, self.output["vector"])
