@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from runtime import __version__
 from runtime.contracts.errors import SrlError
 
-COMMANDS = ("list", "check", "run", "calibrate", "stop", "twin", "replay", "study", "top", "panel", "doctor")
+COMMANDS = ("list", "check", "run", "calibrate", "stop", "twin", "replay", "export", "study", "top", "panel", "doctor")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
 
 from runtime.contracts.options import Options
 from runtime.contracts.signals import Array, Signal
@@ -43,6 +45,7 @@ class Controller(ABC):
 
     Config: type[ControllerConfig] = ControllerConfig
     summary: str = ""
+    exports: ClassVar[tuple[str, ...]] = ()  # the forms of files that `export` writes: "bvh"
 
     def __init__(self, name: str, config: ControllerConfig) -> None:
         self.name = name
@@ -90,3 +93,20 @@ class Controller(ABC):
     def figures(self) -> dict[str, object]:
         """Returns the controller's own figures for the run's summary."""
         return {}
+
+    def export(self, form: str, inputs: Mapping[str, Array], period: float, path: Path) -> int:
+        """Writes what it was given in a recording as a file of another program's.
+
+        Args:
+            form: one of `exports`.
+            inputs: (k, *shape) by input name.
+            period: s from one sample to the next.
+            path: the file; one that is there is replaced.
+
+        Returns:
+            The number of frames written.
+
+        Raises:
+            RecordingError: the inputs can't be written so, or the file can't be written.
+        """
+        raise NotImplementedError

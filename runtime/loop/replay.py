@@ -182,18 +182,36 @@ def _copy_devices(
         words[DEVICE.link] = (words.item(DEVICE.link) & ~own) | (link & own)
 
 
-def _rebuild(layout: Layout, place: str) -> tuple[Graph, Cycle]:
+def rebuilt(layout: Layout, place: str, simulated: list[str]) -> Graph:
+    """The wired system of a recording's profile, with its calibrations as they were; nothing is opened.
+
+    Args:
+        layout: the recording's.
+        place: its name, for errors.
+        simulated: names of the devices that the world simulates; none: there is no world.
+
+    Raises:
+        RecordingError: this version doesn't take the recorded profile.
+    """
     meta = layout.meta
-    remedy = f"Replay it with srl-runtime {meta['versions'].get('srl-runtime', '?')}"
-    if layout.recorded_names != layout.int_names:
-        raise RecordingError(place, "its rows have other words than this version's", remedy)
     try:
         files = Files(Path(meta["label"]).parent, decoded(meta.get("files", {}), place))
         checked, source = profile.parse(meta["label"], meta["profile"], meta["overrides"], files)
-        graph = wiring.build(checked, source, None if not meta["simulated"] else meta["simulated"])
+        return wiring.build(checked, source, simulated or None)
     except (ProfileError, WiringError) as error:
         problem = f"this version of srl doesn't take the recorded profile: {error.place}: {error.problem}"
-        raise RecordingError(place, problem, remedy) from None
+        raise RecordingError(place, problem, _remedy(layout)) from None
+
+
+def _remedy(layout: Layout) -> str:
+    return f"Use srl-runtime {layout.meta['versions'].get('srl-runtime', '?')}"
+
+
+def _rebuild(layout: Layout, place: str) -> tuple[Graph, Cycle]:
+    meta, remedy = layout.meta, _remedy(layout)
+    if layout.recorded_names != layout.int_names:
+        raise RecordingError(place, "its rows have other words than this version's", remedy)
+    graph = rebuilt(layout, place, meta["simulated"])
     have = {n: (f.shape, f.unit, f.role) for n, f in graph.layout.fields.items() if f.role != "truth"}
     want = {n: (f.shape, f.unit, f.role) for n, f in layout.fields.items() if f.role != "truth"}
     if have != want:

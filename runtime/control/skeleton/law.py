@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+import numpy as np
 from pydantic import Field
 
 from runtime.contracts.controller import Controller
-from runtime.contracts.signals import Signal
+from runtime.contracts.errors import RecordingError
+from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import POINT, QUATERNION
+from runtime.control.skeleton import bvh
 from runtime.control.skeleton.kinematics import Kinematics
 from runtime.control.skeleton.options import SkeletonConfig
 from runtime.control.skeleton.paper import COLUMNS, PaperVector
+
+_UNIT: Final = 1e-3  # by which a quaternion's length may differ from 1
 
 
 class SkeletonLawConfig(SkeletonConfig):
@@ -33,6 +42,7 @@ class Skeleton(Controller):
 
     Config = SkeletonLawConfig
     summary = "90 nodes of a wearer and supernumerary arms from a suit and servos"
+    exports = ("bvh",)
 
     def __init__(self, name: str, config: SkeletonLawConfig) -> None:
         super().__init__(name, config)
@@ -61,7 +71,7 @@ class Skeleton(Controller):
         )
         if config.vector:
             self.outputs += (Signal(name="vector", shape=(n, 6), unit="1", labels=tree.names, components=(COLUMNS,)),)
-        self._sides = arms.sides
+        self._figure, self._sides = figure, arms.sides
 
     def reset(self) -> None:
         self.update(0.0)
@@ -72,3 +82,22 @@ class Skeleton(Controller):
         self.output["nodes"][:] = self._kinematics.nodes(rotation, translation, arms)
         if self._paper is not None:
             self._paper.write(rotation, translation, arms, self.output["vector"])
+
+    def export(self, form: str, inputs: Mapping[str, Array], period: float, path: Path) -> int:
+        """Writes human and arms as BVH, in the suit's world. What comes before the suit's first frame is left out.
+
+        A frame whose quaternions aren't of length 1 is no pose: the one before it is held.
+        """
+        rotation, translation = inputs["rotation"], inputs["translation"]
+        size = np.abs(np.linalg.norm(rotation, axis=2) - 1.0).max(axis=1)
+        good = (size < _UNIT) & np.isfinite(translation).all(axis=(1, 2))  # NaN isn't less than anything
+        for side in self._sides:
+            good &= np.isfinite(inputs[side]).all(axis=1)
+        if not good.any():
+            raise RecordingError(str(path), "the suit gave no pose in this recording", "Export another recording")
+        newest = np.maximum.accumulate(np.where(good, np.arange(len(good)), -1))
+        kept = newest[newest >= 0]
+        arms = {side: inputs[side][kept] for side in self._sides}
+        figure = self._figure
+        bvh.write(path, figure.tree, *figure.whole(rotation[kept], translation[kept], arms), period)
+        return len(kept)
