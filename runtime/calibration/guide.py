@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 
 from runtime.calibration.screen import Screen
@@ -29,6 +30,7 @@ class Guide:
         self.samples: list[Samples] = []
         self.first: Rows | None = None
         self._step: Step | None = None
+        self._typed: deque[str] = deque()
 
     def run(self) -> None:
         """Goes on until the procedure is done. Raises QuitError, CalibrationError, and what the source raises."""
@@ -40,7 +42,7 @@ class Guide:
             # The last trial ends where its mark does, a few rows later: so it is in the recording.
             if procedure.step.kind is Kind.DONE and self._mark() == procedure.step.mark:
                 return
-            self._look()
+            self._look(procedure.step.mark)
             rows = self._source.take()
             if len(rows):
                 if self.first is None:
@@ -53,13 +55,16 @@ class Guide:
         """Of the newest sample; -1 before the first."""
         return int(self.samples[-1].marks[-1]) if self.samples else -1
 
-    def _look(self) -> None:
-        """Does what was typed."""
+    def _look(self, mark: int) -> None:
+        """Does what was typed, once rows bear the step's mark: none may be passed over, or they would say less."""
         typed = self._screen.command()
         if self._stop() or typed == "q":
             raise QuitError("calibration", "it was ended before it was complete", "Nothing was written; begin again")
-        if typed == "none":
+        if typed != "none":
+            self._typed.append(typed)
+        if not self._typed or self._mark() != mark:
             return
+        typed = self._typed.popleft()
         word, _, number = typed.partition(" ")
         if typed == "":
             answer = self._procedure.go_on()

@@ -265,7 +265,7 @@ def _recorded(
         if order.person not in (None, taps.options.person):
             raise RequestError(str(path), f"it is of {taps.options.person}", "Name a recording of this person")
         found = taps
-        parts.append(taps.samples(rows))
+        parts.append(marks.ended(taps.samples(rows)))
         date = taps.date(rows)
     assert found is not None
     if order.option or order.points:

@@ -148,6 +148,29 @@ def test_keys_redo_and_leave_out(good: tuple[Actor, Result]) -> None:
     assert joined([actor.taps.samples(np.concatenate(actor.rows))]).marks.max() == mark_of(9, 0)
 
 
+@pytest.mark.parametrize(
+    "typed",
+    [
+        {(3, "trial"): [*["none"] * 5, "s"]},  # while it runs: its first half is no trial
+        {
+            (5, "go"): ["r 3"],
+            (3, "go"): ["none", "none"],
+            (3, "trial"): [*["none"] * 20, "s"],
+        },  # done, redone, left out
+        {(10, "go"): ["r 3", "s"]},
+    ],
+)
+def test_a_point_left_out_is_in_no_file(typed: dict[tuple[int, str], list[str]]) -> None:
+    actor = Actor()
+    guide = guided(actor, Typist(typed))
+    assert guide._procedure.view().states[2] == "left out"
+    result = result_of(actor, guide)
+    assert result.numbers == (1, 2, 4, 5, 6, 7, 8, 9, 10)
+    assert result.refusals == ()
+    again = compute(actor.taps, [actor.taps.samples(np.concatenate(actor.rows))], DAY)
+    assert (again.found.sites == result.found.sites).all()
+
+
 def test_quitting_and_a_signal_end_it() -> None:
     with pytest.raises(QuitError, match="ended before it was complete"):
         guided(Actor(), Typist({(2, "go"): ["q"]}))

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from helpers.calibration import PROFILE, Actor, Person
 from helpers.run import call, ended, environment, srl, summary
@@ -17,6 +18,8 @@ from runtime.calibration import session
 from runtime.calibration.sources import RowFile
 from runtime.cli import main
 from runtime.control.ikns import record
+from runtime.control.ikns.calibration import Thresholds
+from runtime.control.ikns.procedure import Kind, Procedure, Step
 
 QUICK = ["static=0.5", "exploration=4", "trial=1.5", "settle=0.3", "patience=3", "samples=60"]
 OPTIONS = [word for option in QUICK for word in ("--option", option)]
@@ -143,6 +146,26 @@ def test_a_recording_gives_the_same_file_and_a_point_is_done_again(
     assert (folder / "both.json").read_bytes() == (folder / "p07.json").read_bytes()
     assert command("--sim", "--person", "P08", "--redo", "3", "--from", "bad.rrd", "-o", "p08.json") == 2
     assert "bad.rrd: it is of P07" in capsys.readouterr().err
+
+
+def test_a_trial_in_which_a_recording_ends_replaces_no_whole_one(
+    command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    actor = Actor()
+    assert command("--sim", "--person", "P07", actor=actor) == 0
+    recorded(actor, folder / "good.rrd")
+    broken = Actor()
+    redo = Procedure(("swivel",), Thresholds(samples=60), None, np.random.default_rng(0).uniform(-0.2, 0.2, (99, 3)))
+    redo.redo(3)
+    broken.begin(Step(Kind.GO, 2, 0), redo)
+    for _ in range(20):
+        broken.take()
+    broken.begin(Step(Kind.TRIAL, 2, 0), redo)
+    for _ in range(20):
+        broken.take()
+    recorded(broken, folder / "broken.rrd")
+    assert command("--recording", "good.rrd", "broken.rrd", "-o", "both.json") == 0
+    assert (folder / "both.json").read_bytes() == (folder / "p07.json").read_bytes()
 
 
 def along(one: Path, other: Path) -> Any:

@@ -7,7 +7,7 @@ points near the corners and the middle of the explored workspace, at each the mo
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import Final
 
@@ -56,18 +56,22 @@ class Kind(Enum):
 
 @dataclass(frozen=True)
 class Step:
-    """One step; `point` and `dof`, from 0 on, in `go` and `trial`."""
+    """One step; `point` and `dof`, from 0 on, in `go` and `trial`.
+
+    `undone` is the mark by which it takes back trials before it.
+    """
 
     kind: Kind
     point: int = -1
     dof: int = -1
+    undone: int = field(default=marks.IDLE, compare=False)
 
     @property
     def mark(self) -> int:
         """The mark of its samples."""
         if self.kind is Kind.TRIAL:
             return mark_of(self.point, self.dof)
-        return {Kind.STATIC: marks.STATIC, Kind.EXPLORATION: marks.EXPLORATION}.get(self.kind, marks.IDLE)
+        return {Kind.STATIC: marks.STATIC, Kind.EXPLORATION: marks.EXPLORATION}.get(self.kind, self.undone)
 
 
 @dataclass(frozen=True)
@@ -180,6 +184,7 @@ class Procedure:
         if not 1 <= number <= len(self.points):
             return f"the points are 1 to {len(self.points)}"
         at = number - 1
+        undone = marks.VOID if self.step.kind is Kind.TRIAL else marks.IDLE
         if self.step.kind in (Kind.GO, Kind.TRIAL) and self.step.point != at:
             left = [(self.step.point, j) for j in range(self.step.dof, len(self.dofs))]
             self._queue.extendleft(reversed([e for e in left if e not in self._queue]))
@@ -187,11 +192,11 @@ class Procedure:
         self._queue = deque(entry for entry in self._queue if entry[0] != at)
         self._queue.extendleft(reversed([(at, j) for j in range(len(self.dofs))]))
         self._states[at] = "waiting"
-        self._advance()
+        self._advance(undone)
         return ""
 
     def skip(self) -> str:
-        """Leaves the present point out. Returns why that can't be; "" if it could."""
+        """Leaves the present point out, with all of its trials so far. Returns why that can't be; "" if it could."""
         if self.step.kind not in (Kind.GO, Kind.TRIAL):
             return "only a point can be left out"
         out = self._states.count("left out") + 1
@@ -200,7 +205,7 @@ class Procedure:
         at = self.step.point
         self._queue = deque(entry for entry in self._queue if entry[0] != at)
         self._states[at] = "left out"
-        self._advance()
+        self._advance(marks.left_out(at))
         return ""
 
     @property
@@ -252,14 +257,14 @@ class Procedure:
                 self._states[step.point] = f"weak: {self._lack}"
             self._advance()
 
-    def _advance(self) -> None:
+    def _advance(self, undone: int = marks.IDLE) -> None:
         if not self._queue:
-            self._begin(Step(Kind.DONE))
+            self._begin(Step(Kind.DONE, undone=undone))
             return
         point, dof = self._queue.popleft()
         if dof == 0:
             self._states[point] = "now"
-        self._begin(Step(Kind.GO, point, dof))
+        self._begin(Step(Kind.GO, point, dof, undone))
 
     @property
     def _elapsed(self) -> float:

@@ -1,14 +1,15 @@
 """What a calibration's run gave, sample by sample, with marks that say what the person was to do.
 
-A mark is one number, so that it changes in one cycle: 0 nothing that counts, 1 static, 2 exploration, and
-100 * point + DoF in a trial, both counted from 1. The mark is a parameter of the law `calibration-marks`, which has no
-other purpose: every row holds it, and so does every recording. Where a trial was made again, the last one counts.
+A mark is one number, so that it changes in one cycle: 0 nothing that counts, 1 static, 2 exploration, 3 the trial just
+before doesn't count, 100 * point the point is left out and nothing of it before counts, and 100 * point + DoF in a
+trial, both counted from 1. The mark is a parameter of the law `calibration-marks`, which has no other purpose: every
+row holds it, and so does every recording. Where a trial was made again, the last one that counts is taken.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -23,6 +24,7 @@ from runtime.control.ikns.record import Name
 IDLE: Final = 0
 STATIC: Final = 1
 EXPLORATION: Final = 2
+VOID: Final = 3
 LEAST_POINTS: Final = 8  # a box's corners
 _POINT: Final = 100
 _GAP: Final = 1.0  # s, between the samples of two recordings
@@ -31,6 +33,11 @@ _GAP: Final = 1.0  # s, between the samples of two recordings
 def mark_of(point: int, dof: int) -> int:
     """The mark of a trial; `point` and `dof` from 0 on."""
     return _POINT * (point + 1) + dof + 1
+
+
+def left_out(point: int) -> int:
+    """The mark that leaves a point out, from 0 on."""
+    return _POINT * (point + 1)
 
 
 @dataclass(frozen=True)
@@ -80,6 +87,32 @@ def stretch(samples: Samples, mark: int) -> slice:
     return slice(int(found[breaks[-1] + 1 if len(breaks) else 0]), int(found[-1]) + 1)
 
 
+def ended(samples: Samples) -> Samples:
+    """The samples of a whole recording: a trial in which it ended was broken off, so it doesn't count."""
+    marks = samples.marks.copy()
+    if len(marks) and _of_trial(int(marks[-1])):
+        marks[stretch(samples, int(marks[-1]))] = IDLE
+    return replace(samples, marks=marks)
+
+
+def _of_trial(mark: int) -> bool:
+    return mark >= _POINT and mark % _POINT > 0
+
+
+def _counting(samples: Samples) -> Samples:
+    """The samples with nothing to count in the trials that were broken off and at the points that were left out."""
+    marks = samples.marks.copy()
+    begins = np.flatnonzero(np.diff(marks, prepend=-1))
+    for before, begin in zip((0, *begins), begins, strict=False):
+        mark = int(marks[begin])
+        if mark == VOID:
+            marks[before:begin] = IDLE
+        elif mark >= _POINT and not _of_trial(mark):
+            earlier = marks[:begin]
+            earlier[earlier // _POINT == mark // _POINT] = IDLE
+    return replace(samples, marks=marks)
+
+
 def seen(samples: Samples, at: slice) -> Array:
     """(T, 3) m: the hand's positions of those of the samples that have angles and hand."""
     whole = np.isfinite(np.column_stack([samples.angles[at], samples.hand[at]])).all(axis=1)
@@ -92,6 +125,7 @@ def trials(samples: Samples, dofs: int) -> tuple[Recording, tuple[int, ...]]:
 
     A point without a trial of each DoF is left out. Raises CalibrationError: too few points are left.
     """
+    samples = _counting(samples)
     points = sorted({int(mark) // _POINT for mark in np.unique(samples.marks) if mark >= _POINT})
     cuts: list[tuple[slice, int, int]] = []
     numbers: list[int] = []

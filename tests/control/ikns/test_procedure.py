@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from runtime.contracts.signals import Array
 from runtime.control.ikns.calibration import CalibrationError, Thresholds
 from runtime.control.ikns.procedure import Kind, Plan, Procedure, Step
-from runtime.control.ikns.samples import EXPLORATION, IDLE, STATIC, Samples, mark_of
+from runtime.control.ikns.samples import EXPLORATION, IDLE, STATIC, VOID, Samples, left_out, mark_of
 
 PLAN = Plan(static=1.0, exploration=3.0, trial=1.0, settle=0.2, patience=2.0)
 FEW = Thresholds(samples=50)
@@ -232,6 +232,26 @@ def test_two_points_can_be_left_out_and_no_more() -> None:
     assert [feeder.procedure.skip() for _ in range(3)] == ["", "", "8 points are needed"]
     assert feeder.procedure.step == Step(Kind.GO, 2, 0)
     assert feeder.procedure.view().states[:3] == ("left out", "left out", "now")
+
+
+def test_what_is_broken_off_or_left_out_is_said_by_the_next_mark() -> None:
+    feeder = begun()
+    assert feeder.procedure.step.mark == IDLE
+    feeder.stay(2.0, feeder.procedure.target)
+    assert feeder.procedure.step == Step(Kind.TRIAL, 0, 0)
+    assert feeder.procedure.redo(1) == ""
+    assert feeder.procedure.step.mark == VOID
+    assert feeder.procedure.redo(1) == ""
+    assert feeder.procedure.step.mark == IDLE
+    point(feeder)
+    assert feeder.procedure.step.mark == IDLE
+    assert feeder.procedure.skip() == ""
+    assert feeder.procedure.step.mark == left_out(1)
+    while feeder.procedure.step.point < 9:
+        point(feeder)
+    assert feeder.procedure.skip() == ""
+    assert feeder.procedure.step.kind is Kind.DONE
+    assert feeder.procedure.step.mark == left_out(9)
 
 
 def test_keys_that_come_too_early_are_answered() -> None:

@@ -7,7 +7,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from runtime.control.ikns.samples import Marks, MarksConfig, Samples, joined, mark_of, seen, stretch, trials, whole
+from runtime.control.ikns.calibration import Recording
+from runtime.control.ikns.samples import (
+    VOID,
+    Marks,
+    MarksConfig,
+    Samples,
+    ended,
+    joined,
+    left_out,
+    mark_of,
+    seen,
+    stretch,
+    trials,
+    whole,
+)
 
 
 def samples(marks: list[int], start: float = 0.0) -> Samples:
@@ -55,6 +69,51 @@ def test_each_point_has_a_number_and_the_last_trial_counts() -> None:
     assert (np.diff(made.times) > 0.0).all()
     again = (made.point == 1) & (made.dof == 0)
     assert made.angles[again][:, 0].tolist() == [len(marks) - 5 + i for i in range(5)]
+
+
+def all_points(dofs: int = 1) -> list[int]:
+    """Marks of a whole calibration, two samples a trial."""
+    return [mark for i in range(10) for j in range(dofs) for mark in (0, mark_of(i, j), mark_of(i, j))] + [0]
+
+
+def at_point(made: Recording, numbers: tuple[int, ...], number: int) -> list[float]:
+    assert made.point is not None
+    found: list[float] = made.angles[made.point == numbers.index(number)][:, 0].tolist()
+    return found
+
+
+def test_a_trial_that_was_broken_off_doesnt_count() -> None:
+    done = all_points()
+    good, numbers = trials(samples(done), 1)
+    # Point 3 again, broken off; the one before it counts on.
+    made, same = trials(samples([*done, *[mark_of(2, 0)] * 5, VOID, 0]), 1)
+    assert same == numbers
+    assert at_point(made, numbers, 3) == at_point(good, numbers, 3)
+    # Done again after that.
+    made, _ = trials(samples([*done, *[mark_of(2, 0)] * 5, VOID, 0, *[mark_of(2, 0)] * 3, 0]), 1)
+    assert at_point(made, numbers, 3) == [len(done) + 7 + i for i in range(3)]
+
+
+def test_a_point_that_is_left_out_has_none_of_its_trials() -> None:
+    done = all_points(2)
+    made, numbers = trials(samples([*done, mark_of(2, 0), left_out(2), 0]), 2)
+    assert numbers == (1, 2, 4, 5, 6, 7, 8, 9, 10)
+    assert made.point is not None
+    assert len(made.times) == 2 * 2 * 9
+    again = [0, *[mark_of(2, 0)] * 3, 0, *[mark_of(2, 1)] * 3, 0]
+    made, numbers = trials(samples([*done, left_out(2), *again]), 2)
+    assert numbers == tuple(range(1, 11))
+    assert at_point(made, numbers, 3) == [len(done) + 2 + i for i in (0, 1, 2, 4, 5, 6)]
+
+
+@given(st.integers(0, 5))
+def test_a_recording_that_ends_in_a_trial_has_only_the_whole_ones(count: int) -> None:
+    done = all_points()
+    made, _ = trials(ended(samples([*done, *[mark_of(2, 0)] * count])), 1)
+    assert made.angles[:, 0].tolist() == trials(samples(done), 1)[0].angles[:, 0].tolist()
+    for last in (0, VOID, left_out(2)):
+        assert ended(samples([*done, last])).marks.tolist() == [*done, last]
+    assert len(ended(samples([]))) == 0
 
 
 def test_what_wasnt_observed_isnt_seen() -> None:
