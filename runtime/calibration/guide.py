@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
 
 from runtime.calibration.screen import Screen
 from runtime.calibration.sources import Rows, RowSource
@@ -31,6 +34,8 @@ class Guide:
         self.first: Rows | None = None
         self._step: Step | None = None
         self._typed: deque[str] = deque()
+        self._newest: float | None = None  # s, time of the newest row
+        self._clock = 0.0  # s, of the procedure
 
     def run(self) -> None:
         """Goes on until the procedure is done. Raises QuitError, CalibrationError, and what the source raises."""
@@ -48,12 +53,22 @@ class Guide:
                 if self.first is None:
                     self.first = rows
                 self.samples.append(self._source.taps.samples(rows))
-                procedure.feed(self.samples[-1])
+                self._feed(rows, self.samples[-1])
             self._screen.show(procedure.view())
+
+    def _feed(self, rows: Rows, samples: Samples) -> None:
+        """Feeds the procedure on a clock that stands while the run is stopped: no step ends meanwhile."""
+        taps = self._source.taps
+        times, active = taps.times(rows), taps.active(rows)
+        steps = np.diff(times, prepend=times[0] if self._newest is None else self._newest)
+        self._newest = times[-1]
+        clock = self._clock + np.where(active, steps, 0.0).cumsum()
+        self._clock = clock[-1]
+        self._procedure.feed(replace(samples, times=clock[active]))
 
     def _mark(self) -> int:
         """Of the newest sample; -1 before the first."""
-        return int(self.samples[-1].marks[-1]) if self.samples else -1
+        return next((int(part.marks[-1]) for part in reversed(self.samples) if len(part)), -1)
 
     def _look(self, mark: int) -> None:
         """Does what was typed, once rows bear the step's mark: none may be passed over, or they would say less."""

@@ -83,18 +83,26 @@ class Taps:
         state, cause, standing = (int(self.layout.word(row, name)) for name in ("state", "cause", "latches"))
         return state == State.STOPPED and cause == Cause.INTENT_LOSS and not standing & ~Latch.FAULT
 
+    def active(self, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """(k,) whether the run was active in each of rows (k, width)."""
+        found: NDArray[np.bool_] = self.layout.word(rows, "state") == int(State.ACTIVE)
+        return found
+
+    def times(self, rows: NDArray[np.int64]) -> Array:
+        """(k,) s, of rows (k, width)."""
+        found: Array = self.layout.word(rows, "now").astype(np.float64) * 1e-9
+        return found
+
     def samples(self, rows: NDArray[np.int64]) -> Samples:
-        """The samples of rows (k, width). What was computed in no cycle, or wasn't observed, is NaN."""
+        """The samples of those of rows (k, width) in which the run was active. What wasn't observed is NaN."""
+        rows = rows[self.active(rows)]
         floats: Array = np.ascontiguousarray(rows[:, self.layout.ints :]).view(np.float64)
         angles: Array = floats[:, self.angles]
         hand = floats[:, self.hand : self.hand + 3].copy()
         i, j = np.nonzero(floats[:, self.held] > 0.5)
         angles[i, self.holds[j]] = np.nan
-        idle = self.layout.word(rows, "state") != int(State.ACTIVE)
-        angles[idle], hand[idle] = np.nan, np.nan
         marks = np.zeros(len(rows), np.intp) if self.mark is None else floats[:, self.mark].astype(np.intp)
-        times: Array = self.layout.word(rows, "now").astype(np.float64) * 1e-9
-        return Samples(times, angles, hand, marks)
+        return Samples(self.times(rows), angles, hand, marks)
 
     def date(self, rows: NDArray[np.int64]) -> datetime.date:
         """The day of the first row, UTC."""

@@ -15,13 +15,14 @@ from runtime.calibration import report
 from runtime.calibration.guide import Guide, QuitError
 from runtime.calibration.result import Result, compute, write
 from runtime.calibration.screen import Plain, Screen
-from runtime.calibration.sources import RowFile, recorded
+from runtime.calibration.sources import RowFile, Rows, recorded
 from runtime.calibration.taps import taps
 from runtime.contracts.errors import RecordingError, RequestError
 from runtime.control.ikns import record
 from runtime.control.ikns.calibration import CalibrationError
-from runtime.control.ikns.procedure import Procedure, View
+from runtime.control.ikns.procedure import Kind, Procedure, Step, View
 from runtime.control.ikns.samples import joined, mark_of, stretch, trials
+from runtime.ipc.words import CYCLE, State
 
 DAY = datetime.date(2023, 11, 14)  # of the actor's rows
 
@@ -169,6 +170,38 @@ def test_a_point_left_out_is_in_no_file(typed: dict[tuple[int, str], list[str]])
     assert result.refusals == ()
     again = compute(actor.taps, [actor.taps.samples(np.concatenate(actor.rows))], DAY)
     assert (again.found.sites == result.found.sites).all()
+
+
+class Stopping(Actor):
+    """An actor whose run is stopped for a while at the first sample of some steps, without markers."""
+
+    def __init__(self, *where: tuple[int, Kind]) -> None:
+        super().__init__()
+        self.where, self.left, self.stopped = list(where), 0, 0
+
+    def begin(self, step: Step, procedure: Procedure) -> None:
+        super().begin(step, procedure)
+        if (step.point, step.kind) in self.where:
+            self.where.remove((step.point, step.kind))
+            self.left = 120  # longer than any step with its patience
+
+    def take(self) -> Rows:
+        rows = super().take()
+        if self.left:
+            self.left -= 1
+            self.stopped += len(rows)
+            rows[:, CYCLE.state] = State.STOPPED
+        return rows
+
+
+def test_no_step_goes_on_while_the_run_is_stopped() -> None:
+    where = [(-1, Kind.STATIC), (-1, Kind.EXPLORATION), (2, Kind.GO), (2, Kind.TRIAL), (4, Kind.GO)]
+    actor, screen = Stopping(*where), Typist()
+    result = done(actor, screen)
+    assert actor.stopped > 5000
+    assert result.refusals == ()
+    assert result.numbers == tuple(range(1, 11))
+    assert screen.views[-1].states == ("done",) * 10
 
 
 def test_quitting_and_a_signal_end_it() -> None:

@@ -174,6 +174,16 @@ def test_a_point_that_isnt_reached_exactly_is_taken_where_the_hand_holds_still()
     assert feeder.procedure.step == Step(Kind.TRIAL, 0, 0)
 
 
+def test_a_point_at_which_the_hand_never_is_still_is_taken_too_but_later() -> None:
+    feeder = begun()
+    assert feeder.procedure.target is not None
+    begin = feeder.t
+    while feeder.procedure.step.kind is Kind.GO:
+        t = feeder.t + 0.01 * np.arange(1, 11)
+        feeder.feed(feeder.procedure.target + 0.2 * np.sin(9.0 * t)[:, None])
+    assert feeder.t - begin == pytest.approx(PLAN.settle + 2.0 * PLAN.patience, abs=0.15)
+
+
 def test_a_person_who_doesnt_sit_still_and_a_flat_workspace_are_refused() -> None:
     feeder = Feeder(Procedure(("swivel",), FEW, PLAN))
     t = 0.01 * np.arange(400)
