@@ -91,7 +91,7 @@ class View:
         box: (2, 3) m, least and greatest position explored so far; None before.
         points: (N, 3) m; None before they are chosen.
         hand: (3,) m, the newest.
-        states: of each point: waiting, now, done, weak (with the reason), left out.
+        states: of each point: waiting, now, done, weak (with the reasons), left out.
     """
 
     step: Step
@@ -137,7 +137,8 @@ class Procedure:
         """
         self.dofs, self.thresholds, self.plan = dofs, thresholds or Thresholds(), plan or Plan()
         self.points: Array | None = None
-        self._states: list[str] = []
+        self._lacks: list[list[str | None]] = []  # of each point and DoF; None: not done. "": nothing
+        self._out: set[int] = set()
         self._box: Array | None = None
         self._queue: deque[tuple[int, int]] = deque()
         self._parts: list[Array] = []
@@ -147,7 +148,7 @@ class Procedure:
             if lack := self._shallow():
                 raise CalibrationError("the earlier exploration", lack, "Calibrate anew")
             self.points = self._choose(explored)
-            self._states = ["done"] * len(self.points)
+            self._lacks = [[""] * len(dofs) for _ in self.points]
             self._begin(Step(Kind.DONE))
 
     def feed(self, samples: Samples) -> None:
@@ -188,10 +189,10 @@ class Procedure:
         if self.step.kind in (Kind.GO, Kind.TRIAL) and self.step.point != at:
             left = [(self.step.point, j) for j in range(self.step.dof, len(self.dofs))]
             self._queue.extendleft(reversed([e for e in left if e not in self._queue]))
-            self._states[self.step.point] = "waiting"
         self._queue = deque(entry for entry in self._queue if entry[0] != at)
         self._queue.extendleft(reversed([(at, j) for j in range(len(self.dofs))]))
-        self._states[at] = "waiting"
+        self._lacks[at] = [None] * len(self.dofs)
+        self._out.discard(at)
         self._advance(undone)
         return ""
 
@@ -199,12 +200,11 @@ class Procedure:
         """Leaves the present point out, with all of its trials so far. Returns why that can't be; "" if it could."""
         if self.step.kind not in (Kind.GO, Kind.TRIAL):
             return "only a point can be left out"
-        out = self._states.count("left out") + 1
-        if len(self._states) - out < LEAST_POINTS:
-            return f"{LEAST_POINTS} points are needed"
         at = self.step.point
+        if len(self._lacks) - len(self._out | {at}) < LEAST_POINTS:
+            return f"{LEAST_POINTS} points are needed"
         self._queue = deque(entry for entry in self._queue if entry[0] != at)
-        self._states[at] = "left out"
+        self._out.add(at)
         self._advance(marks.left_out(at))
         return ""
 
@@ -228,7 +228,7 @@ class Procedure:
             float(moving[-1]) if len(moving) else np.nan, float(np.linalg.norm(gap)),
             1.0 - float(self._seen[tail].mean()) if tail.any() else 0.0, self._kept if trial else 0,
             self.thresholds.samples, self._range if trial else 0.0, self.thresholds.range, self._box, self.points, hand,
-            tuple(self._states),
+            tuple(self._state(at) for at in range(len(self._lacks))),
         )  # fmt: skip
 
     # Steps
@@ -237,7 +237,8 @@ class Procedure:
         self.step, self._parts = step, []
         self._times, self._hand, self._angles = np.empty(0), np.empty((0, 3)), np.empty((0, 0))
         self._seen, self._speed = np.empty(0, bool), np.empty(0)
-        self._kept, self._range, self._lack = 0, 0.0, ""
+        # A trial that is ended before a sample has come isn't done.
+        self._kept, self._range, self._lack = 0, 0.0, "nothing was seen" if step.kind is Kind.TRIAL else ""
 
     def _next(self) -> None:
         step = self.step
@@ -245,26 +246,33 @@ class Procedure:
             self._begin(Step(Kind.EXPLORATION))
         elif step.kind is Kind.EXPLORATION:
             self.points = self._choose(self._hand[self._seen])
-            self._states = ["waiting"] * len(self.points)
+            self._lacks = [[None] * len(self.dofs) for _ in self.points]
             self._queue.extend((i, j) for i in range(len(self.points)) for j in range(len(self.dofs)))
             self._advance()
         elif step.kind is Kind.GO:
             self._begin(Step(Kind.TRIAL, step.point, step.dof))
         else:
-            if self._states[step.point] == "now":
-                self._states[step.point] = f"weak: {self._lack}" if self._lack else "done"
-            elif self._lack:
-                self._states[step.point] = f"weak: {self._lack}"
+            self._lacks[step.point][step.dof] = self._lack
             self._advance()
 
     def _advance(self, undone: int = marks.IDLE) -> None:
         if not self._queue:
             self._begin(Step(Kind.DONE, undone=undone))
             return
-        point, dof = self._queue.popleft()
-        if dof == 0:
-            self._states[point] = "now"
-        self._begin(Step(Kind.GO, point, dof, undone))
+        self._begin(Step(Kind.GO, *self._queue.popleft(), undone))
+
+    def _state(self, at: int) -> str:
+        """As in `View.states`."""
+        if at == self.step.point:
+            return "now"
+        if at in self._out:
+            return "left out"
+        lacks = self._lacks[at]
+        if None in lacks:
+            return "waiting"
+        named = len(lacks) > 1
+        weak = [f"{dof}: {lack}" if named else lack for dof, lack in zip(self.dofs, lacks, strict=True) if lack]
+        return f"weak: {'; '.join(weak)}" if weak else "done"
 
     @property
     def _elapsed(self) -> float:
@@ -367,7 +375,7 @@ class Procedure:
             return "Move the hand slowly through all of its space, also up and down; the torso stays"
         if step.kind is Kind.DONE:
             return "All points are done"
-        which = f"point {step.point + 1} of {len(self._states)}"
+        which = f"point {step.point + 1} of {len(self._lacks)}"
         if step.kind is Kind.TRIAL:
             dof = self.dofs[step.dof]
             return (

@@ -226,6 +226,44 @@ def test_a_point_is_done_again_next_and_then_it_goes_on_where_it_was() -> None:
     assert feeder.procedure.step.kind is Kind.DONE
 
 
+def states(feeder: Feeder) -> tuple[str, ...]:
+    return feeder.procedure.view().states
+
+
+def test_a_point_with_two_dofs_is_done_after_the_second() -> None:
+    feeder = begun(("swivel", "shrug"))
+    point(feeder)
+    assert states(feeder)[:2] == ("now", "waiting")
+    assert feeder.procedure.redo(4) == ""
+    assert states(feeder)[:4] == ("waiting", "waiting", "waiting", "now")
+    point(feeder)
+    point(feeder)
+    assert states(feeder)[:4] == ("now", "waiting", "waiting", "done")
+    point(feeder)
+    assert states(feeder)[:4] == ("done", "now", "waiting", "done")
+    while feeder.procedure.step.kind is not Kind.DONE:
+        point(feeder)
+    assert set(states(feeder)) == {"done"}
+
+
+def test_each_dof_of_a_weak_point_has_its_reason_until_it_is_done_again() -> None:
+    feeder = begun(("swivel", "shrug"))
+    point(feeder, 0.01)
+    feeder.stay(2.0, feeder.procedure.target)
+    assert feeder.procedure.step == Step(Kind.TRIAL, 0, 1)
+    assert feeder.procedure.go_on() == ""
+    assert states(feeder)[0].startswith("weak: swivel: range 0.0")
+    assert states(feeder)[0].endswith("move farther; shrug: nothing was seen")
+    assert feeder.procedure.redo(1) == ""
+    point(feeder)
+    point(feeder, 0.01)
+    assert states(feeder)[0].startswith("weak: shrug: range 0.0")
+    assert feeder.procedure.redo(1) == ""
+    point(feeder)
+    point(feeder)
+    assert states(feeder)[:2] == ("done", "now")
+
+
 def test_the_present_point_can_be_done_again() -> None:
     feeder = begun(("swivel", "shrug"))
     point(feeder)
