@@ -33,7 +33,7 @@ def view(**changes: object) -> View:
     values: dict[str, object] = {
         "step": Step(Kind.TRIAL, 2, 0), "task": "Swing the elbow", "lack": "", "progress": 0.5, "speed": 0.021,
         "distance": 0.004, "lost": 0.0, "kept": 40, "needed": 100, "range": 0.31, "least_range": 0.15, "box": None,
-        "points": np.zeros((10, 3)), "hand": np.zeros(3), "states": ("done", "weak: range 0.1", "now", "left out"),
+        "states": ("done", "weak: range 0.1", "now", "left out"),
     }  # fmt: skip
     return View(**(values | changes))  # type: ignore[arg-type]
 
@@ -50,7 +50,7 @@ def test_the_picture_says_what_counts() -> None:
 
 @pytest.mark.parametrize("kind", list(Kind))
 def test_nothing_seen_can_be_shown_at_every_step(kind: Kind) -> None:
-    nothing = view(step=Step(kind, 0, 0), speed=np.nan, distance=np.nan, lost=1.0, hand=np.full(3, np.nan), states=())
+    nothing = view(step=Step(kind, 0, 0), speed=np.nan, distance=np.nan, lost=1.0, states=())
     assert "100% of the samples lack angles or hand" in text(nothing)
     assert "not seen" in text(nothing)
 

@@ -56,10 +56,7 @@ class Kind(Enum):
 
 @dataclass(frozen=True)
 class Step:
-    """One step; `point` and `dof`, from 0 on, in `go` and `trial`.
-
-    `undone` is the mark by which it takes back trials before it.
-    """
+    """One step; `point` and `dof`, from 0 on, in `go` and `trial`; `undone`, the mark that takes back trials before."""
 
     kind: Kind
     point: int = -1
@@ -89,8 +86,6 @@ class View:
         kept, needed: number of samples of the trial.
         range, least_range: rad, of the trial's motion.
         box: (2, 3) m, least and greatest position explored so far; None before.
-        points: (N, 3) m; None before they are chosen.
-        hand: (3,) m, the newest.
         states: of each point: waiting, now, done, weak (with the reasons), left out.
     """
 
@@ -106,8 +101,6 @@ class View:
     range: float
     least_range: float
     box: Array | None
-    points: Array | None
-    hand: Array
     states: tuple[str, ...]
 
 
@@ -217,8 +210,7 @@ class Procedure:
         """What a person is shown now."""
         tail = self._times >= (self._times[-1] if len(self._times) else 0.0) - _TAIL
         seen = np.flatnonzero(self._seen)
-        hand = self._hand[seen[-1]] if len(seen) else np.full(3, np.nan)
-        gap = np.full(3, np.nan) if self.target is None else self.target - hand
+        gap = np.full(3, np.nan) if self.target is None or not len(seen) else self.target - self._hand[seen[-1]]
         moving = self._speed[tail & np.isfinite(self._speed)]
         trial = self.step.kind is Kind.TRIAL
         # What a trial lacks, it may still get in its time.
@@ -227,7 +219,7 @@ class Procedure:
             self.step, self._task(gap), lack, min(self._elapsed / self._span(), 1.0),
             float(moving[-1]) if len(moving) else np.nan, float(np.linalg.norm(gap)),
             1.0 - float(self._seen[tail].mean()) if tail.any() else 0.0, self._kept if trial else 0,
-            self.thresholds.samples, self._range if trial else 0.0, self.thresholds.range, self._box, self.points, hand,
+            self.thresholds.samples, self._range if trial else 0.0, self.thresholds.range, self._box,
             tuple(self._state(at) for at in range(len(self._lacks))),
         )  # fmt: skip
 
