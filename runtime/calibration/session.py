@@ -268,9 +268,10 @@ def _recorded(
         parts.append(marks.ended(taps.samples(rows)))
         date = taps.date(rows)
     assert found is not None
-    if order.option or order.points:
-        found = replace(found, options=found.options.model_copy(update={"thresholds": thresholds}))
-    return found, parts, date
+    # A recording's own thresholds stand, but for those that were typed.
+    typed = {name: getattr(thresholds, name) for name in thresholds.model_fields_set}
+    kept = found.options.thresholds.model_copy(update=typed)
+    return replace(found, options=found.options.model_copy(update={"thresholds": kept})), parts, date
 
 
 def _check_origin(path: Path, taps: Taps, before: Taps | None, checked: Profile, order: Order) -> None:

@@ -168,6 +168,21 @@ def test_a_trial_in_which_a_recording_ends_replaces_no_whole_one(
     assert (folder / "both.json").read_bytes() == (folder / "p07.json").read_bytes()
 
 
+def test_a_recordings_own_thresholds_stand_but_for_those_that_are_typed(command: Command, folder: Path) -> None:
+    actor = Actor()
+    actor.taps.layout.meta["profile"] = actor.taps.layout.meta["profile"].replace("wander: 0.02", "wander: 0.015")
+    assert command("--sim", "--person", "P07", "-o", "first.json", actor=actor) == 0
+    recorded(actor, folder / "run.rrd")
+    # `command` types samples=60 and times of the procedure.
+    for options, samples, wander in (
+        ([], 60, 0.015),
+        (["--option", "samples=70", "--option", "wander=0.03"], 70, 0.03),
+    ):
+        assert command("--recording", "run.rrd", "-o", f"{samples}.json", *options) == 0
+        made = record.read(folder / f"{samples}.json").thresholds
+        assert (made.samples, made.wander, made.points) == (samples, wander, 10)
+
+
 def along(one: Path, other: Path) -> Any:
     """(N, k), cosine between the directions of two files with the same points."""
     a, b = record.read(one).calibration(), record.read(other).calibration()
