@@ -7,7 +7,9 @@ when the calibration file that the profile names isn't there yet.
 from __future__ import annotations
 
 import io
+import json
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any, Final
 
 from ruamel.yaml import YAML
@@ -18,7 +20,7 @@ from runtime.control.ikns.calibration import Thresholds
 from runtime.profile import profile, wiring
 from runtime.profile.graph import Graph
 from runtime.profile.profile import ControllerEntry, Profile
-from runtime.profile.source import Source
+from runtime.profile.source import Source, written
 
 LAW: Final = "ikns"
 MARKS: Final = "calibration-marks"
@@ -77,9 +79,9 @@ def cut(
         plain["sim"]["devices"] = {n: v for n, v in (plain["sim"].get("devices") or {}).items() if n in devices}
         for key in ("ends_with", "duration"):
             plain["sim"].pop(key, None)
-    before = _build(plain, source, sim)
+    before = _build(plain, source, kept, sim)
     plain["controllers"].append(_marks(before, entry, laws, person, dofs, thresholds))
-    return profile.parse(source.label, _text(plain), files=Files(source.files.folder))
+    return _parsed(plain, source, kept)
 
 
 def build(checked: Profile, source: Source, sim: bool) -> Graph:
@@ -174,13 +176,13 @@ def _frames(
             del left[name]
 
 
-def _build(plain: dict[str, Any], source: Source, sim: bool) -> Graph:
+def _build(plain: dict[str, Any], source: Source, kept: list[int], sim: bool) -> Graph:
     """The system before the marks are there, for the names of its signals' elements. Raises WiringError: it can move.
 
     The loop keeps an active actuator where it is even if no law commands it. Guard and stop are left out, so there
     must be none.
     """
-    graph = build(*profile.parse(source.label, _text(plain), files=Files(source.files.folder)), sim)
+    graph = build(*_parsed(plain, source, kept), sim)
     if graph.actuators:
         problem = f"it would still command '{graph.actuators[0].name}' during the calibration"
         raise WiringError(source.label, problem, "Take the angles and the hand from devices that only measure")
@@ -222,14 +224,31 @@ def _marks(
     }  # fmt: skip
 
 
-def _text(plain: dict[str, Any]) -> str:
+def _parsed(plain: dict[str, Any], source: Source, kept: list[int]) -> tuple[Profile, Source]:
+    """The cut profile, with errors at their places in the whole one.
+
+    What was typed is typed again: a path among it begins where srl runs. `kept`: the places of its laws in the whole.
+    """
     stream = io.StringIO()
     YAML().dump(_written(plain), stream)
-    return stream.getvalue()
+    moved = {path: at for path, at in source.moved.items() if not path.startswith("controllers.")}
+    moved |= {f"controllers.{new}": written(f"controllers.{old}", source.moved) for new, old in enumerate(kept)}
+    typed = tuple(_typed(plain))
+    made, own = profile.parse(source.label, stream.getvalue(), typed, Files(source.files.folder))
+    return made, replace(own, lines=source.lines, moved=moved)
+
+
+def _typed(value: Any, path: str = "") -> Iterator[str]:
+    """What was typed with `--set`, once more, each text by itself."""
+    if isinstance(value, Typed):
+        yield f"{path}={json.dumps(value, ensure_ascii=False)}"
+    elif isinstance(value, dict | list):
+        for key, each in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from _typed(each, f"{path}.{key}" if path else str(key))
 
 
 def _written(value: Any) -> Any:
-    """The same as YAML can write it: strings that were typed with `--set` are strings."""
+    """The same as YAML can write it: texts that were typed with `--set` are plain ones."""
     if isinstance(value, dict):
         return {key: _written(each) for key, each in value.items()}
     if isinstance(value, list):

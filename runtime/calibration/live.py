@@ -69,7 +69,7 @@ class Live(RowSource):
             launch = Launch(
                 source.label,
                 source.text,
-                [],
+                list(source.overrides),
                 str(source.files.folder),
                 encoded(source.files.kept),
                 [] if sim else None,

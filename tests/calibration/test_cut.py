@@ -11,7 +11,8 @@ from helpers.calibration import FEW, PROFILE
 from runtime.calibration.cut import MARKS, _build, build, cut
 from runtime.contracts import registry
 from runtime.contracts.controller import Controller, ControllerConfig
-from runtime.contracts.errors import ProfileError, WiringError
+from runtime.contracts.errors import ProfileError, SrlError, WiringError
+from runtime.contracts.files import Files
 from runtime.contracts.signals import Signal
 from runtime.contracts.terms import POSE
 from runtime.loop.cycle import limits_of
@@ -89,6 +90,35 @@ def test_what_cant_be_cut_is_refused(old: str, new: str, error: type[Exception],
         made(text)
 
 
+def test_a_path_that_was_typed_begins_where_srl_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    typed = "devices.mocap={driver: replay, device: mocap, recording: rel.rrd}"
+    checked, source = profile.parse("worn.yaml", PROFILE, [typed], Files(tmp_path / "there"))
+    with pytest.raises(SrlError, match=f"{tmp_path}/rel.rrd"):
+        cut(checked, source, "P07", ("swivel",), FEW)
+
+
+def test_what_was_typed_stays_what_it_was() -> None:
+    typed = ["devices.mocap.port=tcp://10.0.0.1:801", "devices.mocap.markers.clav='wearer/on #1'"]
+    checked, source = cut(*profile.parse("worn.yaml", PROFILE, typed), "P07", ("swivel",), FEW)
+    assert checked.devices["mocap"].options["port"] == "tcp://10.0.0.1:801"
+    assert checked.devices["mocap"].options["markers"]["clav"] == "wearer/on #1"
+    assert profile.parse(source.label, source.text, source.overrides)[0] == checked
+
+
+def test_an_error_in_the_cut_profile_is_at_its_place_in_the_whole() -> None:
+    more = "  - {use: axis-rate, name: first, in: {axis: ring.buttons}}\n  - use: arm-angles"
+    text = PROFILE.replace("  - use: arm-angles", more).replace("part: upper-body", "part: upper-body, statur: 2")
+    line = text[: text.index("statur: 2")].count("\n") + 1
+    checked, source = profile.parse("worn.yaml", text)
+    with pytest.raises(SrlError, match=rf"worn\.yaml line {line}: sim\.parts\.wearer"):
+        cut(checked, source, "P07", ("swivel",), FEW, sim=True)
+    bad = PROFILE.replace("  - use: arm-angles", more).replace("chest: chest", "chst: chest")
+    line = bad[: bad.index("chst")].count("\n") + 1
+    with pytest.raises(SrlError, match=rf"worn\.yaml line {line}: controllers\.1\.chst"):
+        cut(*profile.parse("worn.yaml", bad), "P07", ("swivel",), FEW)
+
+
 def test_two_laws_are_refused() -> None:
     second = "  - {use: ikns, name: again, calibration: a.json, in: {angles: arm.angles, hand: arm.hand}}\n  - use: fin"
     with pytest.raises(ProfileError, match="has 2 laws 'ikns'"):
@@ -158,7 +188,7 @@ def test_a_system_with_an_actuator_is_refused_whatever_the_text_says(known: None
     text = EXOSKELETON.replace(_IKNS, "")
     _, source = profile.parse("exo.yaml", text)
     with pytest.raises(WiringError, match=r"exo\.yaml: it would still command 'arm\.velocity_command'"):
-        _build(profile.tree(source.label, source.text)[0], source, False)
+        _build(profile.tree(source.label, source.text)[0], source, [0], False)
 
 
 @pytest.fixture
