@@ -198,30 +198,30 @@ def _marks(
     thresholds: Thresholds,
 ) -> dict[str, Any]:
     """The entry of the marks' law: where each joint's angle is, whether it is observed, and where the hand is."""
-    fields = graph.layout.fields
-    wire = entry.inputs["angles"]
-    own = {far: near for near, far in wire.map.items()}
-    angles: dict[str, str] = {}
-    held: dict[str, str] = {}
-    for signal in wire.signals:
-        if signal not in fields:
-            raise WiringError(f"the input 'angles' of {LAW}", f"there is no signal '{signal}'", nearest(signal, fields))
-        # Beside its angles, a law may say which of them it only holds.
-        beside = f"{signal.rpartition('.')[0]}.held"
-        for label in fields[signal].labels or ("0",):
-            joint = own.get(f"{signal}.{label}", own.get(label, label))
-            if joint in angles:
-                raise WiringError(
-                    f"the input 'angles' of {LAW}", f"two signals have a joint '{joint}'", "Rename one with `map:`"
-                )
-            angles[joint] = f"{signal}[{label}]"
-            if beside in fields and label in fields[beside].labels:
-                held[joint] = f"{beside}[{label}]"
+    angles = _elements(graph, entry, "angles")
+    held = _elements(graph, entry, "held") if "held" in entry.inputs else {}
     (hand,) = entry.inputs["hand"].signals
     return {
-        "use": MARKS, "name": MARKS, "person": person, "dofs": list(dofs), "angles": angles, "held": held,
+        "use": MARKS, "name": MARKS, "person": person, "dofs": list(dofs), "angles": angles,
+        "held": {joint: where for joint, where in held.items() if joint in angles},
         "hand": hand, "thresholds": thresholds.model_dump(),
     }  # fmt: skip
+
+
+def _elements(graph: Graph, entry: ControllerEntry, name: str) -> dict[str, str]:
+    """Where each joint's element of an input is, SIGNAL[ELEMENT] by the law's own names of the joints."""
+    fields, wire, found = graph.layout.fields, entry.inputs[name], dict[str, str]()
+    own = {far: near for near, far in wire.map.items()}
+    for signal in wire.signals:
+        if signal not in fields:
+            raise WiringError(f"the input '{name}' of {LAW}", f"there is no signal '{signal}'", nearest(signal, fields))
+        for label in fields[signal].labels or ("0",):
+            joint = own.get(f"{signal}.{label}", own.get(label, label))
+            if joint in found:
+                problem = f"two signals have a joint '{joint}'"
+                raise WiringError(f"the input '{name}' of {LAW}", problem, "Rename one with `map:`")
+            found[joint] = f"{signal}[{label}]"
+    return found
 
 
 def _parsed(plain: dict[str, Any], source: Source, kept: list[int]) -> tuple[Profile, Source]:

@@ -62,6 +62,22 @@ def test_other_names_of_the_joints_are_kept() -> None:
     assert "right_elbow_flexion" not in angles
 
 
+def test_which_joints_are_held_is_where_the_law_reads_it() -> None:
+    held = "held: {from: other.held, map: {elbow: right_elbow_flexion}}"
+    other = (
+        "  - use: arm-angles\n    name: other\n    in: {markers: mocap.markers, marker_visible: mocap.marker_visible}\n"
+    )
+    text = PROFILE.replace("  - use: ikns\n", f"{other}  - use: ikns\n").replace("held: arm.held", held)
+    text = text.replace(
+        "in: {angles: arm.angles,", "in: {angles: {from: arm.angles, map: {elbow: right_elbow_flexion}},"
+    )
+    options = made(text).controllers[-1].options
+    assert options["angles"]["elbow"] == "arm.angles[right_elbow_flexion]"
+    assert options["held"]["elbow"] == "other.held[right_elbow_flexion]"
+    assert options["held"].keys() == options["angles"].keys()
+    assert made(PROFILE.replace(" held: arm.held,", "")).controllers[-1].options["held"] == {}
+
+
 def test_a_clock_that_is_left_out_is_replaced() -> None:
     assert made(PROFILE.replace("clock: monotonic", "clock: finger")).clock == "monotonic"
     assert made(PROFILE.replace("clock: monotonic", "clock: mocap")).clock == "mocap"
