@@ -23,7 +23,7 @@ from runtime.calibration.screen import Screen
 from runtime.calibration.sense import Senses
 from runtime.calibration.sources import RowSource, Simulated, recorded
 from runtime.calibration.taps import Taps, bodies
-from runtime.contracts.errors import RequestError, nearest
+from runtime.contracts.errors import OptionError, ProfileError, RequestError, nearest
 from runtime.contracts.signals import Array
 from runtime.control.ikns import samples as marks
 from runtime.control.ikns.calibration import CalibrationError, Thresholds
@@ -226,8 +226,20 @@ def _flipped(result: Result, dofs: Sequence[str]) -> Result:
 
 def _senses(order: Order, target: Path, checked: Profile, source: Source) -> Senses:
     """The files whose sense may be kept: the one that is named; else the target, then the profile's."""
-    named = checked.controllers[cutting.find(checked, source)].options.get("calibration")
-    return Senses(order.sense, [target, *([source.files.find(named)] if isinstance(named, str) else [])])
+    named = _named(checked, source)
+    return Senses(order.sense, [target, *([] if named is None else [named])])
+
+
+def _named(checked: Profile, source: Source) -> Path | None:
+    """The calibration file that the profile names, if it names one. Raises ProfileError."""
+    law = cutting.find(checked, source)
+    given = checked.controllers[law].options.get("calibration")
+    if not isinstance(given, str):
+        return None
+    try:
+        return source.files.find(given)
+    except OptionError as error:
+        raise ProfileError(source.place(f"controllers.{law}.calibration"), error.problem, error.remedy) from None
 
 
 def _check_sense(order: Order, senses: Senses, options: MarksConfig, screen: Screen) -> None:
@@ -301,17 +313,15 @@ def _explored(parts: Sequence[Samples]) -> Array:
 
 
 def _target(order: Order, checked: Profile, source: Source) -> Path:
-    law = checked.controllers[cutting.find(checked, source)]
+    named = _named(checked, source)
     if order.person is not None and not re.fullmatch(ANONYMOUS, order.person):
         problem = f"'{order.person}' isn't anonymous: up to four letters, then a number"
         raise RequestError("--person", problem, "Number the persons, P07, and keep their names elsewhere")
-    path = order.out
+    path = order.out or named
     if path is None:
-        if not isinstance(named := law.options.get("calibration"), str):
-            raise RequestError("-o", "the profile names no calibration file", "Say where it goes: -o p07.json")
-        path = source.files.find(named)
+        raise RequestError("-o", "the profile names no calibration file", "Say where it goes: -o p07.json")
     results.check_target(path, order.yes)
-    return Path(path)
+    return path
 
 
 def _dofs(order: Order) -> tuple[str, ...]:

@@ -81,8 +81,11 @@ class Files:
     kept: dict[str, bytes] = field(default_factory=dict)
 
     def find(self, given: str | Path) -> Path:
-        """The path that an option means."""
-        path = Path(given).expanduser()
+        """The path that an option means. Raises OptionError."""
+        try:
+            path = Path(given).expanduser()
+        except RuntimeError:
+            raise OptionError(f"'{Path(given).parts[0]}' is no user's home here", "Write the path in full") from None
         return path.absolute() if isinstance(given, Typed) else (self.folder / path).absolute()
 
     def keep(self, given: str | Path, otherwise: str) -> KeptFile:

@@ -125,6 +125,14 @@ def test_wrong_arguments_are_named(
     assert words in capsys.readouterr().err
 
 
+def test_a_home_that_isnt_there_is_named(command: Command, capsys: pytest.CaptureFixture[str]) -> None:
+    there = ("--set", "controllers.1.calibration=~nosuchuser/p07.json")
+    assert command("--sim", "--person", "P07", *there) == 2
+    assert "'~nosuchuser' is no user's home here. Write the path in full" in capsys.readouterr().err
+    assert main(["check", "worn.yaml", *there]) == 2
+    assert "--set controllers.1.calibration: '~nosuchuser' is no user's home here" in capsys.readouterr().err
+
+
 def test_a_profile_without_the_law_is_named(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["calibrate", "sixth-finger", "ikns", "--sim", "--person", "P07"]) == 2
     assert "the profile has no law 'ikns'" in capsys.readouterr().err
