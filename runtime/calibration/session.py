@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, get_args
 
 from pydantic import ValidationError
 
@@ -25,9 +25,11 @@ from runtime.calibration.sources import RowSource, Simulated, recorded
 from runtime.calibration.taps import Taps, bodies
 from runtime.contracts.errors import OptionError, ProfileError, RequestError, nearest
 from runtime.contracts.signals import Array
+from runtime.contracts.wearer import Dof
 from runtime.control.ikns import samples as marks
 from runtime.control.ikns.calibration import CalibrationError, Thresholds
 from runtime.control.ikns.procedure import Plan, Procedure
+from runtime.control.ikns.record import NAME
 from runtime.control.ikns.samples import MarksConfig, Samples
 from runtime.profile import profile
 from runtime.profile.profile import Profile
@@ -70,6 +72,7 @@ def run(order: Order, screen: Screen) -> int:
     target = _target(order, checked, source)
     plan, thresholds = _options(order)
     senses = _senses(order, target, checked, source)
+    dofs = _dofs(order) or ("swivel",)
     if order.recording:
         taps, parts, date = _recorded(order, order.recording, checked, source, thresholds)
         _check_sense(order, senses, taps.options, screen)
@@ -79,7 +82,6 @@ def run(order: Order, screen: Screen) -> int:
         return _finish(order, target, result)
     if order.person is None:
         raise RequestError("--person", "it isn't said whose calibration it is", "Give an anonymous id: --person P07")
-    dofs = _dofs(order) or ("swivel",)
     before: list[Samples] = []
     if order.redo:
         old, before, _ = _recorded(order, order.before or (), checked, source, thresholds)
@@ -328,6 +330,12 @@ def _dofs(order: Order) -> tuple[str, ...]:
     found = tuple(name.strip() for name in (order.dofs or "").split(",") if name.strip())
     if len(set(found)) < len(found):
         raise RequestError("--dofs", "a degree of freedom is named twice", "Name each once")
+    for name in found:
+        if not re.fullmatch(NAME, name):
+            problem = f"'{name}' is no name"
+            raise RequestError("--dofs", problem, "Use up to 64 letters, digits, '.', '_' and '-': swivel,shrug")
+        if order.sim and name not in get_args(Dof):
+            raise RequestError("--dofs", f"the simulated wearer knows no motion '{name}'", nearest(name, get_args(Dof)))
     return found
 
 

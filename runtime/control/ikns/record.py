@@ -17,7 +17,8 @@ from runtime.control.ikns.calibration import Calibration, Thresholds
 
 FORMAT = "srl-ikns-1"
 
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")]
+NAME = r"^[A-Za-z0-9_.-]{1,64}$"
+Name = Annotated[str, Field(pattern=NAME)]
 Row = tuple[FiniteFloat, ...]
 
 
