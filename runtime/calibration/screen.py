@@ -80,7 +80,8 @@ class Terminal(Screen):
         )
         self._next = 0.0
         self._typed = ""
-        self._keys = os.isatty(sys.stdin.fileno())
+        # Without an input at all it is None: `<&-` in a shell, a service.
+        self._keys = sys.stdin is not None and not sys.stdin.closed and sys.stdin.isatty()
         self._before: list[Any] = []
 
     def __enter__(self) -> Self:

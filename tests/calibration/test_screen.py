@@ -13,7 +13,7 @@ from rich.console import Console
 
 from runtime.calibration import session
 from runtime.calibration.guide import QuitError
-from runtime.calibration.screen import Screen, picture
+from runtime.calibration.screen import Screen, Terminal, picture
 from runtime.contracts.errors import SrlError
 from runtime.control.ikns import record
 from runtime.control.ikns.procedure import Kind, Step, View
@@ -53,6 +53,20 @@ def test_nothing_seen_can_be_shown_at_every_step(kind: Kind) -> None:
     nothing = view(step=Step(kind, 0, 0), speed=np.nan, distance=np.nan, lost=1.0, states=())
     assert "100% of the samples lack angles or hand" in text(nothing)
     assert "not seen" in text(nothing)
+
+
+@pytest.mark.parametrize("stdin", [None, "closed"])
+def test_a_terminal_without_a_keyboard_shows_and_asks_nothing(
+    stdin: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = (tmp_path / "in").open("w+")
+    file.close()
+    monkeypatch.setattr("sys.stdin", None if stdin is None else file)
+    console = Console(file=io.StringIO(), width=110, force_terminal=False)
+    with Terminal("calibrate", console) as screen:
+        screen.show(view())
+        assert screen.command() == "none"
+        assert screen.ask("?", lambda: None) == ""
 
 
 class Answers(Screen):
