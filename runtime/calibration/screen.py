@@ -103,7 +103,7 @@ class Terminal(Screen):
             self._live.update(picture(self._title, view, self._typed), refresh=True)
 
     def say(self, text: str) -> None:
-        self._live.console.print(text, highlight=False)
+        self._live.console.print(text, highlight=False, markup=False)
 
     def command(self) -> str:
         while self._keys and select.select([sys.stdin], [], [], 0)[0]:
@@ -173,4 +173,4 @@ def picture(title: str, view: View, typed: str = "") -> Panel:
             Text(f"  point {i + 1} {s}", style="yellow") for i, s in enumerate(view.states) if s.startswith("weak")
         ]
     rows += [Text(), Text(f"> {typed}" if typed else KEYS, style="dim")]
-    return Panel(Group(*rows), title=title, title_align="left")
+    return Panel(Group(*rows), title=Text(title), title_align="left")

@@ -21,9 +21,9 @@ from runtime.control.ikns.procedure import Kind, Step, View
 QUICK = ("static=0.5", "exploration=4", "trial=1.5", "settle=0.3", "patience=3", "samples=60")
 
 
-def text(view: View, typed: str = "") -> str:
+def text(view: View, typed: str = "", title: str = "calibrate") -> str:
     console = Console(file=io.StringIO(), width=110, force_terminal=False)
-    console.print(picture("calibrate", view, typed))
+    console.print(picture(title, view, typed))
     found = console.file.getvalue()  # type: ignore[attr-defined]
     assert isinstance(found, str)
     return found
@@ -46,6 +46,15 @@ def test_the_picture_says_what_counts() -> None:
     ):  # fmt: skip
         assert words in shown
     assert "> r 3" in text(view(), "r 3")
+
+
+@pytest.mark.parametrize("words", ["recorded in /data/[p07]/run.rrd", "'[/x]' is no command", "[red]"])
+def test_every_text_is_shown_as_it_is(words: str) -> None:
+    console = Console(file=io.StringIO(), width=110, force_terminal=False)
+    Terminal("calibrate", console).say(words)
+    assert console.file.getvalue() == f"{words}\n"  # type: ignore[attr-defined]
+    assert words in text(view(task=words, lack=words), words)
+    assert words in text(view(), title=words)
 
 
 @pytest.mark.parametrize("kind", list(Kind))
