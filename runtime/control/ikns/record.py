@@ -20,6 +20,11 @@ FORMAT = "srl-ikns-1"
 NAME = r"^[A-Za-z0-9_.-]{1,64}$"
 Name = Annotated[str, Field(pattern=NAME)]
 Row = tuple[FiniteFloat, ...]
+Count = Annotated[int, Field(ge=0, le=10**9)]
+Share = Annotated[FiniteFloat, Field(ge=0.0, le=1.0 + 1e-9)]  # a sum of shares is rounded
+Sine = Annotated[FiniteFloat, Field(ge=0.0, le=1.0)]
+Cosine = Annotated[FiniteFloat, Field(ge=-1.0, le=1.0)]
+Positive = Annotated[FiniteFloat, Field(ge=0.0)]
 
 
 class RecordError(SrlError):
@@ -38,12 +43,12 @@ class Point(_Part):
     lower: Row
     upper: Row
     travel: tuple[Row, ...]
-    samples: tuple[int, ...]
-    explained: Row
-    wander: FiniteFloat
-    condition: Row
-    crosstalk: tuple[Row, ...]
-    agreement: FiniteFloat
+    samples: tuple[Count, ...]
+    explained: tuple[Share, ...]
+    wander: Positive
+    condition: tuple[Sine, ...]
+    crosstalk: tuple[tuple[Positive, ...], ...]
+    agreement: Cosine
 
 
 class Record(_Part):
@@ -73,9 +78,9 @@ class Record(_Part):
     dofs: Annotated[tuple[Name, ...], Field(min_length=1)]
     thresholds: Thresholds
     points: Annotated[tuple[Point, ...], Field(min_length=4)]
-    still: FiniteFloat
-    lost: FiniteFloat
-    jumps: int
+    still: Share
+    lost: Share
+    jumps: Count
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
