@@ -57,7 +57,11 @@ def test_the_file_goes_where_the_profile_says(
     assert [Path(line).name for line in said.out.splitlines()[-2:]] == ["p07.json", "p07.json.report.png"]
 
 
-def test_the_law_reads_it(command: Command, folder: Path) -> None:
+def test_the_law_reads_it_and_without_it_the_profile_lacks_it(
+    command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["check", "worn.yaml"]) == 2
+    assert "Make it with `srl calibrate PROFILE ikns`" in capsys.readouterr().err
     assert command("--sim", "--person", "P07") == 0
     assert main(["check", "worn.yaml"]) == 0
 
