@@ -5,11 +5,10 @@ from __future__ import annotations
 from math import isfinite
 from typing import Final
 
-import numpy as np
 from pydantic import Field, model_validator
 
-from runtime.contracts.controller import Controller, ControllerConfig
-from runtime.contracts.signals import Signal
+from runtime.contracts.controller import ControllerConfig
+from runtime.control.setpoint.control_value import ControlValue
 
 _NEAR: Final = 0.05  # of c, how near the axis meets it
 
@@ -35,7 +34,7 @@ class AxisPositionConfig(ControllerConfig):
         return self
 
 
-class AxisPosition(Controller):
+class AxisPosition(ControlValue):
     """Converts an axis's deflection to a control value.
 
     Input `axis` (1,). Outputs `c` (1,), 0 to 1, and `c_rate` (1,) 1/s. Beyond the dead band the deflection is
@@ -48,30 +47,22 @@ class AxisPosition(Controller):
     summary = "control value from an axis's deflection: a stick, a trigger, a button while held"
 
     def __init__(self, name: str, config: AxisPositionConfig) -> None:
-        super().__init__(name, config)
-        self.inputs = (Signal(name="axis", shape=(1,), unit="1"),)
-        self.outputs = (Signal(name="c", shape=(1,), unit="1"), Signal(name="c_rate", shape=(1,), unit="1/s"))
         self._config = config
-        self._c = self._wanted(config.rest)
+        super().__init__(name, config, "axis", self._wanted(config.rest))
         self._met, self._side = False, 0.0  # whether the axis has met c since the reset; on which side of it it was
 
-    def reset(self) -> None:
-        if "c" in self.applied:
-            self._c = float(np.clip(self.applied["c"][0], 0.0, 1.0))
-        self._met = False
-        self._side = 0.0
-        self.output["c"][0], self.output["c_rate"][0] = self._c, 0.0
+    def _begin(self, c: float, value: float) -> None:
+        self._met, self._side = False, 0.0
 
-    def update(self, dt: float) -> None:
-        axis, last = float(self.input["axis"][0]), self._c
-        if isfinite(axis) and self._meets(self._wanted(axis)):
-            step = self._config.speed * dt
-            self._c = min(max(self._wanted(axis), last - step), last + step)
-        self.output["c"][0], self.output["c_rate"][0] = self._c, (self._c - last) / dt
+    def _next(self, c: float, value: float, dt: float) -> float:
+        if not isfinite(value) or not self._meets(c, self._wanted(value)):
+            return c
+        step = self._config.speed * dt
+        return min(max(self._wanted(value), c - step), c + step)
 
-    def _meets(self, wanted: float) -> bool:
+    def _meets(self, c: float, wanted: float) -> bool:
         """Whether the axis has been at c, or on both sides of it, since the reset."""
-        off = wanted - self._c
+        off = wanted - c
         self._met = self._met or abs(off) <= _NEAR or off * self._side < 0.0
         self._side = off
         return self._met

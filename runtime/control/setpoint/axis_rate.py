@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from math import isfinite
 
-import numpy as np
 from pydantic import Field, model_validator
 
-from runtime.contracts.controller import Controller, ControllerConfig
-from runtime.contracts.signals import Signal
+from runtime.contracts.controller import ControllerConfig
+from runtime.control.setpoint.control_value import ControlValue
 
 
 class AxisRateConfig(ControllerConfig):
@@ -27,7 +26,7 @@ class AxisRateConfig(ControllerConfig):
         return self
 
 
-class AxisRate(Controller):
+class AxisRate(ControlValue):
     """Integrates an axis's deflection to a control value.
 
     Input `axis` (1,). Outputs `c` (1,), 0 to 1, and `c_rate` (1,) 1/s. Within the dead band c stands still; beyond it
@@ -40,25 +39,17 @@ class AxisRate(Controller):
     summary = "control value moved by an axis's deflection: a stick as a rate"
 
     def __init__(self, name: str, config: AxisRateConfig) -> None:
-        super().__init__(name, config)
-        self.inputs = (Signal(name="axis", shape=(1,), unit="1"),)
-        self.outputs = (Signal(name="c", shape=(1,), unit="1"), Signal(name="c_rate", shape=(1,), unit="1/s"))
+        super().__init__(name, config, "axis", config.begin)
         self._config = config
-        self._c = config.begin
         self._rested = False
 
-    def reset(self) -> None:
-        if "c" in self.applied:
-            self._c = float(np.clip(self.applied["c"][0], 0.0, 1.0))
+    def _begin(self, c: float, value: float) -> None:
         self._rested = False
-        self.output["c"][0], self.output["c_rate"][0] = self._c, 0.0
 
-    def update(self, dt: float) -> None:
-        last, rate = self._c, self._rate(float(self.input["axis"][0]))
+    def _next(self, c: float, value: float, dt: float) -> float:
+        rate = self._rate(value)
         self._rested = self._rested or rate == 0.0
-        if self._rested and rate is not None:
-            self._c = min(max(last + rate * dt, 0.0), 1.0)
-        self.output["c"][0], self.output["c_rate"][0] = self._c, (self._c - last) / dt
+        return c if rate is None or not self._rested else min(max(c + rate * dt, 0.0), 1.0)
 
     def _rate(self, axis: float) -> float | None:
         """The rate that the deflection asks for, 1/s; None without a deflection."""
