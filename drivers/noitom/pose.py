@@ -18,8 +18,7 @@ class Pose:
 
     def __init__(self, config: NoitomConfig, skeleton: Skeleton) -> None:
         self._offsets = skeleton.offsets * config.scale
-        self._quaternions = EulerQuaternions(config.order, JOINTS)
-        self._angles = np.empty((JOINTS, 3))
+        self._quaternions = EulerQuaternions(config.order, JOINTS, np.pi / 180)
 
     def fill(self, frame: Frame, states: Mapping[str, Array]) -> None:
         """Fills the states from a frame.
@@ -29,8 +28,7 @@ class Pose:
             states: `rotation` (59, 4), w x y z, and `translation` (59, 3), m.
         """
         translations, degrees = frame.split()
-        np.multiply(degrees, np.pi / 180, out=self._angles)
-        self._quaternions.fill(self._angles, states["rotation"])
+        self._quaternions.fill(degrees, states["rotation"])
         place = states["translation"]
         if not frame.displacement:
             place[1:] = self._offsets[1:]

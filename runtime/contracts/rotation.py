@@ -149,7 +149,9 @@ def from_euler_xyz(x: float, y: float, z: float) -> Quaternion:
 class EulerQuaternions:
     """Converts Euler angles (k, 3) in an order to unit quaternions (k, 4), without allocating."""
 
-    def __init__(self, order: Order, count: int) -> None:
+    def __init__(self, order: Order, count: int, unit: float = 1.0) -> None:
+        """`unit`: rad per unit of the angles."""
+        self._unit = 0.5 * unit
         i, j, k = (_AXES[axis] for axis in order)
         # The second terms (sin sin sin for w, and so on) have the sign of the permutation.
         e = 1.0 if (j - i) % 3 == 1 else -1.0
@@ -168,11 +170,11 @@ class EulerQuaternions:
         """Fills `out` with the quaternions of `angles`.
 
         Args:
-            angles: (k, 3) rad, in the order's sequence.
+            angles: (k, 3) rad, or the unit given, in the order's sequence.
             out: (k, 4).
         """
         each = self._each
-        np.multiply(angles.T, 0.5, out=self._half)
+        np.multiply(angles.T, self._unit, out=self._half)
         np.cos(self._half, out=each[:, 0])
         np.sin(self._half, out=each[:, 1])
         np.multiply(each[0, :, None, None], each[1, None, :, None], out=self._two)

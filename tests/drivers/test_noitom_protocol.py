@@ -74,6 +74,44 @@ def test_numbers_that_json_doesnt_know_are_read(words: str) -> None:
     assert frame.values[-1] == float(words)
 
 
+@given(st.lists(st.one_of(st.floats(-1e6, 1e6), st.integers(-3, 3)), min_size=180, max_size=180))
+def test_four_decimals_are_read_as_floats_are(values: list[float]) -> None:
+    words = [f"{value:.4f}" for value in values]
+    frame = TextParser().feed(f"0 A {' '.join(words)} ||".encode())
+    assert frame is not None
+    assert frame.values.tolist() == [float(word) for word in words]
+
+
+ODD = [
+    "1-2.0000",
+    "--1.0000",
+    "1.00-0",
+    "1..000",
+    "1.000",
+    "1.00000",
+    "1e3.0000",
+    "-",
+    "",
+    "0x1.0000",
+    "1.0000-",
+    "1 .0000",
+]
+
+
+@pytest.mark.parametrize("odd", [*ODD, "123456789012345678901.0000", "-.5000", ".5000"])
+@pytest.mark.parametrize("at", [0, 90, 179])
+def test_what_isnt_regular_is_read_as_float_reads_it_or_is_an_error(odd: str, at: int) -> None:
+    words = ["12.3456"] * 180
+    words[at] = odd
+    frame = TextParser().feed(f"0 A {' '.join(words)} ||".encode())
+    try:
+        expected = [float(word) for word in " ".join(words).split()]
+    except ValueError:
+        expected = []
+    found = frame.values.tolist() if frame is not None else []
+    assert found == (expected if len(expected) in COUNTS else [])
+
+
 @pytest.mark.parametrize(
     "record", ["0 A 1 2 3 ||", "0 A " + "nan " * 180 + "||", "0 A " + "1e999 " * 180 + "||", "x ||", "0 A [1] ||"]
 )
