@@ -124,7 +124,7 @@ def draw(result: Result, png: Path) -> None:
     talk = "" if told is None else f", crosstalk up to {told:.3f} (in sample)"
     who = f"{result.taps.options.person}{' (simulated)' if result.taps.simulated else ''}"
     figure.suptitle(f"IKNS calibration of {who}, {result.date.isoformat()}{talk}", fontsize=11)
-    scratch = png.with_name(f".{png.name}.new")
+    scratch = png.with_name(f".{png.name}.{os.getpid()}.new")
     try:
         figure.savefig(scratch, dpi=110, format="png")
         os.replace(scratch, png)

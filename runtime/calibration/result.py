@@ -6,6 +6,7 @@ import datetime
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import chain, count
 from pathlib import Path
 
 import numpy as np
@@ -113,10 +114,11 @@ def _postures(recording: Recording, found: Calibration) -> Array:
 
 
 def write(path: Path, result: Result, replacing: bool) -> None:
-    """Writes the file, whole or not at all; one that is there is kept as FILE.old. Raises SrlError."""
+    """Writes the file, whole or not at all; each that was there is kept: FILE.old, FILE.old.2, ... Raises SrlError."""
     made = result.record()
     check_target(path, replacing)
-    older = path.with_name(f"{path.name}.old")
+    names = (f"{path.name}.old{number}" for number in chain([""], (f".{n}" for n in count(2))))
+    older = next(free for name in names if not os.path.lexists(free := path.with_name(name)))
     try:
         before = path.read_bytes() if path.exists() else None
         if before is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import sys
 import time
@@ -322,6 +323,11 @@ def _target(order: Order, checked: Profile, source: Source) -> Path:
     path = order.out or named
     if path is None:
         raise RequestError("-o", "the profile names no calibration file", "Say where it goes: -o p07.json")
+    if order.out is None and order.profile in profile.shipped() and path.is_relative_to(source.files.folder):
+        problem = f"the profile '{order.profile}' comes with srl, and its calibration file would be replaced"
+        raise RequestError("-o", problem, "Say where the file goes, -o p07.json, or copy the profile")
+    if path.is_symlink():
+        path = Path(os.path.realpath(path))  # the link stays
     results.check_target(path, order.yes)
     return path
 

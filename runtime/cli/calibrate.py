@@ -20,7 +20,9 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument("law", choices=("ikns",), help="what is calibrated")
     parser.add_argument("--person", metavar="ID", help="anonymous id, such as P07")
     parser.add_argument("-o", "--out", type=Path, metavar="FILE", help="default: the file that the profile names")
-    parser.add_argument("--yes", action="store_true", help="replace a file that is there; it is kept as FILE.old")
+    parser.add_argument(
+        "--yes", action="store_true", help="replace a file that is there; it is kept as FILE.old, FILE.old.2, ..."
+    )
     parser.add_argument("--sim", action="store_true", help="the simulated wearer does it, as fast as it goes")
     parser.add_argument("--record", type=Path, metavar="FILE.rrd", help="where every row goes; a person's always do")
     parser.add_argument("--view", action="store_true", help="show a person's motion in the rerun viewer (127.0.0.1)")

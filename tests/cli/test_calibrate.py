@@ -103,6 +103,37 @@ def test_a_file_that_is_there_stays_without_yes(
     assert (folder / "p07.json").read_bytes() != before
 
 
+def test_every_file_that_was_replaced_is_kept(command: Command, folder: Path) -> None:
+    before = []
+    for _ in range(3):
+        assert command("--sim", "--person", "P07", "--yes", "--flip", "swivel") == 0
+        before.append((folder / "p07.json").read_bytes())
+    assert len(set(before)) == 2  # turned round each time
+    assert (folder / "p07.json.old").read_bytes() == before[0]
+    assert (folder / "p07.json.old.2").read_bytes() == before[1]
+    assert not [p.name for p in folder.iterdir() if p.name.endswith(".new")]
+
+
+def test_a_link_is_followed(command: Command, folder: Path) -> None:
+    (folder / "kept").mkdir()
+    (folder / "p07.json").symlink_to("kept/own.json")
+    assert command("--sim", "--person", "P07") == 0
+    assert command("--sim", "--person", "P07", "--yes") == 0
+    assert (folder / "p07.json").is_symlink()
+    assert {p.name for p in (folder / "kept").iterdir()} == {"own.json", "own.json.old", "own.json.report.png"}
+
+
+def test_a_shipped_profile_keeps_its_file(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(session, "Simulated", lambda *_: Actor())
+    assert main(["calibrate", "ikns-finger", "ikns", "--sim", "--person", "P07", "--yes"]) == 2
+    assert "-o: the profile 'ikns-finger' comes with srl" in capsys.readouterr().err
+    typed = ("--set", "controllers.1.calibration=p07.json")
+    assert main(["calibrate", "ikns-finger", "ikns", "--sim", "--person", "P07", *typed, *OPTIONS]) == 0
+    assert (folder / "p07.json").exists()
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

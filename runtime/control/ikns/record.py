@@ -169,7 +169,7 @@ def parse(content: bytes, place: str) -> Record:
 
 def write(path: Path, record: Record) -> None:
     """Writes a calibration file whole or not at all, in place of an older one. Raises RecordError."""
-    scratch = path.with_name(f".{path.name}.new")
+    scratch = path.with_name(f".{path.name}.{os.getpid()}.new")
     try:
         with open(scratch, "w", encoding="utf-8") as file:
             file.write(record.model_dump_json(indent=1) + "\n")
