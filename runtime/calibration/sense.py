@@ -14,8 +14,8 @@ import numpy as np
 from runtime.calibration.result import Result
 from runtime.contracts.errors import RequestError
 from runtime.control.ikns import record
+from runtime.control.ikns.marks import MarksConfig
 from runtime.control.ikns.record import Record
-from runtime.control.ikns.samples import MarksConfig
 
 
 class Senses:

@@ -27,11 +27,12 @@ from runtime.calibration.taps import Taps, bodies
 from runtime.contracts.errors import OptionError, ProfileError, RequestError, nearest
 from runtime.contracts.signals import Array
 from runtime.contracts.wearer import Dof
-from runtime.control.ikns import samples as marks
+from runtime.control.ikns import marks
 from runtime.control.ikns.calibration import CalibrationError, Thresholds
+from runtime.control.ikns.marks import MarksConfig
 from runtime.control.ikns.procedure import Plan, Procedure
 from runtime.control.ikns.record import NAME
-from runtime.control.ikns.samples import MarksConfig, Samples
+from runtime.control.ikns.samples import Samples, ended, joined, seen, stretch
 from runtime.profile import profile
 from runtime.profile.profile import Profile
 from runtime.profile.source import Source
@@ -280,7 +281,7 @@ def _recorded(
         if order.person not in (None, taps.options.person):
             raise RequestError(str(path), f"it is of {taps.options.person}", "Name a recording of this person")
         found = taps
-        parts.append(marks.ended(taps.samples(rows)))
+        parts.append(ended(taps.samples(rows)))
         date = taps.date(rows)
     assert found is not None
     # A recording's own thresholds stand, but for those that were typed.
@@ -311,8 +312,8 @@ def _differs(was: dict[str, Any] | None, now: dict[str, Any] | None) -> str:
 
 def _explored(parts: Sequence[Samples]) -> Array:
     """(T, 3) m: where the hand has been in the exploration."""
-    samples = marks.joined(parts)
-    return marks.seen(samples, marks.stretch(samples, marks.EXPLORATION))
+    samples = joined(parts)
+    return seen(samples, stretch(samples, marks.EXPLORATION))
 
 
 def _target(order: Order, checked: Profile, source: Source) -> Path:

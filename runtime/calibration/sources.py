@@ -16,8 +16,8 @@ from runtime.calibration.cut import MARKS, build
 from runtime.calibration.taps import Taps, taps
 from runtime.contracts.errors import ProfileError, RecordingError
 from runtime.contracts.wearer import Dof, Explore, Hold, Instruction, Rest
+from runtime.control.ikns.marks import MarksConfig
 from runtime.control.ikns.procedure import Kind, Procedure, Step
-from runtime.control.ikns.samples import MarksConfig
 from runtime.ipc.requests import RequestKind
 from runtime.loop.lockstep import Lockstep
 from runtime.profile.profile import Profile

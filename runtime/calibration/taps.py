@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from runtime.calibration.cut import MARKS
 from runtime.contracts.errors import RecordingError
 from runtime.contracts.signals import Array
-from runtime.control.ikns.samples import MarksConfig, Samples
+from runtime.control.ikns.marks import MarksConfig
+from runtime.control.ikns.samples import Samples
 from runtime.control.models import BodyModel
 from runtime.ipc.layout import Layout
 from runtime.ipc.words import LINK_CONNECTED, LINK_ERROR, LINK_FAULT, LINK_STALE, Cause, Latch, State

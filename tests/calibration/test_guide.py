@@ -20,8 +20,9 @@ from runtime.calibration.taps import taps
 from runtime.contracts.errors import RecordingError, RequestError
 from runtime.control.ikns import record
 from runtime.control.ikns.calibration import CalibrationError
+from runtime.control.ikns.marks import mark_of
 from runtime.control.ikns.procedure import Kind, Procedure, Step, View
-from runtime.control.ikns.samples import joined, mark_of, stretch, trials
+from runtime.control.ikns.samples import joined, stretch, trials
 from runtime.ipc.words import CYCLE, State
 
 DAY = datetime.date(2023, 11, 14)  # of the actor's rows

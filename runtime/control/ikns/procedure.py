@@ -16,10 +16,10 @@ from pydantic import Field
 
 from runtime.contracts.options import Options
 from runtime.contracts.signals import Array
-from runtime.control.ikns import samples as marks
+from runtime.control.ikns import marks
 from runtime.control.ikns.calibration import CalibrationError, Thresholds
 from runtime.control.ikns.clusters import box_points, hand_speed
-from runtime.control.ikns.samples import LEAST_POINTS, Samples, mark_of
+from runtime.control.ikns.samples import LEAST_POINTS, Samples
 
 _TAIL: Final = 0.5  # s, over which the live speed and the share of lost samples are taken
 _SEEN: Final = 0.8  # share of samples that must have angles and hand
@@ -67,7 +67,7 @@ class Step:
     def mark(self) -> int:
         """The mark of its samples."""
         if self.kind is Kind.TRIAL:
-            return mark_of(self.point, self.dof)
+            return marks.mark_of(self.point, self.dof)
         return {Kind.STATIC: marks.STATIC, Kind.EXPLORATION: marks.EXPLORATION}.get(self.kind, self.undone)
 
 

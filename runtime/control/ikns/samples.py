@@ -1,10 +1,4 @@
-"""What a calibration's run gave, sample by sample, with marks that say what the person was to do.
-
-A mark is one number, so that it changes in one cycle: 0 nothing that counts, 1 static, 2 exploration, 3 the trial just
-before doesn't count, 100 * point the point is left out and nothing of it before counts, and 100 * point + DoF in a
-trial, both counted from 1. The mark is a parameter of the law `calibration-marks`, which has no other purpose: every
-row holds it, and so does every recording. Where a trial was made again, the last one that counts is taken.
-"""
+"""What a calibration's run gave, sample by sample, and which of it belongs to which trial."""
 
 from __future__ import annotations
 
@@ -13,31 +7,14 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from pydantic import Field
 
-from runtime.contracts.controller import Controller, ControllerConfig, Parameter
 from runtime.contracts.signals import Array
-from runtime.control.ikns.calibration import CalibrationError, Recording, Thresholds
+from runtime.control.ikns.calibration import CalibrationError, Recording
 from runtime.control.ikns.clusters import Indices
-from runtime.control.ikns.record import Name
+from runtime.control.ikns.marks import IDLE, POINT, VOID, mark_of, of_trial
 
-IDLE: Final = 0
-STATIC: Final = 1
-EXPLORATION: Final = 2
-VOID: Final = 3
 LEAST_POINTS: Final = 8  # a box's corners
-_POINT: Final = 100
 _GAP: Final = 1.0  # s, between the samples of two recordings
-
-
-def mark_of(point: int, dof: int) -> int:
-    """The mark of a trial; `point` and `dof` from 0 on."""
-    return _POINT * (point + 1) + dof + 1
-
-
-def left_out(point: int) -> int:
-    """The mark that leaves a point out, from 0 on."""
-    return _POINT * (point + 1)
 
 
 @dataclass(frozen=True)
@@ -90,13 +67,9 @@ def stretch(samples: Samples, mark: int) -> slice:
 def ended(samples: Samples) -> Samples:
     """The samples of a whole recording: a trial in which it ended was broken off, so it doesn't count."""
     marks = samples.marks.copy()
-    if len(marks) and _of_trial(int(marks[-1])):
+    if len(marks) and of_trial(int(marks[-1])):
         marks[stretch(samples, int(marks[-1]))] = IDLE
     return replace(samples, marks=marks)
-
-
-def _of_trial(mark: int) -> bool:
-    return mark >= _POINT and mark % _POINT > 0
 
 
 def _counting(samples: Samples) -> Samples:
@@ -107,9 +80,9 @@ def _counting(samples: Samples) -> Samples:
         mark = int(marks[begin])
         if mark == VOID:
             marks[before:begin] = IDLE
-        elif mark >= _POINT and not _of_trial(mark):
+        elif mark >= POINT and not of_trial(mark):
             earlier = marks[:begin]
-            earlier[earlier // _POINT == mark // _POINT] = IDLE
+            earlier[earlier // POINT == mark // POINT] = IDLE
     return replace(samples, marks=marks)
 
 
@@ -126,7 +99,7 @@ def trials(samples: Samples, dofs: int) -> tuple[Recording, tuple[int, ...]]:
     A point without a trial of each DoF is left out. Raises CalibrationError: too few points are left.
     """
     samples = _counting(samples)
-    points = sorted({int(mark) // _POINT for mark in np.unique(samples.marks) if mark >= _POINT})
+    points = sorted({int(mark) // POINT for mark in np.unique(samples.marks) if mark >= POINT})
     cuts: list[tuple[slice, int, int]] = []
     numbers: list[int] = []
     for number in points:
@@ -155,34 +128,3 @@ def trials(samples: Samples, dofs: int) -> tuple[Recording, tuple[int, ...]]:
 def whole(samples: Samples) -> Recording:
     """All samples of a recording without marks, for one DoF: its points are found by clusters alone."""
     return Recording(samples.times, samples.angles, samples.hand, np.zeros(len(samples), np.intp))
-
-
-class MarksConfig(ControllerConfig):
-    """Options of `calibration-marks`."""
-
-    person: Name = Field(description="anonymous id")
-    dofs: tuple[Name, ...] = Field(min_length=1, description="names of the degrees of freedom, in the marks' order")
-    angles: dict[str, str] = Field(min_length=1, description="where each joint's angle is: JOINT: SIGNAL[ELEMENT]")
-    held: dict[str, str] = Field(default_factory=dict, description="where it says that a joint isn't observed: 1")
-    hand: str = Field(description="the signal of the hand's pose")
-    thresholds: Thresholds = Field(default=Thresholds(), description="what is kept, and what is refused")
-
-
-class Marks(Controller):
-    """Computes nothing. It says in every row what the person was to do, and where the calibration's signals are."""
-
-    Config = MarksConfig
-    summary = "marks in the rows of a calibration what the person was to do (srl calibrate)"
-
-    def __init__(self, name: str, config: MarksConfig) -> None:
-        super().__init__(name, config)
-        most = float(mark_of(config.thresholds.points - 1, len(config.dofs) - 1))
-        self.parameters = (
-            Parameter(name="mark", default=0.0, lower=0.0, upper=most, unit="1", text="what the person is to do"),
-        )
-
-    def reset(self) -> None:
-        """Nothing begins."""
-
-    def update(self, dt: float) -> None:
-        """Nothing is computed."""

@@ -8,20 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from runtime.control.ikns.calibration import Recording
-from runtime.control.ikns.samples import (
-    VOID,
-    Marks,
-    MarksConfig,
-    Samples,
-    ended,
-    joined,
-    left_out,
-    mark_of,
-    seen,
-    stretch,
-    trials,
-    whole,
-)
+from runtime.control.ikns.marks import VOID, Marks, MarksConfig, left_out, mark_of
+from runtime.control.ikns.samples import Samples, ended, joined, seen, stretch, trials, whole
 
 
 def samples(marks: list[int], start: float = 0.0) -> Samples:
