@@ -22,7 +22,10 @@ class FingerClosureConfig(ControllerConfig):
     open: dict[str, Finite] | Finite = Field(description="rad, by joint: the posture at c = 0")
     closed: dict[str, Finite] | Finite = Field(description="rad, by joint: the posture at c = 1")
     catch_up: float = Field(
-        1.0, gt=0.0, description="rad/s, how fast a joint goes to where it should be after it was held or reset"
+        1.0,
+        gt=0.0,
+        allow_inf_nan=False,
+        description="rad/s, how fast a joint goes to where it should be after it was held or reset",
     )
 
     @model_validator(mode="after")

@@ -120,6 +120,7 @@ def test_a_finger_of_other_joints_closes_too() -> None:
         ({"open": 0.3, "closed": 0.3}, "same posture"),
         ({"open": 0.0, "closed": float("nan")}, "finite"),
         ({"open": 0.0, "closed": 0.5, "catch_up": 0.0}, "greater than 0"),
+        ({"open": 0.0, "closed": 0.5, "catch_up": float("inf")}, "finite"),
         ({"open": 0.0, "closed": 0.5, "model": "thum"}, "no finger called"),
     ],
 )
