@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from math import pi
+from typing import Annotated, Final, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -11,9 +12,12 @@ from runtime.control.models import BodyOption, named
 from sim.parts.body.instructions import Dof, Explore, Follow, Hold, Instruction, Rest
 from sim.world.part import PartConfig
 
+_APART: Final = 1e-6  # rad, least distance of a pointer's ends
+_Angle = Annotated[float, Field(ge=-pi, le=pi)]
+
 
 class _Entry(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     seconds: float = Field(gt=0, description="s until the next step")
 
@@ -78,7 +82,7 @@ Step = Annotated[RestStep | ExploreStep | HoldStep | FollowStep, Field(discrimin
 class Slip(BaseModel):
     """A marker that moves on the skin."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     by: Vector = Field(description="m, in its segment's frame")
     at: float = Field(default=0.0, ge=0, description="s of world time")
@@ -87,11 +91,17 @@ class Slip(BaseModel):
 class Watched(BaseModel):
     """A joint of the cell that the wearer sees as the pointer of a DoF."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     joint: str = Field(description="PART/JOINT, such as finger/flexion_1")
     open: float = Field(description="rad, where the pointer is 0")
     closed: float = Field(description="rad, where it is 1")
+
+    @model_validator(mode="after")
+    def _apart(self) -> Self:
+        if abs(self.closed - self.open) < _APART:
+            raise ValueError("'open' and 'closed' are the same place: the pointer couldn't move")
+        return self
 
 
 class Tracking(BaseModel):
@@ -128,7 +138,7 @@ class UpperBodyConfig(PartConfig):
     )
     tracking: Tracking = Tracking()
     elbow: float = Field(default=0.6, ge=0, le=1.5, description="rad, swivel angle of a resting arm")
-    swing: tuple[float, float] = Field(
+    swing: tuple[_Angle, _Angle] = Field(
         default=(0.0, 1.7), description="rad, least and greatest swivel angle: the trunk, and the shoulder's height"
     )
     effort: float = Field(default=0.9, gt=0.2, le=1, description="share of a DoF's range that is used")

@@ -267,6 +267,12 @@ def test_a_plan_goes_on_by_itself_and_begins_anew() -> None:
         ({"plan": [{"do": "follow", "seconds": 1, "times": [0, 1], "values": {"swivel": [0.5]}}]}, "one value"),
         ({"plan": [{"do": "follow", "seconds": 1, "times": [1, 0], "values": {"swivel": [0, 1]}}]}, "ascend"),
         ({"wander": -1.0}, "greater than or equal"),
+        ({"swing": [0.0, float("inf")]}, r"swing\.1"),
+        ({"plan": [{"do": "rest", "seconds": float("inf")}]}, "finite"),
+        ({"plan": [{"do": "hold", "seconds": 1, "point": [0.3, float("nan"), 0.0]}]}, "finite"),
+        ({"slip": {"RSHO": {"by": [0, 0, float("inf")]}}}, "finite"),
+        ({"watches": {"swivel": {"joint": "finger/flexion_1", "open": 0.4, "closed": 0.4}}}, "the same place"),
+        ({"watches": {"swivel": {"joint": "finger/flexion_1", "open": 0.4, "closed": float("nan")}}}, "finite"),
     ],
 )
 def test_wrong_options_are_refused(options: dict[str, Any], words: str) -> None:
