@@ -51,7 +51,7 @@ class IknsConfig(ControllerConfig):
         2.0,
         gt=0.0,
         le=60.0,
-        description="s for which a c may be held; after that the person is lost, and the limb stops",
+        description="s for which c may be held, less what it was seen since; then the person is lost, the limb stops",
     )
 
 
@@ -65,8 +65,8 @@ class Ikns(Controller):
     the points' hull, shrunk by `inset`, the directions are those of its nearest point.
 
     While an input isn't finite, all of c is held. While joints are held, a degree of freedom is held if they could make
-    its c wrong by more than `unseen`. Afterwards c goes back at `catch_up` on top of the person's own motion. A hold
-    that takes more than `max_hold` is the loss of the person.
+    its c wrong by more than `unseen`. Afterwards c goes back at `catch_up` on top of the person's own motion. Holds
+    add up, and what is seen between them is taken off: a sum of more than `max_hold` is the loss of the person.
     """
 
     Config = IknsConfig

@@ -54,6 +54,27 @@ def test_a_hold_that_lasts_is_the_loss_of_the_person(file: Path) -> None:
     assert not made.lost
 
 
+def test_holds_add_up_and_what_is_seen_between_them_is_taken_off(file: Path) -> None:
+    arm, made = Arm(), law(file)
+    put(made, arm, arm.at(MIDDLE))
+    made.reset()
+
+    def held(seconds: float, seen: float) -> bool:
+        made.input["hand"][0] = np.nan
+        for _ in range(round(seconds / DT)):
+            made.update(DT)
+        lost = made.lost
+        put(made, arm, arm.at(MIDDLE))
+        for _ in range(round(seen / DT)):
+            made.update(DT)
+        return lost
+
+    assert [held(0.6, 0.2) for _ in range(5)] == [False] * 4 + [True]
+    made.reset()
+    assert not any(held(0.6, 0.6) for _ in range(20))
+    assert "less what it was seen since" in str(type(made.config).model_fields["max_hold"].description)
+
+
 def hold(law: Ikns, arm: Arm, *joints: str) -> None:
     law.input["held"][:] = [name in joints for name in arm.names]
 
