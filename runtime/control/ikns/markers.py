@@ -41,6 +41,7 @@ _FADE: Final = 0.2  # s, time constant with which a change of markers comes thro
 _BELIEVED: Final = (
     0.5  # s, after which a marker that stays beyond the gate is believed, unless it is at another's place
 )
+_SETS: Final = 256  # of markers, at most, for which it is kept what they show; the oldest goes first
 _LOST: Final = 10  # frames without a fit, after which the posture is searched anew
 
 
@@ -335,6 +336,8 @@ class MarkerFit:
         held = np.ones(n, bool)
         held[free] = False
         active = (self._support * use[:, None] * ~held)[:, None, :]
+        if len(self._active) >= _SETS:
+            del self._active[next(iter(self._active))]
         self._active[key] = (active, held)
         return active, held
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 from helpers.mocap import made, reaching
@@ -292,3 +294,15 @@ def test_the_derivative_is_that_of_the_points() -> None:
     np.testing.assert_allclose(fit.predicted(q), made(BODY, q), atol=1e-12)
     columns = [(fit.predicted(q + step) - fit.predicted(q - step)).ravel() / 2e-6 for step in 1e-6 * np.eye(len(q))]
     np.testing.assert_allclose(fit.jacobian(q), np.array(columns).T, atol=1e-8)
+
+
+def test_what_is_kept_of_sets_of_markers_is_bounded() -> None:
+    """Noise in the cameras shows every set sooner or later, and a session takes hours."""
+    fit = MarkerFit(ARM)
+    before = fit.needed("RFIN")
+    sets = [c for count in range(12) for c in combinations(fit.names, count)]
+    assert len(sets) == 2048
+    for names in sets:
+        fit.observed(names)
+    assert len(fit._active) <= 256
+    assert fit.needed("RFIN") == before
