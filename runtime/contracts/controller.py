@@ -41,6 +41,8 @@ class Controller(ABC):
             they were while a frame isn't seen, and are NaN before it was.
         lost: a law sets it in `reset` and `update`. True: what it follows hasn't been there for longer than it may
             hold its outputs. The limb then stops as it does for the loss of the device that the law follows.
+        simulated: the option whose file the simulation made, so that it says nothing about a person; "" for none.
+            Where real devices feed the law, that is doubted.
     """
 
     Config: type[ControllerConfig] = ControllerConfig
@@ -60,6 +62,7 @@ class Controller(ABC):
         self.applied: Mapping[str, Array] = {}
         self.param: Mapping[str, Array] = {}
         self.lost = False
+        self.simulated = ""
 
     def bind(
         self,

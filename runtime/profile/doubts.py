@@ -1,7 +1,9 @@
-"""Numbers that are probably in another unit: degrees for radians, millimetres for metres, grams for kilograms.
+"""What is probably wrong, and told, not refused.
 
-A number's unit is the first word of its option's description. What is doubted is told, not refused: a hall may be
-longer than a room.
+Numbers in another unit: degrees for radians, millimetres for metres, grams for kilograms. A number's unit is the first
+word of its option's description; a hall may be longer than a room.
+
+A file of the simulated wearer where real devices feed the law.
 """
 
 from __future__ import annotations
@@ -13,10 +15,10 @@ from typing import Any, Final
 
 from pydantic.fields import FieldInfo
 
-from runtime.contracts.controller import Controller
 from runtime.contracts.driver import Driver
 from runtime.contracts.signals import Command
 from runtime.contracts.world import World
+from runtime.profile.graph import Law
 from runtime.profile.option_tree import items, options
 from runtime.profile.profile import Profile
 from runtime.profile.source import Source
@@ -31,12 +33,12 @@ _UNIT: Final = re.compile(r"(rad|m|kg)(?![\w/^*]| m\b)(?! (?:and|s)\b)")
 
 
 def doubts(
-    profile: Profile, source: Source, devices: list[Driver], laws: list[Controller], world: World | None
+    profile: Profile, source: Source, devices: list[Driver], laws: list[Law], world: World | None, simulated: list[str]
 ) -> list[str]:
-    """Returns what is doubted, a line each, with its place."""
+    """Returns what is doubted, a line each, with its place; `simulated` names devices."""
     found = [
         doubt
-        for path, field, value in options(profile, devices, laws, world)
+        for path, field, value in options(profile, devices, [law.controller for law in laws], world)
         for doubt in _of_option(path, field, value)
     ]
     commands = {f"{d.name}.{c.name}": c for d in devices for c in d.commands}
@@ -49,6 +51,7 @@ def doubts(
             if unit in FAST and FAST[unit] < abs(value) < inf:
                 asked = "Are these degrees? " if unit == "rad" else "Are these millimetres? "
                 found.append((place, f"{value:g} {unit}/s is faster than any limb. {asked}"))
+    found += _of_simulation(profile, laws, simulated)
     found += _of_rows(profile)
     for name, frame in profile.frames.items():
         if "/" in (frame.parent or ""):
@@ -62,6 +65,20 @@ def _position_unit(command: Command | None) -> str:
     """The unit of a command's position: rad for rad/s and N m."""
     unit = command.unit if command is not None else ""
     return {"rad/s": "rad", "N m": "rad", "m/s": "m", "N": "m"}.get(unit, unit)
+
+
+def _of_simulation(profile: Profile, laws: list[Law], simulated: list[str]) -> Iterator[tuple[str, str]]:
+    """Files that the simulation made, of laws that real devices feed, themselves or by way of laws before."""
+    real: dict[str, str] = {name: name for name in profile.devices if name not in simulated}
+    for i, law in enumerate(laws):
+        owners = (far.partition(".")[0] for wire in law.inputs.values() for far in wire.far)
+        fed = next((real[owner] for owner in owners if owner in real), None)
+        if fed is None:
+            continue
+        real[law.controller.name] = fed
+        if option := law.controller.simulated:
+            text = f"it is the simulated wearer's, and '{fed}' is real. It says nothing about a person: make their own"
+            yield f"controllers.{i}.{option}", text
 
 
 def _of_rows(profile: Profile) -> Iterator[tuple[str, str]]:

@@ -98,7 +98,7 @@ class Graph:
     simulated: list[str]
     intent: list[bool]  # by device index (setpoint owners included): True if its loss is a loss of intent
     sights: list[Sight]
-    doubts: list[str]  # numbers that are probably in another unit, a line each
+    doubts: list[str]  # what is probably wrong, a line each
     reads: list[Copy]  # measured values whose order isn't their command's, taken before the guards look at them
 
     @property

@@ -76,7 +76,7 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
         profile, source, layout, row, devices, laws, _actuators(b, devices, row, reads), world, b.frames,
         b.simulated, [_is_intent(name, devices, fed) for name in names],
         measured_frames.sights(b, laws, names, row),
-        doubts(profile, source, devices, [law.controller for law in laws], world), reads,
+        doubts(profile, source, devices, laws, world, b.simulated), reads,
     )  # fmt: skip
     _bind(graph)
     return graph

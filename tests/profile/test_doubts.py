@@ -1,4 +1,4 @@
-"""Numbers in another unit are doubted aloud, with their place; those of the shipped profiles aren't."""
+"""Numbers in another unit, and a calibration of nobody, are doubted aloud, with their place."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ import json
 from pathlib import Path
 
 import pytest
+from helpers import ROOT
 from helpers.run import call
 
 from runtime.cli import main
+from runtime.control.ikns import record
 from runtime.profile import profile, wiring
 
 
@@ -69,3 +71,17 @@ def test_srl_check_says_so_and_a_run_too(tmp_path: Path, capsys: pytest.CaptureF
     change = "frames.finger.position=[0, -20, -30]"
     run = call(tmp_path, "run", "sixth-finger", "--sim", "--fast", "--duration", "0.05", "--set", change, code=None)
     assert "doubted: " in run.stderr
+
+
+def test_the_simulated_wearers_calibration_is_doubted_where_a_person_is_seen() -> None:
+    (doubt,) = wiring.build(*profile.load("ikns-finger")).doubts
+    assert "controllers.1.calibration: it is the simulated wearer's, and 'mocap' is real" in doubt
+    assert wiring.build(*profile.load("ikns-finger"), ["mocap"]).doubts == []  # a real finger may follow it
+    assert wiring.build(*profile.load("ikns-finger", ["input=gamepad"])).doubts == []
+
+
+def test_a_persons_own_calibration_isnt_doubted(tmp_path: Path) -> None:
+    made = record.read(ROOT / "profiles/ikns-finger.calibration.json")
+    record.write(tmp_path / "p07.json", made.model_copy(update={"person": "P07", "simulated": False}))
+    own = f"controllers.1.calibration={tmp_path / 'p07.json'}"
+    assert wiring.build(*profile.load("ikns-finger", [own])).doubts == []
