@@ -23,9 +23,8 @@ from numpy.typing import NDArray
 from runtime.contracts.rotation import euler_angles
 from runtime.contracts.signals import Array
 from runtime.control.ikns.body import Body, Marker
+from runtime.control.ikns.observability import Mask, Observability
 from runtime.control.ikns.postures import STARTS, Postures, rigid
-
-Mask = NDArray[np.bool_]
 
 _STEPS: Final = 4  # of Gauss-Newton in a frame, at most
 _SEARCH_STEPS: Final = 15  # the same where nothing is known of the posture
@@ -36,12 +35,12 @@ _PRIOR: Final = 5e-4  # m^2 per rad^2; leaving the predicted posture by 0.045 ra
 # that a posture in which the markers barely show a direction doesn't let noise run along it
 _COAST: Final = 0.8  # of the last frame's velocity that is predicted
 _FORCE: Final = 100.0  # m/s^2; a marker that leaves its predicted place faster is suspected before the fit
-_WEAK: Final = 60.0  # rad/m: an angle that 1 mm of noise moves by more than 0.06 rad isn't observed
 _FADE: Final = 0.2  # s, time constant with which a change of markers comes through
 _BELIEVED: Final = (
     0.5  # s, after which a marker that stays beyond the gate is believed, unless it is at another's place
 )
-_SETS: Final = 256  # of markers, at most, for which it is kept what they show; the oldest goes first
+_SPARE: Final = 4  # of as many markers, one may be left out of a fit that is shown
+_NEAR: Final = 0.5  # of the gate, the greatest residual of a fit that is shown
 _LOST: Final = 10  # frames without a fit, after which the posture is searched anew
 
 
@@ -53,7 +52,7 @@ class MarkerFit:
             markers fades in; where `held` falls they jump.
         q: (n,) the same as fitted.
         held: (n,) True where this frame's markers don't show the joint, or it returns to its range by other angles of
-            the same posture; it keeps its value.
+            the same posture; everywhere while the fit is doubtful. It keeps its value.
         used: (k,) True for markers that this frame's fit rests on.
         rejected: (k,) True for markers that were seen, and not where the body can have them.
         residual: m, rms distance of the used markers from their places.
@@ -96,12 +95,11 @@ class MarkerFit:
         self._eye = np.eye(n)
         self._postures = Postures(body)
         self._places, self._torso = places, np.array([m.segment == "torso" for m in self.markers.values()])
-        self._active: dict[bytes, tuple[Array, Mask]] = {}
         self.q, self.angles = np.zeros(n), np.zeros(n)
         self._rest, self._goal = np.zeros(n), np.zeros((k, 3))  # what fades; the frame before
         self.used, self.rejected = np.zeros(k, bool), np.zeros(k, bool)
         self.residual = 0.0
-        self._reference = self.jacobian(self._postures.start(STARTS[0]))
+        self._observability = Observability(self.jacobian(self._postures.start(STARTS[0])), self._support)
         self.reset()
 
     def reset(self) -> None:
@@ -115,6 +113,8 @@ class MarkerFit:
         self._missed = self._tried = 0
         self._doubt = np.zeros(len(self.names))  # s for which each marker has been rejected
         self._shown = False  # whether `angles` are anybody's
+        self._blind = self.held  # what the markers don't show
+        self._doubtful = False  # whether the fit isn't good enough to be shown
 
     def solve(self, points: Array, visible: Mask, dt: float = 0.01, starts: int = 1) -> bool:
         """Fits the body to one frame.
@@ -125,35 +125,38 @@ class MarkerFit:
             dt: s since the frame before.
             starts: postures from which to search in this frame, where the posture isn't known.
         Returns:
-            Whether it fits; else everything keeps its value and is held.
+            Whether it fits; else everything keeps its value and is held. So it does while a fit is followed that a
+            search would refuse.
         """
         seen = visible & np.isfinite(points).all(axis=1)
         goal = np.where(seen[:, None], points, 0.0)
         shown, turned = self.angles, self._return()
-        before, used, fitted, unseen = self.q, self.used, self._missed == 0, self.held
+        before, used, fitted, blind, held = self.q, self.used, self._missed == 0, self._blind, self.held
         first = not self.known
         self._age += dt
         done = self._follow(goal, seen) if self.known else self._search(goal, seen, starts)
         if not done:
             self._miss(before, seen)
             return False
-        self._rest[~self.held] *= exp(-dt / _FADE)
+        self._rest[~self._blind] *= exp(-dt / _FADE)
         moved = self.q - before
         if not first and fitted and not np.array_equal(used, self.used):
             change = self._change(before, used, goal)
             self._rest += change
             moved += change
-        back = (unseen & ~self.held) | turned  # whoever heeds `held` has to know where a joint is, not where it was
+        back = (blind & ~self._blind) | turned  # whoever heeds `held` has to know where a joint is, not where it was
         self._rest[back] = moved[back] = 0.0
+        self._judge(seen, held, shown)
         self._velocity = moved / max(self._age, 1e-6)
         self.known, self._shown, self._age, self._missed = True, True, 0.0, 0
         self._goal = goal
         self._doubt = np.where(self.rejected, self._doubt + dt, 0.0)
-        self.angles = self.q + self._rest
+        self.angles = shown if self._doubtful else self.q + self._rest
         if self._rest.any():
             self._place(self.angles)
         if turned.any():  # the same posture; its angles are given in the next frame, where `held` falls
             self.angles, self.held = np.where(turned, shown, self.angles), self.held | turned
+            self._blind = self._blind | turned
         return True
 
     def _return(self) -> Mask:
@@ -166,7 +169,7 @@ class MarkerFit:
     def _change(self, before: Array, used: Mask, goal: Array) -> Array:
         """(n,): what takes back the motion of the fitted angles that is only the change of the used markers."""
         now, common, change = self.q, used & self.used, np.zeros_like(before)
-        active, _ = self._rows(common)
+        active, _ = self._observability.of(common)
         if not np.array_equal(common, used):  # some are gone: as if they had been gone a frame ago
             self.q = before
             self._place(before)
@@ -181,11 +184,24 @@ class MarkerFit:
         self._place(now)
         return change
 
+    def _judge(self, seen: Mask, held: Mask, shown: Array) -> None:
+        """Holds what is shown while the fit that is followed isn't good enough; it is followed on."""
+        doubtful, self._doubtful = self._doubtful, self._doubts(seen)
+        self.held = np.ones_like(self._blind) if self._doubtful else self._blind
+        if doubtful or self._doubtful:
+            self._rest = np.where(self.held, shown - self.q, np.where(held, 0.0, self._rest))
+
+    def _doubts(self, seen: Mask) -> bool:
+        """Whether a search would refuse this fit: too many markers left out, too far off, no person's posture."""
+        if np.count_nonzero(self.rejected) > np.count_nonzero(seen) // _SPARE or self.residual > _NEAR * self.gate:
+            return True
+        return self._doubtful and self._postures.refused(np.where(self._blind, 0.0, self.q))
+
     def _miss(self, before: Array, seen: Mask) -> None:
         """A frame without a fit."""
         self.q, self._velocity = before, np.zeros_like(before)
         self._place(self.angles)
-        self.held = np.ones(len(before), bool)
+        self.held = self._blind = np.ones(len(before), bool)
         self.used, self.rejected = np.zeros_like(seen), seen.copy()
         self._missed += 1
         if self._missed >= _LOST:
@@ -207,7 +223,7 @@ class MarkerFit:
 
     def observed(self, names: Sequence[str]) -> Mask:
         """(n,) True for joints that these markers show."""
-        return ~self._rows(np.array([name in names for name in self.names]))[1]
+        return ~self._observability.of(np.array([name in names for name in self.names]))[1]
 
     def needed(self, name: str) -> tuple[str, ...]:
         """The joints that aren't observed when this marker alone is lost."""
@@ -232,7 +248,7 @@ class MarkerFit:
             # What alone shows a joint that was held may be anywhere, if it wasn't doubted a moment ago.
             more = use.copy()
             more[suspect] = True
-            if (self.held & self._rows(use)[1] & ~self._rows(more)[1]).any():
+            if (self._blind & self._observability.of(use)[1] & ~self._observability.of(more)[1]).any():
                 use = more
         return self._settle(goal, seen, use, before, _STEPS, _PRIOR, (int(np.count_nonzero(seen)) - 1) // 2)
 
@@ -243,13 +259,13 @@ class MarkerFit:
         """
         readmitted, start = False, self.q
         for attempt in range(len(seen)):
-            active, held = self._rows(use)
+            active, held = self._observability.of(use)
             if held.all():
                 return False
             if attempt or held.any():
                 self.q = np.where(held, before, start)
                 self._place(self.q)
-            fresh = (self.held & ~held).any()  # nothing is known of where a held joint went
+            fresh = (self._blind & ~held).any()  # nothing is known of where a held joint went
             self._fit(goal, active, *((_SEARCH_STEPS, _DAMPING) if fresh else (steps, prior)))
             distance = self._distance(goal)
             wrong = self._wrong(goal, distance)
@@ -263,7 +279,7 @@ class MarkerFit:
                 continue
             back = seen & ~use & (wrong <= self.gate)
             if readmitted or not back.any():
-                self.held, self.used, self.rejected = held, use, seen & ~use
+                self._blind, self.used, self.rejected = held, use, seen & ~use
                 count = np.count_nonzero(use)
                 self.residual = float(np.sqrt((distance[use] ** 2).sum() / count))
                 return bool(np.count_nonzero(seen) - count <= spare)
@@ -315,32 +331,6 @@ class MarkerFit:
         J *= active
         return J.reshape(-1, J.shape[2])
 
-    def _rows(self, use: Mask) -> tuple[Array, Mask]:
-        """What of the Jacobian counts, (k, 1, n), and the joints that these markers don't show, (n,).
-
-        Judged in one fixed posture with bent elbows, so that it depends on nothing but the markers.
-        """
-        key = use.tobytes()
-        if key in self._active:
-            return self._active[key]
-        n = len(self.q)
-        free = np.arange(n)
-        rows = self._reference.reshape(len(use), 3, n)[use].reshape(-1, n)
-        information = rows.T @ rows + 1e-9 * np.eye(n)
-        while len(free):
-            sd = np.sqrt(np.diag(np.linalg.inv(information[np.ix_(free, free)])))
-            worst = int(sd.argmax())
-            if sd[worst] <= _WEAK:
-                break
-            free = np.delete(free, worst)
-        held = np.ones(n, bool)
-        held[free] = False
-        active = (self._support * use[:, None] * ~held)[:, None, :]
-        if len(self._active) >= _SETS:
-            del self._active[next(iter(self._active))]
-        self._active[key] = (active, held)
-        return active, held
-
     # -- from nothing
 
     def _search(self, goal: Array, seen: Mask, starts: int) -> bool:
@@ -359,21 +349,21 @@ class MarkerFit:
             self.q = q
             self._place(q)
             # Far from the posture, whole limbs would be left out and the rest would fit.
-            spare = int(np.count_nonzero(seen)) // 4
+            spare = int(np.count_nonzero(seen)) // _SPARE
             if not self._settle(goal, seen, seen, last if self._shown else q, _SEARCH_STEPS, _DAMPING, spare):
                 continue
-            if self.residual > 0.5 * self.gate:  # each within the gate, and yet not this body: crossed labels, say
+            if self.residual > _NEAR * self.gate:  # each within the gate, and yet not this body: crossed labels, say
                 continue
             q = self._postures.home(self.q, last)
-            if self._postures.refused(np.where(self.held, 0.0, q)):
+            if self._postures.refused(np.where(self._blind, 0.0, q)):
                 continue
             left_out = int(np.count_nonzero(self.rejected))
-            found.append((left_out, self.residual, q, (self.held, self.used, self.rejected)))
+            found.append((left_out, self.residual, q, (self._blind, self.used, self.rejected)))
             if not left_out and self.residual < 0.25 * self.gate:
                 break
         if not found:
             self.q = last
             return False
-        _, self.residual, self.q, (self.held, self.used, self.rejected) = min(found, key=lambda one: one[:2])
+        _, self.residual, self.q, (self._blind, self.used, self.rejected) = min(found, key=lambda one: one[:2])
         self._place(self.q)
         return True
