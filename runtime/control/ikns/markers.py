@@ -52,7 +52,8 @@ class MarkerFit:
             markers fades in; where `held` falls they jump.
         q: (n,) the same as fitted.
         held: (n,) True where this frame's markers don't show the joint, or it returns to its range by other angles of
-            the same posture; everywhere while the fit is doubtful. It keeps its value.
+            the same posture; where it hangs on such a joint of torso or clavicle; everywhere while the fit is doubtful.
+            It keeps its value.
         used: (k,) True for markers that this frame's fit rests on.
         rejected: (k,) True for markers that were seen, and not where the body can have them.
         residual: m, rms distance of the used markers from their places.
@@ -93,6 +94,12 @@ class MarkerFit:
         for axis, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
             self._skew[axis, 3 * i + j], self._skew[axis, 3 * j + i] = 1.0, -1.0
         self._eye = np.eye(n)
+        # Joints, and what hangs on them: where an arm's markers are says nothing of an arm whose shoulder isn't seen.
+        self._carried: list[tuple[list[int], Mask]] = []
+        for side in body.sides:
+            clavicle = list(body.chains[f"{side}_clavicle"])
+            carried = np.isin(np.arange(n), [*clavicle, *body.chains[f"{side}_arm"]])
+            self._carried.append(([*body.chains["torso"], *clavicle], carried))
         self._postures = Postures(body)
         self._places, self._torso = places, np.array([m.segment == "torso" for m in self.markers.values()])
         self.q, self.angles = np.zeros(n), np.zeros(n)
@@ -115,6 +122,7 @@ class MarkerFit:
         self._shown = False  # whether `angles` are anybody's
         self._blind = self.held  # what the markers don't show
         self._doubtful = False  # whether the fit isn't good enough to be shown
+        self._beyond = False  # whether more is held than that
 
     def solve(self, points: Array, visible: Mask, dt: float = 0.01, starts: int = 1) -> bool:
         """Fits the body to one frame.
@@ -131,7 +139,8 @@ class MarkerFit:
         seen = visible & np.isfinite(points).all(axis=1)
         goal = np.where(seen[:, None], points, 0.0)
         shown, turned = self.angles, self._return()
-        before, used, fitted, blind, held = self.q, self.used, self._missed == 0, self._blind, self.held
+        before, used, fitted, beyond = self.q, self.used, self._missed == 0, self._beyond
+        blind, held = self._blind, self.held
         first = not self.known
         self._age += dt
         done = self._follow(goal, seen) if self.known else self._search(goal, seen, starts)
@@ -146,12 +155,14 @@ class MarkerFit:
             moved += change
         back = (blind & ~self._blind) | turned  # whoever heeds `held` has to know where a joint is, not where it was
         self._rest[back] = moved[back] = 0.0
-        self._judge(seen, held, shown)
+        self._judge(seen)
+        if beyond or self._beyond:
+            self._rest = np.where(self.held, shown - self.q, np.where(held, 0.0, self._rest))
         self._velocity = moved / max(self._age, 1e-6)
         self.known, self._shown, self._age, self._missed = True, True, 0.0, 0
         self._goal = goal
         self._doubt = np.where(self.rejected, self._doubt + dt, 0.0)
-        self.angles = shown if self._doubtful else self.q + self._rest
+        self.angles = np.where(self.held, shown, self.q + self._rest) if self._beyond else self.q + self._rest
         if self._rest.any():
             self._place(self.angles)
         if turned.any():  # the same posture; its angles are given in the next frame, where `held` falls
@@ -184,12 +195,16 @@ class MarkerFit:
         self._place(now)
         return change
 
-    def _judge(self, seen: Mask, held: Mask, shown: Array) -> None:
-        """Holds what is shown while the fit that is followed isn't good enough; it is followed on."""
-        doubtful, self._doubtful = self._doubtful, self._doubts(seen)
-        self.held = np.ones_like(self._blind) if self._doubtful else self._blind
-        if doubtful or self._doubtful:
-            self._rest = np.where(self.held, shown - self.q, np.where(held, 0.0, self._rest))
+    def _judge(self, seen: Mask) -> None:
+        """Says what is held, which may be more than what the markers don't show; the fit goes on all the same."""
+        self._doubtful, self.held = self._doubts(seen), self._blind
+        if self._doubtful:
+            self.held = np.ones_like(self._blind)
+        elif self._blind.any():
+            for joints, carried in self._carried:
+                if self._blind[joints].any() and not self.held[carried].all():
+                    self.held = self.held | carried
+        self._beyond = self.held is not self._blind
 
     def _doubts(self, seen: Mask) -> bool:
         """Whether a search would refuse this fit: too many markers left out, too far off, no person's posture."""

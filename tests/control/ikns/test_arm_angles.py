@@ -105,6 +105,28 @@ def test_what_isnt_seen_is_held_and_said() -> None:
     assert arm.figures()["misfits"] == 1
 
 
+@pytest.mark.parametrize("hidden", [("c7", "t10"), ("c7", "strn"), ("t10", "strn"), ("c7", "clav", "strn")])
+@pytest.mark.parametrize("moved", ["right_clavicle_protraction", "torso_yaw"])
+def test_an_arm_on_a_shoulder_that_isnt_seen_is_held(hidden: tuple[str, ...], moved: str) -> None:
+    """The markers of the arm are all there; the joint beneath it goes by 20 degrees meanwhile."""
+    arm, q = law(), reaching(ARM, 1)[0]
+    show(arm, q)
+    arm.reset()
+    before = {name: arm.output[name].copy() for name in ("angles", "hand")}
+    for share in np.linspace(0.0, 1.0, 50):
+        there = q.copy()
+        there[ARM.names.index(moved)] += share * np.deg2rad(20.0)
+        show(arm, there, *hidden)
+        arm.update(0.01)
+        assert arm.output["held"].all()
+        np.testing.assert_array_equal(arm.output["angles"], before["angles"])
+        np.testing.assert_allclose(arm.output["hand"], before["hand"], atol=1e-12)
+    show(arm, there)
+    arm.update(0.01)
+    assert not arm.output["held"].any()
+    np.testing.assert_allclose(arm.output["angles"], there[list(ANGLES)], atol=0.02)
+
+
 def test_a_swap_is_said() -> None:
     arm, q = law(), reaching(ARM, 1)[0]
     show(arm, q)
