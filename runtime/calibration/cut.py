@@ -10,6 +10,7 @@ import io
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from math import inf
 from typing import Any, Final
 
 from ruamel.yaml import YAML
@@ -23,6 +24,7 @@ from runtime.profile.profile import ControllerEntry, Profile
 from runtime.profile.source import Source, written
 
 LAW: Final = "ikns"
+ANGLES: Final = "arm-angles"
 MARKS: Final = "calibration-marks"
 _DROPPED: Final = ("setpoints", "guard", "stop", "faults", "emergency", "reset", "record", "start")
 
@@ -75,6 +77,9 @@ def cut(
     laws = [checked.controllers[i] for i in kept]
     plain["frames"] = _frames(checked, plain.get("frames") or {}, devices, laws, sim)
     plain["controllers"] = [plain["controllers"][i] for i in kept]
+    for each in plain["controllers"]:
+        if each["use"] == ANGLES:  # nothing moves, so whoever leaves the cameras' view needs no reset
+            each["max_hold"] = inf
     if plain.get("sim"):
         plain["sim"]["devices"] = {n: v for n, v in (plain["sim"].get("devices") or {}).items() if n in devices}
         for key in ("ends_with", "duration"):

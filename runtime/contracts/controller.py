@@ -91,7 +91,10 @@ class Controller(ABC):
 
     @abstractmethod
     def update(self, dt: float) -> None:
-        """Computes one step of `dt` seconds: reads inputs, fills outputs. Outputs are finite for finite inputs."""
+        """Computes one step of `dt` seconds: reads inputs, fills outputs. Outputs are finite for finite inputs.
+
+        A pose that nobody has measured yet is NaN.
+        """
 
     def figures(self) -> dict[str, object]:
         """Returns the controller's own figures for the run's summary."""

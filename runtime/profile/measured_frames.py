@@ -71,6 +71,11 @@ def check_signals(b: Builder, of: Container[str] | None = None) -> None:
             problem = f"'{frame.pose}' is no pose signal ({', '.join(POSE)}, or {', '.join(PLANAR)})"
             raise WiringError(place, problem, nearest(frame.pose, poses))
         signal = poses[frame.pose]
+        owner = frame.pose.partition(".")[0]
+        clients = {each.partition(".")[0] for each in b.profile.setpoints}
+        if "speed" in frame.model_fields_set and owner not in {*b.profile.devices, *clients}:
+            problem = f"'{frame.pose}' is a law's, which itself says when it is lost: nobody would watch its speed"
+            raise WiringError(b.source.place(f"frames.{name}.speed"), problem, "Remove it")
         if signal.frame is not None and signal.frame != frame.parent:
             problem = f"'{frame.pose}' is given in '{signal.frame}', and the frame's parent is '{frame.parent}'"
             raise WiringError(place, problem, f"Write `parent: {signal.frame}`")

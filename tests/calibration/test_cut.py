@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +52,11 @@ def test_the_marks_say_where_each_joint_is() -> None:
     assert options["angles"]["right_elbow_flexion"] == "arm.angles[right_elbow_flexion]"
     assert options["held"]["right_elbow_flexion"] == "arm.held[right_elbow_flexion]"
     assert (options["person"], options["hand"]) == ("P07", "arm.hand")
+
+
+def test_who_leaves_the_view_meanwhile_is_no_loss() -> None:
+    (angles, _) = made(PROFILE).controllers
+    assert angles.options["max_hold"] == inf
 
 
 def test_other_names_of_the_joints_are_kept() -> None:

@@ -43,6 +43,12 @@ class ArmAnglesConfig(ControllerConfig):
         description="instead of markers, the device's segments: NAME: {segment: right_hand, position, quaternion}",
     )
     chest: str | None = Field(default=None, description="frame of the profile's tree that the output `chest` measures")
+    max_hold: float = Field(
+        default=2.0,
+        gt=0,
+        description="s for which torso or clavicle may be held, less what they were seen since; beyond that the person "
+        "is lost, and the limb stops. .inf: never",
+    )
     gate: float = Field(default=0.04, gt=0, le=0.5, description="m, how far a marker may be from its place on the body")
 
     @model_validator(mode="after")
@@ -69,7 +75,10 @@ class ArmAngles(Controller):
     angle is about to change its turn: the angle stays, and may jump where `held` falls. While a joint of torso or
     clavicle is held, so are the arm's joints, and `hand` stays;
     `hand` (7,), the pose of the palm's middle in the chest's frame; `chest` (7,), the chest's pose in the inputs'
-    frame; `residual` (1,) m, rms of the used markers; `used` (k,) 1 used, 0 not seen, -1 rejected.
+    frame; `residual` (1,) m, rms of the used markers; `used` (k,) 1 used, 0 not seen, -1 rejected. `hand` and `chest`
+    are NaN until the chest was seen after a reset, `residual` is in a frame that fits nothing.
+
+    A torso or clavicle that is held for longer than `max_hold` is the loss of the person.
     """
 
     Config = ArmAnglesConfig
@@ -97,11 +106,14 @@ class ArmAngles(Controller):
         _check(f"controllers.{name}", body, "segments" if config.segments else "markers")
         self._what, self._seen = what, seen
         self._fit = MarkerFit(body, gate=config.gate)
+        self._patience = config.max_hold
         self._names, self._each = names, len(body.markers) // len(names)
         fit = self._fit
         chains = [chain if chain == "torso" else f"{side}_{chain}" for chain in config.chains]
         turns = [i for c in chains for i in fit.body.chains[c] if not fit.body.joints[i].slides]
         self._given = np.array(turns)
+        self._torso = np.array(fit.body.chains["torso"])
+        self._way = np.array([*self._torso, *fit.body.chains[f"{side}_clavicle"]])  # from the room to the shoulder
         joints = tuple(fit.body.names[i] for i in turns)
         self.outputs = (
             Signal(name="angles", shape=(len(joints),), unit="rad", labels=joints),
@@ -119,6 +131,9 @@ class ArmAngles(Controller):
         self._frames = self._misfits = 0
         self._missing, self._rejected = np.zeros(len(self._names), int), np.zeros(len(self._names), int)
         self._last: dict[str, rotation.Quaternion] = {}
+        self._seen_once = False  # whether the poses are anybody's
+        self._gone = 0.0  # s without torso or clavicle, less s with them
+        self.lost = False
 
     def reset(self) -> None:
         """Finds the posture from nothing."""
@@ -155,9 +170,15 @@ class ArmAngles(Controller):
         self._rejected += rejected
         out["angles"][:] = fit.angles[self._given]
         out["held"][:] = fit.held[self._given]
-        out["residual"][0] = fit.residual
+        out["residual"][0] = fit.residual if fitted else np.nan
         out["used"][:] = used
         out["used"][rejected] = -1.0
+        self._gone = self._gone + dt if fit.held[self._way].any() else max(0.0, self._gone - dt)
+        self.lost = self._gone > self._patience
+        self._seen_once |= not fit.held[self._torso].any()
+        if not self._seen_once:
+            out["chest"][:] = out["hand"][:] = np.nan
+            return
         chest = self._pose("torso")
         hand = rotation.composed(self._pose(self._hand), self._grip)
         out["chest"][:] = chest

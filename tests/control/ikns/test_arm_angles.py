@@ -138,12 +138,70 @@ def test_a_swap_is_said() -> None:
     np.testing.assert_allclose(arm.output["angles"], q[list(ANGLES)], atol=3e-3)
 
 
-def test_before_anybody_is_seen_the_outputs_are_finite() -> None:
+def test_before_anybody_is_seen_there_is_no_pose() -> None:
+    """Nobody measured one. The angles are finite, and held."""
     arm = law()
+    for _ in range(2):  # also when somebody was there in the run before
+        arm.input["marker_visible"][:] = 0.0
+        arm.reset()
+        arm.update(0.01)
+        assert np.isnan(arm.output["chest"]).all()
+        assert np.isnan(arm.output["hand"]).all()
+        assert np.isnan(arm.output["residual"]).all()
+        assert np.isfinite(arm.output["angles"]).all()
+        assert arm.output["held"].all()
+        show(arm, reaching(ARM, 1)[0])
+        for _ in range(20):
+            arm.update(0.01)
+        assert all(np.isfinite(value).all() for value in arm.output.values())
+        assert not arm.output["held"].any()
+
+
+@pytest.mark.parametrize(
+    ("hidden", "lost"),
+    [(tuple(name.lower() for name in ARM.markers), True), (("c7", "t10"), True), (("rfin",), False)],
+)
+def test_a_chest_or_shoulder_that_stays_away_is_the_loss_of_the_person(hidden: tuple[str, ...], lost: bool) -> None:
+    arm, q = law(max_hold=0.505), reaching(ARM, 1)[0]
+    show(arm, q)
     arm.reset()
-    arm.update(0.01)
-    assert all(np.isfinite(value).all() for value in arm.output.values())
-    assert arm.output["held"].all()
+    chest = arm.output["chest"].copy()
+    show(arm, q, *hidden)
+    found = []
+    for _ in range(60):
+        arm.update(0.01)
+        found.append(arm.lost)
+    assert found == [False] * 50 + [lost] * 10
+    np.testing.assert_allclose(arm.output["chest"], chest, atol=1e-6)
+    assert np.isnan(arm.output["residual"]).any() == (len(hidden) == len(ARM.markers))
+    show(arm, q)
+    for _ in range(30):
+        arm.update(0.01)
+    assert not arm.lost
+    arm.reset()
+    assert not arm.lost
+
+
+def test_holds_of_the_chest_add_up() -> None:
+    arm, q = law(max_hold=0.5), reaching(ARM, 1)[0]
+    show(arm, q)
+    arm.reset()
+    for _ in range(4):
+        show(arm, q, "c7", "t10")
+        for _ in range(20):
+            arm.update(0.01)
+        lost = arm.lost
+        show(arm, q)
+        for _ in range(8):
+            arm.update(0.01)
+    assert lost
+    assert not law(max_hold=float("inf")).lost
+
+
+def test_how_long_it_may_hold_is_a_time() -> None:
+    for value in (0.0, -1.0, float("nan")):
+        with pytest.raises(ValidationError):
+            ArmAnglesConfig(body=MODEL, max_hold=value)
 
 
 def test_segments_give_the_same_angles() -> None:
@@ -242,6 +300,22 @@ def test_simulated_cameras_see_the_arm() -> None:
     # The chest is a frame of the tree, so the hand can be given in the room again.
     hand = ARM.forward(POSTURE)["right_hand"] @ np.array([*ARM.grip("right"), 1.0])
     np.testing.assert_allclose(run.value("back.pose")[settled, :3].mean(axis=0), hand[:3], atol=5e-3)
+
+
+def test_before_the_chest_is_seen_what_is_in_its_frame_is_nowhere() -> None:
+    hidden = ", ".join(f"torso/{name}: [[0.0, 0.5]]" for name in ("C7", "T10", "CLAV"))
+    run = simulate(profile(f"{{{hidden}}}"), seconds=1.0)
+    chest, back = run.value("arm.chest"), run.value("back.pose")
+    assert np.isnan(chest[2:45]).all()  # in the first cycle no law has run
+    assert np.isnan(back[2:45]).all()
+    assert np.isfinite(chest[60:]).all()
+    assert np.isfinite(back[60:]).all()
+
+
+def test_a_speed_of_the_chest_is_refused() -> None:
+    text = profile().replace("pose: arm.chest}", "pose: arm.chest, speed: 3.0}")
+    with pytest.raises(WiringError, match=r"frames\.chest\.speed: 'arm\.chest' is a law's.*Remove it"):
+        wiring.build(*profiles.parse("p.yaml", text))
 
 
 def test_a_marker_that_isnt_wired_is_named() -> None:
