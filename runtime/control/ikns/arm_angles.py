@@ -71,9 +71,9 @@ class ArmAngles(Controller):
     Inputs: `markers` (k, 3) m and `marker_visible` (k,), by the markers' names in lower case; with the option
     `segments` instead `pose` (k, 7) and `visible` (k,). In whatever frame the device names.
 
-    Outputs: `angles` (n,) rad, of the joints' ranges; `held` (n,) 1 where this frame shows nothing of the joint or its
-    angle is about to change its turn: the angle stays, and may jump where `held` falls. While a joint of torso or
-    clavicle is held, so are the arm's joints, and `hand` stays;
+    Outputs: `angles` (n,) rad, of the joints' ranges; `held` (n,) 1 where this frame shows nothing of the joint, or its
+    angle is about to change its turn, or near straight forward has two readings: it stays, and may jump where `held`
+    falls. While a joint of torso or clavicle is held, so are the arm's joints, and `hand` stays;
     `hand` (7,), the pose of the palm's middle in the chest's frame; `chest` (7,), the chest's pose in the inputs'
     frame; `residual` (1,) m, rms of the used markers; `used` (k,) 1 used, 0 not seen, -1 rejected. `hand` and `chest`
     are NaN until the chest was seen after a reset, `residual` is in a frame that fits nothing.

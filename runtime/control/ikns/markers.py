@@ -52,8 +52,8 @@ class MarkerFit:
             markers fades in; where `held` falls they jump.
         q: (n,) the same as fitted.
         held: (n,) True where this frame's markers don't show the joint, or it returns to its range by other angles of
-            the same posture; where it hangs on such a joint of torso or clavicle; everywhere while the fit is doubtful.
-            It keeps its value.
+            the same posture, or has two readings there; where it hangs on such a joint of torso or clavicle; everywhere
+            while the fit is doubtful. It keeps its value.
         used: (k,) True for markers that this frame's fit rests on.
         rejected: (k,) True for markers that were seen, and not where the body can have them.
         residual: m, rms distance of the used markers from their places.
@@ -159,15 +159,20 @@ class MarkerFit:
         if beyond or self._beyond:
             self._rest = np.where(self.held, shown - self.q, np.where(held, 0.0, self._rest))
         self._velocity = moved / max(self._age, 1e-6)
+        anybody = self._shown
         self.known, self._shown, self._age, self._missed = True, True, 0.0, 0
         self._goal = goal
         self._doubt = np.where(self.rejected, self._doubt + dt, 0.0)
         self.angles = np.where(self.held, shown, self.q + self._rest) if self._beyond else self.q + self._rest
         if self._rest.any():
             self._place(self.angles)
+        unclear = self._postures.ambiguous(self.q)
         if turned.any():  # the same posture; its angles are given in the next frame, where `held` falls
-            self.angles, self.held = np.where(turned, shown, self.angles), self.held | turned
-            self._blind = self._blind | turned
+            unclear, self._blind = unclear | turned, self._blind | turned
+        if unclear.any():
+            self.held = self.held | unclear
+            if anybody:
+                self.angles = np.where(unclear, shown, self.angles)
         return True
 
     def _return(self) -> Mask:
@@ -215,7 +220,7 @@ class MarkerFit:
     def _miss(self, before: Array, seen: Mask) -> None:
         """A frame without a fit."""
         self.q, self._velocity = before, np.zeros_like(before)
-        self._place(self.angles)
+        self._place(self.q + self._rest)  # where the body is, whichever angles are shown
         self.held = self._blind = np.ones(len(before), bool)
         self.used, self.rejected = np.zeros_like(seen), seen.copy()
         self._missed += 1

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import pi, remainder
 from typing import Final
 
 import numpy as np
 
 from runtime.contracts.signals import Array
 from runtime.control.ikns.body import Body
+from runtime.control.ikns.observability import Mask
 
 # Postures (abduction, flexion, rotation, elbow) in degrees from which the posture is searched.
 STARTS: Final = (
@@ -79,6 +81,19 @@ class Postures:
         for shoulder in self._shoulders:
             nearer[shoulder] = nearer[shoulder].sum()
         found: Array = np.where(nearer > _SLACK, home, q)
+        return found
+
+    def ambiguous(self, q: Array) -> Mask:
+        """(n,) True for a shoulder near straight forward (or back) whose other angles would stay as well as these.
+
+        Which of the two it has is then its history's. Elsewhere in the joints' ranges only one of them stays.
+        """
+        found = np.zeros(len(q), bool)
+        for shoulder in self._shoulders:
+            if abs(abs(remainder(q[shoulder[1]], _TURN)) - 0.5 * pi) >= _SLACK:
+                continue
+            here, there = self.excess(q)[shoulder], self.excess(self._other_way(q, shoulder))[shoulder]
+            found[shoulder] = there.max() <= _SLACK or there.sum() - here.sum() <= _SLACK
         return found
 
     def _whole(self, q: Array) -> Array:

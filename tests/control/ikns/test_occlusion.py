@@ -8,6 +8,7 @@ from helpers import ROOT
 from helpers.control import bound
 from helpers.mocap import made
 
+from runtime.contracts import rotation
 from runtime.control.ikns.arm_angles import ArmAngles, ArmAnglesConfig
 from runtime.control.ikns.body import average
 from runtime.control.ikns.law import Ikns, IknsConfig
@@ -108,3 +109,33 @@ def test_after_a_circle_about_straight_forward_c_is_what_it_was(cone: float, sen
     assert 1 <= np.array(held).any(axis=1).sum() <= 8
     # A turn would move c by several ranges at once.
     assert np.abs(np.diff(found)).max() < 0.2
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+@pytest.mark.parametrize("cone", [5.0, 10.0, 15.0])
+@pytest.mark.parametrize("turned", [-60.0, -30.0, 0.0, 30.0, 60.0])
+def test_after_a_narrow_circle_it_is_held_or_what_it_was(cone: float, sense: float, turned: float) -> None:
+    """The upper arm, nearly straight forward, circles without turning about itself; the elbow is bent by 60 degrees."""
+    q = posture(0.0)
+    first, second, third, elbow = ARM.chains["right_arm"][:4]
+    q[elbow] = np.deg2rad(60.0)
+
+    def at(angle: float) -> np.ndarray:
+        tilt = rotation.matrix(rotation.exp(0.0, *(np.deg2rad(cone) * np.array([-np.sin(angle), np.cos(angle)]))))
+        own = rotation.matrix(rotation.exp(np.deg2rad(turned), 0.0, 0.0))
+        arm = tilt @ own @ rotation.matrix(rotation.exp(0.0, -np.pi / 2, 0.0))
+        there = q.copy()
+        there[[first, second, third]] = rotation.euler_angles(arm[None], "XYZ")[0] * (-1.0, -1.0, 1.0)
+        return there
+
+    circle = [at(angle) for angle in sense * 2 * np.pi * np.linspace(0.0, 1.0, 400)]
+    wearer = Wearer(circle[0])
+    shoulder = slice(0, 3)
+    begun, held = wearer.arm.output["angles"][shoulder].copy(), bool(wearer.arm.output["held"].any())
+    for there in [*circle, *circle[-1:] * 100]:
+        still = wearer.step(there)[2]
+    assert bool(wearer.arm.output["held"].any()) == held
+    if held:
+        assert still
+    else:
+        np.testing.assert_allclose(wearer.arm.output["angles"][shoulder], begun, atol=np.deg2rad(1.0))

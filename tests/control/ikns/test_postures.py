@@ -59,6 +59,38 @@ def test_what_returns_is_the_same_posture_and_stays_there(q: list[float]) -> Non
     assert found[ARM.names.index("torso_yaw")] == q[ARM.names.index("torso_yaw")]  # a person may turn on
 
 
+@given(st.lists(st.floats(-4.0, 4.0), min_size=3, max_size=3), st.booleans())
+def test_where_both_readings_of_a_shoulder_stay_it_is_ambiguous(abc: list[float], near: bool) -> None:
+    """Within the ranges anywhere; near straight forward also beyond them."""
+    q = np.zeros(len(ARM.joints))
+    q[SHOULDER] = np.clip(abc, *ARM.ranges[SHOULDER].T)
+    if near:
+        q[SHOULDER] = abc[0], np.pi / 2 + abc[1] / 4.0 * np.deg2rad(19.9), abc[2]
+    other = q.copy()
+    other[SHOULDER] = q[SHOULDER[0]] + np.pi, np.pi - q[SHOULDER[1]], q[SHOULDER[2]] + np.pi
+    one, two = POSTURES.returned(q), POSTURES.returned(POSTURES.home(other, other))
+    two_, one_ = POSTURES.returned(other), POSTURES.returned(POSTURES.home(q, q))
+    for a, b in ((one, two), (one_, two_), (one, two_)):
+        if not np.allclose(np.cos(a - b), 1.0):
+            assert POSTURES.ambiguous(a)[SHOULDER].all()
+            assert POSTURES.ambiguous(b)[SHOULDER].all()
+
+
+def test_an_arm_straight_forward_is_ambiguous_only_where_it_is_turned() -> None:
+    q = np.zeros(len(ARM.joints))
+    for abduction, flexion, rotation, either in (
+        (0, 85, 0, False),
+        (0, 69, 90, False),
+        (90, 85, 0, False),
+        (0, 85, 90, True),
+        (110, 100, -60, True),
+        (-10, -80, 60, True),
+    ):
+        q[SHOULDER] = np.deg2rad([abduction, flexion, rotation])
+        expected = np.isin(np.arange(len(q)), SHOULDER) & either
+        np.testing.assert_array_equal(POSTURES.ambiguous(q), expected, (abduction, flexion, rotation))
+
+
 def ordinary(count: int) -> np.ndarray:
     """(count, n): postures of every day."""
     rng = np.random.default_rng(7)
