@@ -22,6 +22,7 @@ _OFTEN = [[0.02 * k, 0.02 * k + 0.01] for k in range(1, 3000)]  # s, a button pr
 DEVICES: dict[str, tuple[dict[str, Any], dict[str, Any], dict[str, Any], str]] = {
     "ati-netft": ({}, {}, _cell(ft_sensor={"part": "ft-sensor"}), "udp://127.0.0.1:9"),
     "base": ({}, {}, _cell(base={"part": "summit-xl"}), "tcp://127.0.0.1:9"),
+    "bno085": ({}, {}, _cell(imu={"part": "imu"}), "tcp://127.0.0.1:9"),
     "can-ft": ({}, {}, _cell(ft_sensor={"part": "ft-sensor"}), "can://udp_multicast/239.74.163.99?port=43199"),
     "cyberglove": ({}, {}, HAND, "tcp://127.0.0.1:9"),
     "dynamixel": (

@@ -1,0 +1,166 @@
+"""The BNO085 as a device: it only talks, so it is listened to."""
+
+from __future__ import annotations
+
+import time
+from typing import Final
+
+from pydantic import Field
+
+from drivers.bno085.protocol import BAUDRATE, RATE, WRAP, Parser, Record
+from drivers.bno085.reading import AngleOrder, Reading, expire
+from drivers.streamtime import StreamTime
+from drivers.transport import Transport, open_transport
+from runtime.contracts.driver import DeviceConfig, Sensor
+from runtime.contracts.errors import DeviceError, DeviceLostError
+from runtime.contracts.signals import Signal
+from runtime.contracts.terms import POINT, QUATERNION
+
+FIRST: Final = 1.0  # s for the first frame; a sensor that has just been switched on needs 0.1 s
+SILENT: Final = 5_000_000_000  # ns without a good frame after which the port is opened anew
+_REMEDY: Final = "Check TX and ground, its supply, and that PS0 is high and PS1 low when it is switched on (UART-RVC)"
+
+
+class Bno085Config(DeviceConfig):
+    """Options of the sensor."""
+
+    port: str = Field(description="link: a serial port's path, tcp://HOST:PORT, spy:FILE:URL")
+    frame: str = Field("imu", description="frame of the profile's tree in which it is mounted: the sensor's own axes")
+    order: AngleOrder = Field(
+        "ZXY", description="axes of yaw, pitch and roll: ZXY, as it measures; ZYX, as its datasheet's words say"
+    )
+    hold: float = Field(0.1, gt=0, le=10, description="s, for which the last orientation stands for later ones")
+
+
+class Bno085(Sensor):
+    """A Bosch BNO085 (CEVA BNO08X) in its UART-RVC mode.
+
+    States: `orientation` (4,), w x y z, of the option's frame; z of its reference is up, its yaw begins at 0 when the
+    sensor is switched on and drifts. `acceleration` (3,), m/s^2, the specific force in the sensor's own axes: at rest it
+    points up. Both are NaN before the first frame and when the newest is older than `hold`, so that a law can fade out
+    what it does with them; when it is older than `max_age`, that is a loss like any other.
+
+    A sample's time follows from the frame's index. Frames whose index stands still or whose angles and acceleration
+    disagree for seconds aren't used.
+    """
+
+    Config = Bno085Config
+    summary = "Bosch BNO085 inertial sensor: orientation and acceleration (UART-RVC, 100 Hz)"
+    gives = ("orientation", "acceleration")
+    max_age = 0.5
+
+    def __init__(self, name: str, config: Bno085Config) -> None:
+        super().__init__(name, config)
+        self._config = config
+        self._place = f"{name} ({config.port})"
+        self.states = (
+            Signal(name="orientation", shape=(4,), unit="1", of=config.frame, labels=QUATERNION),
+            Signal(name="acceleration", shape=(3,), unit="m/s^2", frame=config.frame, labels=POINT),
+        )
+        self._link: Transport | None = None
+        self._hold = round(config.hold * 1e9)
+        self._gaps = self._stuck = self._restarts = 0
+        self._begin()
+
+    def _begin(self) -> None:
+        self._parser = Parser()
+        self._reading = Reading(self._config.order)
+        self._clock = StreamTime(RATE, learn=True)
+        self._index, self._number = -1, 0
+        self._heard = -1  # ns, when the last frame came
+
+    # -- lifecycle
+
+    def open(self) -> None:
+        """See `Driver.open`. Blocks up to 1 s."""
+        self.close()
+        self._begin()
+        link = self._link = open_transport(self._config.port, place=self._place, baudrate=BAUDRATE)
+        try:
+            self._await_frame(link)
+        except DeviceError:
+            self.close()
+            raise
+        self._parser = Parser()  # what came up to now isn't counted
+        self.health.stamp = -1
+        self.health.opened()
+
+    def read(self, now: int) -> None:
+        if self._link is None:
+            raise DeviceLostError(self._place, "it isn't open", "Open it first")
+        try:
+            records = self._receive(self._link)
+        except DeviceLostError as error:
+            self.health.connected = False
+            self.health.message = error.problem
+            raise
+        if self._heard < 0 or records:
+            self._heard = now
+        for record in records:
+            self._take(record, now)
+        if self.health.stamp < 0 or now - self.health.stamp > self._hold:
+            expire(self.state_arrays)
+        if now - self._heard > SILENT:
+            self.health.connected = False
+            self.health.message = "no frames for 5 s"
+            raise DeviceLostError(self._place, "no frames for 5 s", _REMEDY)
+
+    def close(self) -> None:
+        link, self._link = self._link, None
+        self.health.connected = False
+        if link is not None:
+            link.close()
+
+    def figures(self) -> dict[str, object]:
+        """Returns its rate, frames that never came, frames with an old index, and how often the sensor began anew."""
+        return {
+            "rate_hz": round(self._clock.rate, 2),
+            "gaps": self._gaps,
+            "stuck": self._stuck,
+            "restarts": self._restarts,
+        }
+
+    # -- cycle
+
+    def _receive(self, link: Transport) -> list[Record]:
+        parser, health = self._parser, self.health
+        errors, resyncs = parser.errors, parser.resyncs
+        data = link.read()
+        records = parser.feed(data) if data else []
+        health.frames += len(records)
+        health.errors += parser.errors - errors
+        health.resyncs += parser.resyncs - resyncs
+        return records
+
+    def _take(self, record: Record, now: int) -> None:
+        step = (record.index - self._index) % WRAP if self._index >= 0 else 1
+        self._index = record.index
+        if step == 0:
+            self._stuck += 1
+            self.health.message = "its index stands still"
+            return
+        if step >= WRAP // 2:  # it was switched off and on; its yaw began at 0 again
+            self._restarts += 1
+            self._reading.restart()
+            step = 1
+        self._gaps += step - 1
+        self._number += step
+        stamp = self._clock.stamp(self._number, now)
+        if self._reading.fill(record, self.state_arrays):
+            self.health.stamp = stamp
+            self.health.message = ""
+        else:
+            self.health.message = self._reading.trouble()
+
+    # -- opening
+
+    def _await_frame(self, link: Transport) -> None:
+        heard = b""
+        deadline = time.monotonic() + FIRST
+        while (left := deadline - time.monotonic()) > 0:
+            data = link.read_wait(left)
+            heard += data[: 64 - min(len(heard), 64)]
+            if self._parser.feed(data):
+                return
+        shown = f"the bytes {heard[:12].hex(' ')}" if heard else "nothing"
+        raise DeviceError(self._place, f"expected frames of a BNO085, got {shown} in {FIRST:g} s", _REMEDY)

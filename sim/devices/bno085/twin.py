@@ -1,0 +1,51 @@
+"""The twin of a BNO085: frames on a serial port, without being asked."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from drivers.bno085.protocol import encode
+from runtime.contracts.world import Fake
+from sim.devices.bno085.fake import FakeBno085, record
+from sim.devices.shared.serial import SerialTwin
+
+BANNER: Final = b"%Hillcrest Labs 10003608\n\r%SW Ver 3.2.7\n\r%(c) 2017 Hillcrest Laboratories, Inc.\n\r"
+_CATCH_UP: Final = 20  # most frames sent at once; older ones were never taken in time
+
+
+class Bno085Twin(SerialTwin):
+    """Sends the fake's samples as frames; one that the fake loses is a gap in the index.
+
+    After `restart` the index begins at 0 again, behind the text that the sensor sends when it starts.
+    """
+
+    def __init__(self, fake: Fake) -> None:
+        assert isinstance(fake, FakeBno085)
+        super().__init__(fake)
+        self.imu = fake
+        self._sent = -1  # number of the newest sample
+        self._first = 0  # number of the sample with index 0
+        self._starting = False
+
+    def open(self) -> None:
+        super().open()
+        self._sent = self.imu.newest()
+
+    def restart(self) -> None:
+        """The sensor is switched off and on."""
+        self._first, self._starting = self.imu.newest() + 1, True
+
+    def receive(self, data: bytes, now: int) -> bytes:
+        """In this mode the sensor listens to nothing."""
+        return b""
+
+    def work(self, now: int) -> bytes:
+        newest = self.imu.newest()
+        frames = [BANNER] if self._starting else []
+        self._starting = False
+        for number in range(max(self._sent + 1, newest - _CATCH_UP + 1), newest + 1):
+            values = self.imu.sample(number)
+            if values is not None:
+                frames.append(encode(record(values, number - self._first)))
+        self._sent = newest
+        return b"".join(frames)
