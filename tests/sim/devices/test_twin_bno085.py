@@ -95,9 +95,8 @@ def test_yaw_drifts_and_roll_and_pitch_are_off_by_the_options():
     run(device, 2.0)
     w, x, y, z = device.state_arrays["orientation"]
     measured = Rotation.from_quat([x, y, z, w])
-    wanted = (
-        Rotation.from_rotvec([0, 0, 0.7]) * Rotation.from_rotvec([0.02, -0.01, 0]) * Rotation.from_rotvec([0.4, 0, 0])
-    )
+    off = Rotation.from_rotvec([0, 0, 0.7]) * Rotation.from_rotvec([0.02, -0.01, 0])
+    wanted = off * Rotation.from_rotvec([0.4, 0, 0])
     assert (wanted.inv() * measured).magnitude() < 0.002
 
 
@@ -106,8 +105,8 @@ def test_noise_depends_on_the_seed_and_the_sample_alone():
     for step in (10, 20):
         device = fake(noise=0.01)
         device.open()
-        rows.append(np.array(run(device, 1.0, step))[:: 20 // step][-20:])
-    np.testing.assert_array_equal(rows[0][-1], rows[1][-1])
+        rows.append(run(device, 1.0, step)[-1])
+    np.testing.assert_array_equal(rows[0], rows[1])
     device = fake(noise=0.01)
     device.open()
     turned = [2 * np.arccos(min(1.0, abs(row[0]))) for row in run(device, 5.0)]
@@ -223,9 +222,11 @@ def test_silence_and_another_device_are_refused_with_a_remedy():
     with pytest.raises(DeviceError, match="got nothing") as caught:
         driver.open()
     assert "PS0" in caught.value.remedy
+    cable.close()
+    cable = open_transport("loop://another", place="test")
     cable.write_all(b"$GPGGA,123519,4807.038,N" * 3, 1.0)
     with pytest.raises(DeviceError, match="got the bytes 24 47 50"):
-        driver.open()
+        Bno085("imu", Bno085Config(port="loop://another")).open()
     cable.close()
 
 
