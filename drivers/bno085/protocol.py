@@ -20,12 +20,12 @@ class Record(NamedTuple):
     """One frame, in the device's own units.
 
     Attributes:
-        index: 0..255, grows by one a frame.
+        number: the index, 0..255; it grows by one a frame.
         yaw, pitch, roll: 0.01 degree; +-180, +-90, +-180 degrees.
         x, y, z: the specific force along the sensor's axes, 0.001 g.
     """
 
-    index: int
+    number: int
     yaw: int
     pitch: int
     roll: int

@@ -116,7 +116,7 @@ def test_a_bno086_fills_the_reserved_bytes():
 
 
 def test_fuzz_is_survived():
-    fuzz(Parser().feed, b"".join(encode(RECORD._replace(index=k)) for k in range(20)))
+    fuzz(Parser().feed, b"".join(encode(RECORD._replace(number=k)) for k in range(20)))
 
 
 def feed(reading: Reading, record: Record, count: int) -> list[bool]:

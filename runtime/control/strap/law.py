@@ -1,0 +1,199 @@
+"""`strap-base`: keeps the tip of a worn arm where a rigid base would have it, as far as gravity can tell."""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from runtime.contracts.controller import Controller, ControllerConfig
+from runtime.contracts.errors import ProfileError
+from runtime.contracts.rotation import Quaternion, Vector, exp, product
+from runtime.contracts.signals import Array, Signal
+from runtime.contracts.terms import POINT, QUATERNION
+from runtime.contracts.transforms import Place, Transform, device, frame, measured
+from runtime.control.strap.axes import Axis
+from runtime.control.strap.correction import Correction
+from runtime.control.strap.tilt import UP_Y, UP_Z, tilt, up_in
+
+Seconds = Annotated[float, Field(ge=0, le=60)]
+
+
+class StrapBaseConfig(ControllerConfig):
+    """Options of `strap-base`."""
+
+    axes: dict[str, Axis] = Field(min_length=1, description="the arm's, by joint, from the base to the tip")
+    reference: Literal["imu", "suit"] = Field(
+        "imu", description="what measures the body that wears the arm: a second inertial sensor, or a capture suit"
+    )
+    joints: tuple[str, ...] = Field(
+        ("Hips", "Spine"),
+        min_length=1,
+        description="with a suit: its joints from the root to the one that wears the arm",
+    )
+    body: str = Field("spine", description="with a suit: the frame of the last of these joints")
+    most: float = Field(0.35, gt=0, le=1.5, description="rad, greatest tilt that is compensated")
+    damping: float = Field(0.02, gt=0, le=1, description="m/rad, of the least squares")
+    smooth: Seconds = Field(0.02, description="s, time constant of the low-pass on the tilt")
+    fade: Annotated[float, Field(gt=0, le=60)] = Field(
+        0.5, description="s, in which the compensation comes and goes, and a difference at the reset melts away"
+    )
+
+
+class StrapBase(Controller):
+    """Turns the joints so that the tip stays where a rigid base would put it.
+
+    The base's roll and pitch follow from gravity: where up is by the sensor on the base, against where it would be if
+    the base were fixed to the body, by what measures the body. Neither sensor's yaw enters. The base's yaw and its
+    translation aren't seen, and so aren't compensated; the base is taken to turn about its own origin.
+
+    Inputs: `q` (n,) rad or m, the arm's measured joints, whose device's frame is the base; `wanted` (n,), the joints for
+    a rigid base; `orientation` (4,) w x y z of the sensor on the base. The body's: `body` (4,) w x y z of a second
+    sensor (`reference: imu`), or `rotation` (k, 4) w x y z of the suit's joints in their parents (`suit`).
+
+    Outputs: `command` (n,) rad or m; `tilt` (3,) rad, the rotation vector that is compensated, in the base's axes;
+    `active` (1,), 0 to 1: how much of it. What isn't measured, NaN or no unit quaternion, makes the compensation fade
+    out from its last value; `active` says so. It fades in at a reset and when the measurement is back.
+    """
+
+    Config = StrapBaseConfig
+    summary = "compensates roll and pitch of a worn arm's base at its tip"
+
+    def __init__(self, name: str, config: StrapBaseConfig) -> None:
+        super().__init__(name, config)
+        axes = tuple(config.axes)
+        n = len(axes)
+        unit = "m" if all(axis.slides for axis in config.axes.values()) else "rad"
+        joints = {"shape": (n,), "unit": unit, "labels": axes}
+        self.inputs = (
+            Signal(name="q", **joints),  # type: ignore[arg-type]
+            Signal(name="wanted", **joints),  # type: ignore[arg-type]
+            Signal(name="orientation", shape=(4,), unit="1", labels=QUATERNION),
+            self._body_signal(config),
+        )
+        self.outputs = (
+            Signal(name="command", **joints),  # type: ignore[arg-type]
+            Signal(name="tilt", shape=(3,), unit="rad", labels=POINT),
+            Signal(name="active", shape=(1,), unit="1"),
+        )
+        worn: Place = measured("body") if config.reference == "imu" else frame(config.body)
+        self.transforms = (
+            Transform("mount", measured("orientation"), device("q"), "the sensor on the base, in the arm's base"),
+            Transform("body", worn, device("q"), "what measures the body, in the arm's base where it is unloaded"),
+        )
+        self._config = config
+        self._correction = Correction(tuple(config.axes.values()), config.damping)
+        self._up = UP_Z if config.reference == "imu" else UP_Y
+        self._tilt: Vector = (0.0, 0.0, 0.0)
+        self._share = 0.0
+        self._rest = np.zeros(n)  # what is left of the difference at the reset
+        self._left = 0.0  # s
+        self._seen = False
+        self._losses = self._bounded = self._cycles = 0
+        self._worst = 0.0
+
+    @staticmethod
+    def _body_signal(config: StrapBaseConfig) -> Signal:
+        if config.reference == "imu":
+            return Signal(name="body", shape=(4,), unit="1", labels=QUATERNION)
+        if len(set(config.joints)) < len(config.joints):
+            raise ProfileError("controllers.joints", "a joint is there more than once", "Name each once")
+        return Signal(
+            name="rotation", shape=(len(config.joints), 4), unit="1", labels=config.joints, components=(QUATERNION,)
+        )
+
+    def bind(self, *arrays: Any) -> None:
+        super().bind(*arrays)
+        self._mount, self._worn = (_rotation(self.transform[name]) for name in ("mount", "body"))
+
+    def reset(self) -> None:
+        wanted, command = self.input["wanted"], self.output["command"]
+        start = self.applied.get("command", self.input["q"])
+        self._correction.reset()
+        self._share, self._seen = 0.0, False
+        self._rest[:] = np.where(np.isfinite(wanted), start - wanted, 0.0)
+        self._left = self._config.fade
+        self._tilt = self._measured() or (0.0, 0.0, 0.0)
+        command[:] = start
+        self._tell()
+
+    def update(self, dt: float) -> None:
+        self._cycles += 1
+        self._follow(dt)
+        self._left = max(0.0, self._left - dt)
+        wanted = self.input["wanted"]
+        if np.isfinite(wanted).all():
+            x, y, z = self._tilt
+            s = self._share
+            d = self._correction.solve(wanted, exp(s * x, s * y, s * z))
+            self._worst = max(self._worst, self._correction.error)
+            share = self._left / self._config.fade
+            self.output["command"][:] = wanted + d + share * share * (3.0 - 2.0 * share) * self._rest
+        self._tell()
+
+    def figures(self) -> dict[str, object]:
+        """How often the measurement was lost, share of cycles with a tilt beyond `most`, tip error left, mm."""
+        return {
+            "losses": self._losses,
+            "beyond_most": self._bounded / max(self._cycles, 1),
+            "error_left_mm": round(1000 * self._worst, 2),
+        }
+
+    # -- the tilt
+
+    def _follow(self, dt: float) -> None:
+        """Takes the newest tilt, or lets the last one fade out."""
+        new = self._measured()
+        self._losses += self._seen and new is None
+        self._seen = new is not None
+        step = dt / self._config.fade
+        if new is None:
+            self._share = max(0.0, self._share - step)
+            return
+        if self._share == 0.0:
+            self._tilt = new  # nothing of the old one is in the command
+        size = sum(v * v for v in new) ** 0.5
+        if size > self._config.most:
+            self._bounded += 1
+            x, y, z = new
+            by = self._config.most / size
+            new = (by * x, by * y, by * z)
+        a = dt / (dt + self._config.smooth)
+        x, y, z = (old + a * (value - old) for old, value in zip(self._tilt, new, strict=True))
+        self._tilt = x, y, z
+        self._share = min(1.0, self._share + step)
+
+    def _measured(self) -> Vector | None:
+        """The present tilt, rad; None if it isn't measured."""
+        base = _unit(self.input["orientation"])
+        body: Quaternion | None = (1.0, 0.0, 0.0, 0.0)
+        if self._config.reference == "imu":
+            body = _unit(self.input["body"])
+        else:
+            for row in self.input["rotation"]:
+                joint = _unit(row)
+                body = None if joint is None or body is None else product(body, joint)
+        if base is None or body is None:
+            return None
+        return tilt(up_in(self._mount, base, UP_Z), up_in(self._worn, body, self._up))
+
+    def _tell(self) -> None:
+        s = self._share
+        self.output["tilt"][:] = [s * v for v in self._tilt]
+        self.output["active"][0] = s
+
+
+def _rotation(pose: Array) -> Quaternion:
+    w, x, y, z = pose[3:].tolist()
+    return (w, x, y, z)
+
+
+def _unit(values: Array) -> Quaternion | None:
+    """The quaternion, scaled to length 1; None if it is none."""
+    w, x, y, z = values.tolist()
+    size = (w * w + x * x + y * y + z * z) ** 0.5
+    if not isfinite(size) or abs(size - 1.0) > 0.1:
+        return None
+    return (w / size, x / size, y / size, z / size)
