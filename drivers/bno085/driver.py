@@ -37,8 +37,8 @@ class Bno085(Sensor):
 
     States: `orientation` (4,), w x y z, of the option's frame; z of its reference is up, its yaw begins at 0 when the
     sensor is switched on and drifts. `acceleration` (3,), m/s^2, the specific force in the sensor's own axes: at rest
-    it points up. Both are NaN before the first frame and when the newest is older than `hold`, so that a law can fade out
-    what it does with them; when it is older than `max_age`, that is a loss like any other.
+    it points up. Both are NaN before the first frame and when the newest is older than `hold`, so that a law can fade
+    out what it does with them; when it is older than `max_age`, that is a loss like any other.
 
     A sample's time follows from the frame's index. Frames whose index stands still or whose angles and acceleration
     disagree for seconds aren't used.

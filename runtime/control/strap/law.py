@@ -31,7 +31,7 @@ class StrapBaseConfig(ControllerConfig):
     joints: tuple[str, ...] = Field(
         ("Hips", "Spine"),
         min_length=1,
-        description="with a suit: its joints from the root to the one that wears the arm",
+        description="with a suit: its joints, from the root to the wearer of the arm",
     )
     body: str = Field("spine", description="with a suit: the frame of the last of these joints")
     most: float = Field(0.35, gt=0, le=1.5, description="rad, greatest tilt that is compensated")
@@ -49,8 +49,8 @@ class StrapBase(Controller):
     the base were fixed to the body, by what measures the body. Neither sensor's yaw enters. The base's yaw and its
     translation aren't seen, and so aren't compensated; the base is taken to turn about its own origin.
 
-    Inputs: `q` (n,) rad or m, the arm's measured joints, whose device's frame is the base; `wanted` (n,), the joints for
-    a rigid base; `orientation` (4,) w x y z of the sensor on the base. The body's: `body` (4,) w x y z of a second
+    Inputs: `q` (n,) rad or m, the arm's measured joints, whose device's frame is the base; `wanted` (n,), the joints
+    for a rigid base; `orientation` (4,) w x y z of the sensor on the base. The body's: `body` (4,) w x y z of a second
     sensor (`reference: imu`), or `rotation` (k, 4) w x y z of the suit's joints in their parents (`suit`).
 
     Outputs: `command` (n,) rad or m; `tilt` (3,) rad, the rotation vector that is compensated, in the base's axes;
@@ -152,15 +152,14 @@ class StrapBase(Controller):
         if new is None:
             self._share = max(0.0, self._share - step)
             return
-        if self._share == 0.0:
-            self._tilt = new  # nothing of the old one is in the command
         size = sum(v * v for v in new) ** 0.5
         if size > self._config.most:
             self._bounded += 1
             x, y, z = new
             by = self._config.most / size
             new = (by * x, by * y, by * z)
-        a = dt / (dt + self._config.smooth)
+        # What has faded out is nowhere in the command, so the old value needn't be left slowly.
+        a = 1.0 if self._share == 0.0 else dt / (dt + self._config.smooth)
         x, y, z = (old + a * (value - old) for old, value in zip(self._tilt, new, strict=True))
         self._tilt = x, y, z
         self._share = min(1.0, self._share + step)
