@@ -22,7 +22,7 @@ AngleOrder = Literal["ZXY", "ZYX"]
 
 MG: Final = 9.80665e-3  # m/s^2
 _CENTIDEGREE: Final = radians(0.01)
-_TAU: Final = 2.0  # s, over which the acceleration of motion averages out
+_TAU: Final = 5.0  # s, over which the acceleration of motion averages out, also of walking in a circle
 _ENOUGH: Final = round(_TAU * RATE)  # frames before the mean is judged
 DISAGREE: Final = radians(12.0)  # a sensor at rest is 1.5 degrees off, in motion 2.5 (datasheet, figure 6-12)
 

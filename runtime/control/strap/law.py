@@ -55,7 +55,8 @@ class StrapBase(Controller):
 
     Outputs: `command` (n,) rad or m; `tilt` (3,) rad, the rotation vector that is compensated, in the base's axes;
     `active` (1,), 0 to 1: how much of it. What isn't measured, NaN or no unit quaternion, makes the compensation fade
-    out from its last value; `active` says so. It fades in at a reset and when the measurement is back.
+    out from its last value; `active` says so. It fades in at a reset and when the measurement is back. While `wanted`
+    isn't there (NaN), its last value stands, or where the limb was at the reset.
     """
 
     Config = StrapBaseConfig
@@ -88,6 +89,7 @@ class StrapBase(Controller):
         self._up = UP_Z if config.reference == "imu" else UP_Y
         self._tilt: Vector = (0.0, 0.0, 0.0)
         self._share = 0.0
+        self._wanted = np.zeros(n)  # the newest that was there, or where the limb was at the reset
         self._rest = np.zeros(n)  # what is left of the difference at the reset
         self._left = 0.0  # s
         self._seen = False
@@ -109,14 +111,15 @@ class StrapBase(Controller):
         self._mount, self._worn = (_rotation(self.transform[name]) for name in ("mount", "body"))
 
     def reset(self) -> None:
-        wanted, command = self.input["wanted"], self.output["command"]
+        wanted = self.input["wanted"]
         start = self.applied.get("command", self.input["q"])
         self._correction.reset()
         self._share, self._seen = 0.0, False
-        self._rest[:] = np.where(np.isfinite(wanted), start - wanted, 0.0)
+        self._wanted[:] = wanted if np.isfinite(wanted).all() else start
+        self._rest[:] = start - self._wanted
         self._left = self._config.fade
         self._tilt = self._measured() or (0.0, 0.0, 0.0)
-        command[:] = start
+        self.output["command"][:] = start
         self._tell()
 
     def update(self, dt: float) -> None:
@@ -125,12 +128,13 @@ class StrapBase(Controller):
         self._left = max(0.0, self._left - dt)
         wanted = self.input["wanted"]
         if np.isfinite(wanted).all():
-            x, y, z = self._tilt
-            s = self._share
-            d = self._correction.solve(wanted, exp(s * x, s * y, s * z))
-            self._worst = max(self._worst, self._correction.error)
-            share = self._left / self._config.fade
-            self.output["command"][:] = wanted + d + share * share * (3.0 - 2.0 * share) * self._rest
+            self._wanted[:] = wanted
+        x, y, z = self._tilt
+        s = self._share
+        d = self._correction.solve(self._wanted, exp(s * x, s * y, s * z))
+        self._worst = max(self._worst, self._correction.error)
+        left = self._left / self._config.fade
+        self.output["command"][:] = self._wanted + d + left * left * (3.0 - 2.0 * left) * self._rest
         self._tell()
 
     def figures(self) -> dict[str, object]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -13,6 +13,8 @@ from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import QUATERNION
 from sim.world.mjcf import CONTACT, add
 from sim.world.part import Mjcf, Part, PartConfig
+
+_LAG: Final = 0.008  # s, of the accelerometer's low-pass, 20 Hz; ours
 
 
 class ImuConfig(PartConfig):
@@ -34,6 +36,7 @@ class ImuPart(Part):
         super().__init__(name, config, seed)
         assert isinstance(config, ImuConfig)
         self._mass = config.mass
+        self.every = 1
         self.truth = (Signal(name=f"{name}_orientation", shape=(4,), unit="1", labels=QUATERNION),)
 
     def build(self, mjcf: Mjcf, parent: Element) -> None:
@@ -46,8 +49,14 @@ class ImuPart(Part):
     def bind(self, model: Any, data: Any) -> None:
         self._data = data
         at = int(model.sensor(f"{self.name}/acceleration").adr[0])
-        self._force = data.sensordata[at : at + 3]
+        self._now = data.sensordata[at : at + 3]
+        self._force = np.zeros(3)
+        self._share = float(model.opt.timestep / (model.opt.timestep + _LAG))
         self._body = int(model.body(f"{self.name}/case").id)
+
+    def drive(self, step: int) -> None:
+        # Unfiltered, samples at the instants at which a motion's target changes would have a mean of their own.
+        self._force += self._share * (self._now - self._force)
 
     @property
     def seconds(self) -> float:
@@ -60,3 +69,9 @@ class ImuPart(Part):
 
     def fill(self, truth: Mapping[str, Array]) -> None:
         truth[self.truth[0].name][:] = self._data.xquat[self._body]
+
+    def save(self) -> Array:
+        return self._force.copy()
+
+    def restore(self, state: Array) -> None:
+        self._force[:] = state

@@ -281,14 +281,19 @@ def test_a_reset_begins_where_the_limb_is():
     np.testing.assert_allclose(rows[-1], run(fresh, 1.0)[-1], atol=1e-9)
 
 
-def test_unknown_joints_hold_the_command():
-    made = law()
-    made.reset()
-    give(made, wanted=np.nan)
-    rows = run(made, 0.1)
-    np.testing.assert_array_equal(rows, np.broadcast_to(HOME, rows.shape))
-    made.reset()
-    np.testing.assert_array_equal(made.output["command"], HOME)
+def test_without_a_wanted_posture_it_holds_the_tip_where_it_was():
+    moved = np.array(HOME) + 0.1
+    given, waiting = law(), law()
+    for made in (given, waiting):
+        made.applied["command"][:] = moved
+        give(made, orientation=tilted_by(0.05, 0.1, 0.0))
+    give(given, wanted=moved)
+    give(waiting, wanted=np.nan)
+    for made in (given, waiting):
+        made.reset()
+    np.testing.assert_array_equal(run(given, 1.0), run(waiting, 1.0))
+    give(given, wanted=np.nan)
+    np.testing.assert_allclose(run(given, 0.1)[-1], run(waiting, 0.1)[-1])
 
 
 def test_a_tilt_beyond_belief_is_bounded_and_counted():

@@ -1,0 +1,1 @@
+"""Experiments with a person's and an extra limb's common skeleton."""
