@@ -164,7 +164,7 @@ class Trial:
 
     def _measured_turn(self) -> Quaternion:
         base, belt = (tuple(self._imu[name].state_arrays["orientation"].tolist()) for name in ("base", "belt"))
-        return product(conjugate(belt), base)  # type: ignore[arg-type]
+        return product(conjugate(belt), base)
 
     def _plate(self) -> Any:
         body = self.world.data.body("strap/plate")

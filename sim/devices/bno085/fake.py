@@ -6,7 +6,7 @@ from math import degrees, radians
 from typing import Annotated, Final
 
 import numpy as np
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from drivers.bno085 import Bno085, Bno085Config
 from drivers.bno085.protocol import WRAP, Record
@@ -17,6 +17,7 @@ from runtime.contracts.rotation import euler_angles, exp, from_rpy, matrices, no
 from runtime.contracts.signals import Array
 from runtime.contracts.world import FakeConfig, World
 from sim.devices.shared.sensor import SampledFake, SensorOptions
+from sim.devices.shared.windows import Windows, inside, rising
 from sim.parts.things.imu import ImuPart
 
 Tilt = Annotated[tuple[Finite, Finite], PerElement(("x", "y"))]
@@ -33,6 +34,9 @@ class FakeBno085Config(SensorOptions):
     drift: float = Field(default=radians(0.5) / 60, description="rad/s, of the yaw: 0.5 degrees a minute")
     yaw: float = Field(default=0.0, description="rad, that it reads when it points along x of the world")
     tilt: Tilt = Field(default=(0.0, 0.0), description="rad, constant error about x and y of the world; up to 0.026")
+    silent: Annotated[Windows, AfterValidator(rising)] = Field(
+        default=(), description="s, [from, to] pairs in world time during which it sends nothing, its cable in place"
+    )
 
 
 class FakeBno085(Sensor, SampledFake):
@@ -80,6 +84,9 @@ class FakeBno085(Sensor, SampledFake):
     def figures(self) -> dict[str, object]:
         """The rate, and by how much angles and acceleration disagree, degrees."""
         return {"rate_hz": self._options.rate, "disagrees_deg": degrees(self._reading.disagrees)}
+
+    def _is_lost(self, number: int) -> bool:
+        return inside(self._options.silent, self.taken_at(number)) or super()._is_lost(number)
 
     def _measure(self) -> Array:
         """The orientation in the sensor's own reference, whose yaw begins somewhere and drifts."""
