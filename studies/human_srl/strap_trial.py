@@ -15,7 +15,7 @@ import numpy as np
 
 from drivers.bno085 import Bno085Config
 from drivers.dynamixel.config import DynamixelConfig
-from runtime.contracts.frames import as_pose
+from runtime.contracts.frames import IDENTITY, as_pose
 from runtime.contracts.rotation import Quaternion, composed, conjugate, inverted, product
 from runtime.contracts.signals import Array
 from runtime.contracts.world import Fake
@@ -26,7 +26,6 @@ from sim.devices.bno085.fake import FakeBno085, FakeBno085Config
 from sim.devices.dynamixel.fake import FakeDynamixel, FakeDynamixelConfig
 from sim.parts.body.strap import Firmness, StrapPart
 from sim.world.cell import Cell, CellConfig
-from srl.testing import bound
 
 Compensation = Literal["none", "roll-pitch", "with-yaw", "perfect"]
 
@@ -115,7 +114,7 @@ class Trial:
         self._correction = Correction(tuple(arm().values()), 0.02)
         config = StrapBaseConfig.model_validate({"axes": arm()})
         # Both sensors are mounted along the base's axes.
-        self._law = bound(StrapBase("strap", config))
+        self._law = _law(config)
         self._started = False
 
     def run(self, seconds: float) -> Result:
@@ -209,10 +208,18 @@ def _bus() -> DynamixelConfig:
     return DynamixelConfig.model_validate({"port": "/dev/null", "motors": motors})
 
 
-def _device(fake: Any) -> Any:
-    made: Fake = bound(fake)
-    made.open()
-    return made
+def _device(fake: Fake) -> Fake:
+    fake.bind({s.name: np.zeros(s.shape) for s in fake.states}, {c.name: np.zeros(c.shape) for c in fake.commands})
+    fake.open()
+    return fake
+
+
+def _law(config: StrapBaseConfig) -> StrapBase:
+    law = StrapBase("strap", config)
+    inputs = {signal.name: np.zeros(signal.shape) for signal in law.inputs}
+    outputs, applied = ({signal.name: np.zeros(signal.shape) for signal in law.outputs} for _ in range(2))
+    law.bind(inputs, outputs, applied, {}, {name: np.array(IDENTITY) for name in ("mount", "body")})
+    return law
 
 
 def _rms(rows: Array) -> float:

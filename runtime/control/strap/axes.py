@@ -16,7 +16,10 @@ Three = tuple[Finite, Finite, Finite]
 
 
 class Axis(BaseModel):
-    """One axis and the link behind it, in the frame of the link before. At 0 all frames are parallel."""
+    """One axis and the link behind it, in the frame of the link before. At 0 all frames are parallel.
+
+    In an arm that is one of the profile's `srl-arms`, `axis`, `link` and `slides` come from there.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -38,7 +41,12 @@ class Axis(BaseModel):
 class Axes:
     """Forward kinematics and the positional Jacobian of a list of axes."""
 
-    def __init__(self, axes: tuple[Axis, ...]) -> None:
+    def __init__(self, axes: tuple[Axis, ...], first: Vector = (0.0, 0.0, 0.0)) -> None:
+        """Args:
+        axes: from the base to the tip.
+        first: m, from the base to the first axis.
+        """
+        self._first = first
         self._axes: list[tuple[Vector, Vector, bool]] = []
         for axis in axes:
             x, y, z = axis.axis
@@ -52,7 +60,7 @@ class Axes:
             q: (n,) rad or m.
         """
         turn: Quaternion = (1.0, 0.0, 0.0, 0.0)
-        px = py = pz = 0.0
+        px, py, pz = self._first
         seen: list[tuple[Vector, Vector | None]] = []
         for (axis, link, slides), value in zip(self._axes, q, strict=True):
             ax, ay, az = along = turned(turn, axis)

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from runtime.contracts.rotation import Quaternion, conjugate, turned
+from runtime.contracts.rotation import Quaternion, Vector, conjugate, turned
 from runtime.contracts.signals import Array
 from runtime.control.strap.axes import Axes, Axis
 
@@ -24,12 +24,13 @@ class Correction:
     there. Joints that reach a limit stay there, and the others do their part.
     """
 
-    def __init__(self, axes: Sequence[Axis], damping: float) -> None:
+    def __init__(self, axes: Sequence[Axis], damping: float, first: Vector = (0.0, 0.0, 0.0)) -> None:
         """Args:
         axes: from the base to the tip.
         damping: m/rad.
+        first: m, from the base to the first axis.
         """
-        self._arm = Axes(tuple(axes))
+        self._arm = Axes(tuple(axes), first)
         self._weight = np.array([SLIDE * SLIDE if axis.slides else 1.0 for axis in axes])
         self._lower = np.array([axis.lower for axis in axes])
         self._upper = np.array([axis.upper for axis in axes])

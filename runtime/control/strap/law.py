@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from math import isfinite
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from runtime.contracts.controller import Controller, ControllerConfig
-from runtime.contracts.errors import ProfileError
+from runtime.contracts.errors import OptionError
 from runtime.contracts.rotation import Quaternion, Vector, exp, product
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import POINT, QUATERNION
 from runtime.contracts.transforms import Place, Transform, device, frame, measured
+from runtime.control.models import ArmsOption
+from runtime.control.skeleton.arms import Side
 from runtime.control.strap.axes import Axis
 from runtime.control.strap.correction import Correction
 from runtime.control.strap.tilt import UP_Y, UP_Z, tilt, up_in
@@ -25,6 +27,10 @@ class StrapBaseConfig(ControllerConfig):
     """Options of `strap-base`."""
 
     axes: dict[str, Axis] = Field(min_length=1, description="the arm's, by joint, from the base to the tip")
+    arms: ArmsOption | None = Field(
+        None, description="supernumerary arms under `models:`: the arm is one of them, its base has the suit's axes"
+    )
+    side: Side = Field("right", description="which of the arms")
     reference: Literal["imu", "suit"] = Field(
         "imu", description="what measures the body that wears the arm: a second inertial sensor, or a capture suit"
     )
@@ -40,6 +46,36 @@ class StrapBaseConfig(ControllerConfig):
     fade: Annotated[float, Field(gt=0, le=60)] = Field(
         0.5, description="s, in which the compensation comes and goes, and a difference at the reset melts away"
     )
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        if len(set(self.joints)) < len(self.joints):
+            raise ValueError("joints: each once")
+        if self.arms is None:
+            return self
+        arms = self.arms.arms
+        if self.side not in arms.sides:
+            raise OptionError(f"there is no {self.side} arm under `models:`", f"Sides: {', '.join(arms.sides)}")
+        if arms.n != len(self.axes):
+            raise OptionError(f"the arms have {arms.n} joints, and these are {len(self.axes)} axes", "Give each one")
+        for name, axis in self.axes.items():
+            if given := {"axis", "link", "slides"} & axis.model_fields_set:
+                raise OptionError(f"{name}: '{min(given)}' is described under `models:`", "Leave it out here")
+        return self
+
+    def arm(self) -> tuple[tuple[Axis, ...], Vector]:
+        """The axes with their places, and m from the base to the first."""
+        own = tuple(self.axes.values())
+        if self.arms is None:
+            return own, (0.0, 0.0, 0.0)
+        arms = self.arms.arms
+        turns, (_, first, *links) = arms.axes(self.side).tolist(), arms.offsets(self.side).tolist()
+        made = tuple(
+            axis.model_copy(update={"axis": tuple(turn), "link": tuple(link), "slides": joint.slides})
+            for axis, turn, link, joint in zip(own, turns, links, arms.joints, strict=True)
+        )
+        x, y, z = first
+        return made, (x, y, z)
 
 
 class StrapBase(Controller):
@@ -64,10 +100,10 @@ class StrapBase(Controller):
 
     def __init__(self, name: str, config: StrapBaseConfig) -> None:
         super().__init__(name, config)
-        axes = tuple(config.axes)
+        axes, first = config.arm()
         n = len(axes)
-        unit = "m" if all(axis.slides for axis in config.axes.values()) else "rad"
-        joints = {"shape": (n,), "unit": unit, "labels": axes}
+        unit = "m" if all(axis.slides for axis in axes) else "rad"
+        joints = {"shape": (n,), "unit": unit, "labels": tuple(config.axes)}
         self.inputs = (
             Signal(name="q", **joints),  # type: ignore[arg-type]
             Signal(name="wanted", **joints),  # type: ignore[arg-type]
@@ -85,7 +121,7 @@ class StrapBase(Controller):
             Transform("body", worn, device("q"), "what measures the body, in the arm's base where it is unloaded"),
         )
         self._config = config
-        self._correction = Correction(tuple(config.axes.values()), config.damping)
+        self._correction = Correction(axes, config.damping, first)
         self._up = UP_Z if config.reference == "imu" else UP_Y
         self._tilt: Vector = (0.0, 0.0, 0.0)
         self._share = 0.0
@@ -100,8 +136,6 @@ class StrapBase(Controller):
     def _body_signal(config: StrapBaseConfig) -> Signal:
         if config.reference == "imu":
             return Signal(name="body", shape=(4,), unit="1", labels=QUATERNION)
-        if len(set(config.joints)) < len(config.joints):
-            raise ProfileError("controllers.joints", "a joint is there more than once", "Name each once")
         return Signal(
             name="rotation", shape=(len(config.joints), 4), unit="1", labels=config.joints, components=(QUATERNION,)
         )

@@ -13,7 +13,12 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
+from runtime.contracts.errors import OptionError
 from runtime.contracts.rotation import exp
+from runtime.control.models import ArmsModel
+from runtime.control.skeleton.human import human
+from runtime.control.skeleton.human_srl import HumanSrl
+from runtime.control.skeleton.kinematics import Kinematics
 from runtime.control.strap.axes import Axes, Axis
 from runtime.control.strap.correction import Correction
 from runtime.control.strap.law import StrapBase, StrapBaseConfig
@@ -323,3 +328,34 @@ def test_wrong_axes_are_refused():
     for wrong in ({"axis": [0, 0, 0]}, {"lower": 1.0, "upper": 0.0}):
         with pytest.raises(ValidationError):
             Axis.model_validate(wrong)
+
+
+def worn(side: str = "right", arms: ArmsModel | None = None, **axes: Any) -> StrapBaseConfig:
+    model = arms or ArmsModel.model_validate({"sides": ["right", "left"]})
+    given = {f"J{i + 1}": {} for i in range(7)} | axes
+    return StrapBaseConfig.model_validate({"axes": given, "arms": model, "side": side})
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+@given(q=st.lists(st.floats(-0.08, 0.08), min_size=7, max_size=7).map(np.array), far=st.floats(-15, 15))
+def test_the_profiles_arms_are_those_of_the_skeleton(side, q, far):
+    q = q * np.where(np.arange(7) == 4, 1.0, far)
+    config = worn(side)
+    axes, first = config.arm()
+    kinematics = Kinematics(HumanSrl(human(), config.arms.arms))
+    rotation = np.tile(UNIT, (59, 1))
+    other = {"left": "right", "right": "left"}[side]
+    nodes = kinematics.nodes(rotation, np.zeros((59, 3)), {side: q, other: np.zeros(7)})
+    names = HumanSrl(human(), config.arms.arms).tree.names
+    letter = side[0].upper()
+    wanted = nodes[names.index(f"{letter}End")] - nodes[names.index(f"{letter}Base")]
+    np.testing.assert_allclose(Correction(axes, 0.02, first).tip(q), wanted, atol=1e-9)
+
+
+def test_arms_that_do_not_fit_are_refused():
+    with pytest.raises((ValidationError, OptionError), match="described under"):
+        worn(J3={"slides": True})
+    with pytest.raises((ValidationError, OptionError), match="no left arm"):
+        worn("left", ArmsModel())
+    with pytest.raises((ValidationError, OptionError), match="8 axes"):
+        worn(J8={})
