@@ -141,7 +141,6 @@ class Bno085(Sensor):
             return
         if step >= WRAP // 2:  # it was switched off and on; its yaw began at 0 again
             self._restarts += 1
-            self._reading.restart()
             step = 1
         self._gaps += step - 1
         self._number += step

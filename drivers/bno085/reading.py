@@ -38,10 +38,6 @@ class Reading:
         self._order = order
         self._euler = EulerQuaternions(order, 1)
         self._angles, self._quaternion = np.zeros((1, 3)), np.zeros((1, 4))
-        self.restart()
-
-    def restart(self) -> None:
-        """Forgets the mean, because the sensor has begun anew."""
         self._mean: Vector = (0.0, 0.0, 0.0)
         self._count = 0
         self.disagrees = 0.0

@@ -15,6 +15,8 @@ import numpy as np
 
 from drivers.bno085 import Bno085Config
 from drivers.dynamixel.config import DynamixelConfig
+from drivers.noitom import NoitomConfig
+from drivers.noitom.skeleton import Skeleton
 from runtime.contracts.frames import IDENTITY, as_pose
 from runtime.contracts.rotation import Quaternion, composed, conjugate, inverted, product
 from runtime.contracts.signals import Array
@@ -24,12 +26,16 @@ from runtime.control.strap.correction import Correction
 from runtime.control.strap.law import StrapBase, StrapBaseConfig
 from sim.devices.bno085.fake import FakeBno085, FakeBno085Config
 from sim.devices.dynamixel.fake import FakeDynamixel, FakeDynamixelConfig
+from sim.devices.noitom.fake import FakeNoitom, FakeNoitomConfig
 from sim.parts.body.strap import Firmness, StrapPart
 from sim.world.cell import Cell, CellConfig
 
-Compensation = Literal["none", "roll-pitch", "with-yaw", "perfect"]
+# By the law with two inertial sensors, or with a suit in place of the belt's; by what the sensors say of all three
+# axes, one yaw having drifted; by the true rotation.
+Compensation = Literal["none", "roll-pitch", "by-suit", "with-yaw", "perfect"]
 
 RATE: Final = 100  # Hz
+SKELETON: Final = Skeleton("axis-neuron")
 YAW: Final = radians(4.0)  # after eight minutes of the datasheet's 0.5 degrees a minute
 SETTLE: Final = 3.0  # s, that aren't judged: the compensation fades in
 MOVE: Final = 2.0  # s, from posture to posture
@@ -112,9 +118,12 @@ class Trial:
             for name in off
         }  # fmt: skip
         self._correction = Correction(tuple(arm().values()), 0.02)
-        config = StrapBaseConfig.model_validate({"axes": arm()})
-        # Both sensors are mounted along the base's axes.
-        self._law = _law(config)
+        reference = "suit" if compensation == "by-suit" else "imu"
+        self._law = _law(StrapBaseConfig.model_validate({"axes": arm(), "reference": reference}))
+        self._suit: Fake | None = None
+        if reference == "suit":
+            suit = NoitomConfig(port="udp://:7012")
+            self._suit = _device(FakeNoitom("suit", suit, self.world, FakeNoitomConfig()))
         self._started = False
 
     def run(self, seconds: float) -> Result:
@@ -123,7 +132,7 @@ class Trial:
         for k in range(round(seconds * RATE)):
             now = round((k + 1) * 1e9 / RATE)
             self.world.advance(now)
-            for device in (self._arm, *self._imu.values()):
+            for device in (self._arm, *self._imu.values(), *([self._suit] if self._suit else [])):
                 device.read(now)
             self._arm.command_arrays["position_command"][:] = self._command(k / RATE)
             self._arm.write(now)
@@ -140,7 +149,7 @@ class Trial:
         wanted = _wanted(t)
         if self.compensation == "none" or t < 0.2:
             return wanted
-        if self.compensation == "roll-pitch":
+        if self.compensation in ("roll-pitch", "by-suit"):
             return self._by_law(wanted)
         rotation = self._true_turn() if self.compensation == "perfect" else self._measured_turn()
         return wanted + self._correction.solve(wanted, rotation)
@@ -149,7 +158,11 @@ class Trial:
         law, given = self._law, self._law.input
         given["q"][:], given["wanted"][:] = self._arm.state_arrays["position"], wanted
         given["orientation"][:] = self._imu["base"].state_arrays["orientation"]
-        given["body"][:] = self._imu["belt"].state_arrays["orientation"]
+        if self._suit is None:
+            given["body"][:] = self._imu["belt"].state_arrays["orientation"]
+        else:
+            names = SKELETON.names
+            given["rotation"][:] = self._suit.state_arrays["rotation"][[names.index("Hips"), names.index("Spine")]]
         if not self._started:
             law.applied["command"][:] = wanted
             law.reset()
@@ -218,7 +231,10 @@ def _law(config: StrapBaseConfig) -> StrapBase:
     law = StrapBase("strap", config)
     inputs = {signal.name: np.zeros(signal.shape) for signal in law.inputs}
     outputs, applied = ({signal.name: np.zeros(signal.shape) for signal in law.outputs} for _ in range(2))
-    law.bind(inputs, outputs, applied, {}, {name: np.array(IDENTITY) for name in ("mount", "body")})
+    w, x, y, z = WORN["quaternion"]
+    # Both sensors are mounted along the base's axes; a suit's spine has its own.
+    body = (0.0, 0.0, 0.0, w, -x, -y, -z) if config.reference == "suit" else IDENTITY
+    law.bind(inputs, outputs, applied, {}, {"mount": np.array(IDENTITY), "body": np.array(body)})
     return law
 
 

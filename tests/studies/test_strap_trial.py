@@ -52,6 +52,12 @@ def test_roll_and_pitch_help_and_a_drifted_yaw_harms(firmness, seed):
 
 
 @pytest.mark.slow
+def test_a_suit_without_its_errors_is_as_good_a_reference(reference):
+    by_imu, by_suit = (millimetres(Trial("medium", way).run(SECONDS), reference) for way in ("roll-pitch", "by-suit"))
+    assert by_suit == pytest.approx(by_imu, abs=2.0)
+
+
+@pytest.mark.slow
 def test_the_datasheets_static_error_costs_what_its_lever_says(reference):
     """1.5 degrees, the sensor's static error, on one of the two sensors: about its sine times the lever, 15 mm."""
     exact = Trial("hard", "roll-pitch").run(SECONDS)

@@ -61,7 +61,7 @@ class FakeBno085(Sensor, SampledFake):
 
     def open(self) -> None:
         super().open()
-        self._reading.restart()
+        self._reading = Reading(self._order)
 
     def read(self, now: int) -> None:
         super().read(now)
