@@ -8,7 +8,7 @@ import pytest
 from runtime.control.strap.axes import Axes
 from studies.human_srl.strap_trial import ARM_ON_PLATE, POSTURES, SETTLE, Result, Trial, arm
 
-SECONDS = 9.0
+SECONDS = 8.0
 
 
 @pytest.fixture(scope="module")
@@ -30,19 +30,11 @@ def test_the_laws_arm_is_the_worlds(reference):
     assert np.linalg.norm(np.ptp(reference.tip, axis=0)) > 0.15, "it moves"
 
 
-def test_roll_and_pitch_help_on_a_medium_strap(reference):
-    none, law = (millimetres(Trial("medium", way).run(SECONDS), reference) for way in ("none", "roll-pitch"))
-    assert none > 20
-    assert law < 0.6 * none
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("firmness", ["soft", "medium", "hard"])
-def test_roll_and_pitch_help_and_a_drifted_yaw_harms(firmness, seed):
-    reference = Trial("rigid", "none", seed=seed).run(SECONDS)
+def test_roll_and_pitch_help_and_a_drifted_yaw_harms(firmness, reference):
     ways = ("none", "roll-pitch", "with-yaw", "perfect")
-    none, law, yaw, perfect = (millimetres(Trial(firmness, way, seed=seed).run(SECONDS), reference) for way in ways)
+    none, law, yaw, perfect = (millimetres(Trial(firmness, way).run(SECONDS), reference) for way in ways)
     assert law < 0.6 * none
     assert yaw > 1.3 * law, "yaw that is off by 4 degrees takes away what roll and pitch gave"
     if firmness != "soft":
