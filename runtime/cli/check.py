@@ -40,8 +40,10 @@ def run(args: argparse.Namespace) -> int:
     checked, source = profile.load(args.profile, args.set)
     graph = wiring.build(checked, source, args.sim)
     guards = check_guards(graph)
-    options = listed(checked, graph.devices, graph.controllers, graph.world)
-    read = files(checked, graph.devices, graph.controllers, graph.world)
+    remarks = {name: cleared.clearance.remarks() for name, cleared in graph.clearances.items()}
+    judges = {name: cleared.clearance for name, cleared in graph.clearances.items()}
+    options = listed(checked, graph.devices, graph.controllers, graph.world, judges)
+    read = files(checked, graph.devices, graph.controllers, graph.world, judges)
     if args.json:
         content = {
             "profile": checked.name,
@@ -53,6 +55,7 @@ def run(args: argparse.Namespace) -> int:
             "files": {path: {"path": str(f.path), "sha256": f.sha256} for path, f in read.items()},
             "doubts": graph.doubts,
             "commands": guards,
+            "clearances": remarks,
             "listed_options": options,
             "listed_limits": {name: listed_limits(graph, name) for name in guards},
         }
@@ -87,6 +90,8 @@ def run(args: argparse.Namespace) -> int:
         print(f"  guard {name}, stop: {category}")
         for limit, values in listed_limits(graph, name).items():
             print(f"    {limit}: {_pairs(values)}")
+        for remark in remarks.get(name, ()):
+            print(f"    {remark}")
     return 0
 
 
@@ -125,11 +130,14 @@ def listed_limits(graph: Graph, command: str) -> dict[str, dict[str, float]]:
 
 
 def schema() -> dict[str, Any]:
-    """JSON Schema of a profile, with the options of every registered driver and controller."""
+    """JSON Schema of a profile, with the options of every registered driver, controller and clearance."""
     content = profile.Profile.model_json_schema(by_alias=True)
     content["additionalProperties"] = {"type": "string"}  # the word of a choice
     definitions = content["$defs"]
-    for group, entry, key in (("drivers", "DeviceEntry", "driver"), ("controllers", "ControllerEntry", "use")):
+    for group, entry, key in (
+        ("drivers", "DeviceEntry", "driver"), ("controllers", "ControllerEntry", "use"),
+        ("clearances", "ClearEntry", "use"),
+    ):  # fmt: skip
         rules = []
         for name in registry.names(group):
             options = registry.load(group, name, f"{group} {name}").Config.model_json_schema()

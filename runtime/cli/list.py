@@ -1,4 +1,4 @@
-"""`srl list`: lists drivers, controllers and profiles, one line each."""
+"""`srl list`: lists drivers, controllers, clearances and profiles, one line each."""
 
 from __future__ import annotations
 
@@ -21,7 +21,12 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> int:
     """Prints the lists. A part that can't be imported is listed with the reason."""
-    content = {"drivers": _drivers(), "controllers": _controllers(), "profiles": _profiles()}
+    content = {
+        "drivers": _drivers(),
+        "controllers": _summaries("controllers"),
+        "clearances": _summaries("clearances"),
+        "profiles": _profiles(),
+    }
     if args.json:
         print(json.dumps(content))
         return 0
@@ -47,11 +52,11 @@ def _drivers() -> list[dict[str, Any]]:
     return found
 
 
-def _controllers() -> list[dict[str, Any]]:
+def _summaries(group: str) -> list[dict[str, Any]]:
     found = []
-    for name in registry.names("controllers"):
+    for name in registry.names(group):
         try:
-            summary = registry.load("controllers", name, f"controller {name}").summary
+            summary = registry.load(group, name, f"{group.removesuffix('s')} {name}").summary
         except SrlError as error:
             summary = str(error)
         found.append({"name": name, "summary": summary})

@@ -14,6 +14,7 @@ from runtime.contracts.errors import OptionError, nearest
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
 class Listed(tuple[Any, ...]):

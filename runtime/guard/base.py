@@ -9,9 +9,11 @@ from operator import sub
 
 import numpy as np
 
+from runtime.contracts.clearance import Clearance
 from runtime.contracts.errors import DeviceError, WiringError
 from runtime.contracts.signals import Array, Command, Limits, Stop
 from runtime.guard.sent import SentTracker
+from runtime.guard.verified import VerifiedStop
 
 LONGEST = 5  # periods: a longer pause is not made up for, the motion continues from where the device is
 SHORTEST = 1e-3  # periods: a clock that stands still must not cause a division by zero
@@ -40,6 +42,7 @@ class CommandGuard(ABC):
         held_in: the command has a position limit.
         at_rest: the present stop is complete.
         blind: the measurements are old. The runtime sets it; the guard then makes no decision based on them.
+        verified: asks the clearance of `keep_clear`; None without one.
     """
 
     needs: tuple[str, ...] = ()  # limits that it requires
@@ -124,6 +127,7 @@ class CommandGuard(ABC):
         self._velocity: Array | None = None
         self._ready = False
         self.blind = False
+        self.verified: VerifiedStop | None = None
         self._prepare(limits)
 
     def _prepare(self, limits: Limits) -> None:
@@ -160,6 +164,17 @@ class CommandGuard(ABC):
         self.applied, self._position, self._velocity = applied, position, velocity
         self._sent, self._gravity = sent, gravity
         self._bound()
+
+    def keep_clear(self, clearance: Clearance, lag: float, tracking: Array) -> None:
+        """From now on applies only what the limb can brake from and keep clear. After `bind`, before `reset`.
+
+        Args:
+            clearance: the judge, bound.
+            lag, tracking: as in `VerifiedStop`.
+        Raises:
+            WiringError: the braking motion of such a command isn't known.
+        """
+        self.verified = VerifiedStop(clearance, lag, tracking, self.max_acceleration, self.max_jerk)
 
     def _bound(self) -> None:
         """Further checks of the arrays by one kind of guard. Raises WiringError as `bind` does."""

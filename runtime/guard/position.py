@@ -7,8 +7,9 @@ from math import copysign, inf, isfinite, isinf, sqrt
 import ruckig
 
 from runtime.contracts.signals import Limits, Stop
-from runtime.guard.base import RETRACT_SPEED, CommandGuard
+from runtime.guard.base import RETRACT_SPEED, CommandGuard, finite
 from runtime.guard.braking import Bounds, State, brake, stop_range, stoppable
+from runtime.guard.verified import brake_together, stop_time
 
 SLACK = 1e-10  # rad or m: tolerance for rounding when two braking distances are compared
 SQRT2 = sqrt(2.0)
@@ -32,6 +33,9 @@ class PositionGuard(CommandGuard):
     The target's velocity is the controller's, or else the difference of two desired positions. If two
     successive velocities differ by more than the acceleration limit allows, this is a jump and not a motion.
     Then the estimate changes at that limit, and the acceleration counts as zero.
+
+    With a clearance, the states are a proposal for all joints, which is applied, in part or whole, if the limb can
+    brake from it along its path and keep clear (`runtime.guard.verified`). Every stop is along the path then.
     """
 
     needs = ("velocity", "acceleration")
@@ -58,6 +62,8 @@ class PositionGuard(CommandGuard):
         self._states = [(p, v, 0.0) for p, v in zip(position, velocity, strict=True)]
         self._floor, self._ceiling = [-inf] * self.size, [inf] * self.size
         self._beyond = True
+        if self.verified is not None:
+            self.verified.restart(position)
         self._settle()
 
     def _seat(self, sent: list[float], which: list[int]) -> None:
@@ -69,28 +75,53 @@ class PositionGuard(CommandGuard):
         self._publish()
 
     def _follow(self, desired: list[float], rate: list[float] | None, dt: float) -> None:
+        after = []
         for i, wanted in enumerate(desired):
             low, high, bounds = self.lower[i], self.upper[i], self._bounds[i]
             target = low if wanted < low else high if wanted > high else wanted
             told = None if rate is None else rate[i] if target == wanted else 0.0
             speed, acceleration = self._motion(i, target, told, dt)
-            self._states[i] = self._towards(i, (target, speed, acceleration), bounds, dt)
+            after.append(self._towards(i, (target, speed, acceleration), bounds, dt))
+        self._go(after, dt)
         self.fallbacks += self.fallback
         self._publish()
 
     def _halt(self, category: Stop, dt: float) -> None:
         if category is Stop.RETRACT and self.rest is not None:
-            for i, target in enumerate(self.rest):
-                self._states[i] = self._towards(i, (target, 0.0, 0.0), self._slow[i], dt)
+            ways = enumerate(zip(self.rest, self._slow, strict=True))
+            self._go([self._towards(i, (target, 0.0, 0.0), slow, dt) for i, (target, slow) in ways], dt)
             self.at_rest = all(
                 s[1] == 0 and abs(s[0] - r) <= SLACK for s, r in zip(self._states, self.rest, strict=True)
             )
         else:
-            for i, state in enumerate(self._states):
-                self._states[i] = brake(state, self.max_acceleration[i], self.max_jerk[i], dt)
+            if self.verified is not None:
+                self._states = brake_together(self._states, self.max_acceleration, self.max_jerk, dt)
+            else:
+                for i, state in enumerate(self._states):
+                    self._states[i] = brake(state, self.max_acceleration[i], self.max_jerk[i], dt)
             self.at_rest = all(s[1] == 0 and s[2] == 0 for s in self._states)
         self.fallbacks += self.fallback
         self._settle()
+
+    def _go(self, after: list[State], dt: float) -> None:
+        """Takes these states as the next ones; with a clearance, as far as it lets the limb."""
+        if self.verified is None:
+            self._states = after
+            return
+        measured = None if self._position is None else self._position.ravel().tolist()
+        self.verified.compare([p for p, _, _ in self._states], measured, dt)
+        if measured is not None and (self.blind or not finite(measured)):
+            self.verified.blind()
+        self._states = self.verified.choose(self._states, after, dt, self._stops_within)
+
+    def _stops_within(self, states: list[State]) -> bool:
+        """Whether all joints keep their position limits if they brake together."""
+        if not isinf(min(self.max_jerk)):
+            return all(self._safe(i, state) for i, state in enumerate(states))
+        T = stop_time([v for _, v, _ in states], self.max_acceleration)
+        ends = zip(states, self._floor, self._ceiling, strict=True)
+        return all(low - SLACK <= min(p, p + v * T / 2) and max(p, p + v * T / 2) <= high + SLACK
+                   for (p, v, _), low, high in ends)  # fmt: skip
 
     def _motion(self, i: int, target: float, told: float | None, dt: float) -> tuple[float, float]:
         """Velocity and acceleration of joint i's target at the end of this cycle."""

@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from runtime.contracts.clearance import Clearance
 from runtime.contracts.errors import WiringError
-from runtime.contracts.signals import Limits, Stop
+from runtime.contracts.signals import Array, Limits, Stop
 from runtime.guard.base import CommandGuard, finite
 
 ZONE = 0.05  # of a joint's range: where the barrier's spring reaches the effort limit
@@ -81,6 +82,13 @@ class TorqueGuard(CommandGuard):
         self._held: list[float | None] = [None] * self.size
         self._q, self._qd = [0.0] * self.size, [0.0] * self.size  # measured values, read by `_sensed`
         self._barriers = [self._barrier(i) for i in range(self.size)]
+
+    def keep_clear(self, clearance: Clearance, lag: float, tracking: Array) -> None:
+        raise WiringError(
+            self.place,
+            "a torque command says nothing of how the limb brakes, so nothing can keep it clear",
+            "Command the limb by position or velocity, or remove `clear:`",
+        )
 
     def _bound(self) -> None:
         if self._position is None or self._velocity is None:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from math import sqrt
+from math import inf, sqrt
 
+from runtime.contracts.clearance import Clearance
 from runtime.contracts.errors import WiringError
-from runtime.contracts.signals import Stop
+from runtime.contracts.signals import Array, Limits, Stop
+from runtime.contracts.terms import PLANAR_TWIST
 from runtime.guard.base import RETRACT_SPEED, CommandGuard, finite
+from runtime.guard.braking import State
+from runtime.guard.verified import VerifiedStop, brake_together, stop_time
 
 # Periods of motion reserved before a position limit. Near the limit the speed is distance / REACTION periods. With
 # four or more, a device that obeys one period late does not overshoot.
@@ -22,6 +26,9 @@ class VelocityGuard(CommandGuard):
 
     needs = ("velocity", "acceleration")
 
+    def _prepare(self, limits: Limits) -> None:
+        self._no_jerk = [inf] * self.size  # a velocity may have any
+
     def _bound(self) -> None:
         if self._position is None and (self.held_in or self.rest is not None):
             raise WiringError(
@@ -31,6 +38,15 @@ class VelocityGuard(CommandGuard):
             )
         self.velocity = self.applied
 
+    def keep_clear(self, clearance: Clearance, lag: float, tracking: Array) -> None:
+        if self._position is None or self.command.labels == PLANAR_TWIST:
+            raise WiringError(
+                self.place,
+                "where a velocity takes the limb is known only from positions of the same joints",
+                "Use a device that measures them, or remove `clear:`",
+            )
+        self.verified = VerifiedStop(clearance, lag, tracking, self.max_acceleration, self._no_jerk)
+
     def _restart(self, position: list[float], velocity: list[float]) -> None:
         self._apply([0.0] * self.size)
 
@@ -39,7 +55,7 @@ class VelocityGuard(CommandGuard):
             self.applied.flat[i] = sent[i]
 
     def _follow(self, desired: list[float], rate: list[float] | None, dt: float) -> None:
-        self._apply(self._bounded(desired, self.max_velocity, dt))
+        self._go(self._bounded(desired, self.max_velocity, dt), dt)
 
     def _halt(self, category: Stop, dt: float) -> None:
         if category is Stop.RETRACT and self.rest is not None and self._sensed():
@@ -47,14 +63,46 @@ class VelocityGuard(CommandGuard):
             left = [r - q for r, q in zip(self.rest, self._position.ravel().tolist(), strict=True)]
             limits = [RETRACT_SPEED * V for V in self.max_velocity]
             wanted = [self._arrival(i, d) if d >= 0 else -self._arrival(i, -d) for i, d in enumerate(left)]
-            applied = self._bounded(wanted, limits, dt)
+            self._go(self._bounded(wanted, limits, dt), dt)
             self.at_rest = all(abs(d) <= self.tolerance for d in left)
+            return
+        applied = []
+        if self.verified is not None:
+            states = [(0.0, v, 0.0) for v in self.applied.ravel().tolist()]
+            applied = [v for _, v, _ in brake_together(states, self.max_acceleration, self._no_jerk, dt)]
         else:
-            applied = []
             for v, A in zip(self.applied.ravel().tolist(), self.max_acceleration, strict=True):
                 applied.append(min(max(0.0, v - A * dt), v + A * dt))
-            self.at_rest = not any(applied)
+        self.at_rest = not any(applied)
         self._apply(applied)
+
+    def _go(self, wanted: list[float], dt: float) -> None:
+        """Applies these velocities; with a clearance, as far as it lets the limb.
+
+        Measured `age` ago at q and moving at v, the limb is at q + (age + lag) v when it obeys a new velocity at the
+        latest; until then its velocity may differ from v by as much as it may change in that time. The path begins
+        at q, so a limb that obeys earlier is on it, too.
+        """
+        if self.verified is None:
+            self._apply(wanted)
+            return
+        assert self._position is not None
+        verified, measured = self.verified, self._position.ravel().tolist()
+        ahead = verified.age + verified.lag
+        verified.widen([A * ahead * (ahead / 2 + dt) for A in self.max_acceleration])
+        states, after = [], []
+        for q, v, u in zip(measured, self.applied.ravel().tolist(), wanted, strict=True):
+            states.append((q + ahead * v, v, 0.0))
+            after.append((q + ahead * v + dt * (v + u) / 2, u, 0.0))
+        self._apply([v for _, v, _ in verified.choose(states, after, dt, self._stops_within, measured)])
+
+    def _stops_within(self, states: list[State]) -> bool:
+        """Whether no joint passes its position limits if all brake together."""
+        T = stop_time([v for _, v, _ in states], self.max_acceleration)
+        return all(
+            v == 0 or (p + v * T / 2 <= self.upper[i] if v > 0 else p + v * T / 2 >= self.lower[i])
+            for i, (p, v, _) in enumerate(states)
+        )
 
     def _sensed(self) -> bool:
         return self._position is None or (not self.blind and finite(self._position.ravel().tolist()))

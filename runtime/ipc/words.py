@@ -69,6 +69,7 @@ FLAG_REJECTED = 4  # the guard refused a command: it was not finite, or a measur
 FLAG_FALLBACK = 8  # the guard braked because its trajectory generator failed
 FLAG_LIMITED = 16  # the guard changed a command
 FLAG_RESEATED = 32  # the guard began anew at what was sent: the link or the device didn't take its commands
+FLAG_HELD = 64  # nothing that was asked is clear of what the limb must keep clear of: it brakes or waits
 # Bits of a device's `link`.
 LINK_CONNECTED = 1
 LINK_STALE = 2

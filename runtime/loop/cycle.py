@@ -23,6 +23,7 @@ from runtime.ipc.words import (
     DEVICE,
     FLAG_DEGRADED,
     FLAG_FALLBACK,
+    FLAG_HELD,
     FLAG_LATE,
     FLAG_LIMITED,
     FLAG_REJECTED,
@@ -37,6 +38,7 @@ from runtime.ipc.words import (
     Origin,
     State,
 )
+from runtime.loop.lookout import Lookout
 from runtime.loop.machine import Fault, Ladder, Machine
 from runtime.loop.reset_inputs import ResetInputs
 from runtime.loop.sights import Sights
@@ -89,6 +91,7 @@ class Cycle:
         self._alone = [len(graph.actuators_of(a.device)) == 1 for a in graph.actuators]
         self._sent = [a.sent.tobytes() for a in graph.actuators]  # as it was in the cycle before
         self._stalls = [0.0 for a in graph.actuators]  # s for which its guard has begun anew in each cycle
+        self._lookouts = [Lookout(graph, a, report) for a in graph.actuators]
         self._max_age = self._ages()
         self._sights = Sights(graph.sights)
         self._count = len(graph.devices)
@@ -99,6 +102,7 @@ class Cycle:
         # start and after a limp stop. After a loss it is near what was sent last and goes home slowly.
         self._homed = [True for a in graph.actuators]
         self._put_home = [a.command.feedback is None for a in graph.actuators]
+        self._ran = False  # all laws, in this cycle
         self._leaving = 0  # ns since the exit was requested
         self._fault: Fault | None = None
         self.struck = False  # a fault began in this cycle: what asks for motion came before it
@@ -218,7 +222,7 @@ class Cycle:
         for index, array in self.graph.reads:
             self.graph.row.floats.take(index, 0, array, "clip")
         self._reseat()
-        state = self.machine.state
+        state, self._ran = self.machine.state, False
         if state is not State.ACTIVE:
             return
         dt, floats = self._ints.item(_DT) * 1e-9, self.graph.row.floats
@@ -242,6 +246,7 @@ class Cycle:
                 self.report(f"controller '{controller.name}' has lost what it follows")
                 self.machine.stop(Fault(Cause.INTENT_LOSS, self._followed[i]))
                 return
+        self._ran = True
 
     def _reseat(self) -> None:
         dt, counts = self._ints.item(_DT) * 1e-9, self._commands.tolist()
@@ -280,6 +285,8 @@ class Cycle:
             category = self.category(actuator)
             # With an old measured velocity, damping would drive the joint, and retracting would never arrive.
             guard.blind = bool(link & LINK_STALE)
+            if guard.verified is not None:
+                self._lookouts[i].look(guard.verified, self._ran)
             if state is State.ACTIVE:
                 guard.step(actuator.asked, actuator.asked_velocity, dt)
             elif state is State.HOMING:
@@ -296,6 +303,9 @@ class Cycle:
             ints[_CATEGORY] = _CATEGORIES[category]
             flags |= FLAG_REJECTED * guard.rejected | FLAG_FALLBACK * guard.fallback | FLAG_LIMITED * guard.limited
             flags |= FLAG_RESEATED * guard.reseated
+            if guard.verified is not None:
+                flags |= FLAG_HELD * guard.verified.held
+                self._lookouts[i].tell(guard.verified, dt)
         if flags:
             ints[_FLAGS] |= flags
         self._was = state
@@ -341,6 +351,8 @@ class Cycle:
         make, dt = GUARDS[a.command.kind], float(1 / profile.rate)
         guard = make(place, a.command, limits, dt, rest=a.home, tolerance=tolerance)
         guard.bind(a.applied, a.measured, a.measured_velocity, a.sent, a.gravity)
+        if a.cleared is not None:
+            guard.keep_clear(a.cleared.clearance, a.cleared.lag, a.cleared.tracking.reshape(a.command.shape))
         return guard
 
 

@@ -252,6 +252,7 @@ class Process:
         figures |= {d.name: f for d in graph.devices if (f := d.figures())}
         figures["guard"] = {
             a.name: {"rejected": g.rejections, "limited": g.limitations, "fallback": g.fallbacks, "reseated": g.reseats}
+            | ({"held": g.verified.holds} if g.verified is not None else {})
             for a, g in zip(graph.actuators, loop.cycle.guards, strict=True)
         }
         return {str(name): _finite(value) for name, value in figures.items()}

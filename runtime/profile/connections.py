@@ -13,7 +13,7 @@ from runtime.profile.names import Link
 
 @dataclass(frozen=True)
 class Connection:
-    """One wire of a controller.
+    """One wire of a controller or clearance.
 
     Attributes:
         start, end: full names; joined by " + " where there are several.
@@ -28,7 +28,7 @@ class Connection:
 
 
 def connections(graph: Graph) -> list[Connection]:
-    """Returns every wire, in the controllers' order."""
+    """Returns every wire: the controllers' in their order, then the clearances'."""
     found = []
     for law in graph.laws:
         for wire in law.inputs.values():
@@ -36,6 +36,8 @@ def connections(graph: Graph) -> list[Connection]:
         for wire in law.outputs.values():
             pairs = tuple((mine, theirs) for theirs, mine in _pairs(graph, wire))
             found.append(Connection(wire.name, " + ".join(wire.far), form(wire.near), pairs))
+    for wire in (wire for cleared in graph.clearances.values() for wire in cleared.inputs.values()):
+        found.append(Connection(" + ".join(wire.far), wire.name, form(wire.near), tuple(_pairs(graph, wire))))
     return found
 
 
@@ -61,7 +63,8 @@ def untaken(graph: Graph) -> list[str]:
     """Returns what devices and clients give and nothing takes: signals, or elements of signals taken in part."""
     taken: dict[str, set[int]] = {}
     whole = {name for law in graph.laws for found in law.transforms for name in found.signals}
-    for wire in (wire for law in graph.laws for wire in law.inputs.values()):
+    wires = [wire for law in graph.laws for wire in law.inputs.values()]
+    for wire in [*wires, *(wire for cleared in graph.clearances.values() for wire in cleared.inputs.values())]:
         if wire.rows is None:
             whole.add(wire.far[0])
         for name, row in wire.rows or ():

@@ -9,12 +9,13 @@ A file of the simulated wearer where real devices feed the law.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from math import hypot, inf, isfinite, pi, radians
 from typing import Any, Final
 
 from pydantic.fields import FieldInfo
 
+from runtime.contracts.clearance import Clearance
 from runtime.contracts.driver import Driver
 from runtime.contracts.signals import Command
 from runtime.contracts.world import World
@@ -33,12 +34,18 @@ _UNIT: Final = re.compile(r"(rad|m|kg)(?![\w/^*]| m\b)(?! (?:and|s)\b)")
 
 
 def doubts(
-    profile: Profile, source: Source, devices: list[Driver], laws: list[Law], world: World | None, simulated: list[str]
+    profile: Profile,
+    source: Source,
+    devices: list[Driver],
+    laws: list[Law],
+    world: World | None,
+    simulated: list[str],
+    clearances: Mapping[str, Clearance],
 ) -> list[str]:
     """Returns what is doubted, a line each, with its place; `simulated` names devices."""
     found = [
         doubt
-        for path, field, value in options(profile, devices, [law.controller for law in laws], world)
+        for path, field, value in options(profile, devices, [law.controller for law in laws], world, clearances)
         for doubt in _of_option(path, field, value)
     ]
     commands = {f"{d.name}.{c.name}": c for d in devices for c in d.commands}

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.contracts.clearance import Clearance
 from runtime.contracts.controller import Controller
 from runtime.contracts.driver import Driver
 from runtime.contracts.frames import Frames, Measured
@@ -26,6 +27,28 @@ Copy = tuple[NDArray[np.intp], Array]
 
 
 @dataclass
+class Cleared:
+    """A command's clearance with its wires.
+
+    Attributes:
+        clearance: the judge.
+        inputs: its wires, by input name.
+        lag: s, and `tracking` (n,), as the profile says them.
+        copies: what is taken from the row before it runs, because its order isn't the row's.
+        devices: by input, the indices of the devices and clients behind it.
+        computed: the inputs that laws compute: of no use while the laws don't run.
+    """
+
+    clearance: Clearance
+    inputs: dict[str, Link]
+    lag: float
+    tracking: Array
+    copies: list[Copy] = field(default_factory=list)
+    devices: dict[str, list[int]] = field(default_factory=dict)
+    computed: frozenset[str] = frozenset()
+
+
+@dataclass
 class Actuator:
     """One command signal: its device, the desired command, and the arrays for the guard."""
 
@@ -41,6 +64,8 @@ class Actuator:
     measured_velocity: Array | None
     category: Stop
     home: Array | None
+    cleared: Cleared | None = None
+    margin: Array | None = None  # (1,), that of the clearance
 
 
 @dataclass
@@ -128,3 +153,8 @@ class Graph:
     def actuators_of(self, device: int) -> list[Actuator]:
         """The commands of the device at this index; none for a sensor."""
         return [a for a in self.actuators if a.device == device]
+
+    @property
+    def clearances(self) -> dict[str, Cleared]:
+        """By command, in the profile's `guard:`."""
+        return {a.name: a.cleared for a in self.actuators if a.cleared is not None}

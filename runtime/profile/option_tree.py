@@ -8,6 +8,7 @@ from typing import Any
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from runtime.contracts.clearance import Clearance
 from runtime.contracts.controller import Controller
 from runtime.contracts.driver import Driver
 from runtime.contracts.files import KeptFile
@@ -18,13 +19,18 @@ from runtime.profile.profile import Profile
 
 
 def options(
-    profile: Profile, devices: Iterable[Driver], laws: Iterable[Controller], world: World | None
+    profile: Profile,
+    devices: Iterable[Driver],
+    laws: Iterable[Controller],
+    world: World | None,
+    clearances: Mapping[str, Clearance],
 ) -> Iterator[tuple[str, FieldInfo, Any]]:
-    """Key path, declaration and value of each option of devices, laws, frames, models and the simulated world."""
+    """Key path, declaration and value of each option of devices, laws, clearances, frames, models and the world."""
     groups: list[tuple[str, BaseModel]] = [(f"devices.{d.name}", d.config) for d in devices]
     groups += [(f"controllers.{i}", law.config) for i, law in enumerate(laws)]
     groups += [(f"frames.{name}", entry) for name, entry in profile.frames.items()]
     groups += [(f"models.{name}", entry) for name, entry in profile.models.items()]
+    groups += [(f"guard.{name}.clear", each.config) for name, each in clearances.items()]
     if world is not None:
         groups.append(("sim", world.config))
     groups += [(f"sim.devices.{d.name}", d.options) for d in devices if isinstance(d, Fake)]
@@ -33,21 +39,33 @@ def options(
 
 
 def listed(
-    profile: Profile, devices: Iterable[Driver], laws: Iterable[Controller], world: World | None
+    profile: Profile,
+    devices: Iterable[Driver],
+    laws: Iterable[Controller],
+    world: World | None,
+    clearances: Mapping[str, Clearance],
 ) -> dict[str, dict[str, float]]:
     """The options that the profile gives as lists: by key path, the value of each joint or axis."""
     return {
         path: dict(zip(value.names, value, strict=True))
-        for path, _, value in options(profile, devices, laws, world)
+        for path, _, value in options(profile, devices, laws, world, clearances)
         if isinstance(value, Listed)
     }
 
 
 def files(
-    profile: Profile, devices: Iterable[Driver], laws: Iterable[Controller], world: World | None
+    profile: Profile,
+    devices: Iterable[Driver],
+    laws: Iterable[Controller],
+    world: World | None,
+    clearances: Mapping[str, Clearance],
 ) -> dict[str, KeptFile]:
     """The files that the options name and the run keeps, by key path."""
-    return {path: value for path, _, value in options(profile, devices, laws, world) if isinstance(value, KeptFile)}
+    return {
+        path: value
+        for path, _, value in options(profile, devices, laws, world, clearances)
+        if isinstance(value, KeptFile)
+    }
 
 
 def items(value: Any) -> list[tuple[Any, Any]]:

@@ -25,10 +25,10 @@ from runtime.contracts.files import Files, Typed
 from runtime.contracts.frames import FrameEntry
 from runtime.contracts.signals import Stop
 from runtime.control.models import KINDS, Model, of_entry
-from runtime.guard.limits import GuardLimits
 from runtime.profile.bus import BusConfig
 from runtime.profile.choices import Choices, merge
 from runtime.profile.element import Element
+from runtime.profile.guard_entry import GuardEntry
 from runtime.profile.plots import Plot
 from runtime.profile.reset import ResetConfig
 from runtime.profile.source import Source, first_error
@@ -166,7 +166,7 @@ class Profile(Part):
     devices: dict[str, DeviceEntry] = Field(min_length=1)
     setpoints: dict[str, SetpointEntry] = Field(default_factory=dict)
     controllers: tuple[ControllerEntry, ...] = ()
-    guard: dict[str, GuardLimits] = Field(default_factory=dict)
+    guard: dict[str, GuardEntry] = Field(default_factory=dict)
     frames: dict[str, FrameEntry] = Field(default_factory=dict)
     models: dict[str, ModelEntry] = Field(default_factory=dict)
     sim: SimEntry | None = None

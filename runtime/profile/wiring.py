@@ -21,10 +21,10 @@ from runtime.contracts.signals import Array, Command, Signal
 from runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSITION_OF
 from runtime.contracts.world import World
 from runtime.ipc.row import Row
-from runtime.profile import controllers, keys, measured_frames
+from runtime.profile import clearances, controllers, keys, measured_frames
 from runtime.profile.builder import Builder
 from runtime.profile.doubts import doubts
-from runtime.profile.graph import Actuator, Copy, Graph, Law
+from runtime.profile.graph import Actuator, Cleared, Copy, Graph, Law
 from runtime.profile.meta import describe
 from runtime.profile.names import Link, link
 from runtime.profile.profile import Profile
@@ -57,7 +57,8 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
     parameters = _parameters(b, laws)
     names = [d.name for d in devices] + owners
     b.layout.devices = names
-    _unused(b, laws, devices)
+    cleared = clearances.build(b, devices, laws, names)
+    _unused(b, laws, devices, cleared)
     layout = b.layout
     scenery = world.scenery if world is not None else []
     layout.meta = describe(b.profile, b.source, b.signals, b.simulated, devices, laws, parameters, scenery, b.frames)
@@ -73,10 +74,11 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
     reads: list[Copy] = []
     fed = {name.partition(".")[0] for name in measured_frames.relied_on(laws)}
     graph = Graph(
-        profile, source, layout, row, devices, laws, _actuators(b, devices, row, reads), world, b.frames,
+        profile, source, layout, row, devices, laws, _actuators(b, devices, row, reads, cleared), world, b.frames,
         b.simulated, [_is_intent(name, devices, fed) for name in names],
         measured_frames.sights(b, laws, names, row),
-        doubts(profile, source, devices, laws, world, b.simulated), reads,
+        doubts(profile, source, devices, laws, world, b.simulated,
+               {name: each.clearance for name, each in cleared.items()}), reads,
     )  # fmt: skip
     _bind(graph)
     return graph
@@ -168,8 +170,9 @@ def _parameters(b: Builder, laws: list[Law]) -> list[tuple[str, Parameter]]:
     return parameters
 
 
-def _unused(b: Builder, laws: list[Law], devices: list[Driver]) -> None:
+def _unused(b: Builder, laws: list[Law], devices: list[Driver], cleared: dict[str, Cleared]) -> None:
     wired = measured_frames.relied_on(laws)
+    wired |= {name for each in cleared.values() for wire in each.inputs.values() for name in wire.far}
     commands = {f"{d.name}.{c.name}" for d in devices for c in d.commands}
     for name in b.profile.setpoints:
         if name not in wired:
@@ -234,7 +237,9 @@ def _beside(b: Builder, device: Driver, command: Command, name: str) -> Link:
     return link(replace(command, unit=state.unit, frame=state.frame), full, {name: state}, renamed, place)
 
 
-def _actuators(b: Builder, devices: list[Driver], row: Row, reads: list[Copy]) -> list[Actuator]:
+def _actuators(
+    b: Builder, devices: list[Driver], row: Row, reads: list[Copy], cleared: dict[str, Cleared]
+) -> list[Actuator]:
     """The actuators; what must be copied for them before the guards run is added to `reads`."""
     actuators = []
     for i, device in enumerate(devices):
@@ -272,6 +277,8 @@ def _actuators(b: Builder, devices: list[Driver], row: Row, reads: list[Copy]) -
                     _array(row, _beside(b, device, command, rate), reads) if rate in b.signals else None,
                     category or command.stops[0],
                     home,
+                    cleared.get(name),
+                    row.views.get(f"{name}.{clearances.MARGIN}"),
                 )
             )
     if b.profile.stop:
@@ -319,6 +326,8 @@ def _bind(graph: Graph) -> None:
             {p.name: views[f"{controller.name}.{p.name}"] for p in controller.parameters},
             {found.need.name: _transform(graph, found, law) for found in law.transforms},
         )
+    for cleared in graph.clearances.values():
+        cleared.clearance.bind({name: _array(row, wire, cleared.copies) for name, wire in cleared.inputs.items()})
     if graph.world is not None:
         graph.world.bind({s.name: views[f"world.{s.name}"] for s in graph.world.truth})
 

@@ -1,0 +1,229 @@
+"""The verified stop: a command is accepted only if the limb can brake from it, on its path, and keep clear throughout.
+
+Let x be what is applied, x' what the guard would apply next, and S(x') the stop from x'. Each cycle x' is accepted if
+the clearance accepts the motion x -> x' -> S(x'); else the limb goes on with S(x), which was accepted with x. So at
+every instant the limb is on a motion to rest that was accepted as a whole: where a clearance is right about the limb
+and the other side, the limb is at rest before anything comes nearer than it allows. Two things are needed for this:
+
+- the stop that is carried out is the stop that was checked. S scales all joints together: with T = max |v_i|/A_i each
+  brakes by v_i/T, so that all end at once and the limb stays on a straight line in joint space. From any state on the
+  way T is what is left of it, so the rest of a stop is the stop of the rest. (With a bounded jerk each joint brakes as
+  fast as it can; that stop has the same property, but it isn't straight.)
+- the times are those of the limb and not of its command. A servo may be `lag` late, so the limb may be on its way to a
+  sample until the sample's time plus `lag`; beside that, it may be off by `tracking`, or by what is measured where
+  that is more.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from math import ceil, isinf, nan
+from typing import Final
+
+import numpy as np
+
+from runtime.contracts.clearance import Braking, Clearance
+from runtime.contracts.signals import Array
+from runtime.guard.braking import State, brake, stop_phases
+
+STEP: Final = 0.01  # m that a limb may move between two samples of its stop
+MOST: Final = 24  # samples of a stop
+SHARES: Final = (1.0, 0.5)  # of the way from braking to the command that the guard tries
+OLDEST: Final = 0.25  # s: a measurement isn't compared with commands older than the lag and this
+
+
+def stop_time(velocity: Sequence[float], A: Sequence[float]) -> float:
+    """s that a stop on the path takes: T = max |v_i|/A_i."""
+    return max(map(lambda v, a: abs(v) / a, velocity, A), default=0.0)
+
+
+def brake_together(states: Sequence[State], A: Sequence[float], J: Sequence[float], dt: float) -> list[State]:
+    """The states after dt seconds of the stop S of the module's text."""
+    if not isinf(min(J)):
+        return [brake(state, a, j, dt) for state, a, j in zip(states, A, J, strict=True)]
+    T = stop_time([v for _, v, _ in states], A)
+    if dt >= T:
+        return [(p + v * T / 2, 0.0, 0.0) for p, v, _ in states]
+    left = 1.0 - dt / T
+    return [(p + v * dt * (1.0 + left) / 2, v * left, -v / T) for p, v, _ in states]
+
+
+class VerifiedStop:
+    """Asks the clearance for one guard.
+
+    Attributes:
+        held: in this cycle no command was accepted, and the limb brakes or waits.
+        holds: number of such cycles.
+        error: what the clearance raised, in words; empty if nothing.
+    """
+
+    def __init__(
+        self, clearance: Clearance, lag: float, tracking: Array, acceleration: Sequence[float], jerk: Sequence[float]
+    ) -> None:
+        """
+        Args:
+            clearance: the judge, bound.
+            lag: s, the longest time from a command until the limb is there.
+            tracking: (n,) rad or m, by which the limb may be beside what was commanded within the lag.
+            acceleration, jerk: (n,) the guard's limits; the jerk may be infinite.
+        """
+        self.clearance, self.lag = clearance, lag
+        self.held, self.holds = False, 0
+        self.error = ""
+        self.age = 0.0  # s, of the measured position
+        self._usable = False
+        self._A, self._J = list(acceleration), list(jerk)
+        self._tracking: list[float] = tracking.ravel().tolist()
+        self._reach: list[float] = clearance.reach.ravel().tolist()
+        n = len(self._A)
+        self._path, self._until = np.zeros((MOST + 3, n)), np.zeros(MOST + 3)
+        self._velocity, self._slack = np.zeros(n), np.array(self._tracking)
+        self._past: deque[tuple[float, list[float]]] = deque()  # s, what was applied; the newest last
+
+    @property
+    def margin(self) -> float:
+        """m, of the motion that was judged last; NaN where nothing is known."""
+        return self.clearance.margin if self._usable else nan
+
+    @property
+    def why(self) -> str:
+        """What was objected to, for people."""
+        return self.error or self.clearance.why()
+
+    def begin(self, now: int, stamps: Mapping[str, int], age: float) -> None:
+        """Takes the inputs, once a cycle.
+
+        Args:
+            now, stamps: as `Clearance.begin`.
+            age: s, of the measured position.
+        """
+        self.held, self.error, self.age = False, "", age
+        try:
+            self._usable = self.clearance.begin(now, stamps)
+        except Exception as error:  # a defect of a clearance must let nothing pass
+            self._failed(error)
+
+    def blind(self) -> None:
+        """Nothing is clear in this cycle: where the limb is isn't known."""
+        self._usable = False
+
+    def restart(self, applied: list[float]) -> None:
+        """The limb is at rest at what is applied."""
+        self._past.clear()
+        self._past.append((0.0, applied))
+        self._slack[:] = self._tracking
+
+    def compare(self, applied: list[float], measured: list[float] | None, dt: float) -> None:
+        """Takes what is measured for the slack, where the limb is farther from its commands than `tracking`.
+
+        A limb that is late by up to the lag was commanded to where it is within that time. What is outside the range
+        of these commands is error: a servo that is later than said, a load, a hand that holds the limb.
+
+        Args:
+            applied: what was applied in the cycle before.
+            measured: where the limb is, `age` ago; None if nothing measures it.
+            dt: s since the cycle before.
+        """
+        past = self._past
+        now = past[-1][0] + dt if past else 0.0
+        past.append((now, applied))
+        while len(past) > 1 and now - past[1][0] > self.lag + min(self.age, OLDEST):
+            past.popleft()  # the last one before the span belongs to it
+        if measured is not None:
+            values = np.array([each for _, each in past])
+            beside = np.maximum(values.min(axis=0) - measured, measured - values.max(axis=0))
+            np.maximum(beside, self._tracking, out=self._slack)
+
+    def widen(self, slack: Sequence[float]) -> None:
+        """Sets the slack to `tracking` and this, (n,) rad or m: for what isn't commanded as a position."""
+        np.add(self._tracking, slack, out=self._slack)
+
+    def choose(
+        self,
+        states: list[State],
+        wanted: list[State],
+        dt: float,
+        within: Callable[[list[State]], bool],
+        origin: list[float] | None = None,
+    ) -> list[State]:
+        """The states to apply next: `wanted`, part of the way there, or braking.
+
+        A mixture of two motions that keep bounds on velocity, acceleration and jerk keeps them, too.
+
+        Args:
+            states: what is applied; for a velocity, with the positions at which it is obeyed.
+            wanted: what the guard would apply.
+            dt: s from the one to the other.
+            within: whether the joints keep their own limits, if the limb stops as in the module's text.
+            origin: where the limb is now, if it isn't the position in `states`.
+        """
+        braked = brake_together(states, self._A, self._J, dt)
+        if wanted == states and not any(v or a for _, v, a in states):
+            if self._usable:
+                self._is_clear(states, wanted, dt, origin)  # for the margin: a limb that rests needs nobody's leave
+            return wanted
+        if self._usable:
+            for share in (*SHARES, *self._creep(wanted)):
+                tried = wanted if share == 1.0 else _mixed(braked, wanted, share)
+                if within(tried) and self._is_clear(states, tried, dt, origin):
+                    return tried
+        self.held = True
+        self.holds += 1
+        return braked
+
+    def _creep(self, wanted: list[State]) -> tuple[float, ...]:
+        """The share of the way at which a limb that was at rest creeps; none if it creeps anyway."""
+        speed = sum(map(lambda r, state: r * abs(state[1]), self._reach, wanted))
+        most = self.clearance.creep * (1.0 - 1e-9)
+        return (most / speed,) if 0.0 < most < speed else ()
+
+    def _is_clear(self, states: list[State], tried: list[State], dt: float, origin: list[float] | None) -> bool:
+        """Asks about the motion from `states` to `tried` and to rest."""
+        path, until, m = self._path, self._until, 0
+        if origin is not None:
+            path[0], until[0], m = origin, 0.0, 1
+        path[m], until[m] = [p for p, _, _ in states], self.lag
+        m += 1
+        end = m + self._stop(tried, m)
+        until[m:end] += self.lag + dt
+        np.maximum(np.abs([v for _, v, _ in states]), np.abs([v for _, v, _ in tried]), out=self._velocity)
+        try:
+            return bool(self.clearance.clear(Braking(path[:end], until[:end], self._velocity, self._slack)))
+        except Exception as error:
+            self._failed(error)
+            return False
+
+    def _stop(self, states: list[State], m: int) -> int:
+        """Fills the path from sample m on with the stop from these states. Returns how many samples it has."""
+        p, v = np.array([s[0] for s in states]), np.array([s[1] for s in states])
+        smooth = not isinf(min(self._J))
+        if smooth:
+            phases = [stop_phases(s[1], s[2], a, j) for s, a, j in zip(states, self._A, self._J, strict=True)]
+            T = max(sum(duration for duration, _ in each) for each in phases)
+        else:
+            T = stop_time(v.tolist(), self._A)
+        self._path[m], self._until[m] = p, 0.0
+        if T <= 0.0:
+            return 1
+        k = MOST if smooth else min(ceil(float(np.abs(v) @ self._reach) * T / 2 / STEP), MOST)
+        shares = np.arange(1, k + 1) / k
+        times = T * (shares if smooth else 1.0 - np.sqrt(1.0 - shares))  # equal steps on a straight path
+        if smooth:
+            for i, t in enumerate(times.tolist(), m + 1):
+                self._path[i] = [s[0] for s in brake_together(states, self._A, self._J, t)]
+        else:
+            self._path[m + 1 : m + 1 + k] = p + shares[:, None] * (v * (T / 2))
+        self._until[m + 1 : m + 1 + k] = times
+        return 1 + k
+
+    def _failed(self, error: Exception) -> None:
+        self._usable, self.error = False, f"the clearance failed: {type(error).__name__}: {error}"
+
+
+def _mixed(braked: list[State], wanted: list[State], share: float) -> list[State]:
+    rest = 1.0 - share
+    return [
+        (rest * b[0] + share * w[0], rest * b[1] + share * w[1], rest * b[2] + share * w[2])
+        for b, w in zip(braked, wanted, strict=True)
+    ]

@@ -1,0 +1,35 @@
+"""One entry of the profile's `guard:`: the limits of a command, and what it must keep clear of."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from runtime.contracts.per_element import NotNegative
+from runtime.guard.limits import GuardLimits
+from runtime.profile.wire import Input
+
+
+class ClearEntry(BaseModel):
+    """`guard.<command>.clear`: the clearance, its wiring, what is known of the servo; its own options (all other)."""
+
+    model_config = ConfigDict(extra="allow", frozen=True, populate_by_name=True)
+
+    use: str
+    inputs: dict[str, Input] = Field(default_factory=dict, alias="in")
+    lag: NotNegative = Field(description="s, the longest time from a command until the limb is there")
+    tracking: NotNegative | list[NotNegative] | dict[str, NotNegative] = Field(
+        description="the command's unit; a joint may be this far from what was commanded within the lag"
+    )
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The clearance's own options."""
+        return dict(self.model_extra or {})
+
+
+class GuardEntry(GuardLimits):
+    """`guard.<command>`."""
+
+    clear: ClearEntry | None = None
