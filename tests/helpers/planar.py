@@ -41,7 +41,7 @@ class PlanarClearance(Clearance):
         self.reach = np.array([0.55, 0.25])
         self.creep = config.creep
         self.options = config
-        self.needed = Separation(config.acceleration, config.least, config.uncertainty, config.creep)
+        self.needed = Separation(config.acceleration, config.least, config.uncertainty)
         self._age, self.judged = 0.0, 0
         self._near = ""
 

@@ -40,16 +40,14 @@ class Separation:
     """What is needed between the two.
 
     Attributes:
-        acceleration: a_H, m/s^2.
+        acceleration: a_H, m/s^2; one number, or (k,) one a pair.
         least: C, m: what is always kept.
         uncertainty: Z_d, m: by which the other may be beside where it was seen.
-        creep: m/s: a limb this slow may move where a margin is negative, if no such distance shrinks.
     """
 
-    acceleration: float
+    acceleration: float | Array
     least: float
     uncertainty: float
-    creep: float
 
 
 def travels(path: Array, reach: Array) -> Array:

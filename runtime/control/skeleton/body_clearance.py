@@ -1,0 +1,183 @@
+"""The clearance `body-clearance`: keeps a worn arm clear of its wearer, whose motion a suit measures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from math import isinf
+from typing import Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from runtime.contracts.clearance import NEVER, Braking, Clearance, ClearanceConfig
+from runtime.contracts.errors import OptionError, WiringError
+from runtime.contracts.per_element import Positive
+from runtime.contracts.signals import Command, Signal
+from runtime.contracts.terms import POINT, QUATERNION
+from runtime.control.models import ArmsOption, named
+from runtime.control.shared.approach import Separation, is_clear, margins, travels
+from runtime.control.skeleton.arms import Side
+from runtime.control.skeleton.body_motion import BodyMotion
+from runtime.control.skeleton.capsules import nearest
+from runtime.control.skeleton.envelope import CLOTHING, LINK_RADIUS, Envelope, link_nodes, reaches
+from runtime.control.skeleton.human import human
+from runtime.control.skeleton.human_srl import HumanSrl
+
+UNIT_WITHIN = 0.1  # a quaternion whose length is off by more is none
+
+
+class EnvelopeOptions(ClearanceConfig):
+    """What the envelope of body and arm is made of."""
+
+    arms: ArmsOption = named("srl-arms")
+    side: Side = "right"
+    scale: float = Field(1.0, gt=0.3, lt=3, description="of the standard body's end sites; bones are as the suit sends")
+    radii: dict[str, Positive] = Field(
+        default_factory=dict, description="m, by segment, as measured on the wearer with clothes: right_forearm, thigh"
+    )
+    clothing: float = Field(CLOTHING, ge=0, lt=0.2, description="m, on all other segments")
+    link_radius: float = Field(LINK_RADIUS, gt=0, lt=0.5, description="m, of the arm's links")
+    stroke: float = Field(0.2, gt=0, lt=1, description="m, that a sliding joint moves at most")
+    leave_out: tuple[tuple[str, str], ...] = Field((), description="pairs [link, segment] that aren't compared")
+
+    @cached_property
+    def figure(self) -> HumanSrl:
+        """The skeleton."""
+        return HumanSrl(human(self.scale), self.arms.arms)
+
+    @cached_property
+    def envelope(self) -> Envelope:
+        """The capsules. Raises OptionError."""
+        arms = self.arms.arms
+        if self.side not in arms.sides:
+            raise OptionError(f"the arms have no {self.side} one", f"side: one of {', '.join(arms.sides)}")
+        return Envelope(self.figure.tree, arms, self.side, self.radii, self.clothing, self.link_radius, self.leave_out)
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        assert self.envelope is not None
+        return self
+
+
+class BodyClearanceConfig(EnvelopeOptions):
+    """Options of `body-clearance`."""
+
+    least: float = Field(gt=0, lt=1, description="m, C, that is always kept: 0.02 in simulation, more on a person")
+    uncertainty: float = Field(
+        ge=0, lt=1, description="m, Z_d, by which a segment may be beside where the suit has it; 0.05 for 5 degrees"
+    )
+    latency: float = Field(0.04, ge=0, lt=1, description="s, from a pose to its sample's stamp")
+    acceleration: float = Field(1.0, gt=0, le=10, description="factor on the segments' a_H")
+    span: float = Field(0.05, gt=0, lt=0.5, description="s, over which a segment's velocity is a mean")
+    repeat: float = Field(
+        0.0, ge=0, description="s for which a sample that repeats the last in every bit is taken for new"
+    )
+    max_age: float = Field(0.25, gt=0, description="s, of the body's pose, latency included; an older one is none")
+    creep: float = Field(0.02, ge=0, le=0.1, description="m/s, at which an arm that is too near may leave")
+
+
+class BodyClearance(Clearance):
+    """Compares all relevant pairs of links and segments along the braking motion (`runtime.control.shared.approach`).
+
+    Inputs: `rotation` (59, 4), `translation` (59, 3) m: the suit's joints in their parents. All is computed in the
+    frame of the node that carries the arms, which is taken for rigid with their base: what straps give is part of
+    `uncertainty`. The age of the pose is the time since its stamp, or since it last changed where a suit repeats
+    itself, and `latency`. The arm of the other side isn't compared.
+    """
+
+    Config = BodyClearanceConfig
+    summary = "a worn arm keeps clear of its wearer's body, which a suit measures"
+
+    def __init__(self, place: str, config: BodyClearanceConfig, command: Command) -> None:
+        super().__init__(place, config, command)
+        self.options = options = config
+        arms, envelope, labels = config.arms.arms, config.envelope, command.labels
+        if sorted(labels) != sorted(arms.labels):
+            problem = f"the command has {', '.join(labels)}, the arms {', '.join(arms.labels)}"
+            raise WiringError(place, problem, "Give the device's joints the names of the arms'")
+        joints = config.figure.labels
+        k = len(joints)
+        self.inputs = (
+            Signal(name="rotation", shape=(k, 4), unit="1", labels=joints, components=(QUATERNION,)),
+            Signal(name="translation", shape=(k, 3), unit="m", labels=joints, components=(POINT,)),
+        )
+        self._arms, self._envelope = arms, envelope
+        self._order = np.array([labels.index(name) for name in arms.labels])  # from the command's order to the arm's
+        stroke = np.full(arms.n, options.stroke)
+        by_link = reaches(arms, options.side, -stroke, stroke)
+        self._links = np.array([pair.link for pair in envelope.pairs])
+        self._segments = np.array([pair.segment for pair in envelope.pairs])
+        self._reach = by_link[:, self._links]  # (n, k), the arm's order
+        self.reach = np.empty(arms.n)
+        self.reach[self._order] = by_link.max(axis=1)
+        self.creep = options.creep
+        self._radii = envelope.radii[self._segments] + envelope.link_radius
+        self._a_H = options.acceleration * envelope.acceleration[self._segments]
+        self._needed = Separation(self._a_H, options.least, options.uncertainty)
+        self._motion = BodyMotion(config.figure, envelope.ends, options.span)
+        self._last = b""
+        self._changed = self._stamp = NEVER
+        self._age, self._problem = 0.0, "no pose of the body yet"
+        self._worst = 0
+        self._distance = float("nan")
+
+    def begin(self, now: int, stamps: Mapping[str, int]) -> bool:
+        stamp = min(stamps.values())
+        rotation, translation = self.input["rotation"], self.input["translation"]
+        if stamp == NEVER:
+            return self._unusable("the body isn't seen")
+        if not (np.isfinite(rotation).all() and np.isfinite(translation).all()):
+            return self._unusable("the body's pose has numbers that aren't finite")
+        if (np.abs((rotation * rotation).sum(axis=1) - 1.0) > UNIT_WITHIN).any():
+            return self._unusable("the body's pose has rotations that are none")
+        options, motion = self.options, self._motion
+        if stamp != self._stamp:
+            values = rotation.tobytes() + translation.tobytes()
+            if values != self._last:
+                self._last, self._changed = values, stamp
+                motion.take(stamp, rotation, translation)
+            elif stamp - self._changed <= options.repeat * 1e9:
+                motion.take(stamp, rotation, translation)
+            self._stamp = stamp
+        since = self._changed if stamp - self._changed > options.repeat * 1e9 else stamp
+        self._age = (now - since) * 1e-9 + options.latency
+        if self._age > options.max_age:
+            return self._unusable(f"the body's pose is {self._age:.2f} s old")
+        if isinf(motion.window):
+            self._problem = "the body's pose has only just come"
+            return False
+        self._problem = ""
+        return True
+
+    def clear(self, motion: Braking) -> bool:
+        path, body = motion.path[:, self._order], self._motion
+        nodes = link_nodes(self._arms, self.options.side, path)
+        ends, velocity = body.ends[self._segments], body.velocity[self._segments]
+        found = nearest(ends[:, 0], ends[:, 1], nodes[:, self._links], nodes[:, self._links + 1])
+        distance = found.distance - self._radii
+        normal = (found.on_second - found.on_first) / np.maximum(found.distance, 1e-9)[..., None]
+        speed = np.maximum((velocity[:, 0] * normal).sum(axis=2), (velocity[:, 1] * normal).sum(axis=2))
+        np.maximum(speed, 0.0, out=speed)
+        speed += self._a_H * (body.window / 2)
+        slack = motion.slack[self._order] @ self._reach
+        margin = margins(distance, speed, travels(path, self._reach), motion.until, self._age, slack, self._needed)
+        least = margin.min(axis=0)
+        self._worst = int(least.argmin())
+        self.margin, self._distance = float(least[self._worst]), float(distance[:, self._worst].min())
+        return is_clear(margin, distance, motion.velocity[self._order] @ self._reach <= self.creep)
+
+    def why(self) -> str:
+        if self._problem:
+            return self._problem
+        pair = self._envelope.pairs[self._worst]
+        return f"{pair.name} would be {self._distance:.3f} m apart, {-self.margin:.3f} m less than needed"
+
+    def remarks(self) -> list[str]:
+        return self._envelope.remarks()
+
+    def _unusable(self, problem: str) -> bool:
+        self._problem = problem
+        self._motion.forget()
+        self._stamp, self._last = NEVER, b""
+        return False

@@ -1,0 +1,75 @@
+"""Where the segments of a body are and how fast, in the frame of the node that carries the arms.
+
+In that frame walking isn't an approach: what carries the arm moves with it.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Final
+
+import numpy as np
+
+from runtime.contracts.signals import Array
+from runtime.control.skeleton.human_srl import HumanSrl
+from runtime.control.skeleton.kinematics import Kinematics
+
+KEPT: Final = 64  # samples
+
+
+class BodyMotion:
+    """Follows the ends of segments from sample to sample.
+
+    Attributes:
+        kinematics: of body and arms.
+        ends: (s, 2, 3) m, of the newest sample.
+        velocity: (s, 2, 3) m/s, the mean over `window`.
+        window: s; infinite before there are two samples `span` apart. A point whose acceleration is a_H at most has
+            at the end of a window of D a velocity within a_H D / 2 of its mean.
+    """
+
+    def __init__(self, figure: HumanSrl, ends: Array, span: float) -> None:
+        """
+        Args:
+            figure: the skeleton.
+            ends: (s, 2) indices of nodes in its tree.
+            span: s, the least time over which velocities are means. Differences of single frames are noise: a suit's
+                bones stretch from frame to frame.
+        """
+        self.kinematics = Kinematics(figure)
+        self.kinematics.rest()
+        self._carrier = self.kinematics.body(figure.arms.parent)
+        self._indices, self._span = ends, round(span * 1e9)
+        self._past: deque[tuple[int, Array]] = deque(maxlen=KEPT)
+        self.ends: Array = np.zeros((len(ends), 2, 3))
+        self.velocity: Array = np.zeros((len(ends), 2, 3))
+        self.window = float("inf")
+
+    def forget(self) -> None:
+        """Begins anew: what was seen is from before a pause."""
+        self._past.clear()
+        self.window = float("inf")
+
+    def take(self, stamp: int, rotation: Array, translation: Array) -> None:
+        """Takes a sample.
+
+        Args:
+            stamp: ns; one that isn't newer than the last replaces it.
+            rotation, translation: as `Kinematics.nodes`.
+        """
+        nodes = self.kinematics.nodes(rotation, translation, {})
+        data = self.kinematics.data
+        R, p = data.xmat[self._carrier].reshape(3, 3), data.xpos[self._carrier]
+        self.ends = (nodes[self._indices] - p) @ R
+        past = self._past
+        while past and past[-1][0] >= stamp:
+            past.pop()
+        past.append((stamp, self.ends))
+        while len(past) > 2 and stamp - past[1][0] >= self._span:
+            past.popleft()
+        first, before = past[0]
+        if stamp - first >= self._span:
+            self.window = (stamp - first) * 1e-9
+            self.velocity = (self.ends - before) / self.window
+        else:
+            self.window = float("inf")
