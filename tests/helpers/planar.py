@@ -56,7 +56,9 @@ class PlanarClearance(Clearance):
         distance, normal = distances(motion.path, self.input["centre"])
         speed = np.maximum(normal @ self.input["velocity"], 0.0)
         travel = travels(motion.path, REACH)
-        found = margins(distance, speed, travel, motion.until, self._age, motion.slack @ REACH, self.needed)
+        found = margins(
+            distance[..., None], speed[..., None], travel, motion.until, self._age, motion.slack @ REACH, self.needed
+        )
         self.margin = float(found.min())
         self._near = f"link {int(found.min(axis=0).argmin()) + 1} and the disc, {distance[0].min():.3f} m"
         return is_clear(found, distance, np.abs(motion.velocity) @ REACH <= self.creep)

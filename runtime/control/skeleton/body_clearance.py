@@ -68,7 +68,7 @@ class BodyClearanceConfig(EnvelopeOptions):
         ge=0, lt=1, description="m, Z_d, by which a segment may be beside where the suit has it; 0.05 for 5 degrees"
     )
     latency: float = Field(0.04, ge=0, lt=1, description="s, from a pose to its sample's stamp")
-    acceleration: float = Field(1.0, gt=0, le=10, description="factor on the segments' a_H")
+    acceleration: float = Field(1.0, gt=0, le=10, description="factor on the segments' a_e")
     span: float = Field(0.05, gt=0, lt=0.5, description="s, over which a segment's velocity is a mean")
     repeat: float = Field(
         0.0, ge=0, description="s for which a sample that repeats the last in every bit is taken for new"
@@ -113,8 +113,8 @@ class BodyClearance(Clearance):
         self.reach[self._order] = by_link.max(axis=1)
         self.creep = options.creep
         self._radii = envelope.radii[self._segments] + envelope.link_radius
-        self._a_H = options.acceleration * envelope.acceleration[self._segments]
-        self._needed = Separation(self._a_H, options.least, options.uncertainty)
+        self._a_e = options.acceleration * envelope.acceleration[self._segments]
+        self._needed = Separation(self._a_e, options.least, options.uncertainty)
         self._motion = BodyMotion(config.figure, envelope.ends, options.span)
         self._last = b""
         self._changed = self._stamp = NEVER
@@ -157,11 +157,11 @@ class BodyClearance(Clearance):
         found = nearest(ends[:, 0], ends[:, 1], nodes[:, self._links], nodes[:, self._links + 1])
         distance = found.distance - self._radii
         normal = (found.on_second - found.on_first) / np.maximum(found.distance, 1e-9)[..., None]
-        speed = np.maximum((velocity[:, 0] * normal).sum(axis=2), (velocity[:, 1] * normal).sum(axis=2))
-        np.maximum(speed, 0.0, out=speed)
-        speed += self._a_H * (body.window / 2)
+        # Of both ends, (m, k, 2): the height under the plane through the link's nearest point, the speed towards it.
+        height = np.einsum("mkei,mki->mke", found.on_second[:, :, None] - ends, normal) - self._radii[:, None]
+        speed = np.maximum(np.einsum("kei,mki->mke", velocity, normal), 0.0) + self._a_e * (body.window / 2)
         slack = motion.slack[self._order] @ self._reach
-        margin = margins(distance, speed, travels(path, self._reach), motion.until, self._age, slack, self._needed)
+        margin = margins(height, speed, travels(path, self._reach), motion.until, self._age, slack, self._needed)
         least = margin.min(axis=0)
         self._worst = int(least.argmin())
         self.margin, self._distance = float(least[self._worst]), float(distance[:, self._worst].min())

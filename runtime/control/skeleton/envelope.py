@@ -21,8 +21,9 @@ from runtime.contracts.signals import Array
 from runtime.control.skeleton.arms import Arms, Side
 from runtime.control.skeleton.tree import Tree
 
-LIMB_ACCELERATION: Final = 4.0  # m/s^2, ours: a limb's ends in the spine's frame in everyday motion
-TRUNK_ACCELERATION: Final = 1.0  # m/s^2, ours: the trunk beside its own lowest vertebra, 0.3 m from it
+# a_e, m/s^2, ours: how fast the ends of segments change their velocity in the frame of the lower spine
+FREE: Final = 4.0  # hands, elbows, knees, feet, head
+JOINED: Final = 1.0  # what the trunk carries: hips, shoulders, its own vertebrae
 
 
 class Part(NamedTuple):
@@ -32,30 +33,30 @@ class Part(NamedTuple):
         start, end: its nodes.
         girth: m.
         of: the measure.
-        acceleration: m/s^2, of its ends in the frame of the arms' parent.
+        acceleration: m/s^2, of both ends.
     """
 
     start: str
     end: str
     girth: float
     of: str
-    acceleration: float = LIMB_ACCELERATION
+    acceleration: tuple[float, float] = (FREE, FREE)
 
 
 _TRUNK: Final = {
-    "pelvis": Part("Hips", "Spine", 1.16, "buttock circumference", TRUNK_ACCELERATION),
-    "abdomen": Part("Spine", "Spine2", 1.14, "waist circumference (omphalion)", TRUNK_ACCELERATION),
-    "chest": Part("Spine2", "Neck", 1.21, "chest circumference", TRUNK_ACCELERATION),
-    "neck": Part("Neck", "Head", 0.45, "neck circumference"),
+    "pelvis": Part("Hips", "Spine", 1.16, "buttock circumference", (JOINED, JOINED)),
+    "abdomen": Part("Spine", "Spine2", 1.14, "waist circumference (omphalion)", (JOINED, JOINED)),
+    "chest": Part("Spine2", "Neck", 1.21, "chest circumference", (JOINED, JOINED)),
+    "neck": Part("Neck", "Head", 0.45, "neck circumference", (JOINED, FREE)),
     "head": Part("Head", "Head_End", 0.61, "head circumference"),
 }
 _LIMBS: Final = {
-    "shoulder": Part("Shoulder", "Arm", 0.42, "biceps circumference, flexed"),
-    "upper_arm": Part("Arm", "ForeArm", 0.42, "biceps circumference, flexed"),
+    "shoulder": Part("Shoulder", "Arm", 0.42, "biceps circumference, flexed", (JOINED, JOINED)),
+    "upper_arm": Part("Arm", "ForeArm", 0.42, "biceps circumference, flexed", (JOINED, FREE)),
     "forearm": Part("ForeArm", "Hand", 0.35, "forearm circumference, flexed"),
     "hand": Part("Hand", "HandMiddle3_End", 0.24, "hand circumference"),
     "thumb": Part("HandThumb1", "HandThumb3_End", 0.09, "ours: 14 mm of radius"),
-    "thigh": Part("UpLeg", "Leg", 0.73, "thigh circumference"),
+    "thigh": Part("UpLeg", "Leg", 0.73, "thigh circumference", (JOINED, FREE)),
     "shank": Part("Leg", "Foot", 0.45, "calf circumference"),
     "foot": Part("Foot", "Foot_End", 0.28, "ball of foot circumference"),
 }
@@ -92,7 +93,7 @@ class Envelope:
         segments: the body's names.
         ends: (s, 2) indices of their nodes in the body's tree.
         radii: (s,) m.
-        acceleration: (s,) m/s^2.
+        acceleration: (s, 2) m/s^2, of their ends.
         links: the arm's names, "RBase-RJ1" and on.
         link_radius: m, of each.
         pairs: those that are compared.
@@ -163,7 +164,8 @@ class Envelope:
         """Returns lines for people: radii with their sources, pairs, and those left out."""
         lines = [f"{len(self.pairs)} pairs of {len(self.links)} links (radius {self.link_radius:g} m) and segments:"]
         for name, part, radius in zip(self.segments, PARTS.values(), self.radii.tolist(), strict=True):
-            lines.append(f"  {name}: radius {radius:.3f} m, {part.of}, a_H {part.acceleration:g} m/s^2")
+            near, far = part.acceleration
+            lines.append(f"  {name}: radius {radius:.3f} m, {part.of}, a_e {near:g} and {far:g} m/s^2")
         for reason, names in self.left_out.items():
             lines.append(f"left out, {reason}: {', '.join(names)}")
         return lines
