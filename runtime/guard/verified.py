@@ -55,6 +55,7 @@ class VerifiedStop:
     Attributes:
         held: in this cycle no command was accepted, and the limb brakes or waits.
         holds: number of such cycles.
+        margin: m, of the motion that was judged last in this cycle; NaN if none was.
         error: what the clearance raised, in words; empty if nothing.
     """
 
@@ -70,6 +71,7 @@ class VerifiedStop:
         """
         self.clearance, self.lag = clearance, lag
         self.held, self.holds = False, 0
+        self.margin = nan
         self.error = ""
         self.age = 0.0  # s, of the measured position
         self._usable = False
@@ -80,11 +82,6 @@ class VerifiedStop:
         self._path, self._until = np.zeros((MOST + 3, n)), np.zeros(MOST + 3)
         self._velocity, self._slack = np.zeros(n), np.array(self._tracking)
         self._past: deque[tuple[float, list[float]]] = deque()  # s, what was applied; the newest last
-
-    @property
-    def margin(self) -> float:
-        """m, of the motion that was judged last; NaN where nothing is known."""
-        return self.clearance.margin if self._usable else nan
 
     @property
     def why(self) -> str:
@@ -98,7 +95,7 @@ class VerifiedStop:
             now, stamps: as `Clearance.begin`.
             age: s, of the measured position.
         """
-        self.held, self.error, self.age = False, "", age
+        self.held, self.margin, self.error, self.age = False, nan, "", age
         try:
             self._usable = self.clearance.begin(now, stamps)
         except Exception as error:  # a defect of a clearance must let nothing pass
@@ -189,7 +186,9 @@ class VerifiedStop:
         until[m:end] += self.lag + dt
         np.maximum(np.abs([v for _, v, _ in states]), np.abs([v for _, v, _ in tried]), out=self._velocity)
         try:
-            return bool(self.clearance.clear(Braking(path[:end], until[:end], self._velocity, self._slack)))
+            clear = bool(self.clearance.clear(Braking(path[:end], until[:end], self._velocity, self._slack)))
+            self.margin = self.clearance.margin
+            return clear
         except Exception as error:
             self._failed(error)
             return False
@@ -218,7 +217,7 @@ class VerifiedStop:
         return 1 + k
 
     def _failed(self, error: Exception) -> None:
-        self._usable, self.error = False, f"the clearance failed: {type(error).__name__}: {error}"
+        self._usable, self.margin, self.error = False, nan, f"the clearance failed: {type(error).__name__}: {error}"
 
 
 def _mixed(braked: list[State], wanted: list[State], share: float) -> list[State]:

@@ -120,7 +120,7 @@ def test_whatever_was_accepted_can_be_stopped_from_before_the_disc_is_near(piece
             before = scene.applied.copy()
             scene.step(desired)
             states = scene.guard._states
-            if scene.held or scene.clearance.margin < 0 or not scene.guard.velocity.any():
+            if scene.held or scene.guard.verified.margin < 0 or not scene.guard.velocity.any():
                 continue
             middle = np.array([0.3 * np.cos(before[0]), 0.3 * np.sin(before[0])])
             way = middle - scene.disc

@@ -176,7 +176,7 @@ class Bench:
             Device(d, graph.row.devices[i], graph.actuators_of(i), self.events.append)
             for i, d in enumerate(graph.devices)
         ]
-        self.hand, self.arm, self.panel = (d.driver for d in devices)
+        self.hand, self.arm, self.panel, *self.others = (d.driver for d in devices)
         for d in devices:
             d.driver.open()
             d.watch()

@@ -27,6 +27,7 @@ separation monitoring in collaborative robot workcells, Robotics and Computer-In
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,9 +74,34 @@ def margins(
     """
     t = (age + until[1:])[:, None, None]
     fallen = (0.5 * needed.acceleration) * (t * t)
-    before = (height[:-1] - speed[:-1] * t - fallen).min(axis=2)
-    after = (height[1:] - speed[1:] * t - fallen).min(axis=2)
+    before = _lesser(height[:-1] - speed[:-1] * t - fallen)
+    after = _lesser(height[1:] - speed[1:] * t - fallen)
     return 0.5 * (before + after - travel) - (needed.least + needed.uncertainty + slack)
+
+
+def reserve(
+    height: Array, speed: Array, travel: Array, last: float, age: float, slack: Array, needed: Separation
+) -> Array:
+    """A bound below all margins of each pair, (k,) m, from the first sample alone.
+
+    By (1) the pair is g_0(u_m) apart at the end of the motion at least, had the limb stayed; it goes no farther than
+    the sum of L. A pair with a bound above 0 needs no closer look.
+
+    Args:
+        height, speed: H_0e, w_0e, (k, e).
+        travel: L, (m - 1, k) m.
+        last: u_m, s.
+        age, slack, needed: as `margins`.
+    """
+    t = age + last
+    g = _lesser(height - speed * t - (0.5 * needed.acceleration) * (t * t))
+    bound: Array = g - travel.sum(axis=0) - (needed.least + needed.uncertainty + slack)
+    return bound
+
+
+def _lesser(ends: Array) -> Array:
+    """The least over the last axis; `min` takes ten times as long over an axis of two."""
+    return reduce(np.minimum, np.moveaxis(ends, -1, 0))
 
 
 def is_clear(margin: Array, distance: Array, crawl: NDArray[np.bool_]) -> bool:

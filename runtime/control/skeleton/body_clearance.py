@@ -5,18 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cached_property
 from math import isinf
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from runtime.contracts.clearance import NEVER, Braking, Clearance, ClearanceConfig
 from runtime.contracts.errors import OptionError, WiringError
 from runtime.contracts.per_element import Positive
-from runtime.contracts.signals import Command, Signal
+from runtime.contracts.signals import Array, Command, Signal
 from runtime.contracts.terms import POINT, QUATERNION
 from runtime.control.models import ArmsOption, named
-from runtime.control.shared.approach import Separation, is_clear, margins, travels
+from runtime.control.shared.approach import Separation, is_clear, margins, reserve, travels
 from runtime.control.skeleton.arms import Side
 from runtime.control.skeleton.body_motion import BodyMotion
 from runtime.control.skeleton.capsules import nearest
@@ -25,6 +26,19 @@ from runtime.control.skeleton.human import human
 from runtime.control.skeleton.human_srl import HumanSrl
 
 UNIT_WITHIN = 0.1  # a quaternion whose length is off by more is none
+
+
+class Seen(NamedTuple):
+    """What is seen of k pairs in m samples.
+
+    Attributes:
+        distance: (m, k) m, of the capsules.
+        height, speed: (m, k, 2), H_je and w_je of `runtime.control.shared.approach`.
+    """
+
+    distance: Array
+    height: Array
+    speed: Array
 
 
 class EnvelopeOptions(ClearanceConfig):
@@ -108,6 +122,7 @@ class BodyClearance(Clearance):
         by_link = reaches(arms, options.side, -stroke, stroke)
         self._links = np.array([pair.link for pair in envelope.pairs])
         self._segments = np.array([pair.segment for pair in envelope.pairs])
+        self._all = np.arange(len(envelope.pairs))
         self._reach = by_link[:, self._links]  # (n, k), the arm's order
         self.reach = np.empty(arms.n)
         self.reach[self._order] = by_link.max(axis=1)
@@ -151,21 +166,39 @@ class BodyClearance(Clearance):
         return True
 
     def clear(self, motion: Braking) -> bool:
-        path, body = motion.path[:, self._order], self._motion
+        path = motion.path[:, self._order]
         nodes = link_nodes(self._arms, self.options.side, path)
-        ends, velocity = body.ends[self._segments], body.velocity[self._segments]
-        found = nearest(ends[:, 0], ends[:, 1], nodes[:, self._links], nodes[:, self._links + 1])
-        distance = found.distance - self._radii
-        normal = (found.on_second - found.on_first) / np.maximum(found.distance, 1e-9)[..., None]
-        # Of both ends, (m, k, 2): the height under the plane through the link's nearest point, the speed towards it.
-        height = np.einsum("mkei,mki->mke", found.on_second[:, :, None] - ends, normal) - self._radii[:, None]
-        speed = np.maximum(np.einsum("kei,mki->mke", velocity, normal), 0.0) + self._a_e * (body.window / 2)
         slack = motion.slack[self._order] @ self._reach
-        margin = margins(height, speed, travels(path, self._reach), motion.until, self._age, slack, self._needed)
+        travel = travels(path, self._reach)
+        # Most pairs are so far apart that the whole way wouldn't do, judged from where the limb is now.
+        first = self._seen(nodes[:1], self._all)
+        bound = reserve(
+            first.height[0], first.speed[0], travel, float(motion.until[-1]), self._age, slack, self._needed
+        )
+        near = np.flatnonzero(bound < 0.0)
+        if near.size == 0:
+            self._worst = int(bound.argmin())
+            self.margin, self._distance = float(bound[self._worst]), float(first.distance[0, self._worst])
+            return True
+        seen = self._seen(nodes, near)
+        needed = Separation(self._a_e[near], self._needed.least, self._needed.uncertainty)
+        margin = margins(seen.height, seen.speed, travel[:, near], motion.until, self._age, slack[near], needed)
         least = margin.min(axis=0)
-        self._worst = int(least.argmin())
-        self.margin, self._distance = float(least[self._worst]), float(distance[:, self._worst].min())
-        return is_clear(margin, distance, motion.velocity[self._order] @ self._reach <= self.creep)
+        worst = int(least.argmin())
+        self._worst = int(near[worst])
+        self.margin, self._distance = float(least[worst]), float(seen.distance[:, worst].min())
+        crawl = motion.velocity[self._order] @ self._reach[:, near] <= self.creep
+        return is_clear(margin, seen.distance, crawl)
+
+    def _seen(self, nodes: Array, pairs: NDArray[np.intp]) -> Seen:
+        """These pairs, with the arm's nodes (m, n + 2, 3) in m samples."""
+        links, segments, body = self._links[pairs], self._segments[pairs], self._motion
+        ends, velocity = body.ends[segments], body.velocity[segments]
+        found = nearest(ends[:, 0], ends[:, 1], nodes[:, links], nodes[:, links + 1])
+        normal = (found.on_second - found.on_first) / np.maximum(found.distance, 1e-9)[..., None]
+        height = np.einsum("mkei,mki->mke", found.on_second[:, :, None] - ends, normal) - self._radii[pairs, None]
+        speed = np.maximum(np.einsum("kei,mki->mke", velocity, normal), 0.0) + self._a_e[pairs] * (body.window / 2)
+        return Seen(found.distance - self._radii[pairs], height, speed)
 
     def why(self) -> str:
         if self._problem:
