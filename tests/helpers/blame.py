@@ -19,8 +19,9 @@ from runtime.contracts.signals import Array, Command, Kind
 from runtime.control.skeleton.body_clearance import BodyClearance, BodyClearanceConfig
 from runtime.control.skeleton.body_motion import BodyMotion
 from runtime.control.skeleton.capsules import nearest
-from runtime.control.skeleton.envelope import PARTS, link_nodes
+from runtime.control.skeleton.envelope import CLOTHING, PARTS, link_nodes
 from runtime.control.skeleton.kinematics import Kinematics
+from runtime.control.skeleton.options import EnvelopeOptions
 
 DT = 0.01
 BLAME = 0.02  # m/s
@@ -115,8 +116,13 @@ class Wearer:
         made[self.names.index(joint)] = q
 
 
-def truth(config: BodyClearanceConfig) -> tuple[Kinematics, dict[tuple[int, int], str]]:
-    """MuJoCo's model with thin capsules, which fit the T-pose, and the geoms that belong to a pair."""
+def truth(
+    config: EnvelopeOptions, share: float = 1.0, without: float = 0.0, link_radius: float | None = None
+) -> tuple[Kinematics, dict[tuple[int, int], str]]:
+    """MuJoCo's model with capsules, which fit the T-pose, and the geoms that belong to a pair.
+
+    The body's radii are `share` of the envelope's, less what is `without`, m; the arm's its own.
+    """
     envelope, figure = config.envelope, config.figure
     nodes = figure.arms.names(config.side)
 
@@ -130,10 +136,10 @@ def truth(config: BodyClearanceConfig) -> tuple[Kinematics, dict[tuple[int, int]
             at[node.name] = np.array(node.offset) + (at[tree.names[tree.parents[i]]] if tree.parents[i] >= 0 else 0)
         for body in spec.bodies:
             for name, part, radius in where.get(body.name, ()):
-                _capsule(body, f"body/{name}", at[part.end] - at[part.start], THIN * (radius - config.clothing))
+                _capsule(body, f"body/{name}", at[part.end] - at[part.start], share * (radius - without))
             if body.name in nodes[:-1]:
                 after = nodes[nodes.index(body.name) + 1]
-                _capsule(body, f"arm/{body.name}", at[after] - at[body.name], 0.03)
+                _capsule(body, f"arm/{body.name}", at[after] - at[body.name], link_radius or envelope.link_radius)
 
     kinematics = Kinematics(figure, shape)
     model, pairs = kinematics.model, {}
@@ -153,7 +159,7 @@ def trial(seed: int, attack: Attack, seconds: float = 8.0) -> Outcome:
     options = {"least": 0.02, "uncertainty": 0.0, "latency": 0.03} | attack.options
     believed = BodyClearanceConfig(**options, **_thinned(attack.thin))
     wearer = Wearer(believed, rng, attack.quick)
-    kinematics, pairs = truth(BodyClearanceConfig(least=0.02, uncertainty=0.0))
+    kinematics, pairs = truth(BodyClearanceConfig(least=0.02, uncertainty=0.0), THIN, CLOTHING, 0.03)
     command = Command(name="command", shape=(7,), unit="rad", kind=Kind.POSITION, labels=believed.arms.arms.labels)
     clearance = BodyClearance("arm.clear", believed, command)
     rotation, translation = wearer.rotation(0.0), wearer.translation

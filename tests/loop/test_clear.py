@@ -104,7 +104,7 @@ def test_the_row_and_an_event_say_that_the_arm_is_held_and_by_what(tmp_path: Pat
     assert held[200:250].all()
     assert not held[251:].any()
     assert (margin[200:250] < 0).all()
-    assert (margin[300:] > 1).all()
+    assert (margin[300:600] > 1).all()
     assert np.isnan(margin[0]), "nothing was judged before the start"
     assert any("'arm.command' is held: link 2 and the disc" in event for event in b.events)
     assert any("'arm.command' is held no longer" in event for event in b.events)

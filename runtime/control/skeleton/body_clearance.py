@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cached_property
 from math import isinf
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from runtime.contracts.clearance import NEVER, Braking, Clearance, ClearanceConfig
-from runtime.contracts.errors import OptionError, WiringError
-from runtime.contracts.per_element import Positive
+from runtime.contracts.errors import WiringError
 from runtime.contracts.signals import Array, Command, Signal
 from runtime.contracts.terms import POINT, QUATERNION
-from runtime.control.models import ArmsOption, named
 from runtime.control.shared.approach import Separation, is_clear, margins, reserve, travels
-from runtime.control.skeleton.arms import Side
 from runtime.control.skeleton.body_motion import BodyMotion
 from runtime.control.skeleton.capsules import nearest
-from runtime.control.skeleton.envelope import CLOTHING, LINK_RADIUS, Envelope, link_nodes, reaches
-from runtime.control.skeleton.human import human
-from runtime.control.skeleton.human_srl import HumanSrl
+from runtime.control.skeleton.envelope import link_nodes, reaches
+from runtime.control.skeleton.options import EnvelopeOptions
 
 UNIT_WITHIN = 0.1  # a quaternion whose length is off by more is none
 
@@ -41,40 +36,7 @@ class Seen(NamedTuple):
     speed: Array
 
 
-class EnvelopeOptions(ClearanceConfig):
-    """What the envelope of body and arm is made of."""
-
-    arms: ArmsOption = named("srl-arms")
-    side: Side = "right"
-    scale: float = Field(1.0, gt=0.3, lt=3, description="of the standard body's end sites; bones are as the suit sends")
-    radii: dict[str, Positive] = Field(
-        default_factory=dict, description="m, by segment, as measured on the wearer with clothes: right_forearm, thigh"
-    )
-    clothing: float = Field(CLOTHING, ge=0, lt=0.2, description="m, on all other segments")
-    link_radius: float = Field(LINK_RADIUS, gt=0, lt=0.5, description="m, of the arm's links")
-    stroke: float = Field(0.2, gt=0, lt=1, description="m, that a sliding joint moves at most")
-    leave_out: tuple[tuple[str, str], ...] = Field((), description="pairs [link, segment] that aren't compared")
-
-    @cached_property
-    def figure(self) -> HumanSrl:
-        """The skeleton."""
-        return HumanSrl(human(self.scale), self.arms.arms)
-
-    @cached_property
-    def envelope(self) -> Envelope:
-        """The capsules. Raises OptionError."""
-        arms = self.arms.arms
-        if self.side not in arms.sides:
-            raise OptionError(f"the arms have no {self.side} one", f"side: one of {', '.join(arms.sides)}")
-        return Envelope(self.figure.tree, arms, self.side, self.radii, self.clothing, self.link_radius, self.leave_out)
-
-    @model_validator(mode="after")
-    def _whole(self) -> Self:
-        assert self.envelope is not None
-        return self
-
-
-class BodyClearanceConfig(EnvelopeOptions):
+class BodyClearanceConfig(EnvelopeOptions, ClearanceConfig):
     """Options of `body-clearance`."""
 
     least: float = Field(gt=0, lt=1, description="m, C, that is always kept: 0.02 in simulation, more on a person")
@@ -183,10 +145,9 @@ class BodyClearance(Clearance):
         seen = self._seen(nodes, near)
         needed = Separation(self._a_e[near], self._needed.least, self._needed.uncertainty)
         margin = margins(seen.height, seen.speed, travel[:, near], motion.until, self._age, slack[near], needed)
-        least = margin.min(axis=0)
-        worst = int(least.argmin())
-        self._worst = int(near[worst])
-        self.margin, self._distance = float(least[worst]), float(seen.distance[:, worst].min())
+        bound[near] = margin.min(axis=0)  # of the others it stays a bound
+        self._worst = int(bound.argmin())
+        self.margin, self._distance = float(bound[self._worst]), float(first.distance[0, self._worst])
         crawl = motion.velocity[self._order] @ self._reach[:, near] <= self.creep
         return is_clear(margin, seen.distance, crawl)
 
@@ -211,6 +172,5 @@ class BodyClearance(Clearance):
 
     def _unusable(self, problem: str) -> bool:
         self._problem = problem
-        self._motion.forget()
-        self._stamp, self._last = NEVER, b""
+        self._motion.forget()  # but not what it was: a suit that repeats it is as old as before
         return False

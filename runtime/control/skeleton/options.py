@@ -1,22 +1,26 @@
-"""Options that every law about the human-SRL skeleton has."""
+"""Options that every law and clearance about the human-SRL skeleton has."""
 
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Annotated
+from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
 from runtime.contracts.controller import ControllerConfig
 from runtime.contracts.errors import OptionError, RecordingError
 from runtime.contracts.files import FileOption, KeptFile
+from runtime.contracts.options import Options
+from runtime.contracts.per_element import Positive
 from runtime.control.models import ArmsOption, named
 from runtime.control.skeleton import bvh
+from runtime.control.skeleton.arms import Side
+from runtime.control.skeleton.envelope import CLOTHING, LINK_RADIUS, Envelope
 from runtime.control.skeleton.human import human
 from runtime.control.skeleton.human_srl import HumanSrl
 
 
-class SkeletonConfig(ControllerConfig):
+class FigureOptions(Options):
     """The body and the arms."""
 
     arms: ArmsOption = named("srl-arms")
@@ -34,11 +38,41 @@ class SkeletonConfig(ControllerConfig):
         )
 
     @model_validator(mode="after")
-    def _whole(self) -> SkeletonConfig:
+    def _whole(self) -> Self:
         try:
             assert self.figure is not None
         except RecordingError as error:
             raise OptionError(f"{error.place}: {error.problem}", error.remedy) from None
         except UnicodeDecodeError:
             raise OptionError("the hierarchy is no text", "Give a BVH text file") from None
+        return self
+
+
+class SkeletonConfig(FigureOptions, ControllerConfig):
+    """Options of a law."""
+
+
+class EnvelopeOptions(FigureOptions):
+    """What the envelope of body and arm is made of."""
+
+    side: Side = "right"
+    radii: dict[str, Positive] = Field(
+        default_factory=dict, description="m, by segment, as measured on the wearer with clothes: right_forearm, thigh"
+    )
+    clothing: float = Field(CLOTHING, ge=0, lt=0.2, description="m, on all other segments")
+    link_radius: float = Field(LINK_RADIUS, gt=0, lt=0.5, description="m, of the arm's links")
+    stroke: float = Field(0.2, gt=0, lt=1, description="m, that a sliding joint moves at most")
+    leave_out: tuple[tuple[str, str], ...] = Field((), description="pairs [link, segment] that aren't compared")
+
+    @cached_property
+    def envelope(self) -> Envelope:
+        """The capsules. Raises OptionError."""
+        arms = self.arms.arms
+        if self.side not in arms.sides:
+            raise OptionError(f"the arms have no {self.side} one", f"side: one of {', '.join(arms.sides)}")
+        return Envelope(self.figure.tree, arms, self.side, self.radii, self.clothing, self.link_radius, self.leave_out)
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        assert self.envelope is not None
         return self

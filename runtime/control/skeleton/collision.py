@@ -1,0 +1,120 @@
+"""The control law `collision`: distances, nearest points and approach speeds of body and arm, in each cycle."""
+
+from __future__ import annotations
+
+from math import isinf
+
+import numpy as np
+from pydantic import Field
+
+from runtime.contracts.controller import Controller, ControllerConfig
+from runtime.contracts.signals import Array, Signal
+from runtime.contracts.terms import POINT, QUATERNION
+from runtime.control.skeleton.body_motion import BodyMotion
+from runtime.control.skeleton.capsules import nearest
+from runtime.control.skeleton.envelope import link_nodes
+from runtime.control.skeleton.options import EnvelopeOptions
+
+SPAN = 0.05  # s over which velocities are means
+SIDES = ("body", "arm")
+
+
+class CollisionConfig(EnvelopeOptions, ControllerConfig):
+    """Options of `collision`."""
+
+    frame: str | None = Field(None, description="frame of the profile's tree that the suit's world is")
+
+
+class Collision(Controller):
+    """Measures and decides nothing: what keeps the arm clear is the guard (docs/guard.md, "Keeping clear").
+
+    Inputs: `rotation` (59, 4), `translation` (59, 3) m of the suit's joints in their parents; `arm` (n,) rad or m, the
+    positions of one arm.
+
+    Outputs, by pair "link/segment": `distance` (k,) m, negative inside; `approach` (k,) m/s, positive while the gap
+    closes, by the motion of both; `points` (k, 2, 3) m, the nearest points of the capsules' surfaces on the body and on
+    the arm, in the suit's world; `least` (1,) m. Until the body has been seen for 0.05 s its speed counts as 0.
+    """
+
+    Config = CollisionConfig
+    summary = "distances, nearest points and approach speeds of a worn arm and its wearer"
+
+    def __init__(self, name: str, config: CollisionConfig) -> None:
+        super().__init__(name, config)
+        self._arms, self._side, self._envelope = config.arms.arms, config.side, config.envelope
+        pairs = self._envelope.pairs
+        joints, n, k = config.figure.labels, self._arms.n, len(pairs)
+        names = tuple(pair.name for pair in pairs)
+        self.inputs = (
+            Signal(name="rotation", shape=(len(joints), 4), unit="1", labels=joints, components=(QUATERNION,)),
+            Signal(name="translation", shape=(len(joints), 3), unit="m", labels=joints, components=(POINT,)),
+            Signal(name="arm", shape=(n,), unit="rad", labels=self._arms.labels),
+        )
+        self.outputs = (
+            Signal(name="distance", shape=(k,), unit="m", labels=names),
+            Signal(name="approach", shape=(k,), unit="m/s", labels=names),
+            Signal(
+                name="points", shape=(k, 2, 3), unit="m", frame=config.frame, labels=names, components=(SIDES, POINT)
+            ),
+            Signal(name="least", shape=(1,), unit="m"),
+        )
+        self._links = np.array([pair.link for pair in pairs])
+        self._segments = np.array([pair.segment for pair in pairs])
+        self._body_radii = self._envelope.radii[self._segments]
+        self._motion = BodyMotion(config.figure, self._envelope.ends, SPAN)
+        self._carrier = self._motion.kinematics.body(self._arms.parent)
+        self._now, self._last = 0, b""
+        self._nodes: Array | None = None
+        self._closest = np.full(k, np.inf)
+
+    def reset(self) -> None:
+        self._motion.forget()
+        self._last, self._nodes = b"", None
+        self.update(0.0)
+
+    def update(self, dt: float) -> None:
+        self._now += round(dt * 1e9)
+        rotation, translation, body = self.input["rotation"], self.input["translation"], self._motion
+        values = rotation.tobytes() + translation.tobytes()
+        if values != self._last:
+            self._last = values
+            body.take(self._now, rotation, translation)
+        nodes = link_nodes(self._arms, self._side, self.input["arm"][None])[0]
+        before, self._nodes = self._nodes, nodes
+        speed = (nodes - before) / dt if before is not None and dt > 0 else np.zeros_like(nodes)
+        ends, links = body.ends[self._segments], self._links
+        found = nearest(ends[:, 0], ends[:, 1], nodes[links], nodes[links + 1])
+        way = found.on_second - found.on_first
+        normal = way / np.maximum(found.distance, 1e-9)[:, None]
+        out = self.output
+        out["distance"][:] = found.distance - self._body_radii - self._envelope.link_radius
+        out["least"][0] = out["distance"].min()
+        v_body = _at(found.on_first, ends, body.velocity[self._segments])
+        v_arm = _at(found.on_second, np.stack([nodes[links], nodes[links + 1]], axis=1),
+                    np.stack([speed[links], speed[links + 1]], axis=1))  # fmt: skip
+        if isinf(body.window):
+            v_body = np.zeros_like(v_body)
+        out["approach"][:] = ((v_body - v_arm) * normal).sum(axis=1)
+        data = body.kinematics.data
+        R, p = data.xmat[self._carrier].reshape(3, 3), data.xpos[self._carrier]
+        out["points"][:, 0] = (found.on_first + self._body_radii[:, None] * normal) @ R.T + p
+        out["points"][:, 1] = (found.on_second - self._envelope.link_radius * normal) @ R.T + p
+        np.minimum(self._closest, out["distance"], out=self._closest)
+
+    def figures(self) -> dict[str, object]:
+        """The least distance of the run with its pair, and what isn't compared."""
+        worst = int(self._closest.argmin())
+        return {
+            "least_m": float(self._closest[worst]),
+            "pair": self._envelope.pairs[worst].name,
+            "pairs": len(self._envelope.pairs),
+            "left_out": self._envelope.left_out,
+        }
+
+
+def _at(points: Array, ends: Array, velocity: Array) -> Array:
+    """Velocities (k, 3) of points (k, 3) of segments with these ends (k, 2, 3) and their velocities."""
+    way = ends[:, 1] - ends[:, 0]
+    share = ((points - ends[:, 0]) * way).sum(axis=1) / np.maximum((way * way).sum(axis=1), 1e-12)
+    mixed: Array = velocity[:, 0] + share[:, None] * (velocity[:, 1] - velocity[:, 0])
+    return mixed

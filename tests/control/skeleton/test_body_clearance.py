@@ -1,0 +1,180 @@
+"""The clearance `body-clearance`: data it refuses, and attacks on an arm and a wearer who doesn't look."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.blame import Attack, Outcome, Wearer, trial
+
+from runtime.contracts.clearance import NEVER, Braking
+from runtime.contracts.errors import WiringError
+from runtime.contracts.signals import Command, Kind
+from runtime.control.skeleton import body_clearance
+from runtime.control.skeleton.body_clearance import BodyClearance, BodyClearanceConfig
+
+MS = 1_000_000
+
+
+def judge(**options: Any) -> tuple[BodyClearance, Wearer]:
+    config = BodyClearanceConfig(**({"least": 0.02, "uncertainty": 0.0} | options))
+    command = Command(name="c", shape=(7,), unit="rad", kind=Kind.POSITION, labels=config.arms.arms.labels)
+    made = BodyClearance("guard.c.clear", config, command)
+    wearer = Wearer(config, np.random.default_rng(0), 1.0)
+    made.bind({"rotation": wearer.aside(), "translation": wearer.translation})
+    return made, wearer
+
+
+def see(made: BodyClearance, now: int, stamp: int | None = None) -> bool:
+    """A sample that differs from the one before, as a real suit's does."""
+    made.input["rotation"][0, 1] += 1e-12
+    stamp = now if stamp is None else stamp
+    return made.begin(now, {"rotation": stamp, "translation": stamp})
+
+
+def resting(made: BodyClearance) -> Braking:
+    return Braking(np.zeros((2, 7)), np.array([0.0, 0.01]), np.zeros(7), np.zeros(7))
+
+
+def test_it_waits_until_speeds_are_known_and_refuses_what_is_no_pose():
+    made, _ = judge()
+    assert not made.begin(0, {"rotation": NEVER, "translation": 5})
+    assert "isn't seen" in made.why()
+    now = 10_000 * MS
+    good = [see(made, now + 10 * k * MS) for k in range(8)]
+    assert good == [False] * 5 + [True] * 3
+    now += 70 * MS
+    for joint, value, match in ((3, np.nan, "finite"), (5, 0.0, "none"), (7, 2.0, "none")):
+        kept = made.input["rotation"][joint].copy()
+        made.input["rotation"][joint] = value
+        now += 10 * MS
+        assert not see(made, now)
+        assert match in made.why()
+        made.input["rotation"][joint] = kept
+        now += 10 * MS
+        assert not see(made, now), "what came before a gap says nothing of speeds"
+        good = [see(made, now + 10 * k * MS) for k in range(1, 8)]
+        assert good[-1]
+        now += 70 * MS
+    assert not see(made, now + 400 * MS, now)
+    assert "0.44 s old" in made.why()
+
+
+@pytest.mark.parametrize("repeat", [0.0, 0.1])
+def test_a_suit_that_repeats_itself_gets_older(repeat):
+    made, _ = judge(repeat=repeat)
+    now = 10_000 * MS
+    for k in range(8):
+        assert see(made, now + 10 * k * MS) == (k >= 5)
+    now += 70 * MS
+    fresh = made._age
+    ages = []
+    for k in range(1, 26):
+        at = now + 10 * k * MS
+        usable = made.begin(at, {"rotation": at, "translation": at})
+        ages.append(made._age - fresh)
+        assert usable == (made._age <= 0.25)
+    kept = round(repeat * 100)
+    assert ages[:kept] == pytest.approx([0.0] * kept, abs=1e-9)
+    assert ages[kept:20] == pytest.approx(0.01 * np.arange(kept + 1, 21))
+
+
+def test_the_joints_may_come_in_another_order_and_must_be_the_arm_s():
+    config = BodyClearanceConfig(least=0.02, uncertainty=0.0)
+    labels = config.arms.arms.labels
+    command = Command(name="c", shape=(7,), unit="rad", kind=Kind.POSITION, labels=labels)
+    turned = Command(name="c", shape=(7,), unit="rad", kind=Kind.POSITION, labels=labels[::-1])
+    plain, mirrored = BodyClearance("p", config, command), BodyClearance("p", config, turned)
+    assert (plain.reach == mirrored.reach[::-1]).all()
+    wearer = Wearer(config, np.random.default_rng(0), 1.0)
+    margins = []
+    for made, order in ((plain, 1), (mirrored, -1)):
+        made.bind({"rotation": wearer.aside(), "translation": wearer.translation})
+        for k in range(8):
+            see(made, 10_000 * MS + 10 * k * MS)
+        path = np.linspace(np.zeros(7), np.linspace(-0.5, 0.5, 7), 5)[:, ::order]
+        slack, speed = 0.01 * np.arange(7)[::order], np.full(7, 0.1)
+        made.clear(Braking(path, 0.05 * np.arange(5), speed, slack))
+        margins.append(made.margin)
+    assert margins[0] == pytest.approx(margins[1], abs=1e-12)
+    with pytest.raises(WiringError, match="the arms J1"):
+        BodyClearance("p", config, Command(name="c", shape=(2,), unit="rad", kind=Kind.POSITION, labels=("a", "b")))
+
+
+def test_the_quick_look_passes_nothing_that_the_close_one_refuses(monkeypatch):
+    """Pairs far apart are judged by a bound alone; with the bound gone, all are looked at closely."""
+    made, wearer = judge()
+    close, _ = judge()
+    rng, verdicts = np.random.default_rng(1), []
+    for k in range(120):
+        now = 10_000 * MS + 20 * k * MS
+        pose = wearer.rotation(k * 0.02)
+        q = rng.uniform(-0.6, 0.2, 7) * [1, 1, 1, 1, 0.1, 1, 1]
+        v = rng.normal(size=7) * 0.3
+        path = q + np.linspace(0, 0.1, 6)[:, None] * v
+        motion = Braking(path, 0.02 * np.arange(6), np.abs(v), np.full(7, 0.002))
+        for each in (made, close):
+            each.input["rotation"][:] = pose
+            each.begin(now, {"rotation": now, "translation": now})
+        if k < 6:
+            continue
+        with monkeypatch.context() as patch:
+            patch.setattr(body_clearance, "reserve", lambda height, *rest: np.full(len(height), -1.0))
+            slow = close.clear(motion)
+        fast = made.clear(motion)
+        verdicts.append(slow)
+        assert slow == fast
+        assert made.margin <= close.margin + 1e-12
+    assert 5 < sum(verdicts) < len(verdicts) - 5
+
+
+def together(attack: Attack, seeds: range) -> Outcome:
+    made = Outcome()
+    for seed in seeds:
+        one = trial(seed, attack, 5.0)
+        made.contacts += one.contacts
+        made.goals += one.goals
+    return made
+
+
+SEEDS = range(4)
+
+
+@pytest.mark.slow
+def test_the_arm_runs_into_a_wearer_who_doesn_t_look_only_without_a_clearance():
+    off, on = together(Attack(guarded=False), SEEDS), together(Attack(), SEEDS)
+    assert off.blamed >= 3
+    assert on.blamed == 0
+    assert max(on.contacts, default=0.0) <= 0.02
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "attack",
+    [
+        Attack(delay=0.03, drop=0.3),
+        Attack(freeze=(1.0, 3.0)),
+        Attack(servo=0.06),
+        Attack(delay=0.1, options={"latency": 0.1}),
+    ],
+    ids=["dropped", "frozen", "servo", "delayed"],
+)
+def test_attacks_that_it_knows_of_or_sees_leave_no_blame(attack):
+    """Lost frames and a frozen suit make the pose old; a slow servo is measured; a delay that is told is counted."""
+    assert together(attack, SEEDS).blamed == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "attack",
+    [Attack(delay=0.1), Attack(quick=2.0), Attack(thin=0.6)],
+    ids=["untold delay", "faster than a_H", "wrong envelope"],
+)
+def test_attacks_on_what_it_believes_leave_less_than_no_clearance_at_all(attack):
+    """Here nothing is promised. What is left: contacts at less speed than without a clearance."""
+    on = together(attack, SEEDS)
+    off = together(Attack(delay=attack.delay, quick=attack.quick, guarded=False), SEEDS)
+    assert off.blamed >= 3
+    assert on.blamed < off.blamed
+    assert sum(max(s, 0.0) for s in on.contacts) < 0.5 * sum(max(s, 0.0) for s in off.contacts)
