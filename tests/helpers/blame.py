@@ -173,7 +173,8 @@ def trial(seed: int, attack: Attack, seconds: float = 8.0) -> Outcome:
         guard.keep_clear(clearance, LAG, np.full(7, 0.001))
     guard.reset(measured)
     queue = [np.zeros(7)] * round(attack.servo / DT)
-    distance = free(BodyClearanceConfig(least=0.02, uncertainty=0.0), wearer.aside(), translation)
+    distance = Gap(BodyClearanceConfig(least=0.02, uncertainty=0.0))
+    distance.pose(wearer.aside(), translation)
     made, goal, since, stamp = Outcome(), np.zeros(7), 0.0, -1
     frames: list[tuple[float, Array]] = []
     next_frame, touching, ends = 0.0, dict.fromkeys(pairs, False), []
@@ -218,20 +219,24 @@ def trial(seed: int, attack: Attack, seconds: float = 8.0) -> Outcome:
     return made
 
 
-def free(config: BodyClearanceConfig, rotation: Array, translation: Array) -> Callable[[Array], float]:
-    """Gives the arm's distance, m, from the body in this posture."""
-    envelope, motion = config.envelope, BodyMotion(config.figure, config.envelope.ends, 0.01)
-    motion.take(0, rotation, translation)
-    links = np.array([pair.link for pair in envelope.pairs])
-    segments = np.array([pair.segment for pair in envelope.pairs])
-    ends = motion.ends[segments]
+class Gap:
+    """The arm's distance, m, from the body: the envelope's own."""
 
-    def distance(q: Array) -> float:
-        nodes = link_nodes(config.arms.arms, config.side, q[None])
-        axes = nearest(ends[:, 0], ends[:, 1], nodes[:, links], nodes[:, links + 1]).distance
-        return float((axes - envelope.radii[segments] - envelope.link_radius).min())
+    def __init__(self, config: EnvelopeOptions) -> None:
+        envelope = config.envelope
+        self._config, self._motion = config, BodyMotion(config.figure, envelope.ends, 0.01)
+        self._links = np.array([pair.link for pair in envelope.pairs])
+        self._segments = np.array([pair.segment for pair in envelope.pairs])
+        self._radii = envelope.radii[self._segments] + envelope.link_radius
 
-    return distance
+    def pose(self, rotation: Array, translation: Array) -> None:
+        """The body's posture from now on."""
+        self._motion.take(0, rotation, translation)
+
+    def __call__(self, q: Array) -> float:
+        nodes, ends = link_nodes(self._config.arms.arms, self._config.side, q[None]), self._motion.ends[self._segments]
+        axes = nearest(ends[:, 0], ends[:, 1], nodes[:, self._links], nodes[:, self._links + 1]).distance
+        return float((axes - self._radii).min())
 
 
 def _thinned(factor: float) -> dict[str, Any]:
