@@ -281,6 +281,7 @@ class Cycle:
         for i, (actuator, guard) in enumerate(zip(self.graph.actuators, self.guards, strict=True)):
             link = self._links.item(actuator.device)
             if not link & LINK_ACTIVE:
+                self._lookouts[i].rest()
                 continue
             category = self.category(actuator)
             # With an old measured velocity, damping would drive the joint, and retracting would never arrive.

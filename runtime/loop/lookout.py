@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import nan
 
 from runtime.contracts.clearance import NEVER
 from runtime.guard.verified import VerifiedStop
@@ -47,6 +48,11 @@ class Lookout:
         elif self._free > HELD and self._told:
             self._told = False
             self._report(f"'{actuator.name}' is held no longer")
+
+    def rest(self) -> None:
+        """In a cycle in which nothing is commanded."""
+        if self._actuator.margin is not None:
+            self._actuator.margin[0] = nan
 
     def _stamp(self, device: int) -> int:
         """When a device's newest sample was taken; NEVER for one that is lost or stale."""
