@@ -88,6 +88,7 @@ def _signal(field: Field, device: str) -> Signal:
         components=field.components or tuple(_EARLIER.get(n, tuple(map(str, range(n)))) for n in field.shape[1:]),
         visual=field.visual,  # type: ignore[arg-type]
         links=field.links,
+        groups=field.groups,
     )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 class Field:
     """One signal's place in a row.
 
-    Unit, frame, labels, slots, components, visual and links are as in `runtime.contracts.signals.Signal`.
+    Unit, frame, labels, slots, components, visual, links and groups are as in `runtime.contracts.signals.Signal`.
 
     Attributes:
         name: `<device or controller>.<signal>`.
@@ -31,6 +31,7 @@ class Field:
     links: tuple[tuple[int, ...], ...] = ()
     slots: bool = False
     components: tuple[tuple[str, ...], ...] = ()
+    groups: tuple[str, ...] = ()
 
     @property
     def size(self) -> int:

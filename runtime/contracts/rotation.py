@@ -212,6 +212,15 @@ def about_axis(axis: int, angle: Array) -> Array:
     return R
 
 
+def from_z(directions: Array) -> Array:
+    """(n, 4): the shortest turns that take z to directions (n, 3) of any length; none for a length of zero."""
+    length = np.linalg.norm(directions, axis=1)
+    x, y, z = np.where(length[:, None] > 0.0, directions / np.where(length, length, 1.0)[:, None], (0.0, 0.0, 1.0)).T
+    q = np.stack([1.0 + z, -y, x, np.zeros_like(x)], axis=1)
+    q[z < -1.0 + 1e-12] = 0.0, 1.0, 0.0, 0.0  # straight back: about x
+    return q / np.linalg.norm(q, axis=1, keepdims=True)
+
+
 def from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
     """The unit quaternion of Rz(yaw) Ry(pitch) Rx(roll), rad, about fixed axes."""
     return product((cos(yaw / 2), 0.0, 0.0, sin(yaw / 2)), product((cos(pitch / 2), 0.0, sin(pitch / 2), 0.0),

@@ -30,8 +30,12 @@ class Signal:
         components: names along each further axis, one tuple an axis: x y z for (5, 3), joints for a Jacobian's columns.
         visual: how a viewer shows it: "points" for shape (k, 3), or (3,), which is one; "robot" for the same, drawn as
             thick as an arm; "sphere" for (x, y, z, radius); "path" for a position (3,) or pose (7,) that leaves a
-            trail; "arrow" for (2, 3), its start point (m) and a force (N) at that point.
-        links: polylines through the points' rows, for visuals "points" and "robot".
+            trail; "arrow" for (2, 3), its start point (m) and a force (N) at that point; "skeleton" as "points", drawn
+            as thick as a body's bones; "capsules" for (k, 8) with the components `terms.CAPSULE` and "gaps" for (k, 7)
+            with `terms.GAP`, both coloured by their distance; a row with a coordinate that isn't finite isn't drawn.
+        links: polylines through the points' rows, for visuals "points", "skeleton" and "robot".
+        groups: for the same visuals, the name of the part of the body to which each row belongs. Each part has a colour
+            of its own; a link has that of its first row.
     """
 
     name: str
@@ -42,8 +46,9 @@ class Signal:
     labels: tuple[str, ...] = ()
     slots: bool = False
     components: tuple[tuple[str, ...], ...] = ()
-    visual: Literal["", "points", "robot", "sphere", "path", "arrow"] = ""
+    visual: Literal["", "points", "skeleton", "robot", "sphere", "path", "arrow", "capsules", "gaps"] = ""
     links: tuple[tuple[int, ...], ...] = ()
+    groups: tuple[str, ...] = ()
 
     @property
     def size(self) -> int:
@@ -66,6 +71,8 @@ class Signal:
             return f"it has {len(self.labels)} labels for {rows} rows"
         if tuple(map(len, self.components)) != self.shape[1:]:
             return f"it has components of {list(map(len, self.components))} for further axes of {list(self.shape[1:])}"
+        if self.groups and len(self.groups) != rows:
+            return f"it has {len(self.groups)} groups for {rows} rows"
         for names in (self.labels, *self.components):
             if twice := next((n for n in names if names.count(n) > 1), None):
                 return f"'{twice}' is the name of two of its elements"

@@ -13,3 +13,6 @@ WRENCH: Final = (*FORCE, "tx", "ty", "tz")  # N, N m
 PLANAR: Final = ("x", "y", "yaw")  # m, rad
 PLANAR_TWIST: Final = ("vx", "vy", "wz")  # m/s, rad/s
 POSITION_OF: Final = dict(zip(PLANAR_TWIST, PLANAR, strict=True))  # what each of these is the rate of
+_ENDS: Final = ("x0", "y0", "z0", "x1", "y1", "z1")  # m
+CAPSULE: Final = (*_ENDS, "radius", "distance")  # its axis' ends; m to the nearest body that matters, NaN: not known
+GAP: Final = (*_ENDS, "distance")  # the nearest points of two bodies; m, negative where they overlap

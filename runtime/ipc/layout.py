@@ -160,6 +160,7 @@ class Layout:
                     "labels": tuple(item["labels"]),
                     "links": tuple(tuple(link) for link in item["links"]),
                     "components": tuple(tuple(names) for names in item.get("components", ())),
+                    "groups": tuple(item.get("groups", ())),
                 }
                 f = Field(**item)
                 if not all(isinstance(text, str) for text in (f.name, f.role, f.unit)):

@@ -1,8 +1,9 @@
-"""`python -m runtime.panel RUN_FOLDER --signal SIGNAL`: the page's process, which `runtime.panel.screen` starts.
+"""`python -m runtime.panel RUN_FOLDER [--signal SIGNAL]`: the page's process, which `runtime.panel.client` starts.
 
-It takes commands from its standard input, one JSON object a line: {"trial": {...}}, {"address": true},
-{"abort": "why"}. It answers on its standard output: {"address": URL}, {"outcome": {...}}, {"error": [place, problem,
-remedy]}. It ends when its input ends: so it never outlives the process that started it.
+With `--signal` the page is the participant's screen, without it the picture of the run. The process takes commands from
+its standard input, one JSON object a line: {"address": true}; for the screen {"trial": {...}}, {"abort": "why"}, too.
+It answers on its standard output: {"address": URL}, {"outcome": {...}}, {"error": [place, problem, remedy]}. It ends
+when its input ends: so it never outlives the process that started it.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from typing import Any
 
 from runtime.contracts.errors import SrlError
 from runtime.ipc.run_folder import RunFolder
+from runtime.panel.pages import PageServer
+from runtime.panel.picture import PictureServer
 from runtime.panel.server import Server
 from runtime.panel.source import Source
 from runtime.panel.trial import ScreenTrial, Trial
@@ -32,7 +35,7 @@ def main() -> int:
     """Serves until the input ends. Exit code 2: the signal, the run or the port isn't there."""
     parser = argparse.ArgumentParser(prog="python -m runtime.panel")
     parser.add_argument("run_folder", type=Path)
-    parser.add_argument("--signal", required=True)
+    parser.add_argument("--signal")
     parser.add_argument("--span", type=float, nargs=2, default=(0.0, 1.0))
     parser.add_argument("--held")
     parser.add_argument("--port", type=int, default=0)
@@ -40,15 +43,18 @@ def main() -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that started this one
     try:
         run_folder = RunFolder(options.run_folder)
-        source = Source(run_folder, options.signal, tuple(options.span), options.held)
-        asyncio.run(_serve(Server(run_folder, source), options.port))
+        if options.signal is None:
+            asyncio.run(_serve(PictureServer(run_folder), options.port))
+        else:
+            source = Source(run_folder, options.signal, tuple(options.span), options.held)
+            asyncio.run(_serve(Server(run_folder, source), options.port))
     except SrlError as error:
         _say({"error": [error.place, error.problem, error.remedy]})
         return 2
     return 0
 
 
-async def _serve(server: Server, port: int) -> None:
+async def _serve(server: PageServer, port: int) -> None:
     loop = asyncio.get_running_loop()
     tasks: set[asyncio.Task[None]] = set()
 
@@ -57,7 +63,8 @@ async def _serve(server: Server, port: int) -> None:
         tasks.add(task)
         task.add_done_callback(tasks.discard)
 
-    server.session.ended = ended
+    if isinstance(server, Server):
+        server.session.ended = ended
     commands = asyncio.StreamReader(limit=LINE)
     await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(commands), sys.stdin)
     over = asyncio.Event()
@@ -70,15 +77,15 @@ async def _serve(server: Server, port: int) -> None:
             task.result()  # raises what a task failed with
 
 
-async def _obey(server: Server, commands: asyncio.StreamReader) -> None:
+async def _obey(server: PageServer, commands: asyncio.StreamReader) -> None:
     while line := await commands.readline():
         command: dict[str, Any] = json.loads(line)
-        if "trial" in command:
-            server.session.offer(Trial(**command["trial"]), time.monotonic())
-        elif "abort" in command:
-            server.session.abort(command["abort"], time.monotonic())
-        elif "address" in command:
+        if "address" in command:
             _say({"address": server.address()})
+        elif isinstance(server, Server) and "trial" in command:
+            server.session.offer(Trial(**command["trial"]), time.monotonic())
+        elif isinstance(server, Server) and "abort" in command:
+            server.session.abort(command["abort"], time.monotonic())
 
 
 def _say(message: dict[str, Any]) -> None:

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from runtime.contracts.signals import Array
-from runtime.panel.source import Condition, Reading
+from runtime.panel.rows import Condition
+from runtime.panel.source import Reading
 from runtime.panel.trial import ScreenTrial, Trial, table
 
 LEAD = 0.1  # s from the key to the settling's beginning, so that the page knows it in time

@@ -94,6 +94,19 @@ def command_plots(layout: Layout) -> list[Plot]:
     return found
 
 
+def joint_plots(layout: Layout) -> list[Plot]:
+    """Makes a plot for each command: each element as it was measured, or as applied where nothing measures it."""
+    found: dict[str, dict[str, str]] = {}
+    units: dict[str, str] = {}
+    for plot in command_plots(layout):
+        asked = plot.lines["asked"]
+        name = split(asked)[0]
+        label = plot.title.removeprefix(name.removesuffix("_command")).strip() or name
+        found.setdefault(name, {})[label] = plot.lines.get("measured", plot.lines.get("applied", asked))
+        units[name] = plot.unit
+    return [Plot(title=n.removesuffix("_command"), unit=units[n], lines=lines) for n, lines in found.items()]
+
+
 def profile_plots(layout: Layout) -> list[Plot]:
     """The plots that the profile defines."""
     return [Plot(**p) for p in (layout.meta.get("record") or {}).get("plots", ())]

@@ -7,9 +7,10 @@ import rerun.blueprint as rrb
 from runtime.ipc.layout import Layout
 from runtime.profile.plots import Plot, command_plots, profile_plots
 from runtime.recorder.eye import look
-from runtime.recorder.scene import plot_path, visuals
+from runtime.recorder.scene import plot_path
 from runtime.recording.columns import Words, entity
 from runtime.recording.format import EVENTS
+from runtime.recording.shapes import visuals
 
 STACKED = 5  # views of curves in one column; more go side by side
 

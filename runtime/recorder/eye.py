@@ -6,11 +6,9 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from runtime.contracts.field import Field
-from runtime.contracts.frames import FrameEntry, as_pose
-from runtime.contracts.rotation import homogeneous
-from runtime.contracts.signals import Array
 from runtime.ipc.layout import Layout
 from runtime.recording.columns import Words
+from runtime.recording.shapes import Placing
 
 # From the thumb's side of a right hand (-x), from behind the wrist (-y) and from its back (+z). It suits a robot, too.
 DIRECTION = np.array([-0.75, -0.35, 0.55]) / np.linalg.norm([-0.75, -0.35, 0.55])
@@ -21,13 +19,16 @@ UP = (0.0, 0.0, 1.0)
 def look(layout: Layout, row: Words, shapes: list[Field]) -> rrb.EyeControls3D | None:
     """The eye for a row (width,); None if no shape is known yet. Positions in the root frame, m."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    placing = Placing(layout)
     for field in shapes:
-        T = _to_root(layout, row, field.frame)
+        T = placing.to_root(row, field.frame)
         values = layout.value(row, field.name)
         if field.visual == "path" and not values.any():
             continue  # no sample yet
         if field.visual in ("sphere", "path"):
             points, margin = values[None, :3], values[3] if field.visual == "sphere" else 0.0
+        elif field.visual in ("capsules", "gaps"):
+            points, margin = values[:, :6].reshape(-1, 3), 0.0
         else:
             points, margin = values[:1] if field.visual == "arrow" else values.reshape(-1, 3), 0.0
         points = points @ T[:3, :3].T + T[:3, 3] + 0.0 * margin
@@ -44,16 +45,3 @@ def look(layout: Layout, row: Words, shapes: list[Field]) -> rrb.EyeControls3D |
         return None
     centre = (low + high) / 2
     return rrb.EyeControls3D(position=centre + DISTANCE * radius * DIRECTION, look_target=centre, eye_up=UP)
-
-
-def _to_root(layout: Layout, row: Words, frame: str | None) -> Array:
-    """T with p_root = T p_frame, from the row's measured poses. It is not finite while one of them isn't known."""
-    entries = {n: FrameEntry.recorded(f) for n, f in layout.meta.get("frames", {}).items()}
-    T = np.eye(4)
-    while frame in entries:
-        entry = entries[frame]
-        own = homogeneous(entry.placed())
-        if entry.pose in layout.fields:
-            own = own @ homogeneous(as_pose(layout.value(row, entry.pose)))
-        T, frame = own @ T, entry.parent
-    return T

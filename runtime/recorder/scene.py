@@ -15,17 +15,16 @@ from numpy.typing import NDArray
 
 from runtime.contracts import rotation
 from runtime.contracts.field import Field
-from runtime.contracts.frames import FrameEntry, as_pose
+from runtime.contracts.frames import as_pose
 from runtime.contracts.rotation import homogeneous
-from runtime.ipc.layout import Layout
 from runtime.ipc.words import Cause, State
 from runtime.profile.plots import Plot, command_plots, profile_plots, series_names
+from runtime.recorder.capsules import capsule_columns, capsule_look
 from runtime.recording.columns import Columns, Words, entity
+from runtime.recording.shapes import PALETTE, Color, Placing, color_numbers, colors, visuals
 
 VIEW_RATE = 30.0  # Hz of the loop's clock
 PHASES = ("read", "control", "guard", "write", "log")
-# Okabe and Ito's colours without black, for a dark background.
-PALETTE = ((86, 180, 233), (230, 159, 0), (0, 158, 115), (204, 121, 167), (240, 228, 66), (213, 94, 0), (70, 130, 200))
 # For a command's plot: asked is wide at the bottom, applied lies on it, measured is thin on top. Where they agree,
 # all three can be seen.
 COMMAND_COLORS = {"asked": (130, 130, 130), "applied": (86, 180, 233), "sent": (0, 158, 115), "measured": (230, 159, 0)}
@@ -43,6 +42,7 @@ OTHER_STATE = (0, 114, 178)
 CAUSE_COLORS = {Cause.NONE: (50, 50, 50), Cause.REQUEST: (90, 90, 90), Cause.END: (90, 90, 90)}
 FAULT = (213, 94, 0)
 JOINT, POINT, LINK, WIRE = 0.003, 0.004, 0.0012, 0.0004  # m, radii in 3D
+NODE, BONE = 0.008, 0.005  # m, radii for a body
 ELBOW, LIMB, ARROW, TRAIL = 0.03, 0.02, 0.012, 0.006  # m, radii for objects of an arm's size
 TRAILING = 150  # points of a path that are kept: 5 s
 NEWTON = 0.02  # m, length of an arrow for each newton
@@ -56,9 +56,9 @@ class Scene:
     def __init__(self, columns: Columns) -> None:
         self._columns = columns
         self._layout = layout = columns.layout
-        self._frames = {n: FrameEntry.recorded(f) for n, f in layout.meta.get("frames", {}).items()}
+        self._frames = Placing(layout).frames
         self._plots = [*command_plots(layout), *profile_plots(layout)]
-        self._shapes = {f.name: PALETTE[i % len(PALETTE)] for i, f in enumerate(visuals(layout))}
+        self._visuals = visuals(layout)
         self._state: dict[str, int] = {}
         self._wake = 0
         self._trails: dict[str, NDArray[np.float64]] = {}  # the newest positions of each path
@@ -95,11 +95,12 @@ class Scene:
             log(path, rr.CoordinateFrame(name), rr.TransformAxes3D(AXES))
         for kind, shape in _scenery(self._layout.meta.get("scenery", [])):
             log(f"/scenery/{kind}", shape)
-        for field in visuals(self._layout):
-            path, color = entity(field.name), self._shapes[field.name]
+        numbers = color_numbers(self._visuals)
+        for field in self._visuals:
+            path = entity(field.name)
             if field.frame in self._frames:
                 log(path, rr.CoordinateFrame(field.frame))
-            for look in _looks(field, color):
+            for look in _looks(field, colors(numbers[field.name])):
                 log(path, look)
 
     def send(self, recording: rr.RecordingStream, rows: Words) -> None:
@@ -123,7 +124,7 @@ class Scene:
         for plot in self._plots:
             curves = plot.curves(self._layout, thin)
             columns(plot_path(plot), thin, scalars(np.stack(list(curves.values()), axis=1)))
-        for field in visuals(self._layout):
+        for field in self._visuals:
             values = self._layout.value(thin, field.name)
             shape = self._trail(field.name, values[:, :3]) if field.visual == "path" else _shape(field, values)
             columns(entity(field.name), thin, *shape)
@@ -192,25 +193,6 @@ def plot_path(plot: Plot) -> str:
     return path
 
 
-def visuals(layout: Layout) -> list[Field]:
-    """The signals that have a shape in 3D."""
-    return [f for f in layout.fields.values() if _shows(f)]
-
-
-def _shows(f: Field) -> bool:
-    """Whether a signal's shape fits its visual."""
-    match f.visual:
-        case "points" | "robot":
-            return f.shape[1:] == (3,) or f.shape == (3,)
-        case "sphere":
-            return f.shape == (4,)
-        case "path":
-            return f.shape in ((3,), (7,))
-        case "arrow":
-            return f.shape == (2, 3)
-    return False
-
-
 def _scenery(shapes: Sequence[Mapping[str, Any]]) -> list[tuple[str, Any]]:
     """The fixed objects of the simulated world, by kind."""
     found: list[tuple[str, Any]] = []
@@ -234,23 +216,27 @@ def _scenery(shapes: Sequence[Mapping[str, Any]]) -> list[tuple[str, Any]]:
     return found
 
 
-def _looks(field: Field, color: tuple[int, int, int]) -> list[Any]:
-    """The colours, radii and names of a signal, which don't change."""
+def _looks(field: Field, color: list[Color]) -> list[Any]:
+    """The radii and names of a signal, and its colours, one a row or one for all, where they don't change."""
     match field.visual:
+        case "capsules" | "gaps":
+            return capsule_look(field)
         case "sphere":
             fill = rr.components.FillMode.TransparentFillMajorWireframe
-            return [rr.Ellipsoids3D.from_fields(colors=[(*color, 60)], fill_mode=fill, line_radii=[WIRE])]
+            return [rr.Ellipsoids3D.from_fields(colors=[(*color[0], 60)], fill_mode=fill, line_radii=[WIRE])]
         case "path":
-            return [rr.LineStrips3D.from_fields(colors=[color], radii=[TRAIL])]
+            return [rr.LineStrips3D.from_fields(colors=color, radii=[TRAIL])]
         case "arrow":
-            return [rr.Arrows3D.from_fields(colors=[color], radii=[ARROW])]
-    robot, linked = field.visual == "robot", bool(field.links)
+            return [rr.Arrows3D.from_fields(colors=color, radii=[ARROW])]
+    linked = bool(field.links)
     rows = [f"{field.name} {label}" for label in field.labels] if len(field.shape) > 1 else [field.name]
     labels = list(field.labels) if linked else rows
-    radius = ELBOW if robot else JOINT if linked else POINT
+    thick = {"robot": (ELBOW, LIMB), "skeleton": (NODE, BONE)}
+    radius, width = thick.get(field.visual, (JOINT if linked else POINT, LINK))
+    strips = [color[link[0]] for link in field.links] if len(color) > 1 else color
     return [
-        rr.Points3D.from_fields(colors=[color], radii=[radius], labels=labels or None, show_labels=False),
-        rr.LineStrips3D.from_fields(colors=[color], radii=[LIMB if robot else LINK]),
+        rr.Points3D.from_fields(colors=color, radii=[radius], labels=labels or None, show_labels=False),
+        rr.LineStrips3D.from_fields(colors=strips, radii=[width]),
     ]
 
 
@@ -280,6 +266,8 @@ def _shape(field: Field, values: NDArray[np.float64]) -> list[Any]:
     if field.visual == "sphere":
         center, radius = values[:, :3], values[:, 3:]
         return [rr.Ellipsoids3D.columns(centers=center, half_sizes=np.repeat(radius, 3, axis=1))]
+    if field.visual in ("capsules", "gaps"):
+        return capsule_columns(field, values)
     if field.visual == "arrow":
         return [rr.Arrows3D.columns(origins=values[:, 0], vectors=NEWTON * values[:, 1])]
     points = values.reshape(k, -1, 3)

@@ -23,9 +23,9 @@ from helpers.wait import until
 
 from runtime.contracts.errors import HostError, RecordingError
 from runtime.ipc.words import State
+from runtime.panel.pages import listen
 from runtime.panel.peer import LONGEST
 from runtime.panel.screen import Screen
-from runtime.panel.server import listen
 from runtime.panel.trial import ScreenTrial, Trial
 
 SHORT = Trial((0.5, 0.5, 0.6), duration=0.3, settle=0.0, title="Short", number=1, of=2)

@@ -10,7 +10,8 @@ from helpers.panel import SIGNAL, MadeUpLoop
 
 from runtime.contracts.errors import RecordingError
 from runtime.ipc.words import LINK_CONNECTED, LINK_STALE, State
-from runtime.panel.source import LOOK, SILENCE, Condition, Source
+from runtime.panel.rows import LOOK, SILENCE, Condition
+from runtime.panel.source import Source
 
 
 @pytest.fixture

@@ -19,8 +19,8 @@ from runtime.profile import profile, wiring
 from runtime.profile.plots import Plot, command_plots, series_names
 from runtime.recorder import figure
 from runtime.recorder.eye import look
-from runtime.recorder.scene import visuals
 from runtime.recording.reader import Recording
+from runtime.recording.shapes import visuals
 
 
 def test_lines_pick_elements_and_distances_are_euclidean() -> None:

@@ -1,50 +1,28 @@
 // The participant's screen: what the server says, drawn at the screen's rate. All times are the server's, in ms.
 import { Drawing } from "/drawing.js";
+import { Link, stop as askStop } from "/link.js";
 
 const OLD = 150; // ms of a value's age from which it isn't shown as if it followed
-const PING = 500, SEND = 500, AGAIN = 500; // ms between pings, reports of frames, attempts to connect
-const PINGS = 40; // round trips that are remembered
-const ANSWER = 3000; // ms that a stop may take to be confirmed
+const SEND = 500; // ms between reports of frames
 const FLASH = 1200; // ms that the word at the beginning is shown
 
 const part = Object.fromEntries([...document.querySelectorAll("[id]")].map((e) => [e.id, e]));
 const drawing = new Drawing(part.scene, part.live);
 
-let socket = null, participant = true, heard = 0;
+let participant = true;
 let state = { phase: "idle", trial: null, began: 0, told: "" };
 let newest = { t: 0, y: null, condition: "silent", words: "" };
-let trips = []; // {trip, offset} of the newest pings
 let frames = [], finished = false, notice = "", stopWords = "";
 
 // Connection
 
-function connect() {
-  const made = new WebSocket(`ws://${location.host}/socket`);
-  made.onopen = () => { socket = made; trips = []; ping(); };
-  made.onmessage = (event) => hear(JSON.parse(event.data));
-  made.onclose = () => {
-    socket = null;
-    take({ phase: "idle", trial: null, began: 0, told: "" });
-    setTimeout(connect, AGAIN);
-  };
-}
-
-function say(message) {
-  if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
-}
-
-function ping() { say({ kind: "ping", at: performance.now() }); }
+const link = new Link(hear, () => take({ phase: "idle", trial: null, began: 0, told: "" }));
 
 function hear(message) {
-  heard = performance.now();
   if (message.kind === "value") newest = message;
   else if (message.kind === "hello") participant = message.participant;
   else if (message.kind === "state") take(message);
   else if (message.kind === "notice") notice = message.words;
-  else if (message.kind === "pong") {
-    const trip = heard - message.at;
-    trips = [...trips.slice(1 - PINGS), { trip, offset: message.now - message.at - trip / 2 }];
-  }
 }
 
 function take(given) {
@@ -55,33 +33,23 @@ function take(given) {
   state = given;
 }
 
-// The least round trip knows the server's clock best.
-const best = () => trips.reduce((a, b) => (b.trip < a.trip ? b : a), { trip: Infinity, offset: NaN });
-const serverTime = (at) => at + best().offset;
-
 function report(final) {
   const rows = frames.splice(0);
   for (let i = 0; i < rows.length || i === 0; i += 200) { // a message has a longest length
     const last = final && i + 200 >= rows.length;
-    say({ kind: "frames", rows: rows.slice(i, i + 200), final: last, round_trip: Math.min(best().trip, 1e6) });
+    link.say({ kind: "frames", rows: rows.slice(i, i + 200), final: last, round_trip: Math.min(link.best().trip, 1e6) });
   }
 }
 
 // Keys
 
 function begin() {
-  if (state.phase === "waiting" && participant) say({ kind: "begin" });
+  if (state.phase === "waiting" && participant) link.say({ kind: "begin" });
 }
 
 async function stop() {
   stopWords = "Stopping …";
-  try {
-    const answer = await fetch("/stop", { method: "POST", keepalive: true, signal: AbortSignal.timeout(ANSWER) });
-    const said = await answer.json();
-    stopWords = said.ok ? "" : "The stop wasn't confirmed. Use the hardware stop"; // the rows tell that it stands
-  } catch {
-    stopWords = "The stop can't be sent. Use the hardware stop";
-  }
+  stopWords = await askStop();
 }
 
 addEventListener("keydown", (event) => {
@@ -94,7 +62,7 @@ addEventListener("keyup", (event) => { if (event.key === " ") event.preventDefau
 document.addEventListener("fullscreenchange", () => {
   if (!document.fullscreenElement && state.phase === "running") stop();
 });
-document.addEventListener("visibilitychange", () => { if (document.hidden) say({ kind: "hidden" }); });
+document.addEventListener("visibilitychange", () => { if (document.hidden) link.say({ kind: "hidden" }); });
 part.stop.addEventListener("click", stop);
 part.full.addEventListener("click", () => document.documentElement.requestFullscreen().catch(() => {}));
 part.card.addEventListener("click", begin);
@@ -102,9 +70,9 @@ part.card.addEventListener("click", begin);
 // Frames
 
 function condition(now) {
-  if (!socket) return ["lost", "The connection is lost"];
+  if (!link.socket) return ["lost", "The connection is lost"];
   if (newest.condition !== "live") return [newest.condition, newest.words];
-  if (!(now - newest.t < OLD) || performance.now() - heard > OLD) return ["silent", "The pointer is late: no new data"];
+  if (!(now - newest.t < OLD) || performance.now() - link.heard > OLD) return ["silent", "The pointer is late: no new data"];
   return ["live", ""];
 }
 
@@ -137,7 +105,7 @@ function words(now, kind, why) {
       participant ? "Press space to begin" : "The participant begins"];
     part.note.textContent = "The pointer shows your movement already.";
   } else {
-    card = socket ? ["Please wait", state.told ? `${state.told}.` : "The next trial is being prepared.", ""] : null;
+    card = link.socket ? ["Please wait", state.told ? `${state.told}.` : "The next trial is being prepared.", ""] : null;
     part.note.textContent = "";
   }
   if (!participant) part.note.textContent = "This page only looks on: another one is the participant's.";
@@ -148,7 +116,7 @@ function words(now, kind, why) {
 }
 
 function frame(at) {
-  const now = serverTime(at), drawn = serverTime(performance.now()); // the frame's own stamp, and now indeed
+  const now = link.time(at), drawn = link.time(performance.now()); // the frame's own stamp, and now indeed
   const [kind, why] = condition(drawn);
   const t = now - state.began;
   const running = state.phase === "running" && state.trial;
@@ -161,13 +129,11 @@ function frame(at) {
   if (running && !over && Number.isFinite(now)) frames.push([now, value, age]);
   if (over && !finished) { finished = true; report(true); }
   globalThis.screenNow = { // for whoever looks from outside: what this frame shows
-    phase: state.phase, participant, condition: kind, share, value, stamp: newest.t, age, at, now, connected: !!socket,
+    phase: state.phase, participant, condition: kind, share, value, stamp: newest.t, age, at, now, connected: !!link.socket,
     x: drawing.x(share), y: value === null ? null : drawing.y(value), trace: drawing.trace.length,
   };
   requestAnimationFrame(frame);
 }
 
-setInterval(ping, PING);
 setInterval(() => { if (state.phase === "running" && !finished) report(false); }, SEND);
-connect();
 requestAnimationFrame(frame);

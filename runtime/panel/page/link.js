@@ -1,0 +1,57 @@
+// A page's connection to its server, and the clocks of both: all times are the server's, in ms.
+
+const PING = 500, AGAIN = 500; // ms between pings, and between attempts to connect
+const PINGS = 40; // round trips that are remembered
+const ANSWER = 3000; // ms that a stop may take to be confirmed
+
+export class Link {
+  // hear(message): what the server says. lost(): the connection has ended; another attempt follows.
+  constructor(hear, lost) {
+    [this.told, this.lost] = [hear, lost];
+    this.socket = null;
+    this.heard = 0; // when the newest message came, on the page's own clock
+    this.trips = []; // {trip, offset} of the newest pings
+    this.connect();
+    setInterval(() => this.ping(), PING);
+  }
+
+  connect() {
+    const made = new WebSocket(`ws://${location.host}/socket`);
+    made.onopen = () => { this.socket = made; this.trips = []; this.ping(); };
+    made.onmessage = (event) => this.hear(JSON.parse(event.data));
+    made.onclose = () => {
+      this.socket = null;
+      this.lost();
+      setTimeout(() => this.connect(), AGAIN);
+    };
+  }
+
+  say(message) {
+    if (this.socket && this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
+  }
+
+  ping() { this.say({ kind: "ping", at: performance.now() }); }
+
+  hear(message) {
+    this.heard = performance.now();
+    if (message.kind !== "pong") { this.told(message); return; }
+    const trip = this.heard - message.at;
+    this.trips = [...this.trips.slice(1 - PINGS), { trip, offset: message.now - message.at - trip / 2 }];
+  }
+
+  // The least round trip knows the server's clock best.
+  best() { return this.trips.reduce((a, b) => (b.trip < a.trip ? b : a), { trip: Infinity, offset: NaN }); }
+
+  time(at) { return at + this.best().offset; }
+}
+
+// Asks for a stop. Returns what is wrong with it; empty if the loop has confirmed it.
+export async function stop() {
+  try {
+    const answer = await fetch("/stop", { method: "POST", keepalive: true, signal: AbortSignal.timeout(ANSWER) });
+    const said = await answer.json();
+    return said.ok ? "" : "The stop wasn't confirmed. Use the hardware stop"; // the rows tell that it stands
+  } catch {
+    return "The stop can't be sent. Use the hardware stop";
+  }
+}

@@ -1,0 +1,97 @@
+// The live picture: what the server says, drawn at the screen's rate.
+import { Curves } from "/curves.js";
+import { Link, stop as askStop } from "/link.js";
+import { Space } from "/space.js";
+
+const OLD = 250; // ms of a row's age from which it isn't shown as if it were now
+
+const part = Object.fromEntries([...document.querySelectorAll("[id]")].map((e) => [e.id, e]));
+const space = new Space(part.space), curves = new Curves(part.curves);
+let scene = null, newest = null, stopWords = "", frames = 0;
+
+const link = new Link(hear, () => {});
+
+function hear(message) {
+  if (message.kind === "scene") show(message);
+  else if (message.kind === "frame") {
+    newest = message;
+    curves.take(message.t, message.curves);
+  }
+}
+
+function show(given) {
+  [scene, newest, stopWords] = [given, null, ""];
+  document.title = part.name.textContent = given.name;
+  curves.show(given.plots, given.palette);
+  const seen = new Map();
+  for (const thing of given.things) {
+    if (thing.groups.length) thing.groups.forEach((name, i) => seen.set(name, thing.colors[i]));
+    else if (thing.colors.length) seen.set(thing.name, thing.colors[0]);
+  }
+  part.legend.replaceChildren(...[...seen].map(([name, color]) => {
+    const line = document.createElement("li"), dot = document.createElement("i");
+    dot.style.background = `rgb(${color.join(",")})`;
+    line.append(dot, name);
+    return line;
+  }));
+  part.ramp.hidden = given.things.every((thing) => thing.colors.length);
+  const last = given.ramp[given.ramp.length - 1][0];
+  part.ramp_bar.style.background = `linear-gradient(to right, ${given.ramp.map(([m, c]) => `rgb(${c.join(",")}) ${100 * m / last}%`).join(",")})`;
+  part.ramp_ends.replaceChildren(...["touches", `${last} m and more`].map((words) => {
+    const end = document.createElement("span");
+    end.textContent = words;
+    return end;
+  }));
+}
+
+async function stop() {
+  stopWords = "Stopping …";
+  stopWords = await askStop();
+}
+
+addEventListener("keydown", (event) => { if (event.key === "Escape" && !event.repeat) stop(); });
+part.stop.addEventListener("click", stop);
+part.front.addEventListener("click", () => space.look(-Math.PI / 2, 0.1));
+part.side.addEventListener("click", () => space.look(Math.PI, 0.1));
+part.above.addEventListener("click", () => space.look(-Math.PI / 2, 1.5));
+part.follow.addEventListener("change", () => { space.follow = part.follow.checked; });
+
+// What is wrong with the picture as it is: its kind, and the words for it.
+function condition(now) {
+  if (!link.socket) return ["lost", "The connection is lost"];
+  if (!newest) return ["silent", "The system gives no data"];
+  if (newest.condition === "silent" || newest.condition === "ended") return [newest.condition, newest.words];
+  if (!(now - newest.t < OLD) || performance.now() - link.heard > OLD) return ["silent", "The picture is late: no new data"];
+  return [newest.condition, newest.words];
+}
+
+function text(element, words) {
+  if (element.textContent !== words) element.textContent = words;
+  element.hidden = !words;
+}
+
+function frame() {
+  const now = link.time(performance.now());
+  const [kind, words] = condition(now);
+  const current = kind === "live" || kind === "held" || kind === "stopped"; // rows come: the picture is of now
+  if (scene && newest) {
+    space.draw(scene.things, newest.things, current);
+    curves.draw(current ? Math.max(now, newest.t) : newest.t);
+    text(part.state, newest.state);
+    part.state.className = newest.state;
+    const ages = Object.entries(newest.ages).map(([name, ms]) => `${name} ${ms === null ? "never" : `${ms.toFixed(0)} ms`}`);
+    const simulated = scene.simulated.length ? "simulated · " : "";
+    text(part.facts, `${simulated}${Number(scene.rate.toFixed(1))} Hz · cycle ${newest.cycle} · age of ${ages.join(", ")}`);
+  }
+  text(part.warning, stopWords || words);
+  part.warning.className = kind === "held" && !stopWords ? "mild" : "";
+  frames++;
+  globalThis.pictureNow = { // for whoever looks from outside: what this frame shows
+    condition: kind, words, cycle: newest && newest.cycle, current, frames, drawn: space.drawn, age: newest && now - newest.t,
+    turn: space.turn, distance: space.distance, plots: curves.plots.map((p) => [p.title, p.labels, p.samples.length]),
+    things: scene && newest && scene.things.map((thing, i) => [thing.name, newest.things[i]]),
+  };
+  requestAnimationFrame(frame);
+}
+
+requestAnimationFrame(frame);

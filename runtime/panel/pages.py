@@ -1,0 +1,149 @@
+"""A server of pages on 127.0.0.1: files, a websocket and the stop. It reads the loop's rows and never waits for it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import socket
+from abc import ABC, abstractmethod
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any, ClassVar, Final
+
+from aiohttp import web
+
+from runtime.contracts.errors import HostError
+from runtime.ipc.control_socket import send_request
+from runtime.ipc.run_folder import RunFolder
+from runtime.panel.access import HOST, Access
+from runtime.panel.peer import BadMessageError, Peer
+
+PAGE: Final = Path(__file__).parent / "page"
+POLL: Final = 0.004  # s between looks for new rows
+KEEP: Final = 0.05  # s after which the page is told again, though there is no new row
+PEERS: Final = 8  # pages at once
+
+
+class PageServer(ABC):
+    """Serves one kind of page of one instance.
+
+    Attributes:
+        files: all there is to fetch: name and kind of the file, by path.
+        peers: the pages that are open, the oldest first.
+    """
+
+    files: ClassVar[Mapping[str, tuple[str, str]]]
+
+    def __init__(self, run_folder: RunFolder) -> None:
+        self.peers: list[Peer] = []
+        self._folder = run_folder
+        self._access: Access | None = None
+
+    @abstractmethod
+    def joined(self, peer: Peer) -> None:
+        """A page is there; it isn't among the peers yet."""
+
+    @abstractmethod
+    def heard(self, peer: Peer, message: dict[str, Any]) -> None:
+        """A page said something. Raises BadMessageError."""
+
+    @abstractmethod
+    def left(self, peer: Peer) -> None:
+        """A page is gone."""
+
+    @abstractmethod
+    def stopped(self) -> None:
+        """A stop was asked for on a page; it is on its way."""
+
+    @abstractmethod
+    def look(self) -> None:
+        """Takes new rows and shows them to the peers. It is called each POLL."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Unmaps the rows."""
+
+    def address(self) -> str:
+        """Returns a new address for one browser."""
+        assert self._access is not None
+        return self._access.address()
+
+    @asynccontextmanager
+    async def serving(self, port: int = 0) -> AsyncIterator[asyncio.Task[None]]:
+        """Serves meanwhile, and gives the task that follows the loop. Raises HostError: the port can't be had.
+
+        Args:
+            port: 0: any free one.
+        """
+        listener = listen(port)
+        self._access = Access(listener.getsockname()[1])
+        app = web.Application(middlewares=[self._access.middleware], client_max_size=1024)
+        for path in self.files:
+            app.router.add_get(path, self._file, allow_head=False)
+        app.router.add_get("/socket", self._talk, allow_head=False)
+        app.router.add_post("/stop", self._stop)
+        runner = web.AppRunner(app, access_log=None, handle_signals=False, shutdown_timeout=1.0)
+        await runner.setup()
+        await web.SockSite(runner, listener).start()
+        follower = asyncio.create_task(self._follow())
+        try:
+            yield follower
+        finally:
+            follower.cancel()
+            for peer in list(self.peers):
+                await peer.socket.close(code=1001, message=b"the server ends")
+            await runner.cleanup()
+            self.close()
+
+    async def _file(self, request: web.Request) -> web.Response:
+        name, kind = self.files[request.path]
+        return web.Response(body=(PAGE / name).read_bytes(), content_type=kind, charset="utf-8")
+
+    async def _stop(self, request: web.Request) -> web.Response:
+        """A stop by a person. It goes straight to the loop's stop socket, whatever the state of the page."""
+        sent = asyncio.get_running_loop().run_in_executor(None, send_request, self._folder, "stop")
+        self.stopped()
+        answer = await sent
+        return web.json_response(answer or {"ok": False, "error": "no answer"}, status=200 if answer else 504)
+
+    async def _talk(self, request: web.Request) -> web.StreamResponse:
+        if len(self.peers) >= PEERS:
+            raise web.HTTPServiceUnavailable(text="Too many pages are open.\n")
+        peer = Peer()
+        await peer.socket.prepare(request)
+        self.joined(peer)
+        self.peers.append(peer)
+        sender = asyncio.create_task(peer.send())
+        try:
+            while (message := await peer.hear()) is not None:
+                try:
+                    self.heard(peer, message)
+                except BadMessageError as error:
+                    await peer.refuse(str(error))
+        finally:
+            sender.cancel()
+            with contextlib.suppress(asyncio.CancelledError, ConnectionError):
+                await sender
+            self.peers.remove(peer)
+            self.left(peer)
+        return peer.socket
+
+    async def _follow(self) -> None:
+        while True:
+            self.look()
+            await asyncio.sleep(POLL)
+
+
+def listen(port: int) -> socket.socket:
+    """A listening socket on 127.0.0.1. Raises HostError: the port can't be had."""
+    made = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    try:
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        made.bind((HOST, port))
+        made.listen(16)
+    except OSError as error:
+        made.close()
+        problem = f"the page can't be served here: {error.strerror}"
+        raise HostError(f"{HOST}:{port}", problem, "Give another --port, or none") from None
+    return made

@@ -1,0 +1,159 @@
+"""The server of the live picture: nodes, links and capsules in space, curves, and how the loop is."""
+
+from __future__ import annotations
+
+import json
+import time
+from typing import Any, ClassVar, Final
+
+import numpy as np
+
+from runtime.contracts.signals import Array
+from runtime.ipc.layout import Layout
+from runtime.ipc.run_folder import RunFolder
+from runtime.ipc.words import State
+from runtime.panel.pages import KEEP, PageServer
+from runtime.panel.peer import BadMessageError, Peer, number
+from runtime.panel.rows import Rows
+from runtime.profile.plots import Plot, joint_plots, profile_plots
+from runtime.recording.columns import Words
+from runtime.recording.shapes import PALETTE, RAMP, colors, distance_colors
+from runtime.recording.solids import Solids
+
+RATE: Final = 60.0  # pictures a second, at most
+TIMING: Final = Plot(title="Loop", unit="ms", lines={"period": "loop.period", "cycle": "loop.cycle"})
+
+
+class PictureServer(PageServer):
+    """Shows one instance to all its pages alike."""
+
+    files: ClassVar = {
+        "/": ("picture.html", "text/html"),
+        "/picture.js": ("picture.js", "text/javascript"),
+        "/space.js": ("space.js", "text/javascript"),
+        "/curves.js": ("curves.js", "text/javascript"),
+        "/link.js": ("link.js", "text/javascript"),
+        "/picture.css": ("picture.css", "text/css"),
+    }
+
+    def __init__(self, run_folder: RunFolder) -> None:
+        """Raises RecordingError: there is no run here."""
+        super().__init__(run_folder)
+        self._rows = Rows(run_folder)
+        self._view = View(self._rows.layout)
+        self._shown, self._due = (0.0, ""), 0.0
+        self._period = self._cycle = 0.0  # ms, the largest since the last picture
+        self._wake = 0
+
+    def joined(self, peer: Peer) -> None:
+        peer.tell(self._view.scene)
+
+    def heard(self, peer: Peer, message: dict[str, Any]) -> None:
+        if message.get("kind") != "ping":
+            raise BadMessageError("unknown kind")
+        peer.tell({"kind": "pong", "at": number(message, "at"), "now": time.monotonic() * 1e3})
+
+    def left(self, peer: Peer) -> None:
+        pass
+
+    def stopped(self) -> None:
+        pass
+
+    def look(self) -> None:
+        now = time.monotonic()
+        rows = self._rows.take(now)
+        if self._rows.layout is not self._view.layout:
+            self._view, self._wake = View(self._rows.layout), 0
+            for peer in self.peers:
+                peer.tell(self._view.scene)
+        if len(rows):
+            self._time(rows)
+        row = self._rows.last
+        if row is None or now < self._due or not self.peers:
+            return
+        condition, words = self._rows.condition(now)
+        if (self._rows.stamp, words) == self._shown and now < self._due + KEEP:
+            return
+        self._shown, self._due = (self._rows.stamp, words), now + 1.0 / RATE
+        frame = self._view.frame(row, [self._period, self._cycle])
+        frame |= {"kind": "frame", "t": self._rows.stamp * 1e3, "condition": condition, "words": words}
+        self._period = self._cycle = 0.0
+        text = json.dumps(frame)
+        for peer in self.peers:
+            peer.show(text)
+
+    def close(self) -> None:
+        self._rows.close()
+
+    def _time(self, rows: Words) -> None:
+        wake, write = (self._view.layout.word(rows, name) for name in ("wake", "write"))
+        if self._wake:
+            self._period = max(self._period, float(np.diff(wake, prepend=self._wake).max()) / 1e6)
+        self._cycle = max(self._cycle, float((write - wake).max()) / 1e6)
+        self._wake = int(wake[-1])
+
+
+class View:
+    """What a page is told of one layout.
+
+    Attributes:
+        scene: what doesn't change: the things, the curves, the colours.
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        self.layout = layout
+        self._solids = Solids(layout)
+        self._plots = [*profile_plots(layout), *joint_plots(layout)]
+        nothing = np.zeros((1, layout.width), np.int64)
+        curves = [(plot, list(plot.curves(layout, nothing))) for plot in self._plots]
+        things = [
+            {
+                "name": thing.name, "points": thing.points, "colors": colors(thing.numbers), "labels": thing.labels,
+                "links": thing.links, "groups": thing.groups, "radii": thing.radii, "solid": thing.solid,
+            }
+            for thing in self._solids.things
+        ]  # fmt: skip
+        rate = layout.meta["rate"]
+        self.scene: dict[str, Any] = {
+            "kind": "scene", "name": str(layout.meta.get("name", "")), "rate": rate[0] / rate[1],
+            "simulated": layout.meta.get("simulated") or [], "things": things, "ramp": RAMP, "palette": PALETTE,
+            "plots": [
+                {"title": p.title, "unit": p.unit, "labels": labels}
+                for p, labels in [*curves, (TIMING, list(TIMING.lines))]
+            ],
+        }  # fmt: skip
+
+    def frame(self, row: Words, timing: list[float]) -> dict[str, Any]:
+        """What a page shows of a row (width,); null stands for what isn't finite.
+
+        Returns:
+            `things`: points as x y z after each other, m; or capsules as two ends, radius (m), red, green, blue.
+            `curves`: the numbers of each plot, and last `timing`. `cycle`, `state`, and `ages` of the devices in ms.
+        """
+        things = []
+        for thing, values in zip(self._solids.things, self._solids.of(row), strict=True):
+            rows = values
+            if not thing.points:
+                own = distance_colors(values[:, 7]) if not thing.numbers else np.tile(colors(thing.numbers[:1]), (1, 1))
+                rows = np.column_stack([values[:, :7], np.broadcast_to(own, (len(values), 3))])
+            things.append(_numbers(rows, 4))
+        curves = [np.array([v[0] for v in p.curves(self.layout, row[None]).values()]) for p in self._plots]
+        now = int(self.layout.word(row, "now"))
+        stamps = {name: int(self.layout.word(row, f"{name}.stamp")) for name in self.layout.devices}
+        return {
+            "things": things, "curves": [*(_numbers(values, 5) for values in curves), timing],
+            "cycle": int(self.layout.word(row, "cycle")), "state": _state(int(self.layout.word(row, "state"))),
+            "ages": {name: (now - stamp) / 1e6 if stamp >= 0 else None for name, stamp in stamps.items()},
+        }  # fmt: skip
+
+
+def _numbers(values: Array, digits: int) -> list[float | None]:
+    flat = values.ravel()
+    rounded: list[float | None] = np.round(flat, digits).tolist()
+    if not np.isfinite(flat).all():
+        return [value if ok else None for value, ok in zip(rounded, np.isfinite(flat), strict=True)]
+    return rounded
+
+
+def _state(number: int) -> str:
+    return next((s.name.lower().replace("_", " ") for s in State if s == number), str(number))

@@ -1,0 +1,100 @@
+"""A row's picture in two kinds of things: points with links, and capsules. All in the root frame.
+
+For pictures that aren't rerun's, which has more kinds of its own: the page in the browser and pictures on paper.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.contracts.field import Field
+from runtime.contracts.signals import Array
+from runtime.ipc.layout import Layout
+from runtime.recording.shapes import JOINTED, Placing, color_numbers, visuals
+
+THICK: Final = {"points": (0.004, 0.0025), "skeleton": (0.009, 0.006), "robot": (0.03, 0.02)}  # m, radii: point, link
+GAP, ARROW, DOT = 0.003, 0.008, 0.012  # m, radii
+NEWTON: Final = 0.02  # m, length of an arrow for each newton
+
+
+@dataclass(frozen=True)
+class Thing:
+    """One signal's shape.
+
+    Attributes:
+        name: the signal.
+        points: whether it is points with links. Otherwise it is capsules.
+        numbers: of its colours, one a row or one for all; empty where the distance gives the colours.
+        labels, links, groups: of its rows.
+        radii: m, of a point and of a link; of points only.
+        solid: whether one can't see through it.
+    """
+
+    name: str
+    points: bool
+    numbers: tuple[int, ...]
+    labels: tuple[str, ...] = ()
+    links: tuple[tuple[int, ...], ...] = ()
+    groups: tuple[str, ...] = ()
+    radii: tuple[float, float] = (0.0, 0.0)
+    solid: bool = False
+
+
+class Solids:
+    """The things of one layout.
+
+    Attributes:
+        things: in the order of their signals.
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        self._layout = layout
+        self._fields = visuals(layout)
+        self._placing = Placing(layout)
+        numbers = color_numbers(self._fields)
+        self.things = [_thing(field, numbers[field.name]) for field in self._fields]
+
+    def of(self, row: NDArray[np.int64]) -> list[Array]:
+        """What each thing is in a row (width,): points (k, 3), or capsules (k, 8) as terms.CAPSULE says, m.
+
+        What isn't known isn't finite.
+        """
+        known: dict[str | None, Array] = {}
+        found = []
+        for field, thing in zip(self._fields, self.things, strict=True):
+            if field.frame not in known:
+                known[field.frame] = self._placing.to_root(row, field.frame)
+            T, values = known[field.frame], self._layout.value(row, field.name)
+            rows = (values.reshape(-1, 3) if thing.points else _capsules(field, values)).copy()
+            for at in (0,) if thing.points else (0, 3):
+                rows[:, at : at + 3] = rows[:, at : at + 3] @ T[:3, :3].T + T[:3, 3]
+            found.append(rows)
+        return found
+
+
+def _thing(field: Field, numbers: tuple[int, ...]) -> Thing:
+    if field.visual in JOINTED:
+        labels = field.labels if len(field.shape) > 1 else ()
+        return Thing(field.name, True, numbers, labels, field.links, field.groups, THICK[field.visual], True)
+    shaded = field.visual in ("capsules", "gaps")
+    clear = field.visual in ("capsules", "sphere")
+    return Thing(field.name, False, () if shaded else numbers, field.labels if shaded else (), solid=not clear)
+
+
+def _capsules(field: Field, values: Array) -> Array:
+    """(k, 8), in the signal's own frame."""
+    match field.visual:
+        case "capsules":
+            return values
+        case "gaps":
+            return np.insert(values, 6, GAP, axis=1)
+        case "sphere":
+            return np.array([[*values[:3], *values[:3], values[3], np.nan]])
+        case "arrow":
+            return np.array([[*values[0], *(values[0] + NEWTON * values[1]), ARROW, np.nan]])
+    at = values[:3] if values.any() else np.full(3, np.nan)  # a path without a sample yet
+    return np.array([[*at, *at, DOT, np.nan]])
