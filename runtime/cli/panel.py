@@ -1,4 +1,4 @@
-"""`srl panel`: the participant's screen of a running instance, a page in the browser."""
+"""`srl panel`: a page in the browser of a running instance: its live picture, or the participant's screen."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from runtime.cli import add_command
 from runtime.cli.instance import choose
 from runtime.contracts.errors import HostError, RequestError
+from runtime.panel.client import PageProcess
 from runtime.panel.screen import Screen
 from runtime.panel.trial import ScreenTrial, Trial
 
@@ -22,11 +23,13 @@ REST = 5.0  # s between the demonstration's trials
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Registers the command."""
     parser = add_command(
-        subparsers, "panel", "the participant's screen of a running instance, in the browser",
-        "srl panel ikns-finger --signal intent.c --demo",
+        subparsers, "panel", "a running instance in the browser: its live picture, or the participant's screen",
+        "srl panel human-srl",
     )  # fmt: skip
     parser.add_argument("instance", nargs="?", help="its name; not needed where only one runs")
-    parser.add_argument("--signal", required=True, help="the control value: one number of the loop's rows")
+    parser.add_argument(
+        "--signal", help="the participant's screen with this control value, one number of the loop's rows"
+    )
     parser.add_argument(
         "--span", type=float, nargs=2, default=(0.0, 1.0), metavar=("LOW", "HIGH"),
         help="values of the signal that are shown as 0 and 100 (default: 0 1)",
@@ -40,6 +43,11 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> int:
     """Serves until Ctrl-C, or until the demonstration is over."""
+    if args.signal is None:
+        for option, given in (("--held", args.held), ("--demo", args.demo or None), ("--out", args.out)):
+            if given is not None:
+                problem = "it is for the participant's screen"
+                raise RequestError(option, problem, "Add --signal, or leave it out for the live picture")
     low, high = args.span
     if not np.isfinite(args.span).all() or low == high:
         raise RequestError("--span", "it needs two different numbers", "For example: --span 0 1")
@@ -47,16 +55,25 @@ def run(args: argparse.Namespace) -> int:
         raise RequestError("--port", f"{args.port} is no port", "Leave it out for any free one")
     if args.out is not None and not args.demo:
         raise RequestError("--out", "there are no trials to store", "Add --demo")
+    if args.signal is None:
+        with PageProcess(choose(args.instance), port=args.port) as page:
+            print(f"Open this once, in a browser on this machine (Ctrl-C ends):\n  {page.address}", flush=True)
+            return _wait(page)
     with Screen(choose(args.instance), args.signal, (low, high), args.held, args.port) as screen:
         print(f"Open this once, in the participant's browser (Ctrl-C ends):\n  {screen.address}", flush=True)
         if not args.demo:
-            while screen.alive:
-                time.sleep(0.2)
-            raise HostError("srl panel", "the page's process has ended", "Start it again")
+            return _wait(screen)
         for number in range(1, TRIALS + 1):
             while not _one(screen, number, args.out):
                 pass
     return 0
+
+
+def _wait(page: PageProcess) -> int:
+    """Waits for Ctrl-C. Raises HostError: the page's process has ended."""
+    while page.alive:
+        time.sleep(0.2)
+    raise HostError("srl panel", "the page's process has ended", "Start it again")
 
 
 def _one(screen: Screen, number: int, out: Path | None) -> bool:

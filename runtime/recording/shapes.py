@@ -25,8 +25,8 @@ JOINTED: Final = ("points", "skeleton", "robot")  # visuals that are points, wit
 PALETTE: Final[tuple[Color, ...]] = (
     *((86, 180, 233), (230, 159, 0), (0, 158, 115), (204, 121, 167), (240, 228, 66), (213, 94, 0), (70, 130, 200)),
 )
-# A distance's colours, from the same set: red touches, yellow is near, blue is far. Linear between them.
-RAMP: Final = ((0.0, (213, 94, 0)), (0.1, (240, 228, 66)), (0.3, (86, 180, 233)))  # m
+# A distance's colours, from the same set: red touches, yellow is near, green is far. Linear between them.
+RAMP: Final = ((0.0, (213, 94, 0)), (0.1, (240, 228, 66)), (0.3, (0, 158, 115)))  # m
 UNKNOWN: Final[Color] = (150, 150, 150)  # a distance that isn't known
 
 

@@ -13,7 +13,7 @@ from runtime.control.skeleton.human import human
 from runtime.control.skeleton.human_srl import HumanSrl
 from runtime.control.skeleton.kinematics import Kinematics
 from runtime.ipc.layout import Layout
-from runtime.ipc.words import State
+from runtime.ipc.words import LINK_ACTIVE, LINK_CONNECTED, State
 
 FIGURE = HumanSrl(human(), Arms("Spine", BASE, STANDARD, END, ("right",)))
 TREE = FIGURE.tree
@@ -84,7 +84,7 @@ def body_rows(layout: Layout, count: int, first: int = 1) -> NDArray[np.int64]:
         _word(layout, row, "dt", period)
         _word(layout, row, "state", State.ACTIVE)
         _word(layout, row, "suit.stamp", now - 8_000_000)
-        _word(layout, row, "suit.link", 3)
+        _word(layout, row, "suit.link", LINK_CONNECTED | LINK_ACTIVE)
         for name, values in (
             ("skeleton.nodes", nodes), ("collision.envelope", solids), ("collision.closest", gaps),
             ("arm.position_command", q), ("arm.position_command.applied", q), ("arm.position", q - 0.02),
