@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.rotation import about_axis
 from runtime.contracts.signals import Array
 from runtime.contracts.terms import CAPSULE, GAP, POINT
 from runtime.control.skeleton.arms import BASE, END, STANDARD, Arms
@@ -17,14 +16,14 @@ from runtime.ipc.words import LINK_ACTIVE, LINK_CONNECTED, State
 
 FIGURE = HumanSrl(human(), Arms("Spine", BASE, STANDARD, END, ("right",)))
 TREE = FIGURE.tree
-GROUPS = tuple("SRL" if name[1:4] == "Bas" or name[1] == "J" or name[1:] == "End" else "body" for name in TREE.names)
+GROUPS = FIGURE.groups
 # From node to node, with a radius, m; the last two are the arm's.
 CAPSULES = (
     ("Hips", "Spine3", 0.15), ("RightForeArm", "RightHand", 0.05), ("LeftForeArm", "LeftHand", 0.05),
     ("RightUpLeg", "RightLeg", 0.09), ("LeftUpLeg", "LeftLeg", 0.09), ("RJ4", "RJ6", 0.03), ("RJ6", "REnd", 0.03),
 )  # fmt: skip
 RATE = 100
-Y_UP = {"parent": None, "position": [0, 0, 0], "rpy": [np.pi / 2, 0, 0], "pose": None}
+Y_UP = {"parent": None, "position": [0, 0, 0], "quaternion": [0.5, 0.5, 0.5, 0.5], "pose": None}
 
 
 def body_layout() -> Layout:
@@ -96,9 +95,8 @@ def body_rows(layout: Layout, count: int, first: int = 1) -> NDArray[np.int64]:
 
 
 def upright(points: Array) -> Array:
-    """Points (n, 3) of the suit's frame in the root frame, z up."""
-    turned: Array = points @ about_axis(0, np.array([np.pi / 2]))[0].T
-    return turned
+    """Points (n, 3) of the suit's frame in the root frame: x forward, y to the left, z up."""
+    return points[:, [2, 0, 1]]
 
 
 def _distance(one: Array, other: Array) -> float:

@@ -52,9 +52,9 @@ def test_each_part_has_a_colour_of_its_own_and_the_next_signal_another() -> None
     numbers = color_numbers(visuals(layout))
     nodes = numbers["skeleton.nodes"]
     assert len(nodes) == 90
-    assert {(group, number) for group, number in zip(GROUPS, nodes, strict=True)} == {("body", 0), ("SRL", 1)}
-    assert GROUPS.count("SRL") == 18
-    assert numbers["collision.envelope"] == (2,)
+    assert set(zip(GROUPS, nodes, strict=True)) == {("body", 0), ("right SRL", 1), ("left SRL", 2)}
+    assert GROUPS.count("right SRL") == GROUPS.count("left SRL") == 9
+    assert numbers["collision.envelope"] == (3,)
 
 
 def test_a_row_is_drawn_in_the_root_frame() -> None:

@@ -49,6 +49,12 @@ class HumanSrl:
         """(k): names of the human's joints, in the suit's order."""
         return tuple(self.tree.names[i] for i in self.joints)
 
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """(nodes): the part that each node belongs to: "body", "right SRL", "left SRL"."""
+        sides = {i: f"{side} SRL" for side, nodes in self.arm.items() for i in range(nodes.start, nodes.stop)}
+        return tuple(sides.get(i, "body") for i in range(len(self.tree)))
+
     def whole(self, rotation: Array, translation: Array, arms: Mapping[Side, Array]) -> tuple[Array, Array]:
         """The motion of all nodes in their parents, for many frames at once: the arms' joints are rotations, too.
 

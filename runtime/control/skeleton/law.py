@@ -65,8 +65,9 @@ class Skeleton(Controller):
                 frame=config.frame,
                 labels=tree.names,
                 components=(POINT,),
-                visual="robot",
+                visual="skeleton",
                 links=tree.polylines,
+                groups=figure.groups,
             ),
         )
         if config.vector:

@@ -51,9 +51,9 @@ async function stop() {
 
 addEventListener("keydown", (event) => { if (event.key === "Escape" && !event.repeat) stop(); });
 part.stop.addEventListener("click", stop);
-part.front.addEventListener("click", () => space.look(-Math.PI / 2, 0.1));
-part.side.addEventListener("click", () => space.look(Math.PI, 0.1));
-part.above.addEventListener("click", () => space.look(-Math.PI / 2, 1.5));
+part.front.addEventListener("click", () => space.look(0, 0.1));
+part.side.addEventListener("click", () => space.look(-Math.PI / 2, 0.1));
+part.above.addEventListener("click", () => space.look(0, 1.5));
 part.follow.addEventListener("change", () => { space.follow = part.follow.checked; });
 
 // What is wrong with the picture as it is: its kind, and the words for it.

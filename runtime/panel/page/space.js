@@ -2,7 +2,7 @@
 
 const GROUND = "#0e1318", GRID = "#1f2932", OLD = [120, 128, 136];
 const OPEN = 0.55; // rad, the eye's angle of view
-const FIRST = [-2.0, 0.42]; // rad, the first look: from which side, and how far above
+const FIRST = [-0.6, 0.3]; // rad, the first look: from x, which is the front, a little from the right; how far above
 const NEAR = 0.05; // m before the eye
 
 const add = (a, b) => [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
