@@ -1,11 +1,11 @@
-"""The viewer's arrangement, made from a layout: 3D, commands, the profile's plots, timing, states and events."""
+"""The viewer's arrangement, made from a layout: 3D, an overview, commands, plots, timing, states and events."""
 
 from __future__ import annotations
 
 import rerun.blueprint as rrb
 
 from runtime.ipc.layout import Layout
-from runtime.profile.plots import Plot, command_plots, profile_plots
+from runtime.profile.plots import Plot, command_plots, joint_plots, profile_plots
 from runtime.recorder.eye import look
 from runtime.recorder.scene import plot_path
 from runtime.recording.columns import Words, entity
@@ -25,9 +25,13 @@ def make(layout: Layout, row: Words | None, live: bool) -> rrb.Blueprint:
         _series("Phases of the cycle (us, largest of each 1/30 s)", "/loop/timing/phases"),
         _series("Age of the devices' samples (ms)", "/loop/timing/ages"),
     ]
+    plots, joints = profile_plots(layout), joint_plots(layout)
+    shown = plots[: STACKED - 1 - min(len(joints), 2)]
+    overview = [_plot(p) for p in (*shown, *joints[: STACKED - 1 - len(shown)])]
     groups = {
+        "Overview": [*overview, loop[0]] if overview else [],
         "Commands": [_plot(p) for p in command_plots(layout)],
-        "Plots": [_plot(p) for p in profile_plots(layout)],
+        "Plots": [_plot(p) for p in plots],
         "Loop": loop,
     }
     tabs = [_stack(name, views) for name, views in groups.items() if views]

@@ -14,7 +14,7 @@ from runtime.recording.shapes import Placing
 DIRECTION = np.array([-0.75, -0.35, 0.55]) / np.linalg.norm([-0.75, -0.35, 0.55])
 # A body faces x, with y to its left: from its front, a little from its right.
 BODY = np.array([0.8, -0.5, 0.3]) / np.linalg.norm([0.8, -0.5, 0.3])
-DISTANCE = 2.4  # in radii of the objects shown
+DISTANCE, TALL = 2.4, 1.9  # in radii of the objects shown; a body is taller than wide
 UP = (0.0, 0.0, 1.0)
 
 
@@ -46,5 +46,6 @@ def look(layout: Layout, row: Words, shapes: list[Field]) -> rrb.EyeControls3D |
     if not np.isfinite(radius) or radius == 0.0:
         return None
     centre = (low + high) / 2
-    direction = BODY if any(field.visual == "skeleton" for field in shapes) else DIRECTION
-    return rrb.EyeControls3D(position=centre + DISTANCE * radius * direction, look_target=centre, eye_up=UP)
+    body = any(field.visual == "skeleton" for field in shapes)
+    back = TALL * BODY if body else DISTANCE * DIRECTION
+    return rrb.EyeControls3D(position=centre + radius * back, look_target=centre, eye_up=UP)

@@ -18,7 +18,7 @@ from runtime.contracts.field import Field
 from runtime.contracts.frames import as_pose
 from runtime.contracts.rotation import homogeneous
 from runtime.ipc.words import Cause, State
-from runtime.profile.plots import Plot, command_plots, profile_plots, series_names
+from runtime.profile.plots import Plot, command_plots, joint_plots, profile_plots, series_names
 from runtime.recorder.capsules import capsule_columns, capsule_look
 from runtime.recording.columns import Columns, Words, entity
 from runtime.recording.shapes import PALETTE, Color, Placing, color_numbers, colors, visuals
@@ -57,7 +57,7 @@ class Scene:
         self._columns = columns
         self._layout = layout = columns.layout
         self._frames = Placing(layout).frames
-        self._plots = [*command_plots(layout), *profile_plots(layout)]
+        self._plots = [*command_plots(layout), *joint_plots(layout), *profile_plots(layout)]
         self._visuals = visuals(layout)
         self._state: dict[str, int] = {}
         self._wake = 0

@@ -56,11 +56,11 @@ def _shows(f: Field) -> bool:
 def color_numbers(fields: Sequence[Field]) -> dict[str, tuple[int, ...]]:
     """For each signal, the number of its colour, one a row; one alone where all rows have the same.
 
-    Signals take the colours in turn, and each group of one's rows takes one.
+    Signals take the colours in turn, first those whose rows are grouped: each group takes one.
     """
     found: dict[str, tuple[int, ...]] = {}
     taken = 0
-    for field in fields:
+    for field in sorted(fields, key=lambda f: not f.groups):
         names = list(dict.fromkeys(field.groups)) if field.visual in JOINTED else []
         if names and len(field.groups) == field.shape[0]:
             found[field.name] = tuple(taken + names.index(name) for name in field.groups)
