@@ -6,18 +6,32 @@ import argparse
 import json
 from fractions import Fraction
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from runtime.cli import add_command
-from runtime.contracts.errors import ProfileError
+from runtime.contracts.errors import ProfileError, RequestError
+
+if TYPE_CHECKING:
+    from runtime.recording.reader import Recording
+
+STILLS = 10  # instants, unless they are given
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Registers the command."""
     parser = add_command(
-        subparsers, "export", "writes a recording as a file of other programs", "srl export run.rrd --bvh run.bvh"
+        subparsers,
+        "export",
+        "writes a recording as a file of other programs, or as pictures",
+        "srl export run.rrd --bvh run.bvh --stills run.png",
     )
     parser.add_argument("recording", type=Path, help="FILE.rrd, or a folder of segments (a torn tail is salvaged)")
-    parser.add_argument("--bvh", metavar="FILE", type=Path, required=True, help="the moving skeleton (law skeleton)")
+    parser.add_argument("--bvh", metavar="FILE", type=Path, help="the moving skeleton (law skeleton)")
+    parser.add_argument("--stills", metavar="FILE.png", type=Path, help="pictures at ten instants, side by side")
+    parser.add_argument(
+        "--at", metavar="S", type=float, nargs="+", help="the instants of --stills, s from the beginning"
+    )
+    parser.add_argument("--names", metavar="PART", help="with --stills: names the nodes of this part, e.g. 'right SRL'")
     parser.add_argument("--rate", metavar="HZ", help="frames per second; default: the profile's rate")
     parser.add_argument("--law", metavar="NAME", help="the law whose inputs are written, where there are several")
     parser.add_argument("--json", action="store_true", help="one JSON object")
@@ -26,30 +40,48 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> int:
     """Returns 0."""
+    from runtime.recording.reader import read
+
+    if args.bvh is None and args.stills is None:
+        raise RequestError("srl export", "nothing is to be written", "Add --bvh FILE, --stills FILE.png or both")
+    recording = read(args.recording)
+    missing = sum(last - first + 1 for first, last in recording.missing)
+    figures: dict[str, object] = {"recording": str(args.recording), "missing_rows": missing}
+    said = []
+    if args.bvh is not None:
+        frames, law, period = _bvh(recording, args)
+        figures |= {"frames": frames, "period": period, "law": law, "file": str(args.bvh)}
+        said.append(f"{args.bvh}: {frames} frames of {law}, {1.0 / period:g} a second")
+    if args.stills is not None:
+        from runtime.recorder import stills
+
+        times = args.at if args.at is not None else stills.spread(recording, STILLS)
+        stills.draw(recording, args.stills, times, args.names)
+        figures |= {"stills": str(args.stills), "at": times}
+        said.append(f"{args.stills}: {len(times)} instants")
+    if args.json:
+        print(json.dumps(figures))
+        return 0
+    if missing:
+        print(f"{missing} rows are missing; the pose before them is held")
+    print("\n".join(said))
+    return 0
+
+
+def _bvh(recording: Recording, args: argparse.Namespace) -> tuple[int, str, float]:
+    """Writes the file; returns the number of frames, the law's name, and s between frames."""
     import numpy as np
 
     from runtime.loop.law_inputs import LawInputs
-    from runtime.recording.reader import read
 
-    recording = read(args.recording)
-    place = str(args.recording)
-    given = LawInputs(recording.layout, place)
+    given = LawInputs(recording.layout, str(args.recording))
     law = given.exporting("bvh", args.law)
     period = float(1 / (_rate(args.rate) if args.rate is not None else Fraction(*recording.layout.meta["rate"])))
     now = (recording.int("now") - recording.int("now")[0]) / 1e9
     # The newest row at each frame's time; a millionth of a period makes up for rounding.
     times = np.arange(int(now[-1] / period + 1e-6) + 1) * period
     at = np.searchsorted(now, times + 1e-6 * period, "right") - 1
-    frames = law.export("bvh", given.of(law, recording.rows[at]), period, args.bvh)
-    missing = sum(last - first + 1 for first, last in recording.missing)
-    if args.json:
-        figures = {"frames": frames, "period": period, "law": law.name, "missing_rows": missing}
-        print(json.dumps(figures | {"recording": place, "file": str(args.bvh)}))
-        return 0
-    if missing:
-        print(f"{missing} rows are missing; the pose before them is held")
-    print(f"{args.bvh}: {frames} frames of {law.name}, {1.0 / period:g} a second")
-    return 0
+    return law.export("bvh", given.of(law, recording.rows[at]), period, args.bvh), law.name, period
 
 
 def _rate(text: str) -> Fraction:

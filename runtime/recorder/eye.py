@@ -6,6 +6,7 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from runtime.contracts.field import Field
+from runtime.contracts.signals import Array
 from runtime.ipc.layout import Layout
 from runtime.recording.columns import Words
 from runtime.recording.shapes import Placing
@@ -16,6 +17,11 @@ DIRECTION = np.array([-0.75, -0.35, 0.55]) / np.linalg.norm([-0.75, -0.35, 0.55]
 BODY = np.array([0.8, -0.5, 0.3]) / np.linalg.norm([0.8, -0.5, 0.3])
 DISTANCE, TALL = 2.4, 1.9  # in radii of the objects shown; a body is taller than wide
 UP = (0.0, 0.0, 1.0)
+
+
+def back_of(shapes: list[Field]) -> Array:
+    """(3,): from what is looked at to the eye, in the root frame, in radii of the objects shown."""
+    return TALL * BODY if any(field.visual == "skeleton" for field in shapes) else DISTANCE * DIRECTION
 
 
 def look(layout: Layout, row: Words, shapes: list[Field]) -> rrb.EyeControls3D | None:
@@ -46,6 +52,4 @@ def look(layout: Layout, row: Words, shapes: list[Field]) -> rrb.EyeControls3D |
     if not np.isfinite(radius) or radius == 0.0:
         return None
     centre = (low + high) / 2
-    body = any(field.visual == "skeleton" for field in shapes)
-    back = TALL * BODY if body else DISTANCE * DIRECTION
-    return rrb.EyeControls3D(position=centre + radius * back, look_target=centre, eye_up=UP)
+    return rrb.EyeControls3D(position=centre + radius * back_of(shapes), look_target=centre, eye_up=UP)

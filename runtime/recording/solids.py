@@ -70,6 +70,8 @@ class Solids:
                 known[field.frame] = self._placing.to_root(row, field.frame)
             T, values = known[field.frame], self._layout.value(row, field.name)
             rows = (values.reshape(-1, 3) if thing.points else _capsules(field, values)).copy()
+            if thing.points and len(rows) > 1 and not rows.any():
+                rows[:] = np.nan  # no sample yet
             for at in (0,) if thing.points else (0, 3):
                 rows[:, at : at + 3] = rows[:, at : at + 3] @ T[:3, :3].T + T[:3, 3]
             found.append(rows)

@@ -1,0 +1,184 @@
+"""Pictures of a recording at single instants, side by side: what the 3D view shows, on paper."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.collections import LineCollection, PolyCollection
+from numpy.typing import NDArray
+
+from runtime.contracts.errors import RecordingError, nearest
+from runtime.contracts.signals import Array
+from runtime.ipc.words import State
+from runtime.recorder.eye import back_of
+from runtime.recorder.figure import COLORS
+from runtime.recording.reader import Recording
+from runtime.recording.shapes import RAMP, distance_colors, visuals
+from runtime.recording.solids import Solids, Thing
+
+ACROSS = 5  # pictures in a row
+SIZE = (2.3, 3.1)  # inches of one among others
+ALONE = (6.0, 7.0)  # inches of a single one
+ARC = np.linspace(-np.pi / 2, np.pi / 2, 13)
+
+
+@dataclass(frozen=True)
+class View:
+    """A parallel projection. Attributes: right, up, back (3,): unit vectors in the root frame; back is to the eye."""
+
+    right: Array
+    up: Array
+    back: Array
+
+    def flat(self, points: Array) -> Array:
+        """(k, 2) m of points (k, 3)."""
+        found: Array = points @ np.stack([self.right, self.up], axis=1)
+        return found
+
+
+def draw(recording: Recording, png: Path, times: Sequence[float], names: str | None = None) -> None:
+    """Draws the newest row at each of the times, s from the first row.
+
+    Args:
+        recording: what is drawn: all signals with a shape.
+        png: where.
+        times: at least one.
+        names: the part of the body (`Signal.groups`) whose nodes are named.
+    Raises:
+        RecordingError: nothing in the recording has a shape, a time lies outside, no such part, it can't be written.
+    """
+    solids = Solids(recording.layout)
+    if not solids.things:
+        raise RecordingError(str(recording.path), "no signal in it has a shape", "Record a profile that shows some")
+    parts = list(dict.fromkeys(name for thing in solids.things for name in thing.groups))
+    if names is not None and names not in parts:
+        raise RecordingError("--names", f"no part is called '{names}'", nearest(names, parts))
+    rows = _rows(recording, times)
+    shapes = [solids.of(row) for row in rows]
+    view = _view(back_of(visuals(recording.layout)))
+    middles, reach = _frame(view, shapes)
+    columns = min(len(rows), ACROSS)
+    lines = -(-len(rows) // columns)
+    size = ALONE if len(rows) == 1 else (SIZE[0] * columns, SIZE[1] * lines + 0.7)
+    figure, axes = plt.subplots(lines, columns, figsize=size, squeeze=False, layout="constrained")
+    try:
+        for axis in axes.flat:
+            axis.axis("off")
+        for i, (row, shape) in enumerate(zip(rows, shapes, strict=True)):
+            axis = axes.flat[i]
+            letter = f"({chr(97 + i)}) " if len(rows) > 1 and i < 26 else ""
+            cycle = int(recording.layout.word(row, "cycle"))
+            axis.set_title(f"{letter}{times[i]:.2f} s, cycle {cycle}", fontsize=8)
+            for thing, values in zip(solids.things, shape, strict=True):
+                _points(axis, view, thing, values, names) if thing.points else _capsules(axis, view, thing, values)
+            axis.set_xlim(middles[i, 0] - reach[0], middles[i, 0] + reach[0])
+            axis.set_ylim(middles[i, 1] - reach[1], middles[i, 1] + reach[1])
+            axis.set_aspect("equal")
+        _legend(figure, solids.things)
+        simulated = " (simulated)" if recording.layout.meta.get("simulated") else ""
+        figure.suptitle(f"{recording.layout.meta.get('name', '')}{simulated}", fontsize=10)
+        figure.savefig(png, dpi=130, format="png")
+    except OSError as error:
+        raise RecordingError(str(png), f"it can't be written: {error.strerror}", "Choose another place") from None
+    finally:
+        plt.close(figure)
+
+
+def spread(recording: Recording, count: int) -> list[float]:
+    """`count` times, s, equally far apart while the limb was in motion; of the whole recording if it never was."""
+    now = (recording.int("now") - recording.int("now")[0]) / 1e9
+    moving = now[recording.int("state") == State.ACTIVE]
+    ends = moving if len(moving) > 1 else now
+    margin = 0.5 * (ends[-1] - ends[0]) / count  # in the middle of equal parts: laws have begun, and haven't ended
+    found: list[float] = np.linspace(ends[0] + margin, ends[-1] - margin, count).tolist()
+    return found
+
+
+def _rows(recording: Recording, times: Sequence[float]) -> list[NDArray[np.int64]]:
+    now = (recording.int("now") - recording.int("now")[0]) / 1e9
+    for t in times:
+        if not 0.0 <= t <= now[-1] + 1e-6:
+            raise RecordingError("--at", f"the recording has no {t:g} s", f"Give times from 0 to {now[-1]:.2f} s")
+    return [recording.rows[i] for i in np.searchsorted(now, np.asarray(times) + 1e-6, "right") - 1]
+
+
+def _view(back: Array) -> View:
+    back = back / np.linalg.norm(back)
+    right = np.cross([0.0, 0.0, 1.0], back)
+    right /= np.linalg.norm(right)
+    return View(right, np.cross(back, right), back)
+
+
+def _frame(view: View, shapes: Sequence[Sequence[Array]]) -> tuple[Array, Array]:
+    """The middle of each picture (n, 2), and half of the width and height that all of them need, m."""
+    middles, reach = np.zeros((len(shapes), 2)), np.full(2, 0.05)
+    for i, shape in enumerate(shapes):
+        ends = [v[:, at : at + 3] for v in shape for at in ((0, 3) if v.shape[1] > 3 else (0,))]
+        points = view.flat(np.concatenate(ends))
+        points = points[np.isfinite(points).all(axis=1)]
+        if len(points):
+            low, high = points.min(axis=0), points.max(axis=0)
+            middles[i], reach = (low + high) / 2, np.maximum(reach, 1.12 * (high - low) / 2)
+    return middles, reach
+
+
+def _points(axis: Any, view: View, thing: Thing, places: Array, names: str | None) -> None:
+    colors = [COLORS[n % len(COLORS)] for n in thing.numbers]
+    each = colors if len(colors) > 1 else colors * len(places)
+    flat, depth = view.flat(places), places @ view.back
+    lines = [flat[list(link)] for link in thing.links]
+    order = np.argsort([np.nanmean(depth[list(link)]) for link in thing.links])
+    width = 1.6 if thing.groups else 0.9
+    axis.add_collection(
+        LineCollection(
+            [lines[i] for i in order], colors=[each[thing.links[i][0]] for i in order], linewidths=width,
+            capstyle="round", joinstyle="round", zorder=3,
+        )
+    )  # fmt: skip
+    axis.scatter(*flat.T, s=4 if thing.groups else 2, c=each, linewidths=0, zorder=4)
+    for i, (group, label) in enumerate(zip(thing.groups, thing.labels, strict=False)):
+        if group == names:
+            axis.annotate(label, flat[i], (7, -2), textcoords="offset points", fontsize=7, color=each[i], zorder=5)
+
+
+def _capsules(axis: Any, view: View, thing: Thing, values: Array) -> None:
+    values = values[np.isfinite(values[:, :7]).all(axis=1)]
+    if not len(values):
+        return
+    values = values[np.argsort((values[:, :3] + values[:, 3:6]) @ view.back)]
+    if thing.numbers:
+        colors = np.tile(mpl.colors.to_rgb(COLORS[thing.numbers[0] % len(COLORS)]), (len(values), 1))
+    else:
+        colors = distance_colors(values[:, 7]) / 255.0
+    faces = [_outline(view.flat(v[:6].reshape(2, 3)), v[6]) for v in values]
+    clear = np.column_stack([colors, np.full(len(colors), 1.0 if thing.solid else 0.3)])
+    axis.add_collection(PolyCollection(faces, facecolors=clear, edgecolors=0.8 * colors, linewidths=0.7, zorder=2))
+
+
+def _outline(ends: Array, radius: float) -> Array:
+    """The silhouette (k, 2) of a capsule whose axis has these ends (2, 2): that of a parallel projection."""
+    along = ends[1] - ends[0]
+    angle = np.arctan2(along[1], along[0])
+    arcs = [end + radius * np.stack([np.cos(a), np.sin(a)], axis=1)
+            for end, a in ((ends[1], angle + ARC), (ends[0], angle + np.pi + ARC))]  # fmt: skip
+    return np.concatenate(arcs)
+
+
+def _legend(figure: Any, things: Sequence[Thing]) -> None:
+    named: dict[str, str] = {}
+    for thing in things:
+        names = thing.groups or (thing.name,) * len(thing.numbers)
+        named |= {name: COLORS[n % len(COLORS)] for name, n in zip(names, thing.numbers, strict=True)}
+    if any(not thing.numbers for thing in things):
+        named |= {f"{m:g} m": mpl.colors.to_hex([c / 255 for c in color]) for m, color in RAMP}
+    handles = [plt.Line2D([], [], color=color, linewidth=3) for color in named.values()]
+    figure.legend(handles, named, loc="outside lower center", ncols=len(named), fontsize=8, frameon=False)

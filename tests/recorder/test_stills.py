@@ -1,0 +1,110 @@
+"""Pictures at single instants: what is on the paper is what the recording has then."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from helpers.body_run import CAPSULES, TREE, body_layout, body_rows, upright
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.figure import Figure
+
+from runtime.cli import main
+from runtime.contracts.errors import RecordingError
+from runtime.recorder import stills
+from runtime.recorder.stream import Stream
+from runtime.recording.reader import Recording, read
+from runtime.recording.shapes import distance_colors
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder, layout = tmp_path_factory.mktemp("r"), body_layout()
+    layout.save(folder / "layout.json")
+    stream = Stream((folder / "layout.json").read_text())
+    stream.recording.save(folder / "run.rrd")
+    stream.prologue(None)
+    stream.rows(np.arange(1, 401), body_rows(layout, 400))
+    stream.recording.disconnect()
+    return folder / "run.rrd"
+
+
+@pytest.fixture(scope="module")
+def recording(file: Path) -> Recording:
+    return read(file)
+
+
+@pytest.fixture
+def kept(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
+    """The figures that are drawn; they stay open."""
+    found: list[Figure] = []
+    monkeypatch.setattr(stills.plt, "close", found.append)
+    return found
+
+
+def test_each_instant_shows_all_segments_and_capsules_in_their_colours(
+    recording: Recording, tmp_path: Path, kept: list[Figure]
+) -> None:
+    times = [0.5, 1.995, 3.0]
+    stills.draw(recording, tmp_path / "s.png", times)
+    assert (tmp_path / "s.png").read_bytes().startswith(b"\x89PNG")
+    (figure,) = kept
+    shown = [axis for axis in figure.axes if axis.get_title()]
+    assert [axis.get_title().partition(" ")[0] for axis in shown] == ["(a)", "(b)", "(c)"]
+    for axis, t in zip(shown, times, strict=True):
+        i = int(np.searchsorted((recording.int("now") - recording.int("now")[0]) / 1e9, t + 1e-6, "right")) - 1
+        lines = next(c for c in axis.collections if isinstance(c, LineCollection))
+        assert sum(len(line) - 1 for line in lines.get_segments()) == 89
+        solids = recording.value("collision.envelope")[i]
+        faces = next(
+            c for c in axis.collections if isinstance(c, PolyCollection) and len(c.get_paths()) == len(CAPSULES)
+        )
+        colors = {tuple(np.round(255 * c).astype(int)) for c in faces.get_facecolor()[:, :3]}
+        assert colors == {tuple(c) for c in distance_colors(solids[:, 7]).astype(int).tolist()}
+        # From the front, heights are heights: the picture is as tall as the body.
+        nodes = upright(recording.value("skeleton.nodes")[i])
+        heights = np.concatenate(lines.get_segments())[:, 1]
+        assert np.ptp(heights) == pytest.approx(np.ptp(nodes[:, 2]), rel=0.15)
+    plt.close("all")
+
+
+def test_the_nodes_of_a_part_are_named(recording: Recording, tmp_path: Path, kept: list[Figure]) -> None:
+    stills.draw(recording, tmp_path / "s.png", [1.0], "right SRL")
+    names = {text.get_text() for axis in kept[0].axes for text in axis.texts}
+    assert names == {name for name in TREE.names if name.startswith("R") and not name.startswith("Right")}
+    assert len(names) == 9
+
+
+def test_instants_are_spread_over_the_motion(recording: Recording) -> None:
+    times = stills.spread(recording, 10)
+    assert len(times) == 10
+    assert np.diff(times) == pytest.approx(0.399)
+    assert times[0] == pytest.approx(3.99 - times[-1])
+
+
+def test_the_command_writes_them_and_says_what_it_cannot_do(
+    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    png = tmp_path / "s.png"
+    assert main(["export", str(file), "--stills", str(png), "--at", "1", "2", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["at"] == [1.0, 2.0]
+    assert png.exists()
+    for options, words in (
+        ([], "nothing is to be written"), (["--stills", str(png), "--at", "77"], "no 77 s"),
+        (["--stills", str(png), "--names", "right srl"], "right SRL"), (["--stills", str(tmp_path)], "can't be written"),
+    ):  # fmt: skip
+        assert main(["export", str(file), *options]) == 2
+        assert words in capsys.readouterr().err
+
+
+def test_a_recording_without_shapes_is_refused(recording: Recording, tmp_path: Path) -> None:
+    from dataclasses import replace
+
+    layout = body_layout()
+    for name in ("skeleton.nodes", "collision.envelope", "collision.closest"):
+        layout.fields[name] = replace(layout.fields[name], visual="")
+    with pytest.raises(RecordingError, match="no signal"):
+        stills.draw(replace(recording, layout=layout), tmp_path / "s.png", [1.0])
