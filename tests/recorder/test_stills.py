@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -94,15 +95,14 @@ def test_the_command_writes_them_and_says_what_it_cannot_do(
     assert png.exists()
     for options, words in (
         ([], "nothing is to be written"), (["--stills", str(png), "--at", "77"], "no 77 s"),
-        (["--stills", str(png), "--names", "right srl"], "right SRL"), (["--stills", str(tmp_path)], "can't be written"),
+        (["--stills", str(png), "--names", "right srl"], "right SRL"),
+        (["--stills", str(tmp_path)], "can't be written"),
     ):  # fmt: skip
         assert main(["export", str(file), *options]) == 2
         assert words in capsys.readouterr().err
 
 
 def test_a_recording_without_shapes_is_refused(recording: Recording, tmp_path: Path) -> None:
-    from dataclasses import replace
-
     layout = body_layout()
     for name in ("skeleton.nodes", "collision.envelope", "collision.closest"):
         layout.fields[name] = replace(layout.fields[name], visual="")

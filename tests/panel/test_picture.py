@@ -1,0 +1,227 @@
+"""The live picture in a real browser: what it draws is what the loop's rows say, and what is wrong is seen."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.body_run import CAPSULES, TREE, body_layout, body_rows, upright
+from helpers.chromium import Chromium, Page
+from helpers.panel import MadeUpLoop
+from helpers.wait import until
+
+from runtime.contracts.errors import HostError
+from runtime.ipc.words import LINK_CONNECTED, LINK_STALE, State
+from runtime.panel.client import PageProcess
+from runtime.panel.picture import View
+from runtime.recording.shapes import distance_colors
+
+ROWS = body_rows(body_layout(), 400)
+
+
+class BodyLoop(MadeUpLoop):
+    """A made-up loop whose rows are those of a body.
+
+    Attributes:
+        at: the row of ROWS that is written, again and again.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.at = 0
+        super().__init__(path)
+
+    def begin(self) -> None:
+        self.layout = body_layout()
+        super().begin()
+
+    def step(self, at: float | None = None) -> None:
+        self.cycle += 1
+        row, names = ROWS[self.at].copy(), self.layout.int_names
+        now = time.monotonic_ns()
+        for i, word in enumerate(("now", "deadline", "wake", "read", "control", "guard", "write")):
+            row[names.index(word)] = now + 10_000 * i
+        row[names.index("cycle")], row[names.index("state")] = self.cycle, self.state
+        row[names.index("suit.stamp")], row[names.index("suit.link")] = now - 8_000_000, self.link
+        self.ring.append(row)
+
+
+class Seen:
+    """A loop that runs, its page's process, and the page in the browser."""
+
+    def __init__(self, loop: MadeUpLoop, process: PageProcess, page: Page) -> None:
+        self.loop, self.process, self.page = loop, process, page
+
+    def now(self, key: str) -> Any:
+        """What the newest frame shows."""
+        return self.page.value(f"globalThis.pictureNow && pictureNow.{key}")
+
+    def until(self, key: str, value: object) -> None:
+        """Waits for a frame that shows it."""
+        until(lambda: self.now(key) == value, what=lambda: f"{key} is {value}: {self.now(key)}")
+
+    def text(self, part: str) -> str:
+        """What a part of the page says; nothing if it isn't shown."""
+        return str(self.page.value(f"document.getElementById('{part}').checkVisibility() ? "
+                                   f"document.getElementById('{part}').innerText : ''"))  # fmt: skip
+
+    def things(self) -> dict[str, np.ndarray]:
+        """The numbers that are drawn, by signal; NaN for null."""
+        return {name: np.array(values, float) for name, values in self.now("things")}
+
+    def colors(self) -> set[tuple[int, ...]]:
+        """The colours in the picture."""
+        script = """(() => { const c = document.getElementById("space"), seen = new Set();
+            const d = c.getContext("2d").getImageData(0, 0, c.width, c.height).data;
+            for (let i = 0; i < d.length; i += 4) seen.add(d[i] * 65536 + d[i + 1] * 256 + d[i + 2]);
+            return [...seen]; })()"""
+        return {((n >> 16) & 255, (n >> 8) & 255, n & 255) for n in self.page.value(script)}
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chromium]:
+    with Chromium(tmp_path_factory.mktemp("chromium")) as made:
+        yield made
+
+
+@pytest.fixture
+def loop(tmp_path: Path) -> BodyLoop:
+    return BodyLoop(tmp_path / "run")
+
+
+@pytest.fixture
+def seen(loop: BodyLoop, browser: Chromium) -> Iterator[Seen]:
+    with loop.running(), PageProcess(loop.folder) as process:
+        page = browser.open(process.address)
+        made = Seen(loop, process, page)
+        made.until("condition", "live")
+        yield made
+        page.close()
+
+
+def same(shown: np.ndarray, values: np.ndarray) -> bool:
+    return shown.shape == values.shape and bool(np.allclose(shown, values, atol=6e-5, equal_nan=True))
+
+
+def test_nodes_segments_and_capsules_are_drawn_where_the_rows_have_them(seen: Seen) -> None:
+    layout = seen.loop.layout
+    for at in (0, 120, 200):
+        seen.loop.at = at
+        nodes = upright(layout.value(ROWS[at], "skeleton.nodes")).ravel()
+        until(lambda nodes=nodes: same(seen.things()["skeleton.nodes"], nodes))
+        solids = layout.value(ROWS[at], "collision.envelope")
+        shown = seen.things()["collision.envelope"].reshape(-1, 10)
+        assert same(shown[:, :3], upright(solids[:, :3]))
+        assert same(shown[:, 3:6], upright(solids[:, 3:6]))
+        assert shown[:, 7:].tolist() == distance_colors(solids[:, 7]).tolist()
+        assert seen.now("drawn") == {"points": 90, "links": 89, "capsules": len(CAPSULES) + 1}  # and one gap
+
+
+def test_body_and_arm_have_colours_of_their_own_and_a_legend(seen: Seen) -> None:
+    assert seen.text("legend").split("\n") == ["body", "right SRL", "left SRL"]
+    found = seen.colors()
+    assert {(86, 180, 233), (230, 159, 0), (0, 158, 115)} <= found
+    assert "touches" in seen.text("ramp")
+
+
+def test_curves_come_from_the_profile_the_commands_and_the_loop(seen: Seen) -> None:
+    plots = {title: labels for title, labels, _ in seen.now("plots")}
+    assert plots == {
+        "Distance": ["arm"], "arm.position": [f"J{i}" for i in range(1, 8)], "Loop": ["period", "cycle"],
+    }  # fmt: skip
+    before = {title: n for title, _, n in seen.now("plots")}
+    until(lambda: all(n > before[title] for title, _, n in seen.now("plots")))
+
+
+def test_the_eye_turns_with_the_mouse_and_the_buttons(seen: Seen) -> None:
+    before = seen.now("turn")
+    for kind, x in (("mousePressed", 500), ("mouseMoved", 600), ("mouseReleased", 600)):
+        seen.page.ask("Input.dispatchMouseEvent", type=kind, x=x, y=400, button="left", buttons=1, clickCount=1)
+    until(lambda: seen.now("turn") == pytest.approx(before - 0.8))
+    seen.page.value("document.getElementById('side').click()")
+    until(lambda: seen.now("turn") == pytest.approx(-np.pi / 2))
+
+
+@pytest.mark.parametrize(
+    ("change", "condition", "words"),
+    [
+        ({"link": LINK_CONNECTED | LINK_STALE}, "held", "Nothing new from suit"),
+        ({"state": State.STOPPED}, "stopped", "The limb is stopped"),
+    ],
+)
+def test_what_is_wrong_is_said(seen: Seen, change: dict[str, Any], condition: str, words: str) -> None:
+    assert seen.text("warning") == ""
+    before = {name: getattr(seen.loop, name) for name in change}
+    vars(seen.loop).update(change)
+    seen.until("condition", condition)
+    assert words in seen.text("warning")
+    assert seen.now("current")  # rows come, so what is drawn is of now
+    vars(seen.loop).update(before)
+    seen.until("condition", "live")
+    assert seen.text("warning") == ""
+
+
+def test_a_loop_that_hangs_is_grey_and_the_next_run_is_shown(loop: BodyLoop, browser: Chromium) -> None:
+    with PageProcess(loop.folder) as process:
+        with loop.running():
+            seen = Seen(loop, process, browser.open(process.address))
+            seen.until("condition", "live")
+        seen.until("condition", "silent")
+        assert "no" in seen.text("warning")
+        seen.until("current", False)
+        assert not {(86, 180, 233), (230, 159, 0)} & seen.colors()
+        loop.ring.finish()
+        seen.until("condition", "ended")
+        assert "The run is over" in seen.text("warning")
+        loop.begin()
+        with loop.running():
+            seen.until("condition", "live")
+            assert (230, 159, 0) in seen.colors()
+        seen.page.close()
+
+
+def test_a_dead_server_is_seen(seen: Seen) -> None:
+    os.kill(seen.process.pid, signal.SIGKILL)
+    seen.until("condition", "lost")
+    assert "lost" in seen.text("warning")
+    with pytest.raises(HostError):
+        seen.process.new_address()
+
+
+def test_escape_and_the_button_stop_the_limb(seen: Seen) -> None:
+    seen.page.key("Escape", "Escape", 27)
+    until(lambda: seen.loop.stops == 1)
+    seen.until("condition", "stopped")
+    seen.page.value("document.getElementById('stop').click()")
+    until(lambda: seen.loop.stops == 2)
+
+
+def test_nothing_comes_from_elsewhere(seen: Seen) -> None:
+    entries = seen.page.value("performance.getEntriesByType('resource').map(e => e.name)")
+    origin = seen.page.value("location.origin")
+    assert all(entry.startswith(origin) for entry in entries)
+    assert "token" not in seen.page.value("location.href")
+
+
+def test_a_run_without_shapes_or_commands_has_its_timing(tmp_path: Path, browser: Chromium) -> None:
+    loop = MadeUpLoop(tmp_path / "run")
+    with loop.running(), PageProcess(loop.folder) as process:
+        seen = Seen(loop, process, browser.open(process.address))
+        until(lambda: seen.now("plots"))
+        assert [title for title, *_ in seen.now("plots")] == ["Loop"]
+        seen.page.close()
+
+
+def test_a_frame_has_null_for_what_is_not_known() -> None:
+    layout = body_layout()
+    view = View(layout)
+    frame = view.frame(np.zeros(layout.width, np.int64), [1.0, 2.0])
+    nodes = frame["things"][0]
+    assert nodes == [None] * 270
+    assert frame["curves"][-1] == [1.0, 2.0]
+    assert len(view.scene["things"][0]["links"]) == len(TREE.polylines)
