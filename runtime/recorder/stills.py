@@ -122,12 +122,14 @@ def _frame(view: View, shapes: Sequence[Sequence[Array]]) -> tuple[Array, Array]
     """The middle of each picture (n, 2), and half of the width and height that all of them need, m."""
     middles, reach = np.zeros((len(shapes), 2)), np.full(2, 0.05)
     for i, shape in enumerate(shapes):
-        ends = [v[:, at : at + 3] for v in shape for at in ((0, 3) if v.shape[1] > 3 else (0,))]
-        points = view.flat(np.concatenate(ends))
-        points = points[np.isfinite(points).all(axis=1)]
-        if len(points):
-            low, high = points.min(axis=0), points.max(axis=0)
-            middles[i], reach = (low + high) / 2, np.maximum(reach, 1.12 * (high - low) / 2)
+        ends = [np.insert(v[:, at : at + 3], 3, v[:, 6] if v.shape[1] > 3 else 0.0, axis=1)
+                for v in shape for at in ((0, 3) if v.shape[1] > 3 else (0,))]  # fmt: skip
+        known = np.concatenate(ends)
+        known = known[np.isfinite(known).all(axis=1)]
+        if len(known):
+            points, margin = view.flat(known[:, :3]), known[:, 3:]
+            low, high = (points - margin).min(axis=0), (points + margin).max(axis=0)
+            middles[i], reach = (low + high) / 2, np.maximum(reach, 1.05 * (high - low) / 2)
     return middles, reach
 
 

@@ -13,6 +13,7 @@ from runtime.contracts.terms import POINT, QUATERNION
 from runtime.control.skeleton.body_motion import BodyMotion
 from runtime.control.skeleton.capsules import nearest
 from runtime.control.skeleton.envelope import link_nodes
+from runtime.control.skeleton.envelope_picture import EnvelopePicture
 from runtime.control.skeleton.options import EnvelopeOptions
 
 SPAN = 0.05  # s over which velocities are means
@@ -23,6 +24,7 @@ class CollisionConfig(EnvelopeOptions, ControllerConfig):
     """Options of `collision`."""
 
     frame: str | None = Field(None, description="frame of the profile's tree that the suit's world is")
+    picture: bool = Field(True, description="give the capsules and the closest gaps for pictures, too")
 
 
 class Collision(Controller):
@@ -33,7 +35,10 @@ class Collision(Controller):
 
     Outputs, by pair "link/segment": `distance` (k,) m, negative inside; `approach` (k,) m/s, positive while the gap
     closes, by the motion of both; `points` (k, 2, 3) m, the nearest points of the capsules' surfaces on the body and on
-    the arm, in the suit's world; `least` (1,) m. Until the body has been seen for 0.05 s its speed counts as 0.
+    the arm, in the suit's world; `least` (1,) m. Until the body has been seen for 0.05 s its speed counts as 0. For
+    pictures, in the suit's world: `envelope` (s + n + 1, 8), the capsules of the body's segments and the arm's links,
+    each with its distance to the nearest one of the other side with which it is compared, NaN if there is none;
+    `closest` (3, 7), the gaps of the three nearest segments.
     """
 
     Config = CollisionConfig
@@ -58,6 +63,9 @@ class Collision(Controller):
             ),
             Signal(name="least", shape=(1,), unit="m"),
         )
+        self._picture = EnvelopePicture(self._envelope) if config.picture else None
+        if self._picture is not None:
+            self.outputs += self._picture.signals(config.frame)
         self._links = np.array([pair.link for pair in pairs])
         self._segments = np.array([pair.segment for pair in pairs])
         self._body_radii = self._envelope.radii[self._segments]
@@ -100,6 +108,8 @@ class Collision(Controller):
         out["points"][:, 0] = (found.on_first + self._body_radii[:, None] * normal) @ R.T + p
         out["points"][:, 1] = (found.on_second - self._envelope.link_radius * normal) @ R.T + p
         np.minimum(self._closest, out["distance"], out=self._closest)
+        if self._picture is not None:
+            self._picture.fill(out, body.ends @ R.T + p, nodes @ R.T + p)
 
     def figures(self) -> dict[str, object]:
         """The least distance of the run with its pair, and what isn't compared."""
