@@ -1,7 +1,8 @@
 """The human-SRL skeleton: from a frame or a line of text to 90 node positions, and beside an independent reader.
 
-The peer, bvhio, computes the joints' positions of a BVH file, here of a real walk in $SRL_SHARED/data; it knows no
-arms. Without it or the file there is nothing to compare with.
+The peers compute the joints' positions of a BVH file, here of a real walk in $SRL_SHARED/data. bvhio reads bones that
+stretch, pymotion doesn't; it computes many frames at once, too. Neither knows arms. Without a peer or the file there
+is nothing to compare with.
 """
 
 from __future__ import annotations
@@ -135,8 +136,36 @@ def _peers() -> list[Row]:
             clock.time("p50", once, k)
         return clock.figures()
 
-    pairs = measure(ours, {"bvhio": theirs}, 5)
-    return [pairs.row("skeleton", "a real frame to its positions", "p50", "bvhio", "us", "faster", lambda r: r < 1.0)]
+    pairs = measure(ours, {"bvhio": theirs} | _pymotion(figure, turns, places), 5)
+    return [
+        pairs.row("skeleton", "a real frame to its positions", "p50", name, "us", "faster", lambda r: r < 1.0)
+        for name in pairs.others
+    ]
+
+
+def _pymotion(figure: HumanSrl, turns: Any, places: Any) -> dict[str, Callable[[], dict[str, float]]]:
+    """Its kinematics of the human's 59 joints, frame by frame and all frames at once, per frame."""
+    if find_spec("pymotion") is None or find_spec("pymotion.ops") is None:
+        return {}
+    fk = import_module("pymotion.ops.skeleton_np").fk  # the faster of its two frame by frame
+    tree = figure.human
+    joints = list(tree.joints)
+    parents = np.array([max(joints.index(tree.parents[i]), 0) if tree.parents[i] >= 0 else 0 for i in joints])
+    offsets = tree.offsets[joints].copy()
+    offsets[0] = 0.0
+
+    def single() -> dict[str, float]:
+        clock = _Clock()
+        for k in range(_FRAMES):
+            clock.time("p50", fk, turns[k], places[k, 0], offsets, parents)
+        return clock.figures()
+
+    def batch() -> dict[str, float]:
+        clock = _Clock()
+        clock.time("p50", fk, turns[:_FRAMES], places[:_FRAMES, 0], offsets, parents)
+        return {name: value / _FRAMES for name, value in clock.figures().items()}
+
+    return {"pymotion": single, f"pymotion, {_FRAMES} frames at once": batch}
 
 
 def _human(figure: HumanSrl, turns: Any, places: Any) -> tuple[Any, Any]:
