@@ -40,7 +40,7 @@ def run() -> list[Row]:
         ("binary", lambda k: encode_binary(_numbers(k), k)),
         ("text", lambda k: encode_text(_numbers(k))),
     ):
-        with _Software(encode) as software:
+        with Software(encode) as software:
             pairs = measure(software.driver_frames, {"kernel alone": software.kernel_frames}, PAIRS)
         for what in ("p50", "p99"):
             row = pairs.row("noitom-frame", f"the driver's read of a {form} frame, {what}", what, "kernel alone", "us")
@@ -79,50 +79,54 @@ def _plain(frames: list[bytes]) -> dict[str, float]:
     return _figures(took)
 
 
-class _Software:
-    """A broadcast of frames to one client, and the open driver."""
+class Software:
+    """A broadcast of frames to one client, and the open `driver`."""
 
     def __init__(self, encode: Callable[[int], bytes]) -> None:
         self._encode = encode
         self._sent = 0
         self._door = socket.create_server(("127.0.0.1", 0))
         port = f"tcp://127.0.0.1:{self._door.getsockname()[1]}"
-        self._driver = Noitom("suit", NoitomConfig(port=port))
-        self._driver.bind({s.name: np.zeros(s.shape) for s in self._driver.states}, {})
+        self.driver = Noitom("suit", NoitomConfig(port=port))
+        self.driver.bind({s.name: np.zeros(s.shape) for s in self.driver.states}, {})
         self._client: socket.socket | None = None
         self._over = threading.Event()
 
-    def __enter__(self) -> _Software:
+    def __enter__(self) -> Software:
         thread = threading.Thread(target=self._serve)
         thread.start()
         try:
-            self._driver.open()
+            self.driver.open()
         finally:
             self._over.set()
             thread.join()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._driver.close()
+        self.driver.close()
         for end in (self._client, self._door):
             if end is not None:
                 end.close()
 
     def driver_frames(self) -> dict[str, float]:
         """Returns the us of a `read` with one frame to parse."""
-        assert self._client is not None
         took = []
         for _ in range(FRAMES):
-            before = self._driver.health.frames
-            self._client.sendall(self._next())
+            before = self.driver.health.frames
+            self.send()
             start = clock()
-            self._driver.read(time.monotonic_ns())
+            self.driver.read(time.monotonic_ns())
             spent = clock() - start
-            if self._driver.health.frames > before:
+            if self.driver.health.frames > before:
                 took.append(spent)
-            while self._driver.health.frames == before:  # its rest came later: that isn't the cost of one read
-                self._driver.read(time.monotonic_ns())
+            while self.driver.health.frames == before:  # its rest came later: that isn't the cost of one read
+                self.driver.read(time.monotonic_ns())
         return _figures(took)
+
+    def send(self) -> None:
+        """Sends the next frame."""
+        assert self._client is not None
+        self._client.sendall(self._next())
 
     def kernel_frames(self) -> dict[str, float]:
         """Returns the us of receiving a frame."""

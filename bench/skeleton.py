@@ -20,6 +20,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from bench.noitom import Software
 from bench.pairs import Row, measure
 from drivers.noitom import NoitomConfig
 from drivers.noitom.pose import Pose
@@ -28,6 +29,7 @@ from drivers.noitom.skeleton import Skeleton
 from runtime.contracts.rotation import euler_angles, matrices
 from runtime.control.models import ArmsModel
 from runtime.control.skeleton import bvh
+from runtime.control.skeleton.arms import SIDES
 from runtime.control.skeleton.human import human
 from runtime.control.skeleton.human_srl import HumanSrl
 from runtime.control.skeleton.kinematics import Kinematics
@@ -56,7 +58,38 @@ def run() -> list[Row]:
         replace(row, aim=f"at most {_AIMS[name]:g} us", holds=row.ours <= _AIMS[name]) if name in _AIMS else row
         for name, row in zip(_WHAT, rows, strict=True)
     ]
-    return judged + _peers()
+    return judged + _latency() + _peers()
+
+
+def _latency() -> list[Row]:
+    """From when a text frame has been sent to the driver's socket until its nodes are there, by TCP on this machine."""
+
+    def numbers(k: int) -> bytes:
+        return encode_text(np.random.default_rng(k).uniform(-90.0, 90.0, 354))
+
+    kinematics, right = Kinematics(HumanSrl(human(), ArmsModel().arms)), {SIDES[0]: np.zeros(7)}
+    with Software(numbers) as software:
+        driver = software.driver
+        states = driver.state_arrays
+
+        def ours() -> dict[str, float]:
+            took = []
+            for _ in range(_FRAMES):
+                before = driver.health.frames
+                software.send()
+                start = time.perf_counter_ns()
+                while driver.health.frames == before:
+                    driver.read(time.monotonic_ns())
+                kinematics.nodes(states["rotation"], states["translation"], right)
+                took.append((time.perf_counter_ns() - start) / 1e3)
+            return {name: float(np.percentile(took, share)) for name, share in (("p50", 50), ("p99", 99))}
+
+        pairs = measure(ours, {"the kernel alone": software.kernel_frames}, 10)
+    return [
+        pairs.row("skeleton", f"from the last byte on the socket to 90 positions, {what}", what, name, "us")
+        for what in ("p50", "p99")
+        for name in pairs.others
+    ]
 
 
 class _Clock:

@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 
 from drivers.noitom.skeleton import Skeleton
 from runtime.contracts.errors import OptionError
-from runtime.control.models import ArmsModel
+from runtime.control.models import ArmJointEntry, ArmsModel
 from runtime.control.skeleton.human import human
 from runtime.control.skeleton.human_srl import HumanSrl
+from runtime.control.skeleton.kinematics import Kinematics
 from runtime.control.skeleton.tree import Node, Tree
 
 FINGERS = ("Thumb", "Index", "Middle", "Ring", "Pinky")
@@ -97,3 +98,28 @@ def test_arms_on_a_node_that_isnt_there_are_refused() -> None:
 def test_a_tree_out_of_order_is_refused(nodes: list[tuple[str, str]], fault: str) -> None:
     with pytest.raises(ValueError, match=fault):
         Tree(Node(name, up, (0.0, 0.0, 0.0)) for name, up in nodes)
+
+
+def test_any_body_may_wear_them() -> None:
+    body = Tree(
+        [
+            Node("pelvis", "", (0.0, 0.9, 0.0)),
+            Node("thigh", "pelvis", (0.1, 0.0, 0.0)),
+            Node("knee", "thigh", (0.0, -0.4, 0.0), end=True),
+            Node("chest", "pelvis", (0.0, 0.4, 0.0)),
+            Node("head", "chest", (0.0, 0.3, 0.0), end=True),
+        ]
+    )
+    two = (ArmJointEntry(at=(-0.1, 0.0, 0.0), axis="y"), ArmJointEntry(at=(0.0, -0.2, 0.0), axis="-y", slides=True))
+    model = ArmsModel(sides=("right", "left"), parent="chest", base=(0.0, 0.0, 0.1), joints=two)
+    figure = HumanSrl(body, model.arms)
+    assert figure.tree.names[3:12] == ("chest", "RBase", "RJ1", "RJ2", "REnd", "LBase", "LJ1", "LJ2", "LEnd")
+    turns, places = np.tile([1.0, 0.0, 0.0, 0.0], (3, 1)), body.offsets[list(body.joints)]
+    q = np.array([np.pi / 2, 0.05])
+    nodes = Kinematics(figure).nodes(turns, places, {"right": q, "left": q})
+    # The slide is the last joint, so it moves the end; the arm's other nodes hang below each other.
+    for side, sign in (("R", -1.0), ("L", 1.0)):
+        expected = [[0.1 * sign, 1.3, 0.1], [0.1 * sign, 1.1, 0.1], [0.1 * sign, 1.1 - 0.08 - 0.05, 0.1]]
+        found = nodes[[figure.tree.index(side + name) for name in ("J1", "J2", "End")]]
+        np.testing.assert_allclose(found, expected, atol=1e-12)
+    np.testing.assert_allclose(nodes[figure.tree.index("head")], [0.0, 1.6, 0.0], atol=1e-12)
