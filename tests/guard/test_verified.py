@@ -156,7 +156,10 @@ def test_a_stop_leaves_the_line_neither_when_held_nor_when_told_to():
         start, way = np.zeros(2), np.array([1.0, 0.2])
         scene.guard.reset(start)
         for k in range(40):
+            if clear:
+                scene.look()
             scene.guard.step(start + way * 0.5 * ((k + 1) / 40) ** 2, None, DT)
+        assert scene.guard.velocity[0] > 0.5
         begin, direction = scene.applied.copy(), scene.guard.velocity / np.linalg.norm(scene.guard.velocity)
         while not scene.guard.at_rest:
             scene.guard.stop(Stop.HOLD, DT)
