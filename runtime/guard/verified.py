@@ -19,13 +19,14 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from math import ceil, isinf, nan
+from operator import mul
 from typing import Final
 
 import numpy as np
 
 from runtime.contracts.clearance import Braking, Clearance
 from runtime.contracts.signals import Array
-from runtime.guard.braking import State, brake, stop_phases
+from runtime.guard.braking import State, brake, stop_phases, stop_range
 
 STEP: Final = 0.01  # m that a limb may move between two samples of its stop
 MOST: Final = 24  # samples of a stop
@@ -171,7 +172,7 @@ class VerifiedStop:
 
     def _creep(self, wanted: list[State]) -> tuple[float, ...]:
         """The share of the way at which a limb that was at rest creeps; none if it creeps anyway."""
-        speed = sum(map(lambda r, state: r * abs(state[1]), self._reach, wanted))
+        speed = sum(map(mul, self._reach, self._speeds(wanted)))
         most = self.clearance.creep * (1.0 - 1e-9)
         return (most / speed,) if 0.0 < most < speed else ()
 
@@ -184,7 +185,7 @@ class VerifiedStop:
         m += 1
         end = m + self._stop(tried, m)
         until[m:end] += self.lag + dt
-        np.maximum(np.abs([v for _, v, _ in states]), np.abs([v for _, v, _ in tried]), out=self._velocity)
+        self._velocity[:] = list(map(max, (abs(v) for _, v, _ in states), self._speeds(tried)))
         try:
             clear = bool(self.clearance.clear(Braking(path[:end], until[:end], self._velocity, self._slack)))
             self.margin = self.clearance.margin
@@ -192,6 +193,11 @@ class VerifiedStop:
         except Exception as error:
             self._failed(error)
             return False
+
+    def _speeds(self, states: list[State]) -> list[float]:
+        """The largest speed of each element in the stop: with a bounded jerk it may be faster yet for a while."""
+        joints = zip(states, self._A, self._J, strict=True)
+        return [abs(state[1]) if isinf(j) else stop_range(state, a, j)[2] for state, a, j in joints]
 
     def _stop(self, states: list[State], m: int) -> int:
         """Fills the path from sample m on with the stop from these states. Returns how many samples it has."""

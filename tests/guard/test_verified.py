@@ -325,3 +325,35 @@ def test_the_rest_of_a_stop_is_the_stop_of_the_rest(speeds, t):
         whole = brake_together(states, A.tolist(), [np.inf] * 2, t + 0.07)
         parts = brake_together(brake_together(states, A.tolist(), [np.inf] * 2, t), A.tolist(), [np.inf] * 2, 0.07)
         assert np.array(whole)[:, :2] == pytest.approx(np.array(parts)[:, :2], abs=1e-12)
+
+
+@given(st.sampled_from([Kind.POSITION, Kind.VELOCITY]), st.sampled_from([None, 150.0]), st.integers(0, 2**32 - 1))
+@settings(max_examples=15, deadline=None, phases=[Phase.generate])
+def test_no_disc_within_its_acceleration_meets_an_arm_that_moves(kind, jerk, seed):
+    """It hunts the arm, seen 20 ms late; the arm obeys 30 ms late. What is nearer than C finds the arm at rest, or
+    creeping."""
+    rng = np.random.default_rng(seed)
+    scene = Scene(kind, start=(-2.0, 0.5), late=3, age=0.02, jerk=jerk)
+    disc, speed, seen = rng.uniform(-0.8, 0.8, 2), np.zeros(2), []
+    if distances(scene.at[None], disc)[0].min() < 0.1:
+        disc += 2.0
+    goal, hunts, moved = scene.at.copy(), True, 0
+    for k in range(300):
+        if k % 50 == 0:
+            goal, hunts = rng.uniform(-2.5, 2.5, 2), rng.random() < 0.7
+        seen.append((disc.copy(), speed.copy()))
+        then = seen[max(k - 2, 0)]
+        scene.disc[:], scene.speed[:] = then
+        desired = goal if kind is Kind.POSITION else np.clip(3 * (goal - scene.at), -1.5, 1.5)
+        before, near = scene.at.copy(), distances(scene.at[None], disc)
+        scene.step(desired)
+        push = near[1][0, near[0][0].argmin()] if hunts else rng.normal(size=2)
+        if np.linalg.norm(speed) > 1.2:
+            push = -speed  # so fast is no limb
+        push = push / max(np.linalg.norm(push), 1e-9)
+        disc, speed = disc + DT * speed + 0.5 * DT * DT * A_H * push, speed + DT * A_H * push
+        quick = np.abs(scene.at - before) / DT @ REACH
+        gap = np.minimum(near[0][0], distances(scene.at[None], disc)[0][0])
+        assert ((quick <= 0.02 + 1e-6) | (gap >= C - 1e-6)).all(), (k, quick, gap)
+        moved += bool(quick.max() > 0.1)
+    assert moved > 0
