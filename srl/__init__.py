@@ -10,6 +10,7 @@ The names here stay in place when the runtime's own modules move:
 
 from runtime import __version__
 from runtime.contracts import transforms
+from runtime.contracts.clearance import Braking, Clearance, ClearanceConfig
 from runtime.contracts.controller import Controller, ControllerConfig, Parameter
 from runtime.contracts.driver import DeviceConfig, Driver, Health, Sensor
 from runtime.contracts.errors import (
@@ -29,6 +30,9 @@ from runtime.contracts.transforms import Transform
 
 __all__ = [
     "Array",
+    "Braking",
+    "Clearance",
+    "ClearanceConfig",
     "Command",
     "Controller",
     "ControllerConfig",

@@ -12,7 +12,7 @@ from runtime.contracts.errors import HostError, ProfileError, nearest
 
 
 def names(group: str) -> list[str]:
-    """The registered names of a group ("drivers", "controllers", "worlds", "fakes", "twins"), sorted."""
+    """The registered names of a group ("drivers", "controllers", "clearances", "worlds", "fakes", "twins"), sorted."""
     return sorted(_points(group))
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 from math import pi
 from typing import Final, NamedTuple
@@ -171,6 +172,26 @@ class Envelope:
         return lines
 
 
+class _Step(NamedTuple):
+    """One joint: the step to its node, and its turn or displacement."""
+
+    offset: Array
+    axis: Array
+    coordinate: int
+    sign: float
+    slides: bool
+
+
+@cache
+def _steps(arms: Arms, side: Side) -> tuple[_Step, ...]:
+    offsets, axes = arms.offsets(side), arms.axes(side)
+    made = []
+    for offset, axis, joint in zip(offsets[1:], axes, arms.joints, strict=False):
+        index = int(np.argmax(np.abs(axis)))
+        made.append(_Step(offset, axis, index, float(axis[index]), joint.slides))
+    return tuple(made)
+
+
 def link_nodes(arms: Arms, side: Side, path: Array) -> Array:
     """The nodes of one arm, Base to End, for many configurations at once.
 
@@ -181,25 +202,28 @@ def link_nodes(arms: Arms, side: Side, path: Array) -> Array:
     Returns:
         (m, n + 2, 3) m in the frame of the arms' parent.
     """
-    offsets, axes = arms.offsets(side), arms.axes(side)
-    m = len(path)
-    R = np.broadcast_to(np.eye(3), (m, 3, 3))
+    offsets, m = arms.offsets(side), len(path)
     made = np.empty((m, arms.n + 2, 3))
-    made[:, 0] = place = np.broadcast_to(offsets[0], (m, 3))
-    slid = np.zeros((m, 3))
-    for i, joint in enumerate(arms.joints):
-        made[:, i + 1] = place = place + np.einsum("mij,mj->mi", R, offsets[i + 1] + slid)
-        if joint.slides:
-            slid = path[:, i, None] * axes[i]
+    made[:, 0] = place = offsets[0]
+    R: Array | None = None  # of the frame after the last joint; None: that of the parent
+    slid: Array | None = None
+    for i, step in enumerate(_steps(arms, side)):
+        made[:, i + 1] = place = place + _turned(R, step.offset, slid)
+        angle = path[:, i]
+        if step.slides:
+            slid = angle[:, None] * step.axis
         else:
-            R, slid = R @ _turns(axes[i], path[:, i]), np.zeros((m, 3))
-    made[:, -1] = place + np.einsum("mij,mj->mi", R, offsets[-1] + slid)
+            turn, slid = about_axis(step.coordinate, step.sign * angle), None
+            R = turn if R is None else R @ turn
+    made[:, -1] = place + _turned(R, offsets[-1], slid)
     return made
 
 
-def _turns(axis: Array, angle: Array) -> Array:
-    k = int(np.argmax(np.abs(axis)))
-    return about_axis(k, float(axis[k]) * angle)
+def _turned(R: Array | None, offset: Array, slid: Array | None) -> Array:
+    if R is None:
+        return offset if slid is None else offset + slid
+    turned: Array = R @ offset if slid is None else (R @ (offset + slid)[..., None])[..., 0]
+    return turned
 
 
 def reaches(arms: Arms, side: Side, lower: Array, upper: Array) -> Array:
