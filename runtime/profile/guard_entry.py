@@ -18,7 +18,9 @@ class ClearEntry(BaseModel):
 
     use: str
     inputs: dict[str, Input] = Field(default_factory=dict, alias="in")
-    lag: NotNegative = Field(description="s, the longest time from a command until the limb is there")
+    lag: NotNegative = Field(
+        description="s, the longest time from a command until the limb is there, waiting for the link included"
+    )
     tracking: NotNegative | list[NotNegative] | dict[str, NotNegative] = Field(
         description="the command's unit; a joint may be this far from what was commanded within the lag"
     )

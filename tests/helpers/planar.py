@@ -47,7 +47,7 @@ class PlanarClearance(Clearance):
 
     def begin(self, now: int, stamps: Mapping[str, int]) -> bool:
         oldest = min(stamps.values())
-        self._age = (now - oldest) * 1e-9
+        self._age = max(now - oldest, 0) * 1e-9
         self._near = "the disc isn't seen"
         return oldest != NEVER and self._age <= self.options.max_age and bool(np.isfinite(self.input["centre"]).all())
 

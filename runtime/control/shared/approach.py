@@ -112,7 +112,10 @@ def is_clear(margin: Array, distance: Array, crawl: NDArray[np.bool_]) -> bool:
         distance: (m, k) m.
         crawl: (k,) whether the limb's shape is so slow that it may leave what is too near.
     """
-    near = margin.min(axis=0) < 0.0
+    least = margin.min(axis=0)
+    if np.isnan(least).any():
+        return False
+    near = least < 0.0
     if not near.any():
         return True
     if not crawl[near].all():

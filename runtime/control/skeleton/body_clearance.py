@@ -118,7 +118,7 @@ class BodyClearance(Clearance):
                 motion.take(stamp, rotation, translation)
             self._stamp = stamp
         since = self._changed if stamp - self._changed > options.repeat * 1e9 else stamp
-        self._age = (now - since) * 1e-9 + options.latency
+        self._age = max(now - since, 0) * 1e-9 + options.latency
         if self._age > options.max_age:
             return self._unusable(f"the body's pose is {self._age:.2f} s old")
         if isinf(motion.window):
@@ -137,7 +137,7 @@ class BodyClearance(Clearance):
         bound = reserve(
             first.height[0], first.speed[0], travel, float(motion.until[-1]), self._age, slack, self._needed
         )
-        near = np.flatnonzero(bound < 0.0)
+        near = np.flatnonzero(~(bound >= 0.0))  # what isn't a number isn't clear
         if near.size == 0:
             self._worst = int(bound.argmin())
             self.margin, self._distance = float(bound[self._worst]), float(first.distance[0, self._worst])

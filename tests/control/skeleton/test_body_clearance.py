@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.blame import Attack, Outcome, Wearer, trial
+from helpers.skeleton import TWO
 
 from runtime.contracts.clearance import NEVER, Braking
 from runtime.contracts.errors import WiringError
@@ -59,6 +60,24 @@ def test_it_waits_until_speeds_are_known_and_refuses_what_is_no_pose():
         now += 70 * MS
     assert not see(made, now + 400 * MS, now)
     assert "0.44 s old" in made.why()
+
+
+def test_what_is_no_number_is_not_clear_and_a_stamp_to_come_makes_nothing_younger():
+    made, _ = judge(latency=0.04)
+    for k in range(8):
+        see(made, 10_000 * MS + 10 * k * MS)
+    far = Braking(np.tile(TWO, (2, 1)), np.array([0.0, 0.01]), np.full(7, 0.1), np.zeros(7))
+    assert made.clear(far)
+    for broken in (
+        Braking(np.full((2, 7), np.nan), far.until, far.velocity, far.slack),
+        Braking(far.path, far.until * np.nan, far.velocity, far.slack),
+        Braking(far.path, far.until, far.velocity, far.slack * np.nan),
+        Braking(far.path, far.until + np.inf, far.velocity, far.slack),
+    ):
+        with np.errstate(invalid="ignore"):
+            assert not made.clear(broken)
+    assert see(made, 10_080 * MS, 10_500 * MS)
+    assert made._age == 0.04
 
 
 @pytest.mark.parametrize("repeat", [0.0, 0.1])
