@@ -110,6 +110,7 @@ class View:
             {
                 "name": thing.name, "points": thing.points, "colors": colors(thing.numbers), "labels": thing.labels,
                 "links": thing.links, "groups": thing.groups, "radii": thing.radii, "solid": thing.solid,
+                "law": thing.law,
             }
             for thing in self._solids.things
         ]  # fmt: skip

@@ -15,7 +15,7 @@ from runtime.recording.shapes import Placing
 DIRECTION = np.array([-0.75, -0.35, 0.55]) / np.linalg.norm([-0.75, -0.35, 0.55])
 # A body faces x, with y to its left: from its front, a little from its right.
 BODY = np.array([0.8, -0.5, 0.3]) / np.linalg.norm([0.8, -0.5, 0.3])
-DISTANCE, TALL = 2.4, 1.9  # in radii of the objects shown; a body is taller than wide
+DISTANCE, TALL = 2.4, 2.2  # in radii of the objects shown; a body is taller than wide
 UP = (0.0, 0.0, 1.0)
 
 

@@ -77,7 +77,9 @@ def draw(recording: Recording, png: Path, times: Sequence[float], names: str | N
             axis = axes.flat[i]
             letter = f"({chr(97 + i)}) " if len(rows) > 1 and i < 26 else ""
             cycle = int(recording.layout.word(row, "cycle"))
-            axis.set_title(f"{letter}{times[i]:.2f} s, cycle {cycle}", fontsize=8)
+            state = int(recording.layout.word(row, "state"))
+            late = "" if state == State.ACTIVE else ", no law runs"
+            axis.set_title(f"{letter}{times[i]:.2f} s, cycle {cycle}{late}", fontsize=8)
             for thing, values in zip(solids.things, shape, strict=True):
                 _points(axis, view, thing, values, names) if thing.points else _capsules(axis, view, thing, values)
             axis.set_xlim(middles[i, 0] - reach[0], middles[i, 0] + reach[0])
@@ -177,7 +179,7 @@ def _outline(ends: Array, radius: float) -> Array:
 
 def _legend(figure: Any, things: Sequence[Thing]) -> None:
     named: dict[str, str] = {}
-    for thing in things:
+    for thing in sorted(things, key=lambda t: not t.groups):
         names = thing.groups or (thing.name,) * len(thing.numbers)
         named |= {name: COLORS[n % len(COLORS)] for name, n in zip(names, thing.numbers, strict=True)}
     if any(not thing.numbers for thing in things):

@@ -5,7 +5,7 @@ For pictures that aren't rerun's, which has more kinds of its own: the page in t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -32,6 +32,7 @@ class Thing:
         labels, links, groups: of its rows.
         radii: m, of a point and of a link; of points only.
         solid: whether one can't see through it.
+        law: whether a law gives it: while the limb isn't active no law runs, and it stays as it was.
     """
 
     name: str
@@ -42,6 +43,7 @@ class Thing:
     groups: tuple[str, ...] = ()
     radii: tuple[float, float] = (0.0, 0.0)
     solid: bool = False
+    law: bool = False
 
 
 class Solids:
@@ -56,7 +58,9 @@ class Solids:
         self._fields = visuals(layout)
         self._placing = Placing(layout)
         numbers = color_numbers(self._fields)
-        self.things = [_thing(field, numbers[field.name]) for field in self._fields]
+        self.things = [
+            replace(_thing(field, numbers[field.name]), law=field.role == "internal") for field in self._fields
+        ]
 
     def of(self, row: NDArray[np.int64]) -> list[Array]:
         """What each thing is in a row (width,): points (k, 3), or capsules (k, 8) as terms.CAPSULE says, m.

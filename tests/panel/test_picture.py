@@ -72,7 +72,7 @@ class Seen:
 
     def things(self) -> dict[str, np.ndarray]:
         """The numbers that are drawn, by signal; NaN for null."""
-        return {name: np.array(values, float) for name, values in self.now("things")}
+        return {name: np.array(values, float) for name, values, _ in self.now("things")}
 
     def colors(self) -> set[tuple[int, ...]]:
         """The colours in the picture."""
@@ -161,6 +161,10 @@ def test_what_is_wrong_is_said(seen: Seen, change: dict[str, Any], condition: st
     seen.until("condition", condition)
     assert words in seen.text("warning")
     assert seen.now("current")  # rows come, so what is drawn is of now
+    law = "state" not in change  # no law runs while the limb is stopped: what they gave is drawn as old
+    until(lambda: {now for *_, now in seen.now("things")} == {law})
+    assert ({(86, 180, 233), (230, 159, 0)} <= seen.colors()) == law
+    assert ("Grey: as it was" in seen.text("warning")) != law
     vars(seen.loop).update(before)
     seen.until("condition", "live")
     assert seen.text("warning") == ""

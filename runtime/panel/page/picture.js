@@ -24,7 +24,7 @@ function show(given) {
   document.title = part.name.textContent = given.name;
   curves.show(given.plots, given.palette);
   const seen = new Map();
-  for (const thing of given.things) {
+  for (const thing of [...given.things].sort((a, b) => (b.groups.length > 0) - (a.groups.length > 0))) {
     if (thing.groups.length) thing.groups.forEach((name, i) => seen.set(name, thing.colors[i]));
     else if (thing.colors.length) seen.set(thing.name, thing.colors[0]);
   }
@@ -74,8 +74,11 @@ function frame() {
   const now = link.time(performance.now());
   const [kind, words] = condition(now);
   const current = kind === "live" || kind === "held" || kind === "stopped"; // rows come: the picture is of now
+  const laws = newest && newest.state === "active"; // otherwise no law runs, and what they gave stays
+  const isNow = (thing) => current && (laws || !thing.law);
+  const asItWas = scene && current && !laws && scene.things.some((thing) => thing.law) ? ". Grey: as it was then" : "";
   if (scene && newest) {
-    space.draw(scene.things, newest.things, current);
+    space.draw(scene.things, newest.things, isNow);
     curves.draw(current ? Math.max(now, newest.t) : newest.t);
     text(part.state, newest.state);
     part.state.className = newest.state;
@@ -83,13 +86,13 @@ function frame() {
     const simulated = scene.simulated.length ? "simulated · " : "";
     text(part.facts, `${simulated}${Number(scene.rate.toFixed(1))} Hz · cycle ${newest.cycle} · age of ${ages.join(", ")}`);
   }
-  text(part.warning, stopWords || words);
+  text(part.warning, stopWords || (words && words + asItWas));
   part.warning.className = kind === "held" && !stopWords ? "mild" : "";
   frames++;
   globalThis.pictureNow = { // for whoever looks from outside: what this frame shows
     condition: kind, words, cycle: newest && newest.cycle, current, frames, drawn: space.drawn, age: newest && now - newest.t,
     turn: space.turn, distance: space.distance, plots: curves.plots.map((p) => [p.title, p.labels, p.samples.length]),
-    things: scene && newest && scene.things.map((thing, i) => [thing.name, newest.things[i]]),
+    things: scene && newest && scene.things.map((thing, i) => [thing.name, newest.things[i], isNow(thing)]),
   };
   requestAnimationFrame(frame);
 }

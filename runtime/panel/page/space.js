@@ -88,7 +88,7 @@ export class Space {
     return [this.width / 2 + dot(v, this.right) * k, this.height / 2 - dot(v, this.up) * k, k, depth];
   }
 
-  // things: from the scene; values: of a frame; live: whether it is what is there now.
+  // things: from the scene; values: of a frame; live(thing): whether it is there now as it is drawn.
   draw(things, values, live) {
     const read = things.map((thing, i) => (thing.points ? triples(values[i]) : capsules(values[i])));
     const all = [];
@@ -104,7 +104,7 @@ export class Space {
     this.grid();
     const jobs = [];
     this.drawn = { points: 0, links: 0, capsules: 0 };
-    things.forEach((thing, i) => (thing.points ? this.points(thing, read[i], live, jobs) : this.capsules(thing, read[i], live, jobs)));
+    things.forEach((thing, i) => (thing.points ? this.points : this.capsules).call(this, thing, read[i], live(thing), jobs));
     jobs.sort((a, b) => b.depth - a.depth);
     for (const job of jobs) job.paint();
   }
@@ -146,15 +146,16 @@ export class Space {
       const [a, b] = place ? [this.project(place.from), this.project(place.to)] : [];
       if (!a || !b) continue;
       this.drawn.capsules++;
-      const color = live ? place.color : OLD, least = thing.solid ? 1.2 : 0;
+      const color = live ? place.color : OLD, least = thing.solid ? 2 : 0;
       const [ra, rb] = [Math.max(place.radius * a[2], least), Math.max(place.radius * b[2], least)];
-      jobs.push({ depth: (a[3] + b[3]) / 2, paint: () => {
+      const gap = thing.solid && !thing.colors.length; // the line across a gap lies on top of the capsules
+      jobs.push({ depth: gap ? 0 : (a[3] + b[3]) / 2, paint: () => {
         outline(c, a, ra, b, rb);
         c.fillStyle = rgba(color, thing.solid ? 1 : 0.28);
         c.fill();
-        if (thing.solid) return;
-        c.strokeStyle = rgba(color, 0.9);
-        c.lineWidth = 1.4;
+        if (thing.solid && !gap) return;
+        c.strokeStyle = gap ? "#fff" : rgba(color, 0.9);
+        c.lineWidth = gap ? 0.8 : 1.4;
         c.stroke();
       } });
     }
