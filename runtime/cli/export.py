@@ -43,7 +43,13 @@ def run(args: argparse.Namespace) -> int:
     from runtime.recording.reader import read
 
     if args.bvh is None and args.stills is None:
-        raise RequestError("srl export", "nothing is to be written", "Add --bvh FILE, --stills FILE.png or both")
+        raise RequestError("--bvh, --stills", "nothing is to be written", "Add --bvh FILE, --stills FILE.png or both")
+    for option, value, needed, there in (
+        ("--rate", args.rate, "--bvh", args.bvh), ("--law", args.law, "--bvh", args.bvh),
+        ("--at", args.at, "--stills", args.stills), ("--names", args.names, "--stills", args.stills),
+    ):  # fmt: skip
+        if value is not None and there is None:
+            raise RequestError(option, f"it is for {needed}", f"Add {needed} FILE, or leave it out")
     recording = read(args.recording)
     missing = sum(last - first + 1 for first, last in recording.missing)
     figures: dict[str, object] = {"recording": str(args.recording), "missing_rows": missing}

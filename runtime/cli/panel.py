@@ -31,7 +31,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "--signal", help="the participant's screen with this control value, one number of the loop's rows"
     )
     parser.add_argument(
-        "--span", type=float, nargs=2, default=(0.0, 1.0), metavar=("LOW", "HIGH"),
+        "--span", type=float, nargs=2, metavar=("LOW", "HIGH"),
         help="values of the signal that are shown as 0 and 100 (default: 0 1)",
     )  # fmt: skip
     parser.add_argument("--held", metavar="SIGNAL", help="a signal that isn't zero while the value is held")
@@ -44,12 +44,12 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 def run(args: argparse.Namespace) -> int:
     """Serves until Ctrl-C, or until the demonstration is over."""
     if args.signal is None:
-        for option, given in (("--held", args.held), ("--demo", args.demo or None), ("--out", args.out)):
-            if given is not None:
+        for option, given in _of_the_screen(args):
+            if given:
                 problem = "it is for the participant's screen"
                 raise RequestError(option, problem, "Add --signal, or leave it out for the live picture")
-    low, high = args.span
-    if not np.isfinite(args.span).all() or low == high:
+    low, high = args.span or (0.0, 1.0)
+    if not np.isfinite([low, high]).all() or low == high:
         raise RequestError("--span", "it needs two different numbers", "For example: --span 0 1")
     if not 0 <= args.port <= 65535:
         raise RequestError("--port", f"{args.port} is no port", "Leave it out for any free one")
@@ -67,6 +67,12 @@ def run(args: argparse.Namespace) -> int:
             while not _one(screen, number, args.out):
                 pass
     return 0
+
+
+def _of_the_screen(args: argparse.Namespace) -> list[tuple[str, bool]]:
+    """Options of the participant's screen alone, and whether each is given."""
+    given = {"--span": args.span, "--held": args.held, "--demo": args.demo or None, "--out": args.out}
+    return [(option, value is not None) for option, value in given.items()]
 
 
 def _wait(page: PageProcess) -> int:

@@ -1,1 +1,1 @@
-"""The panel: a page in the browser, served on 127.0.0.1 by a process beside the loop: the participant's screen."""
+"""Pages in the browser, served on 127.0.0.1 beside the loop: the live picture, the participant's screen."""

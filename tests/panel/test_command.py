@@ -34,7 +34,8 @@ def test_the_demonstrations_curves_can_be_shown_and_begin_flat() -> None:
     [
         (["--signal", "x"], "no instance"), (["--signal", "x", "--span", "1", "1"], "--span"),
         (["--signal", "x", "--span", "nan", "1"], "--span"), (["--signal", "x", "--port", "70000"], "--port"),
-        (["--signal", "x", "--out", "here"], "--demo"),
+        (["--signal", "x", "--out", "here"], "--demo"), ([], "no instance"), (["--port", "-1"], "--port"),
+        (["--demo"], "Add --signal"), (["--span", "0", "1"], "Add --signal"), (["--held", "x"], "Add --signal"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_said(tmp_path: Path, options: list[str], words: str) -> None:
@@ -47,6 +48,33 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
         running.started()
         running.until(lambda: running.word("state") == State.ACTIVE, "motion")
         yield running
+
+
+@pytest.mark.slow
+def test_without_a_signal_the_page_is_the_live_picture(run: Running) -> None:
+    with ended(srl("panel"), env=environment(run.folder)) as panel:
+        assert panel.stdout is not None
+        panel.stdout.readline()
+        address = panel.stdout.readline().strip()
+        assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\?token=[\w-]{32}", address)
+        (page,) = psutil.Process(panel.pid).children()
+        ears = [c for c in page.net_connections("inet") if c.status == psutil.CONN_LISTEN]
+        assert [c.laddr.ip for c in ears] == ["127.0.0.1"]
+        scene, frames = asyncio.run(asyncio.wait_for(_scene_and_frames(address, 30), 60))
+    names = [thing["name"] for thing in scene["things"]]
+    assert {"hand.skeleton", "mapping.sphere"} <= set(names)
+    assert "finger.position" in [plot["title"] for plot in scene["plots"]]
+    rows = run.reader.take()
+    cycles, tips = run.layout.word(rows, "cycle"), run.layout.value(rows, "hand.skeleton")
+    assert all(frame["condition"] == "live" for frame in frames)
+    assert len({frame["cycle"] for frame in frames}) > 20
+    for frame in frames:
+        if frame["cycle"] in cycles:  # in whatever frame, the tips are as far apart as the row has them
+            own = tips[np.searchsorted(cycles, frame["cycle"])]
+            shown = np.array(frame["things"][names.index("hand.skeleton")]).reshape(-1, 3)
+            assert np.linalg.norm(shown - shown[0], axis=1) == pytest.approx(
+                np.linalg.norm(own - own[0], axis=1), abs=3e-4
+            )
 
 
 @pytest.mark.slow
@@ -72,6 +100,20 @@ def test_the_page_shows_the_loops_values_and_stops_it(run: Running) -> None:
     run.until(lambda: run.word("state") == State.STOPPED, "the stop")
     assert run.word("cause") == Cause.REQUEST
     assert run.word("latches") & Latch.PERSON
+
+
+async def _scene_and_frames(address: str, count: int) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    place = f"{urlsplit(address).scheme}://{urlsplit(address).netloc}"
+    jar = aiohttp.CookieJar(unsafe=True)  # for an address without a name
+    async with aiohttp.ClientSession(headers={"Origin": place}, cookie_jar=jar) as session:
+        async with session.get(f"{place}/") as answer:
+            assert answer.status == 403  # without the token
+        async with session.get(address) as answer:
+            assert "Live picture" in await answer.text()
+        async with session.ws_connect(f"{place}/socket") as socket:
+            scene = await socket.receive_json()
+            assert scene["kind"] == "scene"
+            return scene, [await socket.receive_json() for _ in range(count)]
 
 
 async def _values_then_stop(address: str, count: int) -> list[tuple[float, float]]:

@@ -94,7 +94,8 @@ def test_the_command_writes_them_and_says_what_it_cannot_do(
     assert json.loads(capsys.readouterr().out)["at"] == [1.0, 2.0]
     assert png.exists()
     for options, words in (
-        ([], "nothing is to be written"), (["--stills", str(png), "--at", "77"], "no 77 s"),
+        ([], "nothing is to be written"), (["--bvh", "x.bvh", "--at", "1"], "Add --stills"),
+        (["--stills", str(png), "--law", "x"], "Add --bvh"), (["--stills", str(png), "--at", "77"], "no 77 s"),
         (["--stills", str(png), "--names", "right srl"], "right SRL"),
         (["--stills", str(tmp_path)], "can't be written"),
     ):  # fmt: skip
