@@ -22,8 +22,8 @@ STEP = 1e-4  # rad or m, of the finite differences
 class RetreatConfig(EnvelopeOptions, ControllerConfig):
     """Options of `retreat`."""
 
-    begin: float = Field(0.25, gt=0, lt=1, description="m, distance below which the arm gives way")
-    horizon: float = Field(0.3, ge=0, lt=2, description="s by which an approach counts before it has come")
+    begin: float = Field(0.08, gt=0, lt=1, description="m, distance below which the arm gives way")
+    horizon: float = Field(0.8, ge=0, lt=2, description="s by which an approach counts before it has come")
     speed: float = Field(0.2, gt=0, lt=2, description="m/s, at most, of the arm's fastest point on its way out")
     ahead: float = Field(
         0.2, gt=0, lt=2, description="s by which the goal is ahead of the arm on that way, and of getting there"
