@@ -22,6 +22,8 @@ from runtime.control.skeleton.capsules import nearest
 from runtime.control.skeleton.envelope import CLOTHING, PARTS, link_nodes
 from runtime.control.skeleton.kinematics import Kinematics
 from runtime.control.skeleton.options import EnvelopeOptions
+from runtime.control.skeleton.retreat import Retreat, RetreatConfig
+from srl.testing import bound
 
 DT = 0.01
 BLAME = 0.02  # m/s
@@ -46,6 +48,7 @@ class Attack:
         quick: factor on the wearer's speed.
         thin: factor on the envelope's radii.
         servo: s, its lag.
+        retreat: the law `retreat` bends the goals.
     """
 
     guarded: bool = True
@@ -55,6 +58,7 @@ class Attack:
     quick: float = 1.0
     thin: float = 1.0
     servo: float = LAG
+    retreat: bool = False
     options: dict[str, Any] = field(default_factory=dict)
 
 
@@ -172,6 +176,10 @@ def trial(seed: int, attack: Attack, seconds: float = 8.0) -> Outcome:
     if attack.guarded:
         guard.keep_clear(clearance, LAG, np.full(7, 0.001))
     guard.reset(measured)
+    law = bound(Retreat("retreat", RetreatConfig())) if attack.retreat else None
+    if law is not None:
+        law.input["translation"][:], law.input["rotation"][:] = translation, rotation
+        law.reset()
     queue = [np.zeros(7)] * round(attack.servo / DT)
     distance = Gap(BodyClearanceConfig(least=0.02, uncertainty=0.0))
     distance.pose(wearer.aside(), translation)
@@ -199,7 +207,11 @@ def trial(seed: int, attack: Attack, seconds: float = 8.0) -> Outcome:
         if guard.verified is not None:
             now = round((t + 1.0) * 1e9)
             guard.verified.begin(now, {"rotation": stamp, "translation": stamp}, 0.0)
-        guard.step(goal, None, DT)
+        if law is not None:
+            law.input["target"][:], law.input["rotation"][:] = goal, clearance.input["rotation"]
+            law.applied["q"][:] = applied
+            law.update(DT)
+        guard.step(goal if law is None else law.output["q"], None, DT)
         made.held += (guard.verified is not None and guard.verified.held) * DT / seconds
         before = measured.copy()
         queue.append(applied.copy())

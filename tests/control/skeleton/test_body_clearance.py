@@ -176,8 +176,9 @@ def test_the_arm_runs_into_a_wearer_who_doesn_t_look_only_without_a_clearance():
         Attack(freeze=(1.0, 3.0)),
         Attack(servo=0.06),
         Attack(delay=0.1, options={"latency": 0.1}),
+        Attack(retreat=True),
     ],
-    ids=["dropped", "frozen", "servo", "delayed"],
+    ids=["dropped", "frozen", "servo", "delayed", "retreat"],
 )
 def test_attacks_that_it_knows_of_or_sees_leave_no_blame(attack):
     """Lost frames and a frozen suit make the pose old; a slow servo is measured; a delay that is told is counted."""
