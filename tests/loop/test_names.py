@@ -80,7 +80,7 @@ def test_a_recording_in_another_order_of_joints_is_refused(tmp_path: Path, monke
     b = Bench(tmp_path)
     b.run(10, lambda k: None)
     monkeypatch.setattr("helpers.toy.Toy", TurnedArm)
-    with pytest.raises(RecordingError, match=r"'arm.position' was recorded as .*Replay it with srl-runtime"):
+    with pytest.raises(RecordingError, match=r"'arm.position' was recorded as .*Use srl-runtime"):
         replay(b.graph.layout, b.rows()[:-1], "toy")
 
 
@@ -90,5 +90,5 @@ def test_a_recording_of_a_profile_that_went_by_places_is_refused_with_words(tmp_
     b.run(10, lambda k: None)
     layout = b.graph.layout
     layout.meta["profile"] = layout.meta["profile"].replace("element: first", "index: 0")
-    with pytest.raises(RecordingError, match=r"emergency.0: `index: 0` is a place.*Replay it with srl-runtime"):
+    with pytest.raises(RecordingError, match=r"emergency.0: `index: 0` is a place.*Use srl-runtime"):
         replay(layout, b.rows()[:-1], "toy")
