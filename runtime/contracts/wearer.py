@@ -17,7 +17,7 @@ Dof = Literal["swivel", "shrug", "protraction"]
 
 @dataclass(frozen=True)
 class Rest:
-    """Sit still with the forearm in front of the body. Done when the hand is there."""
+    """Sit still with the forearm in front of the body, or stand at ease. Done when the body is there."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,25 @@ class Follow:
     point: Vector | None = None
 
 
-Instruction = Rest | Explore | Hold | Follow
+Action = Literal[
+    "overhead", "forward", "reach-left", "reach-right", "carry", "bend", "squat", "turn-left", "turn-right", "wave"
+]
+"""What the whole body can do; the ten are ours, and docs/intention.md says how each goes."""
+
+
+@dataclass(frozen=True)
+class Perform:
+    """Do this with the whole body, from standing at ease, and go on. Done once the body is there."""
+
+    action: Action
+
+
+@dataclass(frozen=True)
+class Walk:
+    """Walk about at an easy pace. Done once it walks; it goes on until told else."""
+
+
+Instruction = Rest | Explore | Hold | Follow | Perform | Walk
 
 
 class Wearer(Protocol):

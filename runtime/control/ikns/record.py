@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import datetime
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -12,23 +10,19 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
-from runtime.contracts.errors import SrlError
 from runtime.control.ikns.calibration import Calibration, Thresholds
+from runtime.control.shared import record_file
+from runtime.control.shared.record_file import NAME, Name, RecordError, Row, write
+
+__all__ = ["FORMAT", "NAME", "Name", "Point", "Record", "RecordError", "parse", "read", "write"]
 
 FORMAT = "srl-ikns-1"
 
-NAME = r"^[A-Za-z0-9_.-]{1,64}$"
-Name = Annotated[str, Field(pattern=NAME)]
-Row = tuple[FiniteFloat, ...]
 Count = Annotated[int, Field(ge=0, le=10**9)]
 Share = Annotated[FiniteFloat, Field(ge=0.0, le=1.0 + 1e-9)]  # a sum of shares is rounded
 Sine = Annotated[FiniteFloat, Field(ge=0.0, le=1.0)]
 Cosine = Annotated[FiniteFloat, Field(ge=-1.0, le=1.0)]
 Positive = Annotated[FiniteFloat, Field(ge=0.0)]
-
-
-class RecordError(SrlError):
-    """A calibration file that can't be read, written or used."""
 
 
 class _Part(BaseModel):
@@ -137,7 +131,7 @@ class Record(_Part):
         try:
             return cls.model_validate(values)
         except ValidationError as error:
-            raise _error("calibration", error, "Redo the points that `refusals` names") from None
+            raise record_file.refused("calibration", error, "Redo the points that `refusals` names") from None
 
     def calibration(self) -> Calibration:
         """Returns the calibration, as arrays."""
@@ -152,38 +146,9 @@ class Record(_Part):
 
 def read(path: Path) -> Record:
     """Reads a calibration file. Raises RecordError."""
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise RecordError(str(path), f"it can't be read: {error.strerror}", "Name the file of a calibration") from None
-    return parse(content, str(path))
+    return record_file.read(Record, path)
 
 
 def parse(content: bytes, place: str) -> Record:
     """Makes the record of a calibration file's content; `place` names the file. Raises RecordError."""
-    try:
-        return Record.model_validate_json(content)
-    except ValidationError as error:
-        raise _error(place, error, "Calibrate again, or name another file") from None
-
-
-def write(path: Path, record: Record) -> None:
-    """Writes a calibration file whole or not at all, in place of an older one. Raises RecordError."""
-    scratch = path.with_name(f".{path.name}.{os.getpid()}.new")
-    try:
-        with open(scratch, "w", encoding="utf-8") as file:
-            file.write(record.model_dump_json(indent=1) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
-        scratch.rename(path)
-    except OSError as error:
-        raise RecordError(str(path), f"it can't be written: {error.strerror}", "Choose another folder") from None
-    finally:
-        with contextlib.suppress(OSError):
-            scratch.unlink()
-
-
-def _error(place: str, error: ValidationError, remedy: str) -> RecordError:
-    first = error.errors()[0]
-    at = ".".join(map(str, first["loc"]))
-    return RecordError(f"{place}: {at}" if at else place, first["msg"].removeprefix("Value error, "), remedy)
+    return record_file.parse(Record, content, place)

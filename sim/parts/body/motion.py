@@ -17,15 +17,13 @@ from runtime.contracts.errors import RecordingError
 from runtime.contracts.rotation import EulerQuaternions
 from runtime.contracts.signals import Array
 from runtime.control.skeleton import bvh
+from sim.wearer.actions import at_ease
+from sim.wearer.gait import add_gait, walked
 from sim.wearer.motion import minimum_jerk
 
 Script = Literal["t-pose", "still", "walk", "reach"]
-RADIUS: Final = 1.2  # m, of the circle that the person walks
-SPEED: Final = 1.0  # m/s
-_STRIDES: Final = 0.85  # per second
 _START: Final = 2.0  # s, from standing to walking
 _MOVE, _REST = 1.2, 0.6  # s of a reaching movement, s of rest before the next
-_HANG: Final = 72.0  # degrees from the T-pose to arms at the sides
 
 
 class Motion(Protocol):
@@ -98,13 +96,7 @@ class Scripted:
         self._phases = np.random.default_rng(self._key).uniform(0.0, 2.0 * np.pi, 4)
         self._quaternions = EulerQuaternions("YXZ", JOINTS)
         self._goals: dict[int, Array] = {}
-        self._ease = np.zeros((JOINTS, 3))  # degrees about Y, X, Z
-        for side, sign in (("Left", 1.0), ("Right", -1.0)):
-            self._ease[self._index[f"{side}Arm"]] = 0.0, 0.0, -sign * _HANG
-            self._ease[self._index[f"{side}ForeArm"]] = -sign * 15.0, 0.0, 0.0
-            for finger in ("Index", "Middle", "Ring", "Pinky"):
-                for k, bend in enumerate((15.0, 25.0, 15.0)):
-                    self._ease[self._index[f"{side}Hand{finger}{k + 1}"], 2] = -sign * bend
+        self._ease = at_ease(self._index)
 
     def at(self, t: float) -> tuple[Array, Array]:
         hips, angles = self.offsets[0].copy(), np.zeros((JOINTS, 3))
@@ -128,22 +120,8 @@ class Scripted:
         angles[self._index["Head"], 0] += 3.0 * np.sin(0.5 * t + p[3])
 
     def _walk(self, t: float, hips: Array, angles: Array) -> None:
-        u = min(t / _START, 1.0)
-        gain = float(minimum_jerk(np.array(u)))
-        moving = _START * u**4 * (2.5 + u * (u - 3.0)) + max(t - _START, 0.0)  # the integral of the gain
-        phase, turned = 2.0 * np.pi * _STRIDES * moving, SPEED * moving / RADIUS
-        hips += self._scale * np.array([RADIUS * (1.0 - np.cos(turned)), 0.0, RADIUS * np.sin(turned)])
-        hips[1] -= 0.015 * self._scale * gain * (1.0 - np.cos(2.0 * phase))
-        angles[0, 0] += np.rad2deg(turned)
-        angles[self._index["Spine"], 0] += 6.0 * gain * np.sin(phase)
-        for side, own in (("Left", phase), ("Right", phase + np.pi)):
-            swing, sign = np.sin(own), 1.0 if side == "Left" else -1.0
-            bent = (0.5 + 0.5 * np.cos(own)) ** 2  # in the swing phase, while the thigh moves forward
-            angles[self._index[f"{side}UpLeg"], 1] -= gain * (24.0 * swing + 8.0)
-            angles[self._index[f"{side}Leg"], 1] += gain * (6.0 + 55.0 * bent)
-            angles[self._index[f"{side}Foot"], 1] -= gain * 12.0 * bent
-            angles[self._index[f"{side}Arm"], 1] += gain * 20.0 * swing
-            angles[self._index[f"{side}ForeArm"], 0] -= sign * gain * (10.0 - 8.0 * swing)
+        gain = float(minimum_jerk(np.array(min(t / _START, 1.0))))
+        add_gait(hips, angles, self._index, walked(t, _START), gain, self._scale)
 
     def _reach(self, t: float) -> Array:
         number = int(t // (_MOVE + _REST))
