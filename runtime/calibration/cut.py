@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from math import inf
 from typing import Any, Final
 
@@ -26,15 +27,16 @@ from runtime.profile.source import Source, written
 LAW: Final = "ikns"
 ANGLES: Final = "arm-angles"
 MARKS: Final = "calibration-marks"
+Marks = Callable[[Graph, ControllerEntry], dict[str, Any]]
 _DROPPED: Final = ("setpoints", "guard", "stop", "faults", "emergency", "reset", "record", "start")
 
 
-def find(checked: Profile, source: Source) -> int:
+def find(checked: Profile, source: Source, use: str = LAW) -> int:
     """The place of the law to calibrate among the profile's controllers. Raises ProfileError: not exactly one."""
-    found = [i for i, entry in enumerate(checked.controllers) if entry.use == LAW]
+    found = [i for i, entry in enumerate(checked.controllers) if entry.use == use]
     if len(found) != 1:
-        problem = f"the profile has {len(found)} laws '{LAW}'" if found else f"the profile has no law '{LAW}'"
-        remedy = "Calibrate with a profile that has one" if found else f"Add `- use: {LAW}` to it (docs/ikns.md)"
+        problem = f"the profile has {len(found)} laws '{use}'" if found else f"the profile has no law '{use}'"
+        remedy = "Calibrate with a profile that has one" if found else f"Add `- use: {use}` to it (docs/{use}.md)"
         raise ProfileError(source.place("controllers"), problem, remedy)
     return found[0]
 
@@ -47,7 +49,7 @@ def cut(
     thresholds: Thresholds,
     sim: bool = False,
 ) -> tuple[Profile, Source]:
-    """Returns the cut profile, with the marks' law at its end.
+    """Returns the profile that is cut for `ikns`, with the marks' law at its end; as in `cut_to`.
 
     Args:
         checked, source: the whole profile.
@@ -55,15 +57,30 @@ def cut(
         dofs: names of the degrees of freedom to calibrate.
         thresholds: of the calibration.
         sim: keep the names of the simulated world's parts, on which frames may hang.
+    """
+    return cut_to(checked, source, LAW, ("angles", "hand"), partial(_marks, person, dofs, thresholds), sim)
+
+
+def cut_to(
+    checked: Profile, source: Source, use: str, reads: Sequence[str], marks: Marks, sim: bool
+) -> tuple[Profile, Source]:
+    """Returns the cut profile, with the marks' law at its end.
+
+    Args:
+        checked, source: the whole profile.
+        use: the law that is calibrated.
+        reads: its inputs that must be bound.
+        marks: makes the entry of the marks' law.
+        sim: keep the names of the simulated world's parts, on which frames may hang.
     Raises:
         ProfileError, WiringError: there is no such law, or what it reads can't be had without moving something.
     """
-    law = find(checked, source)
+    law = find(checked, source, use)
     entry = checked.controllers[law]
-    for name in ("angles", "hand"):
+    for name in reads:
         if name not in entry.inputs:
             raise WiringError(
-                source.place(f"controllers.{law}.in"), f"input '{name}' isn't bound", f"Add `{name}: LAW.{name}`"
+                source.place(f"controllers.{law}.in"), f"input '{name}' isn't bound", f"Add `{name}: SOURCE.{name}`"
             )
     kept, devices = _needed(checked, source, law)
     _still(checked, source, kept, devices)
@@ -85,7 +102,7 @@ def cut(
         for key in ("ends_with", "duration"):
             plain["sim"].pop(key, None)
     before = _build(plain, source, kept, sim)
-    plain["controllers"].append(_marks(before, entry, laws, person, dofs, thresholds))
+    plain["controllers"].append(marks(before, entry))
     return _parsed(plain, source, kept)
 
 
@@ -194,39 +211,38 @@ def _build(plain: dict[str, Any], source: Source, kept: list[int], sim: bool) ->
     return graph
 
 
+def elements(graph: Graph, use: str, entry: ControllerEntry, port: str) -> dict[str, str]:
+    """Where each element of a law's input is, by the law's own name for it: {"right_elbow": "arm.angles[elbow]"}.
+
+    Raises WiringError: a signal isn't there, or two have an element of this name.
+    """
+    place, fields = f"the input '{port}' of {use}", graph.layout.fields
+    wire = entry.inputs[port]
+    own = {far: near for near, far in wire.map.items()}
+    found: dict[str, str] = {}
+    for signal in wire.signals:
+        if signal not in fields:
+            raise WiringError(place, f"there is no signal '{signal}'", nearest(signal, fields))
+        for label in fields[signal].labels or ("0",):
+            name = own.get(f"{signal}.{label}", own.get(label, label))
+            if name in found:
+                raise WiringError(place, f"two signals have a joint '{name}'", "Rename one with `map:`")
+            found[name] = f"{signal}[{label}]"
+    return found
+
+
 def _marks(
-    graph: Graph,
-    entry: ControllerEntry,
-    laws: list[ControllerEntry],
-    person: str,
-    dofs: tuple[str, ...],
-    thresholds: Thresholds,
+    person: str, dofs: tuple[str, ...], thresholds: Thresholds, graph: Graph, entry: ControllerEntry
 ) -> dict[str, Any]:
     """The entry of the marks' law: where each joint's angle is, whether it is observed, and where the hand is."""
-    angles = _elements(graph, entry, "angles")
-    held = _elements(graph, entry, "held") if "held" in entry.inputs else {}
+    angles = elements(graph, LAW, entry, "angles")
+    held = elements(graph, LAW, entry, "held") if "held" in entry.inputs else {}
     (hand,) = entry.inputs["hand"].signals
     return {
         "use": MARKS, "name": MARKS, "person": person, "dofs": list(dofs), "angles": angles,
         "held": {joint: where for joint, where in held.items() if joint in angles},
         "hand": hand, "thresholds": thresholds.model_dump(),
     }  # fmt: skip
-
-
-def _elements(graph: Graph, entry: ControllerEntry, name: str) -> dict[str, str]:
-    """Where each joint's element of an input is, SIGNAL[ELEMENT] by the law's own names of the joints."""
-    fields, wire, found = graph.layout.fields, entry.inputs[name], dict[str, str]()
-    own = {far: near for near, far in wire.map.items()}
-    for signal in wire.signals:
-        if signal not in fields:
-            raise WiringError(f"the input '{name}' of {LAW}", f"there is no signal '{signal}'", nearest(signal, fields))
-        for label in fields[signal].labels or ("0",):
-            joint = own.get(f"{signal}.{label}", own.get(label, label))
-            if joint in found:
-                problem = f"two signals have a joint '{joint}'"
-                raise WiringError(f"the input '{name}' of {LAW}", problem, "Rename one with `map:`")
-            found[joint] = f"{signal}[{label}]"
-    return found
 
 
 def _parsed(plain: dict[str, Any], source: Source, kept: list[int]) -> tuple[Profile, Source]:

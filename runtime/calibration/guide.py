@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from runtime.calibration.screen import Screen
 from runtime.calibration.sources import Rows, RowSource
 from runtime.contracts.errors import SrlError
-from runtime.control.ikns.procedure import Kind, Procedure, Step
-from runtime.control.ikns.samples import Samples
+from runtime.control.shared.guided import Procedure, Step
 
 
 class QuitError(SrlError):
@@ -23,14 +23,14 @@ class Guide:
     """Feeds the procedure with a source's rows and the person's keys.
 
     Attributes:
-        samples: all of them so far.
+        samples: all of them so far, in the method's own kind.
         first: the first rows that came.
     """
 
     def __init__(self, source: RowSource, procedure: Procedure, screen: Screen, stop: Callable[[], bool]) -> None:
         """`stop`: whether a signal asks for the end."""
         self._source, self._procedure, self._screen, self._stop = source, procedure, screen, stop
-        self.samples: list[Samples] = []
+        self.samples: list[Any] = []
         self.first: Rows | None = None
         self._step: Step | None = None
         self._typed: deque[str] = deque()
@@ -43,9 +43,9 @@ class Guide:
         while True:
             if procedure.step is not self._step:
                 self._step = procedure.step
-                self._source.begin(self._step, procedure)
+                self._source.begin(procedure)
             # The last trial ends where its mark does, a few rows later: so it is in the recording.
-            if procedure.step.kind is Kind.DONE and self._mark() == procedure.step.mark:
+            if procedure.done and self._mark() == procedure.step.mark:
                 return
             self._look(procedure.step.mark)
             rows = self._source.take()
@@ -56,7 +56,7 @@ class Guide:
                 self._feed(rows, self.samples[-1])
             self._screen.show(procedure.view())
 
-    def _feed(self, rows: Rows, samples: Samples) -> None:
+    def _feed(self, rows: Rows, samples: Any) -> None:
         """Feeds the procedure on a clock that stands while the run is stopped: no step ends meanwhile."""
         taps = self._source.taps
         times, active = taps.times(rows), taps.active(rows)

@@ -5,16 +5,15 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.calibration.sources import MARK, Rows, RowSource
-from runtime.calibration.taps import taps
+from runtime.calibration.sources import Rows, RowSource, Tap
 from runtime.contracts.errors import HostError
 from runtime.contracts.files import encoded
-from runtime.control.ikns.procedure import Procedure, Step
+from runtime.control.shared.guided import Procedure
 from runtime.ipc import latches
 from runtime.ipc.control_socket import send_request
 from runtime.ipc.launch import Launch
@@ -44,13 +43,14 @@ class Live(RowSource):
     """
 
     def __init__(
-        self, source: Source, instance: str, record: Path | None, view: bool, report: Callable[[str], None],
-        sim: bool = False,
+        self, source: Source, tap: Tap[Any], instance: str, record: Path | None, view: bool,
+        report: Callable[[str], None], sim: bool = False,
     ) -> None:  # fmt: skip
         """Starts it and waits until it runs.
 
         Args:
             source: of the cut profile.
+            tap: where its signals are.
             instance: its name.
             record: file of the recording.
             view: show it in the rerun viewer.
@@ -88,9 +88,9 @@ class Live(RowSource):
             if not self.supervisor.running or self.supervisor.layout is None:
                 raise self.supervisor.error or HostError(instance, "the run ended before it began", "Try `srl run`")
             layout = self.supervisor.layout
-            self.taps = taps(layout, source.label)
+            self.taps = tap(layout, source.label)
             names = [p["name"] for p in layout.meta["parameters"]]
-            self._target = names.index(MARK)
+            self._target = names.index(self.taps.parameter)
             self._rows = RingReader(self.folder.rows, width=layout.width)
             self._requests = RequestWriter(self.folder.requests)
         except BaseException:
@@ -116,9 +116,9 @@ class Live(RowSource):
                 self._begin_again(int(rows[-1][CYCLE.wake]))
         return rows
 
-    def begin(self, step: Step, procedure: Procedure) -> None:
+    def begin(self, procedure: Procedure) -> None:
         expires = time.monotonic_ns() + _LIFE
-        self._requests.send(RequestKind.PARAMETER, expires, self._target, np.array([float(step.mark)]))
+        self._requests.send(RequestKind.PARAMETER, expires, self._target, np.array([float(procedure.step.mark)]))
 
     def wait(self) -> None:
         self.take()

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import datetime
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, count
 from pathlib import Path
 
 import numpy as np
 
 from runtime.calibration.taps import Taps
+from runtime.calibration.target import write_record
 from runtime.contracts.errors import RequestError, nearest
 from runtime.contracts.files import Files, decoded
 from runtime.contracts.signals import Array
@@ -115,30 +114,4 @@ def _postures(recording: Recording, found: Calibration) -> Array:
 
 def write(path: Path, result: Result, replacing: bool) -> None:
     """Writes the file, whole or not at all; each that was there is kept: FILE.old, FILE.old.2, ... Raises SrlError."""
-    made = result.record()
-    check_target(path, replacing)
-    names = (f"{path.name}.old{number}" for number in chain([""], (f".{n}" for n in count(2))))
-    older = next(free for name in names if not os.path.lexists(free := path.with_name(name)))
-    try:
-        before = path.read_bytes() if path.exists() else None
-        if before is not None:
-            older.write_bytes(before)
-    except OSError as error:
-        raise record.RecordError(
-            str(older), f"it can't be written: {error.strerror}", "Choose another folder"
-        ) from None
-    record.write(path, made)
-
-
-def check_target(path: Path, replacing: bool) -> None:
-    """Checks, before anybody sits down, that the file can be written. Raises RecordError."""
-    if path.is_dir():
-        raise record.RecordError(str(path), "it is a folder", f"Name a file in it: -o {path}/p07.json")
-    if path.exists() and replacing:
-        record.read(path)  # what is no calibration isn't replaced
-    if path.exists() and not replacing:
-        raise record.RecordError(
-            str(path), "a calibration is there already", "Add --yes to replace it (it is kept as .old), or -o FILE"
-        )
-    if not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
-        raise record.RecordError(str(path.parent), "the folder can't be written", "Make it, or choose another with -o")
+    write_record(path, result.record(), replacing)

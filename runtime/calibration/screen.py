@@ -12,7 +12,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any, Final, Self
 
-import numpy as np
 from rich.console import Console, Group
 from rich.live import Live
 from rich.panel import Panel
@@ -20,12 +19,12 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from runtime.control.ikns.procedure import Kind, Step, View
+from runtime.control.shared.guided import Step, View
 
 _PERIOD: Final = 0.1  # s between two pictures
 _BAR: Final = 30
 _STYLES: Final = {"done": "green", "now": "bold cyan", "weak": "yellow", "waiting": "dim", "left out": "dim"}
-KEYS: Final = "Enter go on   s leave the point out   r N Enter redo point N   q quit"
+KEYS: Final = "Enter go on   s leave it out   r N Enter redo number N   q quit"
 
 
 class Screen(ABC):
@@ -139,38 +138,31 @@ def picture(title: str, view: View, typed: str = "") -> Panel:
     """The live picture of a view."""
     rows: list[Any] = [Text(view.task, style="bold white on blue", justify="center"), Text()]
     table = Table.grid(padding=(0, 2))
-    table.add_row("step", ProgressBar(total=1.0, completed=view.progress, width=_BAR), view.step.kind.value)
-    calm = 1.0 if not np.isfinite(view.speed) else min(view.speed / 0.1, 1.0)
-    slow = np.isfinite(view.speed) and view.speed < 0.05
-    colour = "green" if slow else "red"
-    speed = ProgressBar(total=1.0, completed=calm, width=_BAR, complete_style=colour, finished_style=colour)
-    said = f"{100 * view.speed:.1f} cm/s" if np.isfinite(view.speed) else "not seen"
-    table.add_row("hand's speed", speed, f"{said}, below 5 counts as still")
-    if view.step.kind in (Kind.GO, Kind.TRIAL):
-        gap = f"{100 * view.distance:.1f} cm from the point" if np.isfinite(view.distance) else "not seen"
-        table.add_row("hand's place", "", gap)
-    if view.step.kind is Kind.TRIAL:
-        kept = ProgressBar(total=view.needed, completed=min(view.kept, view.needed), width=_BAR)
-        table.add_row("samples kept", kept, f"{view.kept} of {view.needed} needed")
-        span = ProgressBar(total=view.least_range, completed=min(view.range, view.least_range), width=_BAR)
-        table.add_row("range", span, f"{view.range:.2f} rad, {view.least_range} needed; more is better")
-    if view.box is not None:
-        x, y, z = 100.0 * (view.box[1] - view.box[0])
-        table.add_row("workspace", "", f"{x:.0f} cm deep, {y:.0f} cm wide, {z:.0f} cm high")
+    for each in view.bars():
+        colours: dict[str, Any] = {}
+        if each.good is not None:
+            colour = "green" if each.good else "red"
+            colours = {"complete_style": colour, "finished_style": colour}
+        drawn: Any = ""
+        if each.share is not None:
+            drawn = ProgressBar(total=1.0, completed=min(each.share, 1.0), width=_BAR, **colours)
+        table.add_row(each.name, drawn, each.said)
     rows.append(table)
-    if view.lost > 0.0:
-        rows.append(Text(f"{view.lost:.0%} of the samples lack angles or hand", style="red"))
+    if view.missing:
+        rows.append(Text(view.missing, style="red"))
     if view.lack:
         rows.append(Text(view.lack, style="yellow"))
     if view.states:
-        listed = Text("points ")
+        listed = Text(f"{view.things} ")
         for i, state in enumerate(view.states):
             short = state.partition(":")[0]
             sign = {"done": "✓", "weak": "!", "now": "▶", "left out": "–"}.get(short, "·")
             listed.append(f" {i + 1}{sign}", style=_STYLES.get(short, ""))
         rows += [Text(), listed]
         rows += [
-            Text(f"  point {i + 1} {s}", style="yellow") for i, s in enumerate(view.states) if s.startswith("weak")
+            Text(f"  {view.things.removesuffix('s')} {i + 1} {s}", style="yellow")
+            for i, s in enumerate(view.states)
+            if s.startswith("weak")
         ]
     rows += [Text(), Text(f"> {typed}" if typed else KEYS, style="dim")]
     return Panel(Group(*rows), title=Text(title), title_align="left")

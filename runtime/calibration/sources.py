@@ -7,17 +7,16 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final, cast
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.calibration.cut import MARKS, build
-from runtime.calibration.taps import Taps, taps
+from runtime.calibration.cut import build
+from runtime.calibration.run_taps import RunTaps
 from runtime.contracts.errors import ProfileError, RecordingError
-from runtime.contracts.wearer import Dof, Explore, Hold, Instruction, Rest
-from runtime.control.ikns.marks import MarksConfig
-from runtime.control.ikns.procedure import Kind, Procedure, Step
+from runtime.control.shared.guided import Procedure
+from runtime.ipc.layout import Layout
 from runtime.ipc.requests import RequestKind
 from runtime.loop.lockstep import Lockstep
 from runtime.profile.profile import Profile
@@ -27,7 +26,9 @@ from runtime.recording.reader import read
 Rows = NDArray[np.int64]
 LOOK: Final = 0.2  # s of simulated time between two looks at the procedure
 _CHUNKS: Final = 50  # that go to the file together: each write has columns of its own, which cost room
-MARK: Final = f"{MARKS}.mark"
+T = TypeVar("T", bound=RunTaps)
+Tap = Callable[[Layout, str], T]
+"""Finds a calibration's signals in the rows of a layout; the text is the place, for errors."""
 
 
 class RowSource(ABC):
@@ -37,15 +38,15 @@ class RowSource(ABC):
         taps: where the calibration's signals are in them.
     """
 
-    taps: Taps
+    taps: RunTaps
 
     @abstractmethod
     def take(self) -> Rows:
         """Returns the rows (k, width) since the last call; waits a little, so that none may have come."""
 
     @abstractmethod
-    def begin(self, step: Step, procedure: Procedure) -> None:
-        """A step begins: rows bear its mark from one of the next on, and a simulated wearer is instructed."""
+    def begin(self, procedure: Procedure) -> None:
+        """Its step begins: rows bear its mark from one of the next on, and a simulated wearer is instructed."""
 
     def wait(self) -> None:
         """Nothing is asked of the person for a moment; rows that come don't count."""
@@ -59,7 +60,7 @@ class Simulated(RowSource):
     """The simulated wearer of a cut profile, in lockstep, as fast as it goes."""
 
     def __init__(
-        self, checked: Profile, source: Source, report: Callable[[str], None], record: Path | None = None
+        self, checked: Profile, source: Source, tap: Tap[Any], report: Callable[[str], None], record: Path | None = None
     ) -> None:
         """`record`: the file for every row, if one is wanted.
 
@@ -70,11 +71,13 @@ class Simulated(RowSource):
         world = self._graph.world
         if world is None or world.wearer is None:
             problem = "the simulated world has no wearer, or several"
-            raise ProfileError(source.place("sim"), problem, "Add one part `upper-body`, or calibrate a person")
+            raise ProfileError(
+                source.place("sim"), problem, "Add one that the calibration's page names, or calibrate a person"
+            )
         self._wearer = world.wearer
         # The rows' time begins with the world; their date is today's.
         self._graph.layout.meta["wall"] = time.time_ns()
-        self.taps = taps(self._graph.layout, source.label)
+        self.taps = tap(self._graph.layout, source.label)
         self._lockstep = Lockstep(self._graph, report)
         self._count = max(round(LOOK * float(checked.rate)), 1)
         self._file = None if record is None else RowFile(self._graph.layout, record)
@@ -89,25 +92,15 @@ class Simulated(RowSource):
             self._file.add(rows)
         return rows
 
-    def begin(self, step: Step, procedure: Procedure) -> None:
-        self._graph.row.views[MARK][()] = step.mark
-        self._wearer.instruct(instruction(step, procedure))
+    def begin(self, procedure: Procedure) -> None:
+        self._graph.row.views[self.taps.parameter][()] = procedure.step.mark
+        self._wearer.instruct(procedure.instruction())
 
     def close(self) -> None:
         if self._graph.world is not None:
             self._graph.world.close()
         if self._file is not None:
             self._file.close()
-
-
-def instruction(step: Step, procedure: Procedure) -> Instruction:
-    """What a simulated wearer is told at a step."""
-    if step.kind is Kind.EXPLORATION:
-        return Explore(procedure.plan.exploration)
-    if procedure.target is None:
-        return Rest()
-    x, y, z = procedure.target.tolist()
-    return Hold((x, y, z), cast(Dof, procedure.dofs[step.dof]) if step.kind is Kind.TRIAL else None)
 
 
 class RowFile:
@@ -142,10 +135,10 @@ class RowFile:
             self._held.clear()
 
 
-def recorded(path: Path, own: MarksConfig | None = None) -> tuple[Taps, Rows]:
-    """The rows of a recording. `own`: as in `taps`. Raises RecordingError: rows are missing, or signals."""
+def recorded(path: Path, tap: Tap[T]) -> tuple[T, Rows]:
+    """The rows of a recording, and where its signals are. Raises RecordingError: rows are missing, or signals."""
     found = read(path)
     if found.missing:
         first, last = found.missing[0]
         raise RecordingError(str(path), f"rows {first} to {last} are missing", "Use a whole recording")
-    return taps(found.layout, str(path), own), found.rows
+    return tap(found.layout, str(path)), found.rows

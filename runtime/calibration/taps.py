@@ -2,30 +2,26 @@
 
 from __future__ import annotations
 
-import datetime
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from runtime.calibration.cut import MARKS
+from runtime.calibration.run_taps import RunTaps, words
 from runtime.contracts.errors import RecordingError
 from runtime.contracts.signals import Array
 from runtime.control.ikns.marks import MarksConfig
 from runtime.control.ikns.samples import Samples
-from runtime.control.models import BodyModel
 from runtime.ipc.layout import Layout
-from runtime.ipc.words import LINK_CONNECTED, LINK_ERROR, LINK_FAULT, LINK_STALE, Cause, Latch, State
 from runtime.profile import profile
-from runtime.profile.plots import indices, split
-from runtime.profile.profile import Profile
 
 _FRAME: Final = "chest"  # of a hand whose law doesn't say in which frame it gives it
 
 
 @dataclass(frozen=True)
-class Taps:
+class Taps(RunTaps):
     """Places among a row's float64 words.
 
     Attributes:
@@ -34,17 +30,14 @@ class Taps:
         angles: (n,) of the joints' angles.
         held: (m,) of what says that a joint isn't observed; `holds` (m,) is the joint.
         hand: of the pose's first word.
-        mark: of the mark; None in a recording without one.
     """
 
-    layout: Layout
     options: MarksConfig
     frame: str
     angles: NDArray[np.intp]
     held: NDArray[np.intp]
     holds: NDArray[np.intp]
     hand: int
-    mark: int | None
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -52,68 +45,24 @@ class Taps:
         return tuple(self.options.angles)
 
     @property
-    def rate(self) -> float:
-        """Hz, of the rows."""
-        up, down = self.layout.meta["rate"]
-        return float(up / down)
+    def person(self) -> str:
+        """The anonymous id."""
+        return self.options.person
 
     @property
-    def simulated(self) -> bool:
-        """Whether the person is simulated: a sensor is. A simulated limb of a plain run doesn't count."""
-        driven = {name.partition(".")[0] for name, field in self.layout.fields.items() if field.role == "sent"}
-        return any(device not in driven for device in self.layout.meta["simulated"])
-
-    @property
-    def bodies(self) -> dict[str, dict[str, Any]]:
-        """The bodies by which the angles were measured; as in `bodies`."""
-        meta = self.layout.meta
-        return bodies(profile.parse(meta["label"], meta["profile"], meta["overrides"])[0])
-
-    def may_begin_again(self, row: NDArray[np.int64]) -> bool:
-        """Whether a device was lost, nothing else keeps the stop, and every device is there again.
-
-        Nothing can move, so the run may then go on without a person. What somebody stopped stays stopped.
-        """
-        if not self.lost(row):
-            return False
-        links = [int(self.layout.word(row, f"{device}.link")) for device in self.layout.devices]
-        return all(link & LINK_CONNECTED and not link & (LINK_STALE | LINK_ERROR | LINK_FAULT) for link in links)
-
-    def lost(self, row: NDArray[np.int64]) -> bool:
-        """Whether the run is stopped by the loss of a device, and by nothing else."""
-        state, cause, standing = (int(self.layout.word(row, name)) for name in ("state", "cause", "latches"))
-        return state == State.STOPPED and cause == Cause.INTENT_LOSS and not standing & ~Latch.FAULT
-
-    def active(self, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """(k,) whether the run was active in each of rows (k, width)."""
-        found: NDArray[np.bool_] = self.layout.word(rows, "state") == int(State.ACTIVE)
-        return found
-
-    def times(self, rows: NDArray[np.int64]) -> Array:
-        """(k,) s, of rows (k, width)."""
-        found: Array = self.layout.word(rows, "now").astype(np.float64) * 1e-9
-        return found
+    def parameter(self) -> str:
+        """The name of the parameter that is the mark."""
+        return f"{MARKS}.mark"
 
     def samples(self, rows: NDArray[np.int64]) -> Samples:
         """The samples of those of rows (k, width) in which the run was active. What wasn't observed is NaN."""
         rows = rows[self.active(rows)]
-        floats: Array = np.ascontiguousarray(rows[:, self.layout.ints :]).view(np.float64)
+        floats = self.floats(rows)
         angles: Array = floats[:, self.angles]
         hand = floats[:, self.hand : self.hand + 3].copy()
         i, j = np.nonzero(floats[:, self.held] > 0.5)
         angles[i, self.holds[j]] = np.nan
-        marks = np.zeros(len(rows), np.intp) if self.mark is None else floats[:, self.mark].astype(np.intp)
-        return Samples(self.times(rows), angles, hand, marks)
-
-    def date(self, rows: NDArray[np.int64]) -> datetime.date:
-        """The day of the first row, UTC."""
-        wall = int(self.layout.word(rows[0], "now")) + int(self.layout.meta.get("wall", 0))
-        return datetime.datetime.fromtimestamp(wall * 1e-9, datetime.UTC).date()
-
-
-def bodies(checked: Profile) -> dict[str, dict[str, Any]]:
-    """A profile's bodies by name: their sizes, but not which sides they have."""
-    return {n: m.model_dump(exclude={"sides"}) for n, m in checked.models.items() if isinstance(m, BodyModel)}
+        return Samples(self.times(rows), angles, hand, self.marks(floats))
 
 
 def taps(layout: Layout, place: str, own: MarksConfig | None = None) -> Taps:
@@ -146,19 +95,7 @@ def _of(layout: Layout, place: str, options: MarksConfig, mark: str | None) -> T
         problem = f"there is no pose '{options.hand}' in it"
         raise RecordingError(place, problem, "Use a recording of the profile that is calibrated")
     return Taps(
-        layout, options, hand.frame or _FRAME,
-        _words(layout, list(options.angles.values()), place), _words(layout, list(options.held.values()), place),
+        layout, None if mark is None else layout.fields[mark].offset, options, hand.frame or _FRAME,
+        words(layout, list(options.angles.values()), place), words(layout, list(options.held.values()), place),
         np.array([names.index(joint) for joint in options.held], np.intp), hand.offset,
-        None if mark is None else layout.fields[mark].offset,
     )  # fmt: skip
-
-
-def _words(layout: Layout, references: list[str], place: str) -> NDArray[np.intp]:
-    found = []
-    for reference in references:
-        field = layout.fields.get(split(reference)[0])
-        if field is None:
-            problem = f"there is no signal '{split(reference)[0]}' in it"
-            raise RecordingError(place, problem, "Use a recording of the profile that is calibrated")
-        found.append(field.offset + indices(field, reference, place)[0])
-    return np.array(found, np.intp)

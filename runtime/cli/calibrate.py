@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 from runtime.calibration import session
+from runtime.calibration.method import Order
 from runtime.calibration.screen import Plain, Screen, Terminal
 from runtime.cli import add_command
 
@@ -17,7 +18,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         subparsers, "calibrate", "makes a person's calibration file", "srl calibrate my-arm.yaml ikns --person P07"
     )
     parser.add_argument("profile", help="a name under profiles/, or a path to a YAML file")
-    parser.add_argument("law", choices=("ikns",), help="what is calibrated")
+    parser.add_argument("law", choices=tuple(session.METHODS), help="what is calibrated")
     parser.add_argument("--person", metavar="ID", help="anonymous id, such as P07")
     parser.add_argument("-o", "--out", type=Path, metavar="FILE", help="default: the file that the profile names")
     parser.add_argument(
@@ -30,13 +31,16 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "--recording", type=Path, nargs="+", metavar="FILE.rrd", help="compute from recordings, nobody moves"
     )
     parser.add_argument("--from", dest="before", type=Path, nargs="+", metavar="FILE.rrd", help="with --redo")
-    parser.add_argument("--redo", type=int, nargs="+", metavar="N", help="do only these points again; needs --from")
+    parser.add_argument(
+        "--redo", type=int, nargs="+", metavar="N", help="do only these points or actions again; needs --from"
+    )
     parser.add_argument("--dofs", metavar="NAMES", help="degrees of freedom; default: swivel")
     parser.add_argument("--points", type=int, metavar="N", help="number of points; default: 10")
     parser.add_argument("--flip", action="append", default=[], metavar="DOF", help="turn its sense round")
     parser.add_argument(
         "--sense", type=Path, metavar="FILE", help="keep the sense of this file; default: of the one that is replaced"
     )
+    parser.add_argument("--actions", metavar="NAMES", help="actions to record, for intention; default: the ten")
     parser.add_argument(
         "--option", action="append", default=[], metavar="KEY=VALUE",
         help="a time of the procedure or a threshold: exploration=30, samples=200 (docs/calibrate.md)",
@@ -52,5 +56,5 @@ def run(args: argparse.Namespace) -> int:
     screen: Screen = Plain(lambda text: print(text, file=sys.stderr, flush=True))
     if sys.stderr.isatty() and not args.json:
         screen = Terminal(f"srl calibrate {args.profile} {args.law}: {args.person}")
-    given = {name: value for name, value in vars(args).items() if name in session.Order.__dataclass_fields__}
-    return session.run(session.Order(**given), screen)
+    given = {name: value for name, value in vars(args).items() if name in Order.__dataclass_fields__}
+    return session.run(Order(**given), screen)

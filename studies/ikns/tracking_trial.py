@@ -17,6 +17,7 @@ from runtime.calibration import result as results
 from runtime.calibration.guide import Guide, QuitError
 from runtime.calibration.screen import Plain
 from runtime.calibration.sources import LOOK, Simulated
+from runtime.calibration.taps import Taps, taps
 from runtime.contracts.signals import Array
 from runtime.contracts.wearer import Follow, Hold
 from runtime.control.ikns import record
@@ -50,7 +51,7 @@ def calibration(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str
     dofs, thresholds = ("swivel",), Thresholds()
     checked, source = worn(text, parameters["set"], seed)
     made, cut = cutting.cut(checked, source, parameters["person"], dofs, thresholds, sim=True)
-    simulated = Simulated(made, cut, lambda _: None)
+    simulated = Simulated(made, cut, taps, lambda _: None)
     seconds = 0.0
 
     def over() -> bool:
@@ -61,6 +62,7 @@ def calibration(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str
     guide = Guide(simulated, Procedure(dofs, thresholds, Plan(**parameters["plan"])), Plain(lambda _: None), over)
     try:
         guide.run()
+        assert isinstance(simulated.taps, Taps)
         result = results.compute(simulated.taps, guide.samples, DATE)
         if result.refusals:
             raise result.refusals[0]

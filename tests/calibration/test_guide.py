@@ -240,7 +240,7 @@ def test_a_recording_gives_the_same_file_to_the_bit(good: tuple[Actor, Result], 
     for rows in actor.rows:
         file.add(rows)
     file.close()
-    where, rows = recorded(tmp_path / "run.rrd")
+    where, rows = recorded(tmp_path / "run.rrd", taps)
     again = compute(where, [where.samples(rows)], where.date(rows))
     write(tmp_path / "a.json", result, replacing=False)
     write(tmp_path / "b.json", again, replacing=False)

@@ -6,6 +6,7 @@ import json
 import subprocess
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 from helpers.background import repeating
@@ -18,10 +19,11 @@ from runtime.calibration.guide import Guide
 from runtime.calibration.live import Live
 from runtime.calibration.result import compute, write
 from runtime.calibration.screen import Plain
-from runtime.calibration.sources import Rows, RowSource, instruction, recorded
+from runtime.calibration.sources import Rows, RowSource, recorded
+from runtime.calibration.taps import taps
 from runtime.contracts.wearer import Instruction
 from runtime.control.ikns.calibration import Thresholds
-from runtime.control.ikns.procedure import Plan, Procedure, Step
+from runtime.control.ikns.procedure import Plan, Procedure
 from runtime.ipc.control_socket import send_request
 from runtime.ipc.run_folder import running
 from runtime.ipc.words import CYCLE, DEVICE, LINK_CONNECTED, LINK_STALE, Cause, Latch, State
@@ -43,9 +45,9 @@ class Led(RowSource):
     def take(self) -> Rows:
         return self._live.take()
 
-    def begin(self, step: Step, procedure: Procedure) -> None:
-        self._live.begin(step, procedure)
-        self._told.append(instruction(step, procedure))
+    def begin(self, procedure: Any) -> None:
+        self._live.begin(procedure)
+        self._told.append(procedure.instruction())
 
     def close(self) -> None:
         self._live.close()
@@ -78,7 +80,7 @@ def test_a_wearer_before_cameras_is_calibrated_live(tmp_path: Path, monkeypatch:
         with repeating(turn, 0.002):
             text = PROFILE.replace("tcp://192.168.10.1:801", twin.address)
             made, source = cut(*profile.parse("worn.yaml", text), "P07", ("swivel",), FEW)
-            live = Live(source, made.name, tmp_path / "live.rrd", False, lines.append)
+            live = Live(source, taps, made.name, tmp_path / "live.rrd", False, lines.append)
             led = Led(live, told)
             guide = Guide(led, Procedure(("swivel",), FEW, PLAN), Plain(lines.append), lambda: False)
             try:
@@ -91,8 +93,8 @@ def test_a_wearer_before_cameras_is_calibrated_live(tmp_path: Path, monkeypatch:
     found = compute(led.taps, guide.samples, led.taps.date(guide.first))
     assert [str(reason) for reason in found.refusals] == [], lines
     assert (found.found.upper - found.found.lower).min() > 1.0
-    taps, rows = recorded(tmp_path / "live.rrd")
-    again = compute(taps, [taps.samples(rows)], taps.date(rows))
+    where, rows = recorded(tmp_path / "live.rrd", taps)
+    again = compute(where, [where.samples(rows)], where.date(rows))
     write(tmp_path / "a.json", found, replacing=False)
     write(tmp_path / "b.json", again, replacing=False)
     assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
@@ -105,7 +107,7 @@ def test_a_run_that_doesnt_start_says_why(tmp_path: Path, monkeypatch: pytest.Mo
     text = PROFILE.replace("tcp://192.168.10.1:801", "tcp://127.0.0.1:9")
     _, source = cut(*profile.parse("worn.yaml", text), "P07", ("swivel",), FEW)
     with pytest.raises(Exception, match="mocap"):
-        Live(source, "worn", None, False, lambda text: None)
+        Live(source, taps, "worn", None, False, lambda text: None)
     assert running() == []
 
 
@@ -113,7 +115,7 @@ def started(folder: Path, monkeypatch: pytest.MonkeyPatch, lines: list[str]) -> 
     for name, value in environment(folder).items():
         monkeypatch.setenv(name, value)
     _, source = cut(*profile.parse("worn.yaml", PROFILE), "P07", ("swivel",), FEW, sim=True)
-    return Live(source, "worn", None, False, lines.append, sim=True)
+    return Live(source, taps, "worn", None, False, lines.append, sim=True)
 
 
 @pytest.mark.slow

@@ -13,6 +13,7 @@ from rich.console import Console
 
 from runtime.calibration import session
 from runtime.calibration.guide import QuitError
+from runtime.calibration.method import Order
 from runtime.calibration.screen import Screen, Terminal, picture
 from runtime.contracts.errors import SrlError
 from runtime.control.ikns import record
@@ -107,8 +108,8 @@ def actor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Actor:
     return made
 
 
-def ordered(out: str) -> session.Order:
-    return session.Order("worn.yaml", person="P07", out=Path(out), sim=True, option=QUICK)
+def ordered(out: str) -> Order:
+    return Order("worn.yaml", person="P07", out=Path(out), sim=True, option=QUICK)
 
 
 def test_a_sense_turned_round_stays_so_when_a_point_is_done_again(actor: Actor) -> None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from runtime.calibration.cut import build, cut
-from runtime.calibration.sources import MARK, Rows, RowSource
-from runtime.calibration.taps import taps
+from runtime.calibration.sources import Rows, RowSource
+from runtime.calibration.taps import Taps, taps
 from runtime.contracts.signals import Array
 from runtime.control.ikns.calibration import Thresholds
 from runtime.control.ikns.procedure import Kind, Plan, Procedure, Step
@@ -110,6 +111,8 @@ class Actor(RowSource):
         rows: all rows so far.
     """
 
+    taps: Taps
+
     def __init__(self, dofs: tuple[str, ...] = ("swivel",), person: Person | None = None) -> None:
         made = cut(*profile.parse("worn-finger.yaml", PROFILE), "P07", dofs, FEW)
         self.graph = build(*made, sim=False)
@@ -134,9 +137,9 @@ class Actor(RowSource):
         self.rows.append(made)
         return made
 
-    def begin(self, step: Step, procedure: Procedure) -> None:
-        self._row.views[MARK][()] = step.mark
-        self._step, self._procedure, self._begun = step, procedure, self._t
+    def begin(self, procedure: Any) -> None:
+        self._row.views[self.taps.parameter][()] = procedure.step.mark
+        self._step, self._procedure, self._begun = procedure.step, procedure, self._t
 
     def close(self) -> None:
         self.closed = True

@@ -12,9 +12,10 @@ from typing import Final
 
 from pydantic import Field
 
-from runtime.contracts.controller import Controller, ControllerConfig, Parameter
+from runtime.contracts.controller import ControllerConfig
 from runtime.control.ikns.calibration import Thresholds
 from runtime.control.ikns.record import Name
+from runtime.control.shared.marks import MarkLaw
 
 IDLE: Final = 0
 STATIC: Final = 1
@@ -49,21 +50,12 @@ class MarksConfig(ControllerConfig):
     thresholds: Thresholds = Field(default=Thresholds(), description="what is kept, and what is refused")
 
 
-class Marks(Controller):
-    """Computes nothing. It says in every row what the person was to do, and where the calibration's signals are."""
+class Marks(MarkLaw):
+    """See `MarkLaw`."""
 
     Config = MarksConfig
     summary = "marks in the rows of a calibration what the person was to do (srl calibrate)"
 
     def __init__(self, name: str, config: MarksConfig) -> None:
         super().__init__(name, config)
-        most = float(mark_of(config.thresholds.points - 1, len(config.dofs) - 1))
-        self.parameters = (
-            Parameter(name="mark", default=0.0, lower=0.0, upper=most, unit="1", text="what the person is to do"),
-        )
-
-    def reset(self) -> None:
-        """Nothing begins."""
-
-    def update(self, dt: float) -> None:
-        """Nothing is computed."""
+        self.marks(mark_of(config.thresholds.points - 1, len(config.dofs) - 1))

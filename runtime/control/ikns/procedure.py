@@ -9,20 +9,23 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Final
+from typing import ClassVar, Final, cast
 
 import numpy as np
 from pydantic import Field
 
 from runtime.contracts.options import Options
 from runtime.contracts.signals import Array
+from runtime.contracts.wearer import Dof, Explore, Hold, Instruction, Rest
 from runtime.control.ikns import marks
 from runtime.control.ikns.calibration import CalibrationError, Thresholds
 from runtime.control.ikns.clusters import box_points, hand_speed
 from runtime.control.ikns.samples import LEAST_POINTS, Samples
+from runtime.control.shared.guided import Bar
 
 _TAIL: Final = 0.5  # s, over which the live speed and the share of lost samples are taken
 _SEEN: Final = 0.8  # share of samples that must have angles and hand
+_CALM: Final = 0.05  # m/s, below which a person is told that the hand is still
 _EDGE: Final = 2.0  # %, of the explored positions on each side that the box leaves out: single strays
 _MOTIONS: Final = {
     "swivel": "Swing the elbow out and in, as far as it goes, slowly. The hand stays and doesn't turn",
@@ -102,6 +105,39 @@ class View:
     least_range: float
     box: Array | None
     states: tuple[str, ...]
+    things: ClassVar[str] = "points"
+
+    @property
+    def missing(self) -> str:
+        """What isn't measured now; "" for nothing."""
+        return f"{self.lost:.0%} of the samples lack angles or hand" if self.lost > 0.0 else ""
+
+    def bars(self) -> list[Bar]:
+        """How far it is."""
+        seen, slow = np.isfinite(self.speed), np.isfinite(self.speed) and self.speed < _CALM
+        said = f"{100 * self.speed:.1f} cm/s" if seen else "not seen"
+        bars = [
+            Bar("step", self.progress, self.step.kind.value),
+            Bar(
+                "hand's speed",
+                min(self.speed / 0.1, 1.0) if seen else 1.0,
+                f"{said}, below 5 counts as still",
+                bool(slow),
+            ),
+        ]
+        if self.step.kind in (Kind.GO, Kind.TRIAL):
+            there = np.isfinite(self.distance)
+            bars.append(
+                Bar("hand's place", None, f"{100 * self.distance:.1f} cm from the point" if there else "not seen")
+            )
+        if self.step.kind is Kind.TRIAL:
+            bars.append(Bar("samples kept", self.kept / self.needed, f"{self.kept} of {self.needed} needed"))
+            span = f"{self.range:.2f} rad, {self.least_range} needed; more is better"
+            bars.append(Bar("range", self.range / self.least_range, span))
+        if self.box is not None:
+            x, y, z = 100.0 * (self.box[1] - self.box[0])
+            bars.append(Bar("workspace", None, f"{x:.0f} cm deep, {y:.0f} cm wide, {z:.0f} cm high"))
+        return bars
 
 
 class Procedure:
@@ -205,6 +241,20 @@ class Procedure:
     def target(self) -> Array | None:
         """(3,) m: the present step's point; None where it has none."""
         return None if self.points is None or self.step.point < 0 else self.points[self.step.point]
+
+    @property
+    def done(self) -> bool:
+        """Whether nothing is left to do."""
+        return self.step.kind is Kind.DONE
+
+    def instruction(self) -> Instruction:
+        """What a simulated wearer is told at the present step."""
+        if self.step.kind is Kind.EXPLORATION:
+            return Explore(self.plan.exploration)
+        if self.target is None:
+            return Rest()
+        x, y, z = self.target.tolist()
+        return Hold((x, y, z), cast(Dof, self.dofs[self.step.dof]) if self.step.kind is Kind.TRIAL else None)
 
     def view(self) -> View:
         """What a person is shown now."""

@@ -12,6 +12,7 @@ from runtime.contracts.signals import Array
 from runtime.control.ikns.calibration import CalibrationError, Recording
 from runtime.control.ikns.clusters import Indices
 from runtime.control.ikns.marks import IDLE, POINT, VOID, mark_of, of_trial
+from runtime.control.shared.marks import stretch_of
 
 LEAST_POINTS: Final = 8  # a box's corners
 _GAP: Final = 1.0  # s, between the samples of two recordings
@@ -57,11 +58,7 @@ def joined(parts: Sequence[Samples]) -> Samples:
 
 def stretch(samples: Samples, mark: int) -> slice:
     """The last samples without a break that have this mark; empty if there are none."""
-    found = np.flatnonzero(samples.marks == mark)
-    if not len(found):
-        return slice(0, 0)
-    breaks = np.flatnonzero(np.diff(found) > 1)
-    return slice(int(found[breaks[-1] + 1 if len(breaks) else 0]), int(found[-1]) + 1)
+    return stretch_of(samples.marks, mark)
 
 
 def ended(samples: Samples) -> Samples:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any, Final, Literal
 from xml.etree.ElementTree import Element
 
 import mujoco
@@ -16,6 +16,8 @@ from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import POINT
 from sim.parts.body.model import Segment, Sex, segments
 from sim.parts.body.motion import Motion, Recorded, Script, Scripted
+from sim.parts.body.whole_body_wearer import WholeBodyWearer
+from sim.wearer.people import subject
 from sim.world.mjcf import CONTACT, add
 from sim.world.part import Mjcf, Part, PartConfig
 
@@ -29,7 +31,12 @@ class BodyConfig(PartConfig):
     """Options. `position` and `quaternion` place the origin of the suit's world, on the floor, in the cell."""
 
     skeleton: Kind = Field(default="axis-neuron", description="the tree of joints")
-    script: Script = Field(default="still", description="motion, where nothing is recorded; 'walk' goes in a circle")
+    script: Script | Literal["actions"] = Field(
+        default="still",
+        description="motion, where nothing is recorded; 'walk' goes in a circle, 'actions' does the ten in turn, "
+        "or what it is told",
+    )
+    subject: int = Field(default=0, ge=0, description="who does the actions: people differ; 0 is the average man")
     recording: ProfilePath | None = Field(
         default=None, description="BVH file of the suit's software; its last pose is held"
     )
@@ -58,6 +65,7 @@ class BodyPart(Part):
         skeleton: the tree.
         offsets: (59, 3), m, of the joints in their parents.
         duration: s of a recording; None without a recording.
+        wearer: who does the actions, with that script.
     """
 
     Config = BodyConfig
@@ -70,9 +78,13 @@ class BodyPart(Part):
         self.skeleton = Skeleton(config.skeleton)
         self._motion: Motion
         self.duration: float | None = None
+        self.wearer: WholeBodyWearer | None = None
         if config.recording is not None:
             self._motion = recorded = Recorded(config.recording, self.skeleton, config.scale, config.loop)
             self.duration = recorded.duration
+        elif config.script == "actions":
+            who = subject(config.subject, self.skeleton.names)
+            self._motion = self.wearer = WholeBodyWearer(who, self.skeleton, config.scale)
         else:
             self._motion = Scripted(config.script, self.skeleton, config.scale, seed, name)
         self.offsets = self._motion.offsets
@@ -179,10 +191,13 @@ class BodyPart(Part):
 
     def save(self) -> Array:
         springs: Array = self._model.qpos_spring[self._balls].ravel()
-        return springs
+        return springs if self.wearer is None else np.concatenate([springs, self.wearer.save()])
 
     def restore(self, state: Array) -> None:
-        self._model.qpos_spring[self._balls] = state.reshape(-1, 4)
+        springs = 4 * len(self._moving)
+        self._model.qpos_spring[self._balls] = state[:springs].reshape(-1, 4)
+        if self.wearer is not None:
+            self.wearer.restore(state[springs:])
 
     # -- what a suit measures
 

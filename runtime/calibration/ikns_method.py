@@ -1,0 +1,124 @@
+"""How `ikns` is calibrated."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, get_args
+
+from runtime.calibration import cut as cutting
+from runtime.calibration import report
+from runtime.calibration import result as results
+from runtime.calibration.method import Method, Order, Say, kept, named, names, settings
+from runtime.calibration.result import Result
+from runtime.calibration.sense import Senses
+from runtime.calibration.taps import Taps, taps
+from runtime.contracts.errors import RequestError, nearest
+from runtime.contracts.wearer import Dof
+from runtime.control.ikns import marks, record
+from runtime.control.ikns.calibration import CalibrationError, Thresholds
+from runtime.control.ikns.marks import MarksConfig
+from runtime.control.ikns.procedure import Plan, Procedure
+from runtime.control.ikns.samples import Samples, ended, joined, seen, stretch
+from runtime.ipc.layout import Layout
+from runtime.profile.profile import Profile
+from runtime.profile.source import Source
+
+
+class IknsMethod(Method[Taps, Result]):
+    """See the module's docstring."""
+
+    law, option, kind, error = cutting.LAW, "calibration", record.Record, CalibrationError
+    own, next, thing = ("dofs", "points", "flip", "sense"), "f DOF flip its sense", "points"
+
+    def __init__(self, order: Order, checked: Profile, source: Source, target: Path, say: Say) -> None:
+        super().__init__(order, checked, source, target, say)
+        points = [f"points={order.points}"] if order.points is not None else []
+        found = settings(order, {"plan": Plan, "thresholds": Thresholds}, points)
+        self._plan, self._thresholds = found["plan"], found["thresholds"]
+        self._named = names("--dofs", order.dofs, "a degree of freedom")
+        self._dofs = self._named or ("swivel",)
+        self._turned = list(order.flip)
+        for name in self._named if order.sim else ():
+            if name not in get_args(Dof):
+                problem = f"the simulated wearer knows no motion '{name}'"
+                raise RequestError("--dofs", problem, nearest(name, get_args(Dof)))
+        file = named(checked, source, type(self))
+        self._senses = Senses(order.sense, [target, *([] if file is None else [file])])
+
+    def cut(self, person: str) -> tuple[Profile, Source]:
+        return cutting.cut(self.checked, self.source, person, self._dofs, self._thresholds, self.order.sim)
+
+    def taps(self, layout: Layout, place: str) -> Taps:
+        own: MarksConfig | None = None
+        if self.order.person is not None:  # a plain run's recording says neither whose it is nor where its signals are
+            dofs = self._named or ("swivel",)
+            made, _ = cutting.cut(self.checked, self.source, self.order.person, dofs, self._thresholds)
+            own = MarksConfig.model_validate(made.controllers[-1].options)
+        return taps(layout, place, own)
+
+    def same(self, one: Taps, other: Taps) -> bool:
+        return (one.joints, one.options.dofs) == (other.joints, other.options.dofs)
+
+    def take(self, older: Taps) -> Taps:
+        thresholds = kept(older.options.thresholds, self._thresholds)
+        older = replace(older, options=older.options.model_copy(update={"thresholds": thresholds}))
+        if self.order.redo and self._named and older.options.dofs != self._named:
+            problem = f"they are of {', '.join(older.options.dofs)}"
+            raise RequestError("--from", problem, "Name recordings of the same degrees of freedom")
+        self._dofs, self._thresholds = older.options.dofs, older.options.thresholds
+        return older
+
+    def ended(self, samples: Samples) -> Samples:
+        return ended(samples)
+
+    def ready(self, taps: Taps) -> None:
+        """Checks what the command line says of the sense."""
+        flip, options = self.order.flip, taps.options
+        for dof in flip:
+            if dof not in options.dofs:
+                raise RequestError("--flip", f"there is no degree of freedom '{dof}'", nearest(dof, options.dofs))
+            if flip.count(dof) > 1:
+                raise RequestError("--flip", f"'{dof}' is named twice, which would turn nothing", "Name it once")
+        if self._senses.of(options) is None and (self.order.recording or self.order.redo):
+            self.say(
+                f"No calibration file of {options.person} with these joints stands there, so the sense is as computed: "
+                "what was turned round before (--flip, f) isn't in a recording. --sense FILE takes it from a file"
+            )
+
+    def procedure(self, before: Sequence[Samples]) -> Procedure:
+        explored = None
+        if before:
+            samples = joined(before)
+            explored = seen(samples, stretch(samples, marks.EXPLORATION))
+        return Procedure(self._dofs, self._thresholds, self._plan, explored)
+
+    def compute(self, taps: Taps, parts: Sequence[Any], date: datetime.date) -> Result:
+        result = self._senses.kept(results.compute(taps, parts, date))
+        for dof in self._turned:
+            result = result.flipped(dof)
+        return result
+
+    def command(self, result: Result, typed: str) -> Result | None:
+        word, _, rest = typed.partition(" ")
+        if word != "f":
+            return None
+        name = rest.strip() or (result.dofs[0] if len(result.dofs) == 1 else "")
+        result = result.flipped(name)
+        self._turned.append(name)
+        self.say(f"{name} is turned round: what was 0 is 1")
+        return result
+
+    def lines(self, result: Result) -> list[str]:
+        return report.lines(result)
+
+    def figures(self, result: Result) -> dict[str, Any]:
+        return report.figures(result)
+
+    def draw(self, result: Result, png: Path) -> None:
+        report.draw(result, png)
+
+    def record(self, result: Result) -> record.Record:
+        return result.record()

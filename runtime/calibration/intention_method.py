@@ -1,0 +1,177 @@
+"""How `intention` is calibrated: the person does each action some times by instruction."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.calibration import intention_report as report
+from runtime.calibration.cut import cut_to, elements
+from runtime.calibration.intention_report import Result
+from runtime.calibration.method import Method, Order, Say, kept, names, settings
+from runtime.calibration.run_taps import RunTaps, words
+from runtime.contracts.errors import RecordingError, RequestError, WiringError, nearest
+from runtime.control.intention.features import frames, joints, trunk_of
+from runtime.control.intention.procedure import ACTIONS, Plan, Procedure
+from runtime.control.intention.record import Record
+from runtime.control.intention.samples import IntentionMarksConfig, Samples, ended, trials
+from runtime.control.intention.training import BACKGROUND, Thresholds, TrainingError, refusals, train
+from runtime.ipc.layout import Layout
+from runtime.profile import profile
+from runtime.profile.graph import Graph
+from runtime.profile.profile import ControllerEntry, Profile
+from runtime.profile.source import Source
+
+LAW: Final = "intention"
+MARKS: Final = "intention-marks"
+
+
+@dataclass(frozen=True)
+class Taps(RunTaps):
+    """Attributes: `options` of the marks' law; `rotation` (4 n,), `translation` (3 n,) of its joints, in order."""
+
+    options: IntentionMarksConfig
+    rotation: NDArray[np.intp]
+    translation: NDArray[np.intp]
+
+    @property
+    def person(self) -> str:
+        return self.options.person
+
+    @property
+    def parameter(self) -> str:
+        return f"{MARKS}.mark"
+
+    def samples(self, rows: NDArray[np.int64]) -> Samples:
+        rows = rows[self.active(rows)]
+        floats = self.floats(rows)
+        n = len(self.options.rotation)
+        found = frames(
+            floats[:, self.rotation].reshape(-1, n, 4), floats[:, self.translation].reshape(-1, n, 3)
+        )  # fmt: skip
+        return Samples(self.times(rows), found, self.marks(floats))
+
+
+class IntentionMethod(Method[Taps, Result]):
+    """See the module's docstring."""
+
+    law, option, kind, error = LAW, "recogniser", Record, TrainingError
+    own, thing = ("actions",), "actions"
+
+    def __init__(self, order: Order, checked: Profile, source: Source, target: Path, say: Say) -> None:
+        super().__init__(order, checked, source, target, say)
+        found = settings(order, {"plan": Plan, "thresholds": Thresholds})
+        self._plan, self._thresholds = found["plan"], found["thresholds"]
+        if self._plan.rounds < self._thresholds.repetitions:
+            problem = f"{self._plan.rounds} rounds give fewer than {self._thresholds.repetitions} repetitions"
+            raise RequestError("--option rounds", problem, "Give more")
+        self._actions = names("--actions", order.actions, "an action") or ACTIONS
+        for name in self._actions:
+            if name in BACKGROUND or (order.sim and name not in ACTIONS):
+                problem = f"'{name}' is no action" if name in BACKGROUND else f"a simulated wearer can't do '{name}'"
+                raise RequestError("--actions", problem, nearest(name, ACTIONS))
+        if len(self._actions) < 2:
+            raise RequestError("--actions", "one alone can't be told from others", "Name two or more")
+
+    def cut(self, person: str) -> tuple[Profile, Source]:
+        marks = partial(_marks, person, self._actions, self._thresholds)
+        return cut_to(self.checked, self.source, LAW, ("rotation", "translation"), marks, self.order.sim)
+
+    def taps(self, layout: Layout, place: str) -> Taps:
+        layout.needs(place, "label", "profile", "overrides", "rate")
+        meta = layout.meta
+        checked, _ = profile.parse(meta["label"], meta["profile"], meta["overrides"])
+        entry = next((e for e in checked.controllers if e.use == MARKS), None)
+        if entry is None:
+            problem = "it has no marks, so which samples belong to which action isn't known"
+            raise RecordingError(place, problem, "Use a recording of `srl calibrate PROFILE intention`")
+        options = IntentionMarksConfig.model_validate(entry.options)
+        return Taps(
+            layout, layout.fields[f"{entry.name or MARKS}.mark"].offset, options,
+            words(layout, list(options.rotation.values()), place),
+            words(layout, list(options.translation.values()), place),
+        )  # fmt: skip
+
+    def same(self, one: Taps, other: Taps) -> bool:
+        return (one.options.actions, one.options.trunk) == (other.options.actions, other.options.trunk)
+
+    def take(self, older: Taps) -> Taps:
+        if self.order.actions and older.options.actions != self._actions:
+            problem = f"they are of {', '.join(older.options.actions)}"
+            raise RequestError("--actions", problem, "Name recordings of the same actions")
+        thresholds = kept(older.options.thresholds, self._thresholds)
+        older = replace(older, options=older.options.model_copy(update={"thresholds": thresholds}))
+        self._actions, self._thresholds = older.options.actions, older.options.thresholds
+        return older
+
+    def ended(self, samples: Samples) -> Samples:
+        return ended(samples)
+
+    def procedure(self, before: Sequence[Any]) -> Procedure:
+        return Procedure(self._actions, self._plan, bool(before))
+
+    def compute(self, taps: Taps, parts: Sequence[Any], date: datetime.date) -> Result:
+        thresholds = taps.options.thresholds
+        made, held = train(trials(_joined(parts), taps.options.actions, thresholds), thresholds)
+        return Result(taps, made, held, date, refusals(made, held, thresholds))
+
+    def lines(self, result: Result) -> list[str]:
+        return report.lines(result)
+
+    def figures(self, result: Result) -> dict[str, Any]:
+        return report.figures(result)
+
+    def draw(self, result: Result, png: Path) -> None:
+        report.draw(result, png)
+
+    def record(self, result: Result) -> Record:
+        options = self._options(result)
+        return Record.of(
+            result.made, result.held, options.thresholds, person=options.person, date=result.date,
+            simulated=result.taps.simulated, trunk=options.trunk,
+        )  # fmt: skip
+
+    @staticmethod
+    def _options(result: Result) -> IntentionMarksConfig:
+        assert isinstance(result.taps, Taps)
+        return result.taps.options
+
+
+def _joined(parts: Sequence[Samples]) -> list[Samples]:
+    """One run's pieces make one; where the time goes back, another run begins."""
+    runs: list[list[Samples]] = []
+    for part in parts:
+        if not len(part):
+            continue
+        if not runs or part.times[0] <= runs[-1][-1].times[-1]:
+            runs.append([])
+        runs[-1].append(part)
+    return [
+        Samples(*(np.concatenate([getattr(p, k) for p in run]) for k in ("times", "frames", "marks"))) for run in runs
+    ]
+
+
+def _marks(
+    person: str, actions: tuple[str, ...], thresholds: Thresholds, graph: Graph, entry: ControllerEntry
+) -> dict[str, Any]:
+    """The entry of the marks' law: where each joint's rotation and translation are."""
+    found = {port: elements(graph, LAW, entry, port) for port in ("rotation", "translation")}
+    trunk = trunk_of(tuple(found["rotation"]))
+    needed = joints(trunk)
+    for port, places in found.items():
+        if not trunk or (missing := [name for name in needed if name not in places]):
+            problem = f"it has no joint '{missing[0] if trunk else 'Spine'}'"
+            raise WiringError(f"the input '{port}' of {LAW}", problem, "Wire a whole suit, or rename with `map:`")
+    return {
+        "use": MARKS, "name": MARKS, "person": person, "actions": list(actions), "trunk": list(trunk),
+        "rotation": {name: found["rotation"][name] for name in needed},
+        "translation": {name: found["translation"][name] for name in needed},
+        "thresholds": thresholds.model_dump(),
+    }  # fmt: skip

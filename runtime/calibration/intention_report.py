@@ -1,0 +1,127 @@
+"""How good a recogniser of intentions is: as figures, as text, and as a picture."""
+
+from __future__ import annotations
+
+import datetime
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from runtime.calibration.run_taps import RunTaps
+from runtime.control.intention.training import Held, Recogniser, TrainingError
+from runtime.control.shared.record_file import RecordError
+
+
+@dataclass(frozen=True)
+class Result:
+    """A recogniser with what its report tells.
+
+    Attributes:
+        taps: whose it is.
+        made: the recogniser.
+        held: what it is worth on what was held out, a round at a time.
+        date: of the recording.
+        refusals: why it can't be used; none if it can.
+    """
+
+    taps: RunTaps
+    made: Recogniser
+    held: Held
+    date: datetime.date
+    refusals: tuple[TrainingError, ...]
+
+
+def figures(result: Result) -> dict[str, Any]:
+    """The report as JSON types; SI units."""
+    held, names = result.held, result.made.labels
+    return {
+        "person": result.taps.person,
+        "date": result.date.isoformat(),
+        "simulated": result.taps.simulated,
+        "accuracy": held.accuracy,
+        "rejected": held.rejected,
+        "found": float(held.found.sum() / held.trials.sum()),
+        "alarms": held.alarms,
+        "background_s": held.seconds,
+        "temperature": result.made.discriminant.temperature,
+        "actions": {
+            name: {
+                "windows": int(held.confusion[k].sum()),
+                "recall": float(held.confusion[k, k] / held.confusion[k].sum()),
+                "rejected": float(held.confusion[k, -1] / held.confusion[k].sum()),
+                "trials": int(held.trials[k]),
+                "found": int(held.found[k]),
+                "wrong": int(held.wrong[k]),
+                "delay_s": None if np.isnan(held.delay[k]) else float(held.delay[k]),
+            }
+            for k, name in enumerate(result.made.actions)
+        },
+        "confusion": {"labels": [*names, "rejected"], "windows": held.confusion.tolist()},
+        "refusals": [{"place": r.place, "problem": r.problem, "remedy": r.remedy} for r in result.refusals],
+    }
+
+
+def lines(result: Result) -> list[str]:
+    """The report as text."""
+    told = figures(result)
+    who = f"person {told['person']}{' (simulated)' if told['simulated'] else ''}"
+    text = [
+        f"{who}, {told['date']}: {len(told['actions'])} actions; each round held out in turn: {told['accuracy']:.1%} "
+        f"of the windows are what they are taken for, {told['rejected']:.1%} rejected; "
+        f"{told['found']:.0%} of the actions found"
+    ]
+    text.append("  action          windows right  rejected  found  another too  after s")
+    for name, row in told["actions"].items():
+        delay = "-" if row["delay_s"] is None else f"{row['delay_s']:.2f}"
+        text.append(
+            f"  {name:<14}  {row['recall']:13.0%}  {row['rejected']:8.0%}  {row['found']:2d}/{row['trials']:<2d}"
+            f"  {row['wrong']:11d}  {delay:>7}"
+        )
+    text.append(f"  standing and walking for {told['background_s']:.0f} s: {told['alarms']} actions found")
+    return text
+
+
+def draw(result: Result, png: Path) -> None:
+    """Draws the confusion, and the share of each action's windows that is right. Raises RecordError."""
+    held, names = result.held, [*result.made.labels, "rejected"]
+    share = held.confusion / held.confusion.sum(axis=1, keepdims=True)
+    figure, (left, right) = plt.subplots(1, 2, figsize=(12, 6.5), width_ratios=(1.6, 1.0), constrained_layout=True)
+    left.imshow(share, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
+    left.set_xticks(range(len(names)), names, rotation=60, ha="right", fontsize=8)
+    left.set_yticks(range(len(names) - 1), names[:-1], fontsize=8)
+    left.set_xlabel("taken for", fontsize=8)
+    left.set_ylabel("what it was", fontsize=8)
+    for (i, j), value in np.ndenumerate(share):
+        if value >= 0.005:
+            left.text(j, i, f"{value:.0%}", ha="center", va="center", fontsize=7, color="w" if value > 0.5 else "k")
+    left.set_title("held-out windows", fontsize=9, loc="left")
+    k = len(result.made.actions)
+    at = np.arange(k)
+    right.barh(at - 0.2, np.diag(share)[:k], 0.4, color="#0072B2", label="windows right")
+    right.barh(at + 0.2, held.found / held.trials, 0.4, color="#E69F00", label="trials found")
+    for place, delay in zip(at, held.delay, strict=True):
+        right.text(0.02, place + 0.2, "never" if np.isnan(delay) else f"after {delay:.1f} s", va="center", fontsize=7)
+    right.set_yticks(at, result.made.actions, fontsize=8)
+    right.invert_yaxis()
+    right.set_xlim(0.0, 1.0)
+    right.legend(fontsize=8, loc="lower left")
+    who = f"{result.taps.person}{' (simulated)' if result.taps.simulated else ''}"
+    figure.suptitle(
+        f"Recogniser of {who}, {result.date.isoformat()}: each round held out, {held.accuracy:.1%} right", fontsize=11
+    )
+    scratch = png.with_name(f".{png.name}.{os.getpid()}.new")
+    try:
+        figure.savefig(scratch, dpi=110, format="png")
+        os.replace(scratch, png)
+    except OSError as error:
+        raise RecordError(str(png), f"it can't be written: {error.strerror}", "Choose another folder") from None
+    finally:
+        plt.close(figure)

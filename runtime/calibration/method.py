@@ -1,0 +1,191 @@
+"""How one law is calibrated: what a session asks of it."""
+
+from __future__ import annotations
+
+import datetime
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from runtime.calibration.cut import find
+from runtime.calibration.run_taps import RunTaps
+from runtime.contracts.errors import OptionError, ProfileError, RequestError, SrlError, nearest
+from runtime.control.shared.guided import Procedure, Samples
+from runtime.control.shared.record_file import NAME
+from runtime.ipc.layout import Layout
+from runtime.profile.profile import Profile
+from runtime.profile.source import Source
+
+
+@dataclass(frozen=True)
+class Order:
+    """What is wanted; the options of `srl calibrate`."""
+
+    profile: str
+    law: str = "ikns"
+    person: str | None = None
+    out: Path | None = None
+    yes: bool = False
+    sim: bool = False
+    record: Path | None = None
+    view: bool = False
+    recording: Sequence[Path] | None = None
+    before: Sequence[Path] | None = None
+    redo: Sequence[int] | None = None
+    dofs: str | None = None
+    points: int | None = None
+    flip: Sequence[str] = ()
+    sense: Path | None = None
+    actions: str | None = None
+    option: Sequence[str] = ()
+    set: Sequence[str] = ()
+    instance: str | None = None
+    json: bool = False
+
+
+class Outcome(Protocol):
+    """What was computed."""
+
+    @property
+    def refusals(self) -> Sequence[SrlError]:
+        """Why it can't be used; none if it can."""
+
+
+T = TypeVar("T", bound=RunTaps)
+R = TypeVar("R", bound=Outcome)
+M = TypeVar("M", bound=BaseModel)
+Say = Callable[[str], None]
+
+
+class Method(ABC, Generic[T, R]):
+    """How one law is calibrated.
+
+    Attributes:
+        law: its name.
+        option: of the law, that names the file.
+        kind: what the file holds.
+        error: what `compute` raises where nothing can be computed.
+        own: options of the command line that are only this method's.
+        next: the keys at the end, besides those that every method has.
+        thing: what `--redo` counts.
+    """
+
+    law: ClassVar[str]
+    option: ClassVar[str]
+    kind: ClassVar[type[BaseModel]]
+    error: ClassVar[type[SrlError]]
+    own: ClassVar[tuple[str, ...]] = ()
+    next: ClassVar[str] = ""
+    thing: ClassVar[str]
+
+    def __init__(self, order: Order, checked: Profile, source: Source, target: Path, say: Say) -> None:
+        """Reads what the command line says. Raises RequestError."""
+        self.order, self.checked, self.source, self.target, self.say = order, checked, source, target, say
+
+    @abstractmethod
+    def cut(self, person: str) -> tuple[Profile, Source]:
+        """The part of the profile that the calibration needs. Raises ProfileError, WiringError."""
+
+    @abstractmethod
+    def taps(self, layout: Layout, place: str) -> T:
+        """Where the calibration's signals are in a layout. Raises RecordingError."""
+
+    @abstractmethod
+    def same(self, one: T, other: T) -> bool:
+        """Whether two recordings may be of one calibration."""
+
+    @abstractmethod
+    def take(self, older: T) -> T:
+        """Takes the settings of an earlier calibration, but those that the command line says. Raises RequestError."""
+
+    @abstractmethod
+    def ended(self, samples: Any) -> Samples:
+        """The samples of a whole recording: a trial in which it ended was broken off, so it doesn't count."""
+
+    def ready(self, taps: T) -> None:
+        """Checks, before anybody begins, what must fit what is recorded. Raises RequestError."""
+
+    @abstractmethod
+    def procedure(self, before: Sequence[Any]) -> Procedure:
+        """What leads through it; `before`: samples of an earlier one, of which something is done again."""
+
+    @abstractmethod
+    def compute(self, taps: T, parts: Sequence[Samples], date: datetime.date) -> R:
+        """Computes it from runs, in their order. Raises `error`."""
+
+    def command(self, result: R, typed: str) -> R | None:
+        """Does what was typed at the end; None: that is no command. Raises RequestError."""
+        return None
+
+    @abstractmethod
+    def lines(self, result: R) -> list[str]:
+        """The report as text."""
+
+    @abstractmethod
+    def figures(self, result: R) -> dict[str, Any]:
+        """The report as JSON types; SI units."""
+
+    @abstractmethod
+    def draw(self, result: R, png: Path) -> None:
+        """Draws the report. Raises RecordError."""
+
+    @abstractmethod
+    def record(self, result: R) -> BaseModel:
+        """What the file holds. Raises RecordError."""
+
+
+def settings(order: Order, kinds: Mapping[str, type[BaseModel]], given: Sequence[str] = ()) -> dict[str, Any]:
+    """Groups of options by name, with what `--option KEY=VALUE` says. Raises RequestError.
+
+    Args:
+        order: has `option`.
+        kinds: the groups.
+        given: further `KEY=VALUE`.
+    """
+    values: dict[str, dict[str, Any]] = {name: {} for name in kinds}
+    known = {key: name for name, kind in kinds.items() for key in kind.model_fields}
+    for text in (*order.option, *given):
+        key, equals, value = text.partition("=")
+        if key not in known or not equals:
+            raise RequestError(f"--option {text}", "there is no such option", nearest(key, known))
+        values[known[key]][key] = value
+    try:
+        return {name: kind.model_validate(values[name]) for name, kind in kinds.items()}
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = f"--option {'.'.join(map(str, first['loc']))}"
+        raise RequestError(place, first["msg"], "Correct the value") from None
+
+
+def names(option: str, given: str | None, things: str) -> tuple[str, ...]:
+    """The names in a list of the command line. Raises RequestError: one is no name, or is named twice."""
+    found = tuple(name.strip() for name in (given or "").split(",") if name.strip())
+    if len(set(found)) < len(found):
+        raise RequestError(option, f"{things} is named twice", "Name each once")
+    for name in found:
+        if not re.fullmatch(NAME, name):
+            problem = f"'{name}' is no name"
+            raise RequestError(option, problem, "Use up to 64 letters, digits, '.', '_' and '-'")
+    return found
+
+
+def named(checked: Profile, source: Source, kind: type[Method[Any, Any]]) -> Path | None:
+    """The calibration file that the profile names, if it names one. Raises ProfileError."""
+    law = find(checked, source, kind.law)
+    given = checked.controllers[law].options.get(kind.option)
+    if not isinstance(given, str):
+        return None
+    try:
+        return source.files.find(given)
+    except OptionError as error:
+        raise ProfileError(source.place(f"controllers.{law}.{kind.option}"), error.problem, error.remedy) from None
+
+
+def kept(own: M, typed: M) -> M:
+    """A recording's own thresholds stand, but for those that were typed."""
+    return own.model_copy(update={name: getattr(typed, name) for name in typed.model_fields_set})

@@ -1,0 +1,122 @@
+"""What every calibration asks of a run, live or recorded: who was measured, whether it stands still, and when."""
+
+from __future__ import annotations
+
+import datetime
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.contracts.errors import RecordingError
+from runtime.contracts.signals import Array
+from runtime.control.models import BodyModel
+from runtime.control.shared.guided import Samples
+from runtime.ipc.layout import Layout
+from runtime.ipc.words import LINK_CONNECTED, LINK_ERROR, LINK_FAULT, LINK_STALE, Cause, Latch, State
+from runtime.profile import profile
+from runtime.profile.plots import indices, split
+from runtime.profile.profile import Profile
+
+
+@dataclass(frozen=True)
+class RunTaps(ABC):
+    """Places among a row's float64 words.
+
+    Attributes:
+        layout: of the rows.
+        mark: of the mark; None in a recording without one.
+    """
+
+    layout: Layout
+    mark: int | None
+
+    @property
+    @abstractmethod
+    def person(self) -> str:
+        """The anonymous id."""
+
+    @property
+    @abstractmethod
+    def parameter(self) -> str:
+        """The name of the parameter that is the mark."""
+
+    @abstractmethod
+    def samples(self, rows: NDArray[np.int64]) -> Samples:
+        """The samples of those of rows (k, width) in which the run was active. What wasn't observed is NaN."""
+
+    def marks(self, floats: NDArray[np.float64]) -> NDArray[np.intp]:
+        """(k,) the marks in a row's float64 words (k, n)."""
+        return np.zeros(len(floats), np.intp) if self.mark is None else floats[:, self.mark].astype(np.intp)
+
+    def floats(self, rows: NDArray[np.int64]) -> NDArray[np.float64]:
+        """(k, n) the float64 words of rows (k, width)."""
+        found: NDArray[np.float64] = np.ascontiguousarray(rows[:, self.layout.ints :]).view(np.float64)
+        return found
+
+    def active(self, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """(k,) whether the run was active in each of rows (k, width)."""
+        found: NDArray[np.bool_] = self.layout.word(rows, "state") == int(State.ACTIVE)
+        return found
+
+    def times(self, rows: NDArray[np.int64]) -> Array:
+        """(k,) s, of rows (k, width)."""
+        found: Array = self.layout.word(rows, "now").astype(np.float64) * 1e-9
+        return found
+
+    @property
+    def rate(self) -> float:
+        """Hz, of the rows."""
+        up, down = self.layout.meta["rate"]
+        return float(up / down)
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the person is simulated: a sensor is. A simulated limb of a plain run doesn't count."""
+        driven = {name.partition(".")[0] for name, field in self.layout.fields.items() if field.role == "sent"}
+        return any(device not in driven for device in self.layout.meta["simulated"])
+
+    @property
+    def bodies(self) -> dict[str, dict[str, Any]]:
+        """The bodies by which the angles were measured; as in `bodies`."""
+        meta = self.layout.meta
+        return bodies(profile.parse(meta["label"], meta["profile"], meta["overrides"])[0])
+
+    def may_begin_again(self, row: NDArray[np.int64]) -> bool:
+        """Whether a device was lost, nothing else keeps the stop, and every device is there again.
+
+        Nothing can move, so the run may then go on without a person. What somebody stopped stays stopped.
+        """
+        if not self.lost(row):
+            return False
+        links = [int(self.layout.word(row, f"{device}.link")) for device in self.layout.devices]
+        return all(link & LINK_CONNECTED and not link & (LINK_STALE | LINK_ERROR | LINK_FAULT) for link in links)
+
+    def lost(self, row: NDArray[np.int64]) -> bool:
+        """Whether the run is stopped by the loss of a device, and by nothing else."""
+        state, cause, standing = (int(self.layout.word(row, name)) for name in ("state", "cause", "latches"))
+        return state == State.STOPPED and cause == Cause.INTENT_LOSS and not standing & ~Latch.FAULT
+
+    def date(self, rows: NDArray[np.int64]) -> datetime.date:
+        """The day of the first row, UTC."""
+        wall = int(self.layout.word(rows[0], "now")) + int(self.layout.meta.get("wall", 0))
+        return datetime.datetime.fromtimestamp(wall * 1e-9, datetime.UTC).date()
+
+
+def bodies(checked: Profile) -> dict[str, dict[str, Any]]:
+    """A profile's bodies by name: their sizes, but not which sides they have."""
+    return {n: m.model_dump(exclude={"sides"}) for n, m in checked.models.items() if isinstance(m, BodyModel)}
+
+
+def words(layout: Layout, references: list[str], place: str) -> NDArray[np.intp]:
+    """The places of references ("suit.rotation[Hips]"), one after another. Raises RecordingError."""
+    found: list[int] = []
+    for reference in references:
+        field = layout.fields.get(split(reference)[0])
+        if field is None:
+            problem = f"there is no signal '{split(reference)[0]}' in it"
+            raise RecordingError(place, problem, "Use a recording of the profile that is calibrated")
+        found.extend(field.offset + i for i in indices(field, reference, place))
+    return np.array(found, np.intp)

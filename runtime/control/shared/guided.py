@@ -1,0 +1,104 @@
+"""What the guide of a calibration asks of a procedure, whatever is calibrated."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from runtime.contracts.wearer import Instruction
+from runtime.control.shared.marks import Indices
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A line of what a person is shown.
+
+    Attributes:
+        name: what it is of.
+        share: 0 to 1 of its length; None: only text.
+        said: beside it.
+        good: whether it is as it should be; None: there is no such thing.
+    """
+
+    name: str
+    share: float | None
+    said: str
+    good: bool | None = None
+
+
+class Step(Protocol):
+    """One thing to do."""
+
+    @property
+    def mark(self) -> int:
+        """Of its samples."""
+
+
+class View(Protocol):
+    """What a person is shown."""
+
+    @property
+    def step(self) -> Step:
+        """The present one."""
+
+    @property
+    def task(self) -> str:
+        """What to do now, one sentence."""
+
+    @property
+    def lack(self) -> str:
+        """Why the step isn't over, or what is wrong; "" for nothing."""
+
+    @property
+    def missing(self) -> str:
+        """What isn't measured now; "" for nothing."""
+
+    @property
+    def states(self) -> Sequence[str]:
+        """Of each thing to be done: waiting, now, done, weak (with the reason), left out."""
+
+    @property
+    def things(self) -> str:
+        """What these are: "points"."""
+
+    def bars(self) -> Sequence[Bar]:
+        """How far it is."""
+
+
+class Samples(Protocol):
+    """Samples of a run, each with the mark of what was to be done."""
+
+    @property
+    def marks(self) -> Indices:
+        """(T,)."""
+
+
+class Procedure(Protocol):
+    """Goes from step to step as samples come."""
+
+    @property
+    def step(self) -> Step:
+        """The present one."""
+
+    @property
+    def done(self) -> bool:
+        """Whether nothing is left to do."""
+
+    def feed(self, samples: Any) -> None:
+        """Takes new samples, as the method's own kind; those that bear another mark than the step's don't count."""
+
+    def instruction(self) -> Instruction:
+        """What a simulated wearer is told at the present step."""
+
+    def go_on(self) -> str:
+        """Ends the present step as it is. Returns why that can't be; "" if it could."""
+
+    def skip(self) -> str:
+        """Leaves the present thing out. Returns why that can't be; "" if it could."""
+
+    def redo(self, number: int) -> str:
+        """Does a thing (from 1 on) again, next. Returns why that can't be; "" if it could."""
+
+    def view(self) -> View:
+        """What a person is shown now."""
