@@ -112,7 +112,7 @@ def draw(result: Result, png: Path) -> None:
     right.set_yticks(at, result.made.actions, fontsize=8)
     right.invert_yaxis()
     right.set_xlim(0.0, 1.0)
-    right.legend(fontsize=8, loc="lower left")
+    right.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.05), ncols=2)
     who = f"{result.taps.person}{' (simulated)' if result.taps.simulated else ''}"
     figure.suptitle(
         f"Recogniser of {who}, {result.date.isoformat()}: each round held out, {held.accuracy:.1%} right", fontsize=11

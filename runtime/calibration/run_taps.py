@@ -118,5 +118,6 @@ def words(layout: Layout, references: list[str], place: str) -> NDArray[np.intp]
         if field is None:
             problem = f"there is no signal '{split(reference)[0]}' in it"
             raise RecordingError(place, problem, "Use a recording of the profile that is calibrated")
-        found.extend(field.offset + i for i in indices(field, reference, place))
+        places = np.arange(field.size).reshape(field.shape)[indices(field, reference, place)]
+        found.extend((field.offset + places).ravel().tolist())
     return np.array(found, np.intp)

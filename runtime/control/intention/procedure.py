@@ -43,10 +43,10 @@ class Plan(Options):
     """How long the steps take."""
 
     rounds: int = Field(5, ge=3, le=MOST_ROUNDS, description="how often each action is done")
-    stand: float = Field(5.0, ge=2.0, description="s of standing at ease at the beginning of each round")
+    stand: float = Field(5.0, ge=3.5, description="s of standing at ease at the beginning of each round")
     action: float = Field(3.0, ge=2.0, description="s of each action, from its word on")
     pause: float = Field(2.5, ge=1.0, description="s at ease after each action")
-    walk: float = Field(8.0, ge=2.0, description="s of walking at the end of each round")
+    walk: float = Field(8.0, ge=3.5, description="s of walking at the end of each round")
     patience: float = Field(20.0, gt=0.0, description="s beyond its time after which a step ends as it is")
 
 

@@ -72,7 +72,8 @@ def trials(parts: Sequence[Samples], actions: Sequence[str], thresholds: Thresho
             background = number in (STAND, WALK)
             label = BACKGROUND[number - STAND] if background else actions[number - 1]
             at = stretch_of(part.marks, mark)
-            frames = _regular(part.times[at], part.frames[at], thresholds.lead)
+            lead = thresholds.settle if background else thresholds.lead
+            frames = _regular(part.times[at], part.frames[at], lead)
             lost = 1.0 - np.isfinite(frames).all(axis=1).mean() if len(frames) else 1.0
             if lost > _LOST:
                 place = label if background else f"action {label}"

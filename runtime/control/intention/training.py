@@ -33,6 +33,12 @@ class Thresholds(Options):
     lead: float = Field(
         0.4, ge=0.0, le=2.0, description="s after the word for an action that don't count: nobody moves sooner"
     )
+    settle: float = Field(
+        2.0,
+        ge=0.0,
+        le=5.0,
+        description="s at the beginning of standing and walking that don't count: what was before ends",
+    )
     quantile: float = Field(
         0.98, ge=0.8, le=1.0, description="share of held-out windows that the limit of their class must let through"
     )

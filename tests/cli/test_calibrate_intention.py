@@ -1,0 +1,202 @@
+"""`srl calibrate PROFILE intention`: the command line, with a simulated person; the simulated body end to end."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.intention_calibration import PROFILE, Person, Pretender
+from helpers.run import call, summary
+from rich.console import Console
+
+from runtime.calibration import session
+from runtime.calibration.screen import picture
+from runtime.calibration.sources import RowFile
+from runtime.cli import main
+from runtime.control.intention.procedure import ACTIONS, Kind, Plan, Procedure
+from runtime.control.intention.record import Record
+from runtime.control.shared import record_file
+
+QUICK = [word for option in ("rounds=3", "pause=1.5", "stand=4", "walk=5") for word in ("--option", option)]
+FOUR = "overhead,bend,turn-left,wave"
+Command = Callable[..., int]
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    (tmp_path / "suit.yaml").write_text(PROFILE)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def command(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
+    """`srl calibrate suit.yaml intention ...` of four actions, without physics."""
+
+    def run(*arguments: str, actor: Pretender | None = None, actions: str | None = FOUR) -> int:
+        monkeypatch.setattr(session, "Simulated", lambda *_: actor or Pretender(actions=actions))
+        named = ("--actions", actions) if actions and "--recording" not in arguments else ()
+        return main(["calibrate", "suit.yaml", "intention", *QUICK, *named, *arguments])
+
+    return run
+
+
+def read(path: Path) -> Record:
+    return record_file.read(Record, path)
+
+
+def test_the_ten_actions_are_recorded_and_the_law_reads_the_file(
+    command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    actor = Pretender()
+    assert command("--sim", "--person", "P07", actor=actor, actions=None) == 0
+    assert actor.closed
+    made = read(folder / "p07.json")
+    assert (made.person, made.simulated, made.actions) == ("P07", True, ACTIONS)
+    assert made.held_out > 0.95
+    said = capsys.readouterr()
+    assert "Lift both hands over your head" in said.err
+    assert "(overhead, 3 of 3)" in said.err
+    assert [Path(line).name for line in said.out.splitlines()[-2:]] == ["p07.json", "p07.json.report.png"]
+    assert (folder / "p07.json.report.png").read_bytes()[:4] == b"\x89PNG"
+    assert main(["check", "suit.yaml"]) == 0
+
+
+def test_one_object_says_all(command: Command, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert command("--sim", "--person", "P07", "--json", "-o", "other.json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["file"] == "other.json"
+    assert list(told["actions"]) == FOUR.split(",")
+    assert told["simulated"]
+    assert all(row["trials"] == 3 and row["found"] == 3 for row in told["actions"].values())
+    windows = told["confusion"]["windows"]
+    assert [sum(row) for row in windows[:4]] == [row["windows"] for row in told["actions"].values()]
+    assert told["confusion"]["labels"] == [*FOUR.split(","), "stand", "walk", "rejected"]
+
+
+def test_who_doesnt_do_an_action_is_refused_and_nothing_is_written(
+    command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    actor = Pretender(Person(lazy={"bend"}), FOUR)
+    assert command("--sim", "--person", "P07", "--json", "--option", "patience=1", actor=actor) == 2
+    said = capsys.readouterr()
+    assert "srl calibrate" in said.err
+    assert "action bend: " in said.err
+    assert {r["place"] for r in json.loads(said.out)["refusals"]} == {"action bend"}
+    assert [p.name for p in folder.iterdir()] == ["suit.yaml"]
+
+
+def test_a_suit_that_isnt_seen_is_refused(command: Command, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    actor = Pretender(Person(hidden={"wave"}), FOUR)
+    assert command("--sim", "--person", "P07", "--option", "patience=1", actor=actor) == 2
+    assert "action wave: 100% of the samples of repetition 1 are missing" in capsys.readouterr().err
+    assert [p.name for p in folder.iterdir()] == ["suit.yaml"]
+
+
+@pytest.mark.slow
+def test_a_recording_gives_the_same_file_and_an_action_is_done_again(
+    command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad = Pretender(Person(lazy={"bend"}), FOUR)
+    assert command("--sim", "--person", "P07", "--option", "patience=1", actor=bad) == 2
+    recorded(bad, folder / "bad.rrd")
+    assert command("--recording", "bad.rrd") == 2
+    capsys.readouterr()
+    again = Pretender(actions=FOUR)
+    assert command("--sim", "--person", "P07", "--redo", "2", "--from", "bad.rrd", actor=again) == 0
+    said = capsys.readouterr().err
+    assert "Bend forward" in said
+    assert "Lift" not in said
+    recorded(again, folder / "again.rrd")
+    assert command("--recording", "bad.rrd", "again.rrd", "-o", "both.json") == 0
+    assert (folder / "both.json").read_bytes() == (folder / "p07.json").read_bytes()
+    assert command("--sim", "--person", "P08", "--redo", "2", "--from", "bad.rrd", "-o", "p08.json") == 2
+    assert "bad.rrd: it is of P07" in capsys.readouterr().err
+
+
+def test_a_file_that_is_there_stays_without_yes(
+    command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert command("--sim", "--person", "P07") == 0
+    before = (folder / "p07.json").read_bytes()
+    assert command("--sim", "--person", "P07") == 2
+    assert "a calibration is there already" in capsys.readouterr().err
+    assert command("--sim", "--person", "P07", "--yes") == 0
+    assert (folder / "p07.json.old").read_bytes() == before
+    (folder / "p07.json").write_text("{}")
+    assert command("--sim", "--person", "P07", "--yes") == 2
+    assert (folder / "p07.json").read_text() == "{}"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--sim"], "--person: it isn't said whose"),
+        (["--sim", "--person", "P07", "--dofs", "swivel"], "--dofs: it is of 'ikns', not of 'intention'"),
+        (["--sim", "--person", "P07", "--flip", "swivel"], "--flip: it is of 'ikns'"),
+        (["--sim", "--person", "P07", "--actions", "overhead,wve"], "Did you mean 'wave'"),
+        (["--sim", "--person", "P07", "--actions", "wave"], "one alone can't be told from others"),
+        (["--sim", "--person", "P07", "--actions", "wave,stand"], "'stand' is no action"),
+        (["--sim", "--person", "P07", "--actions", "wave,wave"], "an action is named twice"),
+        (["--sim", "--person", "P07", "--option", "rounds=1"], "greater than or equal to 3"),
+        (["--sim", "--person", "P07", "--option", "repetitions=4"], "3 rounds give fewer than 4 repetitions"),
+        (["--sim", "--person", "P07", "--option", "exploration=4"], "there is no such option"),
+        (["--recording", "a.rrd"], "a.rrd: there is no such file"),
+    ],
+)
+def test_wrong_arguments_are_named(
+    arguments: list[str], words: str, command: Command, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert command(*arguments, actions=None) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_actions_are_not_for_ikns(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["calibrate", "suit.yaml", "ikns", "--sim", "--person", "P07", "--actions", "wave,bend"]) == 2
+    assert "--actions: it is of 'intention', not of 'ikns'" in capsys.readouterr().err
+
+
+def test_the_screen_shows_what_to_do() -> None:
+    procedure = Procedure(("overhead", "wave"), Plan(rounds=3))
+    while procedure.step.kind is not Kind.ACTION:
+        procedure.go_on()
+    console = Console(file=io.StringIO(), width=110, force_terminal=False)
+    console.print(picture("calibrate", procedure.view()))
+    shown = console.file.getvalue()  # type: ignore[attr-defined]
+    for words in ("go on until the next word", "1 of 3", "actions ", "q quit"):
+        assert words in shown
+
+
+def test_every_action_comes_in_every_round_and_the_order_changes() -> None:
+    procedure, steps = Procedure(ACTIONS, Plan(rounds=4)), []
+    while not procedure.done:
+        steps.append(procedure.step)
+        procedure.go_on()
+    orders = [[s.action for s in steps if s.kind is Kind.ACTION and s.turn == turn] for turn in range(4)]
+    assert all(sorted(order) == list(range(10)) for order in orders)
+    assert len({tuple(order) for order in orders}) == 4
+    marks = [s.mark for s in steps if s.kind in (Kind.ACTION, Kind.STAND, Kind.WALK)]
+    assert len(set(marks)) == len(marks) == 4 * 12
+    assert {s.mark for s in steps if s.kind is Kind.PAUSE} == {0}
+
+
+def recorded(actor: Pretender, path: Path) -> None:
+    file = RowFile(actor.graph.layout, path)
+    for rows in actor.rows:
+        file.add(rows)
+    file.close()
+
+
+@pytest.mark.slow
+def test_the_simulated_body_is_calibrated_and_then_recognised(tmp_path: Path) -> None:
+    (tmp_path / "suit.yaml").write_text(PROFILE.replace("rate: 20", "rate: 100"))
+    arguments = ["--sim", "--person", "P07", *QUICK]
+    told: dict[str, Any] = summary(call(tmp_path, "calibrate", "suit.yaml", "intention", *arguments, "--json"))
+    assert told["refusals"] == []
+    assert told["found"] == 1.0
+    ran = summary(call(tmp_path, "run", "suit.yaml", "--sim", "--fast", "--duration", "57", "--json"))
+    assert ran["result"]["intention"]["actions"] == dict.fromkeys(ACTIONS, 1)

@@ -1,0 +1,94 @@
+"""A profile with the law `intention`, and a simulated person without physics who follows a calibration's words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from helpers.intention import SKELETON
+from runtime.calibration.cut import build
+from runtime.calibration.intention_method import IntentionMethod, Taps
+from runtime.calibration.method import Order
+from runtime.calibration.sources import Rows, RowSource
+from runtime.contracts.signals import Array
+from runtime.contracts.wearer import Perform, Rest
+from runtime.ipc.words import CYCLE, State
+from runtime.profile import profile
+from sim.wearer.people import subject
+from sim.wearer.performer import Performer
+
+PROFILE = """
+name: suit-intention
+rate: 20
+devices:
+  suit: {driver: noitom, port: "tcp://192.168.10.2:7001"}
+  ring: {driver: ring, port: /dev/ttyUSB7}
+controllers:
+  - use: intention
+    recogniser: p07.json
+    in: {rotation: suit.rotation, translation: suit.translation}
+emergency: [{signal: ring.buttons, element: button}]
+sim:
+  world: cell
+  parts:
+    body: {part: body, script: actions, subject: 3}
+"""
+
+
+@dataclass
+class Person:
+    """What a person does otherwise than told: stays still at `lazy` actions, and isn't measured at `hidden` ones."""
+
+    lazy: set[str] = field(default_factory=set)
+    hidden: set[str] = field(default_factory=set)
+
+
+class Pretender(RowSource):
+    """Rows of a simulated person, without physics.
+
+    Attributes: `person` may be changed; `rows` so far.
+    """
+
+    taps: Taps
+
+    def __init__(self, person: Person | None = None, actions: str | None = None, number: int = 3) -> None:
+        checked, source = profile.parse("suit.yaml", PROFILE)
+        order = Order("suit.yaml", "intention", "P07", actions=actions)
+        method = IntentionMethod(order, checked, source, Path("p07.json"), lambda _: None)
+        self.graph = build(*method.cut("P07"), sim=False)
+        self.graph.layout.meta["wall"] = 1_700_000_000_000_000_000
+        self.graph.layout.meta["simulated"] = ["suit"]
+        self.taps = method.taps(self.graph.layout, "suit.yaml")
+        self.person, self.rows, self.closed = person or Person(), list[Rows](), False
+        self._body = Performer(subject(number, SKELETON.names), SKELETON)
+        self._noise = np.random.default_rng(number)
+        self._t, self._hidden = 0, False
+
+    def take(self) -> Rows:
+        made = np.array([self._next() for _ in range(10)])
+        self.rows.append(made)
+        return made
+
+    def begin(self, procedure: Any) -> None:
+        self.graph.row.views[self.taps.parameter][()] = procedure.step.mark
+        told = procedure.instruction()
+        name = told.action if isinstance(told, Perform) else ""
+        self._hidden = name in self.person.hidden
+        self._body.instruct(self._t / 20.0, Rest() if name in self.person.lazy else told)
+
+    def close(self) -> None:
+        self.closed = True
+
+    def _next(self) -> Array:
+        self._t += 1
+        row = self.graph.row
+        hips, rotation = self._body.at(self._t / 20.0)
+        row.views["suit.rotation"][:] = np.nan if self._hidden else rotation
+        row.views["suit.rotation"][1:, 1:] += self._noise.normal(0.0, 0.001, (58, 3))
+        row.views["suit.translation"][:] = self._body.offsets
+        row.views["suit.translation"][0] = hips
+        row.ints[CYCLE.cycle], row.ints[CYCLE.now], row.ints[CYCLE.state] = self._t, self._t * 50_000_000, State.ACTIVE
+        return row.words.copy()
