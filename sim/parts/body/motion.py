@@ -13,13 +13,13 @@ from typing import Final, Literal, Protocol
 import numpy as np
 
 from drivers.noitom.skeleton import JOINTS, Skeleton
-from runtime.contracts.errors import RecordingError
 from runtime.contracts.rotation import EulerQuaternions
 from runtime.contracts.signals import Array
 from runtime.control.skeleton import bvh
 from sim.wearer.actions import at_ease
 from sim.wearer.gait import add_gait, walked
 from sim.wearer.motion import minimum_jerk
+from sim.wearer.suit_bvh import CM, rotations, rows
 
 Script = Literal["t-pose", "still", "walk", "reach"]
 _START: Final = 2.0  # s, from standing to walking
@@ -49,27 +49,10 @@ class Recorded:
             RecordingError: it can't be read, or is of another skeleton.
         """
         file = bvh.read(path)
-        rows = [file.index(name) for name in skeleton.names]
-        missing = [name for name, row in zip(skeleton.names, rows, strict=True) if row < 0]
-        if missing:
-            raise RecordingError(
-                str(path), f"it has no joint '{missing[0]}' ({len(missing)} missing)", "Give a file of this 'skeleton'"
-            )
-        self.offsets = np.array([file.joints[row].offset for row in rows]) * 0.01 * scale
-        self._hips = file.translation(rows[0]) * 0.01 * scale
-        self._rotations = np.empty((len(file.frames), JOINTS, 4))
-        for i, row in enumerate(rows):
-            channels = file.joints[row].rotations
-            order = "".join("XYZ"[axis] for axis, _ in channels)
-            if sorted(order) != ["X", "Y", "Z"]:
-                raise RecordingError(
-                    f"{path}, joint {skeleton.names[i]}",
-                    f"its rotation channels are '{order}'",
-                    "Expected X, Y and Z, each once",
-                )
-            self._rotations[:, i] = file.quaternions(row)
-        flip = np.sum(self._rotations[1:] * self._rotations[:-1], axis=2) < 0.0
-        self._rotations[1:][np.cumsum(flip, axis=0) % 2 == 1] *= -1.0
+        joints = rows(path, file, skeleton.names)
+        self.offsets = np.array([file.joints[row].offset for row in joints]) * CM * scale
+        self._hips = file.translation(joints[0]) * CM * scale
+        self._rotations = rotations(path, file, joints)
         self._period, self._loop = file.frame_time, loop
         self.duration = (len(file.frames) - 1) * file.frame_time
 

@@ -1,0 +1,1 @@
+"""Recognisers of intentions from data sets of several people."""
