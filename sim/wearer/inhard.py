@@ -2,8 +2,9 @@
 
 Dallel, Havard, Baudry and Savatier, InHARD - Industrial Human Action Recognition Dataset in the Context of Industrial
 Collaborative Robotics, IEEE ICHMS 2020. Its description is public (vhavard/InHARD); the data set is downloaded by who
-uses it. It names 17 joints; what else of the suit's skeleton a file has is taken, too. A folder holds `InHARD.csv`, one row an action, and `Skeleton/FILE.bvh` at 120 Hz. The description doesn't say
-whether frames count from 0 or 1; here from 0, the end included, which is 8 ms at most.
+uses it. A folder holds `InHARD.csv`, one row an action, and `Skeleton/FILE.bvh` at 120 Hz. The description names 17
+joints; what else of the suit's skeleton a file has is taken, too. It doesn't say whether frames count from 0 or 1: here
+from 0, the end included, which is 8 ms at most.
 """
 
 from __future__ import annotations

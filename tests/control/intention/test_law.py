@@ -13,15 +13,14 @@ from helpers.intention import (
     SKELETON,
     TRUNK,
     begun,
-    found,
     law_of,
     of_people,
     own,
     play,
     put,
     record_of,
-    script,
     session,
+    unrelated,
 )
 from helpers.shared import shared
 
@@ -41,7 +40,7 @@ def test_it_finds_the_actions_of_another_session() -> None:
     rows = []
     for number in (1, 2):
         law, other = law_of(record_of(own(number))), session(number, seed=7)
-        rows += found(play(law, other.rotation, other.translation), law, other)
+        rows += other.held(play(law, other.rotation, other.translation)["action"], law.outputs[0].labels)
     assert len(rows) == 60
     assert sum(label in names for label, names in rows) >= 54
     assert [names - {label} for label, names in rows if names - {label}] == []
@@ -68,7 +67,7 @@ def test_unrelated_motion_of_people_it_never_saw_sets_nothing_off(kind: Script) 
     """The scripts know nothing of the actions. Reaches and a T-pose are related: docs/intention.md."""
     law = law_of(record_of(of_people(PEOPLE)))
     for seed in (1, 2):
-        assert begun(play(law, *script(kind, 60.0, seed))["action"]) == []
+        assert begun(play(law, *unrelated(kind, 60.0, seed))["action"]) == []
 
 
 @pytest.mark.parametrize("left_out", ["overhead", "squat", "turn-left", "wave"])
@@ -119,10 +118,8 @@ def test_the_loops_rate_doesnt_matter(rate: float) -> None:
 def test_a_loop_slower_than_the_frames_still_recognises() -> None:
     made = session(1, seed=7)
     law = law_of(record_of(own(1)))
-    rows = found(
-        {k: np.repeat(v, 2, axis=0) for k, v in play(law, made.rotation[::2], made.translation[::2], 0.1).items()},
-        law, made,
-    )  # fmt: skip
+    slow = play(law, made.rotation[::2], made.translation[::2], 0.1)["action"]
+    rows = made.held(np.repeat(slow, 2, axis=0)[: len(made.times)], law.outputs[0].labels)
     assert sum(label in names for label, names in rows) >= 24
 
 
