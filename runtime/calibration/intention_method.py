@@ -19,9 +19,10 @@ from runtime.calibration.method import Method, Order, Say, kept, names, settings
 from runtime.calibration.run_taps import RunTaps, words
 from runtime.contracts.errors import RecordingError, RequestError, WiringError, nearest
 from runtime.control.intention.features import frames, joints, trunk_of
+from runtime.control.intention.marks import IntentionMarksConfig
 from runtime.control.intention.procedure import ACTIONS, Plan, Procedure
 from runtime.control.intention.record import Record
-from runtime.control.intention.samples import IntentionMarksConfig, Samples, ended, trials
+from runtime.control.intention.samples import Samples, ended, trials
 from runtime.control.intention.training import BACKGROUND, Thresholds, TrainingError, refusals, train
 from runtime.ipc.layout import Layout
 from runtime.profile import profile

@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,8 +22,9 @@ from runtime.contracts.errors import RecordingError, RequestError
 from runtime.control.ikns import record
 from runtime.control.ikns.calibration import CalibrationError
 from runtime.control.ikns.marks import mark_of
-from runtime.control.ikns.procedure import Kind, Procedure, Step, View
+from runtime.control.ikns.procedure import Procedure
 from runtime.control.ikns.samples import joined, stretch, trials
+from runtime.control.ikns.steps import Kind, View
 from runtime.ipc.words import CYCLE, State
 
 DAY = datetime.date(2023, 11, 14)  # of the actor's rows
@@ -180,10 +182,11 @@ class Stopping(Actor):
         super().__init__()
         self.where, self.left, self.stopped = list(where), 0, 0
 
-    def begin(self, step: Step, procedure: Procedure) -> None:
-        super().begin(step, procedure)
-        if (step.point, step.kind) in self.where:
-            self.where.remove((step.point, step.kind))
+    def begin(self, procedure: Any) -> None:
+        super().begin(procedure)
+        at = procedure.step.point, procedure.step.kind
+        if at in self.where:
+            self.where.remove(at)
             self.left = 120  # longer than any step with its patience
 
     def take(self) -> Rows:

@@ -17,7 +17,7 @@ from runtime.calibration.method import Order
 from runtime.calibration.screen import Screen, Terminal, picture
 from runtime.contracts.errors import SrlError
 from runtime.control.ikns import record
-from runtime.control.ikns.procedure import Kind, Step, View
+from runtime.control.ikns.steps import Kind, Step, View
 
 QUICK = ("static=0.5", "exploration=4", "trial=1.5", "settle=0.3", "patience=3", "samples=60")
 

@@ -19,7 +19,8 @@ from runtime.calibration.sources import RowFile
 from runtime.cli import main
 from runtime.control.ikns import record
 from runtime.control.ikns.calibration import Thresholds
-from runtime.control.ikns.procedure import Kind, Procedure, Step
+from runtime.control.ikns.procedure import Procedure
+from runtime.control.ikns.steps import Kind
 
 QUICK = ["static=0.5", "exploration=4", "trial=1.5", "settle=0.3", "patience=3", "samples=60"]
 OPTIONS = [word for option in QUICK for word in ("--option", option)]
@@ -204,10 +205,12 @@ def test_a_trial_in_which_a_recording_ends_replaces_no_whole_one(
     broken = Actor()
     redo = Procedure(("swivel",), Thresholds(samples=60), None, np.random.default_rng(0).uniform(-0.2, 0.2, (99, 3)))
     redo.redo(3)
-    broken.begin(Step(Kind.GO, 2, 0), redo)
+    broken.begin(redo)
     for _ in range(20):
         broken.take()
-    broken.begin(Step(Kind.TRIAL, 2, 0), redo)
+    redo.go_on()
+    assert redo.step.kind is Kind.TRIAL
+    broken.begin(redo)
     for _ in range(20):
         broken.take()
     recorded(broken, folder / "broken.rrd")

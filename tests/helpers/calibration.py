@@ -12,7 +12,8 @@ from runtime.calibration.sources import Rows, RowSource
 from runtime.calibration.taps import Taps, taps
 from runtime.contracts.signals import Array
 from runtime.control.ikns.calibration import Thresholds
-from runtime.control.ikns.procedure import Kind, Plan, Procedure, Step
+from runtime.control.ikns.procedure import Plan, Procedure
+from runtime.control.ikns.steps import Kind, Step
 from runtime.ipc.row import Row
 from runtime.ipc.words import CYCLE, State
 from runtime.profile import profile

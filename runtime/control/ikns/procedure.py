@@ -7,9 +7,7 @@ points near the corners and the middle of the explored workspace, at each the mo
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
-from enum import Enum
-from typing import ClassVar, Final, cast
+from typing import Final, cast
 
 import numpy as np
 from pydantic import Field
@@ -21,11 +19,10 @@ from runtime.control.ikns import marks
 from runtime.control.ikns.calibration import CalibrationError, Thresholds
 from runtime.control.ikns.clusters import box_points, hand_speed
 from runtime.control.ikns.samples import LEAST_POINTS, Samples
-from runtime.control.shared.guided import Bar
+from runtime.control.ikns.steps import Kind, Step, View
 
 _TAIL: Final = 0.5  # s, over which the live speed and the share of lost samples are taken
 _SEEN: Final = 0.8  # share of samples that must have angles and hand
-_CALM: Final = 0.05  # m/s, below which a person is told that the hand is still
 _EDGE: Final = 2.0  # %, of the explored positions on each side that the box leaves out: single strays
 _MOTIONS: Final = {
     "swivel": "Swing the elbow out and in, as far as it goes, slowly. The hand stays and doesn't turn",
@@ -45,99 +42,6 @@ class Plan(Options):
     patience: float = Field(20.0, gt=0.0, description="s beyond its time after which a step ends as it is")
     depth: float = Field(0.12, gt=0.0, description="m, least size of the explored box in each direction")
     inset: float = Field(0.8, gt=0.0, le=1.0, description="size of the points' box, in that of the explored box")
-
-
-class Kind(Enum):
-    """Kind of a step."""
-
-    STATIC = "static"
-    EXPLORATION = "exploration"
-    GO = "go"
-    TRIAL = "trial"
-    DONE = "done"
-
-
-@dataclass(frozen=True)
-class Step:
-    """One step; `point` and `dof`, from 0 on, in `go` and `trial`; `undone`, the mark that takes back trials before."""
-
-    kind: Kind
-    point: int = -1
-    dof: int = -1
-    undone: int = field(default=marks.IDLE, compare=False)
-
-    @property
-    def mark(self) -> int:
-        """The mark of its samples."""
-        if self.kind is Kind.TRIAL:
-            return marks.mark_of(self.point, self.dof)
-        return {Kind.STATIC: marks.STATIC, Kind.EXPLORATION: marks.EXPLORATION}.get(self.kind, self.undone)
-
-
-@dataclass(frozen=True)
-class View:
-    """What a person is shown.
-
-    Attributes:
-        step: the present one.
-        task: what to do now, one sentence.
-        lack: why the step isn't over, or what is wrong; "" for nothing.
-        progress: 0 to 1, of the step's time.
-        speed: m/s, of the hand. Not finite if it isn't seen, as all others.
-        distance: m, of the hand from the step's point.
-        lost: share of the newest samples without angles or hand.
-        kept, needed: number of samples of the trial.
-        range, least_range: rad, of the trial's motion.
-        box: (2, 3) m, least and greatest position explored so far; None before.
-        states: of each point: waiting, now, done, weak (with the reasons), left out.
-    """
-
-    step: Step
-    task: str
-    lack: str
-    progress: float
-    speed: float
-    distance: float
-    lost: float
-    kept: int
-    needed: int
-    range: float
-    least_range: float
-    box: Array | None
-    states: tuple[str, ...]
-    things: ClassVar[str] = "points"
-
-    @property
-    def missing(self) -> str:
-        """What isn't measured now; "" for nothing."""
-        return f"{self.lost:.0%} of the samples lack angles or hand" if self.lost > 0.0 else ""
-
-    def bars(self) -> list[Bar]:
-        """How far it is."""
-        seen, slow = np.isfinite(self.speed), np.isfinite(self.speed) and self.speed < _CALM
-        said = f"{100 * self.speed:.1f} cm/s" if seen else "not seen"
-        bars = [
-            Bar("step", self.progress, self.step.kind.value),
-            Bar(
-                "hand's speed",
-                min(self.speed / 0.1, 1.0) if seen else 1.0,
-                f"{said}, below 5 counts as still",
-                bool(slow),
-            ),
-        ]
-        if self.step.kind in (Kind.GO, Kind.TRIAL):
-            there = np.isfinite(self.distance)
-            bars.append(
-                Bar("hand's place", None, f"{100 * self.distance:.1f} cm from the point" if there else "not seen")
-            )
-        if self.step.kind is Kind.TRIAL:
-            bars.append(Bar("samples kept", self.kept / self.needed, f"{self.kept} of {self.needed} needed"))
-            span = f"{self.range:.2f} rad, {self.least_range} needed; more is better"
-            bars.append(Bar("range", self.range / self.least_range, span))
-        if self.box is not None:
-            x, y, z = 100.0 * (self.box[1] - self.box[0])
-            bars.append(Bar("workspace", None, f"{x:.0f} cm deep, {y:.0f} cm wide, {z:.0f} cm high"))
-        return bars
 
 
 class Procedure:

@@ -7,7 +7,7 @@ an order that changes, and walks.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import ClassVar, Final, cast, get_args
 
@@ -17,9 +17,9 @@ from pydantic import Field
 from runtime.contracts.options import Options
 from runtime.contracts.signals import Array
 from runtime.contracts.wearer import Action, Instruction, Perform, Rest, Walk
-from runtime.control.intention import samples as marks
+from runtime.control.intention import marks
 from runtime.control.intention.features import POSTURE
-from runtime.control.intention.samples import MOST_ROUNDS, Samples, mark_of
+from runtime.control.intention.samples import Samples
 from runtime.control.shared.guided import Bar
 
 ACTIONS: Final[tuple[str, ...]] = get_args(Action)
@@ -42,7 +42,7 @@ _WORDS: Final[dict[str, str]] = {
 class Plan(Options):
     """How long the steps take."""
 
-    rounds: int = Field(5, ge=3, le=MOST_ROUNDS, description="how often each action is done")
+    rounds: int = Field(5, ge=3, le=marks.MOST_ROUNDS, description="how often each action is done")
     stand: float = Field(5.0, ge=3.5, description="s of standing at ease at the beginning of each round")
     action: float = Field(3.0, ge=2.0, description="s of each action, from its word on")
     pause: float = Field(2.5, ge=1.0, description="s at ease after each action")
@@ -62,17 +62,21 @@ class Kind(Enum):
 
 @dataclass(frozen=True)
 class Step:
-    """One step; `turn`, the round, and `action`, its number, from 0 on where there are such."""
+    """One step; `turn`, the round, and `action`, its number, from 0 on where there are such.
+
+    `undone`: of a pause, the mark that takes back the trial before.
+    """
 
     kind: Kind
     turn: int = -1
     action: int = -1
+    undone: int = field(default=marks.IDLE, compare=False)
 
     @property
     def mark(self) -> int:
         """The mark of its samples."""
         number = {Kind.STAND: marks.STAND, Kind.WALK: marks.WALK, Kind.ACTION: self.action}.get(self.kind)
-        return marks.IDLE if number is None else mark_of(self.turn, number)
+        return self.undone if number is None else marks.mark_of(self.turn, number)
 
 
 @dataclass(frozen=True)
@@ -176,7 +180,8 @@ class Procedure:
         left = deque(step for step in ([] if self.done else [self.step, *self._left]) if step.action != at)
         for turn in range(self.plan.rounds):
             left.extendleft(reversed(self._trial(self.plan.rounds - 1 - turn, at)))
-        left.appendleft(Step(Kind.PAUSE))
+        trial = self.step.kind in (Kind.STAND, Kind.ACTION, Kind.WALK)
+        left.appendleft(Step(Kind.PAUSE, undone=marks.VOID if trial else marks.IDLE))
         self._left, self._states[at] = left, "waiting"
         self._next()
         return ""
@@ -198,7 +203,8 @@ class Procedure:
     def _next(self) -> None:
         self.step = self._left.popleft() if self._left else Step(Kind.DONE)
         self._times, self._frames = np.empty(0), np.empty((0, POSTURE))
-        self._lack, self._lost = "", 0.0
+        # An action that is ended before a sample has come isn't done.
+        self._lack, self._lost = "nothing was seen" if self.step.kind is Kind.ACTION else "", 0.0
         if self.step.kind is Kind.ACTION and not self._states[self.step.action].startswith("weak"):
             self._states[self.step.action] = "now"
 
