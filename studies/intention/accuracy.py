@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import datetime
 import json
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -100,6 +101,20 @@ def _rejected(law: Intention, made: Session, action: str) -> float:
     return float(np.mean(found))
 
 
+def update_time(number: int = 1) -> float:
+    """us: median of an update that looks at the window, by the processor's own time."""
+    made, thresholds = session(number), Thresholds()
+    law = law_of(train(made.trials(), thresholds), thresholds)
+    law.reset()
+    spent = []
+    for q, p in zip(made.rotation, made.translation, strict=True):
+        law.input["rotation"][:], law.input["translation"][:] = q, p
+        before = time.thread_time_ns()
+        law.update(DT)
+        spent.append(time.thread_time_ns() - before)
+    return float(np.median(spent)) * 1e-3
+
+
 def main() -> None:
     """Prints the figures as one object."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -107,6 +122,7 @@ def main() -> None:
     numbers = range(1, 1 + parser.parse_args().people)
     told = {
         "simulated": True, "people": len(numbers), "own": own(numbers), "strangers": strangers(numbers),
+        "update_us": update_time(),
         "unseen_action_rejected": rejects(numbers[:4], ("overhead", "squat", "turn-left", "wave")),
     }  # fmt: skip
     print(json.dumps(told, indent=1))

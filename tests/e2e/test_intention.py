@@ -1,0 +1,56 @@
+"""The profile `suit-intention`: actions are recognised; a lost suit is a loss, and a reset begins anew."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from runtime.ipc.requests import RequestKind
+from runtime.ipc.words import CYCLE, Cause, State
+from runtime.loop.lockstep import Lockstep
+from runtime.profile import profile, wiring
+
+PAUSE, ACTION = 2.5, 3.0  # s, of the simulated wearer's plan
+
+
+def lockstep(**suit: object) -> Lockstep:
+    checked, source = profile.load("suit-intention", [f"sim.devices.suit.{k}={v}" for k, v in suit.items()])
+    return Lockstep(wiring.build(checked, source, []), lambda text: None)
+
+
+@pytest.mark.slow
+def test_its_wearer_is_recognised_action_by_action() -> None:
+    run, held = lockstep(), list[str]()
+    layout = run.graph.layout
+    labels = layout.fields["intention.action"].labels
+    for _ in range(round(100 * 4 * (PAUSE + ACTION))):
+        run.step()
+        on = run.graph.row.views["intention.action"]
+        now = labels[int(on.argmax())] if on.any() else ""
+        if now and (not held or held[-1] != now):
+            held.append(now)
+    assert held == ["overhead", "forward", "reach-left", "reach-right"]
+
+
+@pytest.mark.slow
+def test_a_lost_suit_stops_the_run_and_a_reset_begins_with_an_empty_window() -> None:
+    run = lockstep(loss="[[5.0, 5.5]]")  # while the hands are over the head
+    views, ints = run.graph.row.views, run.graph.row.ints
+    seen = False
+    for _ in range(490):
+        run.step()
+        seen = seen or bool(views["intention.action"].any())
+    assert seen
+    for _ in range(80):
+        run.step()
+    assert State(int(ints[CYCLE.state])) is State.STOPPED
+    assert Cause(int(ints[CYCLE.cause])) is Cause.INTENT_LOSS
+    run.step(RequestKind.RESET)
+    for _ in range(30):
+        run.step()
+    assert State(int(ints[CYCLE.state])) is State.ACTIVE
+    assert not views["intention.action"].any()
+    assert not views["intention.confidence"].any()
+    for _ in range(100):
+        run.step()
+    assert np.all(views["intention.confidence"] > 0.0)
