@@ -20,6 +20,7 @@ from runtime.cli import main
 from runtime.control.intention.procedure import ACTIONS, Kind, Plan, Procedure
 from runtime.control.intention.record import Record
 from runtime.control.shared import record_file
+from runtime.ipc.words import CYCLE, State
 
 QUICK = [word for option in ("rounds=3", "pause=1.5", "stand=4", "walk=5") for word in ("--option", option)]
 FOUR = "overhead,bend,turn-left,wave"
@@ -118,6 +119,16 @@ def test_a_recording_gives_the_same_file_and_an_action_is_done_again(
     assert "bad.rrd: it is of P07" in capsys.readouterr().err
 
 
+@pytest.mark.slow
+def test_a_recordings_own_thresholds_stand_but_for_those_that_are_typed(command: Command, folder: Path) -> None:
+    slow = Pretender(actions=FOUR, option=("dwell=0.7",))
+    assert command("--sim", "--person", "P07", actor=slow) == 0
+    recorded(slow, folder / "slow.rrd")
+    assert command("--recording", "slow.rrd", "--option", "confidence=0.6", "-o", "typed.json") == 0
+    kept = read(folder / "typed.json").thresholds
+    assert (kept.dwell, kept.confidence) == (0.7, 0.6)
+
+
 def test_a_file_that_is_there_stays_without_yes(
     command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -146,6 +157,8 @@ def test_a_file_that_is_there_stays_without_yes(
         (["--sim", "--person", "P07", "--option", "repetitions=4"], "3 rounds give fewer than 4 repetitions"),
         (["--sim", "--person", "P07", "--option", "exploration=4"], "there is no such option"),
         (["--recording", "a.rrd"], "a.rrd: there is no such file"),
+        (["--sim", "--person", "P07", "--actions", "wave,a b"], "--actions: 'a b' is no name"),
+        (["--sim", "--person", "P07", "--set", "controllers.0.recogniser=~nobody-here/p.json"], "nobody-here"),
     ],
 )
 def test_wrong_arguments_are_named(
@@ -153,6 +166,29 @@ def test_wrong_arguments_are_named(
 ) -> None:
     assert command(*arguments, actions=None) == 2
     assert words in capsys.readouterr().err
+
+
+def test_the_file_of_a_profile_that_comes_with_srl_stays(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["calibrate", "suit-intention", "intention", "--sim", "--person", "P07", "--yes"]) == 2
+    assert "the profile 'suit-intention' comes with srl" in capsys.readouterr().err
+
+
+def test_every_file_that_was_there_is_kept_and_a_link_stays(command: Command, folder: Path) -> None:
+    (folder / "files").mkdir()
+    (folder / "p07.json").symlink_to("files/p07.json")
+    for _ in range(3):
+        assert command("--sim", "--person", "P07", "--yes") == 0
+    assert (folder / "p07.json").is_symlink()
+    there = {p.name for p in (folder / "files").iterdir()}
+    assert there == {"p07.json", "p07.json.old", "p07.json.old.2", "p07.json.report.png"}
+
+
+def test_samples_are_of_what_ran() -> None:
+    actor = Pretender(actions=FOUR)
+    rows = actor.take()
+    rows[3:7, CYCLE.state] = State.STOPPED
+    assert len(actor.taps.samples(rows)) == len(rows) - 4
+    assert actor.taps.samples(rows).times.tolist() == actor.taps.times(rows)[[0, 1, 2, 7, 8, 9]].tolist()
 
 
 def test_actions_are_not_for_ikns(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

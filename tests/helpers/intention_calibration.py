@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -54,9 +55,11 @@ class Pretender(RowSource):
 
     taps: Taps
 
-    def __init__(self, person: Person | None = None, actions: str | None = None, number: int = 3) -> None:
+    def __init__(
+        self, person: Person | None = None, actions: str | None = None, number: int = 3, option: Sequence[str] = ()
+    ) -> None:
         checked, source = profile.parse("suit.yaml", PROFILE)
-        order = Order("suit.yaml", "intention", "P07", actions=actions)
+        order = Order("suit.yaml", "intention", "P07", actions=actions, option=option)
         method = IntentionMethod(order, checked, source, Path("p07.json"), lambda _: None)
         self.graph = build(*method.cut("P07"), sim=False)
         self.graph.layout.meta["wall"] = 1_700_000_000_000_000_000
