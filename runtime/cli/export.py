@@ -31,6 +31,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument(
         "--at", metavar="S", type=float, nargs="+", help="the instants of --stills, s from the beginning"
     )
+    parser.add_argument("--show", metavar="SIGNAL", nargs="+", help="with --stills: draws these signals only")
     parser.add_argument("--names", metavar="PART", help="with --stills: names the nodes of this part, e.g. 'right SRL'")
     parser.add_argument("--rate", metavar="HZ", help="frames per second; default: the profile's rate")
     parser.add_argument("--law", metavar="NAME", help="the law whose inputs are written, where there are several")
@@ -47,6 +48,7 @@ def run(args: argparse.Namespace) -> int:
     for option, value, needed, there in (
         ("--rate", args.rate, "--bvh", args.bvh), ("--law", args.law, "--bvh", args.bvh),
         ("--at", args.at, "--stills", args.stills), ("--names", args.names, "--stills", args.stills),
+        ("--show", args.show, "--stills", args.stills),
     ):  # fmt: skip
         if value is not None and there is None:
             raise RequestError(option, f"it is for {needed}", f"Add {needed} FILE, or leave it out")
@@ -62,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
         from runtime.recorder import stills
 
         times = args.at if args.at is not None else stills.spread(recording, STILLS)
-        stills.draw(recording, args.stills, times, args.names)
+        stills.draw(recording, args.stills, times, args.names, args.show or ())
         figures |= {"stills": str(args.stills), "at": times}
         said.append(f"{args.stills}: {len(times)} instants")
     if args.json:

@@ -14,6 +14,7 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from runtime.contracts.errors import RecordingError, nearest
@@ -28,7 +29,8 @@ from runtime.recording.solids import Solids, Thing
 ACROSS = 5  # pictures in a row
 SIZE = (2.3, 3.1)  # inches of one among others
 ALONE = (6.0, 7.0)  # inches of a single one
-ARC = np.linspace(-np.pi / 2, np.pi / 2, 13)
+ARC = np.linspace(-np.pi / 2, np.pi / 2, 25)
+HALO = [withStroke(linewidth=2.0, foreground="white")]
 
 
 @dataclass(frozen=True)
@@ -45,25 +47,33 @@ class View:
         return found
 
 
-def draw(recording: Recording, png: Path, times: Sequence[float], names: str | None = None) -> None:
+def draw(
+    recording: Recording, png: Path, times: Sequence[float], names: str | None = None, show: Sequence[str] = ()
+) -> None:
     """Draws the newest row at each of the times, s from the first row.
 
     Args:
-        recording: what is drawn: all signals with a shape.
+        recording: what is drawn.
         png: where.
         times: at least one.
+        show: the signals that are drawn; none: all that have a shape.
         names: the part of the body (`Signal.groups`) whose nodes are named.
     Raises:
-        RecordingError: nothing in the recording has a shape, a time lies outside, no such part, it can't be written.
+        RecordingError: no signal that is drawn has a shape, a time lies outside, no such part, it can't be written.
     """
     solids = Solids(recording.layout)
     if not solids.things:
         raise RecordingError(str(recording.path), "no signal in it has a shape", "Record a profile that shows some")
-    parts = list(dict.fromkeys(name for thing in solids.things for name in thing.groups))
+    for name in show:
+        if name not in (known := [thing.name for thing in solids.things]):
+            raise RecordingError("--show", f"no signal with a shape is called '{name}'", nearest(name, known))
+    chosen = [i for i, thing in enumerate(solids.things) if not show or thing.name in show]
+    things = [solids.things[i] for i in chosen]
+    parts = list(dict.fromkeys(name for thing in things for name in thing.groups))
     if names is not None and names not in parts:
         raise RecordingError("--names", f"no part is called '{names}'", nearest(names, parts))
     rows = _rows(recording, times)
-    shapes = [solids.of(row) for row in rows]
+    shapes = [[found[i] for i in chosen] for found in map(solids.of, rows)]
     view = _view(back_of(visuals(recording.layout)))
     middles, reach = _frame(view, shapes)
     columns = min(len(rows), ACROSS)
@@ -80,12 +90,12 @@ def draw(recording: Recording, png: Path, times: Sequence[float], names: str | N
             state = int(recording.layout.word(row, "state"))
             late = "" if state == State.ACTIVE else ", no law runs"
             axis.set_title(f"{letter}{times[i]:.2f} s, cycle {cycle}{late}", fontsize=8)
-            for thing, values in zip(solids.things, shape, strict=True):
+            for thing, values in zip(things, shape, strict=True):
                 _points(axis, view, thing, values, names) if thing.points else _capsules(axis, view, thing, values)
             axis.set_xlim(middles[i, 0] - reach[0], middles[i, 0] + reach[0])
             axis.set_ylim(middles[i, 1] - reach[1], middles[i, 1] + reach[1])
             axis.set_aspect("equal")
-        _legend(figure, solids.things)
+        _legend(figure, things, 4 if len(rows) == 1 else 9)
         simulated = " (simulated)" if recording.layout.meta.get("simulated") else ""
         figure.suptitle(f"{recording.layout.meta.get('name', '')}{simulated}", fontsize=10)
         figure.savefig(png, dpi=130, format="png")
@@ -151,7 +161,16 @@ def _points(axis: Any, view: View, thing: Thing, places: Array, names: str | Non
     axis.scatter(*flat.T, s=4 if thing.groups else 2, c=each, linewidths=0, zorder=4)
     for i, (group, label) in enumerate(zip(thing.groups, thing.labels, strict=False)):
         if group == names:
-            axis.annotate(label, flat[i], (7, -2), textcoords="offset points", fontsize=7, color=each[i], zorder=5)
+            axis.annotate(
+                label,
+                flat[i],
+                (7, -2),
+                textcoords="offset points",
+                fontsize=7,
+                color="black",
+                path_effects=HALO,
+                zorder=5,
+            )
 
 
 def _capsules(axis: Any, view: View, thing: Thing, values: Array) -> None:
@@ -177,7 +196,7 @@ def _outline(ends: Array, radius: float) -> Array:
     return np.concatenate(arcs)
 
 
-def _legend(figure: Any, things: Sequence[Thing]) -> None:
+def _legend(figure: Any, things: Sequence[Thing], columns: int) -> None:
     named: dict[str, str] = {}
     for thing in sorted(things, key=lambda t: not t.groups):
         names = thing.groups or (thing.name,) * len(thing.numbers)
@@ -185,4 +204,4 @@ def _legend(figure: Any, things: Sequence[Thing]) -> None:
     if any(not thing.numbers for thing in things):
         named |= {f"{m:g} m": mpl.colors.to_hex([c / 255 for c in color]) for m, color in RAMP}
     handles = [plt.Line2D([], [], color=color, linewidth=3) for color in named.values()]
-    figure.legend(handles, named, loc="outside lower center", ncols=len(named), fontsize=8, frameon=False)
+    figure.legend(handles, named, loc="outside lower center", ncols=min(len(named), columns), fontsize=8, frameon=False)

@@ -77,6 +77,14 @@ def test_the_nodes_of_a_part_are_named(recording: Recording, tmp_path: Path, kep
     names = {text.get_text() for axis in kept[0].axes for text in axis.texts}
     assert names == {name for name in TREE.names if name.startswith("R") and not name.startswith("Right")}
     assert len(names) == 9
+    assert any(isinstance(c, PolyCollection) for axis in kept[0].axes for c in axis.collections)
+
+
+def test_signals_can_be_chosen(recording: Recording, tmp_path: Path, kept: list[Figure]) -> None:
+    stills.draw(recording, tmp_path / "s.png", [1.0, 2.0], show=["skeleton.nodes"])
+    assert not any(isinstance(c, PolyCollection) for axis in kept[0].axes for c in axis.collections)
+    with pytest.raises(RecordingError, match=r"skeleton\.nodes"):
+        stills.draw(recording, tmp_path / "s.png", [1.0], show=["skeleton.node"])
 
 
 def test_instants_are_spread_over_the_motion(recording: Recording) -> None:
