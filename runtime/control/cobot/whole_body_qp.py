@@ -7,7 +7,7 @@ weights (docs/whole-body-qp.md has the proof). So a limit that isn't active chan
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, Protocol
 
 import daqp  # type: ignore[import-not-found]
 import numpy as np
@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from runtime.contracts.per_element import Positive
 from runtime.contracts.signals import Array
 from runtime.control.cobot.axes import OnPlanarTwist
-from runtime.control.robots import SUMMIT_XL, RobotDescription
+from runtime.control.robots import SUMMIT_XL
 
 ITERATIONS: Final = 200
 """Limit of the solver's iterations; it needs some 10. It is a count, not a time, so that a replay does the same."""
@@ -56,6 +56,21 @@ def maker_base_speed() -> OnPlanarTwist:
     return (*SUMMIT_XL.v_guard, SUMMIT_XL.w_guard)
 
 
+class JointLimits(Protocol):
+    """What `Approach` needs of an arm of n joints; arrays (n,): rad, rad/s, rad/s^2 (m where a joint slides)."""
+
+    @property
+    def n(self) -> int: ...
+    @property
+    def q_lower(self) -> Array: ...
+    @property
+    def q_upper(self) -> Array: ...
+    @property
+    def dq_max(self) -> Array: ...
+    @property
+    def ddq_max(self) -> Array: ...
+
+
 class Approach:
     """Braking curves: the greatest speed at which a joint can still stop before its position limit.
 
@@ -64,7 +79,7 @@ class Approach:
     Both directions are computed at once: arrays of 2n hold the upward directions first, then the downward ones.
     """
 
-    def __init__(self, robot: RobotDescription, config: LimitsConfig, speed: float | None) -> None:
+    def __init__(self, robot: JointLimits, config: LimitsConfig, speed: float | None) -> None:
         """`speed`: share of the joints' greatest speeds; None: unbounded."""
         self._n = robot.n
         self._ends = np.concatenate([robot.q_upper - config.margin, -robot.q_lower - config.margin])

@@ -19,9 +19,10 @@ from runtime.control.skeleton import bvh
 from sim.wearer.actions import at_ease
 from sim.wearer.gait import add_gait, walked
 from sim.wearer.motion import minimum_jerk
+from sim.wearer.showing import LOWERED, showing
 from sim.wearer.suit_bvh import CM, rotations, rows
 
-Script = Literal["t-pose", "still", "walk", "reach"]
+Script = Literal["t-pose", "still", "walk", "reach", "show"]
 _START: Final = 2.0  # s, from standing to walking
 _MOVE, _REST = 1.2, 0.6  # s of a reaching movement, s of rest before the next
 
@@ -69,7 +70,7 @@ class Recorded:
 
 
 class Scripted:
-    """Standing in the T-pose or at ease, walking in a circle to the left, or reaching with the arms in turn."""
+    """Standing in the T-pose or at ease, walking in a circle to the left, reaching with the arms in turn, or showing a task first."""
 
     def __init__(self, script: Script, skeleton: Skeleton, scale: float, seed: int, name: str) -> None:
         self.offsets = skeleton.offsets * scale
@@ -90,6 +91,8 @@ class Scripted:
             self._walk(max(t, 0.0), hips, angles)
         elif self._script == "reach":
             angles += self._reach(max(t, 0.0))
+        elif self._script == "show":
+            angles += showing(t, self._index, JOINTS) if t < LOWERED else self._reach(t - LOWERED)
         rotations = np.empty((JOINTS, 4))
         self._quaternions.fill(np.deg2rad(angles), rotations)
         return hips, rotations

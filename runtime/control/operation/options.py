@@ -1,0 +1,96 @@
+"""Options of the law `independent-operation`."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Annotated, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from runtime.contracts.controller import ControllerConfig
+from runtime.contracts.errors import OptionError, nearest
+from runtime.contracts.files import FileOption, KeptFile
+from runtime.contracts.options import Options
+from runtime.contracts.per_element import Finite, Positive, in_order
+from runtime.contracts.signals import Array
+from runtime.control.operation import record
+from runtime.control.operation.demonstration import Thresholds
+from runtime.control.operation.replay import JointRanges, ReplayOptions
+from runtime.control.shared import record_file
+from runtime.control.skeleton.body_clearance import EnvelopeOptions
+
+_Far = Annotated[float, Field(ge=-2.0, le=2.0)]
+
+
+class IntentionOption(Options):
+    """The person's actions that start and pause the task, by their names in the law `intention`."""
+
+    run: str = Field(description="the action that starts or resumes it")
+    pause: str = Field(description="the action that pauses it")
+
+    @model_validator(mode="after")
+    def _differ(self) -> Self:
+        if self.run == self.pause:
+            raise OptionError("one action can't start and pause it", "Name two actions")
+        return self
+
+
+class IndependentOperationConfig(EnvelopeOptions, ControllerConfig):
+    """Options of `independent-operation`."""
+
+    task: Annotated[KeptFile, FileOption("Make it with `srl calibrate PROFILE task`, or leave it out")] | None = Field(
+        None, description="the file of a task, beside the profile; without it there is one once it is taught"
+    )
+    hand: str = Field("RightHand", description="the node of the body that shows a task")
+    shift: tuple[_Far, _Far, _Far] = Field(
+        (0.0, 0.0, 0.0), description="m, from where the hand was to where the arm does it, in its carrier's frame"
+    )
+    button: bool = Field(True, description="input `press`: each press runs the task, or pauses it")
+    intention: IntentionOption | None = Field(None, description="input `action`: named actions run and pause it")
+    teach: bool = Field(False, description="input `teach`: while it is 1, the hand shows a task")
+    repeats: int | None = Field(1, ge=1, description="how often a start does the task; null: until it is paused")
+    lower: dict[str, Finite] = Field(description="rad or m, of each joint")
+    upper: dict[str, Finite] = Field(description="rad or m, of each joint")
+    velocity: dict[str, Positive] = Field(description="rad/s or m/s, of each joint; the guard's or less")
+    acceleration: dict[str, Positive] = Field(description="rad/s^2 or m/s^2, of each joint; the guard's or less")
+    posture: dict[str, Finite] | None = Field(
+        None, description="rad or m, of each joint: where it goes as far as the task lets it; null: mid-range"
+    )
+    patience: float = Field(0.1, ge=0.0, lt=2.0, description="s without body, button or position before they are lost")
+    replay: ReplayOptions = ReplayOptions()
+    thresholds: Thresholds = Thresholds()
+    frame: str | None = Field(None, description="frame of the profile's tree that the suit's world is")
+
+    @cached_property
+    def ranges(self) -> JointRanges:
+        """The joints' limits in the arm's order. Raises OptionError."""
+        labels = self.arms.arms.labels
+        values: list[Array] = []
+        for key in ("lower", "upper", "velocity", "acceleration", "posture"):
+            if getattr(self, key) is None:
+                continue
+            try:
+                values.append(np.array(in_order(getattr(self, key), labels), dtype=float))
+            except OptionError as error:
+                raise OptionError(f"{key}: {error.problem}", error.remedy) from None
+        return JointRanges(*values)
+
+    @cached_property
+    def shown(self) -> record.TaskRecord | None:
+        """What the file holds. Raises RecordError."""
+        if self.task is None:
+            return None
+        return record_file.parse(record.TaskRecord, self.task.content, str(self.task.path))
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if (self.ranges.q_lower >= self.ranges.q_upper).any():
+            raise OptionError("a lower limit isn't below its upper one", "Exchange them")
+        if self.hand not in self.figure.tree.names:
+            raise OptionError(f"the body has no node '{self.hand}'", nearest(self.hand, self.figure.tree.names))
+        if not (self.button or self.intention):
+            raise OptionError("nothing could start the task", "Set `button: true`, or give `intention:`")
+        if self.task is None and not self.teach:
+            raise OptionError("there is no task and none can be taught", "Give `task:`, or set `teach: true`")
+        return self
