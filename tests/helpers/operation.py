@@ -7,14 +7,17 @@ from typing import Any
 
 import numpy as np
 
+from helpers.control import bound
+from helpers.skeleton import human_srl
 from runtime.contracts.rotation import product
 from runtime.contracts.signals import Array
 from runtime.control.operation.demonstration import PERIOD, TaskPath
+from runtime.control.operation.law import IndependentOperation, Mode
+from runtime.control.operation.options import IndependentOperationConfig
 from runtime.control.operation.replay import JointRanges, Replay, ReplayOptions
 from runtime.control.operation.worn import Worn
 from runtime.control.skeleton.envelope import Envelope
 from runtime.control.skeleton.kinematics import Kinematics
-from tests.helpers.skeleton import human_srl
 
 LOWER = np.array([-1.6, -1.4, -1.6, -1.9, 0.0, -1.6, -2.6])
 UPPER = np.array([1.0, 0.3, 1.6, 1.9, 0.1, 1.6, 2.6])
@@ -58,7 +61,8 @@ class Hand:
         self._rows = [labels.index(name) for name in ("RightArm", "RightForeArm")]
         self._angles = np.array([1.0, 0.5, 0.8])  # rad: shoulder about y and z, elbow about y
 
-    def _place(self, angles: Array) -> Array:
+    def bend(self, angles: Array) -> Array:
+        """Takes the arm to angles (3,) rad: shoulder about y and z, elbow about y; returns the wrist's place, m."""
         y, z, elbow = angles.tolist()
         self.rotation[self._rows[0]] = product((cos(y / 2), 0.0, sin(y / 2), 0.0), (cos(z / 2), 0.0, 0.0, sin(z / 2)))
         self.rotation[self._rows[1]] = cos(elbow / 2), 0.0, sin(elbow / 2), 0.0
@@ -69,13 +73,13 @@ class Hand:
     def go(self, place: Array) -> Array:
         """Takes the wrist to a place, m in the spine's frame, as near as the arm can; returns where it is."""
         for _ in range(30):
-            here = self._place(self._angles)
+            here = self.bend(self._angles)
             away = place - here
             if np.linalg.norm(away) < 1e-6:
                 break
-            J = np.stack([(self._place(self._angles + 1e-5 * e) - here) / 1e-5 for e in np.eye(3)], axis=1)
+            J = np.stack([(self.bend(self._angles + 1e-5 * e) - here) / 1e-5 for e in np.eye(3)], axis=1)
             self._angles += J.T @ np.linalg.solve(J @ J.T + 1e-4 * np.eye(3), away)
-        return self._place(self._angles)
+        return self.bend(self._angles)
 
 
 class Bench:
@@ -109,3 +113,48 @@ class Bench:
     def run(self, seconds: float) -> None:
         while self.seconds < seconds and not self.replay.done:
             self.step()
+
+
+def law(**options: Any) -> IndependentOperation:
+    """The law, bound, with the arm at START and the person's arm out of its way."""
+    named = {
+        key: dict(zip(human_srl().arms.labels, values.tolist(), strict=True))
+        for key, values in (("lower", LOWER), ("upper", UPPER), ("velocity", SPEED), ("acceleration", ACCELERATION))
+    }
+    config = IndependentOperationConfig.model_validate({**named, "teach": True, "replay": {"keep": 0.02}, **options})
+    made = bound(IndependentOperation("task", config))
+    person = Hand()
+    made.input["rotation"][:], made.input["translation"][:] = person.rotation, person.translation
+    made.applied["q"][:] = made.input["position"][:] = START
+    made.reset()
+    return made
+
+
+def cycle(made: IndependentOperation, person: Hand | None = None) -> Array:
+    """One cycle of a guard and an arm that obey at once; the command."""
+    if person is not None:
+        made.input["rotation"][:] = person.rotation
+    made.update(DT)
+    made.applied["q"][:] = made.input["position"][:] = made.output["q"]
+    return made.output["q"].copy()
+
+
+def teach(made: IndependentOperation, seconds: float = 4.0) -> Array:
+    """The hand shows an arc within the arm's reach (with the option `shift`); returns its places."""
+    person, places = Hand(), []
+    made.input["teach"][0] = 1.0
+    for t in np.arange(0.0, seconds, DT):
+        u = t / seconds
+        s = u**3 * (10.0 - 15.0 * u + 6.0 * u * u)
+        places.append(person.bend(np.array([1.0 + 0.3 * s, 0.3 + 0.2 * np.sin(6.0 * s), 0.6])))
+        cycle(made, person)
+    made.input["teach"][0] = 0.0
+    made.input["rotation"][:] = Hand().rotation
+    while Mode(int(made.output["state"][0])) in (Mode.TEACHING, Mode.CHECKING):
+        cycle(made)
+    return np.array(places)
+
+
+def press(made: IndependentOperation) -> None:
+    made.input["press"][0] += 1.0
+    cycle(made)

@@ -18,7 +18,7 @@ from runtime.control.operation import record
 from runtime.control.operation.demonstration import Thresholds
 from runtime.control.operation.replay import JointRanges, ReplayOptions
 from runtime.control.shared import record_file
-from runtime.control.skeleton.body_clearance import EnvelopeOptions
+from runtime.control.skeleton.options import EnvelopeOptions
 
 _Far = Annotated[float, Field(ge=-2.0, le=2.0)]
 
@@ -78,10 +78,17 @@ class IndependentOperationConfig(EnvelopeOptions, ControllerConfig):
 
     @cached_property
     def shown(self) -> record.TaskRecord | None:
-        """What the file holds. Raises RecordError."""
+        """What the file holds. Raises OptionError."""
         if self.task is None:
             return None
-        return record_file.parse(record.TaskRecord, self.task.content, str(self.task.path))
+        try:
+            found = record_file.parse(record.TaskRecord, self.task.content, str(self.task.path))
+        except record_file.RecordError as error:
+            raise OptionError(f"{error.place}: {error.problem}", error.remedy) from None
+        if found.frame != self.arms.arms.parent:
+            problem = f"the task is in the frame of '{found.frame}', and the arms hang on '{self.arms.arms.parent}'"
+            raise OptionError(problem, "Show the task again with these arms")
+        return found
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -91,6 +98,6 @@ class IndependentOperationConfig(EnvelopeOptions, ControllerConfig):
             raise OptionError(f"the body has no node '{self.hand}'", nearest(self.hand, self.figure.tree.names))
         if not (self.button or self.intention):
             raise OptionError("nothing could start the task", "Set `button: true`, or give `intention:`")
-        if self.task is None and not self.teach:
+        if self.shown is None and not self.teach:
             raise OptionError("there is no task and none can be taught", "Give `task:`, or set `teach: true`")
         return self

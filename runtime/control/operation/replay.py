@@ -143,6 +143,8 @@ class Replay:
             c *= o.catch_up / size
         behind = max(self.error, float(np.linalg.norm(place - measured)))
         most = min(max((o.wait - behind) / max(o.wait - o.slow, 1e-9), 0.0), 1.0)
+        if self.s == 0.0 and self.error > o.slow:
+            most = 0.0  # the task begins where it began
         most = min(most, self.r + dt / o.ease) if self.s < self.path.duration else 0.0
         least, greatest = self._approach.speeds(q, before, dt)
         H, f = self._cost(q, J, velocity, c, most)

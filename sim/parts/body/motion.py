@@ -70,7 +70,7 @@ class Recorded:
 
 
 class Scripted:
-    """Standing in the T-pose or at ease, walking in a circle to the left, reaching with the arms in turn, or showing a task first."""
+    """Standing in the T-pose or at ease, walking in a circle, reaching with the arms in turn, or showing a task."""
 
     def __init__(self, script: Script, skeleton: Skeleton, scale: float, seed: int, name: str) -> None:
         self.offsets = skeleton.offsets * scale
