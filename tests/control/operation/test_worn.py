@@ -83,8 +83,8 @@ def test_approach_is_the_rate_at_which_a_moving_hand_comes_nearer() -> None:
     distance, approach = np.array(seen).T
     rate = -(distance[-1] - distance[-6]) / (5 * DT)
     assert rate > 0.03
-    # The faster end of the hand counts, so it isn't less.
-    assert rate - 0.02 < approach[-1] < rate + 0.3
+    # Both are means over some cycles, and the faster end of the hand counts.
+    assert 0.7 * rate < approach[-1] < rate + 0.3
 
 
 def test_walking_and_turning_are_no_approach() -> None:
