@@ -62,14 +62,16 @@ def cut(
 
 
 def cut_to(
-    checked: Profile, source: Source, use: str, reads: Sequence[str], marks: Marks, sim: bool
-) -> tuple[Profile, Source]:
+    checked: Profile, source: Source, use: str, reads: Sequence[str], marks: Marks, sim: bool,
+    only: Sequence[str] | None = None,
+) -> tuple[Profile, Source]:  # fmt: skip
     """Returns the cut profile, with the marks' law at its end.
 
     Args:
         checked, source: the whole profile.
         use: the law that is calibrated.
         reads: its inputs that must be bound.
+        only: of its inputs, the ones whose devices and laws are kept; None: all.
         marks: makes the entry of the marks' law.
         sim: keep the names of the simulated world's parts, on which frames may hang.
     Raises:
@@ -82,7 +84,7 @@ def cut_to(
             raise WiringError(
                 source.place(f"controllers.{law}.in"), f"input '{name}' isn't bound", f"Add `{name}: SOURCE.{name}`"
             )
-    kept, devices = _needed(checked, source, law)
+    kept, devices = _needed(checked, source, law, only)
     _still(checked, source, kept, devices)
     plain, _ = profile.tree(source.label, source.text, source.overrides, source.files)
     for key in _DROPPED:
@@ -111,8 +113,8 @@ def build(checked: Profile, source: Source, sim: bool) -> Graph:
     return wiring.build(checked, source, [] if sim else None)
 
 
-def _needed(checked: Profile, source: Source, law: int) -> tuple[list[int], set[str]]:
-    """The laws before `law` that it needs, directly or not, in their order; and the devices."""
+def _needed(checked: Profile, source: Source, law: int, only: Sequence[str] | None) -> tuple[list[int], set[str]]:
+    """The laws before `law` that it needs for its inputs, directly or not, in their order; and the devices."""
     writers: dict[str, int] = {}
     for i, entry in enumerate(checked.controllers):
         for wire in entry.outputs.values():
@@ -121,7 +123,7 @@ def _needed(checked: Profile, source: Source, law: int) -> tuple[list[int], set[
     measured = {f.pose for f in checked.frames.values() if f.pose is not None}
     laws: set[int] = set()
     devices: set[str] = set()
-    open_ = [(law, name) for name in _read(checked.controllers[law])]
+    open_ = [(law, name) for name in _read(checked.controllers[law], only)]
     while open_:
         reader, name = open_.pop()
         owner = name.partition(".")[0]
@@ -170,9 +172,10 @@ def _quiet(checked: Profile, device: str) -> bool:
     )
 
 
-def _read(entry: ControllerEntry) -> Iterator[str]:
-    for wire in entry.inputs.values():
-        yield from wire.signals
+def _read(entry: ControllerEntry, only: Sequence[str] | None = None) -> Iterator[str]:
+    for name, wire in entry.inputs.items():
+        if only is None or name in only:
+            yield from wire.signals
 
 
 def _frames(

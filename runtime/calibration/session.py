@@ -20,6 +20,7 @@ from runtime.calibration.run_taps import RunTaps, bodies
 from runtime.calibration.screen import Screen
 from runtime.calibration.sources import RowSource, Simulated, recorded
 from runtime.calibration.target import check_target, write_record
+from runtime.calibration.task_method import TaskMethod
 from runtime.contracts.errors import RequestError, SrlError
 from runtime.control.shared.guided import Procedure, Samples
 from runtime.profile import profile
@@ -29,7 +30,9 @@ from runtime.recording.segments import check_target as check_recording
 from runtime.service.end_signals import EndSignals
 
 ANONYMOUS: Final = r"^[A-Za-z]{0,4}[0-9]{1,6}$"  # no name fits it
-METHODS: Final[dict[str, type[Method[Any, Any]]]] = {made.law: made for made in (IknsMethod, IntentionMethod)}
+METHODS: Final[dict[str, type[Method[Any, Any]]]] = {
+    made.law: made for made in (IknsMethod, IntentionMethod, TaskMethod)
+}
 _AGAIN: Final = "r N redo number N   q quit"
 Computed = Outcome | SrlError
 

@@ -6,11 +6,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+
 from helpers import blame
 from helpers.blame import DT, HIGH, LAG, LOW, THIN, A, Outcome, V, Wearer, truth
 from helpers.guard import guard_of
-
 from runtime.contracts.signals import Array, Command, Kind
+from runtime.control.models import ArmsModel
 from runtime.control.operation.demonstration import PERIOD, TaskPath
 from runtime.control.operation.replay import JointRanges, Replay, ReplayOptions
 from runtime.control.operation.worn import Worn
@@ -50,7 +51,9 @@ def path(seed: int) -> TaskPath:
     return TaskPath(centre + np.outer(np.cos(s) - 1.0, a) + np.outer(np.sin(s), b))
 
 
-def run(seed: int, around: str, *, guarded: bool = True, still: bool = False, most: float = 40.0) -> Trial:
+def run(
+    seed: int, around: str, *, guarded: bool = True, still: bool = False, most: float = 40.0, **options: float
+) -> Trial:
     """One path by an arm with a servo's lag; the wearer moves both arms all the time, or not at all (`still`)."""
     rng = np.random.default_rng(seed)
     arms: dict[str, Any] = {"arms": _arms()}
@@ -72,7 +75,11 @@ def run(seed: int, around: str, *, guarded: bool = True, still: bool = False, mo
     guard.reset(measured)
     worn = Worn(config.figure, "right", config.envelope)
     worn.see(pose, wearer.translation, 0.0)
-    replay = Replay(path(seed), JointRanges(LOW, HIGH, V, 0.75 * A, POSTURE), ReplayOptions(around=around))
+    replay = Replay(
+        path(seed),
+        JointRanges(LOW, HIGH, V, 0.75 * A, POSTURE),
+        ReplayOptions.model_validate({"around": around, **options}),
+    )
     made, queue, frames = Trial(), [REST.copy()] * round(LAG / DT), list[tuple[float, Array]]()
     stamp, next_frame, last, began = -1, 0.0, applied.copy(), False
     touching, height = dict.fromkeys(pairs, False), wearer.translation[0, 1]
@@ -112,7 +119,5 @@ def run(seed: int, around: str, *, guarded: bool = True, still: bool = False, mo
     return made
 
 
-def _arms() -> Any:
-    from runtime.control.models import ArmsModel
-
+def _arms() -> ArmsModel:
     return ArmsModel(sides=("right",), base=BASE)

@@ -20,6 +20,7 @@ from runtime.control.operation.replay import JointRanges, ReplayOptions
 from runtime.control.shared import record_file
 from runtime.control.skeleton.options import EnvelopeOptions
 
+_TaskFile = Annotated[KeptFile, FileOption("Make it with `srl calibrate PROFILE independent-operation`")]
 _Far = Annotated[float, Field(ge=-2.0, le=2.0)]
 
 
@@ -39,7 +40,7 @@ class IntentionOption(Options):
 class IndependentOperationConfig(EnvelopeOptions, ControllerConfig):
     """Options of `independent-operation`."""
 
-    task: Annotated[KeptFile, FileOption("Make it with `srl calibrate PROFILE task`, or leave it out")] | None = Field(
+    task: _TaskFile | None = Field(
         None, description="the file of a task, beside the profile; without it there is one once it is taught"
     )
     hand: str = Field("RightHand", description="the node of the body that shows a task")

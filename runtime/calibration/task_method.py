@@ -1,0 +1,202 @@
+"""How a task for `independent-operation` is shown: the hand does it once, and the path is checked and kept."""
+
+from __future__ import annotations
+
+import datetime
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.calibration.cut import cut_to, elements
+from runtime.calibration.method import Method, Order, Say, settings
+from runtime.calibration.run_taps import RunTaps, words
+from runtime.contracts.errors import RecordingError
+from runtime.contracts.signals import Array
+from runtime.control.models import context
+from runtime.control.operation.demonstration import TaskError, TaskPath, Thresholds, path_of
+from runtime.control.operation.procedure import Plan, Procedure
+from runtime.control.operation.reach import Reach
+from runtime.control.operation.record import FORMAT, TaskRecord
+from runtime.control.operation.samples import SHOWN, Samples, TaskMarksConfig
+from runtime.control.operation.worn import Worn
+from runtime.control.shared.marks import stretch_of
+from runtime.control.shared.record_file import RecordError
+from runtime.ipc.layout import Layout
+from runtime.profile import profile
+from runtime.profile.graph import Graph
+from runtime.profile.profile import ControllerEntry, Profile
+from runtime.profile.source import Source
+
+LAW: Final = "independent-operation"
+MARKS: Final = "task-marks"
+_STEPS: Final = 100_000  # of the check; each point takes 200 at most
+
+
+@dataclass(frozen=True)
+class Taps(RunTaps):
+    """Attributes: `options` of the marks' law; `rotation` (4 n,), `translation` (3 n,) of its joints, in order."""
+
+    options: TaskMarksConfig
+    rotation: NDArray[np.intp]
+    translation: NDArray[np.intp]
+
+    @property
+    def person(self) -> str:
+        return self.options.person
+
+    @property
+    def parameter(self) -> str:
+        return f"{MARKS}.mark"
+
+    def samples(self, rows: NDArray[np.int64]) -> Samples:
+        floats, n = self.floats(rows), len(self.options.rotation)
+        rotation = floats[:, self.rotation].reshape(-1, n, 4)
+        translation = floats[:, self.translation].reshape(-1, n, 3)
+        hand = np.full((len(rows), 3), np.nan)
+        arm = worn(self.options)
+        good = np.isfinite(rotation).all(axis=(1, 2)) & np.isfinite(translation).all(axis=(1, 2)) & ~self.idle(rows)
+        for i in np.flatnonzero(good):
+            arm.see(rotation[i], translation[i], 0.0)
+            hand[i] = arm.place(self.options.hand)
+        times: Array = self.layout.word(rows, "now").astype(np.float64) * 1e-9
+        return Samples(times, hand, self.marks(floats))
+
+
+@dataclass(frozen=True)
+class Result:
+    """A path with what its report tells. `refusals`: none; a path that can't be used isn't computed."""
+
+    taps: Taps
+    path: TaskPath
+    shown: Array  # (k, 3) m, the hand's samples
+    date: datetime.date
+    refusals: tuple[TaskError, ...] = ()
+
+
+class TaskMethod(Method[Taps, Result]):
+    """See the module's docstring."""
+
+    law, option, kind, error = LAW, "task", TaskRecord, TaskError
+    thing = "tasks"
+
+    def __init__(self, order: Order, checked: Profile, source: Source, target: Path, say: Say) -> None:
+        super().__init__(order, checked, source, target, say)
+        found = settings(order, {"plan": Plan, "thresholds": Thresholds})
+        self._plan, self._thresholds = found["plan"], found["thresholds"]
+
+    def cut(self, person: str) -> tuple[Profile, Source]:
+        reads = ("rotation", "translation")
+        marks = partial(_marks, person, self._thresholds)
+        return cut_to(self.checked, self.source, LAW, reads, marks, self.order.sim, reads)
+
+    def taps(self, layout: Layout, place: str) -> Taps:
+        layout.needs(place, "label", "profile", "overrides", "rate")
+        meta = layout.meta
+        checked, _ = profile.parse(meta["label"], meta["profile"], meta["overrides"])
+        entry = next((e for e in checked.controllers if e.use == MARKS), None)
+        if entry is None:
+            problem = "it has no marks, so when the task was shown isn't known"
+            raise RecordingError(place, problem, f"Use a recording of `srl calibrate PROFILE {LAW}`")
+        options = TaskMarksConfig.model_validate(entry.options, context=context(checked.models))
+        return Taps(
+            layout, layout.fields[f"{entry.name or MARKS}.mark"].offset, options,
+            words(layout, list(options.rotation.values()), place),
+            words(layout, list(options.translation.values()), place),
+        )  # fmt: skip
+
+    def same(self, one: Taps, other: Taps) -> bool:
+        return one.options.hand == other.options.hand
+
+    def take(self, older: Taps) -> Taps:
+        if self.order.option:
+            older = replace(older, options=older.options.model_copy(update={"thresholds": self._thresholds}))
+        self._thresholds = older.options.thresholds
+        return older
+
+    def procedure(self, before: Sequence[Any]) -> Procedure:
+        return Procedure(self._plan, bool(before))
+
+    def compute(self, taps: Taps, parts: Sequence[Any], date: datetime.date) -> Result:
+        """The last time that it was shown counts."""
+        joined = Samples(*(np.concatenate([getattr(p, k) for p in parts]) for k in ("times", "hand", "marks")))
+        at = stretch_of(joined.marks, SHOWN)
+        shown = joined.hand[at]
+        path = path_of(joined.times[at], shown, taps.options.thresholds)
+        arm, ranges = worn(taps.options), taps.options.ranges
+        Reach(TaskPath(path.points + np.array(taps.options.shift)), arm, ranges, ranges.posture).step(_STEPS)
+        return Result(taps, path, shown, date)
+
+    def lines(self, result: Result) -> list[str]:
+        who = f"person {result.taps.person}{' (simulated)' if result.taps.simulated else ''}"
+        path = result.path
+        return [
+            f"{who}, {result.date.isoformat()}: the {result.taps.options.hand} showed a path of {path.length:.2f} m in "
+            f"{path.duration:.1f} s, at most {path.fastest:.2f} m/s; the arm reaches all of it"
+        ]
+
+    def figures(self, result: Result) -> dict[str, Any]:
+        path = result.path
+        return {
+            "person": result.taps.person, "date": result.date.isoformat(), "simulated": result.taps.simulated,
+            "hand": result.taps.options.hand, "duration_s": path.duration, "length_m": path.length,
+            "fastest_m_s": path.fastest, "points": len(path.points), "refusals": [],
+        }  # fmt: skip
+
+    def draw(self, result: Result, png: Path) -> None:
+        figure, axes = plt.subplots(1, 2, figsize=(11, 5), constrained_layout=True)
+        points, seen = result.path.points, result.shown[np.isfinite(result.shown).all(axis=1)]
+        for view, (i, j), names in ((axes[0], (0, 1), "xy"), (axes[1], (2, 1), "zy")):
+            view.plot(seen[:, i], seen[:, j], ".", color="0.75", markersize=3, label="the hand's samples")
+            view.plot(points[:, i], points[:, j], color="#0072B2", label="the task")
+            view.plot(*points[0, [i, j]], "o", color="#009E73", label="where it begins")
+            view.set_xlabel(f"{names[0]}, m")
+            view.set_ylabel(f"{names[1]}, m")
+            view.set_aspect("equal", "datalim")
+        axes[0].legend(fontsize=8)
+        frame = result.taps.options.arms.arms.parent
+        figure.suptitle(f"{self.lines(result)[0].partition(':')[0]}, frame {frame}", fontsize=11)
+        scratch = png.with_name(f".{png.name}.new")
+        try:
+            figure.savefig(scratch, dpi=110, format="png")
+            os.replace(scratch, png)
+        except OSError as error:
+            raise RecordError(str(png), f"it can't be written: {error.strerror}", "Choose another folder") from None
+        finally:
+            plt.close(figure)
+
+    def record(self, result: Result) -> TaskRecord:
+        options = result.taps.options
+        return TaskRecord.model_validate(
+            {
+                "format": FORMAT, "person": options.person, "date": result.date, "simulated": result.taps.simulated,
+                "frame": options.arms.arms.parent, "hand": options.hand, "thresholds": options.thresholds,
+                "points": result.path.points.round(5).tolist(),
+            }
+        )  # fmt: skip
+
+
+def worn(options: TaskMarksConfig) -> Worn:
+    """The arm on the body that the options describe."""
+    return Worn(options.figure, options.side, options.envelope)
+
+
+def _marks(person: str, thresholds: Thresholds, graph: Graph, entry: ControllerEntry) -> dict[str, Any]:
+    """The entry of the marks' law: the law's own options, and where each joint's rotation and translation are."""
+    own = {key: value for key, value in entry.options.items() if key not in ("task", "frame", "intention")}
+    return {
+        **own, "use": MARKS, "name": MARKS, "person": person, "teach": True, "button": True,
+        "rotation": elements(graph, LAW, entry, "rotation"),
+        "translation": elements(graph, LAW, entry, "translation"),
+        "thresholds": thresholds.model_dump(),
+    }  # fmt: skip
