@@ -75,11 +75,8 @@ def run(
     guard.reset(measured)
     worn = Worn(config.figure, "right", config.envelope)
     worn.see(pose, wearer.translation, 0.0)
-    replay = Replay(
-        path(seed),
-        JointRanges(LOW, HIGH, V, 0.75 * A, POSTURE),
-        ReplayOptions.model_validate({"around": around, **options}),
-    )
+    kept = ReplayOptions.model_validate({"around": around, **options})
+    replay = Replay(path(seed), JointRanges(LOW, HIGH, V, 0.75 * A, POSTURE), kept)
     made, queue, frames = Trial(), [REST.copy()] * round(LAG / DT), list[tuple[float, Array]]()
     stamp, next_frame, last, began = -1, 0.0, applied.copy(), False
     touching, height = dict.fromkeys(pairs, False), wearer.translation[0, 1]

@@ -1,0 +1,85 @@
+"""The profile human-srl-task whole: the simulated wearer shows a task, and the arm repeats it behind the guard."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.run import call, summary
+
+from runtime.control.operation.law import Mode
+from runtime.control.operation.record import TaskRecord
+from runtime.recording.reader import read
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+
+
+def test_task_is_taught_repeated_and_replayed(tmp_path: Path) -> None:
+    done = summary(
+        call(
+            tmp_path,
+            "run",
+            "human-srl-task",
+            "--sim",
+            "--fast",
+            "--duration",
+            "30",
+            "--record",
+            "x.rrd",
+            "--json",
+            timeout=400,
+        )
+    )
+    assert (done["state"], done["cause"]) == ("ended", "end")
+    told = done["result"]["task"]
+    assert (told["taught"], told["refused"]) == (1, None)
+    assert told["done"] >= 1
+    assert told["error_mean_mm"] < 15.0
+    recording = read(tmp_path / "x.rrd")
+    modes = recording.value("task.state")[:, 0].astype(int)
+    order = [mode for i, mode in enumerate(modes) if i == 0 or modes[i - 1] != mode]
+    assert order[:4] == [Mode.NO_TASK, Mode.TEACHING, Mode.CHECKING, Mode.PAUSED]
+    assert Mode.WAITING in order
+    position = recording.value("arm.position_command.applied")[modes > Mode.NO_TASK]
+    assert np.abs(np.diff(position, axis=0)).max() < 0.8 / 100 + 1e-6
+    call(tmp_path, "replay", "x.rrd", timeout=400)
+
+
+def test_task_is_calibrated_and_run_from_its_file(tmp_path: Path) -> None:
+    actions = ("--set", "sim.parts.wearer.script=actions")
+    done = call(
+        tmp_path, "calibrate", "human-srl-task", "independent-operation", "--person", "P07", "--sim", "--json",
+        "-o", "p07.task.json", "--record", "shown.rrd", *actions, timeout=400,
+    )  # fmt: skip
+    told = json.loads(done.stdout)
+    assert told["simulated"] is True
+    assert (tmp_path / "p07.task.json.report.png").stat().st_size > 10_000
+    made = TaskRecord.model_validate_json((tmp_path / "p07.task.json").read_text())
+    assert (made.person, made.frame, made.hand) == ("P07", "Spine", "RightHand")
+    assert made.path.length == pytest.approx(told["length_m"], abs=1e-3)
+    call(
+        tmp_path, "calibrate", "human-srl-task", "independent-operation", "--recording", "shown.rrd",
+        "-o", "again.task.json", *actions, timeout=400,
+    )  # fmt: skip
+    assert (tmp_path / "again.task.json").read_text() == (tmp_path / "p07.task.json").read_text()
+    ran = summary(
+        call(
+            tmp_path, "run", "human-srl-task", "--sim", "--fast", "--duration", "16", "--json",
+            "--set", "controllers.1.task=p07.task.json", "--set", "sim.parts.wearer.script=still",
+            "--set", "sim.devices.lever.presses=[]", "--set", "controllers.1.shift=[-0.15, 0.0, 0.2]", timeout=400,
+        )
+    )  # fmt: skip
+    assert ran["result"]["task"]["person"] == "P07"
+    assert ran["result"]["task"]["done"] >= 1
+
+
+def test_task_out_of_reach_is_refused_by_the_calibration(tmp_path: Path) -> None:
+    done = call(
+        tmp_path, "calibrate", "human-srl-task", "independent-operation", "--person", "P07", "--sim",
+        "-o", "p07.task.json", "--set", "sim.parts.wearer.script=actions",
+        "--set", "controllers.1.shift=[0.0, 1.0, 0.0]", code=2, timeout=400,
+    )  # fmt: skip
+    assert "doesn't reach" in done.stderr
+    assert not (tmp_path / "p07.task.json").exists()
