@@ -26,7 +26,7 @@ from runtime.contracts.signals import Array
 from runtime.control.models import context
 from runtime.control.operation.demonstration import TaskError, TaskPath, Thresholds, path_of
 from runtime.control.operation.procedure import Plan, Procedure
-from runtime.control.operation.reach import Reach
+from runtime.control.operation.reach import MOST, Reach
 from runtime.control.operation.record import FORMAT, TaskRecord
 from runtime.control.operation.samples import SHOWN, Samples, TaskMarksConfig
 from runtime.control.operation.worn import Worn
@@ -40,7 +40,6 @@ from runtime.profile.source import Source
 
 LAW: Final = "independent-operation"
 MARKS: Final = "task-marks"
-_STEPS: Final = 100_000  # of the check; each point takes 200 at most
 
 
 @dataclass(frozen=True)
@@ -134,7 +133,8 @@ class TaskMethod(Method[Taps, Result]):
         shown = joined.hand[at]
         path = path_of(joined.times[at], shown, taps.options.thresholds)
         arm, ranges = worn(taps.options), taps.options.ranges
-        Reach(TaskPath(path.points + np.array(taps.options.shift)), arm, ranges, ranges.posture).step(_STEPS)
+        moved = TaskPath(path.points + np.array(taps.options.shift))
+        Reach(moved, arm, ranges, ranges.posture).step(MOST * len(moved.points))
         return Result(taps, path, shown, date)
 
     def lines(self, result: Result) -> list[str]:

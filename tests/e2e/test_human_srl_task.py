@@ -48,7 +48,8 @@ def test_task_is_taught_repeated_and_replayed(tmp_path: Path) -> None:
 
 
 def test_task_is_calibrated_and_run_from_its_file(tmp_path: Path) -> None:
-    actions = ("--set", "sim.parts.wearer.script=actions")
+    far = ("--set", "controllers.1.shift=[-0.2, 0.1, 0.4]")  # where the hanging hand isn't
+    actions = ("--set", "sim.parts.wearer.script=actions", *far)
     done = call(
         tmp_path, "calibrate", "human-srl-task", "independent-operation", "--person", "P07", "--sim", "--json",
         "-o", "p07.task.json", "--record", "shown.rrd", *actions, timeout=400,
@@ -64,15 +65,14 @@ def test_task_is_calibrated_and_run_from_its_file(tmp_path: Path) -> None:
         "-o", "again.task.json", *actions, timeout=400,
     )  # fmt: skip
     assert (tmp_path / "again.task.json").read_text() == (tmp_path / "p07.task.json").read_text()
-    ran = summary(
-        call(
-            tmp_path, "run", "human-srl-task", "--sim", "--fast", "--duration", "16", "--json",
-            "--set", "controllers.1.task=p07.task.json", "--set", "sim.parts.wearer.script=still",
-            "--set", "sim.devices.lever.presses=[]", "--set", "controllers.1.shift=[-0.15, 0.0, 0.2]", timeout=400,
-        )
+    ran = call(
+        tmp_path, "run", "human-srl-task", "--sim", "--fast", "--duration", "20", "--json", *far,
+        "--set", "controllers.1.task=p07.task.json", "--set", "sim.parts.wearer.script=still",
+        "--set", "sim.devices.lever.presses=[]", timeout=400,
     )  # fmt: skip
-    assert ran["result"]["task"]["person"] == "P07"
-    assert ran["result"]["task"]["done"] >= 1
+    told = summary(ran)["result"]["task"]
+    assert told["person"] == "P07"
+    assert told["done"] >= 1
 
 
 def test_task_out_of_reach_is_refused_by_the_calibration(tmp_path: Path) -> None:

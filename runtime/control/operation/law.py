@@ -8,10 +8,13 @@ from typing import Final
 import numpy as np
 
 from runtime.contracts.controller import Controller, ControllerConfig
+from runtime.contracts.errors import ProfileError
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import POINT, QUATERNION
-from runtime.control.operation.demonstration import TaskPath
+from runtime.control.operation.demonstration import TaskError, TaskPath
 from runtime.control.operation.options import IndependentOperationConfig
+from runtime.control.operation.reach import MOST, Reach
+from runtime.control.operation.record import TaskRecord
 from runtime.control.operation.replay import Replay
 from runtime.control.operation.tally import Tally
 from runtime.control.operation.teaching import Teaching
@@ -92,12 +95,21 @@ class IndependentOperation(Controller):
         self._shift = np.array(o.shift)
         self._teaching = Teaching(self._worn, o.ranges, o.thresholds, self._shift)
         self._triggers, self._tally = Triggers(), Tally()
-        self._replay = None if o.shown is None else self._task(TaskPath(o.shown.path.points + self._shift))
+        self._replay = None if o.shown is None else self._task(self._kept(o.shown))
         self._last: Array = np.zeros(n)  # what was applied in the cycle before
         self._running, self._joined = False, False
         self._fresh = True  # the next sample of the body is the first
         self._left, self._missed = 0, 0.0
         self._waits = False
+
+    def _kept(self, shown: TaskRecord) -> TaskPath:
+        """The path of the file. Raises ProfileError: the arm can't follow it."""
+        path, ranges = TaskPath(shown.path.points + self._shift), self._options.ranges
+        try:
+            Reach(path, self._worn, ranges, ranges.posture).step(MOST * len(path.points))
+        except TaskError as error:
+            raise ProfileError(f"controllers.{self.name}.task", error.problem, error.remedy) from None
+        return path
 
     def _task(self, path: TaskPath) -> Replay:
         return Replay(path, self._options.ranges, self._options.replay)

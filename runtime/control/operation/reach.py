@@ -13,6 +13,7 @@ from runtime.control.operation.worn import Worn
 
 NEAR: Final = 0.005  # m: a point is reached within it
 _TRIES: Final = 200  # steps at one point; most need one to three
+MOST: Final = _TRIES + 1  # steps that a point takes at most
 _DAMPING: Final = 1e-3  # m^2, of the least squares, joints scaled by their ranges
 _STEP: Final = 0.1  # of a joint's range, the most in a step
 _HOME: Final = 0.02  # of what is missing to the given posture in a step, where the point leaves freedom
