@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.calibration.cut import cut_to, elements
-from runtime.calibration.method import Method, Order, Say, settings
+from runtime.calibration.method import Method, Order, Say, kept, settings
 from runtime.calibration.run_taps import RunTaps, words
 from runtime.contracts.errors import RecordingError
 from runtime.contracts.signals import Array
@@ -59,17 +59,17 @@ class Taps(RunTaps):
         return f"{MARKS}.mark"
 
     def samples(self, rows: NDArray[np.int64]) -> Samples:
+        rows = rows[self.active(rows)]
         floats, n = self.floats(rows), len(self.options.rotation)
         rotation = floats[:, self.rotation].reshape(-1, n, 4)
         translation = floats[:, self.translation].reshape(-1, n, 3)
         hand = np.full((len(rows), 3), np.nan)
         arm = worn(self.options)
-        good = np.isfinite(rotation).all(axis=(1, 2)) & np.isfinite(translation).all(axis=(1, 2)) & ~self.idle(rows)
+        good = np.isfinite(rotation).all(axis=(1, 2)) & np.isfinite(translation).all(axis=(1, 2))
         for i in np.flatnonzero(good):
             arm.see(rotation[i], translation[i], 0.0)
             hand[i] = arm.place(self.options.hand)
-        times: Array = self.layout.word(rows, "now").astype(np.float64) * 1e-9
-        return Samples(times, hand, self.marks(floats))
+        return Samples(self.times(rows), hand, self.marks(floats))
 
 
 @dataclass(frozen=True)
@@ -118,10 +118,8 @@ class TaskMethod(Method[Taps, Result]):
         return one.options.hand == other.options.hand
 
     def take(self, older: Taps) -> Taps:
-        if self.order.option:
-            older = replace(older, options=older.options.model_copy(update={"thresholds": self._thresholds}))
-        self._thresholds = older.options.thresholds
-        return older
+        self._thresholds = kept(older.options.thresholds, self._thresholds)
+        return replace(older, options=older.options.model_copy(update={"thresholds": self._thresholds}))
 
     def procedure(self, before: Sequence[Any]) -> Procedure:
         return Procedure(self._plan, bool(before))
