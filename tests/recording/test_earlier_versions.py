@@ -149,5 +149,5 @@ def test_it_is_not_replayed_but_refused_in_one_line(tmp_path: Path, capsys: pyte
     assert main(["replay", str(tmp_path)]) == 2
     said = capsys.readouterr().err
     assert len(said.strip().splitlines()) == 1
-    for words in (str(tmp_path), "sim.world", "'augmented-hand' is made of parts now", "Replay it with srl-runtime"):
+    for words in (str(tmp_path), "sim.world", "'augmented-hand' is made of parts now", "Use srl-runtime"):
         assert words in said
