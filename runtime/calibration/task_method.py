@@ -28,7 +28,7 @@ from runtime.control.operation.demonstration import TaskError, TaskPath, Thresho
 from runtime.control.operation.procedure import Plan, Procedure
 from runtime.control.operation.reach import MOST, Reach
 from runtime.control.operation.record import FORMAT, TaskRecord
-from runtime.control.operation.samples import SHOWN, Samples, TaskMarksConfig
+from runtime.control.operation.samples import IDLE, SHOWN, Samples, TaskMarksConfig
 from runtime.control.operation.worn import Worn
 from runtime.control.shared.marks import stretch_of
 from runtime.control.shared.record_file import RecordError
@@ -120,6 +120,12 @@ class TaskMethod(Method[Taps, Result]):
     def take(self, older: Taps) -> Taps:
         self._thresholds = kept(older.options.thresholds, self._thresholds)
         return replace(older, options=older.options.model_copy(update={"thresholds": self._thresholds}))
+
+    def ended(self, samples: Samples) -> Samples:
+        marks = samples.marks.copy()
+        if len(marks) and marks[-1] == SHOWN:
+            marks[stretch_of(marks, SHOWN)] = IDLE
+        return replace(samples, marks=marks)
 
     def procedure(self, before: Sequence[Any]) -> Procedure:
         return Procedure(self._plan, bool(before))

@@ -11,13 +11,14 @@ from helpers.null_space_arm import calibrated
 
 from drivers.cyberglove.protocol import LABELS
 from runtime.contracts import registry
-from runtime.contracts.controller import ControllerConfig
+from runtime.contracts.controller import Controller, ControllerConfig
 from runtime.contracts.driver import DeviceConfig
 from runtime.contracts.signals import Signal
 from runtime.control.hand.human_hand import SENSORS
 from runtime.control.models import FingerModel
 from runtime.profile import profile, wiring
 from srl.testing import check_controller, check_driver
+from studies.runs import PROFILES
 
 FAULTS: dict[str, tuple[dict[str, Any], str]] = {
     "nothing": ({"shape": (2,)}, "neither `labels` nor `slots`"),
@@ -48,11 +49,19 @@ def test_what_has_names_is_taken(given: dict[str, Any]) -> None:
     assert Signal(name="s", unit="1", **given).naming_fault() == ""
 
 
-@pytest.mark.parametrize("name", registry.names("controllers"))
-def test_every_law_names_its_elements(name: str, tmp_path: Path) -> None:
-    cls = registry.load("controllers", name, "test")
-    options = {
-        "ikns": {"calibration": str(tmp_path / "p07.json")},
+LIMITS = {"lower": -1.0, "upper": 1.0, "velocity": 1.0, "acceleration": 1.0}
+
+
+def law_of(name: str, folder: Path) -> Controller:
+    """The law as a shipped profile has it, or with the least options."""
+    for shipped in profile.shipped():
+        if f"use: {name}\n" in (PROFILES / f"{shipped}.yaml").read_text():
+            laws = [law.controller for law in wiring.build(*profile.load(shipped), []).laws]
+            if found := [law for law in laws if isinstance(law, registry.load("controllers", name, "test"))]:
+                return found[0]
+    seen = {"rotation": {"Hips": "suit.rotation[Hips]"}, "translation": {"Hips": "suit.translation[Hips]"}}
+    options: dict[str, dict[str, Any]] = {
+        "ikns": {"calibration": str(folder / "p07.json")},
         "joint-setpoint": {"joints": ["a"]},
         "velocity-setpoint": {"axes": ["a"]},
         "pose-in-frame": {"frame": "a"},
@@ -63,10 +72,22 @@ def test_every_law_names_its_elements(name: str, tmp_path: Path) -> None:
             "angles": {"elbow": "arm.angles[elbow]"},
             "hand": "arm.hand",
         },
-    }
+        "intention-marks": {"person": "P1", "actions": ["wave", "point"], "trunk": ["Spine"], **seen},
+        "task-marks": {
+            "person": "P1", "teach": True, **seen,
+            **{k: {f"J{i}": v for i in range(1, 8)} for k, v in LIMITS.items()},
+        },
+    }  # fmt: skip
     if name == "ikns":
-        calibrated(tmp_path / "p07.json")
-    law = cls("law", cls.Config.model_validate(options.get(name, {})))
+        calibrated(folder / "p07.json")
+    cls = registry.load("controllers", name, "test")
+    law: Controller = cls("law", cls.Config.model_validate(options.get(name, {})))
+    return law
+
+
+@pytest.mark.parametrize("name", registry.names("controllers"))
+def test_every_law_names_its_elements(name: str, tmp_path: Path) -> None:
+    law = law_of(name, tmp_path)
     for signal in (*law.inputs, *law.outputs):
         assert not signal.naming_fault(), signal.name
 
