@@ -106,6 +106,7 @@ def worst(scene: Scene, states: list[tuple[float, float, float]], before: Array,
     return float(least)
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(wanted, points, slow), min_size=1, max_size=5), st.floats(0, 0.08), st.integers(0, 2**32 - 1))
 @settings(max_examples=25, deadline=None, phases=[Phase.generate])
 def test_whatever_was_accepted_can_be_stopped_from_before_the_disc_is_near(pieces, age, seed):

@@ -63,6 +63,7 @@ def test_the_hand_comes_where_it_is_told_with_its_palm_upright(condition: str) -
     assert np.linalg.norm(log(product(goal[3:], conjugate(found[3:])))) < 0.03
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("code", "AI")
 def test_a_steady_wearer_picks_and_places(code: str) -> None:
     made = steady("ikns", code)
@@ -71,6 +72,7 @@ def test_a_steady_wearer_picks_and_places(code: str) -> None:
     assert found.seconds < 12.0
 
 
+@pytest.mark.slow
 def test_out_of_reach_is_out_of_time() -> None:
     made = steady("ikns", "I")
     task = replace(made.task, lift=1.2)

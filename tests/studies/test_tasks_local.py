@@ -72,6 +72,7 @@ def test_a_worker_that_is_killed_costs_no_row(toy: Any, tmp_path: Path, monkeypa
     assert values(rows) == values(run(toy, tmp_path / "plain", 2))
 
 
+@pytest.mark.slow
 def test_a_trial_that_always_kills_its_worker_is_given_up_and_no_other_with_it(
     toy: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -128,6 +129,7 @@ def test_a_program_that_is_edited_while_the_study_runs_is_noticed(toy: Any, tmp_
         run(toy, tmp_path / "out", 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by", [signal.SIGKILL, signal.SIGINT], ids=lambda s: s.name)
 def test_a_client_that_is_killed_half_way_goes_on_where_it_was(tmp_path: Path, by: signal.Signals) -> None:
     env = installed(tmp_path / "toy") | {"TOY_GATE": str(tmp_path / "gate")}

@@ -88,6 +88,7 @@ def test_artefacts_out_of_the_band_are_removed() -> None:
     assert mean[2] == pytest.approx(2 / math.pi, rel=0.01)
 
 
+@pytest.mark.slow
 @settings(max_examples=30)
 @given(st.lists(st.integers(0, 400), min_size=1, max_size=20), st.integers(0, 100))
 def test_online_gives_the_same_however_it_is_cut(cuts: list[int], seed: int) -> None:

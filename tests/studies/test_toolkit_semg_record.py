@@ -230,6 +230,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Emg:
     return from_recording(read(folder / "emg.rrd"))
 
 
+@pytest.mark.slow
 def test_a_simulated_run_recorded_and_evaluated(recorded: Emg) -> None:
     assert recorded.muscles == ("deltoid_anterior", "biceps")
     assert len(recorded.pieces) == 3

@@ -30,6 +30,7 @@ def test_mujoco_has_the_body_s_chain() -> None:
         assert at - [0.1, -0.2, 1.1] == pytest.approx(pose[:3, :3] @ label[1].at + pose[:3, 3], abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_steady_wearer_moves_each_dof_and_nothing_else() -> None:
     world, part = cell(**STEADY)
     for i, name in enumerate(NAMES):
@@ -67,6 +68,7 @@ def test_the_elbow_goes_where_it_is_told_and_the_hand_stays_or_is_carried() -> N
     assert np.ptp(carried["dofs"][:, 0]) < 0.1
 
 
+@pytest.mark.slow
 def test_the_errors_of_a_reach_can_be_less_than_those_of_null_space_motion() -> None:
     def leaks(carried: float) -> tuple[float, float]:
         world, part = cell(**STEADY | {"direction_error": 0.15}, carried=carried)
