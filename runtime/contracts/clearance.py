@@ -25,7 +25,8 @@ class ClearanceConfig(Options):
 class Braking:
     """A motion that ends at rest, in samples: what the next command and the stop after it would do.
 
-    Between two samples each joint goes from the one value to the other and doesn't turn back.
+    Between two samples each joint goes from the one value to the other and doesn't turn back (with a bounded jerk it
+    may, by a tenth of a millimetre).
 
     Attributes:
         path: (m, n) rad or m, positions of the command's n elements; the first is where the limb is commanded now.

@@ -82,7 +82,9 @@ def margins(
 def reserve(
     height: Array, speed: Array, travel: Array, last: float, age: float, slack: Array, needed: Separation
 ) -> Array:
-    """A bound below all margins of each pair, (k,) m, from the first sample alone.
+    """A bound below what each pair keeps more than it needs, (k,) m, from the first sample alone.
+
+    It bounds the distance, as `margins` does, and may lie above that, which takes the mean of both ends.
 
     By (1) the pair is g_0(u_m) apart at the end of the motion at least, had the limb stayed; it goes no farther than
     the sum of L. A pair with a bound above 0 needs no closer look.
