@@ -105,7 +105,8 @@ def test_every_order_of_six_joints_is_followed_or_is_a_view() -> None:
 
 
 def test_names_that_agree_are_views_into_the_row() -> None:
-    for name in set(profile.shipped()) - {"ikns-two"}:  # whose laws take one element each of another's two
+    # A law of ikns-two takes one element of another's two, the one of suit-intention 19 of a suit's joints.
+    for name in set(profile.shipped()) - {"ikns-two", "suit-intention"}:
         graph = wiring.build(*profile.load(name), [])
         assert not graph.reads
         for law in graph.laws:
