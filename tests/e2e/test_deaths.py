@@ -103,3 +103,15 @@ def test_one_instance_of_a_name_at_a_time(tmp_path: Path) -> None:
         done = call(tmp_path, "run", "sixth-finger", "--sim", code=2)
         assert "running already" in done.stderr
         call(tmp_path, "run", "sixth-finger", "--sim", "--fast", "--duration", "1", "--instance", "second")
+
+
+@pytest.mark.slow
+def test_a_bus_that_hangs_doesnt_hold_up_the_end(tmp_path: Path) -> None:
+    with Running(tmp_path, "sixth-finger", "--sim", "--duration", "60", "--record", "x.rrd") as run:
+        run.started()
+        run.until(lambda: set(run.children()) == {"loop", "bus", "recorder"}, "all processes")
+        run.until(lambda: run.word("state") == State.ACTIVE, "motion")
+        os.kill(run.children()["bus"], signal.SIGSTOP)
+        run.process.send_signal(signal.SIGTERM)
+        found = run.finish()  # within 60 s; the recorder alone may take 120
+    assert found["recording_complete"] is True
