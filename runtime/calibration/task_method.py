@@ -192,7 +192,7 @@ class TaskMethod(Method[Taps, Result]):
 
 def worn(options: TaskMarksConfig) -> Worn:
     """The arm on the body that the options describe."""
-    return Worn(options.figure, options.side, options.envelope)
+    return Worn(options.figure, options.arm, options.envelope)
 
 
 def _marks(person: str, thresholds: Thresholds, graph: Graph, entry: ControllerEntry) -> dict[str, Any]:

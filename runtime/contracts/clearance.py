@@ -52,6 +52,8 @@ class Clearance(ABC):
         reach: (n,) m for each rad or m: no point of the limb moves by more than the sum of reach_i |dq_i|.
         creep: m/s: a limb whose sum of reach_i |v_i| is at most this may leave what it is too near to. The guard asks
             for such a motion when no faster one is clear.
+        limb: the limb that the options describe, comparable; None where they describe none. No two devices have the
+            same one.
         margin: m, set by `clear`: how much more distance there was than needed, at the worst instant; below 0: not
             clear. NaN where nothing is known.
     """
@@ -73,6 +75,7 @@ class Clearance(ABC):
         self.input: Mapping[str, Array] = {}
         self.reach: Array = np.zeros(command.size)
         self.creep = 0.0
+        self.limb: object = None
         self.margin = float("nan")
 
     def bind(self, input: Mapping[str, Array]) -> None:

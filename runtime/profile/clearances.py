@@ -36,6 +36,7 @@ def build(b: Builder, devices: Iterable[Driver], laws: list[Law], owners: list[s
     for name, entry in b.profile.guard.items():
         if entry.clear is not None and name in commands:
             cleared = made[name] = _cleared(b, name, entry.clear, commands[name])
+            _alone(b, name, made)
             for own, wire in cleared.inputs.items():
                 found = _behind(wire.far, laws, owners)
                 if not found:
@@ -48,6 +49,15 @@ def build(b: Builder, devices: Iterable[Driver], laws: list[Law], owners: list[s
             margin = Signal(name=MARGIN, shape=(1,), unit="m")
             b.add(f"{name}.{MARGIN}", margin, "internal", "the guard", f"guard.{name}.clear")
     return made
+
+
+def _alone(b: Builder, name: str, made: Mapping[str, Cleared]) -> None:
+    """Refuses a limb that another device's clearance judges: one of the two would be judged by the other's places."""
+    limb, device = made[name].clearance.limb, name.partition(".")[0]
+    for other, cleared in made.items():
+        if limb is not None and other.partition(".")[0] != device and cleared.clearance.limb == limb:
+            problem = f"'{other}' and '{name}' are said to be one and the same limb"
+            raise WiringError(b.source.place(f"guard.{name}.clear"), problem, "Give each its own `side` or `arms`")
 
 
 def _cleared(b: Builder, name: str, entry: ClearEntry, command: Command) -> Cleared:

@@ -128,7 +128,7 @@ def truth(
     The body's radii are `share` of the envelope's, less what is `without`, m; the arm's its own.
     """
     envelope, figure = config.envelope, config.figure
-    nodes = figure.arms.names(config.side)
+    nodes = figure.arms.names(config.arm)
 
     def shape(spec: Any) -> None:
         where = {part.start: [] for part in PARTS.values()}  # type: ignore[var-annotated]
@@ -246,7 +246,7 @@ class Gap:
         self._motion.take(0, rotation, translation)
 
     def __call__(self, q: Array) -> float:
-        nodes, ends = link_nodes(self._config.arms.arms, self._config.side, q[None]), self._motion.ends[self._segments]
+        nodes, ends = link_nodes(self._config.arms.arms, self._config.arm, q[None]), self._motion.ends[self._segments]
         axes = nearest(ends[:, 0], ends[:, 1], nodes[:, self._links], nodes[:, self._links + 1]).distance
         return float((axes - self._radii).min())
 

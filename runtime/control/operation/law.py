@@ -91,7 +91,7 @@ class IndependentOperation(Controller):
                 visual="points",
             ),
         )  # fmt: skip
-        self._worn = Worn(figure, o.side, o.envelope)
+        self._worn = Worn(figure, o.arm, o.envelope)
         self._shift = np.array(o.shift)
         self._teaching = Teaching(self._worn, o.ranges, o.thresholds, self._shift)
         self._triggers, self._tally = Triggers(), Tally()

@@ -7,6 +7,7 @@ from typing import Final, Literal
 
 import numpy as np
 
+from runtime.contracts.errors import OptionError
 from runtime.contracts.signals import Array
 from runtime.control.skeleton.tree import Node
 
@@ -63,6 +64,18 @@ class Arms:
     def labels(self) -> tuple[str, ...]:
         """(n): the joints' names, the same on both sides."""
         return tuple(f"J{i + 1}" for i in range(self.n))
+
+    def side(self, named: Side | None) -> Side:
+        """The side that an option names; the only one where it names none.
+
+        Raises:
+            OptionError: there is no such arm, or there are two and none is named: the other one's would be wrong.
+        """
+        if named is None and len(self.sides) > 1:
+            raise OptionError("there are two arms, and nothing says which one is meant", "Add `side: right`, or left")
+        if named is not None and named not in self.sides:
+            raise OptionError(f"the arms have no {named} one", f"side: one of {', '.join(self.sides)}")
+        return named or self.sides[0]
 
     def names(self, side: Side) -> tuple[str, ...]:
         """(n + 2): the names of one side's nodes, RBase, RJ1 and on."""

@@ -79,9 +79,10 @@ class BodyClearance(Clearance):
             Signal(name="translation", shape=(k, 3), unit="m", labels=joints, components=(POINT,)),
         )
         self._arms, self._envelope = arms, envelope
+        self.limb = (arms, options.arm)
         self._order = np.array([labels.index(name) for name in arms.labels])  # from the command's order to the arm's
         stroke = np.full(arms.n, options.stroke)
-        by_link = reaches(arms, options.side, -stroke, stroke)
+        by_link = reaches(arms, options.arm, -stroke, stroke)
         self._links = np.array([pair.link for pair in envelope.pairs])
         self._segments = np.array([pair.segment for pair in envelope.pairs])
         self._all = np.arange(len(envelope.pairs))
@@ -129,7 +130,7 @@ class BodyClearance(Clearance):
 
     def clear(self, motion: Braking) -> bool:
         path = motion.path[:, self._order]
-        nodes = link_nodes(self._arms, self.options.side, path)
+        nodes = link_nodes(self._arms, self.options.arm, path)
         slack = motion.slack[self._order] @ self._reach
         travel = travels(path, self._reach)
         # Most pairs are so far apart that the whole way wouldn't do, judged from where the limb is now.

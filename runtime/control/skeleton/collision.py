@@ -46,7 +46,7 @@ class Collision(Controller):
 
     def __init__(self, name: str, config: CollisionConfig) -> None:
         super().__init__(name, config)
-        self._arms, self._side, self._envelope = config.arms.arms, config.side, config.envelope
+        self._arms, self._side, self._envelope = config.arms.arms, config.arm, config.envelope
         pairs = self._envelope.pairs
         joints, n, k = config.figure.labels, self._arms.n, len(pairs)
         names = tuple(pair.name for pair in pairs)

@@ -55,7 +55,7 @@ class SkeletonConfig(FigureOptions, ControllerConfig):
 class EnvelopeOptions(FigureOptions):
     """What the envelope of body and arm is made of."""
 
-    side: Side = "right"
+    side: Side | None = Field(None, description="the arm; needed where `arms` has two")
     radii: dict[str, Positive] = Field(
         default_factory=dict, description="m, by segment, as measured on the wearer with clothes: right_forearm, thigh"
     )
@@ -65,12 +65,15 @@ class EnvelopeOptions(FigureOptions):
     leave_out: tuple[tuple[str, str], ...] = Field((), description="pairs [link, segment] that aren't compared")
 
     @cached_property
+    def arm(self) -> Side:
+        """Which of the arms it is about. Raises OptionError."""
+        return self.arms.arms.side(self.side)
+
+    @cached_property
     def envelope(self) -> Envelope:
         """The capsules. Raises OptionError."""
         arms = self.arms.arms
-        if self.side not in arms.sides:
-            raise OptionError(f"the arms have no {self.side} one", f"side: one of {', '.join(arms.sides)}")
-        return Envelope(self.figure.tree, arms, self.side, self.radii, self.clothing, self.link_radius, self.leave_out)
+        return Envelope(self.figure.tree, arms, self.arm, self.radii, self.clothing, self.link_radius, self.leave_out)
 
     @model_validator(mode="after")
     def _fits(self) -> Self:

@@ -49,7 +49,7 @@ class Retreat(Controller):
     def __init__(self, name: str, config: RetreatConfig) -> None:
         super().__init__(name, config)
         self.options = config
-        self._arms, self._side, self._envelope = config.arms.arms, config.side, config.envelope
+        self._arms, self._side, self._envelope = config.arms.arms, config.arm, config.envelope
         joints, n, labels = config.figure.labels, self._arms.n, self._arms.labels
         self.inputs = (
             Signal(name="target", shape=(n,), unit="rad", labels=labels),

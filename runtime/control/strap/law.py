@@ -30,7 +30,7 @@ class StrapBaseConfig(ControllerConfig):
     arms: ArmsOption | None = Field(
         None, description="supernumerary arms under `models:`: the arm is one of them, its base has the suit's axes"
     )
-    side: Side = Field("right", description="which of the arms")
+    side: Side | None = Field(None, description="which of the arms; needed where there are two")
     reference: Literal["imu", "suit"] = Field(
         "imu", description="what measures the body that wears the arm: a second inertial sensor, or a capture suit"
     )
@@ -54,8 +54,7 @@ class StrapBaseConfig(ControllerConfig):
         if self.arms is None:
             return self
         arms = self.arms.arms
-        if self.side not in arms.sides:
-            raise OptionError(f"there is no {self.side} arm under `models:`", f"Sides: {', '.join(arms.sides)}")
+        assert arms.side(self.side)
         if arms.n != len(self.axes):
             raise OptionError(f"the arms have {arms.n} joints, and these are {len(self.axes)} axes", "Give each one")
         for name, axis in self.axes.items():
@@ -69,7 +68,8 @@ class StrapBaseConfig(ControllerConfig):
         if self.arms is None:
             return own, (0.0, 0.0, 0.0)
         arms = self.arms.arms
-        turns, (_, first, *links) = arms.axes(self.side).tolist(), arms.offsets(self.side).tolist()
+        side = arms.side(self.side)
+        turns, (_, first, *links) = arms.axes(side).tolist(), arms.offsets(side).tolist()
         made = tuple(
             axis.model_copy(update={"axis": tuple(turn), "link": tuple(link), "slides": joint.slides})
             for axis, turn, link, joint in zip(own, turns, links, arms.joints, strict=True)
