@@ -355,7 +355,7 @@ def test_the_profiles_arms_are_those_of_the_skeleton(side, q, far):
 def test_arms_that_do_not_fit_are_refused():
     with pytest.raises((ValidationError, OptionError), match="described under"):
         worn(J3={"slides": True})
-    with pytest.raises((ValidationError, OptionError), match="no left arm"):
+    with pytest.raises((ValidationError, OptionError), match="no left one"):
         worn("left", ArmsModel())
     with pytest.raises((ValidationError, OptionError), match="8 axes"):
         worn(J8={})
