@@ -20,8 +20,6 @@ from runtime.control.skeleton.capsules import nearest
 from runtime.control.skeleton.envelope import link_nodes, reaches
 from runtime.control.skeleton.options import EnvelopeOptions
 
-UNIT_WITHIN = 0.1  # a quaternion whose length is off by more is none
-
 
 class Seen(NamedTuple):
     """What is seen of k pairs in m samples.
@@ -105,10 +103,8 @@ class BodyClearance(Clearance):
         rotation, translation = self.input["rotation"], self.input["translation"]
         if stamp == NEVER:
             return self._unusable("the body isn't seen")
-        if not (np.isfinite(rotation).all() and np.isfinite(translation).all()):
-            return self._unusable("the body's pose has numbers that aren't finite")
-        if (np.abs((rotation * rotation).sum(axis=1) - 1.0) > UNIT_WITHIN).any():
-            return self._unusable("the body's pose has rotations that are none")
+        if problem := self._motion.trouble(rotation, translation):
+            return self._unusable(problem)
         options, motion = self.options, self._motion
         if stamp != self._stamp:
             values = rotation.tobytes() + translation.tobytes()

@@ -15,6 +15,9 @@ from runtime.control.skeleton.human_srl import HumanSrl
 from runtime.control.skeleton.kinematics import Kinematics
 
 KEPT: Final = 64  # samples
+UNIT_WITHIN: Final = 0.1  # a quaternion whose squared length is off by more is none
+SHORTEST, LONGEST = 0.5, 2.0  # of the figure's bones: outside of it nobody is, and a unit is wrong
+SMALL: Final = 0.01  # m: no bone, two joints in one place
 
 
 class BodyMotion:
@@ -39,11 +42,29 @@ class BodyMotion:
         self.kinematics = Kinematics(figure)
         self.kinematics.rest()
         self._carrier = self.kinematics.body(figure.arms.parent)
+        human = figure.human
+        lengths = np.linalg.norm(human.offsets[list(human.joints)], axis=1)
+        root = np.array([human.parents[i] < 0 for i in human.joints])
+        self._bones = np.flatnonzero(~root & (lengths > SMALL))
+        self._lengths = lengths[self._bones]
         self._indices, self._span = ends, round(span * 1e9)
         self._past: deque[tuple[int, Array]] = deque(maxlen=KEPT)
         self.ends: Array = np.zeros((len(ends), 2, 3))
         self.velocity: Array = np.zeros((len(ends), 2, 3))
         self.window = float("inf")
+
+    def trouble(self, rotation: Array, translation: Array) -> str:
+        """What makes it no pose of this body, for people; empty if nothing does. Arguments as `take`."""
+        if not (np.isfinite(rotation).all() and np.isfinite(translation).all()):
+            return "the body's pose has numbers that aren't finite"
+        if (np.abs((rotation * rotation).sum(axis=1) - 1.0) > UNIT_WITHIN).any():
+            return "the body's pose has rotations that are none"
+        share = np.linalg.norm(translation[self._bones], axis=1) / self._lengths
+        wrong = np.flatnonzero((share < SHORTEST) | (share > LONGEST))
+        if wrong.size:
+            name, factor = self.kinematics.figure.labels[int(self._bones[wrong[0]])], float(share[wrong[0]])
+            return f"the body's pose has a bone to {name} that is {factor:.3g} times as long as the figure's"
+        return ""
 
     def forget(self) -> None:
         """Begins anew: what was seen is from before a pause."""

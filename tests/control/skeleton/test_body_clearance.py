@@ -62,6 +62,23 @@ def test_it_waits_until_speeds_are_known_and_refuses_what_is_no_pose():
     assert "0.44 s old" in made.why()
 
 
+@pytest.mark.parametrize("factor", [0.01, 0.4, 2.5, 100.0, 1e3, 1e200])
+def test_a_body_of_impossible_size_is_none(factor):
+    """Centimetres for metres: a wearer of 170 m whose arm hangs far from everything, or one smaller than a thumb."""
+    made, wearer = judge()
+    right = wearer.translation.copy()
+    made.input["translation"][:] = right * factor
+    assert not any(see(made, 10_000 * MS + 10 * k * MS) for k in range(12))
+    assert "times as long as the figure's" in made.why()
+    made.input["translation"][:] = right
+    made.input["translation"][wearer.names.index("RightForeArm")] *= factor
+    assert not any(see(made, 11_000 * MS + 10 * k * MS) for k in range(12))
+    assert "RightForeArm" in made.why()
+    for possible in (0.6, 1.8):
+        made.input["translation"][:] = right * possible
+        assert any(see(made, (12_000 + 10 * k) * MS) for k in range(12))
+
+
 def test_what_is_no_number_is_not_clear_and_a_stamp_to_come_makes_nothing_younger():
     made, _ = judge(latency=0.04)
     for k in range(8):
