@@ -59,7 +59,7 @@ def travels(path: Array, reach: Array) -> Array:
 
 
 def margins(
-    height: Array, speed: Array, travel: Array, until: Array, age: float, slack: Array, needed: Separation
+    height: Array, speed: Array, travel: Array, until: Array, age: float | Array, slack: Array, needed: Separation
 ) -> Array:
     """The margins of equation (2), (m - 1, k) m.
 
@@ -68,11 +68,11 @@ def margins(
         speed: w_je, (m, k, e) m/s.
         travel: L, (m - 1, k) m.
         until: u_j, (m,) s.
-        age: a, s.
+        age: a, s; one number, or (k,) one for each pair.
         slack: Z_r, (k,) m: by which the limb's shape may be beside its commanded place.
         needed: C, Z_d and a_e.
     """
-    t = (age + until[1:])[:, None, None]
+    t = (until[1:, None] + age)[..., None]
     fallen = (0.5 * needed.acceleration) * (t * t)
     before = _lesser(height[:-1] - speed[:-1] * t - fallen)
     after = _lesser(height[1:] - speed[1:] * t - fallen)
@@ -80,7 +80,7 @@ def margins(
 
 
 def reserve(
-    height: Array, speed: Array, travel: Array, last: float, age: float, slack: Array, needed: Separation
+    height: Array, speed: Array, travel: Array, last: float, age: float | Array, slack: Array, needed: Separation
 ) -> Array:
     """A bound below what each pair keeps more than it needs, (k,) m, from the first sample alone.
 
@@ -95,7 +95,7 @@ def reserve(
         last: u_m, s.
         age, slack, needed: as `margins`.
     """
-    t = age + last
+    t = np.asarray(age + last)[..., None]
     g = _lesser(height - speed * t - (0.5 * needed.acceleration) * (t * t))
     bound: Array = g - travel.sum(axis=0) - (needed.least + needed.uncertainty + slack)
     return bound

@@ -18,6 +18,7 @@ from runtime.control.shared.approach import Separation, is_clear, margins, reser
 from runtime.control.skeleton.body_motion import BodyMotion
 from runtime.control.skeleton.capsules import nearest
 from runtime.control.skeleton.envelope import link_nodes, reaches
+from runtime.control.skeleton.joint_age import JointAge
 from runtime.control.skeleton.options import EnvelopeOptions
 
 
@@ -57,7 +58,8 @@ class BodyClearance(Clearance):
     Inputs: `rotation` (59, 4), `translation` (59, 3) m: the suit's joints in their parents. All is computed in the
     frame of the node that carries the arms, which is taken for rigid with their base: what straps give is part of
     `uncertainty`. The age of the pose is the time since its stamp, or since it last changed where a suit repeats
-    itself, and `latency`. The arm of the other side isn't compared.
+    itself, and `latency`. A segment that a hanging joint moves stays where it was seen last, and gets older by itself
+    (`JointAge`). The arm of the other side isn't compared.
     """
 
     Config = BodyClearanceConfig
@@ -92,9 +94,16 @@ class BodyClearance(Clearance):
         self._a_e = options.acceleration * envelope.acceleration[self._segments]
         self._needed = Separation(self._a_e, options.least, options.uncertainty)
         self._motion = BodyMotion(config.figure, envelope.ends, options.span)
+        self._joints = JointAge(config.figure, envelope.ends, options.repeat)
+        # As each segment was seen last with all its joints: ends (m), their velocity (m/s), the window (s), when (ns).
+        s = len(envelope.segments)
+        self._ends, self._velocity, self._window = np.zeros((s, 2, 3)), np.zeros((s, 2, 3)), np.full(s, np.inf)
+        self._seen_at = np.full(s, NEVER, np.int64)
+        self._compared = np.unique(self._segments)
         self._last = b""
         self._changed = self._stamp = NEVER
         self._age, self._problem = 0.0, "no pose of the body yet"
+        self._ages: Array = np.zeros(len(envelope.pairs))  # s, of the segments
         self._worst = 0
         self._distance = float("nan")
 
@@ -110,9 +119,9 @@ class BodyClearance(Clearance):
             values = rotation.tobytes() + translation.tobytes()
             if values != self._last:
                 self._last, self._changed = values, stamp
-                motion.take(stamp, rotation, translation)
+                self._take(stamp, rotation, translation)
             elif stamp - self._changed <= options.repeat * 1e9:
-                motion.take(stamp, rotation, translation)
+                self._take(stamp, rotation, translation)
             self._stamp = stamp
         since = self._changed if stamp - self._changed > options.repeat * 1e9 else stamp
         self._age = max(now - since, 0) * 1e-9 + options.latency
@@ -121,8 +130,25 @@ class BodyClearance(Clearance):
         if isinf(motion.window):
             self._problem = "the body's pose has only just come"
             return False
+        ages = np.maximum(self._age, np.maximum(now - self._seen_at, 0) * 1e-9 + options.latency)
+        oldest = int(self._compared[ages[self._compared].argmax()])
+        if ages[oldest] > options.max_age:
+            self._problem = f"{self._joints.name(oldest)} of the body's pose hangs"
+            return False
+        self._ages = ages[self._segments]
         self._problem = ""
         return True
+
+    def _take(self, stamp: int, rotation: Array, translation: Array) -> None:
+        motion, joints = self._motion, self._joints
+        motion.take(stamp, rotation, translation)
+        known = not isinf(motion.window)
+        joints.take(stamp, rotation, stamp - round(motion.window * 1e9) if known else stamp)
+        if known:
+            fresh = joints.fresh
+            self._ends[fresh], self._velocity[fresh] = motion.ends[fresh], motion.velocity[fresh]
+            self._window[fresh] = motion.window
+            self._seen_at = np.where(fresh, stamp, np.minimum(self._seen_at, joints.oldest))
 
     def clear(self, motion: Braking) -> bool:
         path = motion.path[:, self._order]
@@ -132,7 +158,7 @@ class BodyClearance(Clearance):
         # Most pairs are so far apart that the whole way wouldn't do, judged from where the limb is now.
         first = self._seen(nodes[:1], self._all)
         bound = reserve(
-            first.height[0], first.speed[0], travel, float(motion.until[-1]), self._age, slack, self._needed
+            first.height[0], first.speed[0], travel, float(motion.until[-1]), self._ages, slack, self._needed
         )
         near = np.flatnonzero(~(bound >= 0.0))  # what isn't a number isn't clear
         if near.size == 0:
@@ -141,7 +167,7 @@ class BodyClearance(Clearance):
             return True
         seen = self._seen(nodes, near)
         needed = Separation(self._a_e[near], self._needed.least, self._needed.uncertainty)
-        margin = margins(seen.height, seen.speed, travel[:, near], motion.until, self._age, slack[near], needed)
+        margin = margins(seen.height, seen.speed, travel[:, near], motion.until, self._ages[near], slack[near], needed)
         bound[near] = margin.min(axis=0)  # of the others it stays a bound
         self._worst = int(bound.argmin())
         self.margin, self._distance = float(bound[self._worst]), float(first.distance[0, self._worst])
@@ -150,12 +176,14 @@ class BodyClearance(Clearance):
 
     def _seen(self, nodes: Array, pairs: NDArray[np.intp]) -> Seen:
         """These pairs, with the arm's nodes (m, n + 2, 3) in m samples."""
-        links, segments, body = self._links[pairs], self._segments[pairs], self._motion
-        ends, velocity = body.ends[segments], body.velocity[segments]
+        links, segments = self._links[pairs], self._segments[pairs]
+        ends, velocity = self._ends[segments], self._velocity[segments]
         found = nearest(ends[:, 0], ends[:, 1], nodes[:, links], nodes[:, links + 1])
         normal = (found.on_second - found.on_first) / np.maximum(found.distance, 1e-9)[..., None]
         height = np.einsum("mkei,mki->mke", found.on_second[:, :, None] - ends, normal) - self._radii[pairs, None]
-        speed = np.maximum(np.einsum("kei,mki->mke", velocity, normal), 0.0) + self._a_e[pairs] * (body.window / 2)
+        speed = np.maximum(np.einsum("kei,mki->mke", velocity, normal), 0.0) + (
+            self._a_e[pairs] * (self._window[segments, None] / 2)
+        )
         return Seen(found.distance - self._radii[pairs], height, speed)
 
     def why(self) -> str:

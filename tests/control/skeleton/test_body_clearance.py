@@ -11,6 +11,7 @@ from helpers.skeleton import TWO
 
 from runtime.contracts.clearance import NEVER, Braking
 from runtime.contracts.errors import WiringError
+from runtime.contracts.rotation import from_euler_xyz
 from runtime.contracts.signals import Command, Kind
 from runtime.control.skeleton import body_clearance
 from runtime.control.skeleton.body_clearance import BodyClearance, BodyClearanceConfig
@@ -114,6 +115,68 @@ def test_a_suit_that_repeats_itself_gets_older(repeat):
     kept = round(repeat * 100)
     assert ages[:kept] == pytest.approx([0.0] * kept, abs=1e-9)
     assert ages[kept:20] == pytest.approx(0.01 * np.arange(kept + 1, 21))
+
+
+def hanging(joints: tuple[str, ...], **options: Any) -> list[tuple[bool, float, str]]:
+    """A wearer who moves, some of whose joints hang from 0.8 s on, until 1.6 s: usable, oldest age, why; at 100 Hz."""
+    made, wearer = judge(**options)
+    found, held = [], {}
+    for k in range(240):
+        pose = wearer.rotation(k * 0.01)
+        if k == 80:
+            held = {name: pose[wearer.names.index(name)].copy() for name in joints}
+        if 80 <= k < 160:
+            for name, value in held.items():
+                pose[wearer.names.index(name)] = value
+        made.input["rotation"][:] = pose
+        now = 10_000 * MS + 10 * k * MS
+        usable = made.begin(now, {"rotation": now, "translation": now})
+        found.append((usable, float(made._ages.max()), made.why()))
+    return found
+
+
+@pytest.mark.parametrize("joint", ["RightArm", "LeftForeArm"])
+def test_a_single_joint_that_hangs_makes_its_segments_old(joint):
+    found = hanging((joint,))
+    assert all(usable for usable, _, _ in found[6:100])
+    assert found[79][1] == pytest.approx(0.04)
+    assert [age for _, age, _ in found[81:101]] == pytest.approx([0.04 + 0.01 * (k - 80) for k in range(81, 101)])
+    assert not any(usable for usable, _, _ in found[102:160])
+    assert joint in found[120][2]
+    assert not found[162][0], "speeds aren't known before they have been seen for a while"
+    assert all(usable for usable, _, _ in found[167:])
+
+
+def test_a_joint_may_repeat_itself_for_as_long_as_told_and_one_that_never_moved_for_ever():
+    assert hanging(("RightArm",), repeat=0.1)[88][1] == pytest.approx(0.04)
+    assert hanging(("RightArm",), repeat=0.1)[95][1] == pytest.approx(0.04 + 0.15)
+    assert all(usable for usable, _, _ in hanging(("RightHandIndex1", "Neck", "LeftLeg"))[6:])
+
+
+def test_a_segment_is_moved_by_the_joints_between_it_and_what_carries_the_arm():
+    made, wearer = judge()
+    joints = made._joints
+    by = {
+        segment: {name for name, moves in zip(joints.names, row, strict=True) if moves}
+        for segment, row in zip(made._envelope.segments, joints._by, strict=True)
+    }
+    assert by["right_thigh"] == {"Spine", "RightUpLeg"}
+    assert by["pelvis"] == {"Spine"}
+    assert by["abdomen"] == {"Spine1"}
+    assert by["left_forearm"] == {
+        "Spine1", "Spine2", "Spine3", "LeftShoulder", "LeftArm", "LeftForeArm",
+    }  # fmt: skip
+    # The oracle: a turn of a joint moves an end in the carrier's frame or doesn't.
+    at = {}
+    made._motion.take(1, wearer.aside(), wearer.translation)
+    rest = made._motion.ends.copy()
+    for j, name in enumerate(joints.names):
+        pose = wearer.aside()
+        pose[j] = from_euler_xyz(0.3, 0.4, 0.5)
+        made._motion.take(1, pose, wearer.translation)
+        at[name] = np.abs(made._motion.ends - rest).max(axis=(1, 2)) > 1e-9
+    for j, name in enumerate(joints.names):
+        assert (joints._by[:, j] == at[name]).all(), name
 
 
 def test_the_joints_may_come_in_another_order_and_must_be_the_arm_s():
