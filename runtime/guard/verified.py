@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from math import ceil, isinf, nan
 from operator import mul
 from typing import Final
@@ -82,6 +83,7 @@ class VerifiedStop:
         n = len(self._A)
         self._path, self._until = np.zeros((MOST + 3, n)), np.zeros(MOST + 3)
         self._velocity, self._slack = np.zeros(n), np.array(self._tracking)
+        self._beside = np.zeros(n)  # by which the limb is beside its commands, where that is more than `tracking`
         self._past: deque[tuple[float, list[float]]] = deque()  # s, what was applied; the newest last
 
     @property
@@ -111,6 +113,7 @@ class VerifiedStop:
         self._past.clear()
         self._past.append((0.0, applied))
         self._slack[:] = self._tracking
+        self._beside[:] = 0.0
 
     def compare(self, applied: list[float], measured: list[float] | None, dt: float) -> None:
         """Takes what is measured for the slack, where the limb is farther from its commands than `tracking`.
@@ -130,8 +133,9 @@ class VerifiedStop:
             past.popleft()  # the last one before the span belongs to it
         if measured is not None:
             values = np.array([each for _, each in past])
-            beside = np.maximum(values.min(axis=0) - measured, measured - values.max(axis=0))
-            np.maximum(beside, self._tracking, out=self._slack)
+            beside = np.array(measured) - np.clip(measured, values.min(axis=0), values.max(axis=0))
+            np.maximum(np.abs(beside), self._tracking, out=self._slack)
+            self._beside[:] = np.where(np.abs(beside) > self._tracking, beside, 0.0)
 
     def widen(self, slack: Sequence[float]) -> None:
         """Sets the slack to `tracking` and this, (n,) rad or m: for what isn't commanded as a position."""
@@ -187,8 +191,12 @@ class VerifiedStop:
         until[m:end] += self.lag + dt
         self._velocity[:] = list(map(max, (abs(v) for _, v, _ in states), self._speeds(tried)))
         try:
-            clear = bool(self.clearance.clear(Braking(path[:end], until[:end], self._velocity, self._slack)))
+            motion = Braking(path[:end], until[:end], self._velocity, self._slack)
+            clear = bool(self.clearance.clear(motion))
             self.margin = self.clearance.margin
+            if clear and self.margin < 0 and self._beside.any():
+                # It creeps from what is too near. What pushed the limb aside may be on its other side: both must hold.
+                clear = bool(self.clearance.clear(replace(motion, path=path[:end] + self._beside)))
             return clear
         except Exception as error:
             self._failed(error)

@@ -242,6 +242,25 @@ def test_a_limb_that_is_too_near_may_creep_away_and_nothing_else():
     assert scene.at[0] == pytest.approx(-1.0, abs=1e-3), "once it is clear it goes at full speed"
 
 
+def test_a_limb_that_was_pushed_aside_doesn_t_creep_into_what_pushed_it():
+    """Its command is on one side of the disc, the limb on the other. Away for the one is into the disc for the other."""
+    scene = Scene()
+    for _ in range(5):
+        scene.step((0.0, 0.0))
+    pushed = np.array([0.62, 0.0])
+    scene.disc[:] = 0.3 * np.cos(0.3), 0.3 * np.sin(0.3)
+    for _ in range(100):
+        scene.at[:] = pushed
+        scene.step((-1.0, 0.0))
+        assert scene.held
+    assert not scene.applied.any()
+    scene.disc[:] = 0.3 * np.cos(0.45), -0.3 * np.sin(0.45)  # now it is on the other side of both
+    for _ in range(100):
+        scene.at[:] = pushed + scene.applied
+        scene.step((1.0, 0.0))
+    assert scene.applied[0] > 0.01
+
+
 def test_the_slack_is_what_is_measured_where_that_is_more():
     scene = Scene(start=(-1.0, 0.0), tracking=0.01)
     assert scene.guard.verified is not None
