@@ -41,6 +41,9 @@ class Retreat(Controller):
 
     Inputs: `target` (n,) rad or m; `rotation` (59, 4), `translation` (59, 3) m of the suit. Output: `q` (n,), wired to
     the arm's position command: it begins at what was applied. `share` (1,): max alpha.
+
+    A pose that is none (`BodyMotion.trouble`) is left out, and the body counts as where it was. While `target` isn't
+    there (NaN), its last value stands, or where the arm was at the reset.
     """
 
     Config = RetreatConfig
@@ -69,27 +72,37 @@ class Retreat(Controller):
         self._tries = np.vstack([np.zeros(n), STEP * np.eye(n)])
         self._now, self._last = 0, b""
         self._offset = np.zeros(n)  # of the output from the target
+        self._target = np.zeros(n)  # the newest that was there, or where the arm was at the reset
 
     def reset(self) -> None:
         self._motion.forget()
         self._last = b""
-        self.output["q"][:] = self.applied.get("q", self.input["target"])
-        self._offset[:] = self.output["q"] - self.input["target"]
+        start = self.applied.get("q", self.input["target"])
+        self._target[:] = start
+        self._wanted()
+        self.output["q"][:] = start
+        self._offset[:] = start - self._target
         self.output["share"][0] = 0.0
 
     def update(self, dt: float) -> None:
         self._now += round(dt * 1e9)
         rotation, translation, body = self.input["rotation"], self.input["translation"], self._motion
         values = rotation.tobytes() + translation.tobytes()
-        if values != self._last:
+        if values != self._last and not body.trouble(rotation, translation):
             self._last = values
             body.take(self._now, rotation, translation)
-        here = self.applied.get("q", self.output["q"])
+        target, here = self._wanted(), self.applied.get("q", self.output["q"])
         share, way = self._way(here)
-        wanted = share * (here + way - self.input["target"])
-        self._offset += min(dt / self.options.ahead, 1.0) * (wanted - self._offset)
-        self.output["q"][:] = self.input["target"] + self._offset
+        wanted = share * (here + way - target)
+        if np.isfinite(wanted).all():  # what isn't finite would stay in the sum for good
+            self._offset += min(dt / self.options.ahead, 1.0) * (wanted - self._offset)
+        self.output["q"][:] = target + self._offset
         self.output["share"][0] = share
+
+    def _wanted(self) -> Array:
+        if np.isfinite(self.input["target"]).all():
+            self._target[:] = self.input["target"]
+        return self._target
 
     def _way(self, here: Array) -> tuple[float, Array]:
         """max alpha, and the step out of the way, (n,) rad or m."""

@@ -87,3 +87,41 @@ def test_it_keeps_the_contract_of_controllers_and_far_from_the_body_it_is_the_ta
     far.update(DT)
     assert far.output["share"][0] == 0.0
     assert far.output["q"] == pytest.approx(forward)
+
+
+@pytest.mark.parametrize("broken", ["rotation", "translation", "target"])
+def test_one_frame_that_is_none_is_left_out_and_leaves_nothing_behind(broken):
+    law, calm = bound(Retreat("retreat", RetreatConfig())), bound(Retreat("retreat", RetreatConfig()))
+    wearer = Wearer(BodyClearanceConfig(least=0.02, uncertainty=0.0), np.random.default_rng(0), 1.0)
+    for each in (law, calm):
+        each.input["target"][:], each.input["translation"][:] = TARGET, wearer.translation
+        each.input["rotation"][:] = beside(wearer, 0.9)
+        each.applied["q"][:] = TARGET
+        each.reset()
+    for k in range(60):
+        for each in (law, calm):
+            each.input["rotation"][:] = beside(wearer, 0.9 + 0.001 * k)
+            each.input["target"][:], each.input["translation"][:] = TARGET, wearer.translation
+            if k == 30 and each is law:
+                each.input[broken][:] = np.nan
+            each.update(DT)
+            each.applied["q"][:] = each.output["q"]
+        assert np.isfinite(law.output["q"]).all()
+        assert np.isfinite(law.output["share"]).all()
+    assert law.output["share"][0] > 0.3
+    assert law.output["q"] == pytest.approx(calm.output["q"], abs=0.01)
+
+
+def test_a_target_that_is_not_there_at_the_reset_leaves_the_arm_where_it_is():
+    law = bound(Retreat("retreat", RetreatConfig(begin=0.001, horizon=0.0)))
+    wearer = Wearer(BodyClearanceConfig(least=0.02, uncertainty=0.0), np.random.default_rng(0), 1.0)
+    law.input["translation"][:], law.input["rotation"][:] = wearer.translation, wearer.aside()
+    law.input["target"][:] = np.nan
+    law.applied["q"][:] = TARGET
+    law.reset()
+    for _ in range(5):
+        law.update(DT)
+    assert law.output["q"] == pytest.approx(TARGET)
+    law.input["target"][:] = TARGET + 0.1
+    law.update(DT)
+    assert law.output["q"] == pytest.approx(TARGET + 0.1)
