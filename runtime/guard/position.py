@@ -9,7 +9,7 @@ import ruckig
 from runtime.contracts.signals import Limits, Stop
 from runtime.guard.base import RETRACT_SPEED, CommandGuard, finite
 from runtime.guard.braking import Bounds, State, brake, stop_range, stoppable
-from runtime.guard.verified import brake_together, stop_time
+from runtime.guard.verified import VerifiedStop, brake_together, stop_time
 
 SLACK = 1e-10  # rad or m: tolerance for rounding when two braking distances are compared
 SQRT2 = sqrt(2.0)
@@ -95,6 +95,7 @@ class PositionGuard(CommandGuard):
             )
         else:
             if self.verified is not None:
+                self._compare(self.verified, dt)
                 self._states = brake_together(self._states, self.max_acceleration, self.max_jerk, dt)
             else:
                 for i, state in enumerate(self._states):
@@ -108,11 +109,16 @@ class PositionGuard(CommandGuard):
         if self.verified is None:
             self._states = after
             return
-        measured = None if self._position is None else self._position.ravel().tolist()
-        self.verified.compare([p for p, _, _ in self._states], measured, dt)
+        measured = self._compare(self.verified, dt)
         if measured is not None and (self.blind or not finite(measured)):
             self.verified.blind()
         self._states = self.verified.choose(self._states, after, dt, self._stops_within)
+
+    def _compare(self, verified: VerifiedStop, dt: float) -> list[float] | None:
+        """Once a cycle, in a stop too: what is beside its command then is so in the next one. Returns the position."""
+        measured: list[float] | None = None if self._position is None else self._position.ravel().tolist()
+        verified.compare([p for p, _, _ in self._states], measured, dt)
+        return measured
 
     def _stops_within(self, states: list[State]) -> bool:
         """Whether all joints keep their position limits if they brake together."""
