@@ -118,7 +118,7 @@ class CommandGuard(ABC):
         self.rejected = self.limited = self.fallback = self.reseated = self.at_rest = False
         self.rejections = self.limitations = self.fallbacks = self.reseats = 0
         # One period of the loop more: a command that is due may leave in this cycle.
-        patience = max((command.period or 0.0) + dt, LONGEST * dt)
+        patience = self._patience = max((command.period or 0.0) + dt, LONGEST * dt)
         resolution = np.broadcast_to(np.ravel(command.resolution), self.size).tolist()
         self._tracker = SentTracker(command.kind, patience, resolution)
         self._sent: Array | None = None
@@ -174,7 +174,7 @@ class CommandGuard(ABC):
         Raises:
             WiringError: the braking motion of such a command isn't known.
         """
-        self.verified = VerifiedStop(clearance, lag, tracking, self.max_acceleration, self.max_jerk)
+        self.verified = VerifiedStop(clearance, lag, self._patience, tracking, self.max_acceleration, self.max_jerk)
 
     def _bound(self) -> None:
         """Further checks of the arrays by one kind of guard. Raises WiringError as `bind` does."""

@@ -45,7 +45,7 @@ class VelocityGuard(CommandGuard):
                 "where a velocity takes the limb is known only from positions of the same joints",
                 "Use a device that measures them, or remove `clear:`",
             )
-        self.verified = VerifiedStop(clearance, lag, tracking, self.max_acceleration, self._no_jerk)
+        self.verified = VerifiedStop(clearance, lag, self._patience, tracking, self.max_acceleration, self._no_jerk)
 
     def _restart(self, position: list[float], velocity: list[float]) -> None:
         self._apply([0.0] * self.size)
@@ -79,9 +79,9 @@ class VelocityGuard(CommandGuard):
     def _go(self, wanted: list[float], dt: float) -> None:
         """Applies these velocities; with a clearance, as far as it lets the limb.
 
-        Measured `age` ago at q and moving at v, the limb is at q + (age + lag) v when it obeys a new velocity at the
-        latest; until then its velocity may differ from v by as much as it may change in that time. The path begins
-        at q, so a limb that obeys earlier is on it, too.
+        Measured `age` ago at q and moving at v, the limb is at q + (age + lag + patience) v when it obeys a new velocity
+        at the latest; until age + lag its velocity may differ from v by as much as it may change in that time. The
+        path begins at q, so a limb that obeys earlier is on it, too.
         """
         if self.verified is None:
             self._apply(wanted)
@@ -90,6 +90,7 @@ class VelocityGuard(CommandGuard):
         verified, measured = self.verified, self._position.ravel().tolist()
         ahead = verified.age + verified.lag
         verified.widen([A * ahead * (ahead / 2 + dt) for A in self.max_acceleration])
+        ahead += verified.patience  # in a late cycle of the loop it goes on as it did
         states, after = [], []
         for q, v, u in zip(measured, self.applied.ravel().tolist(), wanted, strict=True):
             states.append((q + ahead * v, v, 0.0))

@@ -10,8 +10,8 @@ and the other side, the limb is at rest before anything comes nearer than it all
   way T is what is left of it, so the rest of a stop is the stop of the rest. (With a bounded jerk each joint brakes as
   fast as it can; that stop has the same property, but it isn't straight.)
 - the times are those of the limb and not of its command. A servo may be `lag` late, so the limb may be on its way to a
-  sample until the sample's time plus `lag`; beside that, it may be off by `tracking`, or by what is measured where
-  that is more.
+  sample until the sample's time plus `lag` and `patience`, as long as a late cycle of the loop may last; beside that,
+  it may be off by `tracking`, or by what is measured where that is more.
 """
 
 from __future__ import annotations
@@ -62,16 +62,18 @@ class VerifiedStop:
     """
 
     def __init__(
-        self, clearance: Clearance, lag: float, tracking: Array, acceleration: Sequence[float], jerk: Sequence[float]
-    ) -> None:
+        self, clearance: Clearance, lag: float, patience: float, tracking: Array, acceleration: Sequence[float],
+        jerk: Sequence[float],
+    ) -> None:  # fmt: skip
         """
         Args:
             clearance: the judge, bound.
             lag: s, the longest time from a command until the limb is there.
+            patience: s, by which a stop may be carried out late, at least a period: the loop may stall.
             tracking: (n,) rad or m, by which the limb may be beside what was commanded within the lag.
             acceleration, jerk: (n,) the guard's limits; the jerk may be infinite.
         """
-        self.clearance, self.lag = clearance, lag
+        self.clearance, self.lag, self.patience = clearance, lag, patience
         self.held, self.holds = False, 0
         self.margin = nan
         self.error = ""
@@ -188,7 +190,7 @@ class VerifiedStop:
         path[m], until[m] = [p for p, _, _ in states], self.lag
         m += 1
         end = m + self._stop(tried, m)
-        until[m:end] += self.lag + dt
+        until[m:end] += self.lag + max(self.patience, dt)
         self._velocity[:] = list(map(max, (abs(v) for _, v, _ in states), self._speeds(tried)))
         try:
             motion = Braking(path[:end], until[:end], self._velocity, self._slack)

@@ -15,6 +15,7 @@ from runtime.contracts.clearance import Braking
 from runtime.contracts.errors import WiringError
 from runtime.contracts.signals import Array, Command, Kind, Stop
 from runtime.guard import CommandGuard
+from runtime.guard.base import LONGEST
 from runtime.guard.verified import brake_together, stop_time
 
 DT, V, A = 0.01, 2.0, np.array([6.0, 12.0])
@@ -82,20 +83,25 @@ class Scene:
         return float(distances(self.at[None], self.disc)[0].min())
 
 
-def worst(scene: Scene, states: list[tuple[float, float, float]], before: Array, push: Array) -> float:
+def worst(
+    scene: Scene, states: list[tuple[float, float, float]], before: Array, push: Array, stall: float = 0.0
+) -> float:
     """The least distance while the arm brakes from `states`, and the disc accelerates as much as it may.
+
+    stall: s, by which the loop's next cycle is late.
 
     Every millisecond: the arm is where its command was LAG ago, or where the command is, whichever is nearer.
     """
     A_, J = A.tolist(), [np.inf, np.inf]
     T, step = stop_time([v for _, v, _ in states], A_), 0.001
-    n = int(np.ceil((DT + T + LAG) / step)) + 1
+    n = int(np.ceil((DT + stall + T + LAG) / step)) + 1
     command = []
     for t in np.arange(n) * step:
         if t < DT:
             command.append(before + (np.array([p for p, _, _ in states]) - before) * t / DT)
         else:
-            command.append(np.array([p for p, _, _ in brake_together(states, A_, J, t - DT)]))
+            late = max(t - DT - stall, 0.0)
+            command.append(np.array([p for p, _, _ in brake_together(states, A_, J, late)]))
     lag = round(LAG / step)
     late = [before] * lag + command[: n - lag]
     centre, speed, least = scene.disc.copy(), scene.speed.copy(), np.inf
@@ -127,7 +133,8 @@ def test_whatever_was_accepted_can_be_stopped_from_before_the_disc_is_near(piece
             way = middle - scene.disc
             turn = rng.normal(size=2)
             for aim in (way / np.linalg.norm(way), turn / np.linalg.norm(turn)):
-                assert worst(scene, states, before, aim) >= C - 1e-6
+                for stall in (0.0, 4 * DT):
+                    assert worst(scene, states, before, aim, stall) >= C - 1e-6
 
 
 @given(st.lists(st.tuples(wanted, points, slow), min_size=1, max_size=8), st.sampled_from([0, 3]))
@@ -237,9 +244,26 @@ def test_a_limb_that_is_too_near_may_creep_away_and_nothing_else():
         assert np.abs(scene.guard.velocity) @ REACH.max(axis=1) <= 0.02 + 1e-9 or scene.clearance.margin >= 0
         assert scene.clearest() >= gap
         gap = scene.clearest()
-    for _ in range(400):
+    for _ in range(800):
         scene.step((-1.0, 0.0))
     assert scene.at[0] == pytest.approx(-1.0, abs=1e-3), "once it is clear it goes at full speed"
+
+
+def test_a_velocity_is_checked_as_if_the_next_cycle_were_late():
+    """The limb goes on at what it was told, from where it was measured; then it brakes."""
+    scene, seen = Scene(Kind.VELOCITY, start=(-1.0, 0.0)), list[Array]()
+    judge = scene.clearance.clear
+
+    def keep(motion: Braking) -> bool:
+        seen.append(motion.path.copy())
+        return judge(motion)
+
+    scene.clearance.clear = keep  # type: ignore[method-assign]
+    for _ in range(30):
+        scene.step((0.5, 0.1))
+    at = scene.at - DT * scene.applied
+    assert seen[-1][0] == pytest.approx(at)
+    assert seen[-1][1] == pytest.approx(at + (LAG + LONGEST * DT) * scene.applied)
 
 
 def test_a_limb_that_was_pushed_aside_doesn_t_creep_into_what_pushed_it():
@@ -271,6 +295,25 @@ def test_the_slack_is_what_is_measured_where_that_is_more():
         scene.look()
         scene.guard.step(np.array([-1.0, 0.0]), None, DT)
         assert scene.guard.verified._slack == pytest.approx([0.01, slack])
+
+
+def test_the_slack_is_measured_while_the_guard_halts_too():
+    """A hand takes the limb during a stop, or while the command is none: the first cycle after it must know."""
+    for halt in ("stop", "nan"):
+        scene = Scene(start=(-1.0, 0.0))
+        assert scene.guard.verified is not None
+        for _ in range(60):
+            scene.step((1.0, 0.0))
+        for _ in range(60):
+            scene.stop() if halt == "stop" else scene.step((np.nan, 0.0))
+        rest = scene.applied.copy()
+        scene.at[0] -= 0.15
+        scene.look()
+        scene.guard.stop(Stop.HOLD, DT)
+        assert scene.guard.verified._slack[0] == pytest.approx(0.15)
+        scene.look()
+        scene.guard.step(rest, None, DT)
+        assert scene.guard.verified._slack[0] == pytest.approx(0.15)
 
 
 def test_a_limb_late_by_the_lag_needs_no_more_slack_and_one_that_is_later_does():
@@ -316,7 +359,7 @@ def test_with_a_bounded_jerk_the_stop_that_is_carried_out_is_the_one_that_was_ch
         scene.step((1.0, 0.5))
     checked = seen[-1]
     assert not scene.held
-    times = checked.until[1:] - LAG - DT
+    times = checked.until[1:] - LAG - LONGEST * DT
     at = [scene.applied.copy()]
     for _ in range(round(times[-1] / DT) + 2):
         scene.stop()
