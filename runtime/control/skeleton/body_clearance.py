@@ -38,17 +38,17 @@ class Seen(NamedTuple):
 class BodyClearanceConfig(EnvelopeOptions, ClearanceConfig):
     """Options of `body-clearance`."""
 
-    least: float = Field(gt=0, lt=1, description="m, C, that is always kept: 0.02 in simulation, more on a person")
+    least: float = Field(ge=0.005, lt=1, description="m, C, that is always kept: 0.02 in simulation, more on a person")
     uncertainty: float = Field(
         ge=0, lt=1, description="m, Z_d, by which a segment may be beside where the suit has it; 0.05 for 5 degrees"
     )
     latency: float = Field(0.04, ge=0, lt=1, description="s, from a pose to its sample's stamp")
-    acceleration: float = Field(1.0, gt=0, le=10, description="factor on the segments' a_e")
-    span: float = Field(0.05, gt=0, lt=0.5, description="s, over which a segment's velocity is a mean")
+    acceleration: float = Field(1.0, ge=0.5, le=10, description="factor on the segments' a_e")
+    span: float = Field(0.05, ge=0.01, lt=0.5, description="s, over which a segment's velocity is a mean")
     repeat: float = Field(
-        0.0, ge=0, description="s for which a sample that repeats the last in every bit is taken for new"
+        0.0, ge=0, le=0.5, description="s for which a sample that repeats the last in every bit is taken for new"
     )
-    max_age: float = Field(0.25, gt=0, description="s, of the body's pose, latency included; an older one is none")
+    max_age: float = Field(0.25, gt=0, le=0.5, description="s, of the body's pose, latency included; an older one is none")
     creep: float = Field(0.02, ge=0, le=0.1, description="m/s, at which an arm that is too near may leave")
 
 

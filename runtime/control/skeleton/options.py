@@ -11,13 +11,15 @@ from runtime.contracts.controller import ControllerConfig
 from runtime.contracts.errors import OptionError, RecordingError
 from runtime.contracts.files import FileOption, KeptFile
 from runtime.contracts.options import Options
-from runtime.contracts.per_element import Positive
 from runtime.control.models import ArmsOption, named
 from runtime.control.skeleton import bvh
 from runtime.control.skeleton.arms import Side
 from runtime.control.skeleton.envelope import CLOTHING, LINK_RADIUS, Envelope
 from runtime.control.skeleton.human import human
 from runtime.control.skeleton.human_srl import HumanSrl
+
+
+Radius = Annotated[float, Field(ge=0.005, le=1, allow_inf_nan=False)]  # m: a thinner body part or link is a mistake
 
 
 class FigureOptions(Options):
@@ -56,12 +58,12 @@ class EnvelopeOptions(FigureOptions):
     """What the envelope of body and arm is made of."""
 
     side: Side | None = Field(None, description="the arm; needed where `arms` has two")
-    radii: dict[str, Positive] = Field(
+    radii: dict[str, Radius] = Field(
         default_factory=dict, description="m, by segment, as measured on the wearer with clothes: right_forearm, thigh"
     )
     clothing: float = Field(CLOTHING, ge=0, lt=0.2, description="m, on all other segments")
-    link_radius: float = Field(LINK_RADIUS, gt=0, lt=0.5, description="m, of the arm's links")
-    stroke: float = Field(0.2, gt=0, lt=1, description="m, that a sliding joint moves at most")
+    link_radius: float = Field(LINK_RADIUS, ge=0.01, lt=0.5, description="m, of the arm's links")
+    stroke: float = Field(0.2, ge=0.01, lt=1, description="m, that a sliding joint moves at most")
     leave_out: tuple[tuple[str, str], ...] = Field((), description="pairs [link, segment] that aren't compared")
 
     @cached_property

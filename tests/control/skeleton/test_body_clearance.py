@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from helpers.blame import Attack, Outcome, Wearer, trial
 from helpers.skeleton import TWO
+from pydantic import ValidationError
 
 from runtime.contracts.clearance import NEVER, Braking
 from runtime.contracts.errors import WiringError
@@ -78,6 +79,23 @@ def test_a_body_of_impossible_size_is_none(factor):
     for possible in (0.6, 1.8):
         made.input["translation"][:] = right * possible
         assert any(see(made, (12_000 + 10 * k) * MS) for k in range(12))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, -1.0, 1e-9, 1e9])
+@pytest.mark.parametrize(
+    "option",
+    [
+        "least", "acceleration", "span", "link_radius", "stroke", "max_age", "repeat", "radii",
+        "uncertainty", "latency", "creep", "clothing",
+    ],
+)  # fmt: skip
+def test_no_option_cancels_the_protection(option, value):
+    """What may be next to nothing: an uncertainty, a latency, a clothing, how long a pose stands, how fast it creeps."""
+    if value == 1e-9 and option in ("uncertainty", "latency", "creep", "clothing", "repeat", "max_age"):
+        assert judge(**{option: value})
+        return
+    with pytest.raises(ValidationError):
+        judge(**{option: {"hand": value} if option == "radii" else value})
 
 
 def test_what_is_no_number_is_not_clear_and_a_stamp_to_come_makes_nothing_younger():
