@@ -19,20 +19,25 @@ class StreamTime:
     shrinks as they are read; in the second the lag stays. Late samples keep their old stamps until the lag has
     stayed for one second: until then they are taken for samples that waited.
 
+    Where no sample can be lost unseen (over TCP, or numbered by the sender) a lag that stays is a queue that stays.
+    Then the samples remain as old as they are.
+
     Attributes:
         restarts: number of times the count began anew.
         rate: Hz, the present estimate.
+        lossless: as given at the beginning.
     """
 
-    def __init__(self, rate: float, learn: bool = False) -> None:
+    def __init__(self, rate: float, learn: bool = False, lossless: bool = False) -> None:
         """
         Args:
             rate: Hz.
             learn: the rate is known only roughly; it is estimated from the samples, the better the longer.
+            lossless: no sample is lost unseen; see above.
         """
         self.rate = rate
         self.restarts = 0
-        self._learn = learn
+        self.lossless, self._learn = lossless, learn
         self._begin()
 
     def _begin(self) -> None:
@@ -44,10 +49,15 @@ class StreamTime:
         self._begun = 0
         self._estimates = 0
 
+    @property
+    def delay(self) -> int:
+        """ns by which the newest sample was slower than the fastest one."""
+        return self._clock.delay
+
     def stamp(self, count: int, now: int) -> int:
         """Returns when sample number `count` was taken, in ns on the loop's clock; never after `now`."""
         stamp = self._clock.stamp(count, now)
-        if self._pause.over(self._clock.delay, now):
+        if not self.lossless and self._pause.over(self._clock.delay, now):
             self.restarts += 1
             self._begin()
             return self._clock.stamp(count, now)

@@ -18,6 +18,8 @@ from runtime.contracts.errors import DeviceError, DeviceLostError
 FIRST: Final = 3.0  # s for the first frame
 MEASURE: Final = 0.5  # s of frames from which the rate is first measured
 USELESS: Final = 65536  # bytes without a frame after which the form of the stream is detected anew
+LATE: Final = 200_000_000  # ns by which frames may be late for some time
+ENDURED: Final = 5_000_000_000  # ns of late frames after which the link is opened anew: that leaves the queue behind
 NEW_HEADER: Final = "Tick 'BVH', 'use old header format', and binary or string, in the software's broadcast settings"
 
 
@@ -30,8 +32,9 @@ class Noitom(Sensor):
 
     The driver detects from the stream whether it is text or binary, with displacement or without. Without
     displacement, all joints but the hips keep the default body's offsets, scaled. Frames are numbered in binary,
-    counted in text; their time is that number divided by the measured rate. A suit that isn't calibrated sends the
-    T-pose; the stream doesn't show this.
+    counted in text; their time is that number divided by the measured rate. Over TCP, and in binary, no frame is lost
+    unseen: late frames stay as old as they are, and after 5 s of them the link is opened anew. A suit that isn't
+    calibrated sends the T-pose; the stream doesn't show this.
     """
 
     Config = NoitomConfig
@@ -51,6 +54,7 @@ class Noitom(Sensor):
         self._clock = StreamTime(100.0)
         self._useless = 0  # bytes since the newest frame
         self._number = -1
+        self._late = -1  # ns, since when frames are late; -1: they aren't
         self._gaps = 0
         self._seen = (0, 0, 0)
 
@@ -127,6 +131,20 @@ class Noitom(Sensor):
             self._gaps += max(frame.number - self._number - came, 0)
         self._number = frame.number
         self.health.stamp = self._clock.stamp(number, now)
+        self._bear(now)
+
+    def _bear(self, now: int) -> None:
+        """Late frames, for some time."""
+        delay = self._clock.delay
+        if delay < LATE:
+            self._late = -1
+            return
+        if self._late < 0:
+            self._late = now
+        elif now - self._late > ENDURED:
+            self.health.connected = False
+            self.health.message = f"its frames are {delay * 1e-9:.1f} s late"
+            raise DeviceLostError(self._place, self.health.message, "It is opened anew, without what waits there")
 
     # -- opening
 
@@ -160,8 +178,9 @@ class Noitom(Sensor):
                 "Set the broadcast's frequency to 60 Hz or more",
             )
         self._parser = parsers[0]
-        self._clock = StreamTime(rate, learn=True)
-        self._useless, self._number = 0, -1
+        unseen = self._config.port.startswith("udp://") and isinstance(self._parser, TextParser)
+        self._clock = StreamTime(rate, learn=True, lossless=not unseen)
+        self._useless, self._number, self._late = 0, -1, -1
         self._seen = (self._parser.frames, self._parser.errors, self._parser.resyncs)
         kind = "binary" if isinstance(self._parser, BinaryParser) else "text"
         self.health.message = f"{kind} frames, about {rate:.0f} Hz"

@@ -31,6 +31,16 @@ def test_what_waited_is_old_and_what_was_lost_is_got_over() -> None:
         assert stream.restarts == (lost > 0)
 
 
+def test_where_nothing_is_lost_unseen_a_lag_that_stays_is_a_queue() -> None:
+    stream, now = StreamTime(100, learn=True, lossless=True), 10**10
+    for count in range(6000):
+        now += 10 * MS + (400 * MS if count == 500 else 0)
+        age = now - stream.stamp(count, now)
+        assert abs(age - (400 * MS if count >= 500 else 0)) < 15 * MS
+        assert stream.delay == age
+    assert stream.restarts == 0
+
+
 def test_a_rate_known_roughly_is_learnt_and_never_makes_fresh_samples_stale() -> None:
     rng = np.random.default_rng(1)
     for truth, told in ((120.3, 118.0), (59.7, 60.5)):

@@ -104,7 +104,7 @@ def opened(make: Make = binary, **options: object) -> tuple[Sender, Noitom]:
     with sender.sending():
         device.open()
     device._clock = StreamTime(
-        1e9 / PERIOD, learn=True
+        1e9 / PERIOD, learn=True, lossless=device._clock.lossless
     )  # the rate as known after a while, whatever this machine's pace
     device.read(START)
     return sender, device
