@@ -48,7 +48,9 @@ class BodyClearanceConfig(EnvelopeOptions, ClearanceConfig):
     repeat: float = Field(
         0.0, ge=0, le=0.5, description="s for which a sample that repeats the last in every bit is taken for new"
     )
-    max_age: float = Field(0.25, gt=0, le=0.5, description="s, of the body's pose, latency included; an older one is none")
+    max_age: float = Field(
+        0.25, gt=0, le=0.5, description="s, of the body's pose, latency included; an older one is none"
+    )
     creep: float = Field(0.02, ge=0, le=0.1, description="m/s, at which an arm that is too near may leave")
 
 

@@ -18,7 +18,6 @@ from runtime.control.skeleton.envelope import CLOTHING, LINK_RADIUS, Envelope
 from runtime.control.skeleton.human import human
 from runtime.control.skeleton.human_srl import HumanSrl
 
-
 Radius = Annotated[float, Field(ge=0.005, le=1, allow_inf_nan=False)]  # m: a thinner body part or link is a mistake
 
 
