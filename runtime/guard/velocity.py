@@ -79,9 +79,9 @@ class VelocityGuard(CommandGuard):
     def _go(self, wanted: list[float], dt: float) -> None:
         """Applies these velocities; with a clearance, as far as it lets the limb.
 
-        Measured `age` ago at q and moving at v, the limb is at q + (age + lag + patience) v when it obeys a new velocity
-        at the latest; until age + lag its velocity may differ from v by as much as it may change in that time. The
-        path begins at q, so a limb that obeys earlier is on it, too.
+        Measured `age` ago at q and moving at v, the limb is at q + (age + lag + patience) v when it obeys a new
+        velocity at the latest; until age + lag its velocity may differ from v by as much as it may change in that
+        time. The path begins at q, so a limb that obeys earlier is on it, too.
         """
         if self.verified is None:
             self._apply(wanted)

@@ -267,7 +267,7 @@ def test_a_velocity_is_checked_as_if_the_next_cycle_were_late():
 
 
 def test_a_limb_that_was_pushed_aside_doesn_t_creep_into_what_pushed_it():
-    """Its command is on one side of the disc, the limb on the other. Away for the one is into the disc for the other."""
+    """Its command is on one side of the disc, the limb on the other: away for one is nearer for the other."""
     scene = Scene()
     for _ in range(5):
         scene.step((0.0, 0.0))

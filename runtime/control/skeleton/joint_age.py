@@ -41,7 +41,7 @@ class JointAge:
         self._changes = np.zeros(k, np.int64)
         self._changed = np.zeros(k, np.int64)  # ns
         self._broken = np.full(k, -1, np.int64)  # ns, when it wasn't new last
-        self.fresh = np.zeros(len(ends), bool)
+        self.fresh: NDArray[np.bool_] = np.zeros(len(ends), np.bool_)
         self.oldest = np.full(len(ends), LATEST)
 
     def take(self, stamp: int, rotation: Array, first: int) -> None:
@@ -52,13 +52,15 @@ class JointAge:
             rotation: (k, 4) w x y z, of the human's joints.
             first: ns, stamp of the sample from which velocities are means.
         """
-        changed = np.ones(len(rotation), bool) if self._last is None else (rotation != self._last).any(axis=1)
+        changed: NDArray[np.bool_] = np.ones(len(rotation), np.bool_)
+        if self._last is not None:
+            changed = np.any(rotation != self._last, axis=1)
         self._changes += changed if self._last is not None else 0
         self._last = rotation.copy()
         self._changed[changed] = stamp
         self._broken[stamp - self._changed > self._repeat] = stamp
         counts = self._by & (self._changes >= MOVES)
-        self.fresh = ~(counts & (self._broken >= first)).any(axis=1)
+        self.fresh = ~np.any(counts & (self._broken >= first), axis=1)
         self.oldest = np.where(counts, self._changed, LATEST).min(axis=1)
 
     def name(self, segment: int) -> str:

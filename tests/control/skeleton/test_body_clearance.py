@@ -90,7 +90,7 @@ def test_a_body_of_impossible_size_is_none(factor):
     ],
 )  # fmt: skip
 def test_no_option_cancels_the_protection(option, value):
-    """What may be next to nothing: an uncertainty, a latency, a clothing, how long a pose stands, how fast it creeps."""
+    """What may be next to nothing: an uncertainty, a latency, a clothing, how long a pose stands, a creep."""
     if value == 1e-9 and option in ("uncertainty", "latency", "creep", "clothing", "repeat", "max_age"):
         assert judge(**{option: value})
         return
