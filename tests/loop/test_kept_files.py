@@ -101,7 +101,7 @@ def test_what_cant_be_kept_is_refused_with_line_path_and_remedy(home: Path) -> N
 @pytest.mark.slow
 def test_a_replay_needs_the_recording_alone(home: Path) -> None:
     file = home / "people" / "p07.json"
-    call(home.parent, "run", "home/intent.yaml", "--sim", "--fast", "--duration", "2", "--record", "x.rrd")
+    call(home.parent, "run", "home/intent.yaml", "--sim", "--fast", "--duration", "4", "--record", "x.rrd")
     recording = read(home.parent / "x.rrd")
     assert recording.layout.value(recording.rows, "intent.c").std() > 0.01
     there = summary(call(home.parent, "replay", "x.rrd", "--json"))

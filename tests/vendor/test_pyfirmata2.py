@@ -20,7 +20,7 @@ US_PER_RAD = (2400 - 544) / 3.142
 
 def profile_with_buttons(folder: Path) -> str:
     """The sixth finger's own profile; its board has two buttons, pressed at known times."""
-    _, text = find("sixth-finger")
+    text = find("sixth-finger")[1]
     text = text.replace(
         "    servos:", "    buttons: {go: {pin: 2}, back: {pin: 3}}\n    servos:", 1
     ).replace(
