@@ -69,7 +69,7 @@ def test_it_gives_way_to_a_hand_and_comes_back():
     parked, _, _ = session(False)
     least, share, error = session(True)
     assert share > 0.5
-    assert parked < 0.0 < least
+    assert parked < 0.01 < least  # a hand with a capsule for each finger passes the parked arm at 7 mm
     assert error < 0.01
 
 
