@@ -56,9 +56,17 @@ class Arrivals:
                 return
             self._stopped = time.monotonic_ns()
             self._stops.put(_Item(work, what, self._stopped))
-            self._items.put(_Item(lambda _: None, None, self._stopped))  # ends a wait
+            self.wake()
 
         return arrive
+
+    def wake(self) -> None:
+        """Ends a wait. A signal's handler may call it, and must.
+
+        `SimpleQueue.get` computes what is left of its timeout after a handler has run. If nothing is left, CPython 3.11
+        waits without end.
+        """
+        self._items.put(_Item(lambda _: None, None, time.monotonic_ns()))
 
     def handle(self, timeout: float) -> None:
         """Waits until something arrives or `timeout` (s) is over, then handles what is there, at most one turn's."""

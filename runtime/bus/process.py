@@ -120,6 +120,8 @@ class Bus:
 
     def run(self, ending: Ending | None = None) -> None:
         """Runs until the ring is closed or this process is to end."""
+        if ending is not None:
+            ending.on_ask = self._arrivals.wake
         try:
             while ending is None or not ending.asked:
                 self._turn()

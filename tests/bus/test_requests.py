@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import signal
+import time
 from pathlib import Path
 from typing import Any
 
@@ -171,3 +173,19 @@ def test_a_crowd_leaves_room_for_a_stop_and_what_came_before_it_moves_nothing(de
     into["start"](Query(keys["start"]))
     desk.arrivals.handle(1.0)
     assert [r.kind for r in desk.sent.take()] == [RequestKind.START]
+
+
+def test_a_signal_at_the_end_of_a_wait_doesnt_hold_the_bus_for_ever() -> None:
+    arrivals = Arrivals()
+
+    def outlast(*_: object) -> None:
+        time.sleep(0.1)  # nothing of the timeout is left when the handler returns
+        arrivals.wake()
+
+    before = signal.signal(signal.SIGALRM, outlast)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 0.02)
+        arrivals.handle(0.05)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
