@@ -91,7 +91,7 @@ class StrapBase(Controller):
 
     Outputs: `command` (n,) rad or m; `tilt` (3,) rad, the rotation vector that is compensated, in the base's axes;
     `active` (1,), 0 to 1: how much of it. What isn't measured, NaN or no unit quaternion, makes the compensation fade
-    out from its last value; `active` says so. It fades in at a reset and when the measurement is back. While `wanted`
+    out from its last value; `active` says so. So does a tilt beyond `most` for longer than `fade`. It fades in at a reset and when the measurement is back. While `wanted`
     isn't there (NaN), its last value stands, or where the limb was at the reset.
     """
 
@@ -129,6 +129,7 @@ class StrapBase(Controller):
         self._rest = np.zeros(n)  # what is left of the difference at the reset
         self._left = 0.0  # s
         self._seen = False
+        self._beyond = 0.0  # s, for which the tilt has been beyond `most`
         self._losses = self._bounded = self._cycles = 0
         self._worst = 0.0
 
@@ -148,7 +149,7 @@ class StrapBase(Controller):
         wanted = self.input["wanted"]
         start = self.applied.get("command", self.input["q"])
         self._correction.reset()
-        self._share, self._seen = 0.0, False
+        self._share, self._seen, self._beyond = 0.0, False, 0.0
         self._wanted[:] = wanted if np.isfinite(wanted).all() else start
         self._rest[:] = start - self._wanted
         self._left = self._config.fade
@@ -184,15 +185,19 @@ class StrapBase(Controller):
     def _follow(self, dt: float) -> None:
         """Takes the newest tilt, or lets the last one fade out."""
         new = self._measured()
+        size = 0.0 if new is None else sum(v * v for v in new) ** 0.5
+        if new is not None:
+            self._beyond = self._beyond + dt if size > self._config.most else 0.0
+            self._bounded += size > self._config.most
+        if self._beyond > self._config.fade:
+            new = None  # no strap gives way so far for so long: a sensor has come off, or its mount is wrong
         self._losses += self._seen and new is None
         self._seen = new is not None
         step = dt / self._config.fade
         if new is None:
             self._share = max(0.0, self._share - step)
             return
-        size = sum(v * v for v in new) ** 0.5
         if size > self._config.most:
-            self._bounded += 1
             x, y, z = new
             by = self._config.most / size
             new = (by * x, by * y, by * z)

@@ -305,9 +305,28 @@ def test_a_tilt_beyond_belief_is_bounded_and_counted():
     made = law(most=0.2)
     give(made, orientation=tilted_by(1.0, 0.0, 0.0))
     made.reset()
-    run(made, 1.0)
-    assert np.linalg.norm(made.output["tilt"]) == pytest.approx(0.2, abs=1e-9)
+    run(made, 0.5)
+    assert np.linalg.norm(made.output["tilt"]) == pytest.approx(0.2, abs=0.01)
     assert made.figures()["beyond_most"] == 1.0
+
+
+def test_a_tilt_beyond_belief_for_long_counts_as_not_measured():
+    """A sensor that has come off its base shows any angle: a wrong correction mustn't stay."""
+    made = law(most=0.2)
+    give(made, orientation=tilted_by(0.1, 0.0, 0.0))
+    made.reset()
+    run(made, 1.0)
+    assert made.output["active"][0] == 1.0
+    give(made, orientation=tilted_by(1.0, 0.0, 0.0))
+    run(made, 0.4)
+    assert made.output["active"][0] == 1.0
+    run(made, 0.7)
+    assert made.output["active"][0] == 0.0
+    assert not made.output["tilt"].any()
+    assert made.figures()["losses"] == 1
+    give(made, orientation=tilted_by(0.1, 0.0, 0.0))
+    run(made, 1.0)
+    assert made.output["active"][0] == 1.0
 
 
 @settings(deadline=None, max_examples=30)
