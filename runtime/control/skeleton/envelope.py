@@ -148,6 +148,10 @@ class Envelope:
                     raise OptionError(f"leave_out: nothing is called '{name}'", nearest(name, valid))
         self.left_out: dict[str, list[str]] = {}
         self.pairs = tuple(self._chosen(set(leave_out)))
+        for link in self.links[1:]:  # the first one can't approach
+            if not any(self.links[pair.link] == link for pair in self.pairs):
+                problem = f"leave_out: nothing of the body would be compared with {link}"
+                raise OptionError(problem, "Leave out only pairs that touch as they are worn")
 
     def _chosen(self, more: set[tuple[str, str]]) -> list[Pair]:
         chosen = []

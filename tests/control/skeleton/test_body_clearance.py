@@ -98,6 +98,14 @@ def test_no_option_cancels_the_protection(option, value):
         judge(**{option: {"hand": value} if option == "radii" else value})
 
 
+def test_leaving_out_all_pairs_of_a_link_is_refused():
+    envelope = judge()[0]._envelope
+    tip = envelope.links[-1]
+    judge(leave_out=[(tip, name) for name in envelope.segments[:3]])
+    with pytest.raises(ValidationError, match=f"nothing of the body would be compared with {tip}"):
+        judge(leave_out=[(tip, name) for name in envelope.segments])
+
+
 def test_what_is_no_number_is_not_clear_and_a_stamp_to_come_makes_nothing_younger():
     made, _ = judge(latency=0.04)
     for k in range(8):
