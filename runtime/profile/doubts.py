@@ -4,6 +4,8 @@ Numbers in another unit: degrees for radians, millimetres for metres, grams for 
 word of its option's description; a hall may be longer than a room.
 
 A file of the simulated wearer where real devices feed the law.
+
+A worn arm that nothing keeps clear of its wearer, though a suit says where the wearer is.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ from runtime.contracts.clearance import Clearance
 from runtime.contracts.driver import Driver
 from runtime.contracts.signals import Command
 from runtime.contracts.world import World
+from runtime.control.models import ArmsModel
 from runtime.profile.graph import Law
 from runtime.profile.option_tree import items, options
 from runtime.profile.profile import Profile
@@ -60,6 +63,7 @@ def doubts(
                 found.append((place, f"{value:g} {unit}/s is faster than any limb. {asked}"))
     found += _of_simulation(profile, laws, simulated)
     found += _of_rows(profile)
+    found += _of_worn(profile, laws)
     for name, frame in profile.frames.items():
         if "/" in (frame.parent or ""):
             for i, value in enumerate(frame.position):
@@ -86,6 +90,20 @@ def _of_simulation(profile: Profile, laws: list[Law], simulated: list[str]) -> I
         if option := law.controller.simulated:
             text = f"it is the simulated wearer's, and '{fed}' is real. It says nothing about a person: make their own"
             yield f"controllers.{i}.{option}", text
+
+
+def _of_worn(profile: Profile, laws: list[Law]) -> Iterator[tuple[str, str]]:
+    """Worn arms without `clear:`. They are the devices that feed a law of such arms beside the body's pose."""
+    worn = {
+        far.partition(".")[0]
+        for law in laws
+        if isinstance(getattr(law.controller.config, "arms", None), ArmsModel) and "rotation" in law.inputs
+        for wire in law.inputs.values()
+        for far in wire.far
+    }
+    for name, limits in profile.guard.items():
+        if name.partition(".")[0] in worn and limits.clear is None:
+            yield f"guard.{name}", "nothing keeps this arm clear of its wearer: add `clear:` (docs/collision.md)"
 
 
 def _of_rows(profile: Profile) -> Iterator[tuple[str, str]]:

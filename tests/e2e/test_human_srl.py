@@ -37,7 +37,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def whole(folder: Path) -> tuple[dict[str, object], Recording]:
-    return run(folder, "human-srl", "--duration", "12", "--set", "sim.devices.suit.noise=0")
+    return run(folder, "human-srl", "--duration", "26", "--set", "sim.devices.suit.noise=0")
 
 
 def nodes(recording: Recording, *names: str) -> np.ndarray:
@@ -135,7 +135,7 @@ def test_a_suit_that_is_gone_holds_the_arm(tmp_path: Path) -> None:
 
 
 def test_both_arms_mirror_each_other(tmp_path: Path) -> None:
-    _, recording = run(tmp_path, "human-srl-two", "--duration", "8", "--set", "sim.parts.wearer.script=t-pose")
+    _, recording = run(tmp_path, "human-srl-two", "--duration", "20", "--set", "sim.parts.wearer.script=t-pose")
     assert arrivals(recording, "right")[:3] == arrivals(recording, "left")[:3] == [0, 1, 2]
     right, left, spine = (nodes(recording, name)[:, 0] for name in ("REnd", "LEnd", "Spine"))
     active = np.flatnonzero(recording.int("state") == State.ACTIVE)[50:]

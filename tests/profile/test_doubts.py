@@ -85,3 +85,8 @@ def test_a_persons_own_calibration_isnt_doubted(tmp_path: Path) -> None:
     record.write(tmp_path / "p07.json", made.model_copy(update={"person": "P07", "simulated": False}))
     own = f"controllers.1.calibration={tmp_path / 'p07.json'}"
     assert wiring.build(*profile.load("ikns-finger", [own])).doubts == []
+
+
+def test_a_worn_arm_that_nothing_keeps_clear_is_doubted() -> None:
+    (doubt,) = wiring.build(*profile.load("human-srl", ["guard.arm.position_command.clear=null"]), []).doubts
+    assert "guard.arm.position_command: nothing keeps this arm clear of its wearer" in doubt
