@@ -122,15 +122,15 @@ def test_no_bvh_without_a_skeleton(folder: Path) -> None:
 
 def test_a_suit_that_is_gone_holds_the_arm(tmp_path: Path) -> None:
     done, recording = run(
-        tmp_path, "human-srl", "--duration", "6", "--set", "sim.devices.suit.loss=[[2.3,9.0]]", code=1
+        tmp_path, "human-srl", "--duration", "9", "--set", "sim.devices.suit.loss=[[5.2,15.0]]", code=1
     )
     assert (done["state"], done["cause"], done["culprit"]) == ("ended", "intent_loss", "suit")
     now = (recording.int("now") - recording.int("now")[0]) / 1e9
     first = float(now[recording.int("state") == State.STOPPING][0])
-    assert first == pytest.approx(2.3, abs=0.03)
+    assert first == pytest.approx(5.2, abs=0.03)
     position, held = recording.value("arm.position"), now > first + 1.0
     assert np.ptp(position[held], axis=0).max() < 0.02
-    values = recording.value("skeleton.nodes")[held & (now < 5.9)]
+    values = recording.value("skeleton.nodes")[held & (now < 8.9)]
     assert np.ptp(values, axis=0).max() == 0.0  # the skeleton keeps its last pose
 
 
