@@ -12,8 +12,8 @@ import numpy as np
 
 from runtime.contracts.errors import SrlError
 from runtime.contracts.signals import Array
+from runtime.contracts.wearer import Dof, Follow, Hold
 from runtime.control.ikns import record
-from sim.parts.body.instructions import Dof, Follow, Hold
 from studies.ikns.curves import SECONDS, SETTLE, curve
 from studies.ikns.rig import DOFS, FILE, Rig, angles_alone, instructed, sensing
 from studies.tasks.task import Value

@@ -14,6 +14,7 @@ from ruamel.yaml import YAML
 
 from runtime.contracts.files import Files
 from runtime.contracts.signals import Array
+from runtime.contracts.wearer import Dof, Explore, Hold, Instruction
 from runtime.control.ikns.calibration import Calibration, Recording, Thresholds, calibrate, refusals
 from runtime.control.ikns.record import Record
 from runtime.ipc.requests import RequestKind
@@ -21,7 +22,6 @@ from runtime.loop.lockstep import Lockstep
 from runtime.profile import profile, wiring
 from runtime.profile.profile import Profile
 from runtime.profile.source import Source
-from sim.parts.body.instructions import Dof, Explore, Hold, Instruction
 from sim.parts.body.upper_body import UpperBodyPart
 from sim.world.cell import Cell
 from studies.toolkit.errors import StudyError
@@ -57,7 +57,7 @@ class Rig:
 
     Attributes:
         lockstep: the profile.
-        wearer: as `sim.parts.body.instructions.Wearer`.
+        wearer: as `runtime.contracts.wearer.Wearer`.
         views: the signals of the present cycle, by name.
         rate: Hz.
         disturb: called between the cameras and the laws of each cycle.

@@ -10,10 +10,10 @@ from typing import Any, Final, cast
 import numpy as np
 
 from runtime.contracts import rotation
+from runtime.contracts.wearer import Follow, Hold
 from runtime.control.ikns import record
 from runtime.ipc.requests import RequestKind
 from runtime.ipc.words import State
-from sim.parts.body.instructions import Follow, Hold
 from studies.ikns.curves import SETTLE, curve, scores
 from studies.ikns.rig import FILE, Rig
 from studies.tasks.task import Value

@@ -9,10 +9,10 @@ import pytest
 from helpers.upper_body import POINT, STEADY
 
 from runtime.contracts.signals import Array
+from runtime.contracts.wearer import Follow, Hold, Instruction
 from runtime.control.ikns.record import Record
 from runtime.loop.lockstep import Lockstep
 from runtime.profile import profile, wiring
-from sim.parts.body.instructions import Follow, Hold, Instruction
 from sim.world.cell import Cell
 
 CALM = [f"sim.parts.wearer.{key}={value}" for key, value in STEADY.items()]

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from runtime.contracts.signals import Array
+from runtime.contracts.wearer import Hold
 from runtime.profile import profile
-from sim.parts.body.instructions import Hold
 from studies.ikns import dofs, dofs_trial, robustness, robustness_trial
 from studies.ikns.rig import FILE, Rig, angles_alone, instructed, sensing
 from studies.tasks.task import function

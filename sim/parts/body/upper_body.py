@@ -13,8 +13,8 @@ from runtime.contracts.errors import WiringError, nearest
 from runtime.contracts.frames import as_pose
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import POINT, POSE
+from runtime.contracts.wearer import Dof
 from sim.parts.body.arm_posture import ArmPosture
-from sim.parts.body.instructions import Dof
 from sim.parts.body.subject import MocapSubject, SeenSegment
 from sim.parts.body.wearer import NAMES, BodyWearer, workspace
 from sim.parts.body.wearer_config import UpperBodyConfig
@@ -43,7 +43,7 @@ class UpperBodyPart(MocapSubject):
 
     Attributes:
         body: its description.
-        wearer: who moves it (`sim.parts.body.instructions.Wearer`), once the world is made.
+        wearer: who moves it (`runtime.contracts.wearer.Wearer`), once the world is made.
     """
 
     Config = UpperBodyConfig

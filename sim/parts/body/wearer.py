@@ -16,9 +16,9 @@ import numpy as np
 
 from runtime.contracts import rotation
 from runtime.contracts.signals import Array
+from runtime.contracts.wearer import Explore, Follow, Hold, Instruction, Rest
 from sim.parts.body.arm_posture import ArmPosture
 from sim.parts.body.arm_posture import Hold as Held
-from sim.parts.body.instructions import Explore, Follow, Hold, Instruction, Rest
 from sim.parts.body.tracking import DOFS, Tracker
 from sim.parts.body.unsteady import Unsteadiness
 from sim.parts.body.wearer_config import UpperBodyConfig
@@ -55,7 +55,7 @@ def workspace(arm: ArmPosture) -> tuple[Array, Array, Array]:
 
 
 class BodyWearer:
-    """See the module's docstring, and `sim.parts.body.instructions.Wearer`.
+    """See the module's docstring, and `runtime.contracts.wearer.Wearer`.
 
     Attributes:
         q: (9,) rad, protraction, elevation and the arm's joints, at the last update.

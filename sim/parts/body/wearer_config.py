@@ -7,9 +7,9 @@ from typing import Annotated, Final, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from runtime.contracts.wearer import Dof, Explore, Follow, Hold, Instruction, Rest
 from runtime.control.ikns.body import Side, Vector
 from runtime.control.models import BodyOption, named
-from sim.parts.body.instructions import Dof, Explore, Follow, Hold, Instruction, Rest
 from sim.world.part import PartConfig
 
 _APART: Final = 1e-6  # rad, least distance of a pointer's ends

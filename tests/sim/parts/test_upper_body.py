@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from runtime.contracts.errors import WiringError
 from runtime.contracts.rotation import exp, product
-from sim.parts.body.instructions import Dof, Explore, Follow, Hold, Instruction, Rest, Wearer
+from runtime.contracts.wearer import Dof, Explore, Follow, Hold, Instruction, Rest, Wearer
 from sim.parts.body.wearer import NAMES
 
 
