@@ -1,0 +1,104 @@
+"""The verified stop goes along the path that was checked, whatever makes the limb stop."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from helpers.verified import DT, LAG, A, C, Scene, V
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from runtime.contracts.clearance import Braking
+from runtime.contracts.signals import Array, Kind, Stop
+from runtime.guard.base import LONGEST
+from runtime.guard.verified import brake_together
+
+
+def test_a_stop_leaves_the_line_neither_when_held_nor_when_told_to():
+    """Without a clearance the joint with less to brake stops first, and the limb leaves its path."""
+    off = {}
+    for clear in (True, False):
+        off[clear] = 0.0
+        scene = Scene()
+        if not clear:
+            scene.guard.verified = None
+        start, way = np.zeros(2), np.array([1.0, 0.2])
+        scene.guard.reset(start)
+        for k in range(40):
+            if clear:
+                scene.look()
+            scene.guard.step(start + way * 0.5 * ((k + 1) / 40) ** 2, None, DT)
+        assert scene.guard.velocity[0] > 0.5
+        begin, direction = scene.applied.copy(), scene.guard.velocity / np.linalg.norm(scene.guard.velocity)
+        while not scene.guard.at_rest:
+            scene.guard.stop(Stop.HOLD, DT)
+            gone = scene.applied - begin
+            off[clear] = max(off[clear], float(np.linalg.norm(gone - gone @ direction * direction)))
+    assert off[True] < 1e-12
+    assert off[False] > 1e-3
+
+
+def test_a_velocity_is_checked_as_if_the_next_cycle_were_late():
+    """The limb goes on at what it was told, from where it was measured; then it brakes."""
+    scene, seen = Scene(Kind.VELOCITY, start=(-1.0, 0.0)), list[Array]()
+    judge = scene.clearance.clear
+
+    def keep(motion: Braking) -> bool:
+        seen.append(motion.path.copy())
+        return judge(motion)
+
+    scene.clearance.clear = keep  # type: ignore[method-assign]
+    for _ in range(30):
+        scene.step((0.5, 0.1))
+    at = scene.at - DT * scene.applied
+    assert seen[-1][0] == pytest.approx(at)
+    assert seen[-1][1] == pytest.approx(at + (LAG + LONGEST * DT) * scene.applied)
+
+
+def test_retract_is_checked_too():
+    scene = Scene(start=(-1.0, 0.0))
+    scene.guard.rest = [1.0, 0.0]
+    scene.disc[:] = 0.5, 0.0
+    for _ in range(400):
+        scene.stop(Stop.RETRACT)
+        assert scene.clearest() >= C
+        assert not scene.guard.at_rest
+    assert scene.held
+    scene.disc[:] = 9.0
+    for _ in range(600):
+        scene.stop(Stop.RETRACT)
+    assert scene.guard.at_rest
+
+
+def test_with_a_bounded_jerk_the_stop_that_is_carried_out_is_the_one_that_was_checked():
+    scene = Scene(start=(-1.0, 0.0), jerk=200.0)
+    seen: list[Braking] = []
+    judge = scene.clearance.clear
+
+    def keep(motion: Braking) -> bool:
+        seen.append(Braking(motion.path.copy(), motion.until.copy(), motion.velocity.copy(), motion.slack.copy()))
+        return judge(motion)
+
+    scene.clearance.clear = keep  # type: ignore[method-assign]
+    for _ in range(40):
+        scene.step((1.0, 0.5))
+    checked = seen[-1]
+    assert not scene.held
+    times = checked.until[1:] - LAG - LONGEST * DT
+    at = [scene.applied.copy()]
+    for _ in range(round(times[-1] / DT) + 2):
+        scene.stop()
+        at.append(scene.applied.copy())
+    for i in range(2):
+        planned = np.interp(DT * np.arange(len(at)), times, checked.path[1:, i])
+        assert planned == pytest.approx(np.array(at)[:, i], abs=1e-3)
+
+
+@given(st.lists(st.tuples(st.floats(-V, V), st.floats(-V, V)), min_size=1, max_size=20), st.floats(0, 0.3))
+@settings(deadline=None)
+def test_the_rest_of_a_stop_is_the_stop_of_the_rest(speeds, t):
+    for v in speeds:
+        states = [(0.1, v[0], 0.0), (-0.2, v[1], 0.0)]
+        whole = brake_together(states, A.tolist(), [np.inf] * 2, t + 0.07)
+        parts = brake_together(brake_together(states, A.tolist(), [np.inf] * 2, t), A.tolist(), [np.inf] * 2, 0.07)
+        assert np.array(whole)[:, :2] == pytest.approx(np.array(parts)[:, :2], abs=1e-12)

@@ -1,0 +1,54 @@
+"""How far a limb is taken to be from its command: what is measured, beyond what its lag explains."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from helpers.verified import DT, Scene
+
+from runtime.contracts.signals import Stop
+
+
+def test_the_slack_is_what_is_measured_where_that_is_more():
+    scene = Scene(start=(-1.0, 0.0), tracking=0.01)
+    assert scene.guard.verified is not None
+    for _ in range(5):
+        scene.step((-1.0, 0.0))
+    for beside, slack in ((0.0, 0.01), (0.005, 0.01), (0.1, 0.1)):
+        scene.at[1] = beside
+        scene.look()
+        scene.guard.step(np.array([-1.0, 0.0]), None, DT)
+        assert scene.guard.verified._slack == pytest.approx([0.01, slack])
+
+
+def test_the_slack_is_measured_while_the_guard_halts_too():
+    """A hand takes the limb during a stop, or while the command is none: the first cycle after it must know."""
+    for halt in ("stop", "nan"):
+        scene = Scene(start=(-1.0, 0.0))
+        assert scene.guard.verified is not None
+        for _ in range(60):
+            scene.step((1.0, 0.0))
+        for _ in range(60):
+            scene.stop() if halt == "stop" else scene.step((np.nan, 0.0))
+        rest = scene.applied.copy()
+        scene.at[0] -= 0.15
+        scene.look()
+        scene.guard.stop(Stop.HOLD, DT)
+        assert scene.guard.verified._slack[0] == pytest.approx(0.15)
+        scene.look()
+        scene.guard.step(rest, None, DT)
+        assert scene.guard.verified._slack[0] == pytest.approx(0.15)
+
+
+def test_a_limb_late_by_the_lag_needs_no_more_slack_and_one_that_is_later_does():
+    slack = {}
+    for late in (0, 3, 6, 12):
+        scene = Scene(start=(-1.0, 0.0), late=late)
+        assert scene.guard.verified is not None
+        most = 0.0
+        for _ in range(60):
+            scene.step((1.0, 0.5))
+            most = max(most, float(scene.guard.verified._slack.max()))
+        slack[late] = most
+    assert slack[0] == slack[3] == 0.0
+    assert slack[12] > slack[6] > 0.02
