@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
+from runtime.contracts.errors import RecordingError
 from runtime.contracts.options import Options
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.transforms import Transform
@@ -47,7 +48,7 @@ class Controller(ABC):
 
     Config: type[ControllerConfig] = ControllerConfig
     summary: str = ""
-    exports: ClassVar[tuple[str, ...]] = ()  # the forms of files that `export` writes: "bvh"
+    exports: ClassVar[tuple[str, ...]] = ()  # the forms of files that its own `export` writes: "bvh"
 
     def __init__(self, name: str, config: ControllerConfig) -> None:
         self.name = name
@@ -113,6 +114,10 @@ class Controller(ABC):
             The number of frames written.
 
         Raises:
-            RecordingError: the inputs can't be written so, or the file can't be written.
+            RecordingError: the inputs can't be written so, or the file can't be written; or the law has no `export`.
         """
-        raise NotImplementedError
+        law = type(self).__name__
+        problem = f"its law {law} was to write {form}, which is in `exports`, and has no method `export` of its own"
+        raise RecordingError(
+            f"controllers.{self.name}", problem, f"Give {law} one, or take {form} out of its `exports`"
+        )
