@@ -11,7 +11,8 @@ from typing import Any, get_args
 from runtime.calibration import cut as cutting
 from runtime.calibration import report
 from runtime.calibration import result as results
-from runtime.calibration.method import Method, Order, Say, kept, named, names, settings
+from runtime.calibration.method import Method, Say, kept, named, names, settings
+from runtime.calibration.order import Order
 from runtime.calibration.result import Result
 from runtime.calibration.sense import Senses
 from runtime.calibration.taps import Taps, taps

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from runtime.calibration import intention_report as report
 from runtime.calibration.cut import cut_to, elements
 from runtime.calibration.intention_report import Result
-from runtime.calibration.method import Method, Order, Say, kept, names, settings
+from runtime.calibration.method import Method, Say, kept, names, settings
+from runtime.calibration.order import Order
 from runtime.calibration.run_taps import RunTaps, words
 from runtime.contracts.errors import RecordingError, RequestError, WiringError, nearest
 from runtime.control.intention.features import frames, joints, trunk_of

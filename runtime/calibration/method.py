@@ -6,13 +6,13 @@ import datetime
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
 from runtime.calibration.cut import find
+from runtime.calibration.order import Order
 from runtime.calibration.run_taps import RunTaps
 from runtime.contracts.errors import OptionError, ProfileError, RequestError, SrlError, nearest
 from runtime.control.shared.guided import Procedure, Samples
@@ -20,32 +20,6 @@ from runtime.control.shared.record_file import NAME
 from runtime.ipc.layout import Layout
 from runtime.profile.profile import Profile
 from runtime.profile.source import Source
-
-
-@dataclass(frozen=True)
-class Order:
-    """What is wanted; the options of `srl calibrate`."""
-
-    profile: str
-    law: str = "ikns"
-    person: str | None = None
-    out: Path | None = None
-    yes: bool = False
-    sim: bool = False
-    record: Path | None = None
-    view: bool = False
-    recording: Sequence[Path] | None = None
-    before: Sequence[Path] | None = None
-    redo: Sequence[int] | None = None
-    dofs: str | None = None
-    points: int | None = None
-    flip: Sequence[str] = ()
-    sense: Path | None = None
-    actions: str | None = None
-    option: Sequence[str] = ()
-    set: Sequence[str] = ()
-    instance: str | None = None
-    json: bool = False
 
 
 class Outcome(Protocol):

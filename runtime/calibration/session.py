@@ -15,7 +15,8 @@ from runtime.calibration.guide import Guide, QuitError
 from runtime.calibration.ikns_method import IknsMethod
 from runtime.calibration.intention_method import IntentionMethod
 from runtime.calibration.live import Live
-from runtime.calibration.method import Method, Order, Outcome, named
+from runtime.calibration.method import Method, Outcome, named
+from runtime.calibration.order import Order
 from runtime.calibration.run_taps import RunTaps, bodies
 from runtime.calibration.screen import Screen
 from runtime.calibration.sources import RowSource, Simulated, recorded

@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.calibration.cut import cut_to, elements
-from runtime.calibration.method import Method, Order, Say, kept, settings
+from runtime.calibration.method import Method, Say, kept, settings
+from runtime.calibration.order import Order
 from runtime.calibration.run_taps import RunTaps, words
 from runtime.contracts.errors import RecordingError
 from runtime.contracts.signals import Array

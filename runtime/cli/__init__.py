@@ -10,7 +10,9 @@ from collections.abc import Sequence
 from runtime import __version__
 from runtime.contracts.errors import SrlError
 
-COMMANDS = ("list", "check", "run", "calibrate", "stop", "twin", "replay", "export", "study", "top", "panel", "doctor")
+_OWN = ("list", "check", "run", "calibrate", "stop", "twin", "replay", "export", "study", "top", "panel", "doctor")
+MODULES = {name: name for name in _OWN} | {"reset": "stop", "start": "stop"}
+"""In which module each command is."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -28,7 +30,9 @@ def _main(arguments: Sequence[str] | None) -> int:
     )  # fmt: skip
     parser.add_argument("--version", action="version", version=f"srl-runtime {__version__}")
     subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for name in COMMANDS:
+    # What another command needs takes seconds to load: `srl stop` doesn't wait for it.
+    asked = next(iter(sys.argv[1:] if arguments is None else arguments), "")
+    for name in (MODULES[asked],) if asked in MODULES else _OWN:
         importlib.import_module(f"runtime.cli.{name}").add_parser(subparsers)
     args = parser.parse_args(arguments)
     try:

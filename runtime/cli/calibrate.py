@@ -5,11 +5,13 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from runtime.calibration import session
-from runtime.calibration.method import Order
-from runtime.calibration.screen import Plain, Screen, Terminal
+from runtime.calibration.order import LAWS, Order
 from runtime.cli import add_command
+
+if TYPE_CHECKING:
+    from runtime.calibration.screen import Screen
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -18,7 +20,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         subparsers, "calibrate", "makes a person's calibration file", "srl calibrate my-arm.yaml ikns --person P07"
     )
     parser.add_argument("profile", help="a name under profiles/, or a path to a YAML file")
-    parser.add_argument("law", choices=tuple(session.METHODS), help="what is calibrated")
+    parser.add_argument("law", choices=LAWS, help="what is calibrated")
     parser.add_argument("--person", metavar="ID", help="anonymous id, such as P07")
     parser.add_argument("-o", "--out", type=Path, metavar="FILE", help="default: the file that the profile names")
     parser.add_argument(
@@ -53,6 +55,9 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> int:
     """Returns 0 once the file is written. Errors are raised: a calibration that is refused is one."""
+    from runtime.calibration import session
+    from runtime.calibration.screen import Plain, Terminal
+
     screen: Screen = Plain(lambda text: print(text, file=sys.stderr, flush=True))
     if sys.stderr.isatty() and not args.json:
         screen = Terminal(f"srl calibrate {args.profile} {args.law}: {args.person}")

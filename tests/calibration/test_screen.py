@@ -13,7 +13,7 @@ from rich.console import Console
 
 from runtime.calibration import session
 from runtime.calibration.guide import QuitError
-from runtime.calibration.method import Order
+from runtime.calibration.order import Order
 from runtime.calibration.screen import Screen, Terminal, picture
 from runtime.contracts.errors import SrlError
 from runtime.control.ikns import record

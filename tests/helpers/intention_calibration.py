@@ -12,7 +12,7 @@ import numpy as np
 from helpers.intention import SKELETON
 from runtime.calibration.cut import build
 from runtime.calibration.intention_method import IntentionMethod, Taps
-from runtime.calibration.method import Order
+from runtime.calibration.order import Order
 from runtime.calibration.sources import Rows, RowSource
 from runtime.contracts.signals import Array
 from runtime.contracts.wearer import Perform, Rest

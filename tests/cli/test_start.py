@@ -1,0 +1,36 @@
+"""Every start of `srl` loads what all its commands need, and nothing that only some need."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from runtime.calibration.order import LAWS
+from runtime.calibration.session import METHODS
+from runtime.cli import MODULES, main
+
+HEAVY = {"matplotlib", "mujoco", "rerun", "scipy", "zenoh"}  # each takes longer to load than the rest of a command
+
+
+def test_a_stop_and_a_check_without_a_simulation_load_none_of_them() -> None:
+    code = (
+        "import sys; from runtime.cli import main; main(['stop', 'no-such']); main(['check', 'sixth-finger']); "
+        f"print('loaded:', *sorted({HEAVY} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=100, check=True)
+    assert "no-such" in done.stderr
+    assert done.stdout.splitlines()[-1] == "loaded:"
+
+
+def test_every_command_is_registered_by_its_module(capsys: pytest.CaptureFixture[str]) -> None:
+    for name in MODULES:
+        with pytest.raises(SystemExit) as ended:
+            main([name, "--help"])
+        assert ended.value.code == 0
+        assert f"srl {name}" in capsys.readouterr().out
+
+
+def test_the_laws_that_can_be_calibrated_are_named() -> None:
+    assert tuple(METHODS) == LAWS
