@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import os
 import signal
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from helpers.wait import until
+from runtime.cli import main
 from runtime.ipc.layout import Layout
 from runtime.ipc.ring import RingReader
 from runtime.ipc.run_folder import RunFolder
@@ -42,6 +44,13 @@ def call(folder: Path, *arguments: str, code: int | None = 0, timeout: float = 1
     assert code is None or done.returncode == code, f"exit {done.returncode}\n{done.stdout}\n{done.stderr}"
     assert "Traceback" not in done.stderr, done.stderr
     return done
+
+
+def refused(*arguments: str) -> str:
+    """What it says of arguments that it refuses, in this process: a start for each would take seconds."""
+    with contextlib.redirect_stderr(io.StringIO()) as said:
+        assert main(arguments) == 2
+    return said.getvalue()
 
 
 def summary(done: subprocess.CompletedProcess[str]) -> dict[str, Any]:

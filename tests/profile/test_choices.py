@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from helpers.run import call
 
+from runtime.cli import main
 from runtime.contracts.errors import ProfileError
 from runtime.profile import profile, wiring
 
@@ -157,10 +158,14 @@ def test_malformed_choices_are_refused(choices: str) -> None:
         parse(TEXT[: TEXT.index("choices:")] + f"choices: {choices}\n")
 
 
-def test_srl_check_shows_the_word_and_refuses_another_without_a_traceback(tmp_path: Path) -> None:
+def test_srl_check_shows_the_word_and_refuses_another_without_a_traceback(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "two.yaml").write_text(TEXT)
-    assert "choice input: client" in call(tmp_path, "check", "two.yaml").stdout
-    assert json.loads(call(tmp_path, "check", "two.yaml", "--json").stdout)["chosen"] == {"input": "client"}
+    assert main(["check", str(tmp_path / "two.yaml")]) == 0
+    assert "choice input: client" in capsys.readouterr().out
+    assert main(["check", str(tmp_path / "two.yaml"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["chosen"] == {"input": "client"}
     refused = call(tmp_path, "check", "two.yaml", "--set", "input=glove", code=2)
     assert "client, ring" in refused.stderr
     assert "Traceback" not in refused.stderr

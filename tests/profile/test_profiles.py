@@ -7,7 +7,6 @@ import re
 from pathlib import Path
 
 import pytest
-from helpers.run import call
 from ruamel.yaml import YAML
 
 from runtime.cli import main
@@ -54,12 +53,16 @@ def test_srl_check_accepts_it(name: str, capsys: pytest.CaptureFixture[str]) -> 
     assert name in capsys.readouterr().out
 
 
-def test_srl_check_prints_what_goes_by_name_and_what_nothing_takes(tmp_path: Path) -> None:
+def test_srl_check_prints_what_goes_by_name_and_what_nothing_takes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     text = profile.find("moca-man")[1].replace(
         "{A: {pin: 2}, M: {pin: 3},", "{M: {pin: 3}, A: {pin: 2}, more: {pin: 6},"
     )
-    (tmp_path / "turned.yaml").write_text(text)
-    said = call(tmp_path, "check", "turned.yaml").stdout
+    turned = tmp_path / "turned.yaml"
+    turned.write_text(text)
+    assert main(["check", str(turned)]) == 0
+    said = capsys.readouterr().out
     for line in (
         r"panel.buttons +-> keys.buttons +4 1, by name",
         r"    panel.buttons\[A\] +-> keys.buttons\[A\]",
@@ -68,7 +71,8 @@ def test_srl_check_prints_what_goes_by_name_and_what_nothing_takes(tmp_path: Pat
         r"    velocity: vx 0.6, vy 0.5, wz 0.7",
     ):
         assert re.search(line, said), f"{line} isn't in {said}"
-    found = json.loads(call(tmp_path, "check", "turned.yaml", "--json").stdout)
+    assert main(["check", str(turned), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
     wires = {wire["end"]: wire for wire in found["wiring"]}
     assert wires["keys.buttons"]["elements"][0] == ["panel.buttons[A]", "keys.buttons[A]"]
     assert wires["tool.q"]["elements"] == []
@@ -76,8 +80,9 @@ def test_srl_check_prints_what_goes_by_name_and_what_nothing_takes(tmp_path: Pat
     assert found["listed_limits"]["arm.torque_command"]["effort"]["joint5"] == 11.0
 
 
-def test_the_schema_takes_both_forms_of_a_wire(tmp_path: Path) -> None:
-    schema = json.loads(call(tmp_path, "check", "--schema").stdout)
+def test_the_schema_takes_both_forms_of_a_wire(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", "--schema"]) == 0
+    schema = json.loads(capsys.readouterr().out)
     wire = schema["$defs"]["ControllerEntry"]["properties"]["in"]["additionalProperties"]
     assert {"type": "string"} in wire["anyOf"]
     assert {"from", "map"} == set(schema["$defs"]["From"]["properties"])

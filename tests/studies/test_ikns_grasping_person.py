@@ -10,7 +10,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from helpers.run import call
+from helpers.run import refused
 
 from runtime.contracts.errors import RequestError
 from studies.ikns import grasping_person, people
@@ -159,5 +159,6 @@ def test_an_order_that_was_spoiled_is_refused(tmp_path: Path, keys: list[str]) -
         session(tmp_path, "P07", quick=True)
 
 
-def test_a_name_is_refused(tmp_path: Path) -> None:
-    assert "anonymous" in call(tmp_path, "study", "ikns-grasping", "--person", "Anna", code=2).stderr
+def test_a_name_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert "anonymous" in refused("study", "ikns-grasping", "--person", "Anna")

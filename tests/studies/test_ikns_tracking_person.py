@@ -16,7 +16,7 @@ from urllib.parse import urlsplit
 import aiohttp
 import numpy as np
 import pytest
-from helpers.run import Running, call, environment, srl
+from helpers.run import Running, environment, refused, srl
 
 from runtime.ipc.words import State
 from studies.ikns import people
@@ -26,6 +26,13 @@ from studies.tasks import journal
 from studies.tasks.task import DONE, Row, TrialTask
 
 ORDER: list[Entry] = [*ordered([1], 1)]
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder in which the command runs."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
 
 
 def stored(folder: Path) -> Path:
@@ -42,17 +49,17 @@ def stored(folder: Path) -> Path:
     [(["--person", "Anna"], "anonymous"), (["--profile", "ikns-finger"], "--person"),
      (["--person", "P07", "--profile", "no-such"], "no-such")],
 )  # fmt: skip
-def test_what_cannot_be_is_said(tmp_path: Path, options: list[str], words: str) -> None:
-    assert words in call(tmp_path, "study", "ikns-tracking", *options, code=2).stderr
+def test_what_cannot_be_is_said(here: Path, options: list[str], words: str) -> None:
+    assert words in refused("study", "ikns-tracking", *options)
 
 
-def test_other_studies_have_no_people(tmp_path: Path) -> None:
-    assert "simulated persons" in call(tmp_path, "study", "passivity", "--person", "P07", code=2).stderr
+def test_other_studies_have_no_people(here: Path) -> None:
+    assert "simulated persons" in refused("study", "passivity", "--person", "P07")
 
 
-def test_a_session_goes_on_as_it_was_begun(tmp_path: Path) -> None:
-    stored(tmp_path)
-    assert "--quick" in call(tmp_path, "study", "ikns-tracking", "--person", "P07", code=2).stderr
+def test_a_session_goes_on_as_it_was_begun(here: Path) -> None:
+    stored(here)
+    assert "--quick" in refused("study", "ikns-tracking", "--person", "P07")
 
 
 def test_three_people_who_are_through_give_claims_and_nobody_else_counts(tmp_path: Path) -> None:
