@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from runtime import __version__
 from runtime.contracts.errors import SrlError
 
-_OWN = ("list", "check", "run", "calibrate", "stop", "twin", "replay", "export", "study", "top", "panel", "doctor")
-MODULES = {name: name for name in _OWN} | {"reset": "stop", "start": "stop"}
+COMMANDS = ("list", "check", "run", "calibrate", "stop", "twin", "replay", "export", "study", "top", "panel", "doctor")
+MODULES = {name: name for name in COMMANDS} | {"reset": "stop", "start": "stop"}
 """In which module each command is."""
 
 
@@ -32,7 +32,7 @@ def _main(arguments: Sequence[str] | None) -> int:
     subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     # What another command needs takes seconds to load: `srl stop` doesn't wait for it.
     asked = next(iter(sys.argv[1:] if arguments is None else arguments), "")
-    for name in (MODULES[asked],) if asked in MODULES else _OWN:
+    for name in (MODULES[asked],) if asked in MODULES else COMMANDS:
         importlib.import_module(f"runtime.cli.{name}").add_parser(subparsers)
     args = parser.parse_args(arguments)
     try:
