@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from typing import Final
 
 from drivers.dynamixel.config import DynamixelConfig
+from drivers.dynamixel.family import WATCHDOG
+from drivers.dynamixel.setup import watchdog_code
 from runtime.contracts.signals import Command, Kind, Signal, Stop
 
 STATES: Final = ("position", "velocity", "effort", "temperature", "voltage")
@@ -49,5 +51,6 @@ def command(config: DynamixelConfig, unit: Sequence[float]) -> Command:
         feedback="position",
         stops=tuple(stop for stop in _STOPS[kind] if stop is not Stop.RETRACT or homed),
         period=PERIOD,
+        timeout=watchdog_code(config.watchdog) * WATCHDOG if config.protocol == 2 else None,
         resolution=tuple(abs(x) for x in unit),
     )

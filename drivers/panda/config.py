@@ -131,6 +131,7 @@ def command(config: PandaConfig) -> Command:
         feedback="position",
         stops=stops,
         period=PERIOD,
+        timeout=PERIOD,
         resolution=RESOLUTION[config.kind],
         ordered=True,
     )

@@ -38,7 +38,7 @@ def command(config: UrConfig) -> Command:
     }[config.interface]
     return Command(
         name=f"{config.interface}_command", shape=(6,), unit=unit, labels=JOINTS, kind=kind,
-        feedback="position", stops=(Stop.HOLD, Stop.BRAKE), period=PERIOD, ordered=True,
+        feedback="position", stops=(Stop.HOLD, Stop.BRAKE), period=PERIOD, timeout=config.timeout, ordered=True,
     )  # fmt: skip
 
 

@@ -6,7 +6,7 @@ A guard asks it before each command (docs/guard.md, "Keeping clear"). It is pure
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,6 +54,11 @@ class Clearance(ABC):
             for such a motion when no faster one is clear.
         limb: the limb that the options describe, comparable; None where they describe none. No two devices have the
             same one.
+        extent: (n,), (n,) rad or m, lowest and highest: the guard sets it in each cycle if the clearance is `watched`. The
+            limb is between them, and stays there until the guard sets others: what was commanded within its lag, the
+            motion that was accepted last and its stop, and by how much it may be beside that. None: nobody knows.
+        watched: another clearance reads the extent.
+        unmet: limbs of the profile that it should compare with its own, and can't; a line each, for `srl check`.
         margin: m, set by `clear`: how much more distance there was than needed, at the worst instant; below 0: not
             clear. NaN where nothing is known.
     """
@@ -76,7 +81,13 @@ class Clearance(ABC):
         self.reach: Array = np.zeros(command.size)
         self.creep = 0.0
         self.limb: object = None
+        self.extent: tuple[Array, Array] | None = None
+        self.watched = False
+        self.unmet: tuple[str, ...] = ()
         self.margin = float("nan")
+
+    def meet(self, others: Iterable[Clearance]) -> None:
+        """Takes the other clearances of the profile, once, before `bind`. Their limbs may come near this one."""
 
     def bind(self, input: Mapping[str, Array]) -> None:
         """Takes the arrays by input name, which the runtime allocates once."""

@@ -130,6 +130,8 @@ class Command(Signal):
         stops: the stop categories this interface supports, the default first.
         period: s; in normal operation a command leaves for the device at least this often while it is active. The
             runtime takes a longer pause for a stalled link. Required for every command that is wired.
+        timeout: s; without a further command the device ends a velocity by itself within this, and keeps to the guard's
+            acceleration at least in doing so. None: it doesn't, or nobody knows.
         resolution: the largest difference between a command and what leaves for the device that is normal
             (rounding, a filter in the driver), in the command's unit; one number, or one for each element.
         ordered: the order of the labels is the robot's own, known to everybody who works with it (joint1 to joint7), so
@@ -140,5 +142,6 @@ class Command(Signal):
     feedback: str | None = None
     stops: tuple[Stop, ...] = (Stop.HOLD,)
     period: float | None = None
+    timeout: float | None = None
     resolution: float | tuple[float, ...] = 0.0
     ordered: bool = False

@@ -165,12 +165,13 @@ class CommandGuard(ABC):
         self._sent, self._gravity = sent, gravity
         self._bound()
 
-    def keep_clear(self, clearance: Clearance, lag: float, tracking: Array) -> None:
+    def keep_clear(self, clearance: Clearance, lag: float, tracking: Array, timeout: float | None = None) -> None:
         """From now on applies only what the limb can brake from and keep clear. After `bind`, before `reset`.
 
         Args:
             clearance: the judge, bound.
             lag, tracking: as in `VerifiedStop`.
+            timeout: s, after which the device ends a velocity by itself; a velocity guard needs it.
         Raises:
             WiringError: the braking motion of such a command isn't known.
         """

@@ -109,16 +109,15 @@ class PositionGuard(CommandGuard):
         if self.verified is None:
             self._states = after
             return
-        measured = self._compare(self.verified, dt)
-        if measured is not None and (self.blind or not finite(measured)):
-            self.verified.blind()
+        self._compare(self.verified, dt)
         self._states = self.verified.choose(self._states, after, dt, self._stops_within)
 
-    def _compare(self, verified: VerifiedStop, dt: float) -> list[float] | None:
-        """Once a cycle, in a stop too: what is beside its command then is so in the next one. Returns the position."""
+    def _compare(self, verified: VerifiedStop, dt: float) -> None:
+        """Once a cycle, in a stop too: what is beside its command then is so in the next one."""
         measured: list[float] | None = None if self._position is None else self._position.ravel().tolist()
         verified.compare([p for p, _, _ in self._states], measured, dt)
-        return measured
+        if measured is not None and (self.blind or not finite(measured)):
+            verified.blind()
 
     def _stops_within(self, states: list[State]) -> bool:
         """Whether all joints keep their position limits if they brake together."""
@@ -222,6 +221,8 @@ class PositionGuard(CommandGuard):
     def _publish(self) -> None:
         self.applied.reshape(-1)[:] = [p for p, _, _ in self._states]
         self.velocity.reshape(-1)[:] = [v for _, v, _ in self._states]
+        if self.verified is not None:
+            self.verified.occupy(self._states)
         if not self._beyond:
             return
         for i, state in enumerate(self._states):

@@ -38,17 +38,26 @@ class VelocityGuard(CommandGuard):
             )
         self.velocity = self.applied
 
-    def keep_clear(self, clearance: Clearance, lag: float, tracking: Array) -> None:
+    def keep_clear(self, clearance: Clearance, lag: float, tracking: Array, timeout: float | None = None) -> None:
         if self._position is None or self.command.labels == PLANAR_TWIST:
             raise WiringError(
                 self.place,
                 "where a velocity takes the limb is known only from positions of the same joints",
                 "Use a device that measures them, or remove `clear:`",
             )
-        self.verified = VerifiedStop(clearance, lag, self._patience, tracking, self.max_acceleration, self._no_jerk)
+        if timeout is None:
+            raise WiringError(
+                self.place,
+                "if the loop stalls, a velocity takes the limb on until its device ends it, and nothing says when",
+                "Say the device's own time-out in s: add `timeout:` to `clear:`",
+            )
+        goes_on = max(self._patience, timeout)
+        self.verified = VerifiedStop(
+            clearance, lag, self._patience, tracking, self.max_acceleration, self._no_jerk, goes_on
+        )
 
     def _restart(self, position: list[float], velocity: list[float]) -> None:
-        self._apply([0.0] * self.size)
+        self._apply([0.0] * self.size, self.dt)
 
     def _seat(self, sent: list[float], which: list[int]) -> None:
         for i in which:
@@ -74,28 +83,30 @@ class VelocityGuard(CommandGuard):
             for v, A in zip(self.applied.ravel().tolist(), self.max_acceleration, strict=True):
                 applied.append(min(max(0.0, v - A * dt), v + A * dt))
         self.at_rest = not any(applied)
-        self._apply(applied)
+        self._apply(applied, dt)
 
     def _go(self, wanted: list[float], dt: float) -> None:
         """Applies these velocities; with a clearance, as far as it lets the limb.
 
-        Measured `age` ago at q and moving at v, the limb is at q + (age + lag + patience) v when it obeys a new
-        velocity at the latest; until age + lag its velocity may differ from v by as much as it may change in that
-        time. The path begins at q, so a limb that obeys earlier is on it, too.
+        Measured `age` ago at q and moving at v, the limb is at q + (age + lag) v when it obeys a new velocity at the
+        latest; until then its velocity may differ from v by as much as it may change in that time. The path begins at
+        q, so a limb that obeys earlier is on it, too. It goes on at the new velocity while the loop is late, until the
+        device ends that by itself.
         """
         if self.verified is None:
-            self._apply(wanted)
+            self._apply(wanted, dt)
             return
         assert self._position is not None
         verified, measured = self.verified, self._position.ravel().tolist()
+        states = self._obeys(verified, measured, dt)
+        after = [(q + dt * (v + u) / 2, u, 0.0) for (q, v, _), u in zip(states, wanted, strict=True)]
+        self._apply([v for _, v, _ in verified.choose(states, after, dt, self._stops_within, measured)], dt)
+
+    def _obeys(self, verified: VerifiedStop, measured: list[float], dt: float) -> list[State]:
+        """Where the limb is when it obeys a new velocity, and its present one. Sets the slack."""
         ahead = verified.age + verified.lag
         verified.widen([A * ahead * (ahead / 2 + dt) for A in self.max_acceleration])
-        ahead += verified.patience  # in a late cycle of the loop it goes on as it did
-        states, after = [], []
-        for q, v, u in zip(measured, self.applied.ravel().tolist(), wanted, strict=True):
-            states.append((q + ahead * v, v, 0.0))
-            after.append((q + ahead * v + dt * (v + u) / 2, u, 0.0))
-        self._apply([v for _, v, _ in verified.choose(states, after, dt, self._stops_within, measured)])
+        return [(q + ahead * v, v, 0.0) for q, v in zip(measured, self.applied.ravel().tolist(), strict=True)]
 
     def _stops_within(self, states: list[State]) -> bool:
         """Whether no joint passes its position limits if all brake together."""
@@ -134,5 +145,19 @@ class VelocityGuard(CommandGuard):
         ramp = A * REACTION * self.dt
         return sqrt(ramp * ramp + 2 * A * distance) - ramp
 
-    def _apply(self, values: list[float]) -> None:
+    def _apply(self, values: list[float], dt: float) -> None:
+        if self.verified is not None and self.verified.clearance.watched:
+            self._occupy(self.verified, values, dt)
         self.applied.reshape(-1)[:] = values
+
+    def _occupy(self, verified: VerifiedStop, values: list[float], dt: float) -> None:
+        """Tells where the limb may be with these velocities."""
+        assert self._position is not None
+        if not self._sensed():
+            verified.blind()
+        measured = self._position.ravel().tolist()
+        states = self._obeys(verified, measured, dt)
+        after = [
+            (q + dt * (v + u) / 2 + verified.goes_on * u, u, 0.0) for (q, v, _), u in zip(states, values, strict=True)
+        ]
+        verified.occupy(after, [measured, [q for q, _, _ in states]])

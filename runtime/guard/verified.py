@@ -12,6 +12,9 @@ and the other side, the limb is at rest before anything comes nearer than it all
 - the times are those of the limb and not of its command. A servo may be `lag` late, so the limb may be on its way to a
   sample until the sample's time plus `lag` and `patience`, as long as a late cycle of the loop may last; beside that,
   it may be off by `tracking`, or by what is measured where that is more.
+
+A limb that is commanded by velocity goes on while the loop is late, until its device's own time-out ends that. So its
+stop begins `goes_on` later and farther.
 """
 
 from __future__ import annotations
@@ -63,7 +66,7 @@ class VerifiedStop:
 
     def __init__(
         self, clearance: Clearance, lag: float, patience: float, tracking: Array, acceleration: Sequence[float],
-        jerk: Sequence[float],
+        jerk: Sequence[float], goes_on: float = 0.0,
     ) -> None:  # fmt: skip
         """
         Args:
@@ -72,18 +75,19 @@ class VerifiedStop:
             patience: s, by which a stop may be carried out late, at least a period: the loop may stall.
             tracking: (n,) rad or m, by which the limb may be beside what was commanded within the lag.
             acceleration, jerk: (n,) the guard's limits; the jerk may be infinite.
+            goes_on: s, for which the limb goes on at an accepted velocity before its stop begins; 0 for positions.
         """
-        self.clearance, self.lag, self.patience = clearance, lag, patience
+        self.clearance, self.lag, self.patience, self.goes_on = clearance, lag, patience, goes_on
         self.held, self.holds = False, 0
         self.margin = nan
         self.error = ""
         self.age = 0.0  # s, of the measured position
-        self._usable = False
+        self._usable = self._lost = False
         self._A, self._J = list(acceleration), list(jerk)
         self._tracking: list[float] = tracking.ravel().tolist()
         self._reach: list[float] = clearance.reach.ravel().tolist()
         n = len(self._A)
-        self._path, self._until = np.zeros((MOST + 3, n)), np.zeros(MOST + 3)
+        self._path, self._until = np.zeros((MOST + 4, n)), np.zeros(MOST + 4)
         self._velocity, self._slack = np.zeros(n), np.array(self._tracking)
         self._beside = np.zeros(n)  # by which the limb is beside its commands, where that is more than `tracking`
         self._past: deque[tuple[float, list[float]]] = deque()  # s, what was applied; the newest last
@@ -101,6 +105,7 @@ class VerifiedStop:
             age: s, of the measured position.
         """
         self.held, self.margin, self.error, self.age = False, nan, "", age
+        self._lost = False
         try:
             self._usable = self.clearance.begin(now, stamps)
         except Exception as error:  # a defect of a clearance must let nothing pass
@@ -108,7 +113,7 @@ class VerifiedStop:
 
     def blind(self) -> None:
         """Nothing is clear in this cycle: where the limb is isn't known."""
-        self._usable = False
+        self._usable, self._lost = False, True
 
     def restart(self, applied: list[float]) -> None:
         """The limb is at rest at what is applied."""
@@ -143,6 +148,31 @@ class VerifiedStop:
         """Sets the slack to `tracking` and this, (n,) rad or m: for what isn't commanded as a position."""
         np.add(self._tracking, slack, out=self._slack)
 
+    def occupy(self, states: list[State], before: Sequence[Sequence[float]] | None = None) -> None:
+        """Tells where the limb may be from now on, at the end of a cycle, if another clearance wants to know.
+
+        Args:
+            states: what is applied, from which the limb may stop; for a velocity, with the positions at which it does.
+            before: (k, n) rad or m, where else it may be. None: where it was commanded within the lag.
+        """
+        clearance = self.clearance
+        if not clearance.watched:
+            return
+        if self._lost:
+            clearance.extent = None
+            return
+        if isinf(min(self._J)):
+            half = stop_time([v for _, v, _ in states], self._A) / 2
+            ends = [[p for p, _, _ in states], [p + v * half for p, v, _ in states]]
+        else:
+            joints = zip(states, self._A, self._J, strict=True)
+            low, high, _ = zip(*(stop_range(state, a, j) for state, a, j in joints), strict=True)
+            ends = [[p for p, _, _ in states], list(low), list(high)]
+        if before is None:
+            before = [each for _, each in self._past]
+        all_ = np.array([*ends, *before])
+        clearance.extent = all_.min(axis=0) - self._slack, all_.max(axis=0) + self._slack
+
     def choose(
         self,
         states: list[State],
@@ -170,7 +200,7 @@ class VerifiedStop:
         if self._usable:
             for share in (*SHARES, *self._creep(wanted)):
                 tried = wanted if share == 1.0 else _mixed(braked, wanted, share)
-                if within(tried) and self._is_clear(states, tried, dt, origin):
+                if within(self._later(tried)) and self._is_clear(states, tried, dt, origin):
                     return tried
         self.held = True
         self.holds += 1
@@ -189,8 +219,11 @@ class VerifiedStop:
             path[0], until[0], m = origin, 0.0, 1
         path[m], until[m] = [p for p, _, _ in states], self.lag
         m += 1
-        end = m + self._stop(tried, m)
-        until[m:end] += self.lag + max(self.patience, dt)
+        if self.goes_on:
+            path[m], until[m] = [p for p, _, _ in tried], self.lag + dt
+            m += 1
+        end = m + self._stop(self._later(tried), m)
+        until[m:end] += self.lag + (self.goes_on + dt if self.goes_on else max(self.patience, dt))
         self._velocity[:] = list(map(max, (abs(v) for _, v, _ in states), self._speeds(tried)))
         try:
             motion = Braking(path[:end], until[:end], self._velocity, self._slack)
@@ -203,6 +236,10 @@ class VerifiedStop:
         except Exception as error:
             self._failed(error)
             return False
+
+    def _later(self, states: list[State]) -> list[State]:
+        """Where the stop begins at the latest."""
+        return [(p + v * self.goes_on, v, a) for p, v, a in states] if self.goes_on else states
 
     def _speeds(self, states: list[State]) -> list[float]:
         """The largest speed of each element in the stop: with a bounded jerk it may be faster yet for a while."""

@@ -353,7 +353,8 @@ class Cycle:
         guard = make(place, a.command, limits, dt, rest=a.home, tolerance=tolerance)
         guard.bind(a.applied, a.measured, a.measured_velocity, a.sent, a.gravity)
         if a.cleared is not None:
-            guard.keep_clear(a.cleared.clearance, a.cleared.lag, a.cleared.tracking.reshape(a.command.shape))
+            tracking = a.cleared.tracking.reshape(a.command.shape)
+            guard.keep_clear(a.cleared.clearance, a.cleared.lag, tracking, a.cleared.timeout)
         return guard
 
 

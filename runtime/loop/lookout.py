@@ -50,7 +50,9 @@ class Lookout:
             self._report(f"'{actuator.name}' is held no longer")
 
     def rest(self) -> None:
-        """In a cycle in which nothing is commanded."""
+        """In a cycle in which nothing is commanded: the limb may go anywhere."""
+        if self._actuator.cleared is not None:
+            self._actuator.cleared.clearance.extent = None
         if self._actuator.margin is not None:
             self._actuator.margin[0] = nan
 

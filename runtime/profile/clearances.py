@@ -48,6 +48,8 @@ def build(b: Builder, devices: Iterable[Driver], laws: list[Law], owners: list[s
             cleared.computed = frozenset(computed)
             margin = Signal(name=MARGIN, shape=(1,), unit="m")
             b.add(f"{name}.{MARGIN}", margin, "internal", "the guard", f"guard.{name}.clear")
+    for name, cleared in made.items():
+        cleared.clearance.meet([other.clearance for key, other in made.items() if key != name])
     return made
 
 
@@ -76,7 +78,25 @@ def _cleared(b: Builder, name: str, entry: ClearEntry, command: Command) -> Clea
     except OptionError as error:
         raise WiringError(b.source.place(f"{path}.tracking"), error.problem, error.remedy) from None
     inputs = _inputs(b, clearance, entry, f"{name}.clear", path)
-    return Cleared(clearance, inputs, entry.lag, np.array(tracking, np.float64))
+    timeout = _timeout(b, path, entry, command)
+    return Cleared(clearance, inputs, entry.lag, np.array(tracking, np.float64), timeout)
+
+
+def _timeout(b: Builder, path: str, entry: ClearEntry, command: Command) -> float | None:
+    """After how long a velocity ends by itself: the driver's word and the profile's, the longer of the two."""
+    if command.kind is Kind.POSITION:
+        if entry.timeout is not None:
+            problem = "a position ends by itself where it was commanded"
+            raise WiringError(b.source.place(f"{path}.timeout"), problem, "Remove `timeout`")
+        return None
+    said = [each for each in (command.timeout, entry.timeout) if each is not None]
+    if not said:
+        raise WiringError(
+            b.source.place(path),
+            "if the loop stalls, a velocity takes the limb on, and this device isn't known to end it by itself",
+            "If it does, say after how long: add `timeout:` (s). Else command positions",
+        )
+    return max(said)
 
 
 def _inputs(b: Builder, clearance: Clearance, entry: ClearEntry, name: str, path: str) -> dict[str, Link]:

@@ -64,6 +64,7 @@ def doubts(
     found += _of_simulation(profile, laws, simulated)
     found += _of_rows(profile)
     found += _of_worn(profile, laws)
+    found += [(f"guard.{name}.clear", text) for name, each in clearances.items() for text in each.unmet]
     for name, frame in profile.frames.items():
         if "/" in (frame.parent or ""):
             for i, value in enumerate(frame.position):

@@ -34,6 +34,7 @@ class Cleared:
         clearance: the judge.
         inputs: its wires, by input name.
         lag: s, and `tracking` (n,), as the profile says them.
+        timeout: s, after which a velocity ends by itself; None for a position.
         copies: what is taken from the row before it runs, because its order isn't the row's.
         devices: by input, the indices of the devices and clients behind it.
         computed: the inputs that laws compute: of no use while the laws don't run.
@@ -43,6 +44,7 @@ class Cleared:
     inputs: dict[str, Link]
     lag: float
     tracking: Array
+    timeout: float | None = None
     copies: list[Copy] = field(default_factory=list)
     devices: dict[str, list[int]] = field(default_factory=dict)
     computed: frozenset[str] = frozenset()

@@ -24,6 +24,9 @@ class ClearEntry(BaseModel):
     tracking: NotNegative | list[NotNegative] | dict[str, NotNegative] = Field(
         description="the command's unit; a joint may be this far from what was commanded within the lag"
     )
+    timeout: float | None = Field(
+        None, gt=0, le=10, description="s; without a command a device of velocities stops by itself within this"
+    )
 
     @property
     def options(self) -> dict[str, Any]:

@@ -129,4 +129,7 @@ def test_a_torque_and_a_velocity_without_its_positions_are_refused():
     velocity = guard_of(Kind.VELOCITY, 2, velocity=1.0, acceleration=1.0)
     velocity.bind(np.zeros(2))
     with pytest.raises(WiringError, match=f"{PLACE}.*positions"):
+        velocity.keep_clear(judge, LAG, np.zeros(2), 0.1)
+    velocity.bind(np.zeros(2), np.zeros(2))
+    with pytest.raises(WiringError, match=r"until its device ends it.*nothing says when"):
         velocity.keep_clear(judge, LAG, np.zeros(2))

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from runtime.contracts.clearance import Braking
-from runtime.contracts.signals import Array, Kind, Stop
+from runtime.contracts.signals import Kind, Stop
 from runtime.guard.base import LONGEST
 from runtime.guard.verified import brake_together
 
@@ -38,21 +38,23 @@ def test_a_stop_leaves_the_line_neither_when_held_nor_when_told_to():
     assert off[False] > 1e-3
 
 
-def test_a_velocity_is_checked_as_if_the_next_cycle_were_late():
-    """The limb goes on at what it was told, from where it was measured; then it brakes."""
-    scene, seen = Scene(Kind.VELOCITY, start=(-1.0, 0.0)), list[Array]()
+@pytest.mark.parametrize("timeout", [0.02, 0.3])
+def test_a_velocity_is_checked_as_if_the_loop_came_late_or_not_at_all(timeout):
+    """The limb goes on at what it was told, until the loop is back or the device ends it by itself; then it brakes."""
+    scene, seen = Scene(Kind.VELOCITY, start=(-1.0, 0.0), timeout=timeout), list[Braking]()
     judge = scene.clearance.clear
 
     def keep(motion: Braking) -> bool:
-        seen.append(motion.path.copy())
+        seen.append(Braking(motion.path.copy(), motion.until.copy(), motion.velocity, motion.slack))
         return judge(motion)
 
     scene.clearance.clear = keep  # type: ignore[method-assign]
     for _ in range(30):
         scene.step((0.5, 0.1))
-    at = scene.at - DT * scene.applied
-    assert seen[-1][0] == pytest.approx(at)
-    assert seen[-1][1] == pytest.approx(at + (LAG + LONGEST * DT) * scene.applied)
+    at, late = scene.at - DT * scene.applied, max(LONGEST * DT, timeout)
+    path, until = seen[-1].path, seen[-1].until
+    assert path[:4] == pytest.approx(at + np.outer([0.0, LAG, LAG + DT, LAG + DT + late], scene.applied))
+    assert until[1:4] == pytest.approx([LAG, LAG + DT, LAG + DT + late])
 
 
 def test_retract_is_checked_too():

@@ -97,3 +97,31 @@ def test_no_disc_within_its_acceleration_meets_an_arm_that_moves(kind, jerk, see
         assert ((quick <= 0.02 + 1e-6) | (gap >= C - 1e-6)).all(), (k, quick, gap)
         moved += bool(quick.max() > 0.1)
     assert moved > 0
+
+
+@given(wanted, points, slow, st.floats(0.0, 0.4), st.integers(0, 2**32 - 1))
+@settings(max_examples=25, deadline=None, phases=[Phase.generate])
+def test_a_loop_that_dies_leaves_a_velocity_that_ends_before_the_disc_is_near(goal, centre, speed, timeout, seed):
+    """The device goes on until its time-out and then brakes as the guard would, while the disc heads for the arm."""
+    rng = np.random.default_rng(seed)
+    scene = Scene(Kind.VELOCITY, start=(-1.0, 0.3), timeout=timeout)
+    scene.disc[:], scene.speed[:] = centre, speed
+    if scene.clearest() < C:
+        scene.disc[:] = 9.0
+    for _ in range(int(rng.integers(5, 60))):
+        scene.step(np.clip(3 * (np.array(goal) - scene.at), -1.5, 1.5))
+    if scene.held or scene.clearance.margin < 0 or not scene.applied.any():
+        return
+    way = scene.at - scene.disc
+    push, centre_, speed_ = way / np.linalg.norm(way), scene.disc.copy(), scene.speed.copy()
+    at, v, step = scene.at - DT * scene.applied, scene.applied.copy(), 0.001
+    for k in range(-round(scene.age / step), round((timeout + 1.0) / step)):
+        if k >= 0:
+            T = stop_time(v.tolist(), A.tolist())
+            if k * step > timeout:
+                v = v * max(1 - step / T, 0.0) if T > 0 else v
+            at = at + step * v
+            assert distances(at[None], centre_)[0].min() >= C - 1e-3
+            if not v.any():
+                break
+        centre_, speed_ = centre_ + step * speed_ + 0.5 * step * step * A_H * push, speed_ + step * A_H * push

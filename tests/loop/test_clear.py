@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from helpers.toy import JOINTS, PROFILE, Bench, Law, Toy, ToyConfig
 from runtime.contracts import registry
 from runtime.contracts.controller import ControllerConfig
 from runtime.contracts.errors import ProfileError, WiringError
-from runtime.contracts.signals import Signal
+from runtime.contracts.signals import Kind, Signal
 from runtime.ipc.words import FLAG_HELD, State
 from runtime.loop import device as device_module
 from runtime.loop.replay import replay
@@ -231,3 +232,39 @@ def test_a_clear_that_can_t_be_is_refused(
         Bench(tmp_path)
     assert "guard.arm.command.clear" in error.value.place
     assert JOINTS == ("shoulder", "elbow")
+
+
+@pytest.mark.parametrize(
+    ("kind", "device", "profile", "found"),
+    [
+        (Kind.VELOCITY, None, None, "isn't known to end it by itself"),
+        (Kind.VELOCITY, None, 0.2, 0.2),
+        (Kind.VELOCITY, 0.1, None, 0.1),
+        (Kind.VELOCITY, 0.1, 0.02, 0.1),
+        (Kind.POSITION, 0.1, None, None),
+        (Kind.POSITION, None, 0.2, "Remove `timeout`"),
+    ],
+)
+def test_a_velocity_needs_a_device_that_ends_it_by_itself(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: Kind, device: float | None, profile: float | None, found: Any
+) -> None:
+    """In `srl check` already: the wiring refuses it. Of two times that are said the longer counts."""
+    make = Things.__init__
+
+    def changed(self: Things, name: str, config: ToyConfig) -> None:
+        make(self, name, config)
+        self.commands = tuple(replace(c, kind=kind, timeout=device) for c in self.commands)
+
+    monkeypatch.setattr(Things, "__init__", changed)
+    more = f"timeout: {profile}, use" if profile else "use"
+    _profile(monkeypatch, clear=(CLEAR % "disc.centre").replace("use", more, 1))
+    if isinstance(found, str):
+        with pytest.raises(WiringError, match=found) as error:
+            Bench(tmp_path)
+        assert "guard.arm.command.clear" in error.value.place
+        return
+    b = Bench(tmp_path)
+    assert b.graph.clearances["arm.command"].timeout == found
+    verified = b.cycle.guards[0].verified
+    assert verified is not None
+    assert verified.goes_on == (max(found, 0.05) if found else 0.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from math import isinf
 from typing import NamedTuple
 
@@ -20,6 +20,7 @@ from runtime.control.skeleton.capsules import nearest
 from runtime.control.skeleton.envelope import link_nodes, reaches
 from runtime.control.skeleton.joint_age import JointAge
 from runtime.control.skeleton.options import EnvelopeOptions
+from runtime.control.skeleton.other_arm import Limb, OtherArm
 
 
 class Seen(NamedTuple):
@@ -84,11 +85,10 @@ class BodyClearance(Clearance):
         self.limb = (arms, options.arm)
         self._order = np.array([labels.index(name) for name in arms.labels])  # from the command's order to the arm's
         stroke = np.full(arms.n, options.stroke)
-        by_link = reaches(arms, options.arm, -stroke, stroke)
+        self._by_link = by_link = reaches(arms, options.arm, -stroke, stroke)
         self._links = np.array([pair.link for pair in envelope.pairs])
         self._segments = np.array([pair.segment for pair in envelope.pairs])
         self._all = np.arange(len(envelope.pairs))
-        self._reach = by_link[:, self._links]  # (n, k), the arm's order
         self.reach = np.empty(arms.n)
         self.reach[self._order] = by_link.max(axis=1)
         self.creep = options.creep
@@ -106,8 +106,24 @@ class BodyClearance(Clearance):
         self._changed = self._stamp = NEVER
         self._age, self._problem = 0.0, "no pose of the body yet"
         self._ages: Array = np.zeros(len(envelope.pairs))  # s, of the segments
-        self._worst = 0
+        self._worst = ""
         self._distance = float("nan")
+        self.body = Limb(
+            arms, options.arm, self._order, by_link, envelope.links, envelope.link_radius, options.uncertainty
+        )
+        self._others: list[OtherArm] = []
+
+    def meet(self, others: Iterable[Clearance]) -> None:
+        unmet = []
+        for other in others:
+            if not isinstance(other, BodyClearance) or other.limb == self.limb:
+                continue
+            if other.body.arms.parent != self._arms.parent:
+                unmet.append(f"the arm of {other.place} hangs on another node of the body: the two aren't compared")
+                continue
+            self._others.append(OtherArm(self.body, other.body, other, self.options.least))
+            other.watched = True
+        self.unmet = tuple(unmet)
 
     def begin(self, now: int, stamps: Mapping[str, int]) -> bool:
         stamp = min(stamps.values())
@@ -153,28 +169,54 @@ class BodyClearance(Clearance):
             self._seen_at = np.where(fresh, stamp, np.minimum(self._seen_at, joints.oldest))
 
     def clear(self, motion: Braking) -> bool:
+        self._problem = ""
         path = motion.path[:, self._order]
         nodes = link_nodes(self._arms, self.options.arm, path)
-        slack = motion.slack[self._order] @ self._reach
-        travel = travels(path, self._reach)
+        crawl = motion.velocity[self._order] @ self._by_link <= self.creep  # by link
+        slack = motion.slack[self._order] @ self._by_link
+        travel = travels(path, self._by_link)
+        links = self._links
+        clear = self._clear_of_body(motion, nodes, travel[:, links], slack[links], crawl[links])
+        for other in self._others:
+            clear &= self._clear_of(other, nodes, travel, slack, crawl)
+        return clear
+
+    def _clear_of_body(
+        self, motion: Braking, nodes: Array, travel: Array, slack: Array, crawl: NDArray[np.bool_]
+    ) -> bool:
         # Most pairs are so far apart that the whole way wouldn't do, judged from where the limb is now.
         first = self._seen(nodes[:1], self._all)
         bound = reserve(
             first.height[0], first.speed[0], travel, float(motion.until[-1]), self._ages, slack, self._needed
         )
         near = np.flatnonzero(~(bound >= 0.0))  # what isn't a number isn't clear
-        if near.size == 0:
-            self._worst = int(bound.argmin())
-            self.margin, self._distance = float(bound[self._worst]), float(first.distance[0, self._worst])
-            return True
-        seen = self._seen(nodes, near)
-        needed = Separation(self._a_e[near], self._needed.least, self._needed.uncertainty)
-        margin = margins(seen.height, seen.speed, travel[:, near], motion.until, self._ages[near], slack[near], needed)
-        bound[near] = margin.min(axis=0)  # of the others it stays a bound
-        self._worst = int(bound.argmin())
-        self.margin, self._distance = float(bound[self._worst]), float(first.distance[0, self._worst])
-        crawl = motion.velocity[self._order] @ self._reach[:, near] <= self.creep
-        return is_clear(margin, seen.distance, crawl)
+        clear = True
+        if near.size:
+            seen = self._seen(nodes, near)
+            needed = Separation(self._a_e[near], self._needed.least, self._needed.uncertainty)
+            margin = margins(
+                seen.height, seen.speed, travel[:, near], motion.until, self._ages[near], slack[near], needed
+            )
+            bound[near] = margin.min(axis=0)  # of the others it stays a bound
+            clear = is_clear(margin, seen.distance, crawl[near])
+        worst = int(bound.argmin())
+        self.margin, self._distance = float(bound[worst]), float(first.distance[0, worst])
+        self._worst = self._envelope.pairs[worst].name
+        return clear
+
+    def _clear_of(
+        self, other: OtherArm, nodes: Array, travel: Array, slack: Array, crawl: NDArray[np.bool_]
+    ) -> bool:
+        judged = other.judge(nodes, travel, slack)
+        if judged is None:
+            self.margin, self._problem = float("nan"), "nobody knows where the other arm is"
+            return False
+        least = judged.margin.min(axis=0)
+        worst = int(least.argmin())
+        if not least[worst] >= self.margin:
+            self.margin, self._distance = float(least[worst]), float(judged.distance[0, worst])
+            self._worst = other.name(worst)
+        return is_clear(judged.margin, judged.distance, crawl[judged.own])
 
     def _seen(self, nodes: Array, pairs: NDArray[np.intp]) -> Seen:
         """These pairs, with the arm's nodes (m, n + 2, 3) in m samples."""
@@ -191,11 +233,12 @@ class BodyClearance(Clearance):
     def why(self) -> str:
         if self._problem:
             return self._problem
-        pair = self._envelope.pairs[self._worst]
-        return f"{pair.name} would be {self._distance:.3f} m apart, {-self.margin:.3f} m less than needed"
+        return f"{self._worst} would be {self._distance:.3f} m apart, {-self.margin:.3f} m less than needed"
 
     def remarks(self) -> list[str]:
-        return self._envelope.remarks()
+        return self._envelope.remarks() + [
+            f"compared with the arm of {other.place}: {len(other)} pairs of links" for other in self._others
+        ]
 
     def _unusable(self, problem: str) -> bool:
         self._problem = problem
