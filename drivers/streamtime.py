@@ -6,10 +6,34 @@ from typing import Final
 
 from drivers.devicetime import DeviceTime
 from drivers.pause import SAME, Pause
+from runtime.contracts.driver import Health
+from runtime.contracts.errors import DeviceLostError
 
 _LEARN: Final = (1, 2, 5, 10, 20, 40)  # s after which the rate is estimated anew, then every 40 s
 _END: Final = 0.2  # fraction of that time, at its beginning and at its end
 _WRONG: Final = 3e-4  # relative error of the rate; a smaller error is drift
+
+
+LATE: Final = 200_000_000  # ns by which samples may be late for some time
+ENDURED: Final = 5_000_000_000  # ns of late samples after which a link is opened anew: that leaves the queue behind
+
+
+class Lateness:
+    """Says when late samples have been borne long enough; for links that lose none unseen."""
+
+    def __init__(self) -> None:
+        self._since = -1  # ns; -1: they aren't late
+
+    def check(self, delay: int, now: int, place: str, health: Health) -> None:
+        """Takes a sample's delay and the time, ns. Raises DeviceLostError once samples were late for five seconds."""
+        if delay < LATE:
+            self._since = -1
+        elif self._since < 0:
+            self._since = now
+        elif now - self._since > ENDURED:
+            health.connected = False
+            health.message = f"its samples are {delay * 1e-9:.1f} s late"
+            raise DeviceLostError(place, health.message, "It is opened anew, without what waits there")
 
 
 class StreamTime:

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from drivers.bno085.protocol import BAUDRATE, RATE, WRAP, Parser, Record
 from drivers.bno085.reading import AngleOrder, Reading, expire
-from drivers.streamtime import StreamTime
+from drivers.streamtime import Lateness, StreamTime
 from drivers.transport import Transport, open_transport
 from runtime.contracts.driver import DeviceConfig, Sensor
 from runtime.contracts.errors import DeviceError, DeviceLostError
@@ -40,7 +40,9 @@ class Bno085(Sensor):
     it points up. Both are NaN before the first frame and when the newest is older than `hold`, so that a law can fade
     out what it does with them; when it is older than `max_age`, that is a loss like any other.
 
-    A sample's time follows from the frame's index. Frames whose index stands still or whose angles and acceleration
+    A sample's time follows from the frame's index. So none is lost unseen, and late frames stay as old as they are; after
+    5 s of them the port is opened anew. So it is where more than 1.2 s of frames are missing, or the sensor was switched
+    off and on: its index says nothing of how long. Frames whose index stands still or whose angles and acceleration
     disagree for seconds aren't used.
     """
 
@@ -65,7 +67,7 @@ class Bno085(Sensor):
     def _begin(self) -> None:
         self._parser = Parser()
         self._reading = Reading(self._config.order)
-        self._clock = StreamTime(RATE, learn=True)
+        self._clock, self._late = StreamTime(RATE, learn=True, lossless=True), Lateness()
         self._index, self._number = -1, 0
         self._heard = -1  # ns, when the last frame came
 
@@ -150,6 +152,7 @@ class Bno085(Sensor):
             self.health.message = ""
         else:
             self.health.message = self._reading.trouble()
+        self._late.check(self._clock.delay, now, self._place, self.health)
 
     # -- opening
 

@@ -35,7 +35,19 @@ def _units(config: DynamixelConfig) -> dict[str, str]:
 def states(config: DynamixelConfig) -> tuple[Signal, ...]:
     """The states, each (n,)."""
     units, labels = _units(config), tuple(config.motors)
-    return tuple(Signal(name=key, shape=(len(labels),), unit=units[key], labels=labels) for key in STATES)
+    slides = sliding(config)
+    return tuple(
+        Signal(
+            name=key, shape=(len(labels),), unit=units[key], labels=labels,
+            slides=slides if key in ("position", "velocity", "effort") else None,
+        )
+        for key in STATES
+    )  # fmt: skip
+
+
+def sliding(config: DynamixelConfig) -> tuple[str, ...]:
+    """The prismatic axes."""
+    return tuple(name for name, motor in config.motors.items() if motor.m_per_rad is not None)
 
 
 def command(config: DynamixelConfig, unit: Sequence[float]) -> Command:
@@ -50,6 +62,7 @@ def command(config: DynamixelConfig, unit: Sequence[float]) -> Command:
         kind=kind,
         feedback="position",
         stops=tuple(stop for stop in _STOPS[kind] if stop is not Stop.RETRACT or homed),
+        slides=sliding(config),
         period=PERIOD,
         timeout=watchdog_code(config.watchdog) * WATCHDOG if config.protocol == 2 else None,
         resolution=tuple(abs(x) for x in unit),

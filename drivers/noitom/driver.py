@@ -10,7 +10,7 @@ from drivers.noitom.config import NoitomConfig, signals
 from drivers.noitom.pose import Pose
 from drivers.noitom.protocol import BinaryParser, Frame, Parser, TextParser
 from drivers.noitom.skeleton import Skeleton
-from drivers.streamtime import StreamTime
+from drivers.streamtime import Lateness, StreamTime
 from drivers.transport import Transport, open_transport
 from runtime.contracts.driver import Sensor
 from runtime.contracts.errors import DeviceError, DeviceLostError
@@ -18,8 +18,6 @@ from runtime.contracts.errors import DeviceError, DeviceLostError
 FIRST: Final = 3.0  # s for the first frame
 MEASURE: Final = 0.5  # s of frames from which the rate is first measured
 USELESS: Final = 65536  # bytes without a frame after which the form of the stream is detected anew
-LATE: Final = 200_000_000  # ns by which frames may be late for some time
-ENDURED: Final = 5_000_000_000  # ns of late frames after which the link is opened anew: that leaves the queue behind
 NEW_HEADER: Final = "Tick 'BVH', 'use old header format', and binary or string, in the software's broadcast settings"
 
 
@@ -54,7 +52,7 @@ class Noitom(Sensor):
         self._clock = StreamTime(100.0)
         self._useless = 0  # bytes since the newest frame
         self._number = -1
-        self._late = -1  # ns, since when frames are late; -1: they aren't
+        self._late = Lateness()
         self._gaps = 0
         self._seen = (0, 0, 0)
 
@@ -131,20 +129,7 @@ class Noitom(Sensor):
             self._gaps += max(frame.number - self._number - came, 0)
         self._number = frame.number
         self.health.stamp = self._clock.stamp(number, now)
-        self._bear(now)
-
-    def _bear(self, now: int) -> None:
-        """Late frames, for some time."""
-        delay = self._clock.delay
-        if delay < LATE:
-            self._late = -1
-            return
-        if self._late < 0:
-            self._late = now
-        elif now - self._late > ENDURED:
-            self.health.connected = False
-            self.health.message = f"its frames are {delay * 1e-9:.1f} s late"
-            raise DeviceLostError(self._place, self.health.message, "It is opened anew, without what waits there")
+        self._late.check(self._clock.delay, now, self._place, self.health)
 
     # -- opening
 
@@ -180,7 +165,7 @@ class Noitom(Sensor):
         self._parser = parsers[0]
         unseen = self._config.port.startswith("udp://") and isinstance(self._parser, TextParser)
         self._clock = StreamTime(rate, learn=True, lossless=not unseen)
-        self._useless, self._number, self._late = 0, -1, -1
+        self._useless, self._number, self._late = 0, -1, Lateness()
         self._seen = (self._parser.frames, self._parser.errors, self._parser.resyncs)
         kind = "binary" if isinstance(self._parser, BinaryParser) else "text"
         self.health.message = f"{kind} frames, about {rate:.0f} Hz"

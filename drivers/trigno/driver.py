@@ -9,7 +9,7 @@ from urllib.parse import parse_qs, urlsplit
 import numpy as np
 from pydantic import Field, field_validator
 
-from drivers.streamtime import StreamTime
+from drivers.streamtime import Lateness, StreamTime
 from drivers.transport import Transport, open_transport
 from drivers.trigno.envelope import Envelope
 from drivers.trigno.protocol import COMMAND_PORT, EMG_OFFSET, RATE, SLOTS, Answers, Samples, command, refused
@@ -54,8 +54,8 @@ class Trigno(Sensor):
     so far. So a recording loses none as long as a cycle brings at most k samples (27 come at a time, 2000 a second).
 
     A sample's time is its number divided by the rate, anchored at the sample with the smallest delay. The server sends
-    no times (§4). If samples were lost on the way, the count lags behind permanently: after a second of such a lag it
-    is anchored again. A sensor out of reach sends zeros (§5): then it isn't `present`, and the device becomes stale.
+    no times (§4). Over TCP none is lost on the way, so late samples stay as old as they are: they wait somewhere. After 5 s
+    of them the server is connected anew; so it is where the server itself has left samples out. A sensor out of reach sends zeros (§5): then it isn't `present`, and the device becomes stale.
     """
 
     Config = TrignoConfig
@@ -86,7 +86,7 @@ class Trigno(Sensor):
         self._parser = Samples()
         self._envelope = Envelope(n, max(round(config.window * RATE), 1))
         self._zeros = np.zeros(n, int)
-        self._clock = StreamTime(RATE)
+        self._clock, self._late = StreamTime(RATE, lossless=True), Lateness()
         self._count = self._wrong = 0
         self._heard_at = -1  # ns: time of the newest data
 
@@ -106,7 +106,7 @@ class Trigno(Sensor):
         except DeviceError:
             self.close()
             raise
-        self._clock = StreamTime(RATE)
+        self._clock, self._late = StreamTime(RATE, lossless=True), Lateness()
         self._count = self._wrong = 0
         self._heard_at = -1
         self._zeros[:] = 0
@@ -175,15 +175,14 @@ class Trigno(Sensor):
             state["count"][0] = self._count
         present = self._is_present(samples)
         state["present"][:] = present
-        restarts = self._clock.restarts
         stamp = self._clock.stamp(self._count, now) - round(self._config.latency * 1e9)
-        self.health.resyncs += self._clock.restarts - restarts
         if present.all():
             self.health.stamp = stamp
             self.health.message = ""
         else:
             gone = ", ".join(self._names[~present])
             self.health.message = f"no signal from {gone}: out of reach, or its battery is empty"
+        self._late.check(self._clock.delay, now, self._place, self.health)
 
     def _is_present(self, samples: Array) -> np.ndarray:
         zero = samples == 0

@@ -111,10 +111,12 @@ def check_guards(graph: Graph) -> dict[str, str]:
     for actuator in graph.actuators:
         limits = limits_of(graph)[actuator.name]
         try:
-            GUARDS[actuator.command.kind](
+            guard = GUARDS[actuator.command.kind](
                 graph.source.place(f"guard.{actuator.name}"), actuator.command, limits,
                 float(1 / graph.profile.rate), rest=actuator.home,
             )  # fmt: skip
+            if actuator.cleared is not None:
+                guard.check_stroke(actuator.cleared.clearance, known=False)
         except WiringError as error:
             if "needs limits" not in error.problem or actuator.command.feedback is None:
                 raise

@@ -183,7 +183,10 @@ def _report(supervisor: Supervisor, result: dict[str, Any], args: argparse.Names
 
 def _automatic(args: argparse.Namespace, graph: Graph) -> tuple[bool, str]:
     """Returns whether motion begins without a request, and the text for the user if it doesn't."""
-    if graph.profile.start == "manual":
+    start, sim = graph.profile.start, graph.profile.sim
+    if sim is not None and sim.start is not None and len(graph.simulated) == len(graph.devices):
+        start = sim.start
+    if start == "manual":
         return False, "ready; `srl start` lets the limb move"
     blind = [
         a for a in graph.actuators if a.command.feedback is None and graph.devices[a.device].name not in graph.simulated

@@ -26,6 +26,8 @@ class Signal:
         of: the frame whose pose, twist or wrench it is; `=INPUT` as above.
         labels: a name for each row (joints, fingertips, x y z). Wiring goes by them, never by place. More than one row
             needs labels or `slots`; `runtime.contracts.terms` has the names of what lives in space.
+        slides: joints among its labels that slide, and are in m (m/s, N) where the unit is that of a turn; None: nobody
+            knows. Where both ends of a wire know, they must agree.
         slots: the rows have no identity (unlabelled markers). They go as a whole to a port that takes slots.
         components: names along each further axis, one tuple an axis: x y z for (5, 3), joints for a Jacobian's columns.
         visual: how a viewer shows it: "points" for shape (k, 3), or (3,), which is one; "robot" for the same, drawn as
@@ -44,6 +46,7 @@ class Signal:
     frame: str | None = None
     of: str | None = None
     labels: tuple[str, ...] = ()
+    slides: tuple[str, ...] | None = None
     slots: bool = False
     components: tuple[tuple[str, ...], ...] = ()
     visual: Literal["", "points", "skeleton", "robot", "sphere", "path", "arrow", "capsules", "gaps"] = ""

@@ -175,7 +175,28 @@ class CommandGuard(ABC):
         Raises:
             WiringError: the braking motion of such a command isn't known.
         """
+        self.check_stroke(clearance)
         self.verified = VerifiedStop(clearance, lag, self._patience, tracking, self.max_acceleration, self.max_jerk)
+
+    def check_stroke(self, clearance: Clearance, known: bool = True) -> None:
+        """Whether the position limits keep the limb where the clearance is right about it.
+
+        Args:
+            clearance: the judge.
+            known: all limits are known; else those that there are, are looked at.
+        Raises:
+            WiringError: they don't.
+        """
+        names = self.command.labels or ("it",) * self.size
+        for name, low, high, most in zip(names, self.lower, self.upper, clearance.stroke.ravel().tolist(), strict=True):
+            far = max((abs(value) for value in (low, high) if known or isfinite(value)), default=0.0)
+            if far > most:
+                raise WiringError(
+                    self.place,
+                    f"{name} may go {far:g} from its zero, and the clearance is right up to {most:g}",
+                    f"Give it narrower `lower` and `upper`, or `clear:` a `stroke` of {far:g}" if isfinite(far) else
+                    "Give it `lower` and `upper`",
+                )  # fmt: skip
 
     def _bound(self) -> None:
         """Further checks of the arrays by one kind of guard. Raises WiringError as `bind` does."""

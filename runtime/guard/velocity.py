@@ -51,6 +51,7 @@ class VelocityGuard(CommandGuard):
                 "if the loop stalls, a velocity takes the limb on until its device ends it, and nothing says when",
                 "Say the device's own time-out in s: add `timeout:` to `clear:`",
             )
+        self.check_stroke(clearance)
         goes_on = max(self._patience, timeout)
         self.verified = VerifiedStop(
             clearance, lag, self._patience, tracking, self.max_acceleration, self._no_jerk, goes_on

@@ -91,9 +91,25 @@ def link(
     if twice := next((n for n in wanted if wanted.count(n) > 1), None):
         raise WiringError(place, f"'{twice}' stands for two elements of {name}", "Map each to one of its own")
     rows = tuple(there[n] for n in wanted)
+    _compare_slides(near, name, far, rows, place)
     if len(far) == 1 and rows == tuple((names[0], i) for i in range(first.shape[0])):
         return Link(near, name, names)
     return Link(near, name, names, rows)
+
+
+def _compare_slides(
+    near: Signal, name: str, far: Mapping[str, Signal], rows: tuple[tuple[str, int], ...], place: str
+) -> None:
+    for joint, (other, row) in zip(near.labels, rows, strict=False):
+        signal = far[other]
+        if near.slides is None or signal.slides is None or (joint in near.slides) == (signal.names[row] in signal.slides):
+            continue
+        here, there = ("slides", "turns") if joint in near.slides else ("turns", "slides")
+        raise WiringError(
+            place,
+            f"{joint} of {name} {here}, {signal.names[row]} of {other} {there}: one would be in m, the other in rad",
+            "Say it at the device (`m_per_rad` of a Dynamixel motor that slides), or in the arms' `slides` under `models:`",
+        )
 
 
 def elements(signals: Mapping[str, Signal]) -> dict[str, tuple[str, int]]:

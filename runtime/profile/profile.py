@@ -94,6 +94,7 @@ class SimEntry(BaseModel):
     model_config = ConfigDict(extra="allow", frozen=True)
 
     world: str
+    start: Literal["auto", "manual"] | None = Field(None, description="in place of the profile's, if nothing is real")
     devices: dict[str, dict[str, Any]] = Field(default_factory=dict)
 
     @field_validator("world")

@@ -12,7 +12,7 @@ from helpers.shared import shared
 from helpers.wait import until
 from scipy.spatial.transform import Rotation
 
-from drivers.noitom.driver import ENDURED
+from drivers.streamtime import ENDURED
 from drivers.noitom.protocol import encode_binary
 from runtime.contracts.errors import DeviceLostError
 from runtime.control.skeleton import bvh

@@ -69,7 +69,7 @@ class IndependentOperation(Controller):
         self.inputs = (
             Signal(name="rotation", shape=(k, 4), unit="1", labels=figure.labels, components=(QUATERNION,)),
             Signal(name="translation", shape=(k, 3), unit="m", labels=figure.labels, components=(POINT,)),
-            Signal(name="position", shape=(n,), unit="rad", labels=labels),
+            Signal(name="position", shape=(n,), unit="rad", labels=labels, slides=o.arms.arms.slides),
         )
         if o.button:
             self.inputs += (Signal(name="press", shape=(1,), unit="1"),)
@@ -79,7 +79,7 @@ class IndependentOperation(Controller):
         if o.teach:
             self.inputs += (Signal(name="teach", shape=(1,), unit="1"),)
         self.outputs = (
-            Signal(name="q", shape=(n,), unit="rad", labels=labels),
+            Signal(name="q", shape=(n,), unit="rad", labels=labels, slides=o.arms.arms.slides),
             Signal(name="q_velocity", shape=(n,), unit="rad/s", labels=labels),
             Signal(name="state", shape=(1,), unit="1"),
             Signal(name="phase", shape=(1,), unit="s"),

@@ -65,6 +65,11 @@ class Arms:
         """(n): the joints' names, the same on both sides."""
         return tuple(f"J{i + 1}" for i in range(self.n))
 
+    @property
+    def slides(self) -> tuple[str, ...]:
+        """The names of those that slide, in m."""
+        return tuple(name for name, joint in zip(self.labels, self.joints, strict=True) if joint.slides)
+
     def side(self, named: Side | None) -> Side:
         """The side that an option names; the only one where it names none.
 

@@ -75,6 +75,12 @@ class BodyClearance(Clearance):
         if sorted(labels) != sorted(arms.labels):
             problem = f"the command has {', '.join(labels)}, the arms {', '.join(arms.labels)}"
             raise WiringError(place, problem, "Give the device's joints the names of the arms'")
+        if command.slides is not None and set(command.slides) != set(arms.slides):
+            odd = min(set(command.slides) ^ set(arms.slides))
+            here, there = ("slides", "turns") if odd in arms.slides else ("turns", "slides")
+            problem = f"{odd} {here} in the arms and {there} in the device: one would be in m, the other in rad"
+            remedy = "Say it at the device (`m_per_rad` of a Dynamixel motor that slides), or in the arms' `slides`"
+            raise WiringError(place, problem, remedy)
         joints = config.figure.labels
         k = len(joints)
         self.inputs = (
@@ -91,6 +97,7 @@ class BodyClearance(Clearance):
         self._all = np.arange(len(envelope.pairs))
         self.reach = np.empty(arms.n)
         self.reach[self._order] = by_link.max(axis=1)
+        self.stroke[self._order] = [options.stroke if joint.slides else np.inf for joint in arms.joints]
         self.creep = options.creep
         self._radii = envelope.radii[self._segments] + envelope.link_radius
         self._a_e = options.acceleration * envelope.acceleration[self._segments]

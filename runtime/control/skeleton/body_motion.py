@@ -14,7 +14,6 @@ from runtime.contracts.signals import Array
 from runtime.control.skeleton.human_srl import HumanSrl
 from runtime.control.skeleton.kinematics import Kinematics
 
-KEPT: Final = 64  # samples
 UNIT_WITHIN: Final = 0.1  # a quaternion whose squared length is off by more is none
 SHORTEST, LONGEST = 0.5, 2.0  # of the figure's bones: outside of it nobody is, and a unit is wrong
 SMALL: Final = 0.01  # m: no bone, two joints in one place
@@ -48,7 +47,7 @@ class BodyMotion:
         self._bones = np.flatnonzero(~root & (lengths > SMALL))
         self._lengths = lengths[self._bones]
         self._indices, self._span = ends, round(span * 1e9)
-        self._past: deque[tuple[int, Array]] = deque(maxlen=KEPT)
+        self._past: deque[tuple[int, Array]] = deque()  # of the last `span`
         self.ends: Array = np.zeros((len(ends), 2, 3))
         self.velocity: Array = np.zeros((len(ends), 2, 3))
         self.window = float("inf")

@@ -53,7 +53,7 @@ class Collision(Controller):
         self.inputs = (
             Signal(name="rotation", shape=(len(joints), 4), unit="1", labels=joints, components=(QUATERNION,)),
             Signal(name="translation", shape=(len(joints), 3), unit="m", labels=joints, components=(POINT,)),
-            Signal(name="arm", shape=(n,), unit="rad", labels=self._arms.labels),
+            Signal(name="arm", shape=(n,), unit="rad", labels=self._arms.labels, slides=self._arms.slides),
         )
         self.outputs = (
             Signal(name="distance", shape=(k,), unit="m", labels=names),

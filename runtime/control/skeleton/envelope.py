@@ -1,9 +1,9 @@
 """The envelope: capsules round the segments of a person and of supernumerary arms, and the pairs that matter.
 
 A person's radii are the circumferences of large men over 2 pi (the circle of the same girth: flat segments reach less
-far in one direction and are wider in the other), and clothing. Girths: about the 95th
-percentile of men in ANSUR II (NATICK/TR-15/007, 2014), to whole centimetres, not yet compared with its tables. They are
-a beginning: measure the wearer, and give `radii`.
+far in one direction and are wider in the other), and clothing. Girths: the 95th percentile of the 4082 men of ANSUR II
+(NATICK/TR-15/007, 2014), computed from its public data set and rounded up to whole centimetres (hand and buttock
+to the one after). They are a beginning: measure the wearer, and give `radii`.
 """
 
 from __future__ import annotations

@@ -55,7 +55,10 @@ class Skeleton(Controller):
         self.inputs = (
             Signal(name="rotation", shape=(k, 4), unit="1", labels=joints, components=(QUATERNION,)),
             Signal(name="translation", shape=(k, 3), unit="m", labels=joints, components=(POINT,)),
-            *(Signal(name=side, shape=(arms.n,), unit="rad", labels=arms.labels) for side in arms.sides),
+            *(
+                Signal(name=side, shape=(arms.n,), unit="rad", labels=arms.labels, slides=arms.slides)
+                for side in arms.sides
+            ),
         )
         self.outputs = (
             Signal(

@@ -55,12 +55,12 @@ class Retreat(Controller):
         self._arms, self._side, self._envelope = config.arms.arms, config.arm, config.envelope
         joints, n, labels = config.figure.labels, self._arms.n, self._arms.labels
         self.inputs = (
-            Signal(name="target", shape=(n,), unit="rad", labels=labels),
+            Signal(name="target", shape=(n,), unit="rad", labels=labels, slides=self._arms.slides),
             Signal(name="rotation", shape=(len(joints), 4), unit="1", labels=joints, components=(QUATERNION,)),
             Signal(name="translation", shape=(len(joints), 3), unit="m", labels=joints, components=(POINT,)),
         )
         self.outputs = (
-            Signal(name="q", shape=(n,), unit="rad", labels=labels),
+            Signal(name="q", shape=(n,), unit="rad", labels=labels, slides=self._arms.slides),
             Signal(name="share", shape=(1,), unit="1"),
         )
         self._links = np.array([pair.link for pair in self._envelope.pairs])

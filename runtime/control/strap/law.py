@@ -105,6 +105,7 @@ class StrapBase(Controller):
         n = len(axes)
         unit = "m" if all(axis.slides for axis in axes) else "rad"
         joints = {"shape": (n,), "unit": unit, "labels": tuple(config.axes)}
+        joints["slides"] = tuple(name for name, axis in zip(config.axes, axes, strict=True) if axis.slides)
         self.inputs = (
             Signal(name="q", **joints),  # type: ignore[arg-type]
             Signal(name="wanted", **joints),  # type: ignore[arg-type]

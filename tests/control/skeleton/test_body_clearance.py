@@ -64,6 +64,16 @@ def test_it_waits_until_speeds_are_known_and_refuses_what_is_no_pose():
     assert "0.44 s old" in made.why()
 
 
+@pytest.mark.parametrize(("rate", "span"), [(60, 0.05), (500, 0.15), (1000, 0.45), (1000, 0.05)])
+def test_a_suit_of_any_rate_is_usable_after_the_span(rate, span):
+    made, _ = judge(span=span)
+    step = round(1e9 / rate)
+    usable = [see(made, 10_000 * MS + step * k) for k in range(round(0.6 * rate))]
+    first = usable.index(True)
+    assert first * step == pytest.approx(span * 1e9, abs=2 * step)
+    assert all(usable[first:])
+
+
 @pytest.mark.parametrize("factor", [0.01, 0.4, 2.5, 100.0, 1e3, 1e200])
 def test_a_body_of_impossible_size_is_none(factor):
     """Centimetres for metres: a wearer of 170 m whose arm hangs far from everything, or one smaller than a thumb."""

@@ -5,9 +5,11 @@ from __future__ import annotations
 import pytest
 from pydantic import ValidationError
 
+from runtime.cli import main
 from runtime.contracts.errors import SrlError, WiringError
+from runtime.contracts.signals import Command, Kind
 from runtime.control.models import ArmsModel
-from runtime.control.skeleton.body_clearance import BodyClearanceConfig
+from runtime.control.skeleton.body_clearance import BodyClearance, BodyClearanceConfig
 from runtime.control.skeleton.collision import CollisionConfig
 from runtime.control.skeleton.retreat import RetreatConfig
 from runtime.control.strap.law import StrapBaseConfig
@@ -47,6 +49,36 @@ def build(right: str, left: str) -> wiring.Graph:
             ],
         )
     )
+
+
+def test_a_slide_that_the_device_takes_for_a_turn_is_refused():
+    """Its numbers would be rad for m: 0.1 m of a slide would be 6 degrees of a servo."""
+    turn = ["devices.arm.motors.J5={id: 5, model: MX-64, home: 0.0}", "sim=null"]
+    with pytest.raises(WiringError, match="J5.*slides.*J5.*turns") as error:
+        wiring.build(*profile.load("human-srl", turn))
+    assert "m_per_rad" in error.value.remedy
+    names = tuple(f"J{i}" for i in range(1, 8))
+    options = BodyClearanceConfig(least=0.02, uncertainty=0.0)
+    for slides, fine in ((None, True), (("J5",), True), ((), False), (("J4", "J5"), False)):
+        command = Command(name="c", shape=(7,), unit="rad", kind=Kind.POSITION, labels=names, slides=slides)
+        if fine:
+            BodyClearance("p", options, command)
+            continue
+        with pytest.raises(WiringError, match="in the arms and .* in the device"):
+            BodyClearance("p", options, command)
+    with pytest.raises(WiringError, match="J6.*turns.*J6.*slides"):
+        slide = "devices.arm.motors.J6={id: 6, model: MX-28, home: 0.0, m_per_rad: 0.02}"
+        wiring.build(*profile.load("human-srl", [slide, "sim=null"]))
+
+
+@pytest.mark.parametrize("change", ["guard.arm.position_command.upper.J5=0.3", "guard.arm.position_command.lower.J5=-0.21"])
+def test_limits_of_a_slide_beyond_the_stroke_are_refused(change, capsys):
+    assert main(["check", "human-srl"]) == 0
+    assert main(["check", "human-srl", "--set", change]) == 2
+    said = capsys.readouterr().err
+    assert "guard.arm.position_command" in said
+    assert "the clearance is right up to 0.2" in said
+    assert main(["check", "human-srl", "--set", change, "--set", "guard.arm.position_command.clear.stroke=0.3"]) == 0
 
 
 def test_in_a_profile_each_arm_has_a_clearance_of_its_own():
