@@ -13,6 +13,8 @@ from runtime.control.strap.axes import Axes, Axis
 
 SLIDE: Final = 0.1  # m of a prismatic axis that count as much as 1 rad of a revolute one
 STEPS: Final = 4  # at most, of Gauss-Newton's method, in one call
+MOST_FREED: Final = 7  # times that a held joint is freed in one solution
+FLAT: Final = 1e-6  # slope, 1/rad: a joint that gains less stays where it is
 CLOSE: Final = 1e-5  # m; nearer than this is there
 
 
@@ -21,7 +23,8 @@ class Correction:
 
     p' is where the tip must be in the axes of a base that is turned: R^T p(q). Damping bounds d near a singularity.
     Away from it about damping^2 / (damping^2 + s^2) of the error is left, where s (m/rad) is how well the arm moves
-    there. Joints that reach a limit stay there, and the others do their part.
+    there. Joints that reach a limit stay there, and the others do their part; one that the others would rather have
+    moved back is freed again.
     """
 
     def __init__(self, axes: Sequence[Axis], damping: float, first: Vector = (0.0, 0.0, 0.0)) -> None:
@@ -71,14 +74,28 @@ class Correction:
         return self.d
 
     def _bounded(self, J: Array, task: Array, low: Array, high: Array) -> Array:
-        """The solution of the linear problem J d = task, joints at a limit held there."""
+        """The solution of the linear problem J d = task: joints beyond a limit are held at it, and freed one by one.
+
+        Holding several at once may hold one too many. At the solution no cost falls where a held joint moves inwards.
+        """
         d = np.zeros(J.shape[1])
         free = np.ones(J.shape[1], bool)
+        freed = 0
         while True:
             WJ = np.where(free, self._weight, 0.0)[:, None] * J.T
             d[free] = WJ.dot(np.linalg.solve(J.dot(WJ) + self._damping, task - J[:, ~free].dot(d[~free])))[free]
             beyond = free & ((d < low) | (d > high))
             if not beyond.any():
-                return d
+                if free.all() or freed == MOST_FREED:
+                    return d
+                # The cost's slope; what is held at both limits stays.
+                slope = J.T.dot(J.dot(d) - task) / self._damping[0, 0] + d / self._weight
+                inwards = np.where(free | (low == high), 0.0, np.where(d <= low, -slope, slope))
+                worst = int(inwards.argmax())
+                if inwards[worst] <= FLAT:
+                    return d
+                free[worst] = True
+                freed += 1
+                continue
             d[beyond] = np.clip(d[beyond], low[beyond], high[beyond])
             free &= ~beyond

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import isfinite
+from math import inf, isfinite, isinf
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -91,8 +91,8 @@ class StrapBase(Controller):
 
     Outputs: `command` (n,) rad or m; `tilt` (3,) rad, the rotation vector that is compensated, in the base's axes;
     `active` (1,), 0 to 1: how much of it. What isn't measured, NaN or no unit quaternion, makes the compensation fade
-    out from its last value; `active` says so. So does a tilt beyond `most` for longer than `fade`.
-    It fades in at a reset and when the measurement is back. While `wanted` isn't there (NaN), its last value
+    out from its last value; `active` says so. So does a tilt beyond `most` for longer than `fade`. A tilt that is beyond
+    it from the reset on is never compensated, and after `fade` it stops the limb: a mount is wrong. It fades in at a reset and when the measurement is back. While `wanted` isn't there (NaN), its last value
     stands, or where the limb was at the reset.
     """
 
@@ -131,7 +131,8 @@ class StrapBase(Controller):
         self._rest = np.zeros(n)  # what is left of the difference at the reset
         self._left = 0.0  # s
         self._seen = False
-        self._beyond = 0.0  # s, for which the tilt has been beyond `most`
+        self._beyond = inf  # s, for which the tilt has been beyond `most`
+        self._lying = 0.0  # s, for which it has been so since the reset
         self._losses = self._bounded = self._cycles = 0
         self._worst = 0.0
 
@@ -151,7 +152,9 @@ class StrapBase(Controller):
         wanted = self.input["wanted"]
         start = self.applied.get("command", self.input["q"])
         self._correction.reset()
-        self._share, self._seen, self._beyond = 0.0, False, 0.0
+        # Until the tilt has been within `most` once, there is no reason to believe the mounts.
+        self._share, self._seen, self._beyond, self._lying = 0.0, False, inf, 0.0
+        self.lost = False
         self._wanted[:] = wanted if np.isfinite(wanted).all() else start
         self._rest[:] = start - self._wanted
         self._left = self._config.fade
@@ -191,6 +194,8 @@ class StrapBase(Controller):
         if new is not None:
             self._beyond = self._beyond + dt if size > self._config.most else 0.0
             self._bounded += size > self._config.most
+            self._lying = self._lying + dt if isinf(self._beyond) else 0.0
+            self.lost = self._lying > self._config.fade
         if self._beyond > self._config.fade:
             new = None  # no strap gives way so far for so long: a sensor has come off, or its mount is wrong
         self._losses += self._seen and new is None

@@ -11,6 +11,7 @@ from helpers.strap import ARM, HOME
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
+from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation
 
 from runtime.contracts.errors import OptionError
@@ -136,6 +137,25 @@ def test_joints_at_their_limits_leave_the_rest_to_the_others():
     assert some.error < 0.004
     assert np.abs(d[2]).max() <= 0.01 + 1e-12
     assert none.error > 0.02
+
+
+def test_no_held_joint_would_rather_move_back():
+    """Against an independent solver of bounded least squares, near the limits of the arm."""
+    rng, held = np.random.default_rng(4), 0
+    for _ in range(150):
+        q = LOWER + rng.choice([0.0, 0.02, 0.5, 0.98, 1.0], 7) * (UPPER - LOWER)
+        correction = Correction(AXES, 0.02)
+        J = np.array(Axes(AXES).forward(q.tolist())[1]).T
+        task, low, high = rng.normal(size=3) * 0.05, LOWER - q, UPPER - q
+        weight = np.array([0.1 if a.slides else 1.0 for a in AXES])
+        A, b = np.vstack([J / 0.02, np.diag(1 / weight)]), np.concatenate([task / 0.02, np.zeros(7)])
+        low, high = np.minimum(low, 0.0), np.maximum(high, 0.0)
+        least = lsq_linear(A, b, (low - 1e-12, high + 1e-12), tol=1e-12).cost
+        d = correction._bounded(J, task, low, high)
+        assert ((d >= low - 1e-12) & (d <= high + 1e-12)).all()
+        assert 0.5 * np.sum((A @ d - b) ** 2) <= least * (1 + 1e-6) + 1e-9
+        held += bool(((d == low) | (d == high)).sum() > 1)
+    assert held > 50
 
 
 def test_near_a_singularity_the_correction_stays_small():
@@ -303,11 +323,34 @@ def test_without_a_wanted_posture_it_holds_the_tip_where_it_was():
 
 def test_a_tilt_beyond_belief_is_bounded_and_counted():
     made = law(most=0.2)
-    give(made, orientation=tilted_by(1.0, 0.0, 0.0))
+    give(made, orientation=tilted_by(0.1, 0.0, 0.0))
     made.reset()
     run(made, 0.5)
+    give(made, orientation=tilted_by(1.0, 0.0, 0.0))
+    run(made, 0.5)
     assert np.linalg.norm(made.output["tilt"]) == pytest.approx(0.2, abs=0.01)
-    assert made.figures()["beyond_most"] == 1.0
+    assert made.figures()["beyond_most"] == 0.5
+
+
+@pytest.mark.parametrize("degrees", [25, 60, 90, 140, 179])
+@pytest.mark.parametrize("which", ["orientation", "body"])
+def test_a_sensor_that_is_mounted_wrong_moves_nothing_and_stops_the_limb(degrees, which):
+    for axis in np.eye(3)[:2]:
+        made = law()
+        give(made, **{which: tilted_by(*np.deg2rad(degrees) * axis)})
+        made.reset()
+        rows = run(made, 0.45)
+        assert not made.lost
+        assert made.output["active"][0] == 0.0
+        np.testing.assert_array_equal(rows, np.tile(HOME, (len(rows), 1)))
+        rows = run(made, 2.0)
+        assert made.lost
+        np.testing.assert_array_equal(rows, np.tile(HOME, (len(rows), 1)))
+        give(made, **{which: UNIT})
+        made.reset()
+        run(made, 1.0)
+        assert not made.lost
+        assert made.output["active"][0] == 1.0
 
 
 def test_a_tilt_beyond_belief_for_long_counts_as_not_measured():

@@ -199,6 +199,26 @@ def test_an_index_that_stands_still_is_an_old_frame():
     cable.close()
 
 
+def test_frames_that_a_queue_delays_stay_old_until_the_port_is_opened_anew():
+    cable, driver = opened("queue")
+
+    def frame(k: int, late: int) -> int:
+        cable.write_all(encode(Record((k + 1) % 256, 0, 0, 0, 0, 0, 1000)), 1.0)
+        now = (k + 1) * 10 * MS + late
+        until(lambda: driver.health.frames == k + 1, lambda: driver.read(now), pause=0.0)
+        return now - driver.health.stamp
+
+    assert [frame(k, 0) for k in range(50)][-1] < 20 * MS
+    ages = [frame(k, 600 * MS) for k in range(50, 550)]
+    assert min(ages) > 500 * MS
+    with pytest.raises(DeviceLostError, match=r"0\.6 s late"):
+        for k in range(550, 560):
+            frame(k, 600 * MS)
+    assert not driver.health.connected
+    driver.close()
+    cable.close()
+
+
 def test_what_gravity_contradicts_grows_stale():
     cable, driver = opened("contradiction")
     for k in range(600):
