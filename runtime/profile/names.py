@@ -102,7 +102,11 @@ def _compare_slides(
 ) -> None:
     for joint, (other, row) in zip(near.labels, rows, strict=False):
         signal = far[other]
-        if near.slides is None or signal.slides is None or (joint in near.slides) == (signal.names[row] in signal.slides):
+        if (
+            near.slides is None
+            or signal.slides is None
+            or (joint in near.slides) == (signal.names[row] in signal.slides)
+        ):
             continue
         here, there = ("slides", "turns") if joint in near.slides else ("turns", "slides")
         raise WiringError(

@@ -211,9 +211,7 @@ class BodyClearance(Clearance):
         self._worst = self._envelope.pairs[worst].name
         return clear
 
-    def _clear_of(
-        self, other: OtherArm, nodes: Array, travel: Array, slack: Array, crawl: NDArray[np.bool_]
-    ) -> bool:
+    def _clear_of(self, other: OtherArm, nodes: Array, travel: Array, slack: Array, crawl: NDArray[np.bool_]) -> bool:
         judged = other.judge(nodes, travel, slack)
         if judged is None:
             self.margin, self._problem = float("nan"), "nobody knows where the other arm is"

@@ -30,7 +30,7 @@ def test_real_files_give_the_references_positions(name: str) -> None:
     for frame, nodes in json.loads(shared(f"{FOLDER}/reference_fk.json").read_text())[name].items():
         found = kinematics.nodes(turns[int(frame)], places[int(frame)], {})
         for node, expected in nodes.items():
-            np.testing.assert_allclose(found[figure.tree.index(node)] * 100.0, expected, atol=2e-6)
+            np.testing.assert_allclose(found[figure.tree.index(node)] * 100.0, expected, rtol=0, atol=2e-6)
 
 
 @pytest.mark.slow
@@ -48,7 +48,7 @@ def test_real_files_give_an_independent_readers_positions(name: str) -> None:
         for joint, _, _ in other.layout():
             # Its numbers have single precision.
             expected = np.array(joint.PositionWorld.to_tuple()) / 100.0
-            np.testing.assert_allclose(found[figure.tree.index(joint.Name)], expected, atol=1e-5)
+            np.testing.assert_allclose(found[figure.tree.index(joint.Name)], expected, rtol=0, atol=1e-5)
 
 
 def test_all_zeros_give_the_t_pose() -> None:
@@ -58,10 +58,10 @@ def test_all_zeros_give_the_t_pose() -> None:
     summed = np.zeros((len(tree), 3))
     for i, up in enumerate(tree.parents):
         summed[i] = tree.offsets[i] + (summed[up] if up >= 0 else 0.0)
-    np.testing.assert_allclose(found, summed, atol=1e-12)
+    np.testing.assert_allclose(found, summed, rtol=0, atol=1e-12)
     arms = found[[tree.index(f"{side}{n}") for side in ("Left", "Right") for n in ("Arm", "ForeArm", "Hand")]]
     assert np.ptp(arms[:, 1]) < 1e-12 < 0.6 < arms[:, 0].max()  # level, to the sides
-    np.testing.assert_allclose(found[tree.index("LeftFoot_End")][1], 0.0, atol=1e-9)  # on the floor
+    np.testing.assert_allclose(found[tree.index("LeftFoot_End")][1], 0.0, rtol=0, atol=1e-9)  # on the floor
 
 
 @pytest.mark.parametrize("q", [ONE, TWO, THREE])
@@ -82,8 +82,8 @@ def _tip_agrees(q: np.ndarray) -> None:
     found = kinematics.nodes(STILL, _rest(figure), {"right": q, "left": q})
     tree = figure.tree
     spine = found[tree.index("Spine")]
-    np.testing.assert_allclose(found[tree.index("REnd")] - spine, tip(q), atol=1e-12)
-    np.testing.assert_allclose((found[tree.index("LEnd")] - spine) * [-1, 1, 1], tip(q), atol=1e-12)
+    np.testing.assert_allclose(found[tree.index("REnd")] - spine, tip(q), rtol=0, atol=1e-12)
+    np.testing.assert_allclose((found[tree.index("LEnd")] - spine) * [-1, 1, 1], tip(q), rtol=0, atol=1e-12)
 
 
 def test_configuration_two_points_forward_and_outward() -> None:
@@ -104,7 +104,7 @@ def test_a_sliding_joint_moves_the_next_node_alone() -> None:
     moved = kinematics.nodes(STILL, _rest(figure), {"right": ONE + 0.1 * (np.arange(7) == 4)}) - before
     for name in tree.names:
         np.testing.assert_allclose(
-            moved[tree.index(name)], [0.0, -0.1 * (name in ("RJ6", "RJ7", "REnd")), 0.0], atol=1e-12
+            moved[tree.index(name)], [0.0, -0.1 * (name in ("RJ6", "RJ7", "REnd")), 0.0], rtol=0, atol=1e-12
         )
 
 
@@ -119,7 +119,7 @@ def test_the_arms_follow_the_spine() -> None:
     spine = rest[tree.index("Spine")]
     c, s = np.cos(0.6), np.sin(0.6)
     turn = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
-    np.testing.assert_allclose(bent[arm] - spine, (rest[arm] - spine) @ turn.T, atol=1e-12)
+    np.testing.assert_allclose(bent[arm] - spine, (rest[arm] - spine) @ turn.T, rtol=0, atol=1e-12)
 
 
 def test_shapes_join_the_same_model() -> None:

@@ -43,10 +43,10 @@ def test_nodes_and_vector_of_a_real_frame() -> None:
     nodes, figure = controller.output["nodes"], controller.config.figure  # type: ignore[attr-defined]
     expected = bvh.read(path).world_positions()[100] / 100.0
     human = [figure.tree.index(name) for name in figure.human.names]
-    np.testing.assert_allclose(nodes[human], expected, atol=1e-12)
+    np.testing.assert_allclose(nodes[human], expected, rtol=0, atol=1e-12)
     _, translation, arms = PaperVector(figure).read(controller.output["vector"])
-    np.testing.assert_allclose(translation, places[100], atol=1e-12)
-    np.testing.assert_allclose(arms["right"], TWO, atol=1e-12)
+    np.testing.assert_allclose(translation, places[100], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(arms["right"], TWO, rtol=0, atol=1e-12)
     np.testing.assert_array_equal(arms["left"], 0.0)
 
 
@@ -56,7 +56,7 @@ def test_the_end_is_where_pinocchio_puts_it() -> None:
     controller.input["right"][:] = TWO
     controller.update(0.01)
     names, nodes = controller.outputs[0].labels, controller.output["nodes"]
-    np.testing.assert_allclose(nodes[names.index("REnd")] - nodes[names.index("Spine")], tip(TWO), atol=1e-12)
+    np.testing.assert_allclose(nodes[names.index("REnd")] - nodes[names.index("Spine")], tip(TWO), rtol=0, atol=1e-12)
 
 
 def test_a_hierarchy_that_cant_be_read_is_refused(tmp_path: Path) -> None:

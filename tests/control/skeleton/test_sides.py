@@ -71,7 +71,9 @@ def test_a_slide_that_the_device_takes_for_a_turn_is_refused():
         wiring.build(*profile.load("human-srl", [slide, "sim=null"]))
 
 
-@pytest.mark.parametrize("change", ["guard.arm.position_command.upper.J5=0.3", "guard.arm.position_command.lower.J5=-0.21"])
+@pytest.mark.parametrize(
+    "change", ["guard.arm.position_command.upper.J5=0.3", "guard.arm.position_command.lower.J5=-0.21"]
+)
 def test_limits_of_a_slide_beyond_the_stroke_are_refused(change, capsys):
     assert main(["check", "human-srl"]) == 0
     assert main(["check", "human-srl", "--set", change]) == 2
