@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +15,15 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from runtime.contracts.errors import RecordingError, nearest
 from runtime.contracts.signals import Array
 from runtime.ipc.words import State
+from runtime.recorder.chosen import chosen
 from runtime.recorder.eye import back_of
 from runtime.recorder.figure import COLORS
+from runtime.recorder.naming import write_names
 from runtime.recording.reader import Recording
 from runtime.recording.shapes import RAMP, distance_colors, visuals
 from runtime.recording.solids import Solids, Thing
@@ -30,7 +32,8 @@ ACROSS = 5  # pictures in a row
 SIZE = (2.3, 3.1)  # inches of one among others
 ALONE = (6.0, 7.0)  # inches of a single one
 ARC = np.linspace(-np.pi / 2, np.pi / 2, 25)
-HALO = [withStroke(linewidth=2.0, foreground="white")]
+# From what is looked at to the eye, in the root frame: a body's front is its x, its left is y.
+SIDES = {"front": (1.0, 0.0, 0.0), "back": (-1.0, 0.0, 0.0), "left": (0.0, 1.0, 0.0), "right": (0.0, -1.0, 0.0)}
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,12 @@ class View:
 
 
 def draw(
-    recording: Recording, png: Path, times: Sequence[float], names: str | None = None, show: Sequence[str] = ()
+    recording: Recording,
+    png: Path,
+    times: Sequence[float],
+    names: Sequence[str] = (),
+    show: Sequence[str] = (),
+    side: str | None = None,
 ) -> None:
     """Draws the newest row at each of the times, s from the first row.
 
@@ -56,25 +64,27 @@ def draw(
         recording: what is drawn.
         png: where.
         times: at least one.
-        show: the signals that are drawn; none: all that have a shape.
-        names: the part of the body (`Signal.groups`) whose nodes are named.
+        names: the parts of the body (`Signal.groups`) whose nodes are named.
+        show: the signals, or parts, that are drawn; none: all that have a shape.
+        side: of SIDES, from which one looks; None: from the front and a little from the right and above.
     Raises:
         RecordingError: no signal that is drawn has a shape, a time lies outside, no such part, it can't be written.
-    """
+    """  # fmt: skip
     solids = Solids(recording.layout)
     if not solids.things:
         raise RecordingError(str(recording.path), "no signal in it has a shape", "Record a profile that shows some")
-    for name in show:
-        if name not in (known := [thing.name for thing in solids.things]):
-            raise RecordingError("--show", f"no signal with a shape is called '{name}'", nearest(name, known))
-    chosen = [i for i, thing in enumerate(solids.things) if not show or thing.name in show]
-    things = [solids.things[i] for i in chosen]
+    shown = chosen(solids.things, show)
+    things = [_part(solids.things[i], kept) for i, kept in shown.items()]
     parts = list(dict.fromkeys(name for thing in things for name in thing.groups))
-    if names is not None and names not in parts:
-        raise RecordingError("--names", f"no part is called '{names}'", nearest(names, parts))
+    for name in names:
+        if name not in parts:
+            raise RecordingError("--names", f"no part that is drawn is called '{name}'", nearest(name, parts))
     rows = _rows(recording, times)
-    shapes = [[found[i] for i in chosen] for found in map(solids.of, rows)]
-    view = _view(back_of(visuals(recording.layout)))
+    shapes = [
+        [found[i][list(kept)] if things[k].groups else found[i] for k, (i, kept) in enumerate(shown.items())]
+        for found in map(solids.of, rows)
+    ]
+    view = _view(np.array(SIDES[side]) if side else back_of(visuals(recording.layout)))
     middles, reach = _frame(view, shapes)
     columns = min(len(rows), ACROSS)
     lines = -(-len(rows) // columns)
@@ -91,13 +101,17 @@ def draw(
             late = "" if state == State.ACTIVE else ", no law runs"
             axis.set_title(f"{letter}{times[i]:.2f} s, cycle {cycle}{late}", fontsize=8)
             for thing, values in zip(things, shape, strict=True):
-                _points(axis, view, thing, values, names) if thing.points else _capsules(axis, view, thing, values)
+                _points(axis, view, thing, values) if thing.points else _capsules(axis, view, thing, values)
             axis.set_xlim(middles[i, 0] - reach[0], middles[i, 0] + reach[0])
             axis.set_ylim(middles[i, 1] - reach[1], middles[i, 1] + reach[1])
             axis.set_aspect("equal")
         _legend(figure, things, 4 if len(rows) == 1 else 9)
         simulated = " (simulated)" if recording.layout.meta.get("simulated") else ""
         figure.suptitle(f"{recording.layout.meta.get('name', '')}{simulated}", fontsize=10)
+        if names:
+            figure.draw_without_rendering()  # places and limits are final now
+        for axis, shape in zip(axes.flat, shapes, strict=False):
+            _names(axis, view, things, shape, names)
         figure.savefig(png, dpi=130, format="png")
     except OSError as error:
         raise RecordingError(str(png), f"it can't be written: {error.strerror}", "Choose another place") from None
@@ -113,6 +127,19 @@ def spread(recording: Recording, count: int) -> list[float]:
     margin = 0.5 * (ends[-1] - ends[0]) / count  # in the middle of equal parts: laws have begun, and haven't ended
     found: list[float] = np.linspace(ends[0] + margin, ends[-1] - margin, count).tolist()
     return found
+
+
+def _part(thing: Thing, kept: Sequence[int]) -> Thing:
+    """The thing with these of its rows alone, and the links between them."""
+    if len(kept) == len(thing.groups) or not thing.groups:
+        return thing
+    number = {row: i for i, row in enumerate(kept)}
+    pairs = [pair for line in thing.links for pair in pairwise(line) if set(pair) <= set(kept)]
+    each = thing.numbers if len(thing.numbers) > 1 else thing.numbers * len(thing.groups)
+    return replace(
+        thing, numbers=tuple(each[i] for i in kept), labels=tuple(thing.labels[i] for i in kept),
+        groups=tuple(thing.groups[i] for i in kept), links=tuple((number[a], number[b]) for a, b in pairs),
+    )  # fmt: skip
 
 
 def _rows(recording: Recording, times: Sequence[float]) -> list[NDArray[np.int64]]:
@@ -145,7 +172,7 @@ def _frame(view: View, shapes: Sequence[Sequence[Array]]) -> tuple[Array, Array]
     return middles, reach
 
 
-def _points(axis: Any, view: View, thing: Thing, places: Array, names: str | None) -> None:
+def _points(axis: Any, view: View, thing: Thing, places: Array) -> None:
     colors = [COLORS[n % len(COLORS)] for n in thing.numbers]
     each = colors if len(colors) > 1 else colors * len(places)
     flat, depth = view.flat(places), places @ view.back
@@ -159,18 +186,15 @@ def _points(axis: Any, view: View, thing: Thing, places: Array, names: str | Non
         )
     )  # fmt: skip
     axis.scatter(*flat.T, s=4 if thing.groups else 2, c=each, linewidths=0, zorder=4)
-    for i, (group, label) in enumerate(zip(thing.groups, thing.labels, strict=False)):
-        if group == names:
-            axis.annotate(
-                label,
-                flat[i],
-                (7, -2),
-                textcoords="offset points",
-                fontsize=7,
-                color="black",
-                path_effects=HALO,
-                zorder=5,
-            )
+
+
+def _names(axis: Any, view: View, things: Sequence[Thing], shape: Sequence[Array], parts: Sequence[str]) -> None:
+    lines = [view.flat(places[list(link)]) for thing, places in zip(things, shape, strict=True) for link in thing.links]
+    lines = [line for line in lines if np.isfinite(line).all()]
+    for thing, places in zip(things, shape, strict=True):
+        named = [i for i, group in enumerate(thing.groups) if group in parts and np.isfinite(places[i]).all()]
+        if named:
+            write_names(axis, [thing.labels[i] for i in named], view.flat(places[named]), lines)
 
 
 def _capsules(axis: Any, view: View, thing: Thing, values: Array) -> None:
@@ -202,6 +226,6 @@ def _legend(figure: Any, things: Sequence[Thing], columns: int) -> None:
         names = thing.groups or (thing.name,) * len(thing.numbers)
         named |= {name: COLORS[n % len(COLORS)] for name, n in zip(names, thing.numbers, strict=True)}
     if any(not thing.numbers for thing in things):
-        named |= {f"{m:g} m": mpl.colors.to_hex([c / 255 for c in color]) for m, color in RAMP}
+        named |= {f"{m:g} m away": mpl.colors.to_hex([c / 255 for c in color]) for m, color in RAMP}
     handles = [plt.Line2D([], [], color=color, linewidth=3) for color in named.values()]
     figure.legend(handles, named, loc="outside lower center", ncols=min(len(named), columns), fontsize=8, frameon=False)

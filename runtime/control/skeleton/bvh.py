@@ -194,7 +194,7 @@ def write(path: Path, tree: Tree, rotation: Array, translation: Array, period: f
 def _block(tree: Tree, index: int, order: Order, depth: int = 0) -> list[str]:
     """The lines of a node and of all that hangs on it."""
     node, indent = tree.nodes[index], "\t" * depth
-    x, y, z = (100.0 * value for value in node.offset)
+    x, y, z = (100.0 * value + 0.0 for value in node.offset)  # no -0.0
     title = "End Site" if node.end else f"{'JOINT' if depth else 'ROOT'} {node.name}"
     lines = [f"{indent}{title}", f"{indent}{{", f"{indent}\tOFFSET {x:.8f} {y:.8f} {z:.8f}"]
     if not node.end:

@@ -88,9 +88,15 @@ class Tree:
 
     @cached_property
     def polylines(self) -> tuple[tuple[int, ...], ...]:
-        """Paths that cover every segment once, each from the end of a branch up to a node that is already drawn."""
+        """Paths that cover every segment once, each from the end of a branch up to a node that is already drawn.
+
+        The deepest end comes first: so the body's segments are those of its own branches, and not of an arm's on it.
+        """
         drawn, lines = {0}, []
-        for tip in sorted(set(range(len(self))) - set(self.parents)):
+        depth = [0] * len(self)
+        for i, parent in enumerate(self.parents[1:], 1):
+            depth[i] = depth[parent] + 1
+        for tip in sorted(set(range(len(self))) - set(self.parents), key=lambda i: -depth[i]):
             line = [tip]
             while line[-1] not in drawn:
                 drawn.add(line[-1])

@@ -37,6 +37,7 @@ class BodyConfig(PartConfig):
         "or what it is told",
     )
     subject: int = Field(default=0, ge=0, description="who does the actions: people differ; 0 is the average man")
+    pause: float = Field(default=2.5, ge=0, le=60, description="s at ease before each of the ten actions")
     recording: ProfilePath | None = Field(
         default=None, description="BVH file of the suit's software; its last pose is held"
     )
@@ -84,7 +85,7 @@ class BodyPart(Part):
             self.duration = recorded.duration
         elif config.script == "actions":
             who = subject(config.subject, self.skeleton.names)
-            self._motion = self.wearer = WholeBodyWearer(who, self.skeleton, config.scale)
+            self._motion = self.wearer = WholeBodyWearer(who, self.skeleton, config.scale, config.pause)
         else:
             self._motion = Scripted(config.script, self.skeleton, config.scale, seed, name)
         self.offsets = self._motion.offsets

@@ -14,7 +14,6 @@ from sim.wearer.people import Subject
 from sim.wearer.performer import Performer
 
 ACTION: Final = 3.0  # s, that each action takes of the plan
-PAUSE: Final = 2.5  # s at ease before each
 
 
 class WholeBodyWearer:
@@ -23,9 +22,11 @@ class WholeBodyWearer:
     Attributes: `offsets` (59, 3), m.
     """
 
-    def __init__(self, who: Subject, skeleton: Skeleton, scale: float) -> None:
+    def __init__(self, who: Subject, skeleton: Skeleton, scale: float, pause: float) -> None:
+        """`pause`: s at ease before each action of the plan."""
         self._person = Performer(who, skeleton, scale)
         self.offsets = self._person.offsets
+        self._pause = pause
         self._now = 0.0
         self._told = False
 
@@ -61,10 +62,9 @@ class WholeBodyWearer:
         self._person.forget(int(count))
         self._now, self._told = now, bool(told)
 
-    @staticmethod
-    def _due(number: int) -> float:
+    def _due(self, number: int) -> float:
         action, rest = divmod(number, 2)
-        return action * (PAUSE + ACTION) + PAUSE + rest * ACTION
+        return action * (self._pause + ACTION) + self._pause + rest * ACTION
 
     @staticmethod
     def _planned(number: int) -> Instruction:

@@ -7,10 +7,11 @@ import pytest
 from pydantic import ValidationError
 
 from runtime.contracts.wearer import Hold, Perform, Rest, Walk
-from sim.parts.body.whole_body_wearer import ACTION, PAUSE
+from sim.parts.body.whole_body_wearer import ACTION
 from sim.world.cell import Cell, CellConfig
 
 MS = 1_000_000
+PAUSE = 2.0  # s
 
 
 def cell(**options: object) -> Cell:
@@ -26,7 +27,7 @@ def hands(world: Cell) -> np.ndarray:
 
 
 def test_the_plan_begins_with_both_hands_over_the_head_and_comes_back() -> None:
-    world = cell()
+    world = cell(pause=PAUSE)
     world.advance(round(PAUSE * 1000) * MS)
     before = hands(world)
     world.advance(round((PAUSE + ACTION) * 1000) * MS)
