@@ -238,7 +238,7 @@ class BodyClearance(Clearance):
     def why(self) -> str:
         if self._problem:
             return self._problem
-        return f"{self._worst} would be {self._distance:.3f} m apart, {-self.margin:.3f} m less than needed"
+        return f"{self._worst} is {self._distance:.3f} m apart, {-self.margin:.3f} m less than needed"
 
     def remarks(self) -> list[str]:
         return self._envelope.remarks() + [
