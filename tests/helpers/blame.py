@@ -246,8 +246,8 @@ class Gap:
         self._motion.take(0, rotation, translation)
 
     def __call__(self, q: Array) -> float:
-        nodes, ends = link_nodes(self._config.arms.arms, self._config.arm, q[None]), self._motion.ends[self._segments]
-        axes = nearest(ends[:, 0], ends[:, 1], nodes[:, self._links], nodes[:, self._links + 1]).distance
+        nodes = link_nodes(self._config.arms.arms, self._config.arm, q[None])
+        axes = nearest(self._motion.ends, self._segments, nodes, self._links).distance
         return float((axes - self._radii).min())
 
 

@@ -104,17 +104,12 @@ class Worn:
 
     def pairs(self, within: float, most: int) -> Pairs:
         """The pairs nearer than `within`, m, at most so many, at the q of the last `tip`."""
-        ends = self._motion.ends[self._segments]
-        starts, stops = self._places[self._links], self._places[self._links + 1]
-        found = nearest(ends[:, 0], ends[:, 1], starts, stops)
+        found = nearest(self._motion.ends, self._segments, self._places, self._links)
         distance = found.distance - self._radii
         near = np.argsort(distance, kind="stable")[:most]
         near = near[distance[near] < within]
-        gap = found.on_second[near] - found.on_first[near]
-        normal = gap / np.maximum(found.distance[near], 1e-9)[:, None]  # from the body to the arm
-        way = stops[near] - starts[near]
-        along = found.on_second[near] - starts[near]
-        share = ((along * way).sum(axis=1) / np.maximum((way * way).sum(axis=1), 1e-12))[:, None, None]
+        normal = found.normal[:, near].T  # from the body to the arm
+        share = found.on_link[near, None, None]
         links = self._links[near]
         columns = (1.0 - share) * self._columns[links] + share * self._columns[links + 1]
         rows = np.einsum("ki,kin->kn", normal, columns)

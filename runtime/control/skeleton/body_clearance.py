@@ -113,8 +113,10 @@ class BodyClearance(Clearance):
         self._changed = self._stamp = NEVER
         self._age, self._problem = 0.0, "no pose of the body yet"
         self._ages: Array = np.zeros(len(envelope.pairs))  # s, of the segments
+        self._swing = np.full((2, len(envelope.pairs)), np.inf)  # m/s
         self._worst = ""
         self._distance = float("nan")
+        self._first: tuple[bytes, Seen] | None = None  # the arm's nodes, and what is seen there in this cycle
         self.body = Limb(
             arms, options.arm, self._order, by_link, envelope.links, envelope.link_radius, options.uncertainty
         )
@@ -133,6 +135,7 @@ class BodyClearance(Clearance):
         self.unmet = tuple(unmet)
 
     def begin(self, now: int, stamps: Mapping[str, int]) -> bool:
+        self._first = None
         stamp = min(stamps.values())
         rotation, translation = self.input["rotation"], self.input["translation"]
         if stamp == NEVER:
@@ -173,17 +176,19 @@ class BodyClearance(Clearance):
             fresh = joints.fresh
             self._ends[fresh], self._velocity[fresh] = motion.ends[fresh], motion.velocity[fresh]
             self._window[fresh] = motion.window
+            # A point's velocity is within this of its mean.
+            self._swing[:] = self._a_e.T * (self._window[self._segments] / 2)
             self._seen_at = np.where(fresh, stamp, np.minimum(self._seen_at, joints.oldest))
 
     def clear(self, motion: Braking) -> bool:
         self._problem = ""
-        path = motion.path[:, self._order]
+        path = motion.path.take(self._order, axis=1)
         nodes = link_nodes(self._arms, self.options.arm, path)
         crawl = motion.velocity[self._order] @ self._by_link <= self.creep  # by link
         slack = motion.slack[self._order] @ self._by_link
         travel = travels(path, self._by_link)
         links = self._links
-        clear = self._clear_of_body(motion, nodes, travel[:, links], slack[links], crawl[links])
+        clear = self._clear_of_body(motion, nodes, travel.take(links, axis=1), slack.take(links), crawl.take(links))
         for other in self._others:
             clear &= self._clear_of(other, nodes, travel, slack, crawl)
         return clear
@@ -192,7 +197,7 @@ class BodyClearance(Clearance):
         self, motion: Braking, nodes: Array, travel: Array, slack: Array, crawl: NDArray[np.bool_]
     ) -> bool:
         # Most pairs are so far apart that the whole way wouldn't do, judged from where the limb is now.
-        first = self._seen(nodes[:1], self._all)
+        first = self._begun(nodes[:1])
         bound = reserve(
             first.height[0], first.speed[0], travel, float(motion.until[-1]), self._ages, slack, self._needed
         )
@@ -200,12 +205,11 @@ class BodyClearance(Clearance):
         clear = True
         if near.size:
             seen = self._seen(nodes, near)
-            needed = Separation(self._a_e[near], self._needed.least, self._needed.uncertainty)
-            margin = margins(
-                seen.height, seen.speed, travel[:, near], motion.until, self._ages[near], slack[near], needed
-            )
+            needed = Separation(self._a_e.take(near, axis=0), self._needed.least, self._needed.uncertainty)
+            travel, age, slack = travel.take(near, axis=1), self._ages.take(near), slack.take(near)
+            margin = margins(seen.height, seen.speed, travel, motion.until, age, slack, needed)
             bound[near] = margin.min(axis=0)  # of the others it stays a bound
-            clear = is_clear(margin, seen.distance, crawl[near])
+            clear = is_clear(margin, seen.distance, crawl.take(near))
         worst = int(bound.argmin())
         self.margin, self._distance = float(bound[worst]), float(first.distance[0, worst])
         self._worst = self._envelope.pairs[worst].name
@@ -223,17 +227,26 @@ class BodyClearance(Clearance):
             self._worst = other.name(worst)
         return is_clear(judged.margin, judged.distance, crawl[judged.own])
 
+    def _begun(self, nodes: Array) -> Seen:
+        """All pairs where the limb is now. What the guard tries within a cycle all begins there."""
+        place = nodes.tobytes()
+        if self._first is None or self._first[0] != place:
+            self._first = place, self._seen(nodes, self._all)
+        return self._first[1]
+
     def _seen(self, nodes: Array, pairs: NDArray[np.intp]) -> Seen:
         """These pairs, with the arm's nodes (m, n + 2, 3) in m samples."""
-        links, segments = self._links[pairs], self._segments[pairs]
-        ends, velocity = self._ends[segments], self._velocity[segments]
-        found = nearest(ends[:, 0], ends[:, 1], nodes[:, links], nodes[:, links + 1])
-        normal = (found.on_second - found.on_first) / np.maximum(found.distance, 1e-9)[..., None]
-        height = np.einsum("mkei,mki->mke", found.on_second[:, :, None] - ends, normal) - self._radii[pairs, None]
-        speed = np.maximum(np.einsum("kei,mki->mke", velocity, normal), 0.0) + (
-            self._a_e[pairs] * (self._window[segments, None] / 2)
-        )
-        return Seen(found.distance - self._radii[pairs], height, speed)
+        segments = self._segments.take(pairs)
+        found = nearest(self._ends, segments, nodes, self._links.take(pairs))
+        distance = found.distance - self._radii.take(pairs)
+        height = np.empty((2, *distance.shape))
+        # Over its axis' nearest point the limb is as high as it is distant; along the axis the height is linear.
+        np.add(distance, found.on_segment * found.along, out=height[0])
+        np.subtract(height[0], found.along, out=height[1])
+        velocity = self._velocity.transpose(1, 2, 0).take(segments, axis=2)[:, :, None]
+        speed = np.maximum(np.add.reduce(velocity * found.normal, axis=1), 0.0)
+        speed += self._swing.take(pairs, axis=1)[:, None]
+        return Seen(distance, height.transpose(1, 2, 0), speed.transpose(1, 2, 0))
 
     def why(self) -> str:
         if self._problem:

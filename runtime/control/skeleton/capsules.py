@@ -2,47 +2,86 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from runtime.contracts.signals import Array
 
+TOUCHING: Final = 1e-9  # m: axes that are nearer have no direction from the one to the other
 _LEAST = 1e-12  # m^2: shorter axes are points, more parallel ones have no crossing
+
+Indices = NDArray[np.intp]
 
 
 class Nearest(NamedTuple):
-    """The nearest points of pairs of segments; (..., k) pairs.
+    """The nearest points of k pairs of segments and links. The coordinates come first: long rows are computed quickly.
 
     Attributes:
         distance: (..., k) m, of the axes.
-        on_first, on_second: (..., k, 3) m.
+        normal: (3, ..., k) from the segment's point to the link's, of length 1; shorter where they are TOUCHING.
+        on_segment, on_link: (..., k) 0 to 1, where on its axis the point is.
+        along: (..., k) m, the segment's axis along the normal.
     """
 
     distance: Array
-    on_first: Array
-    on_second: Array
+    normal: Array
+    on_segment: Array
+    on_link: Array
+    along: Array
 
 
-def nearest(a: Array, b: Array, c: Array, d: Array) -> Nearest:
-    """The nearest points of the segments a-b and c-d, each (..., k, 3) m.
+def nearest(ends: Array, segments: Indices, nodes: Array, links: Indices) -> Nearest:
+    """The nearest points of pairs of a segment and a link of a chain.
 
-    Where axes are parallel the points aren't unique; one pair of them is given. Segments may have no length.
+    Where axes are parallel the points aren't unique; one pair of them is given. Both may have no length.
     Source: Ericson, Real-Time Collision Detection (2005), 5.1.9: the unclamped minimum, clamped to one segment, then
     to the other, and back.
+
+    Args:
+        ends: (s, 2, 3) m, of the segments.
+        segments: (k,) which segment.
+        nodes: (..., n, 3) m, of the chain, in as many configurations as there are.
+        links: (k,) which link: from this node to the next.
     """
-    u, v, r = b - a, d - c, a - c
-    uu, vv, uv = _dot(u, u), _dot(v, v), _dot(u, v)
-    ur, vr = _dot(u, r), _dot(v, r)
-    uu, vv = np.maximum(uu, _LEAST), np.maximum(vv, _LEAST)
-    s = np.clip((uv * vr - ur * vv) / np.maximum(uu * vv - uv * uv, _LEAST * _LEAST), 0.0, 1.0)
-    t = np.clip((uv * s + vr) / vv, 0.0, 1.0)
-    s = np.clip((uv * t - ur) / uu, 0.0, 1.0)
-    on_first, on_second = a + s[..., None] * u, c + t[..., None] * v
-    gap = on_second - on_first
-    return Nearest(np.sqrt(_dot(gap, gap)), on_first, on_second)
+    a, b = ends.transpose(1, 2, 0)
+    c = nodes.transpose(nodes.ndim - 1, *range(nodes.ndim - 1))
+    u, v = b - a, c[..., 1:] - c[..., :-1]
+    uu, vv = np.maximum(_dot(u, u), _LEAST).take(segments), np.maximum(_dot(v, v), _LEAST).take(links, axis=-1)
+    each = (slice(None), *(None,) * (nodes.ndim - 2))  # the body's are the same in every configuration
+    u, v = u.take(segments, axis=1)[each], v.take(links, axis=-1)
+    r = a.take(segments, axis=1)[each] - c.take(links, axis=-1)
+    uv, ur, vr = _dot(u, v), _dot(u, r), _dot(v, r)
+    s = _clamped((uv * vr - ur * vv) / np.maximum(uu * vv - uv * uv, _LEAST * _LEAST))
+    t = _clamped((uv * s + vr) / vv)
+    s = _clamped((uv * t - ur) / uu)
+    gap = t * v - s * u - r
+    distance = np.sqrt(_dot(gap, gap))
+    gap /= np.maximum(distance, TOUCHING)
+    return Nearest(distance, gap, s, t, _dot(u, gap))
+
+
+def between(values: Array, index: Indices, share: Array) -> Array:
+    """What is at these shares of the way between both values.
+
+    Args:
+        values: (s, 2, 3), at the ends.
+        index: (k,) which two.
+        share: (k,) 0 to 1.
+
+    Returns:
+        (3, k).
+    """
+    first, last = values.transpose(1, 2, 0).take(index, axis=2)
+    mixed: Array = first + share * (last - first)
+    return mixed
 
 
 def _dot(a: Array, b: Array) -> Array:
-    product: Array = a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
+    product: Array = np.add.reduce(a * b, axis=0)
     return product
+
+
+def _clamped(share: Array) -> Array:
+    return np.minimum(np.maximum(share, 0.0, out=share), 1.0, out=share)

@@ -11,7 +11,7 @@ from runtime.contracts.controller import Controller, ControllerConfig
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import POINT, QUATERNION
 from runtime.control.skeleton.body_motion import BodyMotion
-from runtime.control.skeleton.capsules import nearest
+from runtime.control.skeleton.capsules import between, nearest
 from runtime.control.skeleton.envelope import link_nodes
 from runtime.control.skeleton.envelope_picture import EnvelopePicture
 from runtime.control.skeleton.options import EnvelopeOptions
@@ -90,23 +90,22 @@ class Collision(Controller):
         nodes = link_nodes(self._arms, self._side, self.input["arm"][None])[0]
         before, self._nodes = self._nodes, nodes
         speed = (nodes - before) / dt if before is not None and dt > 0 else np.zeros_like(nodes)
-        ends, links = body.ends[self._segments], self._links
-        found = nearest(ends[:, 0], ends[:, 1], nodes[links], nodes[links + 1])
-        way = found.on_second - found.on_first
-        normal = way / np.maximum(found.distance, 1e-9)[:, None]
+        segments, links = self._segments, self._links
+        found = nearest(body.ends, segments, nodes, links)
         out = self.output
         out["distance"][:] = found.distance - self._body_radii - self._envelope.link_radius
         out["least"][0] = out["distance"].min()
-        v_body = _at(found.on_first, ends, body.velocity[self._segments])
-        v_arm = _at(found.on_second, np.stack([nodes[links], nodes[links + 1]], axis=1),
-                    np.stack([speed[links], speed[links + 1]], axis=1))  # fmt: skip
-        if isinf(body.window):
-            v_body = np.zeros_like(v_body)
-        out["approach"][:] = ((v_body - v_arm) * normal).sum(axis=1)
+        arm, arm_speed = (np.stack([each[:-1], each[1:]], axis=1) for each in (nodes, speed))
+        closing = -between(arm_speed, links, found.on_link)
+        if not isinf(body.window):
+            closing += between(body.velocity, segments, found.on_segment)
+        np.add.reduce(closing * found.normal, axis=0, out=out["approach"])
         data = body.kinematics.data
         R, p = data.xmat[self._carrier].reshape(3, 3), data.xpos[self._carrier]
-        out["points"][:, 0] = (found.on_first + self._body_radii[:, None] * normal) @ R.T + p
-        out["points"][:, 1] = (found.on_second - self._envelope.link_radius * normal) @ R.T + p
+        on_body = between(body.ends, segments, found.on_segment) + self._body_radii * found.normal
+        on_arm = between(arm, links, found.on_link) - self._envelope.link_radius * found.normal
+        np.add((R @ on_body).T, p, out=out["points"][:, 0])
+        np.add((R @ on_arm).T, p, out=out["points"][:, 1])
         np.minimum(self._closest, out["distance"], out=self._closest)
         if self._picture is not None:
             self._picture.fill(out, body.ends @ R.T + p, nodes @ R.T + p)
@@ -120,11 +119,3 @@ class Collision(Controller):
             "pairs": len(self._envelope.pairs),
             "left_out": self._envelope.left_out,
         }
-
-
-def _at(points: Array, ends: Array, velocity: Array) -> Array:
-    """Velocities (k, 3) of points (k, 3) of segments with these ends (k, 2, 3) and their velocities."""
-    way = ends[:, 1] - ends[:, 0]
-    share = ((points - ends[:, 0]) * way).sum(axis=1) / np.maximum((way * way).sum(axis=1), 1e-12)
-    mixed: Array = velocity[:, 0] + share[:, None] * (velocity[:, 1] - velocity[:, 0])
-    return mixed

@@ -18,7 +18,6 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from runtime.contracts.errors import OptionError, nearest
-from runtime.contracts.rotation import about_axis
 from runtime.contracts.signals import Array
 from runtime.control.skeleton.arms import Arms, Side
 from runtime.control.skeleton.tree import Tree
@@ -182,24 +181,23 @@ class Envelope:
         return lines
 
 
-class _Step(NamedTuple):
-    """One joint: the step to its node, and its turn or displacement."""
+class _Chain:
+    """What is fixed about one arm's steps from node to node."""
 
-    offset: Array
-    axis: Array
-    coordinate: int
-    sign: float
-    slides: bool
+    def __init__(self, arms: Arms, side: Side) -> None:
+        offsets, axes = arms.offsets(side), arms.axes(side)
+        slides = np.array([[joint.slides] for joint in arms.joints])
+        self.base, self.first, self.steps = offsets[0], offsets[1], offsets[2:, None]
+        self.strokes = np.where(slides, axes, 0.0)[:, None]
+        # About an axis e: R = e e^T + cos (1 - e e^T) + sin [e]x (Rodrigues). What slides doesn't turn.
+        along, across = axes[:, :, None] * axes[:, None], np.cross(axes[:, None], np.eye(3)).transpose(0, 2, 1)
+        along, across = np.where(slides[..., None], np.eye(3), along), np.where(slides[..., None], 0.0, across)
+        self.turns = np.stack([along, np.eye(3) - along, across], axis=1).reshape(-1, 3, 9)
 
 
 @cache
-def _steps(arms: Arms, side: Side) -> tuple[_Step, ...]:
-    offsets, axes = arms.offsets(side), arms.axes(side)
-    made = []
-    for offset, axis, joint in zip(offsets[1:], axes, arms.joints, strict=False):
-        index = int(np.argmax(np.abs(axis)))
-        made.append(_Step(offset, axis, index, float(axis[index]), joint.slides))
-    return tuple(made)
+def _chain(arms: Arms, side: Side) -> _Chain:
+    return _Chain(arms, side)
 
 
 def link_nodes(arms: Arms, side: Side, path: Array) -> Array:
@@ -212,28 +210,19 @@ def link_nodes(arms: Arms, side: Side, path: Array) -> Array:
     Returns:
         (m, n + 2, 3) m in the frame of the arms' parent.
     """
-    offsets, m = arms.offsets(side), len(path)
-    made = np.empty((m, arms.n + 2, 3))
-    made[:, 0] = place = offsets[0]
-    R: Array | None = None  # of the frame after the last joint; None: that of the parent
-    slid: Array | None = None
-    for i, step in enumerate(_steps(arms, side)):
-        made[:, i + 1] = place = place + _turned(R, step.offset, slid)
-        angle = path[:, i]
-        if step.slides:
-            slid = angle[:, None] * step.axis
-        else:
-            turn, slid = about_axis(step.coordinate, step.sign * angle), None
-            R = turn if R is None else R @ turn
-    made[:, -1] = place + _turned(R, offsets[-1], slid)
-    return made
-
-
-def _turned(R: Array | None, offset: Array, slid: Array | None) -> Array:
-    if R is None:
-        return offset if slid is None else offset + slid
-    turned: Array = R @ offset if slid is None else (R @ (offset + slid)[..., None])[..., 0]
-    return turned
+    chain, m, n = _chain(arms, side), len(path), arms.n
+    q = path.T
+    shares = np.ones((n, m, 3))
+    np.cos(q, out=shares[..., 1])
+    np.sin(q, out=shares[..., 2])
+    R = (shares @ chain.turns).reshape(n, m, 3, 3)
+    for before, after in pairwise(R):
+        np.matmul(before, after, out=after)  # now from the frame behind the joint to the parent's
+    made = np.empty((n + 2, m, 3))
+    made[0], made[1] = chain.base, chain.first
+    np.matmul(R, (chain.steps + q[..., None] * chain.strokes)[..., None], out=made[2:, ..., None])
+    nodes: Array = np.add.accumulate(made, axis=0).transpose(1, 0, 2)
+    return nodes
 
 
 def reaches(arms: Arms, side: Side, lower: Array, upper: Array) -> Array:

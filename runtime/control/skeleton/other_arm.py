@@ -119,5 +119,5 @@ class OtherArm:
 
     def _distance(self, nodes: Array) -> Array:
         """(m, k) m, from the links at the middle of the other arm's extent."""
-        c, d = self._nodes[self._its], self._nodes[self._its + 1]
-        return nearest(nodes[:, self._mine], nodes[:, self._mine + 1], c, d).distance - self._radii
+        ends = np.stack([self._nodes[:-1], self._nodes[1:]], axis=1)
+        return nearest(ends, self._its, nodes, self._mine).distance - self._radii

@@ -108,13 +108,11 @@ class Retreat(Controller):
         """max alpha, and the step out of the way, (n,) rad or m."""
         options, body = self.options, self._motion
         nodes = link_nodes(self._arms, self._side, here + self._tries)
-        ends = body.ends[self._segments]
-        found = nearest(ends[:, 0], ends[:, 1], nodes[:, self._links], nodes[:, self._links + 1])
+        found = nearest(body.ends, self._segments, nodes, self._links)
         distance = found.distance - self._radii
         ahead = distance[0]
         if not isinf(body.window):
-            normal = (found.on_second[0] - found.on_first[0]) / np.maximum(found.distance[0], 1e-9)[:, None]
-            speed = np.einsum("kei,ki->ke", body.velocity[self._segments], normal).max(axis=1)
+            speed = np.einsum("kei,ik->ke", body.velocity[self._segments], found.normal[:, 0]).max(axis=1)
             ahead = ahead - options.horizon * np.maximum(speed, 0.0)
         alpha = np.clip(1.0 - ahead / options.begin, 0.0, 1.0)
         g = (distance[1:] - distance[0]) @ (alpha * alpha) / STEP

@@ -9,6 +9,7 @@ import pytest
 from helpers.blame import Attack, Outcome, Wearer, trial
 from helpers.skeleton import TWO
 from pydantic import ValidationError
+from scipy.optimize import minimize
 
 from runtime.contracts.clearance import NEVER, Braking
 from runtime.contracts.errors import WiringError
@@ -16,6 +17,7 @@ from runtime.contracts.rotation import from_euler_xyz
 from runtime.contracts.signals import Command, Kind
 from runtime.control.skeleton import body_clearance
 from runtime.control.skeleton.body_clearance import BodyClearance, BodyClearanceConfig
+from runtime.control.skeleton.envelope import link_nodes
 
 MS = 1_000_000
 
@@ -262,6 +264,52 @@ def test_the_quick_look_passes_nothing_that_the_close_one_refuses(monkeypatch):
         assert slow == fast
         assert made.margin <= close.margin + 1e-12
     assert 5 < sum(verdicts) < len(verdicts) - 5
+
+
+def test_what_is_seen_where_the_limb_is_now_stands_for_one_cycle_and_one_place():
+    """The guard asks several times in a cycle, from one place; each answer must be that of a judge asked once."""
+    made, wearer = judge()
+    rng, compared = np.random.default_rng(3), 0
+    for k in range(40):
+        now = 10_000 * MS + 20 * k * MS
+        made.input["rotation"][:] = wearer.rotation(k * 0.02)
+        if not made.begin(now, {"rotation": now, "translation": now}):
+            continue
+        for start in (0.0, 0.0, 0.02, 0.0):
+            path = start + np.linspace(0, 0.1, 5)[:, None] * rng.normal(size=7) * 0.3
+            motion = Braking(path, 0.02 * np.arange(5), np.full(7, 0.1), np.full(7, 0.002))
+            answer = made.clear(motion), made.margin, made.why()
+            made._first = None
+            assert answer == (made.clear(motion), made.margin, made.why())
+            compared += 1
+    assert compared > 100
+
+
+def test_heights_and_speeds_of_ends_are_those_of_the_law():
+    """H_je and w_je as `runtime.control.shared.approach` defines them, pair by pair in plain vectors."""
+    made, wearer = judge()
+    for k in range(12):
+        made.input["rotation"][:] = wearer.rotation(0.3 + k * 0.02)
+        now = 10_000 * MS + 20 * k * MS
+        made.begin(now, {"rotation": now, "translation": now})
+    nodes = link_nodes(made._arms, "right", np.random.default_rng(0).uniform(-0.5, 0.1, (3, 7)))
+    chosen = np.arange(0, len(made._all), 7)
+    seen = made._seen(nodes, chosen)
+    for i, k in enumerate(chosen.tolist()):
+        s, link = made._segments[k], made._links[k]
+        a, b = made._ends[s]
+        for m in range(3):
+            c, d = nodes[m, link : link + 2]
+            best = minimize(
+                lambda x, a=a, b=b, c=c, d=d: ((a + x[0] * (b - a) - c - x[1] * (d - c)) ** 2).sum(),
+                [0.5, 0.5], bounds=[(0, 1), (0, 1)], tol=1e-16,
+            ).x  # fmt: skip
+            on_body, on_arm = a + best[0] * (b - a), c + best[1] * (d - c)
+            n = (on_arm - on_body) / np.linalg.norm(on_arm - on_body)
+            for e, end in enumerate((a, b)):
+                assert seen.height[m, i, e] == pytest.approx((on_arm - end) @ n - made._radii[k], abs=1e-5)
+                mean = max(float(made._velocity[s, e] @ n), 0.0)
+                assert seen.speed[m, i, e] == pytest.approx(mean + made._a_e[k, e] * made._window[s] / 2, abs=1e-3)
 
 
 def together(attack: Attack, seeds: range) -> Outcome:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import tracemalloc
+from typing import Any
+
 import coal
 import mujoco
 import numpy as np
@@ -11,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
-from runtime.control.skeleton.capsules import nearest
+from runtime.control.skeleton.capsules import Nearest, between, nearest
 from runtime.control.skeleton.envelope import link_nodes, reaches
 from runtime.control.skeleton.kinematics import Kinematics
 
@@ -32,22 +35,95 @@ def segments(seed: int, k: int) -> list[np.ndarray]:
     return [a, b, c, d]
 
 
+def pairs(a: Any, b: Any, c: Any, d: Any) -> Nearest:
+    """The kernel's answer for segments a-b and c-d, each (k, 3)."""
+    k = len(a)
+    return nearest(np.stack([a, b], axis=1), np.arange(k), np.stack([c, d], axis=1).reshape(2 * k, 3), 2 * np.arange(k))
+
+
+def plain(a: Any, b: Any, c: Any, d: Any) -> float:
+    """The distance of two segments as the least of its candidates: the lines' crossing, and each end to the other."""
+
+    def to(p: Any, q: Any, e: Any) -> float:
+        way = e - q
+        share = np.clip((p - q) @ way / max(way @ way, 1e-300), 0.0, 1.0)
+        return float(np.linalg.norm(p - q - share * way))
+
+    found = [to(a, c, d), to(b, c, d), to(c, a, b), to(d, a, b)]
+    m = np.stack([b - a, c - d], axis=1)
+    if np.linalg.matrix_rank(m, 1e-9) == 2:
+        shares = np.linalg.lstsq(m, c - a)[0]
+        if (shares >= 0).all() and (shares <= 1).all():
+            found.append(float(np.linalg.norm(m @ shares - (c - a))))
+    return min(found)
+
+
 @given(seeds)
 @settings(max_examples=30, deadline=None)
+def test_nearest_points_are_those_of_the_least_candidate(seed):
+    a, b, c, d = segments(seed, 12)
+    found = pairs(a, b, c, d)
+    for i in range(12):
+        assert found.distance[i] == pytest.approx(plain(a[i], b[i], c[i], d[i]), abs=1e-12)
+    on_first, on_second = a + found.on_segment[:, None] * (b - a), c + found.on_link[:, None] * (d - c)
+    assert np.linalg.norm(on_second - on_first, axis=1) == pytest.approx(found.distance, abs=1e-12)
+    assert ((found.on_segment >= 0) & (found.on_segment <= 1) & (found.on_link >= 0) & (found.on_link <= 1)).all()
+    assert on_second - on_first == pytest.approx((found.distance * found.normal).T, abs=1e-12)
+    assert found.along == pytest.approx(((b - a) * found.normal.T).sum(axis=1), abs=1e-12)
+    points = between(np.stack([a, b], axis=1), np.arange(12), found.on_segment)
+    assert np.abs(points.T - on_first).max() < 1e-12
+
+
+@given(seeds)
+@settings(max_examples=30, deadline=None)
+def test_many_configurations_at_once_are_each_one_s(seed):
+    rng = np.random.default_rng(seed)
+    ends, nodes = rng.uniform(-1, 1, (5, 2, 3)), rng.uniform(-1, 1, (4, 6, 3))
+    body, links = rng.integers(0, 5, 9), rng.integers(0, 5, 9)
+    found = nearest(ends, body, nodes, links)
+    for i in range(4):
+        each = nearest(ends, body, nodes[i], links)
+        for whole, one in zip(found, each, strict=True):
+            assert np.array_equal(whole[..., i, :], one)
+        straight = [plain(*ends[s], nodes[i, j], nodes[i, j + 1]) for s, j in zip(body, links, strict=True)]
+        assert each.distance == pytest.approx(straight, abs=1e-12)
+
+
+@given(seeds)
+@settings(max_examples=10, deadline=None)
 def test_nearest_points_against_a_constrained_least_squares_solver(seed):
     a, b, c, d = segments(seed, 8)
-    found = nearest(a, b, c, d)
+    found = pairs(a, b, c, d)
     for i in range(8):
         # min |a + s u - c - t v| with 0 <= s, t <= 1
         best = lsq_linear(np.stack([b[i] - a[i], c[i] - d[i]], axis=1), c[i] - a[i], (0, 1), tol=1e-14)
         assert found.distance[i] == pytest.approx(np.sqrt(2 * best.cost), abs=1e-6)
-    gap = np.linalg.norm(found.on_first - found.on_second, axis=1)
-    assert gap == pytest.approx(found.distance, abs=1e-12)
+
+
+def test_a_kernel_that_has_begun_needs_no_more_memory():
+    rng = np.random.default_rng(0)
+    ends, path = rng.uniform(-1, 1, (29, 2, 3)), rng.uniform(-1, 1, (24, 7))
+    body, links, arms = rng.integers(0, 29, 200), rng.integers(1, 8, 200), human_srl().arms
+
+    def once() -> None:
+        nearest(ends, body, link_nodes(arms, "right", path), links)
+
+    for _ in range(20):
+        once()
+    tracemalloc.start()
+    try:
+        once()
+        before = tracemalloc.get_traced_memory()[0]
+        for _ in range(200):
+            once()
+        assert tracemalloc.get_traced_memory()[0] - before < 2000  # bytes; the results of one call are 140 kB
+    finally:
+        tracemalloc.stop()
 
 
 def test_distances_against_coal():
     a, b, c, d = segments(1, 200)
-    found = nearest(a, b, c, d).distance - 0.05 - 0.03
+    found = pairs(a, b, c, d).distance - 0.05 - 0.03
     for i in range(6, 200):  # a capsule of coal has a length
         shapes, places = [], []
         for p, q, r in ((a[i], b[i], 0.05), (c[i], d[i], 0.03)):
@@ -73,7 +149,7 @@ def test_distances_against_mujoco():
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    found = nearest(a, b, c, d).distance - 0.08
+    found = pairs(a, b, c, d).distance - 0.08
     for i in range(6, 100):
         two = model.geom(f"{i}/0").id, model.geom(f"{i}/1").id
         assert found[i] == pytest.approx(mujoco.mj_geomDistance(model, data, *two, 10.0, None), abs=1e-6)

@@ -43,8 +43,8 @@ def test_no_finger_sticks_out_however_they_are_bent(bent):
     bones = [n for n in tree.names if n.startswith("RightHand") and any(f in n for f in FINGERS)]
     assert len(bones) == 16
     places = nodes[[tree.index(name) for name in bones]]
-    out = np.full(len(places), np.inf)
+    points, out = np.stack([places, places], axis=1), np.full(len(places), np.inf)
     for (start, end), radius in zip(envelope.ends, envelope.radii, strict=True):
-        a, b = (np.tile(nodes[i], (len(places), 1)) for i in (start, end))
-        out = np.minimum(out, nearest(a, b, places, places).distance - radius)
+        each = np.arange(len(points))
+        out = np.minimum(out, nearest(points, each, nodes[[start, end]], 0 * each).distance - radius)
     assert out.max() <= -INSIDE, bones[int(out.argmax())]

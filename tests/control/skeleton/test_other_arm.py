@@ -49,7 +49,7 @@ def gap(right: Array, left: Array, first: int = 0) -> float:
     """m, between the surfaces of the two arms' links; of the right one's from the given one on."""
     a, b = (link_nodes(ARMS.arms, side, q[None])[0] for side, q in (("right", right), ("left", left)))
     i, j = (each[first:].ravel() for each in np.indices((8, 8)))
-    return float(nearest(a[i], a[i + 1], b[j], b[j + 1]).distance.min() - 2 * 0.037)
+    return float(nearest(np.stack([b[:-1], b[1:]], axis=1), j, a, i).distance.min() - 2 * 0.037)
 
 
 def motion(start: Array, end: Array, slack: float = 0.0) -> Braking:
