@@ -11,6 +11,7 @@ from functools import partial
 from bench import (
     arm_angles,
     clock,
+    collision,
     drivers,
     dynamixel,
     ikns,
@@ -30,6 +31,7 @@ BENCHES: dict[str, Callable[[], list[Row]]] = {
     "arm-angles": arm_angles.run,
     "clock-100hz": lambda: clock.run(100),
     "clock-1khz": lambda: clock.run(1000),
+    "collision": collision.run,
     "drivers": drivers.run,
     "dynamixel": dynamixel.run,
     "ikns-cycle": ikns.run,
