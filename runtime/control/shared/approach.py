@@ -122,4 +122,5 @@ def is_clear(margin: Array, distance: Array, crawl: NDArray[np.bool_]) -> bool:
         return True
     if not crawl[near].all():
         return False
-    return bool((np.diff(distance[:, near], axis=0) >= -STEADY).all())
+    left = distance[:, near]
+    return bool((left[1:] - left[:-1] >= -STEADY).all())

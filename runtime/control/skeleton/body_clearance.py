@@ -184,8 +184,8 @@ class BodyClearance(Clearance):
         self._problem = ""
         path = motion.path.take(self._order, axis=1)
         nodes = link_nodes(self._arms, self.options.arm, path)
-        crawl = motion.velocity[self._order] @ self._by_link <= self.creep  # by link
-        slack = motion.slack[self._order] @ self._by_link
+        crawl = motion.velocity.take(self._order) @ self._by_link <= self.creep  # by link
+        slack = motion.slack.take(self._order) @ self._by_link
         travel = travels(path, self._by_link)
         links = self._links
         clear = self._clear_of_body(motion, nodes, travel.take(links, axis=1), slack.take(links), crawl.take(links))
