@@ -40,9 +40,9 @@ class Bno085(Sensor):
     it points up. Both are NaN before the first frame and when the newest is older than `hold`, so that a law can fade
     out what it does with them; when it is older than `max_age`, that is a loss like any other.
 
-    A sample's time follows from the frame's index. So none is lost unseen, and late frames stay as old as they are; after
-    5 s of them the port is opened anew. So it is where more than 1.2 s of frames are missing, or the sensor was switched
-    off and on: its index says nothing of how long. Frames whose index stands still or whose angles and acceleration
+    A sample's time follows from the frame's index. So none is lost unseen, and late frames stay as old as they are;
+    after 5 s of them the port is opened anew. So it is where more than 1.2 s of frames are missing, or the sensor was
+    switched off and on: its index says nothing of how long. Frames whose index stands still or whose angles and acceleration
     disagree for seconds aren't used.
     """
 

@@ -54,8 +54,9 @@ class Trigno(Sensor):
     so far. So a recording loses none as long as a cycle brings at most k samples (27 come at a time, 2000 a second).
 
     A sample's time is its number divided by the rate, anchored at the sample with the smallest delay. The server sends
-    no times (§4). Over TCP none is lost on the way, so late samples stay as old as they are: they wait somewhere. After 5 s
-    of them the server is connected anew; so it is where the server itself has left samples out. A sensor out of reach sends zeros (§5): then it isn't `present`, and the device becomes stale.
+    no times (§4). Over TCP none is lost on the way, so late samples stay as old as they are: they wait somewhere. After
+    5 s of them the server is connected anew; so it is where the server itself has left samples out. A sensor out of
+    reach sends zeros (§5): then it isn't `present`, and the device becomes stale.
     """
 
     Config = TrignoConfig

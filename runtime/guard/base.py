@@ -165,18 +165,22 @@ class CommandGuard(ABC):
         self._sent, self._gravity = sent, gravity
         self._bound()
 
-    def keep_clear(self, clearance: Clearance, lag: float, tracking: Array, timeout: float | None = None) -> None:
+    def keep_clear(
+        self, clearance: Clearance, lag: float, tracking: Array, timeout: float | None = None, least_lag: float = 0.0
+    ) -> None:
         """From now on applies only what the limb can brake from and keep clear. After `bind`, before `reset`.
 
         Args:
             clearance: the judge, bound.
-            lag, tracking: as in `VerifiedStop`.
+            lag, least_lag, tracking: as in `VerifiedStop`.
             timeout: s, after which the device ends a velocity by itself; a velocity guard needs it.
         Raises:
             WiringError: the braking motion of such a command isn't known.
         """
         self.check_stroke(clearance)
-        self.verified = VerifiedStop(clearance, lag, self._patience, tracking, self.max_acceleration, self.max_jerk)
+        self.verified = VerifiedStop(
+            clearance, lag, self._patience, tracking, self.max_acceleration, self.max_jerk, least_lag=least_lag
+        )
 
     def check_stroke(self, clearance: Clearance, known: bool = True) -> None:
         """Whether the position limits keep the limb where the clearance is right about it.

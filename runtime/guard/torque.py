@@ -83,7 +83,9 @@ class TorqueGuard(CommandGuard):
         self._q, self._qd = [0.0] * self.size, [0.0] * self.size  # measured values, read by `_sensed`
         self._barriers = [self._barrier(i) for i in range(self.size)]
 
-    def keep_clear(self, clearance: Clearance, lag: float, tracking: Array) -> None:
+    def keep_clear(
+        self, clearance: Clearance, lag: float, tracking: Array, timeout: float | None = None, least_lag: float = 0.0
+    ) -> None:
         raise WiringError(
             self.place,
             "a torque command says nothing of how the limb brakes, so nothing can keep it clear",

@@ -38,7 +38,9 @@ class VelocityGuard(CommandGuard):
             )
         self.velocity = self.applied
 
-    def keep_clear(self, clearance: Clearance, lag: float, tracking: Array, timeout: float | None = None) -> None:
+    def keep_clear(
+        self, clearance: Clearance, lag: float, tracking: Array, timeout: float | None = None, least_lag: float = 0.0
+    ) -> None:
         if self._position is None or self.command.labels == PLANAR_TWIST:
             raise WiringError(
                 self.place,
@@ -54,7 +56,7 @@ class VelocityGuard(CommandGuard):
         self.check_stroke(clearance)
         goes_on = max(self._patience, timeout)
         self.verified = VerifiedStop(
-            clearance, lag, self._patience, tracking, self.max_acceleration, self._no_jerk, goes_on
+            clearance, lag, self._patience, tracking, self.max_acceleration, self._no_jerk, goes_on, least_lag
         )
 
     def _restart(self, position: list[float], velocity: list[float]) -> None:

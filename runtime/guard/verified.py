@@ -3,7 +3,7 @@
 Let x be what is applied, x' what the guard would apply next, and S(x') the stop from x'. Each cycle x' is accepted if
 the clearance accepts the motion x -> x' -> S(x'); else the limb goes on with S(x), which was accepted with x. So at
 every instant the limb is on a motion to rest that was accepted as a whole: where a clearance is right about the limb
-and the other side, the limb is at rest before anything comes nearer than it allows. Two things are needed for this:
+and the other side, the limb is at rest before anything comes nearer than it allows. Three things are needed for this:
 
 - the stop that is carried out is the stop that was checked. S scales all joints together: with T = max |v_i|/A_i each
   brakes by v_i/T, so that all end at once and the limb stays on a straight line in joint space. From any state on the
@@ -11,7 +11,10 @@ and the other side, the limb is at rest before anything comes nearer than it all
   fast as it can; that stop has the same property, but it isn't straight.)
 - the times are those of the limb and not of its command. A servo may be `lag` late, so the limb may be on its way to a
   sample until the sample's time plus `lag` and `patience`, as long as a late cycle of the loop may last; beside that,
-  it may be off by `tracking`, or by what is measured where that is more.
+  it may be off by `tracking`, or by what is measured where that is more;
+- a joint may be later than another. With lags between l and L, joint i is where its command was between l and L ago. It
+  is beside the place where all commands were (l + L)/2 ago by (L - l)/2 times its largest speed in that time at most,
+  which is |v_i| + A_i L.
 
 A limb that is commanded by velocity goes on while the loop is late, until its device's own time-out ends that. So its
 stop begins `goes_on` later and farther.
@@ -66,7 +69,7 @@ class VerifiedStop:
 
     def __init__(
         self, clearance: Clearance, lag: float, patience: float, tracking: Array, acceleration: Sequence[float],
-        jerk: Sequence[float], goes_on: float = 0.0,
+        jerk: Sequence[float], goes_on: float = 0.0, least_lag: float = 0.0,
     ) -> None:  # fmt: skip
         """
         Args:
@@ -75,6 +78,7 @@ class VerifiedStop:
             patience: s, by which a stop may be carried out late, at least a period: the loop may stall.
             tracking: (n,) rad or m, by which the limb may be beside what was commanded within the lag.
             acceleration, jerk: (n,) the guard's limits; the jerk may be infinite.
+            least_lag: s, the shortest lag of any joint.
             goes_on: s, for which the limb goes on at an accepted velocity before its stop begins; 0 for positions.
         """
         self.clearance, self.lag, self.patience, self.goes_on = clearance, lag, patience, goes_on
@@ -85,6 +89,8 @@ class VerifiedStop:
         self._usable = self._lost = False
         self._A, self._J = list(acceleration), list(jerk)
         self._tracking: list[float] = tracking.ravel().tolist()
+        self._apart = max(lag - least_lag, 0.0) / 2  # s, of a joint from the middle of the lags
+        self._faster = np.array(self._A) * lag
         self._reach: list[float] = clearance.reach.ravel().tolist()
         n = len(self._A)
         self._path, self._until = np.zeros((MOST + 4, n)), np.zeros(MOST + 4)
@@ -226,7 +232,8 @@ class VerifiedStop:
         until[m:end] += self.lag + (self.goes_on + dt if self.goes_on else max(self.patience, dt))
         self._velocity[:] = list(map(max, (abs(v) for _, v, _ in states), self._speeds(tried)))
         try:
-            motion = Braking(path[:end], until[:end], self._velocity, self._slack)
+            slack = self._slack + self._apart * (self._velocity + self._faster)
+            motion = Braking(path[:end], until[:end], self._velocity, slack)
             clear = bool(self.clearance.clear(motion))
             self.margin = self.clearance.margin
             if clear and self.margin < 0 and self._beside.any():

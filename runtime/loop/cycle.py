@@ -354,7 +354,8 @@ class Cycle:
         guard.bind(a.applied, a.measured, a.measured_velocity, a.sent, a.gravity)
         if a.cleared is not None:
             tracking = a.cleared.tracking.reshape(a.command.shape)
-            guard.keep_clear(a.cleared.clearance, a.cleared.lag, tracking, a.cleared.timeout)
+            cleared = a.cleared
+            guard.keep_clear(cleared.clearance, cleared.lag, tracking, cleared.timeout, cleared.least_lag)
         return guard
 
 

@@ -79,7 +79,10 @@ def _cleared(b: Builder, name: str, entry: ClearEntry, command: Command) -> Clea
         raise WiringError(b.source.place(f"{path}.tracking"), error.problem, error.remedy) from None
     inputs = _inputs(b, clearance, entry, f"{name}.clear", path)
     timeout = _timeout(b, path, entry, command)
-    return Cleared(clearance, inputs, entry.lag, np.array(tracking, np.float64), timeout)
+    if entry.least_lag > entry.lag:
+        problem = f"no joint's lag is between {entry.least_lag:g} and {entry.lag:g} s"
+        raise WiringError(b.source.place(f"{path}.least_lag"), problem, "It is the shortest lag, and `lag` the longest")
+    return Cleared(clearance, inputs, entry.lag, np.array(tracking, np.float64), timeout, entry.least_lag)
 
 
 def _timeout(b: Builder, path: str, entry: ClearEntry, command: Command) -> float | None:

@@ -34,6 +34,7 @@ class Cleared:
         clearance: the judge.
         inputs: its wires, by input name.
         lag: s, and `tracking` (n,), as the profile says them.
+        least_lag: s, as the profile says it.
         timeout: s, after which a velocity ends by itself; None for a position.
         copies: what is taken from the row before it runs, because its order isn't the row's.
         devices: by input, the indices of the devices and clients behind it.
@@ -45,6 +46,7 @@ class Cleared:
     lag: float
     tracking: Array
     timeout: float | None = None
+    least_lag: float = 0.0
     copies: list[Copy] = field(default_factory=list)
     devices: dict[str, list[int]] = field(default_factory=dict)
     computed: frozenset[str] = frozenset()

@@ -21,6 +21,9 @@ class ClearEntry(BaseModel):
     lag: NotNegative = Field(
         description="s, the longest time from a command until the limb is there, waiting for the link included"
     )
+    least_lag: NotNegative = Field(
+        0.0, description="s, the shortest lag of any joint: all are taken to differ by the rest"
+    )
     tracking: NotNegative | list[NotNegative] | dict[str, NotNegative] = Field(
         description="the command's unit; a joint may be this far from what was commanded within the lag"
     )

@@ -112,7 +112,7 @@ def _compare_slides(
         raise WiringError(
             place,
             f"{joint} of {name} {here}, {signal.names[row]} of {other} {there}: one would be in m, the other in rad",
-            "Say it at the device (`m_per_rad` of a Dynamixel motor that slides), or in the arms' `slides` under `models:`",
+            "Say it at the device (`m_per_rad` of a Dynamixel motor that slides), or in the arms' `slides`",
         )
 
 

@@ -12,8 +12,8 @@ from helpers.shared import shared
 from helpers.wait import until
 from scipy.spatial.transform import Rotation
 
-from drivers.streamtime import ENDURED
 from drivers.noitom.protocol import encode_binary
+from drivers.streamtime import ENDURED
 from runtime.contracts.errors import DeviceLostError
 from runtime.control.skeleton import bvh
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers.verified import DT, Scene
+from helpers.verified import DT, LAG, Scene
 
+from runtime.contracts.clearance import Braking
 from runtime.contracts.signals import Stop
 
 
@@ -52,3 +53,32 @@ def test_a_limb_late_by_the_lag_needs_no_more_slack_and_one_that_is_later_does()
         slack[late] = most
     assert slack[0] == slack[3] == 0.0
     assert slack[12] > slack[6] > 0.02
+
+
+@pytest.mark.parametrize("least_lag", [0.0, 0.01, LAG])
+def test_joints_of_different_lags_leave_the_path_by_no_more_than_is_counted(least_lag):
+    """Each joint is where its command was some time ago, between the shortest and the longest lag."""
+    scene, seen, rng = Scene(start=(-1.0, 0.0)), list[Braking](), np.random.default_rng(0)
+    judge = scene.clearance.clear
+
+    def keep(motion: Braking) -> bool:
+        seen.append(motion)
+        return judge(motion)
+
+    scene.clearance.clear = keep  # type: ignore[method-assign]
+    scene.guard.keep_clear(scene.clearance, LAG, np.zeros(2), least_lag=least_lag)
+    scene.guard.reset(scene.at)
+    commands, slacks = [scene.at.copy()], [np.zeros(2)]
+    for k in range(150):
+        scene.step((1.0, 0.8) if k < 60 else (-1.0, -0.4))
+        commands.append(scene.applied.copy())
+        slacks.append(seen[-1].slack.copy())
+    at, times = np.array(commands), DT * np.arange(len(commands))
+    middle = (LAG + least_lag) / 2
+    for t in np.arange(LAG, times[-1], 0.003):
+        lags = rng.choice([least_lag, LAG], 2)
+        limb = [np.interp(t - lags[i], times, at[:, i]) for i in range(2)]
+        path = [np.interp(t - middle, times, at[:, i]) for i in range(2)]
+        assert (np.abs(np.subtract(limb, path)) <= slacks[int((t - middle) / DT) + 1] + 1e-9).all()
+    if least_lag == LAG:
+        assert not np.array(slacks).any()

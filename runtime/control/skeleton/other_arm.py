@@ -7,7 +7,8 @@ either of them brakes. The two are judged one after the other, each against what
 places that they may be in at once, the one that was allowed later was compared with the other.
 
 Let m be the middle of the extent and h half of its size. No point of link j is farther than r_j = sum_i R_ij h_i from
-where it is at m (R as in `runtime.control.skeleton.envelope.reaches`), so the link at m, thicker by r_j, holds all of it.
+where it is at m (R as in `runtime.control.skeleton.envelope.reaches`), so the link at m, thicker by r_j, holds
+all of it.
 """
 
 from __future__ import annotations

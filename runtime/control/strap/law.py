@@ -91,9 +91,10 @@ class StrapBase(Controller):
 
     Outputs: `command` (n,) rad or m; `tilt` (3,) rad, the rotation vector that is compensated, in the base's axes;
     `active` (1,), 0 to 1: how much of it. What isn't measured, NaN or no unit quaternion, makes the compensation fade
-    out from its last value; `active` says so. So does a tilt beyond `most` for longer than `fade`. A tilt that is beyond
-    it from the reset on is never compensated, and after `fade` it stops the limb: a mount is wrong. It fades in at a reset and when the measurement is back. While `wanted` isn't there (NaN), its last value
-    stands, or where the limb was at the reset.
+    out from its last value; `active` says so. So does a tilt beyond `most` for longer than `fade`. A tilt that is
+    beyond it from the reset on is never compensated, and after `fade` it stops the limb: a mount is wrong. It fades in
+    at a reset and when the measurement is back. While `wanted` isn't there (NaN), its last value stands, or where the
+    limb was at the reset.
     """
 
     Config = StrapBaseConfig

@@ -54,7 +54,7 @@ def build(right: str, left: str) -> wiring.Graph:
 def test_a_slide_that_the_device_takes_for_a_turn_is_refused():
     """Its numbers would be rad for m: 0.1 m of a slide would be 6 degrees of a servo."""
     turn = ["devices.arm.motors.J5={id: 5, model: MX-64, home: 0.0}", "sim=null"]
-    with pytest.raises(WiringError, match="J5.*slides.*J5.*turns") as error:
+    with pytest.raises(WiringError, match=r"J5.*slides.*J5.*turns") as error:
         wiring.build(*profile.load("human-srl", turn))
     assert "m_per_rad" in error.value.remedy
     names = tuple(f"J{i}" for i in range(1, 8))
@@ -64,10 +64,10 @@ def test_a_slide_that_the_device_takes_for_a_turn_is_refused():
         if fine:
             BodyClearance("p", options, command)
             continue
-        with pytest.raises(WiringError, match="in the arms and .* in the device"):
+        with pytest.raises(WiringError, match=r"in the arms and .* in the device"):
             BodyClearance("p", options, command)
-    with pytest.raises(WiringError, match="J6.*turns.*J6.*slides"):
-        slide = "devices.arm.motors.J6={id: 6, model: MX-28, home: 0.0, m_per_rad: 0.02}"
+    slide = "devices.arm.motors.J6={id: 6, model: MX-28, home: 0.0, m_per_rad: 0.02}"
+    with pytest.raises(WiringError, match=r"J6.*turns.*J6.*slides"):
         wiring.build(*profile.load("human-srl", [slide, "sim=null"]))
 
 

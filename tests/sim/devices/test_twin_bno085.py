@@ -212,8 +212,7 @@ def test_frames_that_a_queue_delays_stay_old_until_the_port_is_opened_anew():
     ages = [frame(k, 600 * MS) for k in range(50, 550)]
     assert min(ages) > 500 * MS
     with pytest.raises(DeviceLostError, match=r"0\.6 s late"):
-        for k in range(550, 560):
-            frame(k, 600 * MS)
+        [frame(k, 600 * MS) for k in range(550, 560)]
     assert not driver.health.connected
     driver.close()
     cable.close()
