@@ -42,8 +42,8 @@ class Bno085(Sensor):
 
     A sample's time follows from the frame's index. So none is lost unseen, and late frames stay as old as they are;
     after 5 s of them the port is opened anew. So it is where more than 1.2 s of frames are missing, or the sensor was
-    switched off and on: its index says nothing of how long. Frames whose index stands still or whose angles and acceleration
-    disagree for seconds aren't used.
+    switched off and on: its index says nothing of how long. Frames whose index stands still or whose angles and
+    acceleration disagree for seconds aren't used.
     """
 
     Config = Bno085Config

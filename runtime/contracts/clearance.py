@@ -57,8 +57,8 @@ class Clearance(ABC):
         stroke: (n,) rad or m: it is right about the limb while no element is farther from 0 than this; infinite where
             that doesn't matter. The guard's limits must keep within it.
         extent: (n,), (n,) rad or m, lowest and highest: the guard sets it in each cycle if the clearance is `watched`.
-            The limb is between them, and stays there until the guard sets others: what was commanded within its lag, the
-            motion that was accepted last and its stop, and by how much it may be beside that. None: nobody knows.
+            The limb is between them, and stays there until the guard sets others: what was commanded within its lag,
+            the motion that was accepted last and its stop, and by how much it may be beside that. None: nobody knows.
         watched: another clearance reads the extent.
         unmet: limbs of the profile that it should compare with its own, and can't; a line each, for `srl check`.
         margin: m, set by `clear`: how much more distance there was than needed, at the worst instant; below 0: not
