@@ -1,0 +1,21 @@
+"""Who begins: a worn arm waits for a person, a simulated one needn't."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+
+import pytest
+
+from runtime.cli.run import _automatic
+from runtime.profile import profile, wiring
+
+
+@pytest.mark.parametrize("name", ["human-srl", "human-srl-two", "human-srl-task"])
+@pytest.mark.parametrize(("sim", "begins"), [(None, False), (["suit"], False), ([], True)])
+def test_a_worn_arm_waits_unless_nothing_is_real(name: str, sim: list[str] | None, begins: bool) -> None:
+    assert _automatic(Namespace(confirm=True), wiring.build(*profile.load(name), sim))[0] is begins
+
+
+def test_a_simulation_waits_if_it_is_told_to() -> None:
+    graph = wiring.build(*profile.load("human-srl", ["sim.start=manual"]), [])
+    assert not _automatic(Namespace(confirm=True), graph)[0]
