@@ -6,6 +6,7 @@ import argparse
 import inspect
 import json
 import sys
+from itertools import groupby
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -159,13 +160,14 @@ def _sweep(name: str, study: Any, folder: Path, runner: Any, as_json: bool) -> i
 
 
 def _print_table(rows: list[dict[str, Any]]) -> None:
-    if not rows:
-        return
-    columns = list(rows[0])
-    cells = [columns, *([_shown(row.get(column)) for column in columns] for row in rows)]
-    widths = [max(len(row[i]) for row in cells) for i in range(len(columns))]
-    for row in cells:
-        print("  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+    """Each part of a study, as the rows' column "part" says, has columns of its own."""
+    for _, part in groupby(rows, key=lambda row: row.get("part")):
+        group = list(part)
+        columns = list(group[0])
+        cells = [columns, *([_shown(row.get(column)) for column in columns] for row in group)]
+        widths = [max(len(row[i]) for row in cells) for i in range(len(columns))]
+        for row in cells:
+            print("  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
 
 
 def _shown(value: Any) -> str:

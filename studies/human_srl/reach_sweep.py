@@ -1,0 +1,59 @@
+"""What decides `no-blame` and `goals-reached`: one thing at a time is other than in the profile.
+
+The rows under `attacks` are the table of docs/collision.md, "What it is worth".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+from studies.human_srl.reach_claims import ARMS, line, plain, tasks
+from studies.tasks.runner import Runner
+
+MOTIONS: Final = 16
+_STANDARD: Final = [-0.10, -0.05, 0.20]  # m, the base of the model where a profile gives none
+
+
+def conditions() -> Iterator[tuple[str, str, dict[str, Any]]]:
+    """Group, words, and what is changed. The first group is the page's table."""
+    for words, attack in ARMS.items():
+        yield "attacks", words, attack
+    yield "attacks", "with the law retreat", {"retreat": True}
+    yield "attacks", "retreat, no clearance", {"guarded": False, "retreat": True}
+    yield "attacks", "30 % of the frames lost", {"drop": 0.3}
+    yield "attacks", "suit repeats one frame for 4 s", {"freeze": [4.0, 8.0]}
+    yield "attacks", "servos twice as late as told", {"servo": 2.0}
+    yield "attacks", "servos four times as late as told", {"servo": 4.0}
+    yield "attacks", "frames 0.1 s late, told", {"delay": 0.1, "clear": {"latency": 0.1}}
+    yield "attacks", "frames 0.1 s late, not told", {"delay": 0.1}
+    for pace, words in ((2.0, "wearer twice as quick"), (3.0, "wearer three times as quick")):
+        yield "attacks", words, {"pace": pace}
+        yield "attacks", f"{words}, no clearance", {"pace": pace, "guarded": False}
+    yield "attacks", "radii believed 0.6 of the table", {"believed": 0.6}
+    yield "delay", "frames 0 s late, told", {"delay": 0.0, "clear": {"latency": 0.0}}
+    yield "delay", "frames 0.06 s late, told", {"delay": 0.06, "clear": {"latency": 0.06}}
+    for factor in (0.5, 2.0):
+        yield "a_H", f"a_e x {factor:g} told", {"clear": {"acceleration": factor}}
+    for least in (0.005, 0.05):
+        yield "C", f"C {least:g} m", {"clear": {"least": least}}
+    yield "Z_d", "Z_d 0.05 m", {"clear": {"uncertainty": 0.05}}
+    for factor in (0.8, 1.2):
+        yield "radii", f"radii believed {factor:g} of the table", {"believed": factor}
+    for lag in (0.0, 0.1):
+        yield "servo lag", f"servos {lag:g} s late, told", {"lag": lag}
+    yield "pace", "wearer half as quick", {"pace": 0.5}
+    yield "base", "the model's standard base", {"base": _STANDARD}
+    yield "base", "the model's standard base, no clearance", {"base": _STANDARD, "guarded": False}
+
+
+def sweep(runner: Runner, folder: Path) -> list[dict[str, Any]]:
+    """A row of the table for each condition: the first motions, the same ones in each."""
+    all_ = list(conditions())
+    rows = runner.rows([task for _, _, attack in all_ for task in tasks(MOTIONS, attack)], folder / "sweep-reach")
+    found = []
+    for k, (group, words, _) in enumerate(all_):
+        own = [row for row in rows[k * MOTIONS : (k + 1) * MOTIONS] if row.done]
+        found.append(line({"decides": group, "changed": words}, [plain(row.task, row.values) for row in own]))
+    return found

@@ -1,0 +1,285 @@
+"""One trial of a worn arm beside a person who reaches about without looking: contacts, and goals that it reached.
+
+The profile's clearance and guard run in simulated time, with a suit that is late and noisy and servos that are late.
+The arm's masses aren't simulated: without the clearance it passes through the body, so its goals are a free arm's.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+
+from runtime.contracts.clearance import NEVER
+from runtime.contracts.rotation import Quaternion, exp, product
+from runtime.contracts.signals import Array
+from runtime.control.skeleton.capsules import nearest
+from runtime.control.skeleton.envelope import link_nodes
+from runtime.control.skeleton.human import human
+from runtime.control.skeleton.human_srl import HumanSrl
+from runtime.control.skeleton.kinematics import Kinematics
+from runtime.control.skeleton.options import EnvelopeOptions
+from runtime.control.skeleton.retreat import Retreat, RetreatConfig
+from studies.human_srl.contacts import Contacts
+from studies.human_srl.reaching import Reaching
+from studies.human_srl.setting import Setting
+from studies.human_srl.wearers import Wearer
+from studies.tasks.task import Value
+
+SECONDS: Final = 12.0
+PATIENCE: Final = 6.0  # s, then a goal is given up
+NEAR: Final = 0.02  # rad or m, of every joint from a goal that is reached
+FREE: Final = 0.06  # m, of a goal from the person with the arms stretched out sideways
+NOISE: Final = 0.002  # rad, of each joint in each frame, as in the simulated suit
+_BEGIN: Final = 1.0  # s, of the clock at the first cycle
+_TRIES: Final = 500
+
+
+@dataclass(frozen=True)
+class Attack:
+    """What is done, and what is different from what the guard is told.
+
+    Attributes:
+        guarded: the arm has its clearance.
+        retreat: the law `retreat` bends the goals.
+        delay: s, from a pose to its frame; None: as the profile's suit.
+        drop: share of the frames that are lost.
+        freeze: (from, to) s in which the suit repeats its frame with new stamps.
+        pace: factor on the person's pace.
+        lag: s, of the servos, as the guard is told; None: as the profile's.
+        servo: factor on the lag, which the guard isn't told.
+        believed: factor on the envelope's radii.
+        clear: options of the clearance that differ from the profile's.
+        base: m, the arm's, in the frame of the node that carries it; None: as the profile's.
+    """
+
+    guarded: bool = True
+    retreat: bool = False
+    delay: float | None = None
+    drop: float = 0.0
+    freeze: tuple[float, float] = (0.0, 0.0)
+    pace: float = 1.0
+    lag: float | None = None
+    servo: float = 1.0
+    believed: float = 1.0
+    clear: Mapping[str, float] | None = None
+    base: tuple[float, float, float] | None = None
+
+
+def trial(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Value]:
+    """One motion of one wearer.
+
+    Args:
+        text: the profile's.
+        parameters: `wearer`, of `Wearer` by name; `attack`, of `Attack` by name; `seconds`, how long.
+        seed: of the motion, the goals and the suit's noise. Trials of one seed and wearer have the same motion.
+
+    Returns:
+        contacts, rest, blamed: of the pairs that the clearance compares: all, at an arm at rest, by the arm.
+        left_out, blamed_left_out: of the others. fastest: m/s, of all
+        blamed. tried, reached: goals that were reached or given up; times: JSON, s of each, null if given up. held:
+        share of the cycles. acceleration: m/s^2, the person's highest, and beyond: the highest over what the clearance
+        takes for possible.
+    """
+    who = Wearer(**parameters["wearer"])
+    attack = Attack(**parameters["attack"])
+    setting = Setting(text, base=attack.base, lag=attack.lag)
+    return _Run(setting, replace(who, pace=who.pace * attack.pace), attack, seed).run(parameters["seconds"])
+
+
+class _Run:
+    def __init__(self, setting: Setting, who: Wearer, attack: Attack, seed: int) -> None:
+        motion, goals, suit = (np.random.default_rng([seed, k]) for k in range(3))
+        self.setting, self.attack, n = setting, attack, len(setting.labels)
+        options = EnvelopeOptions(arms=setting.arms)
+        figure = HumanSrl(human(who.scale), setting.arms.arms)
+        self.reaching = Reaching(figure.human, motion, who)
+        self.contacts = Contacts(figure, options.arm, options.envelope, who)
+        self.goals = _Goals(setting, options, self.reaching, goals)
+        self.suit = _Suit(setting, attack, suit)
+        self.ends = _Ends(options, self.contacts.kinematics)
+        pose, translation = self.reaching.rotation(0.0), self.reaching.translation
+        self.clearance = setting.clearance(**{**_believed(options, attack.believed), **(attack.clear or {})})
+        self.clearance.bind({"rotation": pose.copy(), "translation": translation.copy()})
+        self.applied, self.measured = np.zeros(n), np.zeros(n)
+        self.guard = setting.guard(self.applied, self.measured, self.clearance if attack.guarded else None)
+        self.law = self._law(pose, translation) if attack.retreat else None
+
+    def run(self, seconds: float) -> Mapping[str, Value]:
+        dt, measured, translation = self.setting.dt, self.measured, self.reaching.translation
+        servos = deque([measured.copy()] * round(self.attack.servo * self.setting.lag / dt))
+        held, cycles, stamp = 0, round(seconds / dt), NEVER
+        for k in range(cycles):
+            t = k * dt
+            now = round((_BEGIN + t) * 1e9)
+            pose = self.reaching.rotation(t)
+            if (frame := self.suit.frame(t, pose)) is not None:
+                stamp, self.clearance.input["rotation"][:] = now, frame
+            if self.guard.verified is not None:
+                self.guard.verified.begin(now, {"rotation": stamp, "translation": stamp}, 0.0)
+            self.guard.step(self._wanted(self.goals.at(t, measured)), None, dt)
+            held += self.guard.verified is not None and self.guard.verified.held
+            before = measured.copy()
+            servos.append(self.applied.copy())
+            measured[:] = servos.popleft()
+            self.contacts.step(pose, translation, before, measured, dt)
+            self.ends.take()
+        return self._row(held / cycles)
+
+    def _row(self, held: float) -> Mapping[str, Value]:
+        found = [contact for contact in self.contacts.found if contact.compared]
+        others = [contact for contact in self.contacts.found if not contact.compared]
+        highest, beyond = self.ends.accelerations(self.setting.dt)
+        times = self.goals.times
+        return {
+            "contacts": len(found),
+            "rest": sum(contact.rest for contact in found),
+            "blamed": sum(contact.blamed for contact in found),
+            "left_out": len(others),
+            "blamed_left_out": sum(contact.blamed for contact in others),
+            "fastest": max((contact.speed for contact in self.contacts.blamed), default=0.0),
+            "who": json.dumps([contact.pair for contact in self.contacts.blamed]),
+            "tried": len(times),
+            "reached": sum(time is not None for time in times),
+            "times": json.dumps(times),
+            "held": held,
+            "acceleration": highest,
+            "beyond": beyond,
+        }
+
+    def _law(self, pose: Array, translation: Array) -> Retreat:
+        law = Retreat("retreat", RetreatConfig(arms=self.setting.arms))
+        inputs = {signal.name: np.zeros(signal.shape) for signal in law.inputs}
+        outputs = {signal.name: np.zeros(signal.shape) for signal in law.outputs}
+        law.bind(inputs, outputs, {"q": self.applied}, {}, {})
+        law.input["rotation"][:], law.input["translation"][:] = pose, translation
+        law.reset()
+        return law
+
+    def _wanted(self, goal: Array) -> Array:
+        law = self.law
+        if law is None:
+            return goal
+        law.input["target"][:], law.input["rotation"][:] = goal, self.clearance.input["rotation"]
+        law.update(self.setting.dt)
+        return law.output["q"]
+
+
+class _Suit:
+    """Frames of the poses: late, noisy, lost, or repeated."""
+
+    def __init__(self, setting: Setting, attack: Attack, rng: np.random.Generator) -> None:
+        self._delay = setting.delay if attack.delay is None else attack.delay
+        self._attack, self._rng, self._period = attack, rng, setting.frame
+        self._sent: deque[tuple[float, Array]] = deque()
+        self._next = 0.0
+        self._last: Array | None = None
+
+    def frame(self, t: float, pose: Array) -> Array | None:
+        """(59, 4), what arrives at t s while the person is in `pose`; None: nothing new."""
+        attack, found = self._attack, None
+        if t >= self._next - 1e-9:
+            self._sent.append((t + self._delay, pose))
+            self._next += self._period
+        while self._sent and self._sent[0][0] <= t + 1e-9:
+            _, seen = self._sent.popleft()
+            lost = self._rng.random() < attack.drop
+            turns = self._rng.normal(0.0, NOISE, (len(seen), 3)).tolist()
+            if lost:
+                continue
+            if self._last is None or not attack.freeze[0] <= t < attack.freeze[1]:
+                self._last = np.array([_turned(q, turn) for q, turn in zip(seen.tolist(), turns, strict=True)])
+            found = self._last
+        return found
+
+
+def _turned(q: Quaternion, turn: list[float]) -> Quaternion:
+    return product(q, exp(*turn))
+
+
+class _Goals:
+    """Random goals that are free while the person's arms are out of the way.
+
+    Attributes:
+        times: s from a goal to its being reached; None: it was given up.
+    """
+
+    def __init__(
+        self, setting: Setting, options: EnvelopeOptions, reaching: Reaching, rng: np.random.Generator
+    ) -> None:
+        self._setting, self._rng = setting, rng
+        self._gap = _Gap(options, reaching)
+        self._goal: Array = np.zeros(len(setting.labels))
+        self._since: float | None = None
+        self.times: list[float | None] = []
+
+    def at(self, t: float, measured: Array) -> Array:
+        """(n,) the goal at t s, with the arm where it is measured."""
+        if self._since is not None:
+            there, waited = bool(np.abs(measured - self._goal).max() < NEAR), t - self._since
+            if not there and waited < PATIENCE:
+                return self._goal
+            self.times.append(round(waited, 6) if there else None)
+        self._goal, self._since = self._next(), t
+        return self._goal
+
+    def _next(self) -> Array:
+        for q in self._rng.uniform(self._setting.lower, self._setting.upper, (_TRIES, len(self._goal))):
+            if self._gap(q) > FREE:
+                return np.asarray(q)
+        raise ValueError(f"no free goal in {_TRIES}")
+
+
+class _Gap:
+    """The arm's distance, m, from the person with the arms stretched out, by the envelope."""
+
+    def __init__(self, options: EnvelopeOptions, reaching: Reaching) -> None:
+        envelope = options.envelope
+        kinematics = Kinematics(options.figure)
+        nodes = kinematics.nodes(reaching.aside(), reaching.translation, {})
+        self._options = options
+        self._links = np.array([pair.link for pair in envelope.pairs])
+        segments = np.array([pair.segment for pair in envelope.pairs])
+        self._ends = _carried(kinematics, nodes, options)[segments]
+        self._radii = envelope.radii[segments] + envelope.link_radius
+
+    def __call__(self, q: Array) -> float:
+        nodes = link_nodes(self._options.arms.arms, self._options.arm, q[None])
+        found = nearest(self._ends[:, 0], self._ends[:, 1], nodes[:, self._links], nodes[:, self._links + 1])
+        return float((found.distance - self._radii).min())
+
+
+class _Ends:
+    """The ends of the person's segments, in the frame of the node that carries the arm, cycle by cycle."""
+
+    def __init__(self, options: EnvelopeOptions, kinematics: Kinematics) -> None:
+        self._options, self._kinematics = options, kinematics
+        self._found: list[Array] = []
+
+    def take(self) -> None:
+        """The next cycle."""
+        self._found.append(_carried(self._kinematics, self._kinematics.data.xpos[1:], self._options))
+
+    def accelerations(self, dt: float) -> tuple[float, float]:
+        """m/s^2, the highest of all ends; and the highest as a share of what the envelope says of each end."""
+        size = np.linalg.norm(np.diff(np.array(self._found), 2, axis=0), axis=-1) / dt**2
+        return float(size.max()), float((size / self._options.envelope.acceleration).max())
+
+
+def _carried(kinematics: Kinematics, nodes: Array, options: EnvelopeOptions) -> Array:
+    """(s, 2, 3) m, the segments' ends in the frame of the node that carries the arms."""
+    body = kinematics.body(options.arms.arms.parent)
+    R, p = kinematics.data.xmat[body].reshape(3, 3), kinematics.data.xpos[body]
+    found: Array = (nodes[options.envelope.ends] - p) @ R
+    return found
+
+
+def _believed(options: EnvelopeOptions, factor: float) -> dict[str, Any]:
+    if factor == 1.0:
+        return {}
+    envelope = options.envelope
+    return {"radii": {n: factor * r for n, r in zip(envelope.segments, envelope.radii.tolist(), strict=True)}}

@@ -1,0 +1,77 @@
+"""What a profile such as `human-srl` says of a worn arm: its limits, its clearance, its suit; without the runtime."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+from ruamel.yaml import YAML
+
+from runtime.contracts.per_element import in_order
+from runtime.contracts.signals import Array, Command, Kind
+from runtime.control.models import ArmsModel
+from runtime.control.skeleton.body_clearance import BodyClearance, BodyClearanceConfig
+from runtime.guard import GUARDS, CommandGuard
+from runtime.profile.guard_entry import GuardEntry
+
+PROFILE: Final = "human-srl"
+_COMMAND: Final = "arm.position_command"
+
+
+class Setting:
+    """The arm of a profile.
+
+    Attributes:
+        arms: its model.
+        labels: the joints.
+        dt: s, the loop's period.
+        frame, delay: s, of the suit: between two frames, and from a pose to its frame.
+        lower, upper: (n,) rad or m, the guard's limits.
+        lag: s, the longest of the servos, as the clearance is told.
+    """
+
+    def __init__(self, text: str, *, base: Sequence[float] | None = None, lag: float | None = None) -> None:
+        """
+        Args:
+            text: the profile's.
+            base, lag: in place of the profile's.
+        """
+        given = YAML(typ="safe", pure=True).load(text)
+        entry = GuardEntry.model_validate(given["guard"][_COMMAND])
+        assert entry.clear is not None
+        self._entry, self._clear = entry, entry.clear
+        self.arms = ArmsModel.model_validate(given["models"]["srl-arms"] | ({} if base is None else {"base": base}))
+        self.labels = self.arms.arms.labels
+        self.dt = 1.0 / given["rate"]
+        suit = given["sim"]["devices"]["suit"]
+        self.frame, self.delay = 1.0 / suit["rate"], float(suit["delay"])
+        self._command = Command(
+            name=_COMMAND, shape=(len(self.labels),), unit="rad", kind=Kind.POSITION, labels=self.labels
+        )
+        self._limits = entry.to_limits(self._command.shape, _COMMAND, self.labels)
+        assert self._limits.lower is not None
+        assert self._limits.upper is not None
+        self.lower: Array = self._limits.lower
+        self.upper: Array = self._limits.upper
+        self.lag = entry.clear.lag if lag is None else lag
+
+    def clearance(self, **changed: Any) -> BodyClearance:
+        """The profile's clearance, not bound; `changed`: its options."""
+        config = BodyClearanceConfig.model_validate({**self._clear.options, "arms": self.arms, **changed})
+        return BodyClearance("arm.clear", config, self._command)
+
+    def guard(self, applied: Array, measured: Array, clearance: BodyClearance | None) -> CommandGuard:
+        """The profile's guard, bound and reset to what is measured.
+
+        Args:
+            applied, measured: (n,) rad or m.
+            clearance: bound; None: nothing keeps the arm clear.
+        """
+        guard = GUARDS[Kind.POSITION](_COMMAND, self._command, self._limits, self.dt)
+        guard.bind(applied, measured)
+        if clearance is not None:
+            tracking = in_order(self._clear.tracking, self.labels, size=len(self.labels), ordered=True)
+            guard.keep_clear(clearance, self.lag, np.array(tracking, np.float64))
+        guard.reset(measured)
+        return guard

@@ -1,0 +1,105 @@
+"""Fifty simulated wearers for the human-SRL study: drawn from a seed, listed in wearers.csv before any run.
+
+The distributions and their sources are in wearers.yaml. Nobody was drawn again because of a result.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from functools import cache
+from math import sqrt
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from ruamel.yaml import YAML
+
+COUNT: Final = 50
+LIST: Final = Path(__file__).with_suffix(".csv")
+_SOURCES: Final = Path(__file__).with_suffix(".yaml")
+
+
+@dataclass(frozen=True)
+class Wearer:
+    """One person. Units and sources: wearers.yaml.
+
+    Attributes:
+        name: W01 to W50; odd numbers are men.
+        scale: size, of the paper's body.
+        trunk, limbs, ends: girths, as shares of the envelope's.
+        pace: factor on the speed.
+        lean, bend, twist, stride, apart: degrees, of the posture.
+    """
+
+    name: str
+    scale: float
+    trunk: float
+    limbs: float
+    ends: float
+    pace: float
+    lean: float
+    bend: float
+    twist: float
+    stride: float
+    apart: float
+
+    @property
+    def number(self) -> int:
+        """From 1."""
+        return int(self.name[1:])
+
+
+@cache
+def assumed() -> Mapping[str, Any]:
+    """The distributions and constants of wearers.yaml, by name."""
+    sections = YAML(typ="safe", pure=True).load(_SOURCES)
+    return {name: entry["value"] for name, entry in sections.items()}
+
+
+def wearers(count: int = COUNT) -> list[Wearer]:
+    """Returns the first `count` of the list."""
+    with LIST.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    return [Wearer(row.pop("name"), **{name: float(value) for name, value in row.items()}) for row in rows[:count]]
+
+
+def drawn() -> list[Wearer]:
+    """Draws the list again."""
+    a = assumed()
+    rng = np.random.default_rng(a["seed"])
+
+    def normal(what: str, standard: float) -> float:
+        entry = a[what]
+        found = (
+            entry["median"] * np.exp(entry["spread"] * standard)
+            if "median" in entry
+            else entry["mean"] + entry["deviation"] * standard
+        )
+        return round(float(np.clip(found, entry.get("least", -np.inf), entry.get("most", np.inf))), 4)
+
+    found = []
+    for number in range(1, COUNT + 1):
+        sex = "man" if number % 2 else "woman"
+        scale = round(normal(f"stature_{sex}", rng.standard_normal()) / a["figure"], 4)
+        build, limbs, ends = rng.standard_normal(3)  # the stout are stout all over, more or less
+        girths = [build]
+        for own, together in ((limbs, a["limbs_with_trunk"]), (ends, a["ends_with_trunk"])):
+            girths.append(together * build + sqrt(1.0 - together**2) * own)
+        shares = [normal(f"{part}_{sex}", z) for part, z in zip(("trunk", "limbs", "ends"), girths, strict=True)]
+        rest = [normal(field.name, rng.standard_normal()) for field in fields(Wearer)[5:]]
+        found.append(Wearer(f"W{number:02}", scale, *shares, *rest))
+    return found
+
+
+def main() -> None:
+    """Writes the list: `python -m studies.human_srl.wearers`."""
+    with LIST.open("w", newline="") as file:
+        out = csv.writer(file, lineterminator="\n")
+        out.writerow([field.name for field in fields(Wearer)])
+        out.writerows([getattr(one, field.name) for field in fields(Wearer)] for one in drawn())
+
+
+if __name__ == "__main__":
+    main()
