@@ -79,6 +79,13 @@ class Contacts:
                 first, second = sorted((model.geom(f"arm/{a}").id, model.geom(f"body/{segment}").id))
                 self._pairs[first, second] = f"{a}-{b}/{segment}", f"{a}-{b}/{segment}" in watched
         self._touching: set[tuple[int, int]] | None = None
+        offsets, axes = figure.arms.offsets(side), figure.arms.axes(side)
+        # A sliding joint lengthens the link between its node and the next one.
+        self._sliding = [
+            (i, model.geom(f"arm/{nodes[i + 1]}").id, offsets[i + 2], axes[i])
+            for i, joint in enumerate(figure.arms.joints)
+            if joint.slides
+        ]
 
     def step(self, rotation: Array, translation: Array, before: Array, after: Array, dt: float) -> None:
         """Takes the next step.
@@ -105,6 +112,8 @@ class Contacts:
 
     def _touches(self, rotation: Array, translation: Array, q: Array) -> set[tuple[int, int]]:
         model, data = self.kinematics.model, self.kinematics.data
+        for i, geom, offset, axis in self._sliding:
+            _stretch(model, geom, offset + q[i] * axis)
         self.kinematics.nodes(rotation, translation, {self._side: q})
         mujoco.mj_collision(model, data)
         found: Array = np.sort(data.contact.geom[data.contact.dist <= 0.0], axis=1)
@@ -138,6 +147,14 @@ def _shapes(spec: Any, figure: HumanSrl, side: Side, who: Wearer) -> None:
         _capsule(bodies[a], f"arm/{a}", at[b] - at[a], LINK_RADIUS)
         for name in PARTS:
             spec.add_pair(geomname1=f"arm/{a}", geomname2=f"body/{name}")
+
+
+def _stretch(model: Any, geom: int, way: Array) -> None:
+    """Gives a capsule another length; its direction must be as before."""
+    half = 0.5 * float(np.linalg.norm(way))
+    radius = float(model.geom_size[geom, 0])
+    model.geom_pos[geom], model.geom_size[geom, 1] = 0.5 * way, half
+    model.geom_rbound[geom] = model.geom_aabb[geom, 5] = half + radius
 
 
 def _capsule(body: Any, name: str, way: Array, radius: float) -> None:
