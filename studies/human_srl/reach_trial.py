@@ -17,14 +17,13 @@ import numpy as np
 from runtime.contracts.clearance import NEVER
 from runtime.contracts.rotation import Quaternion, exp, product
 from runtime.contracts.signals import Array
-from runtime.control.skeleton.capsules import nearest
-from runtime.control.skeleton.envelope import link_nodes
 from runtime.control.skeleton.human import human
 from runtime.control.skeleton.human_srl import HumanSrl
 from runtime.control.skeleton.kinematics import Kinematics
 from runtime.control.skeleton.options import EnvelopeOptions
 from runtime.control.skeleton.retreat import Retreat, RetreatConfig
 from studies.human_srl.contacts import Contacts
+from studies.human_srl.gap import Gap, carried
 from studies.human_srl.reaching import Reaching
 from studies.human_srl.setting import Setting
 from studies.human_srl.wearers import Wearer
@@ -212,7 +211,8 @@ class _Goals:
         self, setting: Setting, options: EnvelopeOptions, reaching: Reaching, rng: np.random.Generator
     ) -> None:
         self._setting, self._rng = setting, rng
-        self._gap = _Gap(options, reaching)
+        self._gap = Gap(options)
+        self._gap.pose(reaching.aside(), reaching.translation)
         self._goal: Array = np.zeros(len(setting.labels))
         self._since: float | None = None
         self.times: list[float | None] = []
@@ -234,25 +234,6 @@ class _Goals:
         raise ValueError(f"no free goal in {_TRIES}")
 
 
-class _Gap:
-    """The arm's distance, m, from the person with the arms stretched out, by the envelope."""
-
-    def __init__(self, options: EnvelopeOptions, reaching: Reaching) -> None:
-        envelope = options.envelope
-        kinematics = Kinematics(options.figure)
-        nodes = kinematics.nodes(reaching.aside(), reaching.translation, {})
-        self._options = options
-        self._links = np.array([pair.link for pair in envelope.pairs])
-        segments = np.array([pair.segment for pair in envelope.pairs])
-        self._ends = _carried(kinematics, nodes, options)[segments]
-        self._radii = envelope.radii[segments] + envelope.link_radius
-
-    def __call__(self, q: Array) -> float:
-        nodes = link_nodes(self._options.arms.arms, self._options.arm, q[None])
-        found = nearest(self._ends[:, 0], self._ends[:, 1], nodes[:, self._links], nodes[:, self._links + 1])
-        return float((found.distance - self._radii).min())
-
-
 class _Ends:
     """The ends of the person's segments, in the frame of the node that carries the arm, cycle by cycle."""
 
@@ -262,20 +243,12 @@ class _Ends:
 
     def take(self) -> None:
         """The next cycle."""
-        self._found.append(_carried(self._kinematics, self._kinematics.data.xpos[1:], self._options))
+        self._found.append(carried(self._kinematics, self._options))
 
     def accelerations(self, dt: float) -> tuple[float, float]:
         """m/s^2, the highest of all ends; and the highest as a share of what the envelope says of each end."""
         size = np.linalg.norm(np.diff(np.array(self._found), 2, axis=0), axis=-1) / dt**2
         return float(size.max()), float((size / self._options.envelope.acceleration).max())
-
-
-def _carried(kinematics: Kinematics, nodes: Array, options: EnvelopeOptions) -> Array:
-    """(s, 2, 3) m, the segments' ends in the frame of the node that carries the arms."""
-    body = kinematics.body(options.arms.arms.parent)
-    R, p = kinematics.data.xmat[body].reshape(3, 3), kinematics.data.xpos[body]
-    found: Array = (nodes[options.envelope.ends] - p) @ R
-    return found
 
 
 def _believed(options: EnvelopeOptions, factor: float) -> dict[str, Any]:
