@@ -6,6 +6,7 @@ reference is the same trial with the strap replaced by a weld: so the servos' ow
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import radians
@@ -18,7 +19,7 @@ from drivers.dynamixel.config import DynamixelConfig
 from drivers.noitom import NoitomConfig
 from drivers.noitom.skeleton import Skeleton
 from runtime.contracts.frames import IDENTITY, as_pose
-from runtime.contracts.rotation import Quaternion, composed, conjugate, inverted, product
+from runtime.contracts.rotation import Quaternion, composed, conjugate, exp, inverted, product
 from runtime.contracts.signals import Array
 from runtime.contracts.world import Fake
 from runtime.control.strap.axes import Axis
@@ -29,6 +30,7 @@ from sim.devices.dynamixel.fake import FakeDynamixel, FakeDynamixelConfig
 from sim.devices.noitom.fake import FakeNoitom, FakeNoitomConfig
 from sim.parts.body.strap import Firmness, StrapPart
 from sim.world.cell import Cell, CellConfig
+from studies.tasks.task import Value
 
 # By the law with two inertial sensors, or with a suit in place of the belt's; by what the sensors say of all three
 # axes, one yaw having drifted; by the true rotation.
@@ -39,6 +41,7 @@ SKELETON: Final = Skeleton("axis-neuron")
 YAW: Final = radians(4.0)  # after eight minutes of the datasheet's 0.5 degrees a minute
 SETTLE: Final = 3.0  # s, that aren't judged: the compensation fades in
 MOVE: Final = 2.0  # s, from posture to posture
+KEPT: Final = 2  # of the tip's places every second one is kept in a row
 # z up, x forward, y to the left, at the back of the right hip. The suit's axes are x left, y up, z forward.
 WORN: Final[dict[str, Any]] = {
     "parent": "wearer/Spine", "position": [-0.15, 0.02, 0.1], "quaternion": [0.5, -0.5, -0.5, -0.5]
@@ -99,15 +102,22 @@ class Trial:
     def __init__(
         self, firmness: Firmness, compensation: Compensation, *, seed: int = 1,
         base: Mapping[str, Any] | None = None, belt: Mapping[str, Any] | None = None,
+        strap: Mapping[str, Any] | None = None, scale: float = 1.0, begin: float = 0.0, yaw: float = YAW,
+        mount: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> None:  # fmt: skip
         """Args:
         base, belt: options of the fake inertial sensors on the arm's base and on the person.
+        strap: options of the strap.
+        scale: of the person.
+        begin: s, by which the arm's motion is ahead: how it meets the steps.
+        yaw: rad, by which the base's sensor has drifted, where yaw is used.
+        mount: rad, rotation vector by which the base's sensor is mounted otherwise than the law is told.
         """
-        self.compensation = compensation
-        self.world = Cell(CellConfig.model_validate({"parts": _parts(firmness)}), seed)
+        self.compensation, self._begin = compensation, begin
+        self.world = Cell(CellConfig.model_validate({"parts": _parts(firmness, strap or {}, scale, begin)}), seed)
         self._strap = self.world.part(StrapPart, "strap")
         self._arm = _device(FakeDynamixel("arm", _bus(), self.world, FakeDynamixelConfig()))
-        off = {"base": {"yaw": YAW if compensation == "with-yaw" else 0.0} | dict(base or {}), "belt": dict(belt or {})}
+        off = {"base": {"yaw": yaw if compensation == "with-yaw" else 0.0} | dict(base or {}), "belt": dict(belt or {})}
         self._imu = {
             name: _device(
                 FakeBno085(
@@ -119,7 +129,7 @@ class Trial:
         }  # fmt: skip
         self._correction = Correction(tuple(arm().values()), 0.02)
         reference = "suit" if compensation == "by-suit" else "imu"
-        self._law = _law(StrapBaseConfig.model_validate({"axes": arm(), "reference": reference}))
+        self._law = _law(StrapBaseConfig.model_validate({"axes": arm(), "reference": reference}), mount)
         self._suit: Fake | None = None
         if reference == "suit":
             suit = NoitomConfig(port="udp://:7012")
@@ -146,7 +156,7 @@ class Trial:
     # -- one cycle
 
     def _command(self, t: float) -> Array:
-        wanted = _wanted(t)
+        wanted = _wanted(t + self._begin)
         if self.compensation == "none" or t < 0.2:
             return wanted
         if self.compensation in ("roll-pitch", "by-suit"):
@@ -187,6 +197,25 @@ class Trial:
         return np.array(composed(inverted(as_pose(self._strap.rigid())), (x, y, z, 1.0, 0.0, 0.0, 0.0))[:3])
 
 
+def trial(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Value]:
+    """One trial as a task.
+
+    Args:
+        text: unused.
+        parameters: `firmness`, `compensation`, `seconds`; `options`, of `Trial`.
+        seed: of the world.
+    Returns:
+        tip: JSON, mm, (k, 3) of `Result`, every second one; shift, tilt, yaw: as there; left: mm that the law's joints
+        couldn't give.
+    """
+    made = Trial(parameters["firmness"], parameters["compensation"], seed=seed, **parameters["options"])
+    found = made.run(parameters["seconds"])
+    tip = np.round(1e3 * found.tip[::KEPT], 2).tolist()
+    left = found.law["error_left_mm"]
+    assert isinstance(left, float)
+    return {"tip": json.dumps(tip), "shift": found.shift, "tilt": found.tilt, "yaw": found.yaw, "left": left}
+
+
 def _wanted(t: float) -> Array:
     """To and fro between the postures, with minimum jerk."""
     k, s = divmod(t / MOVE, 1.0)
@@ -196,15 +225,16 @@ def _wanted(t: float) -> Array:
     return wanted
 
 
-def _parts(firmness: Firmness) -> dict[str, Any]:
+def _parts(firmness: Firmness, strap: Mapping[str, Any], scale: float, begin: float) -> dict[str, Any]:
+    start = _wanted(begin).tolist()
     axes = {
-        name: {"model": model, "axis": axis, "link": (length, 0.0, 0.0), "start": float(POSTURES[0, i]), "mass": 0.06}
+        name: {"model": model, "axis": axis, "link": (length, 0.0, 0.0), "start": start[i], "mass": 0.06}
         | ({"m_per_rad": PITCH, "lower": -SLIDE, "upper": SLIDE} if slides else {})
         for i, (name, (model, axis, length, slides)) in enumerate(AXES.items())
     }
     return {
-        "wearer": {"part": "body", "script": "walk"},
-        "strap": {"part": "strap", "firmness": firmness, "at": WORN},
+        "wearer": {"part": "body", "script": "walk", "scale": scale},
+        "strap": {"part": "strap", "firmness": firmness, "at": WORN} | dict(strap),
         "arm": {
             "part": "dynamixel-chain", "axes": axes, "at": {"parent": "strap/plate", "position": list(ARM_ON_PLATE)}
         },
@@ -227,14 +257,15 @@ def _device(fake: Fake) -> Fake:
     return fake
 
 
-def _law(config: StrapBaseConfig) -> StrapBase:
+def _law(config: StrapBaseConfig, mount: tuple[float, float, float]) -> StrapBase:
     law = StrapBase("strap", config)
     inputs = {signal.name: np.zeros(signal.shape) for signal in law.inputs}
     outputs, applied = ({signal.name: np.zeros(signal.shape) for signal in law.outputs} for _ in range(2))
     w, x, y, z = WORN["quaternion"]
     # Both sensors are mounted along the base's axes; a suit's spine has its own.
     body = (0.0, 0.0, 0.0, w, -x, -y, -z) if config.reference == "suit" else IDENTITY
-    law.bind(inputs, outputs, applied, {}, {"mount": np.array(IDENTITY), "body": np.array(body)})
+    told = np.array([0.0, 0.0, 0.0, *exp(*(-v for v in mount))])
+    law.bind(inputs, outputs, applied, {}, {"mount": told, "body": np.array(body)})
     return law
 
 

@@ -190,6 +190,20 @@ def proportion(k: int, n: int, level: float = 0.95, place: str = "proportion") -
     return float(found.low), float(found.high)
 
 
+def rate(k: int, exposure: float, level: float = 0.95, place: str = "rate") -> tuple[float, float]:
+    """Returns the exact interval (Garwood 1936) of the rate of a Poisson process with k events in a time > 0.
+
+    Raises:
+        StudyError: the count is negative, or there was no time.
+    """
+    if k < 0 or not (math.isfinite(exposure) and exposure > 0.0):
+        raise StudyError(place, f"{k} events in {exposure:g}", "Give the events, and the time they took")
+    from scipy import stats
+
+    low = float(stats.chi2.ppf((1 - level) / 2, 2 * k)) / 2.0 if k else 0.0
+    return low / exposure, float(stats.chi2.ppf((1 + level) / 2, 2 * k + 2)) / 2.0 / exposure
+
+
 def shapiro_wilk(values: ArrayLike, place: str = "Shapiro-Wilk test") -> ShapiroWilk:
     """Computes the Shapiro-Wilk test of (n,) values, 3 <= n <= 5000. Before a paired t-test: of the differences.
 

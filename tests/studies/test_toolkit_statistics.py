@@ -19,6 +19,7 @@ from studies.toolkit.statistics import (
     level,
     paired_t,
     proportion,
+    rate,
     shapiro_wilk,
     sign_test,
     stars,
@@ -75,6 +76,21 @@ def test_the_exact_interval_of_a_proportion_cuts_tails_of_a_fortieth(k: int, n: 
 def test_successes_that_cannot_be_are_refused(k: int, n: int) -> None:
     with pytest.raises(StudyError, match=f"{k} successes of {n}"):
         proportion(k, n)
+
+
+@given(st.integers(0, 400), st.floats(0.01, 1000.0))
+def test_the_exact_interval_of_a_rate_cuts_tails_of_a_fortieth(k: int, exposure: float) -> None:
+    low, high = rate(k, exposure)
+    assert low <= k / exposure <= high
+    assert stats.poisson.cdf(k, high * exposure) == pytest.approx(0.025, abs=1e-6)
+    if k > 0:
+        assert stats.poisson.sf(k - 1, low * exposure) == pytest.approx(0.025, abs=1e-6)
+
+
+@pytest.mark.parametrize(("k", "exposure"), [(-1, 1.0), (0, 0.0), (3, math.nan), (3, math.inf)])
+def test_a_rate_without_time_is_refused(k: int, exposure: float) -> None:
+    with pytest.raises(StudyError, match=f"{k} events in"):
+        rate(k, exposure)
 
 
 def test_shapiro_wilk_tells_a_normal_sample_from_a_skewed_one() -> None:
