@@ -25,7 +25,7 @@ from studies.tasks.task import Row, TrialTask
 from studies.toolkit.statistics import proportion, tost
 
 MARGIN: Final = 2.0  # mm: errors that differ by less are taken as equivalent; a tip of the arm is 60 mm thick
-_QUICK, _QUICK_SECONDS, _SWEPT = 2, 12.0, 6
+_QUICK, _QUICK_SECONDS, _SWEPT = 1, 10.0, 4
 STILL, MOVING = "still, verified stop", "moving, verified stop"
 # What differs between the conditions, beside the person's motion and the verified stop: the law's own keeping clear.
 CONDITIONS: Final[Mapping[str, Mapping[str, Any]]] = {
@@ -38,7 +38,7 @@ CONDITIONS: Final[Mapping[str, Mapping[str, Any]]] = {
 
 
 def claims(runner: Runner, folder: Path, quick: bool) -> Part:
-    """Runs the trials and judges the claims; `quick`: two wearers, given up after 12 s."""
+    """Runs the trials and judges the claims; `quick`: one wearer, given up after 10 s."""
     return study(runner, folder, wearers(_QUICK), most=_QUICK_SECONDS) if quick else study(runner, folder, wearers())
 
 

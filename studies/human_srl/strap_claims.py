@@ -28,7 +28,7 @@ STRAPS: Final[tuple[Firmness, ...]] = ("soft", "medium", "hard")
 WAYS: Final[tuple[Compensation, ...]] = ("none", "roll-pitch", "with-yaw", "perfect")
 LAW: Final = "roll-pitch"
 _WEARERS, _SECONDS = 10, 8.0
-_QUICK: Final = ((1, 2), 4.5, ("medium",), ("none", LAW))
+_QUICK: Final = ((1, 2), 4.0, ("medium",), ("none", LAW))
 _SWEPT: Final = 3  # wearers of the sweep
 Errors = Mapping[tuple[str, str], Mapping[int, float]]  # mm by strap and way, then by wearer
 

@@ -8,15 +8,26 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from studies.human_srl import nodes_claims, reach_claims, reach_sweep
+from studies.human_srl import (
+    intention_claims,
+    nodes_claims,
+    operation_claims,
+    reach_claims,
+    reach_sweep,
+    strap_claims,
+)
 from studies.human_srl.part import NAME
 from studies.human_srl.wearers import assumed
 from studies.result import Result
 from studies.tasks.runner import Runner
 
 __all__ = ["run", "sweep"]
-PARTS = (nodes_claims.claims, reach_claims.claims)
-SWEEPS = (nodes_claims.sweep, reach_sweep.sweep)
+PARTS = (
+    nodes_claims.claims, reach_claims.claims, intention_claims.claims, operation_claims.claims, strap_claims.claims
+)  # fmt: skip
+SWEEPS = (
+    nodes_claims.sweep, reach_sweep.sweep, intention_claims.sweep, operation_claims.sweep, strap_claims.sweep
+)  # fmt: skip
 
 
 def run(folder: Path, quick: bool, runner: Runner) -> Result:
