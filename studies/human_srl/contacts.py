@@ -68,7 +68,8 @@ class Contacts:
             envelope: says which pairs are compared.
             who: has the girths.
         """
-        self.kinematics = Kinematics(figure, lambda spec: _shapes(spec, figure, side, who))
+        radii = girths(who)
+        self.kinematics = Kinematics(figure, lambda spec: shapes(spec, figure, side, radii, LINK_RADIUS))
         self.found: list[Contact] = []
         self._side: Side = side
         model, watched = self.kinematics.model, {pair.name for pair in envelope.pairs}
@@ -133,18 +134,24 @@ def _share(who: Wearer, segment: str) -> float:
     return who.trunk if kind in _TRUNK else who.ends if kind in _ENDS else who.limbs
 
 
-def _shapes(spec: Any, figure: HumanSrl, side: Side, who: Wearer) -> None:
-    """Capsules on all segments and links, which fit the T-pose; each link with each segment is compared."""
+def shapes(spec: Any, figure: HumanSrl, side: Side, radii: Mapping[str, float], link_radius: float) -> None:
+    """Capsules "body/SEGMENT" and "arm/NODE", which fit the T-pose; each link with each segment is compared.
+
+    Args:
+        spec: `mujoco.MjSpec` of the figure.
+        figure, side: the person and the arm.
+        radii: m, of the segments.
+        link_radius: m.
+    """
     tree, nodes = figure.tree, figure.arms.names(side)
     at: dict[str, Array] = {}
     for node, up in zip(tree.nodes, tree.parents, strict=True):
         at[node.name] = np.array(node.offset) + (at[tree.names[up]] if up >= 0 else 0.0)
     bodies: Mapping[str, Any] = {body.name: body for body in spec.bodies}
-    radii = girths(who)
     for name, part in PARTS.items():
         _capsule(bodies[part.start], f"body/{name}", at[part.end] - at[part.start], radii[name])
     for a, b in pairwise(nodes):
-        _capsule(bodies[a], f"arm/{a}", at[b] - at[a], LINK_RADIUS)
+        _capsule(bodies[a], f"arm/{a}", at[b] - at[a], link_radius)
         for name in PARTS:
             spec.add_pair(geomname1=f"arm/{a}", geomname2=f"body/{name}")
 

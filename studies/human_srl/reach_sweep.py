@@ -12,7 +12,7 @@ from typing import Any, Final
 from studies.human_srl.reach_claims import ARMS, line, plain, tasks
 from studies.tasks.runner import Runner
 
-MOTIONS: Final = 16
+MOTIONS: Final = 8
 _STANDARD: Final = [-0.10, -0.05, 0.20]  # m, the base of the model where a profile gives none
 
 
@@ -51,9 +51,11 @@ def conditions() -> Iterator[tuple[str, str, dict[str, Any]]]:
 def sweep(runner: Runner, folder: Path) -> list[dict[str, Any]]:
     """A row of the table for each condition: the first motions, the same ones in each."""
     all_ = list(conditions())
-    rows = runner.rows([task for _, _, attack in all_ for task in tasks(MOTIONS, attack)], folder / "sweep-reach")
+    by_condition = [tasks(MOTIONS, attack) for _, _, attack in all_]
+    asked = [task for motion in zip(*by_condition, strict=True) for task in motion]  # what is there first is whole
+    rows = runner.rows(asked, folder / "sweep-reach")
     found = []
     for k, (group, words, _) in enumerate(all_):
-        own = [row for row in rows[k * MOTIONS : (k + 1) * MOTIONS] if row.done]
+        own = [row for row in rows[k :: len(all_)] if row.done]
         found.append(line({"decides": group, "changed": words}, [plain(row.task, row.values) for row in own]))
     return found

@@ -15,7 +15,6 @@ from typing import Any, Final
 import numpy as np
 
 from runtime.contracts.clearance import NEVER
-from runtime.contracts.rotation import Quaternion, exp, product
 from runtime.contracts.signals import Array
 from runtime.control.skeleton.human import human
 from runtime.control.skeleton.human_srl import HumanSrl
@@ -26,6 +25,7 @@ from studies.human_srl.contacts import Contacts
 from studies.human_srl.gap import Gap, carried
 from studies.human_srl.reaching import Reaching
 from studies.human_srl.setting import Setting
+from studies.human_srl.suit import Suit
 from studies.human_srl.wearers import Wearer
 from studies.tasks.task import Value
 
@@ -33,7 +33,6 @@ SECONDS: Final = 12.0
 PATIENCE: Final = 6.0  # s, then a goal is given up
 NEAR: Final = 0.02  # rad or m, of every joint from a goal that is reached
 FREE: Final = 0.06  # m, of a goal from the person with the arms stretched out sideways
-NOISE: Final = 0.002  # rad, of each joint in each frame, as in the simulated suit
 _BEGIN: Final = 1.0  # s, of the clock at the first cycle
 _TRIES: Final = 500
 
@@ -87,10 +86,12 @@ def trial(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Valu
     who = Wearer(**parameters["wearer"])
     attack = Attack(**parameters["attack"])
     setting = Setting(text, base=attack.base, lag=attack.lag)
-    return _Run(setting, replace(who, pace=who.pace * attack.pace), attack, seed).run(parameters["seconds"])
+    return Run(setting, replace(who, pace=who.pace * attack.pace), attack, seed).run(parameters["seconds"])
 
 
-class _Run:
+class Run:
+    """A trial that is taken apart: `run` it once, then look at `contacts` and `goals`."""
+
     def __init__(self, setting: Setting, who: Wearer, attack: Attack, seed: int) -> None:
         motion, goals, suit = (np.random.default_rng([seed, k]) for k in range(3))
         self.setting, self.attack, n = setting, attack, len(setting.labels)
@@ -99,7 +100,8 @@ class _Run:
         self.reaching = Reaching(figure.human, motion, who)
         self.contacts = Contacts(figure, options.arm, options.envelope, who)
         self.goals = _Goals(setting, options, self.reaching, goals)
-        self.suit = _Suit(setting, attack, suit)
+        delay = setting.delay if attack.delay is None else attack.delay
+        self.suit = Suit(setting.frame, delay, suit, attack.drop, attack.freeze)
         self.ends = _Ends(options, self.contacts.kinematics)
         pose, translation = self.reaching.rotation(0.0), self.reaching.translation
         self.clearance = setting.clearance(**{**_believed(options, attack.believed), **(attack.clear or {})})
@@ -166,38 +168,6 @@ class _Run:
         law.input["target"][:], law.input["rotation"][:] = goal, self.clearance.input["rotation"]
         law.update(self.setting.dt)
         return law.output["q"]
-
-
-class _Suit:
-    """Frames of the poses: late, noisy, lost, or repeated."""
-
-    def __init__(self, setting: Setting, attack: Attack, rng: np.random.Generator) -> None:
-        self._delay = setting.delay if attack.delay is None else attack.delay
-        self._attack, self._rng, self._period = attack, rng, setting.frame
-        self._sent: deque[tuple[float, Array]] = deque()
-        self._next = 0.0
-        self._last: Array | None = None
-
-    def frame(self, t: float, pose: Array) -> Array | None:
-        """(59, 4), what arrives at t s while the person is in `pose`; None: nothing new."""
-        attack, found = self._attack, None
-        if t >= self._next - 1e-9:
-            self._sent.append((t + self._delay, pose))
-            self._next += self._period
-        while self._sent and self._sent[0][0] <= t + 1e-9:
-            _, seen = self._sent.popleft()
-            lost = self._rng.random() < attack.drop
-            turns = self._rng.normal(0.0, NOISE, (len(seen), 3)).tolist()
-            if lost:
-                continue
-            if self._last is None or not attack.freeze[0] <= t < attack.freeze[1]:
-                self._last = np.array([_turned(q, turn) for q, turn in zip(seen.tolist(), turns, strict=True)])
-            found = self._last
-        return found
-
-
-def _turned(q: Quaternion, turn: list[float]) -> Quaternion:
-    return product(q, exp(*turn))
 
 
 class _Goals:

@@ -27,7 +27,7 @@ class Setting:
         labels: the joints.
         dt: s, the loop's period.
         frame, delay: s, of the suit: between two frames, and from a pose to its frame.
-        lower, upper: (n,) rad or m, the guard's limits.
+        lower, upper, velocity, acceleration: (n,) the guard's limits, rad and s (m and s where a joint slides).
         lag: s, the longest of the servos, as the clearance is told.
     """
 
@@ -50,10 +50,10 @@ class Setting:
             name=_COMMAND, shape=(len(self.labels),), unit="rad", kind=Kind.POSITION, labels=self.labels
         )
         self._limits = entry.to_limits(self._command.shape, _COMMAND, self.labels)
-        assert self._limits.lower is not None
-        assert self._limits.upper is not None
-        self.lower: Array = self._limits.lower
-        self.upper: Array = self._limits.upper
+        limits = self._limits
+        self.lower, self.upper, self.velocity, self.acceleration = (
+            np.array(each) for each in (limits.lower, limits.upper, limits.velocity, limits.acceleration)
+        )
         self.lag = entry.clear.lag if lag is None else lag
 
     def clearance(self, **changed: Any) -> BodyClearance:
