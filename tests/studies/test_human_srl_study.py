@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from runtime.cli.study import _print_table
 from runtime.control.skeleton.human import human
 from runtime.control.skeleton.human_srl import HumanSrl
 from runtime.control.skeleton.options import EnvelopeOptions
@@ -284,3 +285,9 @@ def test_the_quick_study_has_all_its_claims(tmp_path: Path) -> None:
     assert {"nodes-match", "no-blame", "goals-reached"} <= {claim.id for claim in result.claims}
     assert all(claim.measured is not None for claim in result.claims)
     assert {row["part"] for row in result.table} >= {"nodes", "reach"}
+
+
+def test_each_part_of_a_study_is_printed_with_its_own_columns(capsys: pytest.CaptureFixture[str]) -> None:
+    _print_table([{"part": "a", "x": 1.0}, {"part": "a", "x": None}, {"part": "b", "y": "more"}])
+    words = [printed.split() for printed in capsys.readouterr().out.splitlines()]
+    assert words == [["part", "x"], ["a", "1.00"], ["a", "-"], ["part", "y"], ["b", "more"]]
