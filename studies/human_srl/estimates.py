@@ -28,8 +28,12 @@ class Estimate:
         return f"{self.mean:.3g} ({self.low:.3g} to {self.high:.3g})"
 
 
-def estimate(values: Sequence[float]) -> Estimate:
-    """Estimates the mean of the values that are there, one a subject; NaN counts as not there."""
+def estimate(values: Sequence[float], least: float = -math.inf, most: float = math.inf) -> Estimate:
+    """Estimates the mean of the values that are there, one a subject; NaN counts as not there.
+
+    Student's interval is cut to `least` and `most`, where the mean can't be beyond them.
+    """
     found = [float(v) for v in values if not math.isnan(v)]
     low, high = interval(found) if len(found) > 1 else (math.nan, math.nan)
-    return Estimate(len(found), float(np.mean(found)) if found else math.nan, low, high)
+    mean = float(np.mean(found)) if found else math.nan
+    return Estimate(len(found), mean, float(np.clip(low, least, most)), float(np.clip(high, least, most)))

@@ -68,11 +68,11 @@ def analysed(rows: Sequence[Row]) -> Part:
     for label in (*ACTIONS, *BACKGROUND):
         line: dict[str, Any] = {"part": "intention", "label": label, "n": len(rows)}
         for name in ("right", "rejected", *(("found", "another") if label in ACTIONS else ())):
-            line |= estimate(_percent(rows, f"{label}_{name}")).columns(f"{name}_percent")
+            line |= _share(rows, f"{label}_{name}").columns(f"{name}_percent")
         if label in ACTIONS:
             line |= estimate(column(rows, f"{label}_delay")).columns("delay_s")
         table.append(line)
-    unseen = {name: estimate(_percent(rows, f"unseen_{name}")) for name in ("rejected", "taken")}
+    unseen = {name: _share(rows, f"unseen_{name}") for name in ("rejected", "taken")}
     table.append(
         {"part": "intention", "label": "an action that was left out", "n": len(rows)}
         | unseen["rejected"].columns("rejected_percent") | unseen["taken"].columns("another_percent")
@@ -94,9 +94,14 @@ def _percent(rows: Sequence[Row], name: str) -> list[float]:
     return [100.0 * v for v in column(rows, name)]
 
 
+def _share(rows: Sequence[Row], name: str) -> Estimate:
+    return estimate(_percent(rows, name), 0.0, 100.0)
+
+
 def _overall(rows: Sequence[Row], name: str, labels: Sequence[str]) -> Estimate:
     """Over people, of each one's mean over the labels, %."""
-    return estimate(np.mean([_percent(rows, f"{label}_{name}") for label in labels], axis=0).tolist() if rows else [])
+    own = np.mean([_percent(rows, f"{label}_{name}") for label in labels], axis=0).tolist() if rows else []
+    return estimate(own, 0.0, 100.0)
 
 
 def _accuracy(rows: Sequence[Row], unseen: Estimate) -> Claim:
@@ -116,19 +121,19 @@ def _accuracy(rows: Sequence[Row], unseen: Estimate) -> Claim:
 def _alarms(rows: Sequence[Row], kind: str) -> tuple[Claim, dict[str, Any]]:
     minutes = [float(row.task.parameters["unrelated"]) / 60.0 for row in rows]
     counts = column(rows, f"{kind}_activations")
-    found = estimate([k / m for k, m in zip(counts, minutes, strict=True)])
+    found = estimate([k / m for k, m in zip(counts, minutes, strict=True)], 0.0)
     # Where nobody had one, the spread over people says nothing: then the interval is that of a Poisson process.
     low, high = (found.low, found.high) if any(counts) else rate(0, sum(minutes)) if rows else (math.nan, math.nan)
     words = {"stand": "standing", "walk": "walking", "stop-and-go": "standing and walking in turn"}
     claim = Claim(
         id=f"false-activations-{kind}",
         text=f"{words.get(kind, 'reaching about with one arm after the other')}: below {MOST:g} false activation a "
-        f"minute (95 % interval {max(low, 0.0):.2g} to {high:.2g}), {sum(minutes):.0f} simulated minutes of "
+        f"minute (95 % interval {low:.2g} to {high:.2g}), {sum(minutes):.0f} simulated minutes of "
         f"{len(rows)} people, each held out",
         paper="none", measured=found.mean if rows else None, unit="1/min", holds=high < MOST,
     )  # fmt: skip
     line = {"part": "intention", "label": f"unrelated: {kind}", "n": len(rows), "minutes": sum(minutes)}
-    return claim, line | {"per_minute": found.mean, "per_minute_low": max(low, 0.0), "per_minute_high": high}
+    return claim, line | {"per_minute": found.mean, "per_minute_low": low, "per_minute_high": high}
 
 
 def _recordings(numbers: Sequence[int]) -> Iterator[dict[str, Any]]:
@@ -191,7 +196,7 @@ def sweep(runner: Runner, folder: Path) -> list[dict[str, Any]]:
         line: dict[str, Any] = {"claim": "intention-accuracy", "changed": label, "n": len(own)}
         line |= _overall(own, "right", (*ACTIONS, *BACKGROUND)).columns("right_percent")
         line |= _overall(own, "found", ACTIONS).columns("found_percent")
-        line["unseen_rejected_percent"] = estimate(_percent(own, "unseen_rejected")).mean
+        line["unseen_rejected_percent"] = _share(own, "unseen_rejected").mean
         line |= {f"{kind}_per_minute": estimate(column(own, f"{kind}_activations")).mean for kind in UNRELATED}
         found.append(line)
     return found
