@@ -283,8 +283,9 @@ def test_the_quick_study_has_all_its_claims(tmp_path: Path) -> None:
     result = study.run(tmp_path, True, runner)
     assert runner.failed == 0
     assert {"nodes-match", "no-blame", "goals-reached"} <= {claim.id for claim in result.claims}
-    assert all(claim.measured is not None for claim in result.claims)
-    assert {row["part"] for row in result.table} >= {"nodes", "reach"}
+    absent = "false-activations-recorded"  # where SRL_SHARED has no recordings
+    assert all(claim.measured is not None for claim in result.claims if claim.id != absent)
+    assert {row["part"] for row in result.table} == {"nodes", "reach", "intention", "operation", "strap"}
 
 
 def test_each_part_of_a_study_is_printed_with_its_own_columns(capsys: pytest.CaptureFixture[str]) -> None:
