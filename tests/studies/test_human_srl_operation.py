@@ -22,6 +22,7 @@ from studies.tasks.task import Row
 
 TEXT = profile.find(PROFILE)[1]
 WHO = wearers(20)
+TASKS = [operation_claims.task(one, name) for one in WHO for name in CONDITIONS]
 POSITIVE = st.lists(st.floats(0.0, 0.1), min_size=1, max_size=60)
 
 
@@ -44,13 +45,13 @@ def test_waiting_does_not_count_but_in_the_greatest() -> None:
 def rows(change: Callable[[str, int], dict[str, object]] = lambda *_: {}) -> list[Row]:
     """Rows in which nothing goes wrong but what `change` says of a condition and a wearer."""
     made = []
-    for one in WHO:
-        for name in CONDITIONS:
-            values = {
-                "mean": 3.0 + 0.01 * one.number + (0.1 if name == MOVING else 0.0) * (one.number % 3), "p95": 6.0,
-                "most": 10.0, "taken": 5.0, "done": True, "contacts": 3, "blamed": 0, "blocked": 0.1, "fastest": 0.01,
-            }  # fmt: skip
-            made.append(row(operation_claims.task(one, name), values | change(name, one.number)))
+    for task in TASKS:
+        name, n = task.parameters["condition"], task.seed
+        values = {
+            "mean": 3.0 + 0.01 * n + (0.1 if name == MOVING else 0.0) * (n % 3), "p95": 6.0, "most": 10.0, "taken": 5.0,
+            "done": True, "contacts": 3, "blamed": 0, "blocked": 0.1, "fastest": 0.01,
+        }  # fmt: skip
+        made.append(row(task, values | change(name, n)))
     return made
 
 
