@@ -152,7 +152,7 @@ def _changes() -> Iterator[tuple[str, str, dict[str, Any]]]:
     for late in (0.0, 0.03, 0.1):
         both = {"delay": late}
         yield f"both sensors {round(1e3 * late)} ms late (8)", LAW, {"base": both, "belt": both}
-    for angle in (1, 2, 4):
+    for angle in (-4, -2, 2, 4):
         for axis, turn in (("x, ahead", (1, 0, 0)), ("y", (0, 1, 0)), ("z, up", (0, 0, 1))):
             wrong = [radians(angle) * v for v in turn]
             yield f"mount wrong by {angle} degrees about {axis}", LAW, {"mount": wrong}
