@@ -20,16 +20,16 @@ class Gap:
         self._links = np.array([pair.link for pair in envelope.pairs])
         self._segments = np.array([pair.segment for pair in envelope.pairs])
         self._radii = envelope.radii[self._segments] + envelope.link_radius
-        self._ends: Array = np.zeros((len(self._segments), 2, 3))
+        self._ends: Array = np.zeros((len(envelope.ends), 2, 3))
 
     def pose(self, rotation: Array, translation: Array) -> None:
         """The body's posture from now on: (59, 4), (59, 3) m."""
         self._kinematics.nodes(rotation, translation, {})
-        self._ends = carried(self._kinematics, self._options)[self._segments]
+        self._ends = carried(self._kinematics, self._options)
 
     def __call__(self, q: Array) -> float:
         nodes = link_nodes(self._options.arms.arms, self._options.arm, q[None])
-        found = nearest(self._ends[:, 0], self._ends[:, 1], nodes[:, self._links], nodes[:, self._links + 1])
+        found = nearest(self._ends, self._segments, nodes, self._links)
         return float((found.distance - self._radii).min())
 
 
