@@ -13,6 +13,7 @@ from studies.human_srl.reach_claims import ARMS, line, plain, tasks
 from studies.tasks.runner import Runner
 
 MOTIONS: Final = 8
+_STILL: Final = 0.02  # of the pace: the first reach has hardly begun when the motion ends
 _STANDARD: Final = [-0.10, -0.05, 0.20]  # m, the base of the model where a profile gives none
 
 
@@ -32,6 +33,8 @@ def conditions() -> Iterator[tuple[str, str, dict[str, Any]]]:
         yield "attacks", words, {"pace": pace}
         yield "attacks", f"{words}, no clearance", {"pace": pace, "guarded": False}
     yield "attacks", "radii believed 0.6 of the table", {"believed": 0.6}
+    all_wrong = {"pace": 3.0, "delay": 0.1, "servo": 4.0, "believed": 0.6}
+    yield "attacks", "three times as quick, frames late, servos late, radii 0.6, not told", all_wrong
     yield "delay", "frames 0 s late, told", {"delay": 0.0, "clear": {"latency": 0.0}}
     yield "delay", "frames 0.06 s late, told", {"delay": 0.06, "clear": {"latency": 0.06}}
     for factor in (0.5, 2.0):
@@ -43,7 +46,10 @@ def conditions() -> Iterator[tuple[str, str, dict[str, Any]]]:
         yield "radii", f"radii believed {factor:g} of the table", {"believed": factor}
     for lag in (0.0, 0.1):
         yield "servo lag", f"servos {lag:g} s late, told", {"lag": lag}
+    yield "tracking", "joints within 0.001 of their commands, told", {"tracking": 0.001}
     yield "pace", "wearer half as quick", {"pace": 0.5}
+    yield "pace", "wearer stands still", {"pace": _STILL}
+    yield "pace", "wearer stands still, no clearance", {"pace": _STILL, "guarded": False}
     yield "base", "the model's standard base", {"base": _STANDARD}
     yield "base", "the model's standard base, no clearance", {"base": _STANDARD, "guarded": False}
 

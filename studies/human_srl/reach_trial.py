@@ -49,6 +49,7 @@ class Attack:
         freeze: (from, to) s in which the suit repeats its frame with new stamps.
         pace: factor on the person's pace.
         lag: s, of the servos, as the guard is told; None: as the profile's.
+        tracking: rad or m, by which joints may be beside their commands, as the guard is told; None: as the profile's.
         servo: factor on the lag, which the guard isn't told.
         believed: factor on the envelope's radii.
         clear: options of the clearance that differ from the profile's.
@@ -62,6 +63,7 @@ class Attack:
     freeze: tuple[float, float] = (0.0, 0.0)
     pace: float = 1.0
     lag: float | None = None
+    tracking: float | None = None
     servo: float = 1.0
     believed: float = 1.0
     clear: Mapping[str, float] | None = None
@@ -85,7 +87,7 @@ def trial(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Valu
     """
     who = Wearer(**parameters["wearer"])
     attack = Attack(**parameters["attack"])
-    setting = Setting(text, base=attack.base, lag=attack.lag)
+    setting = Setting(text, base=attack.base, lag=attack.lag, tracking=attack.tracking)
     return Run(setting, replace(who, pace=who.pace * attack.pace), attack, seed).run(parameters["seconds"])
 
 

@@ -31,11 +31,13 @@ class Setting:
         lag: s, the longest of the servos, as the clearance is told.
     """
 
-    def __init__(self, text: str, *, base: Sequence[float] | None = None, lag: float | None = None) -> None:
+    def __init__(
+        self, text: str, *, base: Sequence[float] | None = None, lag: float | None = None, tracking: float | None = None
+    ) -> None:
         """
         Args:
             text: the profile's.
-            base, lag: in place of the profile's.
+            base, lag, tracking: in place of the profile's.
         """
         given = YAML(typ="safe", pure=True).load(text)
         entry = GuardEntry.model_validate(given["guard"][_COMMAND])
@@ -55,6 +57,7 @@ class Setting:
             np.array(each) for each in (limits.lower, limits.upper, limits.velocity, limits.acceleration)
         )
         self.lag = entry.clear.lag if lag is None else lag
+        self._tracking = entry.clear.tracking if tracking is None else tracking
 
     def clearance(self, **changed: Any) -> BodyClearance:
         """The profile's clearance, not bound; `changed`: its options."""
@@ -71,7 +74,7 @@ class Setting:
         guard = GUARDS[Kind.POSITION](_COMMAND, self._command, self._limits, self.dt)
         guard.bind(applied, measured)
         if clearance is not None:
-            tracking = in_order(self._clear.tracking, self.labels, size=len(self.labels), ordered=True)
+            tracking = in_order(self._tracking, self.labels, size=len(self.labels), ordered=True)
             guard.keep_clear(clearance, self.lag, np.array(tracking, np.float64))
         guard.reset(measured)
         return guard
