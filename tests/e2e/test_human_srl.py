@@ -15,6 +15,7 @@ from runtime.control.skeleton import bvh
 from runtime.control.skeleton.kinematics import Kinematics
 from runtime.control.skeleton.paper import PaperVector
 from runtime.ipc.words import State
+from runtime.profile import profile
 from runtime.recording.reader import Recording, read
 
 pytestmark = pytest.mark.slow
@@ -167,7 +168,7 @@ def test_the_papers_test(tmp_path: Path, rate: int, seconds: int, extra: float) 
     active = np.flatnonzero(recording.int("state") == State.ACTIVE)[1:]  # the laws run from the second one on
     assert len(active) >= 1000 - 5
     assert set(arrivals(recording)) == {0, 1, 2}
-    figure = human_srl()
+    figure = human_srl(base=profile.load("human-srl")[0].models["srl-arms"].base)
     paper, kinematics = PaperVector(figure), Kinematics(figure)
     vectors, expected = recording.value("skeleton.vector")[active], recording.value("skeleton.nodes")[active]
     assert vectors[0].size == 540

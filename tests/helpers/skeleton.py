@@ -22,8 +22,9 @@ THREE = np.array([-0.6, -0.3, 0.4, 0.9, 0.08, -0.5, 0.2])
 
 
 @cache
-def human_srl() -> HumanSrl:
-    return HumanSrl(human(), ArmsModel(sides=("right", "left")).arms)
+def human_srl(**options: Any) -> HumanSrl:
+    """`options`: of the arms' model, as a profile's `models:` has them."""
+    return HumanSrl(human(), ArmsModel(sides=("right", "left"), **options).arms)
 
 
 def pinocchio_right_arm() -> Any:
