@@ -136,14 +136,17 @@ def _goals(rows: Mapping[str, Rows]) -> Claim:
     with np.errstate(divide="ignore", invalid="ignore"):
         found = float(_ratio(sums))
         shares = ", ".join(f"{100.0 * a / b:.0f} % of {b:.0f}" for a, b in sums.reshape(2, 2))
-    slower = _slower(rows)
-    words = f"; of {len(slower)} first goals that both reach, it takes {np.median(slower):.2f} times as long (median)"
+    words = ""
+    if slower := _slower(rows):
+        words = (
+            f"; of {len(slower)} first goals that both reach, it takes {np.median(slower):.2f} times as long (median)"
+        )
     return Claim(
         id="goals-reached",
         text=f"with the verified stop the arm reaches at least {100 * PRICE:g} % of the share of goals that it "
         f"does without ({shares}), "
         f"beside a person who never gives way: 95 % interval over wearers {low:.2f} to {high:.2f}"
-        f"{words if slower else ''}; measured: the shares' ratio",
+        f"{words}; measured: the shares' ratio",
         paper="", measured=found if np.isfinite(found) else None, unit="", holds=low >= PRICE,
     )  # fmt: skip
 
