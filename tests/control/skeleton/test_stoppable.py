@@ -48,7 +48,7 @@ def worst(judge: BodyClearance, commanded: list[Array], states: list[tuple[float
     ends = judge._ends + gone * speed + 0.5 * gone**2 * a * way
     links = np.array([pair.link for pair in envelope.pairs])
     segments = np.array([pair.segment for pair in envelope.pairs])
-    found = nearest(ends[:, segments, 0], ends[:, segments, 1], nodes[:, links], nodes[:, links + 1]).distance
+    found = np.array([nearest(body, segments, arm, links).distance for body, arm in zip(ends, nodes, strict=True)])
     return float((found - envelope.radii[segments] - envelope.link_radius).min()) - C
 
 
@@ -57,10 +57,9 @@ def towards(judge: BodyClearance, q: Array) -> Array:
     nodes = link_nodes(judge.options.arms.arms, judge.options.arm, q[None])[0]
     s, n = np.indices((len(judge._ends), 7)).reshape(2, -1)
     n = n + 1
-    found = nearest(judge._ends[s, 0], judge._ends[s, 1], nodes[n], nodes[n + 1])
+    found = nearest(judge._ends, s, nodes, n)
     best = found.distance.reshape(-1, 7).argmin(axis=1) + 7 * np.arange(len(judge._ends))
-    way = (found.on_second - found.on_first)[best]
-    unit: Array = way / np.maximum(np.linalg.norm(way, axis=1), 1e-9)[:, None]
+    unit: Array = found.normal[:, best].T
     return unit
 
 
