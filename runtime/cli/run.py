@@ -184,7 +184,8 @@ def _report(supervisor: Supervisor, result: dict[str, Any], args: argparse.Names
 def _automatic(args: argparse.Namespace, graph: Graph) -> tuple[bool, str]:
     """Returns whether motion begins without a request, and the text for the user if it doesn't."""
     start, sim = graph.profile.start, graph.profile.sim
-    if sim is not None and sim.start is not None and len(graph.simulated) == len(graph.devices):
+    real = [d.name for d in graph.devices if d.name not in graph.simulated]
+    if sim is not None and sim.start is not None and not real:
         start = sim.start
     if start == "manual":
         return False, "ready; `srl start` lets the limb move"

@@ -38,7 +38,7 @@ class Builder:
     def _simulated(self, sim: Iterable[str] | None) -> list[str]:
         if sim is None:
             return []
-        chosen = list(sim) or list(self.profile.devices)
+        chosen = list(dict.fromkeys(sim)) or list(self.profile.devices)
         for name in chosen:
             if name not in self.profile.devices:
                 remedy = nearest(name, self.profile.devices)

@@ -16,6 +16,12 @@ def test_a_worn_arm_waits_unless_nothing_is_real(name: str, sim: list[str] | Non
     assert _automatic(Namespace(confirm=True), wiring.build(*profile.load(name), sim))[0] is begins
 
 
+def test_a_device_that_is_named_twice_counts_once() -> None:
+    graph = wiring.build(*profile.load("human-srl"), ["suit", "suit"])
+    assert graph.simulated == ["suit"]
+    assert not _automatic(Namespace(confirm=True), graph)[0], "the arm is real"
+
+
 def test_a_simulation_waits_if_it_is_told_to() -> None:
     graph = wiring.build(*profile.load("human-srl", ["sim.start=manual"]), [])
     assert not _automatic(Namespace(confirm=True), graph)[0]
