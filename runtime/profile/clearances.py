@@ -12,6 +12,7 @@ from runtime.contracts.driver import Driver
 from runtime.contracts.errors import OptionError, WiringError, nearest
 from runtime.contracts.per_element import in_order
 from runtime.contracts.signals import Command, Kind, Signal
+from runtime.profile import sides
 from runtime.profile.builder import Builder, form
 from runtime.profile.graph import Cleared, Law
 from runtime.profile.guard_entry import ClearEntry
@@ -48,6 +49,7 @@ def build(b: Builder, devices: Iterable[Driver], laws: list[Law], owners: list[s
             cleared.computed = frozenset(computed)
             margin = Signal(name=MARGIN, shape=(1,), unit="m")
             b.add(f"{name}.{MARGIN}", margin, "internal", "the guard", f"guard.{name}.clear")
+    sides.compare(b, commands, laws, made)
     for name, cleared in made.items():
         cleared.clearance.meet([other.clearance for key, other in made.items() if key != name])
     return made

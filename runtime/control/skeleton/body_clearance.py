@@ -123,15 +123,17 @@ class BodyClearance(Clearance):
         self._others: list[OtherArm] = []
 
     def meet(self, others: Iterable[Clearance]) -> None:
-        unmet = []
+        unmet, unseen = [], {*self._arms.sides} - {self.options.arm}
         for other in others:
             if not isinstance(other, BodyClearance) or other.limb == self.limb:
                 continue
+            unseen.discard(other.options.arm)
             if other.body.arms.parent != self._arms.parent:
                 unmet.append(f"the arm of {other.place} hangs on another node of the body: the two aren't compared")
                 continue
             self._others.append(OtherArm(self.body, other.body, other, self.options.least))
             other.watched = True
+        unmet += [f"the {side} arm has no clearance of its own: it isn't compared" for side in sorted(unseen)]
         self.unmet = tuple(unmet)
 
     def begin(self, now: int, stamps: Mapping[str, int]) -> bool:

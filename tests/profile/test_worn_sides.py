@@ -1,0 +1,56 @@
+"""A profile that says two things of which arm a device is, or nothing of one of two arms."""
+
+from __future__ import annotations
+
+import pytest
+
+from runtime.contracts.errors import WiringError
+from runtime.profile import profile, wiring
+
+RIGHT, LEFT = "guard.right.position_command.clear", "guard.left.position_command.clear"
+SUIT = "rotation: suit.rotation, translation: suit.translation"
+
+
+def laws(*more: str, right: str = "right", left: str = "left") -> str:
+    """Each arm follows the other one, by a law that is told these sides; and further laws."""
+    made = [
+        f"{{use: retreat, name: {q}-motion, side: {side}, in: {{{SUIT}, target: {target}.position}}, "
+        f"out: {{q: {q}.position_command}}}}"
+        for q, target, side in (("right", "left", right), ("left", "right", left))
+    ]
+    return f"controllers=[{', '.join((*made, *more))}]"
+
+
+def collision(arm: str) -> str:
+    return f"{{use: collision, side: left, in: {{{SUIT}, arm: {arm}.position}}}}"
+
+
+def skeleton(right: str, left: str) -> str:
+    return f"{{use: skeleton, in: {{{SUIT}, right: {right}.position, left: {left}.position}}}}"
+
+
+def doubts(*changes: str) -> list[str]:
+    return wiring.build(*profile.load("human-srl-two", [*changes, "record={}"]), []).doubts
+
+
+@pytest.mark.parametrize(
+    ("changes", "law"),
+    [
+        ([f"{RIGHT}.side=left", f"{LEFT}.side=right"], "skeleton"),
+        ([laws(skeleton("left", "right"))], "skeleton"),
+        ([laws(collision("right"))], "collision"),
+        ([laws(right="left", left="right")], "right-motion"),
+    ],
+)
+def test_a_law_and_a_clearance_that_take_a_device_for_different_arms_are_refused(changes: list[str], law: str) -> None:
+    with pytest.raises(WiringError, match=f"arm here, and the (left|right) one in the law '{law}'"):
+        doubts(*changes)
+
+
+def test_a_law_may_read_the_other_arm_too_if_it_commands_its_own() -> None:
+    assert doubts(laws(collision("left"), skeleton("right", "left"))) == []
+
+
+def test_an_arm_that_exists_and_has_no_clearance_is_doubted_where_both_are_named() -> None:
+    found = doubts(f"{LEFT}=null", laws())
+    assert any(f"{RIGHT}: the left arm has no clearance of its own" in doubt for doubt in found)
