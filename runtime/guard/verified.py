@@ -204,7 +204,7 @@ class VerifiedStop:
                 self._is_clear(states, wanted, dt, origin)  # for the margin: a limb that rests needs nobody's leave
             return wanted
         if self._usable:
-            for share in (*SHARES, *self._creep(wanted)):
+            for share in (*SHARES, *self._creep(states, wanted, dt)):
                 tried = wanted if share == 1.0 else _mixed(braked, wanted, share)
                 if within(self._later(tried)) and self._is_clear(states, tried, dt, origin):
                     return tried
@@ -212,9 +212,9 @@ class VerifiedStop:
         self.holds += 1
         return braked
 
-    def _creep(self, wanted: list[State]) -> tuple[float, ...]:
+    def _creep(self, states: list[State], wanted: list[State], dt: float) -> tuple[float, ...]:
         """The share of the way at which a limb that was at rest creeps; none if it creeps anyway."""
-        speed = sum(map(mul, self._reach, self._speeds(wanted)))
+        speed = sum(map(mul, self._reach, self._speeds(states, wanted, dt)))
         most = self.clearance.creep * (1.0 - 1e-9)
         return (most / speed,) if 0.0 < most < speed else ()
 
@@ -230,7 +230,7 @@ class VerifiedStop:
             m += 1
         end = m + self._stop(self._later(tried), m)
         until[m:end] += self.lag + (self.goes_on + dt if self.goes_on else max(self.patience, dt))
-        self._velocity[:] = list(map(max, (abs(v) for _, v, _ in states), self._speeds(tried)))
+        self._velocity[:] = list(map(max, (abs(v) for _, v, _ in states), self._speeds(states, tried, dt)))
         try:
             slack = self._slack + self._apart * (self._velocity + self._faster)
             motion = Braking(path[:end], until[:end], self._velocity, slack)
@@ -248,10 +248,16 @@ class VerifiedStop:
         """Where the stop begins at the latest."""
         return [(p + v * self.goes_on, v, a) for p, v, a in states] if self.goes_on else states
 
-    def _speeds(self, states: list[State]) -> list[float]:
-        """The largest speed of each element in the stop: with a bounded jerk it may be faster yet for a while."""
-        joints = zip(states, self._A, self._J, strict=True)
-        return [abs(state[1]) if isinf(j) else stop_range(state, a, j)[2] for state, a, j in joints]
+    def _speeds(self, states: list[State], tried: list[State], dt: float) -> list[float]:
+        """The largest speed of each element on the way from `states` to `tried`, and in the stop from there.
+
+        With a bounded jerk it may be faster yet for a while in the stop. A step may begin and end at rest.
+        """
+        joints = zip(states, tried, self._A, self._J, strict=True)
+        return [
+            max(abs(to[0] - now[0]) / dt, abs(to[1]) if isinf(j) else stop_range(to, a, j)[2])
+            for now, to, a, j in joints
+        ]
 
     def _stop(self, states: list[State], m: int) -> int:
         """Fills the path from sample m on with the stop from these states. Returns how many samples it has."""

@@ -102,6 +102,22 @@ def test_a_limb_that_is_too_near_may_creep_away_and_nothing_else():
     assert scene.at[0] == pytest.approx(-1.0, abs=1e-3), "once it is clear it goes at full speed"
 
 
+@pytest.mark.parametrize("late", [1, 5])
+def test_a_limb_that_is_too_near_creeps_in_steps_that_begin_and_end_at_rest_too(late):
+    """A client may ask for steps with no velocity of their own: each is within the acceleration, all are a motion."""
+    scene, dt = Scene(), late * DT
+    scene.disc[:] = 0.3, 0.09
+    moved = False
+    for _ in range(30):
+        before = scene.at.copy()
+        scene.look()
+        scene.guard.step(before - A * dt * dt / 4 * 0.99, np.zeros(2), dt)
+        scene.at[:] = scene.applied
+        assert np.abs(scene.at - before) / dt @ REACH.max(axis=1) <= 0.02 + 1e-9 or scene.clearance.margin >= 0
+        moved |= bool((scene.at != before).any())
+    assert moved
+
+
 def test_a_limb_that_was_pushed_aside_doesn_t_creep_into_what_pushed_it():
     """Its command is on one side of the disc, the limb on the other: away for one is nearer for the other."""
     scene = Scene()
