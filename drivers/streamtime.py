@@ -14,7 +14,7 @@ _END: Final = 0.2  # fraction of that time, at its beginning and at its end
 _WRONG: Final = 3e-4  # relative error of the rate; a smaller error is drift
 
 
-LATE: Final = 200_000_000  # ns by which samples may be late for some time
+LATE: Final = SAME  # ns by which samples may be late for some time: less can't be told from a rate that is wrong
 ENDURED: Final = 5_000_000_000  # ns of late samples after which a link is opened anew: that leaves the queue behind
 
 

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from drivers.pause import WATCH
-from drivers.streamtime import StreamTime
+from drivers.streamtime import ENDURED, Lateness, StreamTime
+from runtime.contracts.driver import Health
+from runtime.contracts.errors import DeviceLostError
 
 MS = 1_000_000
 
@@ -69,3 +72,22 @@ def test_frames_that_were_held_up_dont_tilt_the_rate() -> None:
             oldest = max(oldest, 10 + taken - stamp * 1e-9)
         assert abs(stream.rate / truth - 1) < 1e-3
         assert oldest < 0.05, "a sample was taken for older than it is"
+
+
+@pytest.mark.parametrize("queue", [0.105, 0.15, 0.19])
+def test_a_queue_that_stays_is_given_up_before_the_rate_takes_it_in(queue: float) -> None:
+    """Later its samples would count as fresh: a smaller lag than 0.1 s can't be told from a rate that is a bit off."""
+    clock, late, health = StreamTime(60.0, learn=True, lossless=True), Lateness(), Health()
+    now = 0
+
+    def take(k: int, lag: float) -> None:
+        nonlocal now
+        now = round((k / 60 + lag) * 1e9)
+        assert abs(now - clock.stamp(k, now) - lag * 1e9) < 5 * MS
+        late.check(clock.delay, now, "suit", health)
+
+    for k in range(600):
+        take(k, 0.0)
+    with pytest.raises(DeviceLostError, match="late"):
+        [take(k, queue) for k in range(600, 960)]
+    assert now - 10_000 * MS < ENDURED + 500 * MS
