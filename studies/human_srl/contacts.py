@@ -2,6 +2,7 @@
 
 The bodies are capsules in MuJoCo's model, thinner than the envelope's. A contact is to be blamed on the arm if the
 arm's motion alone, the body held where it is, closes the gap at over `BLAME` in the step in which the contact begins.
+That leaves out an arm that goes on into what already touches it: such contacts are counted beside the others.
 """
 
 from __future__ import annotations
@@ -58,6 +59,8 @@ class Contacts:
     Attributes:
         kinematics: the person's, with capsules.
         found: those that began so far.
+        pushed: how many contacts there were into which the arm's motion alone went at over `BLAME` in any step, be it
+            the one in which they began, a later one, or that of a contact which was there at the beginning.
     """
 
     def __init__(self, figure: HumanSrl, side: Side, envelope: Envelope, who: Wearer) -> None:
@@ -80,6 +83,8 @@ class Contacts:
                 first, second = sorted((model.geom(f"arm/{a}").id, model.geom(f"body/{segment}").id))
                 self._pairs[first, second] = f"{a}-{b}/{segment}", f"{a}-{b}/{segment}" in watched
         self._touching: set[tuple[int, int]] | None = None
+        self.pushed = 0
+        self._pushing: set[tuple[int, int]] = set()  # of what touches: into which the arm has pushed
         offsets, axes = figure.arms.offsets(side), figure.arms.axes(side)
         # A sliding joint lengthens the link between its node and the next one.
         self._sliding = [
@@ -97,13 +102,21 @@ class Contacts:
             dt: s.
         """
         touching = self._touches(rotation, translation, after)
-        if self._touching is not None and (begun := touching - self._touching):
-            gaps, rest = {two: self._gap(two) for two in begun}, bool((np.abs(after - before) <= _REST * dt).all())
+        begun: set[tuple[int, int]] = set() if self._touching is None else touching - self._touching
+        rest = bool((np.abs(after - before) <= _REST * dt).all())
+        self._pushing &= touching
+        looked = begun if rest else touching
+        if looked:
+            closed = {two: -self._gap(two) for two in looked}
             self._touches(rotation, translation, before)
+            speed = {two: (self._gap(two) + gap) / dt for two, gap in closed.items()}
+            self._touches(rotation, translation, after)
             for two in sorted(begun):
                 name, compared = self._pairs[two]
-                self.found.append(Contact(name, (self._gap(two) - gaps[two]) / dt, rest, compared))
-            self._touches(rotation, translation, after)
+                self.found.append(Contact(name, speed[two], rest, compared))
+            pushing = {two for two in looked if speed[two] > BLAME} - self._pushing
+            self.pushed += len(pushing)
+            self._pushing |= pushing
         self._touching = touching
 
     @property

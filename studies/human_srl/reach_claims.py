@@ -78,7 +78,8 @@ def analysed(rows: Mapping[str, Rows]) -> Part:
 def line(first: Mapping[str, Any], rows: Rows) -> dict[str, Any]:
     """A row of the table, with bounds at 95 %: exact ones of the motions, intervals over the wearers of the goals."""
     n = len(rows)
-    total = {name: sum(int(row[name]) for row in rows) for name in ("contacts", "rest", "blamed", "blamed_left_out")}
+    counted = ("contacts", "rest", "blamed", "blamed_left_out", "pushed")
+    total = {name: sum(int(row[name]) for row in rows) for name in counted}
     guilty = sum(bool(row["blamed"] or row["blamed_left_out"]) for row in rows)
     tried, reached = (sum(int(row[name]) for row in rows) for name in ("tried", "reached"))
     low, high = over_wearers(rows, ("reached", "tried"), share)
@@ -90,6 +91,7 @@ def line(first: Mapping[str, Any], rows: Rows) -> dict[str, Any]:
         "at rest": total["rest"],
         "blamed": total["blamed"],
         "blamed, left out": total["blamed_left_out"],
+        "pushed": total["pushed"],
         "motions with blame": guilty,
         "at most, %": 100.0 * most(guilty, n) if n else None,
         "fastest, m/s": max((float(row["fastest"]) for row in rows), default=0.0),
@@ -110,14 +112,16 @@ def _no_blame(rows: Mapping[str, Rows]) -> Claim:
     quick = sum(row["beyond"] > 1.0 for row in on)
     without = sum(int(row["blamed"]) + int(row["blamed_left_out"]) for row in off)
     guilty_without = sum(bool(row["blamed"] or row["blamed_left_out"]) for row in off)
-    contacts, rest = (sum(int(row[name]) for row in on) for name in ("contacts", "rest"))
+    contacts, rest, pushed = (sum(int(row[name]) for row in on) for name in ("contacts", "rest", "pushed"))
+    pushed_without = sum(int(row["pushed"]) for row in off)
     return Claim(
         id="no-blame",
         text=f"with the verified stop the arm approaches at over {BLAME:g} m/s in no contact that begins; {len(on)} "
         f"motions of {len({row['wearer'] for row in on})} wearers, {quick} of them quicker than the clearance takes "
         f"for possible: in {guilty} motions, so at most {100.0 * most(guilty, len(on)):.2g} % at 95 %; of {contacts} "
-        f"contacts {rest} began at an arm at rest; without it {without} contacts in {guilty_without} motions; "
-        "measured: contacts",
+        f"contacts of pairs that are compared {rest} began at an arm at rest; into {pushed} contacts it went so fast "
+        f"then or later; without it {without} contacts in {guilty_without} motions, into {pushed_without} then or "
+        "later; measured: contacts",
         paper="", measured=float(blamed), unit="", holds=blamed == 0,
     )  # fmt: skip
 

@@ -33,6 +33,13 @@ def conditions() -> Iterator[tuple[str, str, dict[str, Any]]]:
         yield "attacks", words, {"pace": pace}
         yield "attacks", f"{words}, no clearance", {"pace": pace, "guarded": False}
     yield "attacks", "radii believed 0.6 of the table", {"believed": 0.6}
+    for degrees in (10.0, 20.0):
+        yield "attacks", f"suit off by {degrees:g} degrees rms in each joint, not told", {"bias": degrees}
+    yield "attacks", "the same, uncertainty 0.1 m told", {"bias": 20.0, "clear": {"uncertainty": 0.1}}
+    yield "attacks", "trunk sways by 20 degrees", {"sway": 20.0}
+    yield "attacks", "wearer marches, thighs to 50 degrees", {"march": 50.0}
+    yield "attacks", "wearer marches, no clearance", {"march": 50.0, "guarded": False}
+    yield "attacks", "the arm starts elsewhere", {"away": True}
     all_wrong = {"pace": 3.0, "delay": 0.1, "servo": 4.0, "believed": 0.6}
     yield "attacks", "three times as quick, frames late, servos late, radii 0.6, not told", all_wrong
     yield "delay", "frames 0 s late, told", {"delay": 0.0, "clear": {"latency": 0.0}}

@@ -10,6 +10,7 @@ import json
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from math import radians
 from typing import Any, Final
 
 import numpy as np
@@ -25,7 +26,7 @@ from studies.human_srl.contacts import Contacts
 from studies.human_srl.gap import Gap, carried
 from studies.human_srl.reaching import Reaching
 from studies.human_srl.setting import Setting
-from studies.human_srl.suit import Suit
+from studies.human_srl.suit import Suit, bias
 from studies.human_srl.wearers import Wearer
 from studies.tasks.task import Value
 
@@ -54,6 +55,9 @@ class Attack:
         believed: factor on the envelope's radii.
         clear: options of the clearance that differ from the profile's.
         base: m, the arm's, in the frame of the node that carries it; None: as the profile's.
+        bias: degrees rms, by which the suit has each joint off all the time.
+        sway, march: degrees, of the person's trunk and thighs, as in `Reaching`.
+        away: the arm starts at a random free posture, not at zero.
     """
 
     guarded: bool = True
@@ -68,6 +72,10 @@ class Attack:
     believed: float = 1.0
     clear: Mapping[str, float] | None = None
     base: tuple[float, float, float] | None = None
+    bias: float = 0.0
+    sway: float = 0.0
+    march: float = 0.0
+    away: bool = False
 
 
 def trial(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Value]:
@@ -80,10 +88,10 @@ def trial(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, Valu
 
     Returns:
         contacts, rest, blamed: of the pairs that the clearance compares: all, at an arm at rest, by the arm.
-        left_out, blamed_left_out: of the others. fastest: m/s, of all
-        blamed. tried, reached: goals that were reached or given up; times: JSON, s of each, null if given up. held:
-        share of the cycles. acceleration: m/s^2, the person's highest, and beyond: the highest over what the clearance
-        takes for possible.
+        left_out, blamed_left_out: of the others. pushed: contacts, of both and those that were there at the beginning,
+        into which the arm went at over `BLAME` in any step. fastest: m/s, of all blamed. tried, reached: goals that
+        were reached or given up; times: JSON, s of each, null if given up. held: share of the cycles. acceleration:
+        m/s^2, the person's highest, and beyond: the highest over what the clearance takes for possible.
     """
     who = Wearer(**parameters["wearer"])
     attack = Attack(**parameters["attack"])
@@ -95,20 +103,22 @@ class Run:
     """A trial that is taken apart: `run` it once, then look at `contacts` and `goals`."""
 
     def __init__(self, setting: Setting, who: Wearer, attack: Attack, seed: int) -> None:
-        motion, goals, suit = (np.random.default_rng([seed, k]) for k in range(3))
+        motion, goals, suit, start = (np.random.default_rng([seed, k]) for k in range(4))
         self.setting, self.attack, n = setting, attack, len(setting.labels)
         options = EnvelopeOptions(arms=setting.arms)
         figure = HumanSrl(human(who.scale), setting.arms.arms)
-        self.reaching = Reaching(figure.human, motion, who)
+        self.reaching = Reaching(figure.human, motion, who, radians(attack.sway), radians(attack.march))
         self.contacts = Contacts(figure, options.arm, options.envelope, who)
         self.goals = _Goals(setting, options, self.reaching, goals)
         delay = setting.delay if attack.delay is None else attack.delay
-        self.suit = Suit(setting.frame, delay, suit, attack.drop, attack.freeze)
+        off = bias(len(self.reaching.names), attack.bias, start) if attack.bias else None
+        self.suit = Suit(setting.frame, delay, suit, attack.drop, attack.freeze, off)
         self.ends = _Ends(options, self.contacts.kinematics)
         pose, translation = self.reaching.rotation(0.0), self.reaching.translation
         self.clearance = setting.clearance(**{**_believed(options, attack.believed), **(attack.clear or {})})
         self.clearance.bind({"rotation": pose.copy(), "translation": translation.copy()})
-        self.applied, self.measured = np.zeros(n), np.zeros(n)
+        posture = _Goals(setting, options, self.reaching, start).free() if attack.away else np.zeros(n)
+        self.applied, self.measured = posture.copy(), posture.copy()
         self.guard = setting.guard(self.applied, self.measured, self.clearance if attack.guarded else None)
         self.law = self._law(pose, translation) if attack.retreat else None
 
@@ -144,6 +154,7 @@ class Run:
             "blamed": sum(contact.blamed for contact in found),
             "left_out": len(others),
             "blamed_left_out": sum(contact.blamed for contact in others),
+            "pushed": self.contacts.pushed,
             "fastest": max((contact.speed for contact in self.contacts.blamed), default=0.0),
             "who": json.dumps([contact.pair for contact in self.contacts.blamed]),
             "tried": len(times),
@@ -196,10 +207,11 @@ class _Goals:
             if not there and waited < PATIENCE:
                 return self._goal
             self.times.append(round(waited, 6) if there else None)
-        self._goal, self._since = self._next(), t
+        self._goal, self._since = self.free(), t
         return self._goal
 
-    def _next(self) -> Array:
+    def free(self) -> Array:
+        """(n,) the next one. Raises ValueError."""
         for q in self._rng.uniform(self._setting.lower, self._setting.upper, (_TRIES, len(self._goal))):
             if self._gap(q) > FREE:
                 return np.asarray(q)

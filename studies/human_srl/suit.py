@@ -1,4 +1,4 @@
-"""What a suit sends of a simulated person: frames that are late, noisy, lost, or repeated."""
+"""What a suit sends of a simulated person: frames that are late, noisy, off, lost, or repeated."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Suit:
 
     def __init__(
         self, period: float, delay: float, rng: np.random.Generator, drop: float = 0.0,
-        freeze: tuple[float, float] = (0.0, 0.0),
+        freeze: tuple[float, float] = (0.0, 0.0), off: Array | None = None,
     ) -> None:  # fmt: skip
         """
         Args:
@@ -27,11 +27,13 @@ class Suit:
             rng: of noise and losses.
             drop: share of the frames that are lost.
             freeze: from, to (s): then it repeats its last frame.
+            off: (n, 4), by which each joint's rotation is wrong all the time, in the joint's frame; None: it isn't.
         """
         self._period, self._delay, self._rng, self._drop, self._freeze = period, delay, rng, drop, freeze
         self._sent: deque[tuple[float, Array]] = deque()
         self._next = 0.0
         self._last: Array | None = None
+        self._off = None if off is None else off.tolist()
 
     def frame(self, t: float, pose: Array) -> Array | None:
         """(n, 4), what arrives at t s while the person is in `pose` (n, 4); None: nothing new."""
@@ -45,7 +47,15 @@ class Suit:
             turns = self._rng.normal(0.0, NOISE, (len(seen), 3)).tolist()
             if lost:
                 continue
+            if self._off is not None:
+                seen = np.array([product(q, wrong) for q, wrong in zip(seen.tolist(), self._off, strict=True)])
             if self._last is None or not self._freeze[0] <= t < self._freeze[1]:
                 self._last = np.array([product(q, exp(*turn)) for q, turn in zip(seen.tolist(), turns, strict=True)])
             found = self._last
         return found
+
+
+def bias(joints: int, degrees: float, rng: np.random.Generator) -> Array:
+    """(joints, 4): a constant rotation of each, about any axis, `degrees` rms."""
+    turns = rng.normal(0.0, np.radians(degrees) / np.sqrt(3.0), (joints, 3)).tolist()
+    return np.array([exp(*turn) for turn in turns])

@@ -125,6 +125,7 @@ def test_a_contact_is_blamed_on_the_arm_only_if_the_arm_came() -> None:
     assert not contacts.found[0].rest
     contacts.step(pose, place, q, q, 0.01)
     assert len(contacts.found) == len(contacts.blamed), "what goes on touching doesn't begin again"
+    assert contacts.pushed == len(contacts.blamed), "at rest it doesn't push"
     still = Contacts(FIGURE, "right", OPTIONS.envelope, AVERAGE)
     for k in range(40):  # both thighs are lifted against the arm at rest
         lifted, half = pose.copy(), -0.5 * 0.05 * k
@@ -134,6 +135,34 @@ def test_a_contact_is_blamed_on_the_arm_only_if_the_arm_came() -> None:
     assert still.found
     assert all(each.rest and each.speed == pytest.approx(0.0, abs=1e-9) for each in still.found)
     assert still.blamed == []
+    assert still.pushed == 0
+
+
+@pytest.mark.parametrize("there", [False, True], ids=["it began slowly", "it was there at the beginning"])
+def test_an_arm_that_goes_on_into_a_contact_is_told_of(there: bool) -> None:
+    reaching = Reaching(FIGURE.human, np.random.default_rng(0))
+    contacts = Contacts(FIGURE, "right", OPTIONS.envelope, AVERAGE)
+    pose, place = reaching.aside(), reaching.translation
+    way = [np.array([0.002 * k, 0, 0, 0, 0, 0, 0]) for k in range(2000)]
+    touching = [len(contacts._touches(pose, place, q)) for q in way]
+    first = next(k for k, n in enumerate(touching) if n)
+    n = touching[first]
+    assert touching[first - 1 : first + 3] == [0, n, n, n]
+
+    def step(before: int, after: int, dt: float = 0.002) -> tuple[int, int, int]:
+        contacts.step(pose, place, way[before], way[after], dt)
+        return len(contacts.found), len(contacts.blamed), contacts.pushed
+
+    if there:
+        assert step(first, first) == (0, 0, 0)
+    else:
+        step(first - 1, first - 1)
+        assert step(first - 1, first, dt=1.0) == (n, 0, 0)
+    began = len(contacts.found)
+    assert step(first, first + 1) == (began, 0, n)
+    assert step(first + 1, first + 2) == (began, 0, n), "one contact counts once"
+    assert step(first + 2, first - 1) == (began, 0, n), "out of it isn't into it"
+    assert step(first - 1, first) == (began + n, n, 2 * n), "a new one"
 
 
 def test_what_touches_is_what_mujoco_s_distances_say() -> None:
@@ -197,8 +226,8 @@ def rows(blamed: int, reached_: int, motions: int = 200, **more: Any) -> list[di
     return [
         {
             "motion": k, "wearer": f"W{k % 50}", "contacts": 5, "rest": 4, "blamed": int(k < blamed), "left_out": 0,
-            "blamed_left_out": 0, "fastest": 0.1, "tried": 4, "reached": reached_, "times": "[2.0, null]",
-            "held": 0.1, "acceleration": 3.0, "beyond": 0.5 + (k % 2), **more,
+            "blamed_left_out": 0, "pushed": 2 * int(k < blamed), "fastest": 0.1, "tried": 4, "reached": reached_,
+            "times": "[2.0, null]", "held": 0.1, "acceleration": 3.0, "beyond": 0.5 + (k % 2), **more,
         }
         for k in range(motions)
     ]  # fmt: skip
@@ -212,7 +241,7 @@ def test_no_blame_holds_without_a_single_contact_and_says_what_that_bounds() -> 
     found = judged(rows(0, 3), rows(80, 4))
     assert found["no-blame"].holds
     assert "at most 1.5 %" in found["no-blame"].text
-    assert "80 contacts in 80 motions" in found["no-blame"].text
+    assert "80 contacts in 80 motions, into 160 then or later" in found["no-blame"].text
     assert "100 of them quicker" in found["no-blame"].text
     one = judged(rows(1, 3), rows(80, 4))["no-blame"]
     assert (one.holds, one.measured) == (False, 1.0)
