@@ -6,7 +6,6 @@ import argparse
 import inspect
 import json
 import sys
-from itertools import groupby
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -160,9 +159,14 @@ def _sweep(name: str, study: Any, folder: Path, runner: Any, as_json: bool) -> i
 
 
 def _print_table(rows: list[dict[str, Any]]) -> None:
-    """Each part of a study, as the rows' column "part" says, has columns of its own."""
-    for _, part in groupby(rows, key=lambda row: row.get("part")):
-        group = list(part)
+    """Each part of a study, as the rows' column "part" says, has columns of its own; so has what needs further ones."""
+    groups: list[list[dict[str, Any]]] = []
+    for row in rows:
+        if groups and row.get("part") == groups[-1][0].get("part") and row.keys() <= groups[-1][0].keys():
+            groups[-1].append(row)
+        else:
+            groups.append([row])
+    for group in groups:
         columns = list(group[0])
         cells = [columns, *([_shown(row.get(column)) for column in columns] for row in group)]
         widths = [max(len(row[i]) for row in cells) for i in range(len(columns))]

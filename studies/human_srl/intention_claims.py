@@ -122,8 +122,9 @@ def _alarms(rows: Sequence[Row], kind: str) -> tuple[Claim, dict[str, Any]]:
     minutes = [float(row.task.parameters["unrelated"]) / 60.0 for row in rows]
     counts = column(rows, f"{kind}_activations")
     found = estimate([k / m for k, m in zip(counts, minutes, strict=True)], 0.0)
-    # Where nobody had one, the spread over people says nothing: then the interval is that of a Poisson process.
-    low, high = (found.low, found.high) if any(counts) else rate(0, sum(minutes)) if rows else (math.nan, math.nan)
+    # Where few had one, the spread over people says little: the interval isn't narrower than that of a Poisson process.
+    poisson = rate(round(sum(counts)), sum(minutes)) if rows else (math.nan, math.nan)
+    low, high = float(np.fmin(found.low, poisson[0])), float(np.fmax(found.high, poisson[1]))
     words = {"stand": "standing", "walk": "walking", "stop-and-go": "standing and walking in turn"}
     claim = Claim(
         id=f"false-activations-{kind}",

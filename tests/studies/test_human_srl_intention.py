@@ -63,6 +63,18 @@ def test_no_false_activation_is_bounded_by_the_time_that_was_tried_and_many_by_t
     assert not intention_claims.analysed(rows()[:2]).claims[1].holds  # two minutes bound it by 1.8
 
 
+def test_one_false_activation_never_bounds_them_tighter_than_none() -> None:
+    """Student's interval of five zeros and a one does: 0.6 a minute, as against 0.61 of none."""
+    ends = []
+    for alarms in range(4):
+        first = row(intention_claims.task(1, PEOPLE), values(1, 0.97, 0.95, walk=alarms))
+        part = intention_claims.analysed([first, *rows()[1:]])
+        (line,) = (line for line in part.table if line["label"] == "unrelated: walk")
+        ends.append(line["per_minute_high"])
+    assert ends == sorted(set(ends))
+    assert ends[1] == pytest.approx(5.572 / 6, rel=1e-3), "Garwood's of one in six minutes"
+
+
 def test_without_rows_nothing_is_measured_and_nothing_holds() -> None:
     part = intention_claims.analysed([])
     assert all(claim.measured is None and not claim.holds for claim in part.claims)

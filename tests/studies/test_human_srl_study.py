@@ -318,6 +318,9 @@ def test_the_quick_study_has_all_its_claims(tmp_path: Path) -> None:
 
 
 def test_each_part_of_a_study_is_printed_with_its_own_columns(capsys: pytest.CaptureFixture[str]) -> None:
-    _print_table([{"part": "a", "x": 1.0}, {"part": "a", "x": None}, {"part": "b", "y": "more"}])
+    same = [{"part": "a", "x": 1.0}, {"part": "a", "x": None}, {"part": "a"}]
+    _print_table([*same, {"part": "a", "z": 2}, {"part": "b", "y": "more"}])
     words = [printed.split() for printed in capsys.readouterr().out.splitlines()]
-    assert words == [["part", "x"], ["a", "1.00"], ["a", "-"], ["part", "y"], ["b", "more"]]
+    assert words == [
+        ["part", "x"], ["a", "1.00"], ["a", "-"], ["a", "-"], ["part", "z"], ["a", "2"], ["part", "y"], ["b", "more"]
+    ]  # fmt: skip
