@@ -170,8 +170,8 @@ def _print_table(rows: list[dict[str, Any]]) -> None:
         columns = list(group[0])
         cells = [columns, *([_shown(row.get(column)) for column in columns] for row in group)]
         widths = [max(len(row[i]) for row in cells) for i in range(len(columns))]
-        for row in cells:
-            print("  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+        for line in cells:
+            print("  " + "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip())
 
 
 def _shown(value: Any) -> str:

@@ -318,7 +318,7 @@ def test_the_quick_study_has_all_its_claims(tmp_path: Path) -> None:
 
 
 def test_each_part_of_a_study_is_printed_with_its_own_columns(capsys: pytest.CaptureFixture[str]) -> None:
-    same = [{"part": "a", "x": 1.0}, {"part": "a", "x": None}, {"part": "a"}]
+    same: list[dict[str, Any]] = [{"part": "a", "x": 1.0}, {"part": "a", "x": None}, {"part": "a"}]
     _print_table([*same, {"part": "a", "z": 2}, {"part": "b", "y": "more"}])
     words = [printed.split() for printed in capsys.readouterr().out.splitlines()]
     assert words == [
