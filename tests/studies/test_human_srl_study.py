@@ -204,6 +204,23 @@ def test_the_person_moves_alike_whatever_the_arm_does() -> None:
     rows = [reached(), reached(guarded=False), reached(drop=0.5), reached(servo=3.0)]
     assert len({row["acceleration"] for row in rows}) == 1
     assert reached(pace=2.0)["acceleration"] > 3.0 * rows[0]["acceleration"]
+    assert reached(bias=10.0)["acceleration"] == rows[0]["acceleration"], "the suit is off, the person isn't"
+
+
+def test_a_wearer_who_sways_or_marches_moves_trunk_or_legs() -> None:
+    def swept(node: str, **motion: float) -> float:
+        body = Reaching(FIGURE.human, np.random.default_rng(1), AVERAGE, **motion)
+        kinematics = Contacts(FIGURE, "right", OPTIONS.envelope, AVERAGE).kinematics
+        i = FIGURE.tree.names.index(node)
+        at = [kinematics.nodes(body.rotation(t), body.translation, {})[i].copy() for t in np.arange(0.0, 4.0, 0.02)]
+        assert np.linalg.norm(np.diff(at, axis=0), axis=1).max() < 0.05, "without a jump"
+        return float(np.ptp(at, axis=0).max())
+
+    assert swept("Head") < 1e-9
+    assert swept("Head", sway=0.35) > 0.15
+    assert swept("LeftFoot", sway=0.35) < 1e-9
+    assert swept("LeftLeg", march=0.9) > 0.25, "the knee"
+    assert swept("Head", march=0.9) < 1e-9
 
 
 @pytest.mark.slow
@@ -216,6 +233,17 @@ def test_the_arm_runs_into_the_wearer_only_without_a_clearance() -> None:
     assert all(0.05 < row["held"] < 1.0 for row in on)
     times = [time for row in off for time in json.loads(row["times"])]
     assert all(0.5 < time < reach_trial.PATIENCE for time in times if time is not None)
+
+
+@pytest.mark.slow
+def test_a_suit_that_is_off_breaks_no_blame_by_itself_unless_the_clearance_is_told() -> None:
+    """One of the motions after those of the sweep, the first eight, in which it does."""
+    untold = reached(12.0, 9, bias=10.0)
+    assert untold["blamed"] > 0
+    assert untold["fastest"] > 0.03
+    assert untold["beyond"] < 1.0, "and the wearer is slower than the clearance takes for possible"
+    told = reached(12.0, 9, bias=20.0, clear={"uncertainty": 0.05})
+    assert told["blamed"] == told["pushed"] == 0
 
 
 # -- what the rows say
