@@ -298,6 +298,7 @@ class Cycle:
                 # The loop tells the device to go limp; no command follows.
                 self._links[actuator.device] &= ~LINK_ACTIVE
                 self._put_home[i] = actuator.command.feedback is None
+                self._lookouts[i].rest()
             else:
                 guard.stop(category, dt)
                 at_rest &= guard.at_rest

@@ -179,6 +179,27 @@ def test_what_a_law_gave_before_a_stop_is_not_believed_in_it(tmp_path: Path, mon
     assert moved["copy.q"] == 0.0
 
 
+def test_a_limb_that_goes_limp_may_be_anywhere_from_that_cycle_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another limb may be judged by where this one is."""
+    _profile(monkeypatch, category="limp")
+    b, _ = bench(tmp_path)
+    (actuator,) = b.graph.actuators
+    assert actuator.cleared is not None
+    clearance, known = actuator.cleared.clearance, []
+    clearance.watched = True
+
+    def script(k: int) -> None:
+        known.append(clearance.extent is not None)  # at the end of the cycle before
+        if k == 100:
+            b.ask("stop")
+
+    b.run(200, forward(b, script))
+    active = b.word("state")[:199] == State.ACTIVE
+    assert (np.array(known[1:200]) == active)[10:].all()
+
+
 def test_a_replay_finds_no_difference(tmp_path: Path) -> None:
     b, disc = bench(tmp_path)
 
