@@ -17,8 +17,8 @@ from runtime.calibration.cut import cut_to, elements
 from runtime.calibration.intention_report import Result
 from runtime.calibration.method import Method, Say, kept, names, settings
 from runtime.calibration.order import Order
-from runtime.calibration.run_taps import RunTaps, words
-from runtime.contracts.errors import RecordingError, RequestError, WiringError, nearest
+from runtime.calibration.suit_taps import SuitTaps
+from runtime.contracts.errors import RequestError, WiringError, nearest
 from runtime.control.intention.features import frames, joints, trunk_of
 from runtime.control.intention.marks import IntentionMarksConfig
 from runtime.control.intention.procedure import ACTIONS, Plan, Procedure
@@ -26,7 +26,6 @@ from runtime.control.intention.record import Record
 from runtime.control.intention.samples import Samples, ended, trials
 from runtime.control.intention.training import BACKGROUND, Thresholds, TrainingError, refusals, train
 from runtime.ipc.layout import Layout
-from runtime.profile import profile
 from runtime.profile.graph import Graph
 from runtime.profile.profile import ControllerEntry, Profile
 from runtime.profile.source import Source
@@ -36,29 +35,13 @@ MARKS: Final = "intention-marks"
 
 
 @dataclass(frozen=True)
-class Taps(RunTaps):
-    """Attributes: `options` of the marks' law; `rotation` (4 n,), `translation` (3 n,) of its joints, in order."""
-
-    options: IntentionMarksConfig
-    rotation: NDArray[np.intp]
-    translation: NDArray[np.intp]
-
-    @property
-    def person(self) -> str:
-        return self.options.person
-
-    @property
-    def parameter(self) -> str:
-        return f"{MARKS}.mark"
+class Taps(SuitTaps[IntentionMarksConfig]):
+    """What is read of a suit whose wearer does actions."""
 
     def samples(self, rows: NDArray[np.int64]) -> Samples:
         rows = rows[self.active(rows)]
         floats = self.floats(rows)
-        n = len(self.options.rotation)
-        found = frames(
-            floats[:, self.rotation].reshape(-1, n, 4), floats[:, self.translation].reshape(-1, n, 3)
-        )  # fmt: skip
-        return Samples(self.times(rows), found, self.marks(floats))
+        return Samples(self.times(rows), frames(*self.poses(floats)), self.marks(floats))
 
 
 class IntentionMethod(Method[Taps, Result]):
@@ -87,18 +70,9 @@ class IntentionMethod(Method[Taps, Result]):
         return cut_to(self.checked, self.source, LAW, ("rotation", "translation"), marks, self.order.sim)
 
     def taps(self, layout: Layout, place: str) -> Taps:
-        layout.needs(place, "label", "profile", "overrides", "rate")
-        meta = layout.meta
-        checked, _ = profile.parse(meta["label"], meta["profile"], meta["overrides"])
-        entry = next((e for e in checked.controllers if e.use == MARKS), None)
-        if entry is None:
-            problem = "it has no marks, so which samples belong to which action isn't known"
-            raise RecordingError(place, problem, "Use a recording of `srl calibrate PROFILE intention`")
-        options = IntentionMarksConfig.model_validate(entry.options)
-        return Taps(
-            layout, layout.fields[f"{entry.name or MARKS}.mark"].offset, options,
-            words(layout, list(options.rotation.values()), place),
-            words(layout, list(options.translation.values()), place),
+        return Taps.find(
+            layout, place, MARKS, lambda entry, _: IntentionMarksConfig.model_validate(entry),
+            "which samples belong to which action", LAW,
         )  # fmt: skip
 
     def same(self, one: Taps, other: Taps) -> bool:

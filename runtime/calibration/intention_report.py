@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,9 +14,9 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
+from runtime.calibration.picture import save
 from runtime.calibration.run_taps import RunTaps
 from runtime.control.intention.training import Held, Recogniser, TrainingError
-from runtime.control.shared.record_file import RecordError
 
 
 @dataclass(frozen=True)
@@ -117,11 +116,4 @@ def draw(result: Result, png: Path) -> None:
     figure.suptitle(
         f"Recogniser of {who}, {result.date.isoformat()}: each round held out, {held.accuracy:.1%} right", fontsize=11
     )
-    scratch = png.with_name(f".{png.name}.{os.getpid()}.new")
-    try:
-        figure.savefig(scratch, dpi=110, format="png")
-        os.replace(scratch, png)
-    except OSError as error:
-        raise RecordError(str(png), f"it can't be written: {error.strerror}", "Choose another folder") from None
-    finally:
-        plt.close(figure)
+    save(figure, png)

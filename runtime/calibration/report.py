@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +13,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
+from runtime.calibration.picture import save
 from runtime.calibration.result import Result
 from runtime.contracts.signals import Array
-from runtime.control.ikns.record import RecordError
 
 _COLORS = ("#0072B2", "#E69F00", "#009E73")  # Okabe and Ito's, one a DoF
 
@@ -124,14 +123,7 @@ def draw(result: Result, png: Path) -> None:
     talk = "" if told is None else f", crosstalk up to {told:.3f} (in sample)"
     who = f"{result.taps.options.person}{' (simulated)' if result.taps.simulated else ''}"
     figure.suptitle(f"IKNS calibration of {who}, {result.date.isoformat()}{talk}", fontsize=11)
-    scratch = png.with_name(f".{png.name}.{os.getpid()}.new")
-    try:
-        figure.savefig(scratch, dpi=110, format="png")
-        os.replace(scratch, png)
-    except OSError as error:
-        raise RecordError(str(png), f"it can't be written: {error.strerror}", "Choose another folder") from None
-    finally:
-        plt.close(figure)
+    save(figure, png)
 
 
 def _space(axes: Any, result: Result) -> None:

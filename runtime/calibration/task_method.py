@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -21,8 +20,8 @@ from numpy.typing import NDArray
 from runtime.calibration.cut import cut_to, elements
 from runtime.calibration.method import Method, Say, kept, settings
 from runtime.calibration.order import Order
-from runtime.calibration.run_taps import RunTaps, words
-from runtime.contracts.errors import RecordingError
+from runtime.calibration.picture import save
+from runtime.calibration.suit_taps import SuitTaps
 from runtime.contracts.signals import Array
 from runtime.control.models import context
 from runtime.control.operation.demonstration import TaskError, TaskPath, Thresholds, path_of
@@ -32,9 +31,7 @@ from runtime.control.operation.record import FORMAT, TaskRecord
 from runtime.control.operation.samples import IDLE, SHOWN, Samples, TaskMarksConfig
 from runtime.control.operation.worn import Worn
 from runtime.control.shared.marks import stretch_of
-from runtime.control.shared.record_file import RecordError
 from runtime.ipc.layout import Layout
-from runtime.profile import profile
 from runtime.profile.graph import Graph
 from runtime.profile.profile import ControllerEntry, Profile
 from runtime.profile.source import Source
@@ -44,26 +41,13 @@ MARKS: Final = "task-marks"
 
 
 @dataclass(frozen=True)
-class Taps(RunTaps):
-    """Attributes: `options` of the marks' law; `rotation` (4 n,), `translation` (3 n,) of its joints, in order."""
-
-    options: TaskMarksConfig
-    rotation: NDArray[np.intp]
-    translation: NDArray[np.intp]
-
-    @property
-    def person(self) -> str:
-        return self.options.person
-
-    @property
-    def parameter(self) -> str:
-        return f"{MARKS}.mark"
+class Taps(SuitTaps[TaskMarksConfig]):
+    """What is read of a suit whose wearer shows a path."""
 
     def samples(self, rows: NDArray[np.int64]) -> Samples:
         rows = rows[self.active(rows)]
-        floats, n = self.floats(rows), len(self.options.rotation)
-        rotation = floats[:, self.rotation].reshape(-1, n, 4)
-        translation = floats[:, self.translation].reshape(-1, n, 3)
+        floats = self.floats(rows)
+        rotation, translation = self.poses(floats)
         hand = np.full((len(rows), 3), np.nan)
         arm = worn(self.options)
         good = np.isfinite(rotation).all(axis=(1, 2)) & np.isfinite(translation).all(axis=(1, 2))
@@ -101,18 +85,10 @@ class TaskMethod(Method[Taps, Result]):
         return cut_to(self.checked, self.source, LAW, reads, marks, self.order.sim, reads)
 
     def taps(self, layout: Layout, place: str) -> Taps:
-        layout.needs(place, "label", "profile", "overrides", "rate")
-        meta = layout.meta
-        checked, _ = profile.parse(meta["label"], meta["profile"], meta["overrides"])
-        entry = next((e for e in checked.controllers if e.use == MARKS), None)
-        if entry is None:
-            problem = "it has no marks, so when the task was shown isn't known"
-            raise RecordingError(place, problem, f"Use a recording of `srl calibrate PROFILE {LAW}`")
-        options = TaskMarksConfig.model_validate(entry.options, context=context(checked.models))
-        return Taps(
-            layout, layout.fields[f"{entry.name or MARKS}.mark"].offset, options,
-            words(layout, list(options.rotation.values()), place),
-            words(layout, list(options.translation.values()), place),
+        return Taps.find(
+            layout, place, MARKS,
+            lambda entry, checked: TaskMarksConfig.model_validate(entry, context=context(checked.models)),
+            "when the task was shown", LAW,
         )  # fmt: skip
 
     def same(self, one: Taps, other: Taps) -> bool:
@@ -171,14 +147,7 @@ class TaskMethod(Method[Taps, Result]):
         axes[0].legend(fontsize=8)
         frame = result.taps.options.arms.arms.parent
         figure.suptitle(f"{self.lines(result)[0].partition(':')[0]}, frame {frame}", fontsize=11)
-        scratch = png.with_name(f".{png.name}.new")
-        try:
-            figure.savefig(scratch, dpi=110, format="png")
-            os.replace(scratch, png)
-        except OSError as error:
-            raise RecordError(str(png), f"it can't be written: {error.strerror}", "Choose another folder") from None
-        finally:
-            plt.close(figure)
+        save(figure, png)
 
     def record(self, result: Result) -> TaskRecord:
         options = result.taps.options

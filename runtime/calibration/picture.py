@@ -1,0 +1,23 @@
+"""Keeps a report's picture: whole, or as it was before."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+
+from runtime.control.shared.record_file import RecordError
+
+
+def save(figure: Any, png: Path) -> None:
+    """Writes a matplotlib figure and closes it. Raises RecordError where the folder doesn't take it."""
+    scratch = png.with_name(f".{png.name}.{os.getpid()}.new")
+    try:
+        figure.savefig(scratch, dpi=110, format="png")
+        os.replace(scratch, png)
+    except OSError as error:
+        raise RecordError(str(png), f"it can't be written: {error.strerror}", "Choose another folder") from None
+    finally:
+        plt.close(figure)
