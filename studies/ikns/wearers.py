@@ -5,7 +5,6 @@ The distributions and their sources are in wearers.yaml. Nobody was drawn again 
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cache
@@ -13,10 +12,10 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from ruamel.yaml import YAML
 
 from runtime.control.ikns.body import FRACTIONS
 from runtime.control.models import BodyModel
+from studies.toolkit import subjects
 
 COUNT: Final = 50
 LIST: Final = Path(__file__).with_suffix(".csv")
@@ -99,15 +98,12 @@ class Wearer:
 @cache
 def assumed() -> Mapping[str, Any]:
     """The distributions and constants of wearers.yaml, by name."""
-    sections = YAML(typ="safe", pure=True).load(_SOURCES)
-    return {name: entry["value"] for name, entry in sections.items()}
+    return subjects.assumed(_SOURCES)
 
 
 def wearers(count: int = COUNT) -> list[Wearer]:
     """Returns the first `count` of the list."""
-    with LIST.open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    return [Wearer(row.pop("name"), **{name: float(value) for name, value in row.items()}) for row in rows[:count]]
+    return subjects.listed(LIST, Wearer, count)
 
 
 def drawn() -> list[Wearer]:
@@ -116,12 +112,7 @@ def drawn() -> list[Wearer]:
     rng = np.random.default_rng(a["seed"])
 
     def draw(what: str) -> float:
-        entry = a[what]
-        if "median" in entry:
-            found = entry["median"] * np.exp(entry["spread"] * rng.standard_normal())
-        else:
-            found = entry["mean"] + entry["deviation"] * rng.standard_normal()
-        return float(np.clip(found, entry.get("least", -np.inf), entry.get("most", np.inf)))
+        return subjects.quantity(a[what], rng.standard_normal())
 
     found = []
     for number in range(1, COUNT + 1):
@@ -136,10 +127,7 @@ def drawn() -> list[Wearer]:
 
 def main() -> None:
     """Writes the list: `python -m studies.ikns.wearers`."""
-    with LIST.open("w", newline="") as file:
-        out = csv.writer(file, lineterminator="\n")
-        out.writerow([field.name for field in fields(Wearer)])
-        out.writerows([getattr(one, field.name) for field in fields(Wearer)] for one in drawn())
+    subjects.write(LIST, drawn())
 
 
 if __name__ == "__main__":
