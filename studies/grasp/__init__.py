@@ -1,0 +1,1 @@
+"""Studies of grasps: does an extra finger make a better one?"""
