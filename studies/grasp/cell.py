@@ -27,6 +27,7 @@ from studies.grasp.things import Thing
 
 THING: Final = "thing"
 EXTRA: Final = "finger"
+PARTIAL: Final = ["middle", "ring", "little"]
 TOUCH: Final = 0.001  # m from the surface that counts as a contact; more than a step of the closing
 _SEEN: Final = 0.015  # m, distance from which they are listed
 _DAMPING: Final = 0.01  # m/rad, of the human fingers' inverse kinematics, as the law's
@@ -36,30 +37,35 @@ class GraspCell:
     """The profile's cell with an object held in place, moved posture by posture.
 
     Attributes:
-        law: the profile's object mapping; nobody runs it but its user.
+        laws: the profile's object mapping `whole`, and one from fewer fingers, `partial`; nobody runs them but you.
         digits: joints of each digit by name, as indices of a posture: the five fingers, then the extra one.
         n: joints of a posture.
         limits: (n, 2) rad, of the joints.
         home: rad, of the extra finger's joints, the profile's.
         chains: the five fingers' kinematics.
-        centre: (3,) m, of the object in the hand's frame, which is the world's.
+        centre, axes: (3,) m and (3, 3), of the object in the hand's frame, which is the world's.
+        model, data: MuJoCo's.
     """
 
     def __init__(
         self, text: str, thing: Thing, place: tuple[Array, Quaternion], overrides: Mapping[str, Any] | None = None
     ) -> None:
         """Args:
-        text: a profile's, with a hand, an extra finger and its mapping.
+        text: a profile's, with a hand, an extra finger and its mapping from all five fingertips.
         place: of the object in the hand's frame: its centre, m, and w x y z.
         overrides: what else is set, by key path.
         """
         given = {**(overrides or {}), f"sim.parts.{THING}": thing.part(*place)}
         words = [f"{key}={json.dumps(value)}" for key, value in given.items()]
-        checked, source = profile.parse("study.yaml", text, words)
+        plain, source = profile.tree("study.yaml", text, words)
+        own = next(law for law in plain["controllers"] if law["use"] == "object-mapping")
+        plain["controllers"].append({"use": own["use"], "name": "partial", "points": PARTIAL, "in": own["in"]})
+        checked = profile.Profile.model_validate(plain)
         graph = wiring.build(checked, source, [])
         world = cast(Cell, graph.world)
-        self._model, self._data = world.model, world.data
-        (self.law,) = (law for law in graph.controllers if isinstance(law, ObjectMapping))
+        self.model, self.data = world.model, world.data
+        whole, partial = (law for law in graph.controllers if isinstance(law, ObjectMapping))
+        self.laws = {"whole": whole, "partial": partial}
         (hand,) = (name for name, part in world.parts.items() if isinstance(part, HumanHandPart))
         (extra,) = (name for name, part in world.parts.items() if isinstance(part, RoboticFingerPart))
         model = next((m for m in checked.models.values() if isinstance(m, HandModel)), HandModel())
@@ -70,29 +76,29 @@ class GraspCell:
         self.home: Array = np.array(board.home["position_command"])
 
         joints = [f"{hand}/{joint}" for joint in model.names] + [f"{extra}/{joint}" for joint in finger.names]
-        self._at = np.array([self._model.joint(joint).qposadr[0] for joint in joints])
+        self._at = np.array([self.model.joint(joint).qposadr[0] for joint in joints])
         self.digits = {name: list(range(4 * i, 4 * i + 4)) for i, name in enumerate(FINGERS)}
         self.digits[EXTRA] = list(range(20, len(joints)))
         # A link's geom has the name of the joint that moves it.
-        self._joint = np.full(self._model.ngeom, -1)
+        self._joint = np.full(self.model.ngeom, -1)
         for number, joint in enumerate(joints):
-            if (geom := mujoco.mj_name2id(self._model, mujoco.mjtObj.mjOBJ_GEOM, joint)) >= 0:
+            if (geom := mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_GEOM, joint)) >= 0:
                 self._joint[geom] = number
-        self._thing = int(self._model.geom(f"{THING}/geom").id)
-        self._model.geom_margin[self._thing] = _SEEN
-        site = int(self._model.site(f"{hand}/{FINGERS[0]}").id)
-        self._tips, self._tip = self._data.site_xpos[site : site + 5], self._data.site_xpos[self._site(extra)]
+        self._thing = int(self.model.geom(f"{THING}/geom").id)
+        self.model.geom_margin[self._thing] = _SEEN
+        site = int(self.model.site(f"{hand}/{FINGERS[0]}").id)
+        self._tips, self._tip = self.data.site_xpos[site : site + 5], self.data.site_xpos[self._site(extra)]
         self.n = len(joints)
-        self.centre, self._axes = place[0], matrix(place[1])
+        self.centre, self.axes = place[0], matrix(place[1])
 
     def _site(self, extra: str) -> int:
-        return int(self._model.site(f"{extra}/tip").id)
+        return int(self.model.site(f"{extra}/tip").id)
 
     def pose(self, q: Array) -> None:
         """Takes hand and finger to a posture (24,), rad."""
-        self._data.qpos[self._at] = q
-        mujoco.mj_kinematics(self._model, self._data)
-        mujoco.mj_collision(self._model, self._data)
+        self.data.qpos[self._at] = q
+        mujoco.mj_kinematics(self.model, self.data)
+        mujoco.mj_collision(self.model, self.data)
 
     def tips(self) -> Array:
         """(5, 3) m, the human fingertips in the hand's frame."""
@@ -104,14 +110,14 @@ class GraspCell:
 
     def gaps(self) -> Array:
         """(24,) m, the distance of each joint's link from the object; inf if it isn't near."""
-        return self._least((self._data.contact.geom == self._thing).any(axis=1))
+        return self._least((self.data.contact.geom == self._thing).any(axis=1))
 
     def apart(self) -> Array:
         """(24,) m, the distance of each joint's link from whatever it may touch; inf if it isn't near."""
-        return self._least(np.ones(self._data.ncon, dtype=bool))
+        return self._least(np.ones(self.data.ncon, dtype=bool))
 
     def _least(self, counts: Any) -> Array:
-        contact = self._data.contact
+        contact = self.data.contact
         found = np.full(self.n + 1, np.inf)  # the last one is no joint
         for geoms in contact.geom[counts].T:
             np.minimum.at(found, self._joint[geoms], contact.dist[counts])
@@ -122,7 +128,7 @@ class GraspCell:
         points: dict[int, list[Array]] = {}
         normals: dict[int, list[Array]] = {}
         wanted = {joint for digit in digits for joint in self.digits[digit]}
-        for contact in self._data.contact:
+        for contact in self.data.contact:
             one, other = int(contact.geom1), int(contact.geom2)
             if self._thing not in (one, other) or contact.dist > TOUCH:
                 continue
@@ -136,7 +142,7 @@ class GraspCell:
         p = np.array([np.mean(points[joint], axis=0) for joint in order]).reshape(-1, 3)
         n = np.array([np.mean(normals[joint], axis=0) for joint in order]).reshape(-1, 3)
         n /= np.linalg.norm(n, axis=1, keepdims=True)
-        return Contacts(p @ self._axes, n @ self._axes)
+        return Contacts(p @ self.axes, n @ self.axes)
 
 
 def _chains(model: HandModel) -> list[FingerKinematics]:

@@ -43,13 +43,13 @@ class Motion:
     """A closing hand, step by step.
 
     Attributes:
-        measured: (k, 20) rad, stopped where it touches.
-        seen: tips (k, 5, 3) m in the hand's frame, as stopped.
+        postures: (k, 20) rad, stopped where it touches.
+        measured: tips (k, 5, 3) m in the hand's frame, of these postures.
         intended: tips (k, 5, 3) m as they would go on without the object.
     """
 
+    postures: Array
     measured: Array
-    seen: Array
     intended: Array
 
 
@@ -137,36 +137,40 @@ def converge(cell: GraspCell, q: Array, active: Sequence[str]) -> Motion:
 MOTIONS: Final[dict[str, Callable[[GraspCell, Array, Sequence[str]], Motion]]] = {"curl": curl, "converge": converge}
 
 
-def follow(cell: GraspCell, begin: Array, motion: Motion, tips: Array) -> Array:
-    """Runs the law along a motion of the hand; returns the posture (24,), rad, in which both end.
+def follow(cell: GraspCell, law: str, begin: Array, motion: Motion, tips: Array) -> Array:
+    """Runs a law along a motion of the hand; returns the postures (k, 24), rad, of both.
 
     Where a link of the extra finger would go into the object or deeper into the hand, the joints before it stay. They
     aren't held for good: a finger that the law takes away leaves the object again.
 
     Args:
+        law: one of the cell's.
         begin: (24,) rad, as of `start`.
-        tips: (k, 5, 3) m, what the law sees: the motion as stopped, or as intended.
+        tips: (k, 5, 3) m, what the law sees: the motion's `measured` or `intended`.
     """
-    joints, law, q = cell.digits[EXTRA], cell.law, begin.copy()
-    law.input["tips"][:] = tips[0]
-    law.applied["q"][:] = q[joints]
-    law.reset()
-    for hand, seen in zip(motion.measured, tips, strict=True):
+    joints, mapping = cell.digits[EXTRA], cell.laws[law]
+    # Where the law takes the finger to be: what the guard let through, or its own last output.
+    q, where = begin.copy(), mapping.applied.get("q", mapping.output["q"])
+    mapping.input["tips"][:] = tips[0]
+    where[:] = q[joints]
+    mapping.reset()
+    found = np.empty((len(tips), cell.n))
+    for i, (hand, seen) in enumerate(zip(motion.postures, tips, strict=True)):
         q[:20] = hand
-        law.input["tips"][:] = seen
-        law.applied["q"][:] = q[joints]
-        law.update(_DT)
         cell.pose(q)
-        least = np.minimum(cell.apart()[joints], 0.0)
-        before, q[joints] = q[joints].copy(), law.output["q"]
+        least, before = np.minimum(cell.apart()[joints], 0.0), q[joints].copy()
+        mapping.input["tips"][:] = seen
+        where[:] = before
+        mapping.update(_DT)
+        q[joints] = mapping.output["q"]
         for _ in joints:
             cell.pose(q)
             inside = np.flatnonzero(cell.apart()[joints] < least)
             if not len(inside):
                 break
             q[joints[: inside[-1] + 1]] = before[: inside[-1] + 1]
-    cell.pose(q)
-    return q
+        found[i] = q
+    return found
 
 
 def _stopped(cell: GraspCell, wished: Array, active: Sequence[str], whole: bool) -> Motion:
@@ -174,7 +178,7 @@ def _stopped(cell: GraspCell, wished: Array, active: Sequence[str], whole: bool)
     q, free = wished[0].copy(), np.zeros(cell.n, dtype=bool)
     for digit in active:
         free[cell.digits[digit]] = True
-    measured, seen, intended = [], [], []
+    postures, measured, intended = [], [], []
     for posture in wished:
         before = q.copy()
         q[free] = posture[free]
@@ -189,8 +193,8 @@ def _stopped(cell: GraspCell, wished: Array, active: Sequence[str], whole: bool)
                 if (q[stop] != before[stop]).any():
                     q[stop], changed = before[stop], True
                 free[stop] = False
-        measured.append(q[:20].copy())
-        seen.append(cell.tips())
+        postures.append(q[:20].copy())
+        measured.append(cell.tips())
         cell.pose(posture)
         intended.append(cell.tips())
-    return Motion(np.array(measured), np.array(seen), np.array(intended))
+    return Motion(np.array(postures), np.array(measured), np.array(intended))

@@ -117,7 +117,7 @@ def force_closure(W: Array) -> bool:
     total = W.sum(axis=0)
     equal = np.vstack([np.column_stack([W.T, total]), np.append(np.ones(m), m)])
     found = linprog(np.append(np.zeros(m), -1.0), A_eq=equal, b_eq=[0.0] * 6 + [1.0], bounds=(0.0, None))
-    return bool(found.status == 0 and -found.fun > _CLOSED)
+    return found.fun is not None and bool(found.fun < -_CLOSED)
 
 
 def epsilon(W: Array) -> float:
