@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -108,11 +110,12 @@ def test_no_direction_is_resisted_less_than_epsilon(seed: int, k: int) -> None:
     found, rng = epsilon(W), np.random.default_rng(seed)
     if not found:
         return
-    for u in rng.normal(size=(5, 6)):
-        u /= np.linalg.norm(u)
+    for direction in rng.normal(size=(5, 6)):
+        u = direction / np.linalg.norm(direction)
         # W^T s = t u, shares s >= 0 with sum 1; the largest t
         equal = np.vstack([np.column_stack([W.T, -u]), np.append(np.ones(len(W)), 0.0)])
         ray = linprog(np.append(np.zeros(len(W)), -1.0), A_eq=equal, b_eq=[0.0] * 6 + [1.0])
+        assert ray.fun is not None
         assert -ray.fun >= found - 1e-9
 
 
@@ -125,7 +128,8 @@ def test_some_direction_is_resisted_no_more_than_epsilon(seed: int) -> None:
         start = start / np.linalg.norm(start)
         norm = {"type": "eq", "fun": lambda x: x[:6] @ x[:6] - 1.0}
         below = {"type": "ineq", "fun": lambda x: x[6] - W @ x[:6]}
-        done = minimize(lambda x: x[6], np.append(start, (W @ start).max()), constraints=[norm, below], method="SLSQP")
+        first = np.append(start, (W @ start).max())
+        done: Any = minimize(lambda x: float(x[6]), first, constraints=[norm, below], method="SLSQP")  # type: ignore[call-overload]
         return float(done.x[6]) if done.success else np.inf
 
     starts = np.random.default_rng(seed).normal(size=(40, 6))
