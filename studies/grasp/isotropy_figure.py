@@ -41,16 +41,17 @@ def figure(found: Sequence[Mapping[str, Any]], file: Path, closing: str) -> None
                 at = 1e3 * np.array(sizes) + 0.6 * (place - 2.5)
                 axes[row, column].errorbar(at, means, yerr=reach, fmt=style, color=colour, capsize=2, label=label, ms=4)
             axes[row, column].set_ylim(bottom=0.0)
-        for grasp, colour in (("whole", "C0"), ("partial", "C1"), ("partial_all", "C2")):
+        # The two partial ones often coincide: the wider line is below the other.
+        for grasp, colour, width in (("whole", "C0", 1.5), ("partial_all", "C2", 4.0), ("partial", "C1", 1.5)):
             for seen, style in (("measured", "-"), ("intended", ":")):
                 share = [np.mean([o[f"{grasp}_{seen}_touch"] > 0 for o in c]) if c else np.nan for c in cells]
-                axes[2, column].plot(1e3 * np.array(sizes), share, style, marker=".", color=colour)
+                axes[2, column].plot(1e3 * np.array(sizes), share, style, marker=".", color=colour, lw=width)
         axes[2, column].set_ylim(-0.03, 1.03)
         axes[0, column].set_title(f"{shape}s")
         axes[2, column].set_xlabel("diameter or edge, mm")
     for row, text in enumerate([*_NAMES.values(), "share in which the finger touches\n(dotted: intended)"]):
         axes[row, 0].set_ylabel(text)
-    axes[0, 2].legend(fontsize=7)
+    picture.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     words = {"curl": "joints curl", "converge": "tips converge on the object"}[closing]
     picture.suptitle(f"Grasp isotropy with and without the sixth finger: {words} (simulated)")
     picture.savefig(file, dpi=110)
