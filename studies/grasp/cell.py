@@ -20,13 +20,11 @@ from runtime.control.hand.object_mapping import ObjectMapping
 from runtime.control.models import FingerModel, HandModel
 from runtime.profile import profile, wiring
 from sim.parts.hand.human_hand import HumanHandPart
-from sim.parts.hand.robotic_finger import RoboticFingerPart
 from sim.world.cell import Cell
 from studies.grasp.measures import Contacts
 from studies.grasp.things import Thing
 
 THING: Final = "thing"
-EXTRA: Final = "finger"
 PARTIAL: Final = ["middle", "ring", "little"]
 TOUCH: Final = 0.001  # m from the surface that counts as a contact; more than a step of the closing
 _SEEN: Final = 0.015  # m, distance from which they are listed
@@ -37,11 +35,13 @@ class GraspCell:
     """The profile's cell with an object held in place, moved posture by posture.
 
     Attributes:
-        laws: the profile's object mapping `whole`, and one from fewer fingers, `partial`; nobody runs them but you.
-        digits: joints of each digit by name, as indices of a posture: the five fingers, then the extra one.
-        n: joints of a posture.
+        laws: the profile's object mapping `whole`, of all extra fingers, and the same from fewer fingertips,
+            `partial`; nobody runs them but you.
+        extra: names of the extra fingers.
+        digits: joints of each digit by name, as indices of a posture: the five fingers, then the extra ones.
+        n: joints of a posture: 24 with one extra finger.
         limits: (n, 2) rad, of the joints.
-        home: rad, of the extra finger's joints, the profile's.
+        home: rad, of the extra fingers' joints, the profile's.
         chains: the five fingers' kinematics.
         centre, axes: (3,) m and (3, 3), of the object in the hand's frame, which is the world's.
         model, data: MuJoCo's.
@@ -51,34 +51,40 @@ class GraspCell:
         self, text: str, thing: Thing, place: tuple[Array, Quaternion], overrides: Mapping[str, Any] | None = None
     ) -> None:
         """Args:
-        text: a profile's, with a hand, an extra finger and its mapping from all five fingertips.
+        text: a profile's, with a hand, an extra finger and its mapping from all five fingertips. More fingers
+            that `overrides` adds are like the first.
         place: of the object in the hand's frame: its centre, m, and w x y z.
         overrides: what else is set, by key path.
         """
         given = {**(overrides or {}), f"sim.parts.{THING}": thing.part(*place)}
         words = [f"{key}={json.dumps(value)}" for key, value in given.items()]
         plain, source = profile.tree("study.yaml", text, words)
+        parts = {name: part for name, part in plain["sim"]["parts"].items() if part["part"] == "robotic-finger"}
+        self.extra = list(parts)
         own = next(law for law in plain["controllers"] if law["use"] == "object-mapping")
-        plain["controllers"].append({"use": own["use"], "name": "partial", "points": PARTIAL, "in": own["in"]})
+        kept = {key: value for key, value in own.items() if key not in ("name", "out")}
+        kept["fingers"] = [{"model": part.get("model", "finger"), "name": name} for name, part in parts.items()]
+        plain["controllers"] += [kept | {"name": "whole"}, kept | {"name": "partial", "points": PARTIAL}]
         checked = profile.Profile.model_validate(plain)
         graph = wiring.build(checked, source, [])
         world = cast(Cell, graph.world)
         self.model, self.data = world.model, world.data
-        whole, partial = (law for law in graph.controllers if isinstance(law, ObjectMapping))
-        self.laws = {"whole": whole, "partial": partial}
+        laws = {law.name: law for law in graph.controllers if isinstance(law, ObjectMapping)}
+        self.laws = {name: laws[name] for name in ("whole", "partial")}
         (hand,) = (name for name, part in world.parts.items() if isinstance(part, HumanHandPart))
-        (extra,) = (name for name, part in world.parts.items() if isinstance(part, RoboticFingerPart))
         model = next((m for m in checked.models.values() if isinstance(m, HandModel)), HandModel())
         finger = next((m for m in checked.models.values() if isinstance(m, FingerModel)), FingerModel())
         self.chains = _chains(model)
-        self.limits = np.vstack([model.ranges, np.column_stack([finger.lower, finger.upper])])
+        self.limits = np.vstack([model.ranges, *[np.column_stack([finger.lower, finger.upper]) for _ in self.extra]])
         (board,) = (device for device in graph.devices if "position_command" in getattr(device, "home", {}))
-        self.home: Array = np.array(board.home["position_command"])
+        self.home: Array = np.tile(board.home["position_command"], len(self.extra))
 
-        joints = [f"{hand}/{joint}" for joint in model.names] + [f"{extra}/{joint}" for joint in finger.names]
+        joints = [f"{hand}/{joint}" for joint in model.names]
+        joints += [f"{extra}/{joint}" for extra in self.extra for joint in finger.names]
         self._at = np.array([self.model.joint(joint).qposadr[0] for joint in joints])
         self.digits = {name: list(range(4 * i, 4 * i + 4)) for i, name in enumerate(FINGERS)}
-        self.digits[EXTRA] = list(range(20, len(joints)))
+        each = len(finger.names)
+        self.digits |= {name: list(range(20 + i * each, 20 + (i + 1) * each)) for i, name in enumerate(self.extra)}
         # A link's geom has the name of the joint that moves it.
         self._joint = np.full(self.model.ngeom, -1)
         for number, joint in enumerate(joints):
@@ -87,7 +93,7 @@ class GraspCell:
         self._thing = int(self.model.geom(f"{THING}/geom").id)
         self.model.geom_margin[self._thing] = _SEEN
         site = int(self.model.site(f"{hand}/{FINGERS[0]}").id)
-        self._tips, self._tip = self.data.site_xpos[site : site + 5], self.data.site_xpos[self._site(extra)]
+        self._tips, self._tip = self.data.site_xpos[site : site + 5], self.data.site_xpos[self._site(self.extra[0])]
         self.n = len(joints)
         self.centre, self.axes = place[0], matrix(place[1])
 
@@ -95,7 +101,7 @@ class GraspCell:
         return int(self.model.site(f"{extra}/tip").id)
 
     def pose(self, q: Array) -> None:
-        """Takes hand and finger to a posture (24,), rad."""
+        """Takes hand and fingers to a posture (n,), rad."""
         self.data.qpos[self._at] = q
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_collision(self.model, self.data)
@@ -105,15 +111,15 @@ class GraspCell:
         return self._tips.copy()
 
     def tip(self) -> Array:
-        """(3,) m, the extra finger's tip in the hand's frame."""
+        """(3,) m, the first extra finger's tip in the hand's frame."""
         return self._tip.copy()
 
     def gaps(self) -> Array:
-        """(24,) m, the distance of each joint's link from the object; inf if it isn't near."""
+        """(n,) m, the distance of each joint's link from the object; inf if it isn't near."""
         return self._least((self.data.contact.geom == self._thing).any(axis=1))
 
     def apart(self) -> Array:
-        """(24,) m, the distance of each joint's link from whatever it may touch; inf if it isn't near."""
+        """(n,) m, the distance of each joint's link from whatever it may touch; inf if it isn't near."""
         return self._least(np.ones(self.data.ncon, dtype=bool))
 
     def _least(self, counts: Any) -> Array:

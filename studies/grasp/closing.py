@@ -13,7 +13,7 @@ import numpy as np
 
 from runtime.contracts.signals import Array
 from runtime.control.hand.human_hand import FINGERS
-from studies.grasp.cell import EXTRA, GraspCell
+from studies.grasp.cell import GraspCell
 
 Closing = Literal["curl", "converge"]
 CLOSINGS: Final[tuple[Closing, ...]] = ("curl", "converge")
@@ -54,12 +54,12 @@ class Motion:
 
 
 def start(cell: GraspCell) -> Array | None:
-    """The posture (24,), rad, from which hand and finger close: each digit as closed as `HALF`, or home, if clear.
+    """The posture (n,), rad, from which hand and finger close: each digit as closed as `HALF`, or home, if clear.
 
     Otherwise it is opened until it is clear; None if it isn't clear even then. The thumb goes where it opposes the
     other fingers best.
     """
-    q = np.concatenate([np.deg2rad(np.ravel(FLAT)), np.deg2rad(OUTWARD)])
+    q = np.concatenate([np.deg2rad(np.ravel(FLAT)), *[np.deg2rad(OUTWARD) for _ in cell.extra]])
     goal = np.concatenate([np.deg2rad(np.ravel(HALF)), cell.home])
     begin = q.copy()
     for joints in cell.digits.values():
@@ -138,18 +138,19 @@ MOTIONS: Final[dict[str, Callable[[GraspCell, Array, Sequence[str]], Motion]]] =
 
 
 def follow(cell: GraspCell, law: str, begin: Array, motion: Motion, tips: Array) -> Array:
-    """Runs a law along a motion of the hand; returns the postures (k, 24), rad, of both.
+    """Runs a law along a motion of the hand; returns the postures (k, n), rad, of both.
 
-    Where a link of the extra finger would go into the object or deeper into the hand, the joints before it stay. They
-    aren't held for good: a finger that the law takes away leaves the object again.
+    Where a link of an extra finger would go into the object or deeper into the hand or another finger, its joints
+    before that link stay. They aren't held for good: a finger that the law takes away leaves the object again.
 
     Args:
         law: one of the cell's.
-        begin: (24,) rad, as of `start`.
+        begin: (n,) rad, as of `start`.
         tips: (k, 5, 3) m, what the law sees: the motion's `measured` or `intended`.
     """
-    joints, mapping = cell.digits[EXTRA], cell.laws[law]
-    # Where the law takes the finger to be: what the guard let through, or its own last output.
+    mapping, fingers = cell.laws[law], [cell.digits[name] for name in cell.extra]
+    joints = [joint for finger in fingers for joint in finger]
+    # Where the law takes the fingers to be: what the guard let through, or its own last output.
     q, where = begin.copy(), mapping.applied.get("q", mapping.output["q"])
     mapping.input["tips"][:] = tips[0]
     where[:] = q[joints]
@@ -158,23 +159,26 @@ def follow(cell: GraspCell, law: str, begin: Array, motion: Motion, tips: Array)
     for i, (hand, seen) in enumerate(zip(motion.postures, tips, strict=True)):
         q[:20] = hand
         cell.pose(q)
-        least, before = np.minimum(cell.apart()[joints], 0.0), q[joints].copy()
+        least, before = np.minimum(cell.apart(), 0.0), q.copy()
         mapping.input["tips"][:] = seen
-        where[:] = before
+        where[:] = q[joints]
         mapping.update(_DT)
         q[joints] = mapping.output["q"]
         for _ in joints:
             cell.pose(q)
-            inside = np.flatnonzero(cell.apart()[joints] < least)
-            if not len(inside):
+            inside = cell.apart() < least
+            if not inside[joints].any():
                 break
-            q[joints[: inside[-1] + 1]] = before[: inside[-1] + 1]
+            for own in fingers:
+                if len(last := np.flatnonzero(inside[own])[-1:]):
+                    stop = own[: int(last[0]) + 1]
+                    q[stop] = before[stop]
         found[i] = q
     return found
 
 
 def _stopped(cell: GraspCell, wished: Array, active: Sequence[str], whole: bool) -> Motion:
-    """Follows postures (k, 24) until links touch. `whole`: a touch stops all of a digit, not the joints before it."""
+    """Follows postures (k, n) until links touch. `whole`: a touch stops all of a digit, not the joints before it."""
     q, free = wished[0].copy(), np.zeros(cell.n, dtype=bool)
     for digit in active:
         free[cell.digits[digit]] = True

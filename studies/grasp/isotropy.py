@@ -29,6 +29,8 @@ _SHOWN: Final = (0.06, 0.08, 0.10, 0.12)  # m, sizes of the recording
 _QUICK: Final = ((0.06, 0.10), 1)  # sizes and placements
 _SWEPT: Final = ((0.06, 0.08, 0.10, 0.12), 4)
 _MOUNTED: Final = (0.0, -0.020, -0.030)  # m, as in the profile
+_TURNED: Final = (0.5, -0.5, 0.5, 0.5)  # w x y z, as in the profile
+_BESIDE: Final = 0.020  # m, of each of two fingers from where one would be; a module is 33 mm wide
 _LINKS: Final = (0.035, 0.042, 0.050)  # m; the profile's is the second
 
 
@@ -68,7 +70,7 @@ def trials(
 
 
 def sweep(folder: Path, runner: Runner) -> list[dict[str, Any]]:
-    """Changes mounting, links, home and law one at a time; means over all shapes, four sizes, four placements."""
+    """Changes fingers, hand and law one at a time; means over all shapes, four sizes, four placements."""
     asked = [(label, [*trials(*_SWEPT, changes=changed, grasps=["whole"])]) for label, changed in _changes()]
     rows = runner.rows([task for _, tasks in asked for task in tasks], folder / "sweep")
     found, at = [], 0
@@ -82,6 +84,10 @@ def sweep(folder: Path, runner: Runner) -> list[dict[str, Any]]:
                 entry[f"touch {closing} {seen}"] = float(np.mean([r[f"whole_{seen}_touch"] > 0 for r in chosen]))
             gain = [r["whole_measured_gii_l"] - r["human_gii_l"] for r in chosen]
             entry[f"gain {closing} measured"] = float(np.mean(gain))
+            for measure in ("closed", "epsilon"):
+                entry[f"{measure} {closing} measured"] = float(
+                    np.mean([r[f"whole_measured_{measure}"] for r in chosen])
+                )
         found.append(entry)
     return found
 
@@ -102,3 +108,17 @@ def _changes() -> Iterator[tuple[str, dict[str, Any]]]:
         yield "home of " + "/".join(f"{d:.0f}" for d in home) + " degrees", servos
     for length in (0.17, 0.21):
         yield f"a hand of {1e3 * length:.0f} mm", {"models.hand.length": length}
+    for deformation in ("non-isotropic", "shear"):
+        yield f"a {deformation} object", {"controllers.1.deformation": deformation}
+    yield f"two fingers {2e3 * _BESIDE:.0f} mm apart", _two()
+
+
+def _two() -> dict[str, Any]:
+    """A second finger like the first. The board turns the first's joints; the cell moves both."""
+    servos = ("abduction", "flexion_1", "flexion_2", "flexion_3")
+    return {
+        "frames.finger.position": [-_BESIDE, *_MOUNTED[1:]],
+        "frames.second": {"parent": "hand", "position": [_BESIDE, *_MOUNTED[1:]], "quaternion": [*_TURNED]},
+        "sim.parts.second": {"part": "robotic-finger"},
+        "sim.devices.finger.joints": {servo: f"finger_{servo}" for servo in servos},
+    }

@@ -10,7 +10,7 @@ import numpy as np
 
 from runtime.contracts.signals import Array
 from runtime.control.hand.human_hand import FINGERS
-from studies.grasp.cell import EXTRA, PARTIAL, GraspCell
+from studies.grasp.cell import PARTIAL, GraspCell
 from studies.grasp.closing import MOTIONS, Closing, Motion, follow, start
 from studies.grasp.measures import Contacts, epsilon, force_closure, isotropy, isotropy_of_moments, wrenches
 from studies.grasp.things import FRICTION, Thing
@@ -64,7 +64,9 @@ def _grasps(
     row = {f"human_{k}": v for k, v in _measured(human, thing).items()}
     for grasp in grasps(cell, begin, closing, motion, wanted):
         cell.pose(grasp.postures[-1])
-        found = _measured(cell.contacts([*grasp.digits, EXTRA]), thing) | {"touch": len(cell.contacts([EXTRA]))}
+        found = _measured(cell.contacts([*grasp.digits, *cell.extra]), thing) | {
+            "touch": len(cell.contacts(cell.extra))
+        }
         row |= {f"{grasp.name}_{grasp.seen}_{k}": v for k, v in found.items()}
     return row | _null(human, thing, row, rng)
 
@@ -77,7 +79,7 @@ class Grasp:
         name: of AUGMENTED.
         seen: of SEEN.
         digits: the human fingers that close.
-        postures: (k, 24) rad, from the start to the grasp.
+        postures: (k, n) rad, from the start to the grasp.
     """
 
     name: str

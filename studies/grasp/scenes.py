@@ -13,7 +13,7 @@ import rerun as rr
 from runtime.contracts.rotation import from_matrix
 from runtime.contracts.signals import Array
 from runtime.control.hand.human_hand import FINGERS
-from studies.grasp.cell import EXTRA, GraspCell
+from studies.grasp.cell import GraspCell
 from studies.grasp.closing import CLOSINGS, MOTIONS, start
 from studies.grasp.isotropy_trial import AUGMENTED, grasps
 from studies.grasp.things import SHAPES, Thing
@@ -49,7 +49,7 @@ def write(file: Path, text: str, sizes: Iterable[float], quick: bool = False) ->
                     for i in kept:
                         recording.set_time("step", sequence=step)
                         cell.pose(grasp.postures[i])
-                        _log(recording, cell, words, [*grasp.digits, EXTRA] if i == kept[-1] else [])
+                        _log(recording, cell, words, [*grasp.digits, *cell.extra] if i == kept[-1] else [])
                         step += 1
     recording.flush()
     recording.disconnect()

@@ -251,7 +251,9 @@ def test_each_trial_and_each_change_is_a_task_of_its_own() -> None:
     assert len({task.identity for task in tasks}) == len(tasks)
 
 
-@pytest.mark.parametrize("label", ["worn +20 mm distal", "links of 50 mm", "home of 20/20/20 degrees"])
+@pytest.mark.parametrize(
+    "label", ["worn +20 mm distal", "links of 50 mm", "home of 20/20/20 degrees", "two fingers 40 mm apart"]
+)
 def test_a_change_of_the_sweep_reaches_the_cell(label: str) -> None:
     thing = Thing("sphere", 0.06)
     place = thing.place(np.random.default_rng(0))
@@ -260,8 +262,42 @@ def test_a_change_of_the_sweep_reaches_the_cell(label: str) -> None:
     for overrides in ({}, changed):
         cell = GraspCell(text, thing, place, overrides)
         cell.pose(np.append(np.zeros(20), cell.home))
+        assert cell.n == 20 + 4 * len(cell.extra)
         tips.append(cell.tip())
     assert np.linalg.norm(tips[1] - tips[0]) > 0.01
+
+
+def test_a_deformation_of_the_sweep_is_the_laws() -> None:
+    """Tips that stretch along the hand's y take the tip along only if the object may stretch so."""
+    changed = dict(isotropy._changes())["a non-isotropic object"]
+    far = (np.array([0.0, 0.6, 0.0]), WHOLE_TURN)
+    errors = []
+    for overrides in ({}, changed):
+        cell = GraspCell(profile.find(PROFILE)[1], Thing("sphere", 0.04), far, overrides)
+        begin = np.append(np.tile([0.0, 0.2, 0.2, 0.1], 5), cell.home)
+        begin[4:8] += 0.5  # off the plane that the fingertips lie near
+        cell.pose(begin)
+        tips, tip = cell.tips(), cell.tip()
+        stretch = np.linspace(1.0, 0.92, 60)[:, None, None] ** [0.0, 1.0, 0.0]
+        hand = np.tile(begin[:20], (60, 1))
+        cell.pose(follow(cell, "whole", begin, Motion(hand, stretch * tips, stretch * tips), stretch * tips)[-1])
+        errors.append(float(np.linalg.norm(cell.tip() - tip * [1.0, 0.92, 1.0])))
+    assert errors[1] < 0.5 * errors[0]
+
+
+def test_two_fingers_close_and_keep_apart() -> None:
+    thing = Thing("sphere", 0.08)
+    place = thing.place(np.random.default_rng([0, 1]))
+    changed = dict(isotropy._changes())["two fingers 40 mm apart"]
+    cell = GraspCell(profile.find(PROFILE)[1], thing, place, changed)
+    begin = begun(cell)
+    motion = MOTIONS["converge"](cell, begin, FINGERS)
+    path = follow(cell, "whole", begin, motion, motion.measured)
+    for q in path[::5]:
+        cell.pose(q)
+        assert cell.apart()[20:].min() >= 0.0
+    cell.pose(path[-1])
+    assert all(len(cell.contacts([name])) for name in cell.extra)
 
 
 @pytest.mark.slow
