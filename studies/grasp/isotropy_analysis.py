@@ -21,6 +21,7 @@ HEADLINE: Final[tuple[Closing, str]] = ("converge", "measured")
 """The condition of the claims: tips go to the object, and the mapping sees the hand as a glove does. See the table."""
 _UNIT: Final = {"l": "torques by the object's length", "mm": "torques in N mm", "m": "torques in N m"}
 _SUFFIX: Final = {"l": "", "mm": "-mm", "m": "-m"}
+_LARGE: Final = 0.09  # m: larger ones are the larger half of the study's sizes
 _SAME: Final = 1e-9  # of an isotropy: less isn't a difference
 _NONE: Final = (nan, nan, nan)
 
@@ -69,7 +70,7 @@ def _findings(
 ) -> Iterator[tuple[str, str, str, str, float, tuple[float, float, float]]]:
     """Claims' id, text, the paper's words, unit, the value that the interval must be above; value, low, high."""
     size = np.array([one["size"] for one in chosen])
-    touch = _touch(chosen, "whole", seen)
+    touch, part = (_touch(chosen, grasp, seen) for grasp in ("whole", "partial"))
 
     def gii(grasp: str, unit: str) -> Array:
         name = f"human_gii_{unit}" if grasp == "human" else f"{grasp}_{seen}_gii_{unit}"
@@ -112,6 +113,16 @@ def _findings(
             f"partial-above-human{end}", f"GII with thumb and index inactive is above the bare hand's, {words}",
             "generally higher", "of placements", 0.5, _share(partial > human + _SAME),
         )  # fmt: skip
+        yield (
+            f"partial-above-human-touching{end}", f"the same where the finger touches, {words}", "",
+            "of placements", 0.5, _share((partial > human + _SAME)[part]),
+        )  # fmt: skip
+        for label, kept in (("small", size <= _LARGE), ("large", size > _LARGE)):
+            yield (
+                f"partial-above-human-touching-{label}{end}",
+                f"the same on objects {'of more than' if label == 'large' else 'up to'} {1e3 * _LARGE:.0f} mm, {words}",
+                "", "of placements", 0.5, _share((partial > human + _SAME)[part & kept]),
+            )  # fmt: skip
         yield (
             f"partial-above-human-all-close{end}", f"the same if thumb and index close as well, {words}", "",
             "of placements", 0.5, _share(every > human + _SAME),

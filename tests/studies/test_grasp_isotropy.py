@@ -216,6 +216,9 @@ def test_the_analysis_counts_what_the_rows_say() -> None:
     whole, touching = condition["finger-improves-gii"], condition["finger-improves-gii-touching"]
     assert whole["low"] < whole["value"] < whole["high"]
     assert touching["value"] == pytest.approx(0.1)
+    assert condition["partial-above-human-touching-mm"]["value"] == 1.0
+    shares = [condition[f"partial-above-human-touching-{size}-mm"] for size in ("small", "large")]
+    assert [share["holds"] for share in shares] == [False, False], "two and three are too few"
     lines = table(found)
     assert [line["grasps"] for line in lines[:5]] == [6, 6, 6, 6, 3]
     assert lines[0]["touch whole"] == pytest.approx(5 / 6)
