@@ -18,7 +18,8 @@ from studies.grasp.cell import PARTIAL, TOUCH, GraspCell
 from studies.grasp.closing import CLEAR, CLOSINGS, MOTIONS, Motion, follow, start
 from studies.grasp.isotropy_analysis import claims, records, statistics, table
 from studies.grasp.isotropy_figure import figure
-from studies.grasp.isotropy_trial import AUGMENTED, PROFILE, SEEN, UNITS, trial
+from studies.grasp.isotropy_trial import AUGMENTED, PROFILE, SEEN, UNITS, _null, length, trial
+from studies.grasp.measures import isotropy as isotropy_of
 from studies.grasp.things import SHAPES, Thing
 from studies.tasks.local import LocalEngine
 from studies.tasks.runner import Runner
@@ -217,8 +218,6 @@ def test_the_analysis_counts_what_the_rows_say() -> None:
     assert whole["low"] < whole["value"] < whole["high"]
     assert touching["value"] == pytest.approx(0.1)
     assert condition["partial-above-human-touching-mm"]["value"] == 1.0
-    shares = [condition[f"partial-above-human-touching-{size}-mm"] for size in ("small", "large")]
-    assert [share["holds"] for share in shares] == [False, False], "two and three are too few"
     lines = table(found)
     assert [line["grasps"] for line in lines[:5]] == [6, 6, 6, 6, 3]
     assert lines[0]["touch whole"] == pytest.approx(5 / 6)
@@ -232,6 +231,33 @@ def test_a_gain_that_grows_with_the_object_is_seen_and_one_that_falls() -> None:
         claim = next(claim for claim in claims(line) if claim.id == "more-for-large-objects")
         assert claim.measured == pytest.approx(0.1 * sign)  # per 100 mm
         assert claim.holds is holds
+
+
+def test_small_and_large_objects_are_told_apart() -> None:
+    found = [
+        one | {"partial_measured_gii_l": one["human_gii_l"] + 0.1 * (one["size"] - 0.08)} for one in records(made())
+    ]
+    condition = statistics(found)["converge, measured"]
+    shares = [condition[f"partial-above-human-touching-{size}"]["value"] for size in ("small", "large")]
+    assert shares == [0.0, 1.0]
+
+
+@pytest.mark.parametrize("touch", [0, 1, 2])
+def test_chance_has_as_many_contacts_as_the_finger(touch: int) -> None:
+    """Against the index of each grasp with its random contacts, one by one."""
+    thing, extra = Thing("cube", 0.06), max(touch, 1)
+    human = thing.surface(np.random.default_rng(1), 5)
+    bare = isotropy_of(human.points, thing.length)
+    row = {f"human_gii_{unit}": isotropy_of(human.points, length(unit, thing)) for unit in UNITS}
+    row |= {"whole_measured_touch": touch, "whole_measured_n": 5 + touch}
+    row |= {f"whole_measured_gii_{unit}": 1.1 * row[f"human_gii_{unit}"] for unit in UNITS}
+    found = _null(human, thing, row, np.random.default_rng(2))
+    drawn = thing.surface(np.random.default_rng(3), 1000 * extra).points.reshape(1000, extra, 3)
+    several = np.array([isotropy_of(np.vstack([human.points, points]), thing.length) for points in drawn])
+    single = np.array([isotropy_of(np.vstack([human.points, points[:1]]), thing.length) for points in drawn])
+    assert found["human_null_l"] == pytest.approx(several.mean(), rel=0.03)
+    assert found["human_raised_l"] == pytest.approx((single > bare).mean(), abs=0.08)
+    assert found["human_better_l"] == pytest.approx((1.1 * bare > several).mean(), abs=0.08)
 
 
 def test_a_claim_fails_when_the_finger_makes_it_worse() -> None:
