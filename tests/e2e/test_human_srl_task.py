@@ -25,7 +25,7 @@ def test_task_is_taught_repeated_and_replayed(tmp_path: Path) -> None:
             "--sim",
             "--fast",
             "--duration",
-            "30",
+            "60",
             "--record",
             "x.rrd",
             "--json",

@@ -166,8 +166,8 @@ def test_a_person_who_is_held_out_gives_a_whole_row() -> None:
 
 
 @pytest.mark.slow
-def test_quick_set_with_the_recordings(tmp_path: Path) -> None:
-    shared("data/axis_neuron_bvh")
+def test_quick_set_with_the_recordings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SRL_SHARED", str(shared("data/axis_neuron_bvh").parents[1]))
     part = intention_claims.claims(Here({"human-srl-intention": trial}), tmp_path, True)  # type: ignore[arg-type]
     ids = [claim.id for claim in part.claims]
     assert ids == ["intention-accuracy", *(f"false-activations-{kind}" for kind in (*UNRELATED, "recorded"))]
