@@ -49,7 +49,7 @@ def test_tip_goes_back_to_the_path_at_a_limited_speed_and_only_then_on() -> None
 
 
 @given(st.integers(0, 200))
-@settings(max_examples=8)
+@settings(max_examples=4)
 def test_distance_to_a_body_at_rest_is_kept(seed: int) -> None:
     person = Hand()
     person.go(Bench().tip + np.random.default_rng(seed).uniform(-0.2, 0.2, 3))

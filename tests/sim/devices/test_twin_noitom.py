@@ -327,7 +327,7 @@ def test_recorded_motion_comes_out_at_the_other_end(name: str) -> None:
     with Bench(twin) as bench:
         device = driver_of(bench, {"order": order})
         off = []
-        while bench.now * 1e-9 < min(person.duration, 2.5):
+        while bench.now * 1e-9 < min(person.duration, 1.5):
             bench.run(0.01)
             frames = device.health.frames
             until(lambda before=frames: device.health.frames > before, lambda: device.read(bench.now))

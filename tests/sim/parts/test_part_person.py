@@ -159,7 +159,10 @@ def test_a_robot_unlike_the_known_one_is_guided_by_sight():
     assert np.abs(seen["person_tool"][-100:] - [0.3, 0, 0]).max() < 0.012
 
 
-@pytest.mark.parametrize(("stiffness", "damping"), [(50.0, 20.0), (200.0, 5.0), (400.0, 40.0)])
+@pytest.mark.parametrize(
+    ("stiffness", "damping"),
+    [(50.0, 20.0), pytest.param(200.0, 5.0, marks=pytest.mark.slow), pytest.param(400.0, 40.0, marks=pytest.mark.slow)],
+)
 def test_arms_of_the_literature_come_to_rest(stiffness, damping):
     """With a tool, and with the paper's two admittances."""
     softer = {"mass": 3.0, "damping": 20.0, "inertia": 0.8, "turn_damping": 1.5}

@@ -122,8 +122,13 @@ def test_exploration_covers_the_workspace_with_the_trunk_still() -> None:
     assert np.ptp(truth["position"][:, torso], axis=0).max() < 1e-6
 
 
-@pytest.mark.parametrize("sense", [1.0, -1.0])
-@pytest.mark.parametrize("model", ["preview", "pursuit"])
+@pytest.mark.parametrize(
+    ("model", "sense"),
+    [
+        ("preview", -1.0), ("pursuit", 1.0),
+        *(pytest.param(*at, marks=pytest.mark.slow) for at in (("preview", 1.0), ("pursuit", -1.0))),
+    ],
+)  # fmt: skip
 def test_it_follows_a_curve_whichever_way_the_pointer_goes(model: str, sense: float) -> None:
     """The pointer is a bent function of the swivel angle that the wearer doesn't know."""
     world, part = cell(tracking={"model": model})
