@@ -20,6 +20,9 @@ from runtime.contracts.signals import Array
 from runtime.ipc import private_file
 from runtime.ipc.words import CYCLE, DEVICE, Cause
 
+Words = NDArray[np.int64]
+"""Rows: (k, width), or one of them."""
+
 # The words of the first recordings, whose layouts don't name them.
 _FIRST_CYCLE = (
     *("cycle", "now", "dt", "deadline", "wake", "read", "control", "guard", "write", "log", "state", "cause"),

@@ -9,11 +9,10 @@ from enum import StrEnum
 import numpy as np
 
 from runtime.contracts.errors import RecordingError
-from runtime.ipc.layout import Layout
+from runtime.ipc.layout import Layout, Words
 from runtime.ipc.ring import RingReader
 from runtime.ipc.run_folder import RunFolder
 from runtime.ipc.words import DEVICE, LINK_CONNECTED, LINK_STALE, Cause, State
-from runtime.recording.columns import Words
 
 SILENCE = 0.1  # s without a row after which the newest counts as old; three periods of a slower loop
 LOOK = 0.25  # s between looks for the files of a new run

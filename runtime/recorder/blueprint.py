@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import rerun.blueprint as rrb
 
-from runtime.ipc.layout import Layout
+from runtime.ipc.layout import Layout, Words
 from runtime.profile.plots import Plot, command_plots, joint_plots, profile_plots
 from runtime.recorder.eye import look
 from runtime.recorder.scene import plot_path
-from runtime.recording.columns import Words, entity
+from runtime.recording.columns import entity
 from runtime.recording.format import EVENTS
 from runtime.recording.shapes import visuals
 

@@ -7,8 +7,7 @@ import rerun.blueprint as rrb
 
 from runtime.contracts.field import Field
 from runtime.contracts.signals import Array
-from runtime.ipc.layout import Layout
-from runtime.recording.columns import Words
+from runtime.ipc.layout import Layout, Words
 from runtime.recording.shapes import Placing
 
 # From the thumb's side of a right hand (-x), from behind the wrist (-y) and from its back (+z). It suits a robot, too.

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from runtime.contracts.errors import RecordingError
+from runtime.ipc.layout import Words
 from runtime.ipc.run_folder import free_bytes
 from runtime.recorder.stream import Stream
-from runtime.recording.columns import Words
 from runtime.recording.segments import folder_of, listed
 from runtime.recording.source import Source
 

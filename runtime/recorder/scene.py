@@ -17,10 +17,11 @@ from runtime.contracts import rotation
 from runtime.contracts.field import Field
 from runtime.contracts.frames import as_pose
 from runtime.contracts.rotation import homogeneous
+from runtime.ipc.layout import Words
 from runtime.ipc.words import Cause, State
 from runtime.profile.plots import Plot, command_plots, joint_plots, profile_plots, series_names
 from runtime.recorder.capsules import capsule_columns, capsule_look
-from runtime.recording.columns import Columns, Words, entity
+from runtime.recording.columns import Columns, entity
 from runtime.recording.shapes import PALETTE, Color, Placing, color_numbers, colors, visuals
 
 VIEW_RATE = 30.0  # Hz of the loop's clock

@@ -14,10 +14,10 @@ import pyarrow as pa
 import rerun as rr
 
 from runtime.ipc.events import Event
-from runtime.ipc.layout import Layout
+from runtime.ipc.layout import Layout, Words
 from runtime.recorder import blueprint
 from runtime.recorder.scene import Scene
-from runtime.recording.columns import ArrowBatch, Columns, Words
+from runtime.recording.columns import ArrowBatch, Columns
 from runtime.recording.format import APPLICATION, EVENT, EVENTS, FORMAT, LEVELS, PROPERTY
 
 

@@ -11,10 +11,9 @@ from runtime.contracts.errors import RecordingError
 from runtime.ipc import private_file
 from runtime.ipc.child import Ending
 from runtime.ipc.events import Event, EventReader
-from runtime.ipc.layout import Layout
+from runtime.ipc.layout import Layout, Words
 from runtime.ipc.ring import RingReader
 from runtime.ipc.run_folder import RunFolder
-from runtime.recording.columns import Words
 
 BATCH = 4096  # rows at once, at most
 FLUSH = 0.2  # s between batches, at most

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from runtime.contracts.errors import RecordingError
+from runtime.ipc.layout import Words
 from runtime.recorder.stream import Stream
 from runtime.recorder.tail import Batch
-from runtime.recording.columns import Words
 
 HOST = "127.0.0.1"
 GRPC_PORT, WEB_PORT = 9876, 9090  # rerun's own ports, used if they are free

@@ -14,10 +14,8 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from runtime.contracts.errors import RecordingError
-from runtime.ipc.layout import Layout
+from runtime.ipc.layout import Layout, Words
 from runtime.ipc.words import CYCLE, DEVICE
-
-Words = NDArray[np.int64]
 
 ROW = "row"
 

@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 from runtime.contracts.errors import RecordingError
 from runtime.contracts.field import Field
 from runtime.ipc.events import Event, EventReader
-from runtime.ipc.layout import Layout
+from runtime.ipc.layout import Layout, Words
 from runtime.ipc.ring import RingReader
 from runtime.ipc.words import LINK_CONNECTED
-from runtime.recording.columns import Words
 from runtime.recording.segments import folder_of, listed
 from runtime.recording.source import Source, gaps
 

@@ -14,8 +14,8 @@ import rerun as rr
 
 from runtime.contracts.errors import RecordingError
 from runtime.ipc.events import Event
-from runtime.ipc.layout import Layout
-from runtime.recording.columns import Assembler, Columns, Words
+from runtime.ipc.layout import Layout, Words
+from runtime.recording.columns import Assembler, Columns
 from runtime.recording.format import APPLICATION, EVENT, EVENTS, FORMAT, LEVELS, OLD_EVENT, OLD_EVENTS, PROPERTY
 from runtime.recording.framing import copy_prefix, whole
 
