@@ -23,14 +23,16 @@ demo: setup
 	@echo "picture:   $(OUT)/demo/sixth-finger.png"
 
 # Two workers; the tests of a file share fixtures that take seconds, so they stay together. What measures time comes
-# after the others, one test at a time.
+# after the others, one test at a time; only the files that have such tests are read for it.
+SERIAL = $(shell grep -rlw --include='test_*.py' -e mark.serial tests)
+
 test: setup
 	$(PYTEST) -n 2 --dist loadfile -m "not slow and not serial"
-	$(PYTEST) -m "not slow and serial"
+	$(PYTEST) -m "not slow and serial" $(SERIAL)
 
 slow: setup
 	$(PYTEST) -n 2 --dist loadfile -m "slow and not serial"
-	$(PYTEST) -m "slow and serial"
+	$(PYTEST) -m "slow and serial" $(SERIAL)
 
 lint: setup
 	$(BIN)/ruff check .

@@ -14,7 +14,7 @@ from helpers.calibration import PROFILE, Actor, Person
 from helpers.run import call, ended, environment, srl, summary
 from helpers.wait import until
 
-from runtime.calibration import session
+from runtime.calibration import report, session
 from runtime.calibration.sources import RowFile
 from runtime.cli import main
 from runtime.control.ikns import record
@@ -25,6 +25,7 @@ from runtime.control.ikns.steps import Kind
 QUICK = ["static=0.5", "exploration=4", "trial=1.5", "settle=0.3", "patience=3", "samples=60"]
 OPTIONS = [word for option in QUICK for word in ("--option", option)]
 Command = Callable[..., int]
+drawn = report.draw
 
 
 @pytest.fixture
@@ -36,10 +37,14 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def command(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
-    """`srl calibrate worn.yaml ikns ...` with the actor in place of the simulated wearer."""
+    """`srl calibrate worn.yaml ikns ...` with the actor in place of the simulated wearer.
 
-    def run(*arguments: str, actor: Actor | None = None) -> int:
+    `picture`: whether the report is drawn, which takes as long as all the rest; else it is an empty file.
+    """
+
+    def run(*arguments: str, actor: Actor | None = None, picture: bool = False) -> int:
         monkeypatch.setattr(session, "Simulated", lambda *_: actor or Actor())
+        monkeypatch.setattr(report, "draw", drawn if picture else lambda _, png: png.touch())
         return main(["calibrate", "worn.yaml", "ikns", *OPTIONS, *arguments])
 
     return run
@@ -49,8 +54,9 @@ def test_the_file_goes_where_the_profile_says(
     command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     actor = Actor()
-    assert command("--sim", "--person", "P07", actor=actor) == 0
+    assert command("--sim", "--person", "P07", actor=actor, picture=True) == 0
     assert actor.closed
+    assert (folder / "p07.json.report.png").read_bytes().startswith(b"\x89PNG")
     assert record.read(folder / "p07.json").person == "P07"
     assert {p.name for p in folder.iterdir()} == {"worn.yaml", "p07.json", "p07.json.report.png"}
     said = capsys.readouterr()

@@ -13,7 +13,7 @@ from helpers.intention_calibration import PROFILE, Person, Pretender
 from helpers.run import call, summary
 from rich.console import Console
 
-from runtime.calibration import session
+from runtime.calibration import intention_report, session
 from runtime.calibration.screen import picture
 from runtime.calibration.sources import RowFile
 from runtime.cli import main
@@ -25,6 +25,7 @@ from runtime.ipc.words import CYCLE, State
 QUICK = [word for option in ("rounds=3", "pause=1.5", "stand=4", "walk=5") for word in ("--option", option)]
 FOUR = "overhead,bend,turn-left,wave"
 Command = Callable[..., int]
+drawn = intention_report.draw
 
 
 @pytest.fixture
@@ -36,9 +37,13 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def command(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
-    """`srl calibrate suit.yaml intention ...` of four actions, without physics."""
+    """`srl calibrate suit.yaml intention ...` of four actions, without physics.
 
-    def run(*arguments: str, actor: Pretender | None = None, actions: str | None = FOUR) -> int:
+    `picture`: whether the report is drawn, which takes as long as all the rest; else it is an empty file.
+    """
+
+    def run(*arguments: str, actor: Pretender | None = None, actions: str | None = FOUR, picture: bool = False) -> int:
+        monkeypatch.setattr(intention_report, "draw", drawn if picture else lambda _, png: png.touch())
         monkeypatch.setattr(session, "Simulated", lambda *_: actor or Pretender(actions=actions))
         named = ("--actions", actions) if actions and "--recording" not in arguments else ()
         return main(["calibrate", "suit.yaml", "intention", *QUICK, *named, *arguments])
@@ -54,7 +59,7 @@ def test_the_ten_actions_are_recorded_and_the_law_reads_the_file(
     command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     actor = Pretender()
-    assert command("--sim", "--person", "P07", actor=actor, actions=None) == 0
+    assert command("--sim", "--person", "P07", actor=actor, actions=None, picture=True) == 0
     assert actor.closed
     made = read(folder / "p07.json")
     assert (made.person, made.simulated, made.actions) == ("P07", True, ACTIONS)

@@ -58,6 +58,7 @@ def _only_local(run: Running) -> None:
             assert connection.laddr.ip in ("127.0.0.1", "::1"), f"{process.cmdline()} has {connection}"
 
 
+@pytest.mark.slow
 def test_setpoints_move_the_finger_and_bad_ones_are_refused(tmp_path: Path) -> None:
     with Running(tmp_path, "finger-jog", "--sim", "--duration", "60", instance="finger-jog") as run:
         run.started()

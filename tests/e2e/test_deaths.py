@@ -68,6 +68,7 @@ def test_a_killed_supervisor_takes_the_limb_into_its_stop(tmp_path: Path) -> Non
         until(lambda: not any(alive(pid) for pid in children.values()), what="the end of all it started")
 
 
+@pytest.mark.slow
 def test_a_killed_loop_is_said_and_its_rows_are_kept(tmp_path: Path) -> None:
     with Running(tmp_path, "sixth-finger", "--sim", "--duration", "60", "--record", "x.rrd") as run:
         run.started()
@@ -97,6 +98,7 @@ def test_stop_reset_and_start_reach_the_loop(tmp_path: Path) -> None:
     assert (found["state"], found["cause"]) == ("ended", "request")
 
 
+@pytest.mark.slow
 def test_one_instance_of_a_name_at_a_time(tmp_path: Path) -> None:
     with Running(tmp_path, "sixth-finger", "--sim", "--duration", "60", "--set", "bus=null") as run:
         run.started()

@@ -170,6 +170,7 @@ def test_the_watchdog_falls_silent_with_the_loop(tmp_path: Path, monkeypatch: py
     assert "no sign of life" in found["death"]["how"]
 
 
+@pytest.mark.slow
 def test_a_stop_signal_to_all_processes_is_a_safe_stop(tmp_path: Path) -> None:
     """What `systemctl stop` does with KillMode=control-group."""
     with Running(tmp_path, "sixth-finger", "--sim", "--duration", "60", "--record", "x.rrd") as run:

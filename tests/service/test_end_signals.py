@@ -50,7 +50,7 @@ def test_after_an_error_they_are_as_before() -> None:
     assert signal.getsignal(signal.SIGTERM) == before
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.slow)])
 def test_a_run_that_has_just_begun_ends_in_order(tmp_path: Path, number: signal.Signals) -> None:
     process = subprocess.Popen(
         srl("run", "sixth-finger", "--sim", "--set", "bus=null"), env=environment(tmp_path), cwd=tmp_path,

@@ -114,6 +114,7 @@ def test_a_damaged_ring_is_kept_as_it_is(left: tuple[RunFolder, RingWriter], tmp
     assert (box / "rows.ring").read_bytes() == b"half a ring"
 
 
+@pytest.mark.slow
 def test_the_next_start_saves_the_rows_of_a_run_that_was_killed_whole(tmp_path: Path) -> None:
     arguments = ("sixth-finger", "--sim", "--set", "bus=null")
     with Running(tmp_path, *arguments, "--duration", "60") as run:
