@@ -31,8 +31,7 @@ class Lateness:
         elif self._since < 0:
             self._since = now
         elif now - self._since > ENDURED:
-            health.connected = False
-            health.message = f"its samples are {delay * 1e-9:.1f} s late"
+            health.lost(f"its samples are {delay * 1e-9:.1f} s late")
             raise DeviceLostError(place, health.message, "It is opened anew, without what waits there")
 
 

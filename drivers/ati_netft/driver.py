@@ -110,8 +110,7 @@ class AtiNetFt(Sensor):
                 self._asks += self._request(link, Request.START)
                 self.health.message = f"no records; the stream was asked for again {self._asks} times"
         except DeviceLostError as error:
-            self.health.connected = False
-            self.health.message = error.problem
+            self.health.lost(error.problem)
             raise
 
     def recover(self, now: int) -> None:

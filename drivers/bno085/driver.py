@@ -93,8 +93,7 @@ class Bno085(Sensor):
         try:
             records = self._receive(self._link)
         except DeviceLostError as error:
-            self.health.connected = False
-            self.health.message = error.problem
+            self.health.lost(error.problem)
             raise
         if self._heard < 0 or records:
             self._heard = now
@@ -103,8 +102,7 @@ class Bno085(Sensor):
         if self.health.stamp < 0 or now - self.health.stamp > self._hold:
             expire(self.state_arrays)
         if now - self._heard > SILENT:
-            self.health.connected = False
-            self.health.message = "no frames for 5 s"
+            self.health.lost("no frames for 5 s")
             raise DeviceLostError(self._place, "no frames for 5 s", _REMEDY)
 
     def close(self) -> None:

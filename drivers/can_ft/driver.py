@@ -163,8 +163,7 @@ class CanFt(Sensor):
                 self._asks += self._ask_again(link)
                 self.health.message = f"no records; the stream was asked for again {self._asks} times"
         except DeviceLostError as error:
-            self.health.connected = False
-            self.health.message = error.problem
+            self.health.lost(error.problem)
             raise
 
     def close(self) -> None:

@@ -102,8 +102,7 @@ class CyberGlove(Sensor):
                 self._restarts += self._link.write(b"".join(self._settings) + START)
                 self.health.message = f"no records; streaming was asked for again {self._restarts} times"
         except DeviceLostError as error:
-            self.health.connected = False
-            self.health.message = error.problem
+            self.health.lost(error.problem)
             raise
 
     def close(self) -> None:

@@ -128,8 +128,7 @@ class Dynamixel(Driver):
                 if line.free:
                     self._ask(line, now, False)
         except DeviceLostError as error:
-            self.health.connected = False
-            self.health.message = error.problem
+            self.health.lost(error.problem)
             raise
         self._writing = False
         self.health.unsent = line.unsent

@@ -89,8 +89,7 @@ class Gamepad(Sensor):
             reports = source.read()
         except DeviceLostError as error:
             self._neutral()
-            self.health.connected = False
-            self.health.message = error.problem
+            self.health.lost(error.problem)
             raise
         for report in reports:
             self._take(report)

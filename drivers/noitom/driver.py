@@ -79,8 +79,7 @@ class Noitom(Sensor):
         try:
             data = self._take(self._link)
         except DeviceLostError as error:
-            self.health.connected = False
-            self.health.message = error.problem
+            self.health.lost(error.problem)
             raise
         if not data:
             return
@@ -94,8 +93,7 @@ class Noitom(Sensor):
             return
         self._useless += len(data)
         if self._useless > USELESS:
-            self.health.connected = False
-            self.health.message = "what comes is no frame any more"
+            self.health.lost("what comes is no frame any more")
             raise DeviceLostError(self._place, "what comes is no frame any more", "It is looked at anew")
 
     def close(self) -> None:

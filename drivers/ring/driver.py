@@ -260,8 +260,7 @@ class Ring(Sensor):
         except DeviceLostError as error:
             self._switch.start(0.0)
             self.state_arrays["buttons"][0] = 0.0
-            self.health.connected = False
-            self.health.message = error.problem
+            self.health.lost(error.problem)
             raise
         errors, frames = self._parser.errors, self._parser.frames
         for line in self._parser.feed(data):

@@ -137,8 +137,7 @@ class SoftHand(Driver):
                 raise DeviceLostError(self._place, f"no answer for {GONE / 1e9:g} s", REMEDY)
             self._keep_asking(link, now)
         except DeviceLostError as error:
-            self.health.connected = False
-            self.health.message = error.problem
+            self.health.lost(error.problem)
             raise
 
     def write(self, now: int) -> None:
@@ -293,8 +292,7 @@ class SoftHand(Driver):
             if not link.write(command + self._queries[query]):
                 return False
         except DeviceLostError as error:
-            self.health.connected = False
-            self.health.message = error.problem
+            self.health.lost(error.problem)
             raise
         self._last_query = now
         self._waiting = query

@@ -122,15 +122,13 @@ class Trigno(Sensor):
             if self._control.unsent() == 0:
                 self._control.read()
         except DeviceLostError as error:
-            self.health.connected = False
-            self.health.message = error.problem
+            self.health.lost(error.problem)
             raise
         if data or self._heard_at < 0:
             self._heard_at = now
         if not data:
             if now - self._heard_at > GONE:
-                self.health.connected = False
-                self.health.message = f"no samples for {GONE / 1e9:g} s"
+                self.health.lost(f"no samples for {GONE / 1e9:g} s")
                 raise DeviceLostError(self._place, self.health.message, "It is connected anew, and told to start")
             return
         errors = self._parser.errors
@@ -142,8 +140,7 @@ class Trigno(Sensor):
         self.health.errors += self._parser.errors - errors
         self._wrong += self._parser.errors - errors
         if self._wrong > WRONG:
-            self.health.connected = False
-            self.health.message = "the stream is out of step"
+            self.health.lost("the stream is out of step")
             raise DeviceLostError(self._place, "what it sends are no electrode's voltages", "It is connected anew")
 
     def close(self) -> None:

@@ -131,8 +131,7 @@ class Ur(Driver):
             if now - self._sent > self.config.timeout * 1e9:
                 self._publish_rest()
         except DeviceLostError as error:
-            self.health.connected = False
-            self.health.message = error.problem
+            self.health.lost(error.problem)
             raise
 
     def write(self, now: int) -> None:

@@ -79,8 +79,7 @@ class Vicon(Sensor):
         try:
             frame = self._source.read(now)
         except DeviceLostError as error:
-            self.health.connected = False
-            self.health.message = error.problem
+            self.health.lost(error.problem)
             raise
         finally:
             self._count()

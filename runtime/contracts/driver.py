@@ -56,6 +56,10 @@ class Health:
         self.reconnects += self.was_open
         self.was_open = True
 
+    def lost(self, why: str) -> None:
+        """Records that the device is lost; `why`, for people."""
+        self.connected, self.message = False, why
+
 
 class Driver(ABC):
     """One device.
