@@ -25,8 +25,8 @@ class ClearanceConfig(Options):
 class Braking:
     """A motion that ends at rest, in samples: what the next command and the stop after it would do.
 
-    Between two samples each joint goes from the one value to the other and doesn't turn back (with a bounded jerk it
-    may, by a tenth of a millimetre).
+    Between two samples each joint goes from the one value to the other and doesn't turn back. With a bounded jerk it
+    may, by 0.1 mm of the limb where the jerk is 5 A/s or more (A: the acceleration), and 1.4 mm where it is A/s.
 
     Attributes:
         path: (m, n) rad or m, positions of the command's n elements; the first is where the limb is commanded now.

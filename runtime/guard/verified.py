@@ -255,8 +255,8 @@ class VerifiedStop:
         """
         joints = zip(states, tried, self._A, self._J, strict=True)
         return [
-            max(abs(to[0] - now[0]) / dt, abs(to[1]) if isinf(j) else stop_range(to, a, j)[2])
-            for now, to, a, j in joints
+            max(abs(end[0] - begin[0]) / dt, abs(end[1]) if isinf(j) else stop_range(end, a, j)[2])
+            for begin, end, a, j in joints
         ]
 
     def _stop(self, states: list[State], m: int) -> int:

@@ -4,6 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from runtime.control.strap.axes import Axis
+
 ARM: dict[str, dict[str, Any]] = {
     "j1": {"axis": [0, 1, 0]},
     "j2": {"axis": [0, 0, 1]},
@@ -17,3 +23,21 @@ ARM: dict[str, dict[str, Any]] = {
 
 HOME = [0.4, 0.3, 0.0, -0.9, 0.0, 0.2, 0.3]
 """A posture away from limits and singularities; rad, and m for j5."""
+
+AXES = tuple(Axis.model_validate(axis) for axis in ARM.values())
+LOWER, UPPER = np.array([a.lower for a in AXES]), np.array([a.upper for a in AXES])
+UNIT = [1.0, 0.0, 0.0, 0.0]
+
+share = st.lists(st.floats(0, 1), min_size=7, max_size=7)
+vectors = st.tuples(*[st.floats(-1, 1)] * 3).map(np.array)
+turns = vectors.map(lambda v: Rotation.from_rotvec(3 * v))
+small = vectors.map(lambda v: 0.15 * v / max(1.0, float(np.linalg.norm(v))))
+
+
+def q_of(shares: list[float]) -> np.ndarray:
+    return LOWER + np.array(shares) * (UPPER - LOWER)
+
+
+def wxyz(turn: Rotation) -> tuple[float, float, float, float]:
+    x, y, z, w = turn.as_quat()
+    return (w, x, y, z)

@@ -62,7 +62,7 @@ class BodyClearance(Clearance):
     frame of the node that carries the arms, which is taken for rigid with their base: what straps give is part of
     `uncertainty`. The age of the pose is the time since its stamp, or since it last changed where a suit repeats
     itself, and `latency`. A segment that a hanging joint moves stays where it was seen last, and gets older by itself
-    (`JointAge`). The arm of the other side isn't compared.
+    (`JointAge`). The other arms that hang on the same node and have such a clearance are compared, too (`OtherArm`).
     """
 
     Config = BodyClearanceConfig
