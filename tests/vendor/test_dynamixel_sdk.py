@@ -74,7 +74,8 @@ def test_protocol_2_single_packets():
         assert good(p.read4ByteTxRx(port, 1, 116)) == 2048
         p.action(port, 254)
         until(lambda: good(p.read4ByteTxRx(port, 1, 116)) == 0x900)
-        assert p.factoryReset(port, 1, 0xFF) == (sdk.COMM_SUCCESS, 1)
+        good(p.factoryReset(port, 1, 0x02))  # all but its id and its baud rate
+        until(lambda: p.ping(port, 1)[1] == sdk.COMM_SUCCESS)
         good(p.reboot(port, 1))
         until(lambda: p.ping(port, 1)[1] == sdk.COMM_SUCCESS)
         assert good(p.read1ByteTxRx(port, 1, 64)) == 0

@@ -10,7 +10,6 @@ from helpers.ft import Server, at_sensor, cell, push
 from drivers.ati_netft.config import AtiNetFtConfig
 from sim.devices.ati_netft.fake import FakeAtiNetFt, FakeAtiNetFtOptions
 from sim.devices.ati_netft.twin import AtiNetFtTwin
-from sim.devices.shared.sockets import UdpDoor
 
 NetFT = pytest.importorskip("NetFT")
 WRENCH = (1.5, -2.5, 10.0, 0.1, -0.2, 0.3)
@@ -29,11 +28,10 @@ def host():
 
 @pytest.fixture
 def server(host):
-    fake = FakeAtiNetFt("ft", AtiNetFtConfig(port="udp://127.0.0.1"), cell(), FakeAtiNetFtOptions(noise=0.0))
-    twin = AtiNetFtTwin(fake)
-    twin.records = UdpDoor(host)
-    twin.records.open(PORT)
-    with Server(twin) as running:
+    options = FakeAtiNetFtOptions(noise=0.0, host=host, port=PORT)
+    fake = FakeAtiNetFt("ft", AtiNetFtConfig(port="udp://127.0.0.1"), cell(), options)
+    with Server(AtiNetFtTwin(fake)) as running:
+        assert running.twin.address.startswith(f"udp://{host}:{PORT}?http=")
         yield running
 
 

@@ -144,7 +144,8 @@ said["mode"] = robot.read_once().robot_mode.name
     assert said["mode"] == "kUserStopped"
 
 
-def test_its_own_motion_generator_uses_the_model_that_the_robot_gave_it() -> None:
+def test_its_own_motions_with_its_own_gains_use_the_model_that_the_robot_gave_it() -> None:
+    """The arm as it is: rotors and the published friction."""
     said, figures = run(
         FULL,
         """
@@ -152,10 +153,11 @@ state = panda.get_state()
 model = panda.get_model()
 said["mass"] = [float(m) for m in np.array(model.mass(state)).reshape(7, 7).diagonal()]
 said["gravity"] = list(model.gravity(state))
-goal = np.array(state.q) + 0.1 * np.array([1, -1, 1, -1, 1, 1, -1])
-said["reached"] = panda.move_to_joint_position(
-    goal, stiffness=[600.0, 600, 600, 600, 50, 50, 20], damping=[50.0, 50, 50, 20, 4, 4, 1])
+goal = np.array(state.q) + 0.3 * np.array([1, -1, 1, -1, 1, 1, -1])
+said["reached"] = panda.move_to_joint_position(goal)
 said["off"] = float(np.abs(np.array(panda.get_state().q) - goal).max())
+said["back"] = panda.move_to_start()
+said["left"] = float(np.abs(np.array(panda.get_state().q) - said["start"]).max())
 """,
         **helpers_panda.QUIET,
     )
@@ -164,4 +166,7 @@ said["off"] = float(np.abs(np.array(panda.get_state().q) - goal).max())
     np.testing.assert_allclose(said["gravity"], [0, -1.7714, -0.6440, 18.5736, 0.6338, 1.6937, 0], atol=0.02)
     assert said["reached"]
     assert said["off"] < 0.005
+    assert said["back"]
+    assert said["left"] < 0.005
+    assert (figures["reflexes"], figures["packets_lost"]) == (0, 0)
     assert figures["requests"]["LoadModelLibrary"] == 1

@@ -16,6 +16,7 @@ from helpers.srl_twin import TwinProcess
 pytest.importorskip("rtde_receive", reason="ur-rtde isn't installed")
 
 HOST = f"127.{os.getpid() % 200 + 20}.{os.getpid() // 200 % 250}.7"
+ALONE = HOST[:-1] + "8"  # of a twin for one test
 PROFILE = f"""\
 name: ur-vendor
 rate: 500
@@ -49,7 +50,7 @@ def twin(tmp_path_factory):
 
 
 PRELUDE = f"""
-import json, time
+import json, math, time
 from helpers.wait import until
 HOST = {HOST!r}
 out = {{}}
@@ -142,10 +143,12 @@ def test_control_moves_servos_and_streams_velocities(twin):
                 break
         out["q_servoed"] = r.getActualQ()
         out["servo_stopped"] = c.servoStop()
-        for k in range(400):
+        for k in range(2000):
             t = c.initPeriod()
             c.speedJ([0.1, 0.2, 0.3, -0.1, -0.2, -0.3], 2.0, 0.002)
             c.waitPeriod(t)
+            if k > 50 and abs(r.getActualQd()[2] - 0.3) < 5e-3:
+                break
         out["qd"] = r.getActualQd()
         out["speed_stopped"] = c.speedStop()
         until(lambda: max(map(abs, r.getActualQd())) < 4e-3)
@@ -208,3 +211,129 @@ def test_a_script_client_runs_urscript(twin):
         """
     )
     assert out["moved"] == pytest.approx(-0.1, abs=5e-3)
+
+
+@pytest.mark.slow
+def test_cartesian_commands_kinematics_tcp_and_paths_do_what_they_answer(twin):
+    out = client(
+        """
+        from rtde_control import RTDEControlInterface, Path, PathEntry
+        from rtde_receive import RTDEReceiveInterface
+        c, r = RTDEControlInterface(HOST, 500.0), RTDEReceiveInterface(HOST)
+        home = [0.0, -1.5, 1.5, -1.5, -1.5, 0.0]
+        c.moveJ(home, 2.0, 3.0)
+        pose = c.getForwardKinematics()
+        out["here"] = [pose, r.getActualTCPPose()]
+        out["ik"] = c.getInverseKinematics(pose, home)
+        out["solvable"] = [c.getInverseKinematicsHasSolution(pose, home),
+                           c.getInverseKinematicsHasSolution([3.0, 0, 0, 0, 0, 0], home)]
+        goal = [pose[0] + 0.05, pose[1] - 0.05, pose[2], *pose[3:]]
+        out["moveL"] = [c.moveL(goal, 0.2, 1.0), goal, r.getActualTCPPose()]
+        out["moveL_FK"] = [c.moveL_FK(home, 0.2, 1.0), r.getActualQ()]
+        out["moveJ_IK"] = [c.moveJ_IK(goal, 1.0, 2.0), r.getActualTCPPose()]
+        path = [[*home, 1.0, 2.0, 0.0], [0.2, *home[1:], 1.0, 2.0, 0.02], [0.2, -1.4, *home[2:], 1.0, 2.0, 0.0]]
+        out["path"] = [c.moveJ(path), r.getActualQ()]
+        out["tcp"] = [c.setTcp([0, 0, 0.1, 0, 0, 0]), c.getTCPOffset()]
+        until(lambda: abs(math.dist(r.getActualTCPPose()[:3], c.getActualToolFlangePose()[:3]) - 0.1) < 2e-3)
+        c.setTcp([0.0] * 6)
+        for k in range(3000):
+            t = c.initPeriod()
+            c.speedL([0.0, 0.0, 0.05, 0, 0, 0], 1.0, 0.002)
+            c.waitPeriod(t)
+            out["speedL"] = r.getActualTCPSpeed()
+            if abs(out["speedL"][2] - 0.05) < 2e-3:
+                break
+        out["speedStop"] = c.speedStop()
+        out["poseTrans"] = c.poseTrans([1, 0, 0, 0, 0, 1.5707963], [1, 0, 0, 0, 0, 0])
+        out["limits"] = [c.isJointsWithinSafetyLimits(home), c.isJointsWithinSafetyLimits([7.0, *home[1:]])]
+        until(lambda: c.getStepTime() == 0.002)  # the client reads it before the script has written it
+        out["program"] = c.isProgramRunning()
+        c.stopScript()
+        """
+    )
+    assert out["here"][0][:3] == pytest.approx(out["here"][1][:3], abs=1e-3)
+    assert out["ik"] == pytest.approx([0.0, -1.5, 1.5, -1.5, -1.5, 0.0], abs=1e-6)
+    assert out["solvable"] == [True, False]
+    done, goal, there = out["moveL"]
+    assert done
+    assert there[:3] == pytest.approx(goal[:3], abs=1e-3)
+    assert out["moveL_FK"][0]
+    assert out["moveL_FK"][1] == pytest.approx([0.0, -1.5, 1.5, -1.5, -1.5, 0.0], abs=5e-3)
+    assert out["moveJ_IK"][0]
+    assert out["moveJ_IK"][1][:3] == pytest.approx(goal[:3], abs=1e-3)
+    assert out["path"][0]
+    assert out["path"][1] == pytest.approx([0.2, -1.4, 1.5, -1.5, -1.5, 0.0], abs=5e-3)
+    done, offset = out["tcp"]
+    assert done
+    assert offset == pytest.approx([0, 0, 0.1, 0, 0, 0], abs=1e-9)
+    assert out["speedL"] == pytest.approx([0, 0, 0.05, 0, 0, 0], abs=6e-3)
+    assert out["speedStop"]
+    assert out["poseTrans"] == pytest.approx([1, 1, 0, 0, 0, 1.5707963], abs=1e-6)
+    assert out["limits"] == [True, False]
+    assert out["program"]
+
+
+@pytest.mark.slow
+def test_force_mode_freedrive_jogging_and_a_protective_stop(twin):
+    out = client(
+        """
+        from dashboard_client import DashboardClient
+        from rtde_control import RTDEControlInterface
+        from rtde_receive import RTDEReceiveInterface
+        c, r = RTDEControlInterface(HOST, 500.0), RTDEReceiveInterface(HOST)
+        c.moveJ([0.0, -1.5, 1.5, -1.5, -1.5, 0.0], 2.0, 3.0)
+        height = r.getActualTCPPose()[2]
+        c.forceMode([0] * 6, [0, 0, 1, 0, 0, 0], [0, 0, 10, 0, 0, 0], 2, [2, 2, 0.1, 1, 1, 1])
+        until(lambda: r.getActualTCPPose()[2] > height + 0.02)
+        out["force"] = [c.forceModeStop(), r.getActualTCPPose()[2] - height]
+        out["jog"] = [c.jogStart([0, 0, -0.03, 0, 0, 0], c.FEATURE_BASE)]
+        until(lambda: r.getActualTCPSpeed()[2] < -0.02)
+        out["jog"].append(c.jogStop())
+        out["free"] = [c.teachMode(), c.endTeachMode(), c.freedriveMode(), c.getFreedriveStatus(), c.endFreedriveMode()]
+        out["zero"] = c.zeroFtSensor()
+        out["payload"] = c.setPayload(1.0, [0, 0, 0.05])
+        out["stop"] = c.triggerProtectiveStop()
+        until(lambda: r.isProtectiveStopped())
+        d = DashboardClient(HOST)
+        d.connect()
+        def unlocked():
+            try:
+                d.unlockProtectiveStop()
+            except RuntimeError as error:
+                assert "5 seconds" in str(error)
+            return not r.isProtectiveStopped()
+
+        until(unlocked, timeout=40)
+        d.stop()
+        until(lambda: not d.running())
+        """
+    )
+    assert out["force"][0]
+    assert out["force"][1] > 0.02
+    assert out["jog"] == [True, True]
+    assert out["free"] == [True, True, True, 0, True]
+    assert out["zero"]
+    assert out["payload"]
+
+
+@pytest.mark.slow
+def test_what_the_twin_refuses_ends_the_program_and_the_client_sees_it(tmp_path, monkeypatch):
+    profile = tmp_path / "ur.yaml"
+    profile.write_text(PROFILE.replace(HOST, ALONE))
+    monkeypatch.setattr(sys.modules[__name__], "PRELUDE", PRELUDE.replace(HOST, ALONE))
+    with TwinProcess(str(profile)) as twin:
+        out = client(
+            """
+            from rtde_control import RTDEControlInterface
+            c = RTDEControlInterface(HOST, 500.0)
+            c.setGravity([0, 0, 9.82])
+            until(lambda: not c.isProgramRunning())
+            out["again"] = c.reuploadScript()
+            until(lambda: c.getStepTime() > 0)  # the client reads it before the script has written it
+            out["works"] = c.getStepTime()
+            c.stopScript()
+            """
+        )
+    assert out["again"]
+    assert out["works"] == pytest.approx(0.002)
+    assert twin.figures["arm"]["refused"] == {"set_gravity": 1}

@@ -254,8 +254,9 @@ class FakeUr(SampledFake):
         values = np.empty(SIZE)
         values[Q], values[QD] = arm.position, arm.velocity
         values[EFFORT], values[TORQUE] = arm.gravity(), arm.effort
-        values[WRENCH], values[TOOL], values[TWIST] = controller.wrench, controller.tool(), arm.flange_twist()
-        values[TARGET_Q], values[TARGET_QD], values[TARGET_QDD] = motion.q, motion.qd, motion.qdd
+        values[WRENCH], values[TOOL], values[TWIST] = controller.wrench, controller.tool(), controller.tool_twist()
+        values[TARGET_Q], values[TARGET_QD] = controller.target()
+        values[TARGET_QDD] = motion.qdd
         values[SCALING : INPUTS + 1] = (
             controller.scaling, controller.robot_mode, controller.safety_mode, controller.robot_bits,
             controller.runtime_state, controller.inputs,

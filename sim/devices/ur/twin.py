@@ -14,10 +14,11 @@ from sim.devices.shared.sockets import Client, SocketTwin, TcpDoor, UdpDoor
 from sim.devices.ur.fake import FakeUr, FakeUrConfig
 from sim.devices.ur.twin_dashboard import DashboardServer
 from sim.devices.ur.twin_expressions import ScriptError
-from sim.devices.ur.twin_programs import RegisterProgram, UrScriptProgram
+from sim.devices.ur.twin_functions import Refusals
+from sim.devices.ur.twin_program_text import Programs, name_of
+from sim.devices.ur.twin_programs import UrScriptProgram
 from sim.devices.ur.twin_registers import Registers
 from sim.devices.ur.twin_rtde import RtdeServer
-from sim.devices.ur.twin_script import Programs, name_of
 
 _CATCH_UP: Final = 50  # most samples sent at once
 _SCRIPT_PORTS: Final = (30001, 30002, 30003)
@@ -31,7 +32,8 @@ class UrTwin(SocketTwin):
         registers: shared by clients and programs.
         programs: names of the programs that were started, the newest hundred.
         errors: why programs didn't start or ended early.
-        texts: what programs sent with textmsg.
+        texts: what programs said with textmsg and popup, the newest hundred.
+        refusals: what programs and dashboard clients asked for in vain.
     """
 
     def __init__(self, fake: Fake) -> None:
@@ -47,12 +49,14 @@ class UrTwin(SocketTwin):
         self._scripts = [TcpDoor(options.host, 8) for _ in (_SCRIPT_PORTS if options.standard_ports else (0,))]
         self.registers = Registers(self.controller)
         self.rtde = RtdeServer(self._rtde, self.registers)
-        self.dashboard = DashboardServer(self._dashboard, self.controller, fake.config.model.removesuffix("e"))
+        self.refusals = Refusals()
+        model = fake.config.model.removesuffix("e")
+        self.dashboard = DashboardServer(self._dashboard, self.controller, model, self.refusals.note)
         self.programs: list[str] = []
         self.errors: list[str] = []
         self.texts: list[str] = []
         self._incoming: dict[Client, Programs] = {}
-        self._running: UrScriptProgram | RegisterProgram | None = None
+        self._running: UrScriptProgram | None = None
         self._sent = -1
         self._log: list[tuple[int, int]] = []
         fake.after_cycle = self._after_cycle
@@ -101,11 +105,10 @@ class UrTwin(SocketTwin):
 
     def figures(self) -> dict[str, object]:
         """Adds to the socket twin's figures: messages by letter, clients disconnected, programs and their texts."""
-        ignored = self._running.ignored if isinstance(self._running, RegisterProgram) else {}
         return super().figures() | {
             "messages": dict(self.rtde.seen), "dropped": self.rtde.dropped, "programs": list(self.programs),
-            "errors": list(self.errors), "texts": list(self.texts), "ignored_commands": dict(ignored),
-            "dashboard": list(self.dashboard.seen),
+            "errors": list(self.errors), "texts": list(self.texts), "refused": dict(self.refusals.counts),
+            "dashboard": list(self.dashboard.seen), "protective_stops": list(self.controller.stops),
         }  # fmt: skip
 
     def log(self) -> dict[str, NDArray[Any]]:
@@ -118,12 +121,8 @@ class UrTwin(SocketTwin):
             self._note_error("a program was refused: the controller is in local control")
             return
         name = name_of(text)
-        program: UrScriptProgram | RegisterProgram
         try:
-            if name == RegisterProgram.NAME:
-                program = RegisterProgram(self.controller, self.registers)
-            else:
-                program = UrScriptProgram(text, self.controller, self.registers)
+            program = UrScriptProgram(text, self.controller, self.registers, self.refusals)
         except ScriptError as error:
             self._note_error(f"{name or 'line'}: {error}")
             return
@@ -143,9 +142,10 @@ class UrTwin(SocketTwin):
         """Called when the program has ended or is replaced by another."""
         program, self._running = self._running, None
         self.registers.forget_watchdogs()
-        if isinstance(program, UrScriptProgram):
-            self.texts += program.texts
-        if program is not None and program.error:
+        if program is None:
+            return
+        self.texts = [*self.texts, *program.texts][-100:]
+        if program.error:
             self._note_error(f"{program.name}: {program.error}")
 
     def _note_error(self, words: str) -> None:

@@ -20,13 +20,14 @@ class DashboardServer:
         seen: commands received, in order; the newest hundred.
     """
 
-    def __init__(self, door: TcpDoor, controller: UrController, model: str) -> None:
+    def __init__(self, door: TcpDoor, controller: UrController, model: str, refused: Callable[[str], None]) -> None:
+        """`refused` is called with the name of each command that the twin knows and refuses."""
         self.door = door
         self.polyscope = "URSoftware 5.11.0.108249 (Apr 22 2021)"
         self.model, self.serial = model, "20195500001"
         self.remote = True
         self.seen: list[str] = []
-        self._controller = controller
+        self._controller, self._refused = controller, refused
         self._lines: dict[Client, Lines] = {}
         self._answers: dict[str, Callable[[], str]] = {
             "polyscopeversion": lambda: self.polyscope,
@@ -44,12 +45,12 @@ class DashboardServer:
             "power off": lambda: self._do(controller.power_off, "Powering off"),
             "brake release": self._brake_release,
             "stop": lambda: self._do(controller.end_program, "Stopped"),
-            "play": lambda: "Failed to execute: play",
-            "pause": lambda: "Failed to execute: pause",
+            "play": lambda: self._refuse("play", "Failed to execute: play"),
+            "pause": lambda: self._refuse("pause", "Failed to execute: pause"),
             "unlock protective stop": self._unlock,
             "close safety popup": lambda: "closing safety popup",
             "close popup": lambda: "closing popup",
-            "restart safety": lambda: "Restarting safety",
+            "restart safety": self._restart_safety,
             "quit": lambda: "Disconnected",
         }
 
@@ -78,6 +79,8 @@ class DashboardServer:
             ("popup ", "showing popup"), ("addtolog ", "Added log message"), ("load ", "File not found: "),
         ):  # fmt: skip
             if command.startswith(start):
+                if start == "load ":
+                    self._refused("load")
                 return said + line[5:] if start == "load " else said
         return f'could not understand: "{line}"'
 
@@ -92,6 +95,15 @@ class DashboardServer:
     def _do(self, action: Callable[[], None], said: str) -> str:
         action()
         return said
+
+    def _refuse(self, command: str, said: str) -> str:
+        self._refused(command)
+        return said
+
+    def _restart_safety(self) -> str:
+        """It ends violations and faults, which this twin doesn't have; afterwards the arm is without power."""
+        self._controller.power_off()
+        return "Restarting safety"
 
     def _brake_release(self) -> str:
         if self._controller.robot_mode is RobotMode.POWER_OFF:

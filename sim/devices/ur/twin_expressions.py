@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import operator
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
@@ -26,7 +27,16 @@ class ScriptError(Exception):
     """The program's text is wrong, or the program did something impossible."""
 
 
-class Expressions:
+class Pose(list[float]):
+    """A value `p[x, y, z, rx, ry, rz]`: m, and rotation vector, rad. Joint angles are plain lists."""
+
+
+def copied(value: Any) -> Any:
+    """A value as URScript passes it on: lists and poses are values, not references."""
+    return type(value)(value) if isinstance(value, list) else value
+
+
+class Expressions(ABC):
     """A recursive-descent parser of `_line`, from `_column` on."""
 
     def __init__(self, functions: Mapping[str, Callable[..., Any]]) -> None:
@@ -35,6 +45,15 @@ class Expressions:
         self._line: list[tuple[str, str]] = []
         self._number = 0
         self._column = 0
+        self._called: dict[str, int] = {}  # functions of the program that it calls, and a line that does
+
+    @abstractmethod
+    def _value_of(self, name: str, given: list[Any], by_name: dict[str, Any]) -> Any:
+        """Calls a function of the program within an expression."""
+
+    @abstractmethod
+    def _thread(self, name: str, given: list[Any]) -> Any:
+        """Starts a thread of the program."""
 
     def _whole(self) -> Expression:
         value = self._expression()
@@ -104,12 +123,13 @@ class Expressions:
             value = self._expression()
             self._expect(")")
             return value
-        if word == "p" and self._peek() == "[":
-            self._column += 1
-            word = "["
+        if word == "p" and self._peek() == "[" and (pose := self._pose()) is not None:
+            return pose
         if word == "[":
             items = self._items("]")
             return lambda scope: [item(scope) for item in items]
+        if word == "run" and self._column < len(self._line):
+            return self._run_thread()
         if kind != "name":
             raise ScriptError(f"line {self._number}: '{word}' isn't expected here")
         if word in ("True", "False"):
@@ -119,10 +139,13 @@ class Expressions:
 
     def _named(self, word: str) -> Expression:
         if self._accept("("):
-            if word not in self._functions:
-                raise ScriptError(f"line {self._number}: there is no function '{word}' that gives a value")
-            function = self._functions[word]
             values, named = self._arguments()
+            if word not in self._functions:
+                self._called.setdefault(word, self._number)
+                return lambda scope: self._value_of(
+                    word, [value(scope) for value in values], {key: value(scope) for key, value in named.items()}
+                )
+            function = self._functions[word]
             if named:
                 return lambda scope: function(
                     *[value(scope) for value in values], **{key: value(scope) for key, value in named.items()}
@@ -138,6 +161,26 @@ class Expressions:
             raise ScriptError(f"'{word}' has no value")
 
         return look_up
+
+    def _pose(self) -> Expression | None:
+        """The pose that begins here; None: it is an element of a variable called p."""
+        before = self._column
+        self._column += 1
+        items = self._items("]")
+        if len(items) == 1:
+            self._column = before
+            return None
+        if len(items) != 6:
+            raise ScriptError(f"line {self._number}: a pose has six elements")
+        return lambda scope: Pose(item(scope) for item in items)
+
+    def _run_thread(self) -> Expression:
+        name = self._line[self._column][1]
+        self._column += 1
+        self._expect("(")
+        values, _ = self._arguments()
+        self._called.setdefault(name, self._number)
+        return lambda scope: self._thread(name, [value(scope) for value in values])
 
     def _arguments(self) -> tuple[list[Expression], dict[str, Expression]]:
         values: list[Expression] = []

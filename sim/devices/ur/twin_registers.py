@@ -19,6 +19,7 @@ from sim.devices.ur.controller import UrController
 _KEPT: Final = 500  # cycles whose registers are stored, for samples that are sent late
 _OUTPUTS: Final = {"standard_digital_output": 0, "configurable_digital_output": 8, "tool_digital_output": 16}
 _AMPERES: Final = 0.1  # A per N m: invented, because the motors' constants aren't public
+_VOLTS, _LOWEST, _HIGHEST = 10.0, 0.004, 0.02  # V; A, A: ranges of an analog output
 _CONSTANT: Final = {
     "actual_main_voltage": 48.0, "actual_robot_voltage": 48.0, "joint_temperatures": (30.0,) * 6,
     "actual_joint_voltage": (48.0,) * 6,
@@ -51,10 +52,12 @@ class Registers:
 
     Attributes:
         inputs, outputs: registers that clients write, and registers that programs write.
+        analog: the two standard analog outputs, V or A.
     """
 
     def __init__(self, controller: UrController) -> None:
         self.inputs, self.outputs = Bank(), Bank()
+        self.analog = [0.0, 0.0]
         self._controller = controller
         self._written: dict[str, int] = {}  # cycle in which each input was last written, by name
         self._watchdogs: dict[str, tuple[int, str]] = {}
@@ -73,6 +76,11 @@ class Registers:
             mask = int(values.get(f"{name}_mask", 0)) << shift
             bits = int(values.get(name, 0)) << shift
             self._controller.outputs = self._controller.outputs & ~mask | bits & mask
+        for number in range(2):
+            if int(values.get("standard_analog_output_mask", 0)) >> number & 1:
+                volts = int(values.get("standard_analog_output_type", 0)) >> number & 1
+                share = min(max(values[f"standard_analog_output_{number}"], 0.0), 1.0)
+                self.analog[number] = share * _VOLTS if volts else _LOWEST + share * (_HIGHEST - _LOWEST)
         fraction = values.get("speed_slider_fraction", nan)
         if values.get("speed_slider_mask") and 0 <= fraction <= 1:
             self._controller.slider = max(fraction, 0.01)
@@ -154,6 +162,8 @@ class Registers:
             "actual_digital_input_bits": lambda values: int(values[fake.INPUTS]),
             "actual_digital_output_bits": lambda values: self._at[3],
             "joint_mode": lambda values: (_JOINT_MODE.get(RobotMode(int(values[fake.ROBOT])), 239),) * 6,
+            "standard_analog_output0": lambda values: self.analog[0],
+            "standard_analog_output1": lambda values: self.analog[1],
             "payload": lambda values: controller.payload[0],
             "payload_cog": lambda values: controller.payload[1],
             "actual_tool_accelerometer": lambda values: (controller.arm.flange()[0].T @ -np.array(DOWN)).tolist(),

@@ -151,7 +151,7 @@ def test_a_joint_faster_than_its_limit_is_a_protective_stop():
     fake.open()
     advance(fake, 300, following(fake, (2.6, 0, 0, 0, 0, 0)))
     assert fake.health.fault.startswith("protective stop")
-    assert "shoulder_pan is faster" in fake.controller.why
+    assert "shoulder_pan is faster" in fake.controller.stops[-1]
 
 
 def test_the_emergency_stop_switches_off_and_brakes_hold():

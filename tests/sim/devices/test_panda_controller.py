@@ -214,12 +214,12 @@ def test_the_fr3s_velocity_limit_is_the_makers_formula() -> None:
 
 def test_too_fast_an_arm_is_stopped_whatever_moves_it() -> None:
     cabinet = moving(TORQUE)
-    for i in range(600):
+    for i in range(1000):
         if cabinet.control.mode is RobotMode.MOVE:
-            cabinet.run(1, torque(min(1.0, i * 0.1)))
+            cabinet.run(1, torque(min(1.5, i * 0.1)))
     assert cabinet.control.names == ("joint_velocity_violation",)
     fastest = abs(cabinet.robot.part.velocity).max()
-    cabinet.run(300)
+    cabinet.run(500)
     assert abs(cabinet.robot.part.velocity).max() < 0.01 < fastest
 
 

@@ -1,5 +1,7 @@
 """The servos' twin, byte by byte: instructions, refusals, watchdog, return delay, collisions; and mode rules."""
 
+import termios
+
 import numpy as np
 import pytest
 from helpers.dynamixel import make_twin
@@ -12,6 +14,9 @@ from sim.devices.dynamixel.twin_servo1 import magnitude, with_sign
 
 MS = 1_000_000
 ONE = {"elbow": {"model": "MX-64"}}
+
+
+TWO = {"elbow": {"model": "MX-64", "id": 1}, "shoulder": {"model": "MX-106", "id": 2}}
 
 
 class Wire:
@@ -29,13 +34,14 @@ class Wire:
 
     def __enter__(self):
         self.client = Client(self.bench)
-        # As a client of 57600 bit/s would set it.
-        import termios
-
-        mode = termios.tcgetattr(self.client.fd)
-        mode[4] = mode[5] = termios.B57600
-        termios.tcsetattr(self.client.fd, termios.TCSANOW, mode)
+        self.at(termios.B57600)
         return self
+
+    def at(self, speed):
+        """Sets the client's baud rate."""
+        mode = termios.tcgetattr(self.client.fd)
+        mode[4] = mode[5] = speed
+        termios.tcsetattr(self.client.fd, termios.TCSANOW, mode)
 
     def __exit__(self, *_):
         self.client.close()
@@ -85,7 +91,7 @@ def test_refusals():
         assert wire.ask(protocol2.write(1, 66, b"\0"))[0].error == access  # no register
         assert wire.ask(protocol2.read(1, 660, 10))[0].error == access
         assert wire.ask(protocol2.packet(1, 0x77))[0].error == protocol2.INSTRUCTION
-        assert wire.ask(protocol2.packet(1, protocol2.FACTORY_RESET, b"\xff"))[0].error == protocol2.RESULT
+        assert wire.ask(protocol2.packet(1, protocol2.FACTORY_RESET, b"\x07"))[0].error == out
         assert wire.read("goal_position") == 2048
 
 
@@ -282,3 +288,76 @@ def test_damaged_packets_never_end_a_twin(protocol):
     assert twin.figures()["damaged"] > 10
     twin.absent = set()
     assert twin.seen["ping"] > 10
+
+
+def test_servos_of_different_baud_rates_each_understand_their_own():
+    with Wire(motors=TWO) as wire:
+        assert [status.id for status in wire.ask(protocol2.ping(0xFE))] == [1, 2]
+        wire.twin.servos[1].put("baud_rate", 3)  # 1 Mbit/s
+        assert [status.id for status in wire.ask(protocol2.ping(0xFE))] == [1]
+        assert wire.ask(protocol2.ping(2)) == []
+        wire.at(termios.B1000000)
+        assert [status.id for status in wire.ask(protocol2.ping(0xFE))] == [2]
+        wire.at(termios.B115200)
+        assert wire.ask(protocol2.ping(0xFE)) == []
+        assert wire.twin.figures()["wrong_rate"] == len(protocol2.ping(0xFE))
+
+
+def test_a_baud_rate_counts_from_the_packet_after_its_answer_on():
+    with Wire() as wire:
+        assert wire.write("baud_rate", 3) == 0
+        assert wire.ask(protocol2.ping(1)) == []
+        wire.at(termios.B1000000)
+        assert len(wire.ask(protocol2.ping(1))) == 1
+
+
+@pytest.mark.parametrize("protocol", [1, 2])
+def test_reverse_mode_mirrors_goals_and_measured_values(protocol):
+    with Wire(protocol, {"shoulder": {"model": "MX-106"}}) as wire:
+        motors = wire.twin.bus.chain.motors
+        before = wire.read("present_position")
+        assert wire.write("drive_mode", 1) == 0
+        assert wire.read("present_position") == 4096 - before
+        assert wire.write("torque_enable", 1) == 0
+        assert wire.write("goal_position", 2348) == 0
+        wire.bench.run(0.5)
+        assert wire.read("present_position") == pytest.approx(2348, abs=8)
+        assert motors.counts[0] == pytest.approx(4096 - 2348, abs=8)
+
+
+def test_a_reversed_wheel_turns_the_other_way_and_says_so():
+    with Wire() as wire:
+        for name, value in (("drive_mode", 1), ("operating_mode", 1), ("torque_enable", 1), ("goal_velocity", 100)):
+            assert wire.write(name, value) == 0
+        wire.bench.run(0.3)
+        assert wire.read("present_velocity") == pytest.approx(100, abs=8)
+        assert wire.twin.bus.chain.motors.velocity[0] < 0
+
+
+@pytest.mark.parametrize("value", [2, 4])
+def test_slaves_and_timed_profiles_are_refused_and_counted(value):
+    with Wire() as wire:
+        assert wire.write("drive_mode", value) == protocol2.RANGE
+        assert wire.read("drive_mode") == 0
+        assert wire.twin.figures()["refused"] == {"1.drive_mode": 1}
+
+
+@pytest.mark.parametrize(("kept", "id", "baud"), [(0xFF, 1, 1), (0x01, 2, 1), (0x02, 2, 3)])
+def test_a_factory_reset_keeps_what_it_is_told_to(kept, id, baud):
+    with Wire(motors={"shoulder": {"model": "MX-106", "id": 2}}) as wire:
+        wire.twin.servos[0].put("baud_rate", 3)
+        wire.twin.servos[0].put("position_p_gain", 7)
+        wire.at(termios.B1000000)
+        (answer,) = wire.ask(protocol2.packet(2, protocol2.FACTORY_RESET, bytes((kept,))))
+        assert (answer.id, answer.error) == (2, 0)
+        wire.bench.run(0.4)
+        servo = wire.twin.servos[0]
+        assert (servo.get("id"), servo.get("baud_rate"), servo.get("position_p_gain")) == (id, baud, 850)
+        wire.at(termios.B1000000 if baud == 3 else termios.B57600)
+        assert [status.id for status in wire.ask(protocol2.ping(0xFE))] == [id]
+
+
+def test_a_bus_isnt_reset_to_one_id():
+    with Wire(motors=TWO) as wire:
+        assert wire.ask(protocol2.packet(0xFE, protocol2.FACTORY_RESET, b"\xff")) == []
+        assert [servo.get("id") for servo in wire.twin.servos] == [1, 2]

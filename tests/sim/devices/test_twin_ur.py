@@ -308,13 +308,19 @@ def test_no_register_content_upsets_the_controller(bench, ports, value, tmp_path
     peer = rtde_peer(bench, ports)
     recipe = stream(peer, ["timestamp", "actual_q", "output_int_register_0", "output_int_register_26"])
     registers.inputs.doubles[:] = [value] * 48
-    for number in (*range(1, 72), 99, -5, 2**31 - 1):
-        if controller.program is None:
-            send_program(bench, ports, "def rtde_control():\nend\n")
-        registers.inputs.ints[0] = number
-        bench.run(0.004)
-        registers.inputs.ints[0] = 0
-        bench.run(0.004)
+    x = "read_input_float_register(0)"
+    q, pose = f"[{', '.join([x] * 6)}]", f"p[{', '.join([x] * 6)}]"
+    for call in (
+        f"movej({q})", f"movej({pose})", f"movel({q}, a={x}, v={x})", f"movel({pose}, r={x})", f"speedj({q}, 1, 0.1)",
+        f"speedl({q}, {x}, 0.1)", f"servoj({q})", f"servoc({pose})", f"stopj({x})", f"stopl({x})", f"set_tcp({pose})",
+        f"force_mode({pose}, {q}, {q}, 2, {q})", f"force_mode_set_damping({x})", f"get_inverse_kin({pose}, {q})",
+        f"set_payload({x}, [{x}, {x}, {x}])", f"get_actual_joint_positions_history({x})", f"tool_contact({q})",
+    ):  # fmt: skip
+        send_program(bench, ports, f"def go():\n  {call}\n  sync()\nend\n")
+        bench.run(0.01)
+        controller.end_program()
+        bench.run(0.05)
+        assert np.isfinite(controller.motion.q).all(), call
     registers.inputs.ints[24:28] = [77, 1, 5, 10]
     send_program(bench, ports, program(UrConfig(port=bench.twin.address), 77))
     registers.inputs.ints[26] = 6

@@ -7,7 +7,9 @@ from hypothesis import strategies as st
 
 from drivers.ur import UrConfig
 from drivers.ur.script import program
-from sim.devices.ur.twin_script import Programs, Script, ScriptError, name_of
+from sim.devices.ur.twin_expressions import ScriptError
+from sim.devices.ur.twin_program_text import Programs, name_of
+from sim.devices.ur.twin_script import Script
 
 
 class Host:
@@ -111,7 +113,8 @@ def test_a_single_line_is_a_program():
     ("text", "words"),
     [
         ("def f():\n say(1)\n", "no end"), ("def f():\n x = \nend\n", "too early"), ("end\n", "without a beginning"),
-        ("def f():\n thread g():\n end\nend\n", "no 'thread'"),
+        ("def f():\n struct(a=1)\nend\n", "no 'struct'"),
+        ("def f():\n x = p[1, 2]\nend\n", "six elements"),
         ("def f():\n unknown(1)\nend\n", "no function 'unknown'"),
         ("def f():\n say(1 2)\nend\n", r"expected '\)'"), ("def f():\n x = 1 @ 2\nend\n", "isn't expected"),
         ("def f():\n while True\n end\nend\n", "expected ':'"), ("def f(\nend\n", "expected 'def"),
