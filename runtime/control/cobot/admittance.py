@@ -3,17 +3,17 @@
     M_adm x_dd + D_adm x_d = lambda_h
 
 The orientation moves on SO(3): its velocity is integrated by the exponential map, without Euler angles.
-Two things go beyond the paper. Both are forces on the same virtual mass, so that nothing in the desired motion
+Three things go beyond the paper. All are forces on the same virtual mass, so that nothing in the desired motion
 jumps. The leash keeps the desired pose near the measured one when the robot is blocked. The tank damps the
-oscillation that the loop's delay would otherwise cause when a stiff arm holds the handle.
+oscillation that the loop's delay would otherwise cause when a stiff arm holds the handle. The release stops a
+motion that nobody leads any more.
 """
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterable, Mapping
-from math import isfinite, nan, sqrt
-from operator import mul, sub
+from collections.abc import Mapping
+from math import ceil, isfinite, nan, sqrt
+from operator import add, sub
 from typing import Any, ClassVar, Final
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -24,12 +24,16 @@ from runtime.contracts.gravity import GRAVITY
 from runtime.contracts.signals import Signal
 from runtime.contracts.terms import POSE, TWIST, WRENCH
 from runtime.contracts.transforms import Transform, coordinates, measured
-from runtime.control.cobot.axes import DeadBand, OnTwist, Point, Wrench
+from runtime.control.cobot.axes import DeadBand, OnTwist
+from runtime.control.cobot.energy_tank import EnergyTank
 from runtime.control.cobot.guide_buttons import MODES
+from runtime.control.cobot.release import DrawIn, Release, ReleaseConfig
+from runtime.control.cobot.virtual_mass import VirtualMass
+from runtime.control.ft.record import FtCalibration, Unloaded, unloaded
+from runtime.control.shared.ramp import Ramps
 
-_FULL: Final = 0.25  # of the tank: above this level there is no brake
-_DEBT: Final = 5.0  # greatest debt, in tank sizes; any debt beyond it is dropped, and the brake stays on
-_RELEASE: Final = 2.0  # s, time constant of the brake's release: an oscillation that filled the tank would restart
+_LONGEST: Final = 0.01  # s; a longer cycle is computed in parts, for what changes with the motion: leash and release
+_QUICKEST: Final = 2.0  # 1/s, of a factor that a client has changed
 _ZEROS: Final = [0.0] * 6  # read only
 
 
@@ -50,17 +54,26 @@ class AdmittanceConfig(ControllerConfig):
     gone: ClassVar[Mapping[str, str]] = {
         "sensor_position": "write under `frames:` where the sensor is, and give its device that `frame:`",
         "sensor_quaternion": "write under `frames:` where the sensor is, and give its device that `frame:`",
+        **dict.fromkeys(("bias", "tool_mass", "tool_com"), "write it under `calibration:`, or name a file there"),
     }
 
     mass: OnTwist = Field((6.0, 6.0, 6.0, 1.0, 1.0, 1.0), description="M_adm, kg and kg m^2")
     damping: OnTwist = Field((40.0, 40.0, 40.0, 1.8, 1.8, 1.8), description="D_adm, N s/m and N m s/rad")
-    tool_mass: float = Field(0.0, ge=0, description="kg, of what hangs on the sensor's measuring side (the handle)")
-    tool_com: Point = Field((0.0, 0.0, 0.0), description="m, its centre of mass in the sensor's frame")
-    bias: Wrench = Field((0.0,) * 6, description="N, N m: what the unloaded sensor shows; subtracted first")
+    calibration: FtCalibration = Field(
+        Unloaded(),
+        description="the sensor's bias and what hangs on it: {bias, tool_mass, tool_com}, or the file that "
+        "`srl calibrate PROFILE ft` makes",
+    )
     dead_band: DeadBand = Field((0.3, 0.03), description="N, N m: what is less doesn't count")
     leash: LeashConfig | None = LeashConfig()
+    release: ReleaseConfig | None = Field(
+        ReleaseConfig(), description="the brake after A or M is switched off; null: the law's own damping alone"
+    )
     tank: float | None = Field(
-        0.1, gt=0, description="J, what may be given back to the hand before damping is added; null: the bare law"
+        0.1,
+        gt=0,
+        description="J, what may be given to the hand, beyond what it put in, before damping is added; "
+        "null: the bare law",
     )
     brake: float = Field(150.0, gt=0, description="N s/m, damping of an empty tank")
     force_age: float = Field(
@@ -76,10 +89,11 @@ class Admittance(Controller):
 
     Outputs: `pose` (7,) and `twist` (6,), desired, world axes; `hand` (6,), the hand's wrench at the control point in
     world axes, without gravity and bias; `force` (6,), the part of it that acts on the virtual mass: zero while
-    switched off, no torque without rotation, without the dead band; `tank` (1,) J.
+    switched off, no torque without rotation, without the dead band; `tank` (1,) J, what the hand may get back.
 
-    Switched off, or without rotation, the hand's part is zero and the motion fades out by the law's own
-    damping (M/D: 0.15 s), so no switch makes a step.
+    Switched off, or without rotation, the hand's part is zero, and `release` stops the motion, so no switch makes a
+    step. Parameters that a client changes go to their new values gradually, the mass not so fast that it would
+    add energy: M' <= 2 D (Ferraguti et al. 2019, doi:10.1177/0278364919840415).
     """
 
     Config = AdmittanceConfig
@@ -87,8 +101,11 @@ class Admittance(Controller):
 
     def __init__(self, name: str, config: AdmittanceConfig) -> None:
         super().__init__(name, config)
+        self._unloaded, made = unloaded(config.calibration)
+        self.simulated = "calibration" if made is not None and made.simulated else ""
+        frame = None if made is None else made.frame
         self.inputs = (
-            Signal(name="wrench", shape=(6,), unit="N, N m", labels=WRENCH),
+            Signal(name="wrench", shape=(6,), unit="N, N m", frame=frame, labels=WRENCH),
             Signal(name="pose", shape=(7,), unit="m", labels=POSE),
             Signal(name="twist", shape=(6,), unit="m/s, rad/s", frame="=pose", of="=pose", labels=TWIST),
             Signal(name="modes", shape=(4,), unit="1", labels=MODES),
@@ -103,18 +120,23 @@ class Admittance(Controller):
         self.parameters = (
             Parameter(name="scale", default=1.0, lower=0.2, upper=5.0, unit="1", text="multiplies the virtual mass"),
             Parameter(name="damping", default=1.0, lower=0.3, upper=5.0, unit="1", text="multiplies the damping"),
+            Parameter(name="leash", default=1.0, lower=0.3, upper=3.0, unit="1", text="multiplies the leash's length"),
         )
         need = "the sensor in the control point's frame"
         self.transforms = (Transform("sensor", coordinates("wrench"), measured("pose"), need),)
         self._config = config
-        self._M, self._D = list(config.mass), list(config.damping)
-        self._velocity = [0.0] * 6
-        self._position: list[float] = [0.0, 0.0, 0.0]
-        self._orientation: rotation.Quaternion = (1.0, 0.0, 0.0, 0.0)
-        self._tank = self._brake = 0.0
-        self._shares = [m / config.mass[0] for m in config.mass]  # of the brake, by axis
-        self._past: deque[list[float]] = deque()  # measured twists; the oldest has the age of the wrench
-        self._emptied = self._leashed = 0
+        self._virtual = VirtualMass()
+        self._tank = None if config.tank is None else EnergyTank(config.tank, config.brake, config.force_age)
+        self._releases: tuple[Release, Release] | None = None
+        self._draws: tuple[DrawIn, DrawIn] | None = None
+        if (c := config.release) is not None:
+            self._releases = (Release(c.deceleration, c.settle, c.onset), Release(c.angular, c.settle, c.onset))
+            self._draws = None if c.draw_in is None else (DrawIn(c.draw_in), DrawIn(c.draw_in))
+        self._ramps = Ramps("scale", "damping", "leash", rate=_QUICKEST)
+        self._slowest = 2.0 * min(d / m for d, m in zip(config.damping, config.mass, strict=True))  # 1/s, of 2 D/M
+        self._ahead: rotation.Vector = (0.0, 0.0, 0.0)  # rad, of the desired orientation, without jumps at pi
+        self._leashed = 0
+        self._scale()
 
     def bind(self, *arrays: Any) -> None:
         super().bind(*arrays)
@@ -123,52 +145,80 @@ class Admittance(Controller):
 
     def reset(self) -> None:
         x, y, z, *q = self.input["pose"].tolist()
-        self._position, self._orientation = [x, y, z], rotation.normalised((q[0], q[1], q[2], q[3]))
-        self._velocity = [0.0] * 6
-        self._tank, self._brake = self._config.tank or 0.0, 0.0
-        self._past.clear()
-        self._hand(self._orientation)
+        self._virtual.reset((x, y, z), (q[0], q[1], q[2], q[3]))
+        self._ramps.reset(self.param)
+        self._scale()
+        if self._tank is not None:
+            self._tank.reset()
+        for ending in (*(self._releases or ()), *(self._draws or ())):
+            ending.reset()
+        self._ahead = (0.0, 0.0, 0.0)
+        self._hand(self._virtual.orientation)
         self._write([0.0] * 6)
 
     def update(self, dt: float) -> None:
         on, rotates, *_ = self.input["modes"].tolist()
-        M, D = self.param["scale"].item(), self.param["damping"].item()
-        force, pull, drag = [0.0] * 6, _ZEROS, _ZEROS
+        leads, turns = on > 0.5, on > 0.5 and rotates > 0.5
+        force, virtual = [0.0] * 6, self._virtual
+        self._follow_parameters(dt)
         x, y, z, qw, qx, qy, qz = self.input["pose"].tolist()
         F, T, r = self._hand((qw, qx, qy, qz))
-        measured = x + y + z + qw + qx + qy + qz + sum(self.input["twist"].tolist())
-        if not isfinite(measured + sum(F) + sum(T) if on > 0.5 else measured):
-            self._refuse(dt, M, D)
+        moved = self.input["twist"].tolist()
+        measured = x + y + z + qw + qx + qy + qz + sum(moved)
+        if not isfinite(measured + sum(F) + sum(T) if leads else measured):
+            # The outputs aren't finite, so that the guard refuses them. The motion is braked, as nobody leads it.
+            virtual.slow(dt, self._M, self._damping(_ZEROS, False, False, dt))
+            for name in ("pose", "twist", "force"):
+                self.output[name][:] = nan
             return
-        if on > 0.5:
-            force = self._felt(F, T, r, rotates > 0.5)
-            # Switched off, the desired pose stays: a person who pushes the robot away stretches its spring, not the
-            # leash.
-            pull, drag = self._held((x, y, z), (qw, qx, qy, qz))
-        brake = self._passive(force, dt, D)
-        # Semi-implicit: the force with the old velocity, then the pose with the new velocity.
-        self._velocity = v = [
-            v + dt / (M * m) * (f + p - (D * d + b) * v)
-            for v, m, d, f, p, b in zip(self._velocity, self._M, self._D, force, pull, drag, strict=True)
-        ]
-        if brake > 0.0:
-            slow = 1.0 + dt * brake / (M * self._M[0])  # the same for all axes, by their shares of the mass
-            v[:] = [x / slow for x in v]
-        x, y, z = self._position
-        self._position = [x + dt * v[0], y + dt * v[1], z + dt * v[2]]
-        turn = rotation.exp(dt * v[3], dt * v[4], dt * v[5])
-        self._orientation = rotation.normalised(rotation.product(turn, self._orientation))
+        if leads:
+            force = self._felt(F, T, r, turns)
+        if self._tank is not None:
+            self._tank.step(force, moved, virtual.velocity, self._M, dt)
+        parts = ceil(dt / _LONGEST)
+        for _ in range(parts):
+            pull, drag = self._held((x, y, z), (qw, qx, qy, qz), leads)
+            damping = self._damping(drag, leads, turns, dt / parts)
+            virtual.step(dt / parts, self._M, damping, force if pull is _ZEROS else list(map(add, force, pull)))
+        if self._draws is not None:
+            self._draw_in((x, y, z), (qw, qx, qy, qz), leads, turns, dt)
         self._write(force)
 
     def figures(self) -> dict[str, object]:
         """Returns the numbers of cycles in which the leash pulled and in which the tank was empty."""
-        return {"leashed_cycles": self._leashed, "damped_cycles": self._emptied}
+        return {"leashed_cycles": self._leashed, "damped_cycles": 0 if self._tank is None else self._tank.emptied}
+
+    # -- mass and damping
+
+    def _follow_parameters(self, dt: float) -> None:
+        """Takes the clients' factors gradually. Mass that appears in motion is energy: damping must take as much."""
+        damping = min(self._ramps.values["damping"], self.param["damping"].item())
+        if self._ramps.update(self.param, dt, rising=self._slowest * damping):
+            self._scale()
+
+    def _scale(self) -> None:
+        """M_adm and D_adm by their factors."""
+        factors = self._ramps.values
+        self._M = [factors["scale"] * m for m in self._config.mass]
+        self._D = [factors["damping"] * d for d in self._config.damping]
+
+    def _damping(self, drag: list[float], leads: bool, turns: bool, dt: float) -> list[float]:
+        """All damping (6,) of the next dt seconds: the law's, the leash's `drag`, the tank's and the release's."""
+        slow = turn = 0.0 if self._tank is None else self._tank.brake / self._M[0]  # 1/s, for all axes alike
+        if self._releases is not None:
+            v = self._virtual.velocity
+            slow += self._releases[0].rate(not leads, v[:3], dt)
+            turn += self._releases[1].rate(not turns, v[3:], dt)
+        if slow == turn == 0.0 and drag is _ZEROS:
+            return self._D
+        rates = (slow, slow, slow, turn, turn, turn)
+        return [d + b + m * s for d, b, m, s in zip(self._D, drag, self._M, rates, strict=True)]
 
     # -- forces on the virtual mass
 
     def _hand(self, actual: rotation.Quaternion) -> tuple[rotation.Vector, rotation.Vector, rotation.Vector]:
         """The hand's force and torque at the sensor, and the sensor's position from the control point; world axes."""
-        c = self._config
+        c = self._unloaded
         turn = rotation.product(actual, self._mount)  # sensor to world
         fx, fy, fz, tx, ty, tz = map(sub, self.input["wrench"].tolist(), c.bias)
         if c.tool_mass:
@@ -186,64 +236,51 @@ class Admittance(Controller):
         F = beyond(F, self._config.dead_band[0])
         return _about(F, beyond(T, self._config.dead_band[1]), r) if rotates else [*F, 0.0, 0.0, 0.0]
 
-    def _held(self, place: rotation.Vector, actual: rotation.Quaternion) -> tuple[list[float], list[float]]:
-        """The leash's pull, and its damping about the stretched direction; zeros while it is slack."""
+    def _held(
+        self, place: rotation.Vector, actual: rotation.Quaternion, leads: bool
+    ) -> tuple[list[float], list[float]]:
+        """The leash's pull, and its damping about the stretched direction; zeros while it is slack or switched off.
+
+        Switched off, the desired pose stays: a person who pushes the robot away stretches its spring, not the leash.
+        """
         leash = self._config.leash
         if leash is None:
             return _ZEROS, _ZEROS
-        X, Y, Z = self._position
-        ahead = (X - place[0], Y - place[1], Z - place[2])
-        turned = rotation.error(self._orientation, actual)
-        pulls, brakes = _stretched(ahead, leash.distance, leash.stiffness, self._M[0])
+        X, Y, Z = self._virtual.position
+        ahead, length = (X - place[0], Y - place[1], Z - place[2]), self._ramps.values["leash"]
+        turn = rotation.product(self._virtual.orientation, rotation.conjugate(actual))
+        self._ahead = rotation.log_nearest(turn, self._ahead)
+        if not leads:
+            return _ZEROS, _ZEROS
+        pulls, brakes = _stretched(ahead, length * leash.distance, leash.stiffness, self._M[0])
         self._leashed += brakes > 0.0
-        twists, slows = _stretched(turned, leash.angle, leash.rotational_stiffness, self._M[3])
+        twists, slows = _stretched(self._ahead, length * leash.angle, leash.rotational_stiffness, self._M[3])
         if brakes == slows == 0.0:
             return _ZEROS, _ZEROS
         return [*pulls, *twists], [brakes, brakes, brakes, slows, slows, slows]
 
-    def _passive(self, force: list[float], dt: float, scale: float) -> float:
-        """The damping, N s/m, which grows as the tank runs empty.
+    def _draw_in(
+        self, place: rotation.Vector, actual: rotation.Quaternion, leads: bool, turns: bool, dt: float
+    ) -> None:
+        """Brings the desired pose back to the measured one, where nobody leads it any more.
 
-        The port gives the hand lambda (x_d - xdot_measured). The tank is fed by what all damping dissipates. With a
-        perfect robot the first is zero; delay and compliance make it cost energy. Power is the force times the
-        motion at the same instant: a late sensor's force belongs to the motion at that earlier instant.
-
-        The damping is bounded. As measured motion is noisy, an unbounded damping would lock the robot against a hand
-        that keeps pushing. Energy that couldn't be held back is a debt; it is paid before the damping fades again.
+        A robot sags under a load that nobody declared: its desired pose is above it, or turned about a level axis. That
+        stays, or the load would be let down further.
         """
-        size = self._config.tank
-        if size is None:
-            return 0.0
-        v = self._velocity
-        paid = scale * _dot(self._D, map(mul, v, v))
-        if self._brake:
-            paid += self._brake * _dot(self._shares, map(mul, v, v))
-        moved = self.input["twist"].tolist()
-        if self._config.force_age:
-            self._past.append(moved)
-            while len(self._past) > round(self._config.force_age / dt) + 1:
-                self._past.popleft()
-            moved = self._past[0]
-        given = _dot(force, map(sub, v, moved))
-        self._tank = level = min(max(self._tank + dt * (paid - given), -_DEBT * size), size)
-        wanted = self._config.brake * min(max(1.0 - level / (_FULL * size), 0.0), 1.0)
-        self._brake = max(wanted, self._brake * _RELEASE / (_RELEASE + dt))
-        self._emptied += level <= 0.0
-        return self._brake
-
-    def _refuse(self, dt: float, M: float, D: float) -> None:
-        """Handles a measurement that isn't finite: outputs NaN, so that the guard refuses it; the motion fades out."""
-        velocity = zip(self._velocity, self._M, self._D, strict=True)
-        self._velocity = [v / (1.0 + dt * D * d / (M * m)) for v, m, d in velocity]
-        for name in ("pose", "twist", "force"):
-            self.output[name][:] = nan
+        assert self._draws is not None
+        X, Y, Z = self._virtual.position
+        ahead = (X - place[0], Y - place[1], min(Z - place[2], 0.0))
+        turned = (0.0, 0.0, rotation.error(self._virtual.orientation, actual)[2])
+        a, b = -self._draws[0].share(leads, ahead, dt), -self._draws[1].share(turns, turned, dt)
+        if a or b:
+            self._virtual.shift((a * ahead[0], a * ahead[1], a * ahead[2]), (0.0, 0.0, b * turned[2]))
 
     def _write(self, force: list[float]) -> None:
         out = self.output
-        out["pose"][:] = [*self._position, *self._orientation]
-        out["twist"][:] = self._velocity
+        out["pose"][:] = [*self._virtual.position, *self._virtual.orientation]
+        out["twist"][:] = self._virtual.velocity
         out["force"][:] = force
-        out["tank"][0] = self._tank
+        out["tank"][0] = 0.0 if self._tank is None else self._tank.level
 
 
 def _about(F: rotation.Vector, T: rotation.Vector, r: rotation.Vector) -> list[float]:
@@ -271,7 +308,3 @@ def _stretched(
     stretch = (size - free) / size
     k = -stiffness * stretch
     return (k * x, k * y, k * z), 2 * sqrt(stiffness * mass) * min(1.0, 10 * stretch)  # critical
-
-
-def _dot(a: Iterable[float], b: Iterable[float]) -> float:
-    return sum(map(mul, a, b))

@@ -7,13 +7,13 @@ moves. Errata of the paper and additions: docs/super-man.md.
 from __future__ import annotations
 
 from math import cos, sin, sqrt
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from runtime.contracts import rotation
-from runtime.contracts.controller import Controller, ControllerConfig
+from runtime.contracts.controller import Controller, ControllerConfig, Parameter
 from runtime.contracts.per_element import Positive
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSE, TWIST, WRENCH
@@ -23,7 +23,10 @@ from runtime.control.cobot.guide_buttons import GRIPPER, LOCOMOTION, MODES
 from runtime.control.cobot.whole_body import BASE, RobotName, add_base, jacobian_signal
 from runtime.control.robots import ARMS
 from runtime.control.shared.priority import Priority
+from runtime.control.shared.ramp import Ramps
 from runtime.control.shared.spd6 import Equations
+
+_QUICKEST: Final = 1.0  # 1/s, of a factor that a client has changed
 
 
 class KairosPriority(BaseModel):
@@ -46,7 +49,7 @@ class KairosClikConfig(RobotName, ControllerConfig):
     manipulability: float = Field(0.001, ge=0, description="w_t of eq. 13, below which k grows")
     manipulation: KairosPriority = KairosPriority(base=100.0, arm=1.0, posture=0.0)
     locomotion: KairosPriority = KairosPriority(base=10.0, arm=0.5, posture=1.0)
-    blend: float = Field(0.5, gt=0, description="s that a switch of priority takes")
+    blend: float = Field(0.5, ge=0, description="s that a switch of priority takes; 0: at once, as published")
     speed: float | None = Field(
         1.0, gt=0, le=1, description="share of the arm's greatest joint speeds that it asks for; null: unbounded"
     )
@@ -68,7 +71,8 @@ class KairosClik(Controller):
     Inputs: `q` (n,) rad; `base_pose` (3,) m and rad; measured `pose` (7,) and `jacobian` (6, 3 + n) from
     `tool-pose`; `desired_pose` (7,) m and w x y z, `desired_twist` (6,) m/s and rad/s, world; `modes`
     (4,): -, -, gripper closed, locomotion. With `force_feedback` also `flange_wrench` (6,) N and N m, and with its
-    option `hand` also `hand` (6,) N and N m from the admittance.
+    option `hand` also `hand` (6,) N and N m from the admittance; with `load: identified` there, instead of both,
+    `outside` (6,) N and N m from `payload`.
 
     Outputs: `velocity` (n,) rad/s; `base_twist` (3,) vx, vy (m/s), wz (rad/s) in the base's frame; `manipulability`
     (1,) of the arm, eq. 12. With `force_feedback` also `contact` (6,) N and N m, world axes.
@@ -100,19 +104,32 @@ class KairosClik(Controller):
         if config.force_feedback is not None:
             self._compliance = ContactCompliance(config.force_feedback)
             self.transforms = self._compliance.transforms()
-            self._hand = config.force_feedback.hand
-            self.inputs += (Signal(name="flange_wrench", shape=(6,), unit="N, N m", labels=WRENCH),)
+            self._hand = self._compliance.hand
+            if self._compliance.identified:
+                self._wrench = "outside"
+                self.inputs += (
+                    Signal(name="outside", shape=(6,), unit="N, N m", frame="=pose", of="=pose", labels=WRENCH),
+                )
+            else:
+                self._wrench = "flange_wrench"
+                self.inputs += (Signal(name="flange_wrench", shape=(6,), unit="N, N m", labels=WRENCH),)
             contact = Signal(name="contact", shape=(6,), unit="N, N m", frame="=pose", of="=pose", labels=WRENCH)
             self.outputs += (contact,)
             if self._hand:
                 hand = Signal(name="hand", shape=(6,), unit="N, N m", frame="=pose", of="=pose", labels=WRENCH)
                 self.inputs += (hand,)
+        self.parameters = (
+            Parameter(name="speed", default=1.0, lower=0.1, upper=1.0, unit="1", text="multiplies the speed limits"),
+            Parameter(name="gain", default=1.0, lower=0.1, upper=4.0, unit="1", text="multiplies K"),
+        )
+        self._ramps = Ramps("speed", "gain", rate=_QUICKEST)
         self._config = config
         self._priority = Priority(n, config.blend)
         self._fastest = None if config.speed is None else (config.speed * robot.dq_max).tolist()
         self._G: Array = np.zeros((6, 6))  # J_a J_a^T
         self._firm: Array = np.diag(1.0 / np.array(config.tracking))  # W_1^-1
         self._equations = Equations()
+        self._turn: rotation.Vector = (0.0, 0.0, 0.0)  # rad, to the desired orientation, without jumps at pi
         self._cycles = self._damped = self._slowed = 0
         self._least = float("inf")
 
@@ -126,10 +143,13 @@ class KairosClik(Controller):
         self._priority.reset(modes[LOCOMOTION] > 0.5, self.input["q"])
         if self._compliance is not None:
             self._compliance.reset(bool(modes[GRIPPER] > 0.5))
+        self._turn = (0.0, 0.0, 0.0)
+        self._ramps.reset(self.param)
         self._step(0.0)
 
     def update(self, dt: float) -> None:
         self._cycles += 1
+        self._ramps.update(self.param, dt)
         self._priority.update(self.input["modes"].item(LOCOMOTION) > 0.5, self.input["q"], dt)
         self._step(dt)
 
@@ -224,7 +244,7 @@ class KairosClik(Controller):
             w = rotation.turned(rotation.exp(*compliance.deviation[3:]), (twist[3], twist[4], twist[5]))
             twist = [*twist[:3], *w]
             compliance.update(
-                self.input["flange_wrench"].tolist(),
+                self.input[self._wrench].tolist(),
                 self.input["hand"].tolist() if self._hand else [0.0] * 6,
                 twist,
                 actual,
@@ -237,8 +257,10 @@ class KairosClik(Controller):
             X, Y, Z = X + e[0], Y + e[1], Z + e[2]
             desired = rotation.product(rotation.exp(e[3], e[4], e[5]), desired)
             twist = [a + b for a, b in zip(twist, compliance.velocity, strict=True)]
-        away = (X - x, Y - y, Z - z, *rotation.error(desired, actual))
-        return np.array([v + K * e for v, K, e in zip(twist, self._config.gain, away, strict=True)])
+        self._turn = rotation.log_nearest(rotation.product(desired, rotation.conjugate(actual)), self._turn)
+        away = (X - x, Y - y, Z - z, *self._turn)
+        k = self._ramps.values["gain"]
+        return np.array([v + k * K * e for v, K, e in zip(twist, self._config.gain, away, strict=True)])
 
     def _own_axes(self, vx: float, vy: float, wz: float) -> list[float]:
         """Converts a twist of the base (3,) from world axes to its own axes."""
@@ -253,11 +275,11 @@ class KairosClik(Controller):
 
     def _slow_down(self, arm: list[float], base: list[float]) -> tuple[list[float], list[float]]:
         """Scales all velocities alike if one would be too fast, which keeps the direction."""
-        share = 1.0
+        share, k = 1.0, self._ramps.values["speed"]
         if self._fastest is not None:
-            share = max(share, *[abs(v) / V for v, V in zip(arm, self._fastest, strict=True)])
+            share = max(share, *[abs(v) / (k * V) for v, V in zip(arm, self._fastest, strict=True)])
         if self._config.base_speed is not None:
-            share = max(share, *[abs(v) / V for v, V in zip(base, self._config.base_speed, strict=True)])
+            share = max(share, *[abs(v) / (k * V) for v, V in zip(base, self._config.base_speed, strict=True)])
         if share == 1.0:
             return arm, base
         self._slowed += 1

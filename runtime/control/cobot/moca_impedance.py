@@ -12,11 +12,12 @@ from math import copysign, cos, isfinite, sin, sqrt
 from operator import sub
 from typing import Any, ClassVar, Final, Literal
 
+import eigenpy
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from runtime.contracts import rotation
-from runtime.contracts.controller import Controller, ControllerConfig
+from runtime.contracts.controller import Controller, ControllerConfig, Parameter
 from runtime.contracts.per_element import Positive
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSE, TWIST, WRENCH
@@ -33,12 +34,18 @@ from runtime.control.cobot.whole_body import (
 )
 from runtime.control.robots import ARMS
 from runtime.control.shared.priority import Priority
+from runtime.control.shared.ramp import Ramps
 from runtime.control.shared.spd6 import NEAR, Equations
 
-_FIRM: Final = 1e-6 * np.eye(6)  # 1/kg, 1/(kg m^2): makes the mobility invertible in singular postures, too
-_SELDOM: Final = 10  # cycles after which the masses are computed again: they change only with the posture
-_HEAVIEST: Final = 20.0  # kg, kg m^2: near singular postures the masses grow without bounds
+_SELDOM: Final = 10  # cycles after which D_d is computed again: it changes only with the posture
+_SLOWEST: Final = 1.0  # rad/s: near singular postures a mode's mass grows without bounds, and its frequency falls
+_DROPPED: Final = 0.03  # s over which the weight of an identified load of the robot's whole payload goes
+_LIGHT: Final = 1e-3  # kg, below which there is no load
+_LEVER: Final = 0.3  # m, by which changes of a load's first moment compare with changes of its mass
+_QUICKEST: Final = 1.0  # 1/s, of a factor that a client has changed
 _HELD_BACK: Final = 0.1  # N m: a larger difference of desired and applied torque counts as held back
+
+Rotors = Literal["none", "damping", "all"]
 
 
 class MocaPriority(BaseModel):
@@ -57,13 +64,16 @@ class MocaImpedanceConfig(RobotName, ControllerConfig):
     gone: ClassVar[Mapping[str, str]] = {"mount_quaternion": "how the arm stands follows from `frames:`"}
 
     stiffness: OnTwist = Field((500.0, 500.0, 500.0, 30.0, 30.0, 30.0), description="K_d, N/m and N m/rad, world axes")
-    damping_ratio: float = Field(0.7, gt=0, le=2, description="xi; D_d = 2 xi sqrt(K_d m), D_0 = 2 xi sqrt(K_0)")
-    unit_mass: bool = Field(
-        False, description="m of D_d is 1, as published; else the mass along each axis in this posture, at least 1"
+    damping_ratio: float = Field(
+        0.7, gt=0, le=2, description="xi, of each mode of K_d and the moved mass; D_0 = 2 xi sqrt(K_0)"
+    )
+    unit_mass: bool = Field(False, description="D_d = 2 xi sqrt(K_d), as published: xi is only that of unit masses")
+    rotors: Rotors = Field(
+        "damping", description="where the law counts the rotors' inertia: nowhere, as published; in D_d; in M, too"
     )
     manipulation: MocaPriority = MocaPriority(base=5.0, arm=1.0, posture=5.0)
     locomotion: MocaPriority = MocaPriority(base=1.0, arm=6.0, posture=50.0)
-    blend: float = Field(0.5, gt=0, description="s that a switch of priority takes")
+    blend: float = Field(0.5, ge=0, description="s that a switch of priority takes; 0: at once, as published")
     virtual_mass: MassInertia = Field((105.0, 21.0), description="M_v: kg along x and y, kg m^2")
     base_damping: float = Field(10.0, gt=0, description="D_v over M_v, 1/s")
     base_acceleration: OnPlanarTwist | None = Field(
@@ -73,11 +83,36 @@ class MocaImpedanceConfig(RobotName, ControllerConfig):
         "robot", description="who holds the arm's own weight; `robot`: the torques come on top of the robot's part"
     )
     coriolis: bool = Field(True, description="compensate the arm's Coriolis forces; false where the robot does")
-    payload: LoadConfig | None = Field(None, description="what the closed gripper carries")
-    payload_time: float = Field(0.3, gt=0, description="s over which the payload comes in and goes")
-    lag: float = Field(
-        0.003, ge=0, le=0.05, description="s; damping that would overshoot within it is reduced; 0: the paper's"
+    payload: LoadConfig | Literal["identified"] | None = Field(
+        None, description="what the closed gripper carries; or `identified`, by the law `payload`: input `load`"
     )
+    payload_time: float = Field(
+        0.3, gt=0, description="s over which the payload comes in and goes; an identified one that is gone goes at once"
+    )
+
+
+class ModalDamping:
+    """D_d of eq. 8 that gives each mode of Lambda x_dd + D_d x_d + K_d x = 0 the same damping ratio.
+
+    One factorisation does for both matrices: K_d v = w^2 Lambda v. With R = sqrt(K_d), which is diagonal, the w^2 are
+    the eigenvalues of R Lambda^-1 R = U w^2 U^T, and D_d = 2 xi R U w^-1 U^T R. Lambda^-1 itself is not inverted.
+    (Albu-Schaeffer et al. 2003, ICRA, "Cartesian impedance control of redundant robots", double diagonalisation.)
+    """
+
+    def __init__(self, stiffness: tuple[float, ...], ratio: float) -> None:
+        """stiffness: (6,) N/m, N m/rad."""
+        self._root = np.sqrt(np.array(stiffness))
+        self._ratio = ratio
+        self._modes = eigenpy.SelfAdjointEigenSolver(6)
+
+    def __call__(self, mobility: Array) -> Array:
+        """D_d (6, 6), N s/m, N m s/rad, for Lambda^-1 (6, 6), 1/kg, 1/(kg m^2), of which the lower triangle counts."""
+        root = self._root
+        self._modes.compute(root * mobility * root[:, None])
+        squares = np.maximum(self._modes.eigenvalues(), _SLOWEST * _SLOWEST)
+        shapes = self._modes.eigenvectors() * root[:, None]
+        found: Array = (2 * self._ratio * shapes / np.sqrt(squares)).dot(shapes.T)
+        return found
 
 
 class WeightedTorque:
@@ -95,14 +130,14 @@ class WeightedTorque:
         self._equations = Equations()
         self.independence = 1.0
 
-    def masses(self) -> list[float]:
-        """The diagonal of (J_a M_a^-1 J_a^T)^-1, kg, kg m^2: the mass along each axis while the others are held."""
-        found: list[float] = np.linalg.inv(self._S + _FIRM).diagonal().tolist()
-        return found
+    def mobility(self, inverse_mass: Array) -> Array:
+        """Lambda^-1 = J M^-1 J^T of eq. 5 (6, 6), 1/kg and 1/(kg m^2), for M_a^-1 (n, n), 1/(kg m^2).
 
-    def mobility(self) -> list[float]:
-        """The diagonal of J_a M_a^-1 J_a^T, 1/kg and 1/(kg m^2): acceleration along each axis for a tip force on it."""
-        found: list[float] = self._S.diagonal().tolist()
+        Only the lower triangle is complete.
+        """
+        Ja = self._J[:, BASE:]
+        found: Array = Ja.dot(inverse_mass).dot(Ja.T)
+        add_base(found, self._J, self._m, self._j)
         return found
 
     def take(self, J: Array, inverse_mass: Array) -> None:
@@ -137,7 +172,7 @@ class MocaImpedance(Controller):
 
     Inputs: `q` (n,) rad, `qd` (n,) rad/s; `base_pose` (3,) m and rad; measured `pose` (7,), `twist` (6,) and
     `jacobian` (6, 3 + n) from `tool-pose`; `desired_pose` (7,) m and w x y z, `desired_twist` (6,) m/s and
-    rad/s, world; `modes` (4,): -, -, gripper closed, locomotion.
+    rad/s, world; `modes` (4,): -, -, gripper closed, locomotion. With `payload: identified` also `load` (4,), kg and m.
 
     Outputs: `torque` (n,) N m; `base_twist` (3,) vx, vy (m/s), wz (rad/s) in the base's frame; `force` (6,) N and
     N m, F of eq. 8, world axes.
@@ -166,30 +201,51 @@ class MocaImpedance(Controller):
             Signal(name="base_twist", shape=(3,), unit="m/s, rad/s", labels=PLANAR_TWIST),
             Signal(name="force", shape=(6,), unit="N, N m", frame="=pose", of="=pose", labels=WRENCH),
         )
+        self._identified = config.payload == "identified"
+        if self._identified:
+            self.inputs += (Signal(name="load", shape=(4,), unit="kg, m", labels=("mass", "x", "y", "z")),)
+        self._held = [0.0] * 4  # mass and first moment of an identified load
+        text = "multiplies K_d, and D_d by its root"
+        self.parameters = (
+            Parameter(name="stiffness", default=1.0, lower=0.2, upper=1.5, unit="1", text=text),
+            Parameter(name="damping", default=1.0, lower=0.5, upper=1.5, unit="1", text="multiplies D_d"),
+        )
+        self._ramps = Ramps("stiffness", "damping", rate=_QUICKEST)
         self._config = config
         self._K = config.stiffness
-        self._D = [2 * config.damping_ratio * sqrt(k) for k in config.stiffness]  # for 1 kg, 1 kg m^2
-        self._now, self._age = self._D, 0  # D_d of this posture, and the cycles since it was computed
+        self._D: Array = np.diag([2 * config.damping_ratio * sqrt(k) for k in config.stiffness])  # for 1 kg, 1 kg m^2
+        self._modal = None if config.unit_mass else ModalDamping(config.stiffness, config.damping_ratio)
+        self._age = 0  # cycles since D_d was computed
         self._priority = Priority(n, config.blend)
         self._weighted = WeightedTorque(n, config.virtual_mass)
         self.transforms = (mount_of_the_arm(),)  # which way is down
         self._robot = robot
+        self._turn: rotation.Vector = (0.0, 0.0, 0.0)  # rad, to the desired orientation, without jumps at pi
         self._cycles = self._held_back = self._singular = 0
         self._strongest = 0.0
 
     def bind(self, *arrays: Any) -> None:
         super().bind(*arrays)
-        payload = None if self._config.payload is None else self._config.payload.payload()
+        told = self._config.payload
+        payload = told.payload() if isinstance(told, LoadConfig) else None
         _, _, _, w, x, y, z = self.transform["mount"].tolist()
-        self._dynamics = ArmDynamics(self._robot, payload, (w, x, y, z))
+        upright, rotors = (w, x, y, z), self._config.rotors
+        self._dynamics = ArmDynamics(self._robot, payload, upright, rotors=rotors == "all")
+        self._moved = ArmDynamics(self._robot, payload, upright, rotors=True) if rotors == "damping" else None
 
     def reset(self) -> None:
         modes = self.input["modes"]
         self._priority.reset(modes[LOCOMOTION] > 0.5, self.input["q"])
         # Somebody already supports an object that is held now: its weight is added at once, like the arm's.
-        self._dynamics.carry(float(modes[GRIPPER] > 0.5))
+        self._held = [0.0] * 4
+        if self._identified:
+            self._hold(0.0)
+        else:
+            self._bear(float(modes[GRIPPER] > 0.5))
         self.output["base_twist"][:] = self.applied.get("base_twist", 0.0)
         self._age = 0
+        self._turn = (0.0, 0.0, 0.0)
+        self._ramps.reset(self.param)
         self._step(0.0)
 
     def update(self, dt: float) -> None:
@@ -197,6 +253,7 @@ class MocaImpedance(Controller):
         modes = self.input["modes"]
         self._priority.update(modes.item(LOCOMOTION) > 0.5, self.input["q"], dt)
         self._carry(modes.item(GRIPPER) > 0.5, dt)
+        self._ramps.update(self.param, dt)
         self._step(dt)
 
     def figures(self) -> dict[str, object]:
@@ -213,8 +270,8 @@ class MocaImpedance(Controller):
         q, qd = self.input["q"], self.input["qd"]
         inverse_mass = self._dynamics.inverse_mass(q)
         self._weighted.take(self.input["jacobian"], inverse_mass)
-        F = self._force()
-        tau_0 = self._posture(inverse_mass)
+        F = self._force(inverse_mass)
+        tau_0 = self._posture()
         eta_B = priority.between_ratios(c.manipulation.base, c.locomotion.base)
         eta_A = priority.between_ratios(c.manipulation.arm, c.locomotion.arm)
         tau_v, tau_a = self._weighted(F, tau_0, eta_B, eta_A)
@@ -225,37 +282,42 @@ class MocaImpedance(Controller):
         self._singular += self._weighted.independence < NEAR
         self._strongest = max(self._strongest, sqrt(F[0] * F[0] + F[1] * F[1] + F[2] * F[2]))
 
-    def _force(self) -> list[float]:
+    def _force(self, inverse_mass: Array) -> list[float]:
         """Eq. 8: F = D_d (xd_d - x_d) + K_d (x_d - x), on SO(3)."""
         x, y, z, *o = self.input["pose"].tolist()
         X, Y, Z, *r = self.input["desired_pose"].tolist()
-        turn = rotation.error((r[0], r[1], r[2], r[3]), (o[0], o[1], o[2], o[3]))
-        away = (X - x, Y - y, Z - z, *turn)
-        v, V = self.input["twist"].tolist(), self.input["desired_twist"].tolist()
-        return [K * e + D * (W - w) for K, e, D, W, w in zip(self._K, away, self._damping(), V, v, strict=True)]
+        turn = rotation.product((r[0], r[1], r[2], r[3]), rotation.conjugate((o[0], o[1], o[2], o[3])))
+        self._turn = rotation.log_nearest(turn, self._turn)
+        away = (X - x, Y - y, Z - z, *self._turn)
+        damped = self._damping(inverse_mass).dot(self.input["desired_twist"] - self.input["twist"]).tolist()
+        # All of K_d changes alike, so D_d stays the one of the same modal ratio.
+        k = self._ramps.values["stiffness"]
+        d = self._ramps.values["damping"] * sqrt(k)
+        return [k * K * e + d * D for K, e, D in zip(self._K, away, damped, strict=True)]
 
-    def _damping(self) -> list[float]:
-        """D_d of this posture, reduced where it would overshoot within the lag."""
+    def _inverse_moved(self, inverse_mass: Array) -> Array:
+        """M_a^-1 (n, n) of what the torques move, rotors included if they count at all; `inverse_mass`: of eq. 4."""
+        return inverse_mass if self._moved is None else self._moved.inverse_mass(self.input["q"])
+
+    def _damping(self, inverse_mass: Array) -> Array:
+        """D_d (6, 6) of this posture."""
+        if self._modal is None:
+            return self._D
         if self._age == 0:
-            D, lag = self._D, self._config.lag
-            if not self._config.unit_mass:
-                D = [d * sqrt(min(max(m, 1.0), _HEAVIEST)) for d, m in zip(D, self._weighted.masses(), strict=True)]
-            self._now = [d / (1.0 + lag * d * s) for d, s in zip(D, self._weighted.mobility(), strict=True)]
-            if not isfinite(sum(self._now)):
-                return self._now  # from a failed measurement: not kept
+            mobility = self._weighted.mobility(self._inverse_moved(inverse_mass))
+            if not np.isfinite(mobility).all():
+                return np.full((6, 6), np.nan)  # from a failed measurement: not kept
+            self._D = self._modal(mobility)
         self._age = (self._age + 1) % _SELDOM
-        return self._now
+        return self._D
 
-    def _posture(self, inverse_mass: Array) -> list[float]:
+    def _posture(self) -> list[float]:
         """Eq. 9 for the arm: tau_0 = -D_0 qd + K_0 (q_pref - q). The base has no tau_0."""
         c = self._config
         K = self._priority.between(c.manipulation.posture, c.locomotion.posture)
-        D, lag = 2 * c.damping_ratio * sqrt(K), c.lag
+        D = 2 * c.damping_ratio * sqrt(K)
         q, qd, preferred = self.input["q"].tolist(), self.input["qd"].tolist(), self._priority.preferred.tolist()
-        mobility = inverse_mass.diagonal().tolist()
-        return [
-            K * (p - a) - D / (1.0 + lag * D * s) * w for p, a, w, s in zip(preferred, q, qd, mobility, strict=True)
-        ]
+        return [K * (p - a) - D * w for p, a, w in zip(preferred, q, qd, strict=True)]
 
     def _move_base(self, tau_v: tuple[float, float, float], dt: float) -> None:
         """Eq. 2: M_v q_b_dd + D_v q_b_d = tau_v, starting from the guarded velocity (`.applied`)."""
@@ -274,8 +336,35 @@ class MocaImpedance(Controller):
         self.output["base_twist"][:] = twist
 
     def _carry(self, closed: bool, dt: float) -> None:
-        dynamics, step = self._dynamics, dt / self._config.payload_time
-        dynamics.carry(min(dynamics.load + step, 1.0) if closed else max(dynamics.load - step, 0.0))
+        if self._identified:
+            self._hold(dt)
+            return
+        load, step = self._dynamics.load, dt / self._config.payload_time
+        self._bear(min(load + step, 1.0) if closed else max(load - step, 0.0))
+
+    def _bear(self, share: float) -> None:
+        self._dynamics.carry(share)
+        if self._moved is not None:
+            self._moved.carry(share)
+
+    def _hold(self, dt: float) -> None:
+        """Includes the identified load, without a step, but at once at a reset (dt = 0): somebody supports it then."""
+        mass, *com = self.input["load"].tolist()
+        if not isfinite(mass + sum(com)):
+            return  # its law has refused a measurement: what it said before stands
+        change = [a - b for a, b in zip((mass, *(mass * c for c in com)), self._held, strict=True)]
+        if dt > 0.0:
+            m, x, y, z = change
+            time = self._config.payload_time if m > 0.0 else min(_DROPPED, self._config.payload_time)
+            most, size = dt / time * self._robot.payload, max(abs(m), sqrt(x * x + y * y + z * z) / _LEVER)
+            if size > most:
+                change = [most / size * v for v in change]
+        self._held = [a + b for a, b in zip(self._held, change, strict=True)]
+        m, x, y, z = self._held
+        m, centre = (m, (x / m, y / m, z / m)) if m >= _LIGHT else (0.0, (0.0, 0.0, 0.0))
+        for dynamics in (self._dynamics, self._moved):
+            if dynamics is not None:
+                dynamics.hang(m, centre)
 
     def _watch(self) -> None:
         self._cycles += 1

@@ -7,19 +7,23 @@ of the joints and speed and acceleration limits of the base as inequalities. For
 from __future__ import annotations
 
 from math import cos, sin, sqrt
+from typing import Any
 
 import numpy as np
 from pydantic import Field
 
+from runtime.contracts import rotation
 from runtime.contracts.signals import Array
 from runtime.control.cobot.axes import OnPlanarTwist
-from runtime.control.cobot.moca_impedance import MocaImpedance, MocaImpedanceConfig
+from runtime.control.cobot.moca_impedance import MocaImpedance, MocaImpedanceConfig, Rotors
+from runtime.control.cobot.robot_distances import OPENING, RobotDistances
 from runtime.control.cobot.whole_body import BASE
 from runtime.control.cobot.whole_body_qp import (
     Approach,
     LimitsConfig,
     Nearest,
     base_speeds,
+    braking_curve,
     maker_base_speed,
     turned_base,
 )
@@ -41,6 +45,9 @@ class MocaLimitsConfig(LimitsConfig):
 class MocaQpConfig(MocaImpedanceConfig):
     """Options of `moca-qp`: those of `moca-impedance` and `limits`."""
 
+    rotors: Rotors = Field(
+        "all", description="as in `moca-impedance`; motion limits hold only if all of the mass counts"
+    )
     limits: MocaLimitsConfig = MocaLimitsConfig()
 
 
@@ -49,7 +56,7 @@ class MocaQp(MocaImpedance):
 
     The variables are the generalised torques tau_c = (tau_v, tau_a), with the base's torques in its own axes. Torque
     and base limits bound each of them singly. The joints' motion limits bound M_a^-1 tau_a, the acceleration that the
-    arm is given.
+    arm is given. With `limits.distances` the arm keeps off itself, the base, the ground and obstacles.
     """
 
     Config = MocaQpConfig
@@ -59,6 +66,7 @@ class MocaQp(MocaImpedance):
         super().__init__(name, config)
         robot, limits = ARMS[config.robot], config.limits
         n = robot.n
+        self._keep_off = limits.distances
         self._approach = Approach(robot, limits, limits.speed)
         self._effort: Array = limits.effort * robot.tau_max
         self._base_speed = base_speeds(limits.base_speed)
@@ -70,6 +78,7 @@ class MocaQp(MocaImpedance):
         self._base_mass = np.array([m, m, j])
         self._mobility: Array = np.zeros((BASE + n, BASE + n))  # M^-1
         self._mobility[range(BASE), range(BASE)] = 1.0 / self._base_mass
+        self._distances: RobotDistances | None = None
         self._limited = self._conflicts = 0
         self._missed = 0.0
 
@@ -85,17 +94,24 @@ class MocaQp(MocaImpedance):
             "too_weak": self._conflicts / cycles,
             "missed_m_s2": self._missed,
             "solver_failures": self._nearest.failures,
+            **({} if self._distances is None else self._distances.figures()),
         }
+
+    def bind(self, *arrays: Any) -> None:
+        super().bind(*arrays)
+        if self._keep_off is not None:
+            mount = rotation.homogeneous(self.transform["mount"])
+            self._distances = RobotDistances(self._robot, mount, self._keep_off)
 
     def _step(self, dt: float) -> None:
         c, priority = self._config, self._priority
         q, qd = self.input["q"], self.input["qd"]
         inverse_mass = self._dynamics.inverse_mass(q)
         self._weighted.take(self.input["jacobian"], inverse_mass)
-        F = self._force()
+        F = self._force(inverse_mass)
         eta_B = priority.between_ratios(c.manipulation.base, c.locomotion.base)
         eta_A = priority.between_ratios(c.manipulation.arm, c.locomotion.arm)
-        tau_v, tau_a = self._weighted(F, self._posture(inverse_mass), eta_B, eta_A)
+        tau_v, tau_a = self._weighted(F, self._posture(), eta_B, eta_A)
         bias = self._dynamics.bias(q, qd, gravity=c.gravity == "here", coriolis=c.coriolis)
         tau_v, tau_a = self._within(tau_v, tau_a, bias, inverse_mass, eta_B, eta_A, dt)
         self.output["torque"][:] = tau_a + bias
@@ -124,7 +140,11 @@ class MocaQp(MocaImpedance):
         upper = np.concatenate([base_most, self._effort - bias])
         least, most = self._approach.accelerations(self.input["q"], self.input["qd"], dt)
         a0 = inverse_mass.dot(tau_a)
-        if not ((x0 < lower).any() or (x0 > upper).any() or (a0 < least).any() or (a0 > most).any()):
+        Mi = self._mobility
+        Mi[BASE:, BASE:] = inverse_mass
+        gaps, away_at_least = self._gaps(Mi, c, s, dt)
+        kept = (x0 >= lower).all() and (x0 <= upper).all() and (a0 >= least).all() and (a0 <= most).all()
+        if kept and (gaps.dot(x0) >= away_at_least).all():
             return tau_v, tau_a
         self._limited += dt > 0.0
         # A stop that the torques can produce: it keeps the program solvable if they are too weak for the limits.
@@ -135,8 +155,6 @@ class MocaQp(MocaImpedance):
         self._conflicts += dt > 0.0 and bool((np.abs(given - wanted) > 1e-6).any())
         least, most = np.minimum(least, given), np.maximum(most, given)
 
-        Mi = self._mobility
-        Mi[BASE:, BASE:] = inverse_mass
         A = turned_base(self.input["jacobian"], c, s).dot(Mi)
         eta = np.array([eta_B] * BASE + [eta_A] * len(tau_a))
         W = Mi * eta * eta[:, None]  # eq. 6
@@ -144,9 +162,10 @@ class MocaQp(MocaImpedance):
             A,
             self._Q,
             W,
-            np.concatenate([lower - x0, least - a0]),
-            np.concatenate([upper - x0, most - a0]),
-            Mi[BASE:],
+            np.concatenate([lower - x0, least - a0, away_at_least - gaps.dot(x0)]),
+            np.concatenate([upper - x0, most - a0, np.full(len(gaps), np.inf)]),
+            np.concatenate([Mi[BASE:], gaps]),
+            soft=len(gaps),  # torques and base may be too weak for a gap that closes by itself
         )
         if away is None:  # a damped stop
             x = np.concatenate([np.minimum(np.maximum(0.0, base_least), base_most), stop])
@@ -156,6 +175,28 @@ class MocaQp(MocaImpedance):
         self._missed = max(self._missed, float(missed.dot(missed)) ** 0.5)
         X, Y, turn = x[:BASE].tolist()
         return (c * X - s * Y, s * X + c * Y, turn), x[BASE:]
+
+    def _gaps(self, Mi: Array, c: float, s: float, dt: float) -> tuple[Array, Array]:
+        """Rows (k, 3 + n) on the torques, and the least second derivative of each gap (k,), m/s^2.
+
+        As for joints: h = v(d) + d_dot shrinks no faster than exp(-rate t). The gradient's own change is left out.
+        """
+        distances, options = self._distances, self._keep_off
+        if distances is None or options is None or dt == 0.0:
+            return np.zeros((0, len(Mi))), np.zeros(0)
+        twist = self.applied.get("base_twist", self.output["base_twist"])
+        velocity = np.concatenate([twist, self.input["qd"]])
+        near = distances(np.concatenate([self.input["base_pose"], self.input["q"]]), velocity)
+        self.contact = near.overlaps
+        gradient = turned_base(near.gradient, c, s)
+        speed = gradient.dot(velocity)
+        rate = self._approach.rate(dt)
+        curve, slope = braking_curve(near.distance - options.least, options.braking, 0.5 * rate)
+        slope = np.where(curve < -OPENING, 0.0, slope)
+        curve = np.maximum(curve, -OPENING)
+        least = np.minimum(-rate * (curve + speed) - slope * speed, options.braking)
+        drag = self._config.base_damping * gradient[:, :BASE].dot(twist)  # of eq. 2, which tau_v has to make up for
+        return gradient.dot(Mi), least + drag
 
     def _base_limits(self, dt: float) -> tuple[Array, Array]:
         """Least and greatest tau_v (3,), N, N, N m in the base's own axes. The range is never empty."""

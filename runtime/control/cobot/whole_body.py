@@ -107,14 +107,21 @@ class ArmDynamics:
         load: share of the load that is included, 0 to 1.
     """
 
-    def __init__(self, robot: RobotDescription, load: Payload | None = None, mount: rotation.Quaternion | None = None):
+    def __init__(
+        self,
+        robot: RobotDescription,
+        load: Payload | None = None,
+        mount: rotation.Quaternion | None = None,
+        rotors: bool = False,
+    ):
         """Args:
         load: the load; None: never any.
         mount: rotates the arm's base axes into upright ones; None: the arm stands upright.
+        rotors: True to include the rotors' inertia in the mass.
         """
         gravity = rotation.turned(rotation.conjugate(rotation.normalised(mount or (1.0, 0.0, 0.0, 0.0))), DOWN)
         self._bare = pinocchio_model(robot, gravity=gravity)
-        self._model = pinocchio_model(robot, gravity=gravity)
+        self._model = pinocchio_model(robot, gravity=gravity, rotors=rotors)
         self._bare_data, self._data = self._bare.createData(), self._model.createData()
         self._still = np.zeros(robot.n)
         flange = self._bare.frames[self._bare.getFrameId(FLANGE)]
@@ -122,7 +129,7 @@ class ArmDynamics:
         self._empty = pin.Inertia(self._bare.inertias[self._last])
         self._weightless = pinocchio_model(robot, gravity=(0.0, 0.0, 0.0))
         self._weightless_data = self._weightless.createData()
-        self.load = 0.0
+        self.load, self._hanging = 0.0, False
 
     def carry(self, share: float) -> None:
         """Sets the share of the load that is included."""
@@ -130,10 +137,14 @@ class ArmDynamics:
         if load is None or share == self.load:
             return
         self.load = share
+        self.hang(share * load.mass, load.com)
+
+    def hang(self, mass: float, com: tuple[float, float, float]) -> None:
+        """Sets the load that is included: kg, and its centre of mass in the flange frame, m."""
         inertia = self._empty
-        if share > 0.0:
-            inertia = inertia + self._place.act(pin.Inertia(share * load.mass, np.array(load.com), np.zeros((3, 3))))
-        self._model.inertias[self._last] = inertia
+        if mass > 0.0:
+            inertia = inertia + self._place.act(pin.Inertia(mass, np.array(com), np.zeros((3, 3))))
+        self._model.inertias[self._last], self._hanging = inertia, mass > 0.0
 
     def inverse_mass(self, q: Array) -> Array:
         """M_a^-1 (n, n), 1/(kg m^2)."""
@@ -149,7 +160,7 @@ class ArmDynamics:
         """
         qd = qd if coriolis else self._still
         found: Array
-        if not gravity and self.load == 0.0:
+        if not gravity and not self._hanging:
             found = pin.nonLinearEffects(self._weightless, self._weightless_data, q, qd)
             return found
         found = pin.nonLinearEffects(self._model, self._data, q, qd)

@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from runtime.contracts.per_element import Positive
 from runtime.contracts.signals import Array
 from runtime.control.cobot.axes import OnPlanarTwist
+from runtime.control.cobot.robot_distances import DistancesConfig
 from runtime.control.robots import SUMMIT_XL
 
 ITERATIONS: Final = 200
@@ -25,6 +26,9 @@ ACCELERATION: Final = 10.0
 _BRAKING: Final = 0.8
 """Share of the acceleration limit that the approach to a position limit uses; the rest covers the cycle."""
 _OPTIMAL: Final = 1
+_MISSED: Final = 2  # optimal, with a soft limit missed
+_SOFT: Final = 8
+_SOFTNESS: Final = 1e-9  # the square of what a soft limit is missed by costs its inverse
 _TOLERANCE: Final = 1e-9
 
 
@@ -44,6 +48,9 @@ class LimitsConfig(BaseModel):
         1e4, ge=1, le=1e9, description="how much more the tool's motion counts than the weights; 1e8 is all but strict"
     )
     base_acceleration: OnPlanarTwist = Field((0.6, 0.6, 1.5), description="m/s^2, m/s^2, rad/s^2, the base's own axes")
+    distances: DistancesConfig | None = Field(
+        None, description="keeps the arm off itself, the base, the ground and obstacles; null: doesn't look"
+    )
 
 
 def base_speeds(speed: OnPlanarTwist | None) -> Array:
@@ -71,6 +78,19 @@ class JointLimits(Protocol):
     def ddq_max(self) -> Array: ...
 
 
+def braking_curve(left: Array, a: Array | float, k: float) -> tuple[Array, Array]:
+    """The greatest speed (k,), 1/s of the unit of `left`, at which a limit may be approached, and its slope (k,), 1/s.
+
+    Args:
+        left: (k,) to the limit; negative beyond it, where the speed is, too.
+        a: the deceleration.
+        k: 1/s, the slope near the limit.
+    """
+    near = a / (2.0 * k * k)
+    steady = np.sqrt(np.maximum(2.0 * a * (left - near), a * a / (k * k)))
+    return steady + np.minimum(k * (left - 2.0 * near), 0.0), a / steady
+
+
 class Approach:
     """Braking curves: the greatest speed at which a joint can still stop before its position limit.
 
@@ -96,11 +116,7 @@ class Approach:
 
     def _curve(self, q: Array, k: float) -> tuple[Array, Array]:
         """Speed (2n,), rad/s, negative beyond a limit, and slope (2n,), 1/s, at q (n,), rad."""
-        a = self._braking
-        near = a / (2.0 * k * k)
-        left = self._ends - np.concatenate([q, -q])
-        steady = np.sqrt(np.maximum(2.0 * a * (left - near), a * a / (k * k)))
-        return steady + np.minimum(k * (left - 2.0 * near), 0.0), a / steady
+        return braking_curve(self._ends - np.concatenate([q, -q]), self._braking, k)
 
     def speeds(self, q: Array, before: Array, dt: float) -> tuple[Array, Array]:
         """Least and greatest velocity (n,), rad/s, for the next dt seconds.
@@ -148,9 +164,11 @@ class Nearest:
         self.failures = 0
 
     def __call__(
-        self, A: Array, Q: Array, W: Array, lower: Array, upper: Array, rows: Array | None = None
+        self, A: Array, Q: Array, W: Array, lower: Array, upper: Array, rows: Array | None = None, soft: int = 0
     ) -> Array | None:
         """Returns x - x_0 (m,); None if the solver failed. The limits are those of x - x_0.
+
+        Soft rows are kept where the other limits allow it, and else missed by as little as possible.
 
         Args:
             A: (6, m), the task.
@@ -158,6 +176,7 @@ class Nearest:
             W: (m, m), the metric, positive definite.
             lower, upper: (m + r,), limits of each variable and of each row.
             rows: (r, m), the rows.
+            soft: how many of the last rows are soft.
         """
         # The variables are scaled to similar size, so that one priority suits any weights.
         scale = 1.0 / np.sqrt(W.diagonal())
@@ -170,10 +189,21 @@ class Nearest:
         least[:m] /= scale
         most[:m] /= scale
         C = np.zeros((0, m)) if rows is None else np.ascontiguousarray(rows * scale)
+        kinds = np.zeros(len(most), dtype=np.int32)
+        kinds[len(most) - soft :] = _SOFT
         x, _, flag, _ = daqp.solve(
-            H, np.zeros(m), C, most, least, primal_tol=_TOLERANCE, eps_prox=0.0, iter_limit=ITERATIONS
+            H,
+            np.zeros(m),
+            C,
+            most,
+            least,
+            kinds,
+            primal_tol=_TOLERANCE,
+            eps_prox=0.0,
+            iter_limit=ITERATIONS,
+            rho_soft=_SOFTNESS,
         )
-        if flag != _OPTIMAL or not np.isfinite(x).all():
+        if flag not in (_OPTIMAL, _MISSED) or not np.isfinite(x).all():
             self.failures += 1
             return None
         found: Array = np.minimum(np.maximum(x * scale, lower[:m]), upper[:m])
@@ -181,7 +211,7 @@ class Nearest:
 
 
 def turned_base(J: Array, cos: float, sin: float) -> Array:
-    """The Jacobian (6, 3 + n) for base velocities in the base's own axes, which point along (cos, sin)."""
+    """Rows (k, 3 + n) for base velocities in the base's own axes, which point along (cos, sin)."""
     turned = J.copy()
     turned[:, 0] = cos * J[:, 0] + sin * J[:, 1]
     turned[:, 1] = cos * J[:, 1] - sin * J[:, 0]

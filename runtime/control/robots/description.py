@@ -63,6 +63,41 @@ class Joint:
     shape: tuple[Capsule, ...] = ()
 
 
+@dataclass(frozen=True, eq=False)
+class SlidingFriction:
+    """Friction torque that grows smoothly with the joint's speed up to a bound, as identified by Gaz et al. 2019.
+
+    tau = span (s(dq) - s(0)) with s(dq) = 1 / (1 + exp(-steepness (dq + offset))); zero at rest, without stiction.
+
+    Attributes:
+        span: phi_1 (n,) N m, from the bound in one direction to that in the other.
+        steepness: phi_2 (n,) s/rad.
+        offset: phi_3 (n,) rad/s: the bounds of the two directions differ.
+    """
+
+    span: Array
+    steepness: Array
+    offset: Array
+
+    def __post_init__(self) -> None:
+        for value in (self.span, self.steepness, self.offset):
+            value.flags.writeable = False
+
+    def torque(self, dq: Array) -> Array:
+        """The torque against the motion, N m (n,), at dq (n,) rad/s."""
+        found: Array = self.damping(dq) * dq
+        return found
+
+    def damping(self, dq: Array) -> Array:
+        """The torque over the speed, N m s/rad (n,), at dq (n,) rad/s. It is positive and finite, at rest as well."""
+        # s(dq) - s(0) = sinh(y/2) / (2 cosh(x/2) cosh(x0/2)) with y = x - x0: no difference of near values.
+        rest, half = 0.5 * self.steepness * self.offset, 0.5 * self.steepness * dq
+        half = np.where(np.abs(half) < 1e-6, 1e-6, np.clip(half, -300.0, 300.0))
+        share = np.sinh(half) / (half * np.cosh(half + rest) * np.cosh(rest))
+        found: Array = 0.25 * self.span * self.steepness * share
+        return found
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RobotDescription:
     """A serial arm with n revolute joints. Arrays (n,) are read-only. Unpublished limits are inf.
@@ -73,8 +108,9 @@ class RobotDescription:
         q_lower, q_upper: rad.
         dq_max, ddq_max, dddq_max: rad/s, rad/s^2, rad/s^3.
         tau_max, dtau_max: N m, N m/s.
-        rotor_inertia: kg m^2 at the joint; zero if the drive's torque control hides it.
-        friction: dry friction, N m, which the robot's own controller compensates wholly or in part.
+        rotor_inertia: kg m^2 at the joint, reflected through the gear.
+        dry_friction: N m, which the robot's own controller compensates wholly or in part.
+        sliding_friction: identified from the joints' torque sensors: what torque control doesn't compensate, or None.
         stiffness: stiffness of the position controller, N m/rad.
         inertia: kg m^2, the inertia that each joint usually moves; the position controller's damping is made for it.
         home: rad, a configuration far from limits and singularities.
@@ -94,7 +130,8 @@ class RobotDescription:
     tau_max: Array
     dtau_max: Array
     rotor_inertia: Array
-    friction: Array
+    dry_friction: Array
+    sliding_friction: SlidingFriction | None = None
     stiffness: Array
     inertia: Array
     home: Array

@@ -15,6 +15,7 @@ from runtime.control.robots.description import (
     Capsule,
     Joint,
     RobotDescription,
+    SlidingFriction,
     array,
     everywhere,
     inertial,
@@ -75,11 +76,18 @@ PANDA: Final = RobotDescription(
     dddq_max=array(7500.0, 3750.0, 5000.0, 6250.0, 7500.0, 10000.0, 10000.0),
     tau_max=array(87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0),
     dtau_max=everywhere(1000.0, 7),
-    rotor_inertia=everywhere(0.0, 7),
-    # Half the span of the friction law of Gaz et al., which goes from one direction of motion to the other.
-    friction=array(0.273075, 0.43612, 0.32034, 0.6397, 0.41952, 0.151505, 0.282445),
+    # The maker's reflected inertias of the FR3's joints, as the README of Drake's franka_description gives them (MuJoCo
+    # Menagerie has 0.1 kg m2 for each joint of a Panda). Nobody has published the Panda's own.
+    rotor_inertia=array(0.605721456, 0.605721456, 0.462474144, 0.462474144, 0.205544064, 0.205544064, 0.205544064),
+    dry_friction=everywhere(0.0, 7),
+    # Gaz et al. 2019, supplement, table I: identified from the torque sensors, so the motors' friction isn't in it.
+    sliding_friction=SlidingFriction(
+        array(0.54615, 0.87224, 0.64068, 1.2794, 0.83904, 0.30301, 0.56489),
+        array(5.1181, 9.0657, 10.136, 5.5903, 8.3469, 17.133, 10.336),
+        array(0.039533, 0.025882, -0.04607, 0.036194, 0.026226, -0.021047, 0.0035526),
+    ),
     stiffness=array(3000.0, 3000.0, 3000.0, 2500.0, 2500.0, 2000.0, 2000.0),
-    inertia=array(2.0, 2.5, 1.2, 0.8, 0.05, 0.05, 0.02),
+    inertia=array(2.6, 3.1, 1.7, 1.3, 0.26, 0.26, 0.23),
     home=array(0.0, -pi / 4, 0.0, -3 * pi / 4, 0.0, pi / 2, pi / 4),
     payload=3.0,
 )

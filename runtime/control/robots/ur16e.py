@@ -72,7 +72,7 @@ UR16E: Final = RobotDescription(
     dtau_max=everywhere(inf, 6),
     # Rotors behind harmonic drives: only an order of magnitude, as nobody publishes them.
     rotor_inertia=array(3.0, 3.0, 1.5, 0.5, 0.5, 0.5),
-    friction=array(8.0, 8.0, 5.0, 2.0, 2.0, 2.0),
+    dry_friction=array(8.0, 8.0, 5.0, 2.0, 2.0, 2.0),
     stiffness=array(40000.0, 40000.0, 25000.0, 6000.0, 6000.0, 6000.0),
     inertia=array(8.0, 10.0, 3.0, 0.6, 0.6, 0.6),
     home=np.array([0.0, -radians(90), radians(90), -radians(90), -radians(90), 0.0]),

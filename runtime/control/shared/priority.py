@@ -21,7 +21,7 @@ class Priority:
     """
 
     def __init__(self, n: int, blend: float) -> None:
-        """blend: blend time, s."""
+        """blend: blend time, s; 0: switches at once."""
         self._blend = blend
         self.level = 0.0
         self.preferred = np.zeros(n)
@@ -36,7 +36,7 @@ class Priority:
 
     def update(self, locomotion: bool, q: Array, dt: float) -> None:
         """Computes one step of dt seconds with the arm at q (n,)."""
-        step = dt / self._blend
+        step = dt / self._blend if self._blend > 0.0 else 1.0
         if locomotion and not self._locomotion:
             self._chosen[:] = q
             np.subtract(self.preferred, q, out=self._offset)

@@ -13,6 +13,7 @@ Vector = tuple[float, float, float]
 Symmetric = tuple[float, float, float, float, float, float]  # xx, xy, xz, yy, yz, zz
 
 FIRM: Final = 1e-3  # of the trace: closed forms are used only if all eigenvalues are above this
+_ROUNDING: Final = 1e-12  # relative, of a minor; more than that of its products
 
 
 def dot(a: Vector, b: Vector) -> float:
@@ -30,11 +31,18 @@ def gram(vectors: Iterable[Vector]) -> Symmetric:
 
 
 def is_above(M: Symmetric, floor: float) -> bool:
-    """Whether all eigenvalues are greater than `floor`: M - floor I is positive definite (Sylvester)."""
+    """Whether all eigenvalues are greater than `floor`: M - floor I is positive definite (Sylvester).
+
+    Minors that are no more than their rounding count as zero, so the answer may be no for eigenvalues just above.
+    """
     xx, xy, xz, yy, yz, zz = M
     xx, yy, zz = xx - floor, yy - floor, zz - floor
     minor = xx * yy - xy * xy
-    return xx > 0.0 and minor > 0.0 and zz * minor > xx * yz * yz - 2.0 * xy * xz * yz + yy * xz * xz
+    return (
+        xx > 0.0
+        and minor > _ROUNDING * xx * yy
+        and zz * minor > xx * yz * yz - 2.0 * xy * xz * yz + yy * xz * xz + _ROUNDING * abs(zz) * xx * yy
+    )
 
 
 def inverse(M: Symmetric) -> Symmetric:

@@ -56,7 +56,7 @@ class ArmConfig(PartConfig):
     )
     damping: float = Field(default=0.1, ge=0, description="N m s/rad of each joint")
     friction: float = Field(
-        default=0.0, ge=0, le=1, description="share of the joints' dry friction that the robot doesn't compensate"
+        default=0.0, ge=0, le=1, description="share of the joints' friction that the robot doesn't compensate"
     )
     drives: float = Field(
         default=1.0, gt=0, le=100, description="stiffness in velocity and position mode, times the robot's own"
@@ -114,6 +114,7 @@ class ArmPart(Part):
         self.mode: Mode = "brake"
         self._gain = config.drives * np.array(self.robot.stiffness)
         self._damping = 2 * np.sqrt(self._gain * self.robot.inertia)
+        self._sliding = self.robot.sliding_friction if config.friction else None
         self._lowest, self._greatest = -self.robot.tau_max, self.robot.tau_max
         self._leash = self.robot.tau_max / self._gain
         self._reference, self._rate = self.home.copy(), np.zeros(n)
@@ -141,6 +142,7 @@ class ArmPart(Part):
         drive = int(model.actuator(f"{self.name}/{self.labels[0]}").id)
         drives = slice(drive, drive + self.n)
         self._q, self._dq, self._ctrl = data.qpos[angles], data.qvel[dofs], data.ctrl[drives]
+        self._drag = model.dof_damping[dofs]
         self._bias, self._drive_effort = model.actuator_biasprm[drives], data.qfrc_actuator[dofs]
         self._held, self._range = data.qfrc_gravcomp[dofs], model.actuator_forcerange[drives]
         self._base = int(model.body(f"{self.name}/base").id)
@@ -158,6 +160,10 @@ class ArmPart(Part):
         self._engage()
 
     def drive(self, step: int) -> None:
+        if self._sliding is not None:
+            # As damping of this step's speed: MuJoCo integrates damping implicitly, so that it never drives.
+            np.multiply(self._config.friction, self._sliding.damping(self._dq), out=self._drag)
+            self._drag += self._config.damping
         # A drive at its limit has no damping; MuJoCo must know which drives are at it, gravity compensation included.
         np.subtract(self._lowest, self._held, out=self._range[:, 0])
         np.subtract(self._greatest, self._held, out=self._range[:, 1])

@@ -16,6 +16,10 @@ class PandaConfig(ArmConfig):
     """Options of a Panda."""
 
     home: Annotated[tuple[Finite, ...], PerElement(PANDA.labels)] | None = HOME
+    damping: float = Field(default=0.0, ge=0, description="N m s/rad of each joint, besides its friction")
+    friction: float = Field(
+        default=1.0, ge=0, le=1, description="share of the published friction, which is what torque control leaves"
+    )
     robot: Literal["panda", "fr3"] = Field(default="panda", description="which of Franka's arms: limits differ")
 
 

@@ -149,6 +149,28 @@ def test_a_measurement_that_is_no_number_is_refused_and_leaves_nothing_behind(wh
     assert broken.velocity == whole.velocity
 
 
+def test_with_an_identified_load_it_gives_way_to_what_the_law_payload_says_is_outside() -> None:
+    law = KairosClik("k", KairosClikConfig(force_feedback={"load": "identified", "carrying": (15.0, 3.0)}))
+    names = {signal.name for signal in law.inputs}
+    assert "outside" in names
+    assert not names & {"flange_wrench", "hand"}
+    assert law.transforms == ()
+    controller = bound(law)
+    controller.input["jacobian"][:] = np.random.default_rng(5).normal(0, 0.3, (6, 9))
+    controller.input["pose"][3] = controller.input["desired_pose"][3] = 1.0
+    controller.input["modes"][2] = 1.0
+    controller.reset()
+    for _ in range(4000):
+        controller.input["outside"][:] = [40.0, 0, -14.0, 0, 0, 2.0]
+        controller.update(2e-3)
+    compliance = controller._compliance
+    assert compliance is not None
+    force = np.array([40.0, 0, -14.0])
+    beyond = force * (1 - 15.0 / np.linalg.norm(force))  # the closed gripper's dead band
+    np.testing.assert_allclose(compliance.deviation[:3], beyond / 500.0, rtol=0.01)
+    assert compliance.deviation[5] == 0.0
+
+
 def test_what_gave_way_turns_with_the_desired_turning_and_not_against_the_contact() -> None:
     """Pushed aside about y, then firmly held about x, while the tool is to turn about z."""
     controller = bound(KairosClik("k", KairosClikConfig(force_feedback={"axes": "world", "hand": False})))

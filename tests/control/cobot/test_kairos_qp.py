@@ -111,9 +111,9 @@ def test_the_solver_itself_agrees_with_the_closed_form(seed: int) -> None:
 class Seen(Nearest):
     """Keeps what was asked and what was answered."""
 
-    def __call__(self, *args: Any) -> Array | None:
+    def __call__(self, *args: Any, **options: Any) -> Array | None:
         self.asked = [np.array(a) for a in args]
-        self.answer = super().__call__(*args)
+        self.answer = super().__call__(*args, **options)
         return self.answer
 
 
@@ -129,7 +129,7 @@ def test_the_tool_misses_no_more_than_must_be(seed: int) -> None:
     law.update(DT)
     if not hasattr(seen, "asked"):
         return
-    A, Q, W, lower, upper = seen.asked
+    A, Q, W, lower, upper, _ = seen.asked
     root = np.sqrt(Q)[:, None] * A
     best = lsq_linear(root, np.zeros(6), (lower, np.maximum(upper, lower + 1e-9)), tol=1e-14, max_iter=1000)
     x = seen.answer
@@ -222,3 +222,17 @@ def test_it_begins_at_rest_and_gains_speed_within_its_limits() -> None:
     np.testing.assert_array_equal(law.output["base_twist"], 0)
     law.update(DT)
     assert np.abs(law.output["velocity"]).max() == pytest.approx(ACCELERATION * DT)
+
+
+def test_a_measurement_that_is_no_number_leaves_nothing_behind() -> None:
+    """Before, all later velocities were no numbers either, until the next reset."""
+    law = qp()
+    measured(law, q=UR16E.home, base=np.zeros(3))
+    law.input["desired_pose"][:] = law.input["pose"]
+    law.reset()
+    law.input["desired_twist"][0] = np.nan
+    law.update(DT)
+    assert np.isnan(law.output["velocity"]).all()  # the guard refuses it
+    law.input["desired_twist"][0] = 0.0
+    law.update(DT)
+    np.testing.assert_allclose(law.output["velocity"], 0.0, atol=1e-9)

@@ -22,7 +22,7 @@ from runtime.control.cobot.whole_body_qp import Nearest
 from runtime.control.robots import PANDA
 
 TOOL = bound(ToolPose("tool", ToolPoseConfig()), mount=MOUNT)
-DYNAMICS = ArmDynamics(PANDA)
+DYNAMICS = ArmDynamics(PANDA, rotors=True)
 WIDE = {
     "speed": None,
     "base_speed": None,
@@ -74,7 +74,7 @@ def test_one_word_of_a_profile_chooses() -> None:
     assert mine.outputs == other.outputs
     assert mine.parameters == other.parameters
     assert set(MocaImpedanceConfig.model_fields) < set(MocaQpConfig.model_fields)
-    for name in MocaImpedanceConfig.model_fields:
+    for name in set(MocaImpedanceConfig.model_fields) - {"rotors"}:
         assert getattr(MocaQpConfig(), name) == getattr(MocaImpedanceConfig(), name)
 
 
@@ -85,7 +85,7 @@ def test_without_active_limits_it_is_the_closed_form(seed: int, eta_B: float, et
     options: dict[str, Any] = {"manipulation": weights, "locomotion": {**weights, "posture": 50.0}}
     mine = qp(**options, limits=WIDE)
     mine._effort = np.full(7, np.inf)
-    other = bound(MocaImpedance("moca", MocaImpedanceConfig(**options)))
+    other = bound(MocaImpedance("moca", MocaImpedanceConfig(rotors="all", **options)))
     other.applied = {"base_twist": np.zeros(3)}
     rng = np.random.default_rng(seed)
     anywhere(rng, mine, other)
@@ -163,9 +163,9 @@ def test_limits_are_kept_whatever_is_wished_for(seed: int, effort: float) -> Non
 class Seen(Nearest):
     """Keeps what was asked and what was answered."""
 
-    def __call__(self, *args: Any) -> Array | None:
+    def __call__(self, *args: Any, **options: Any) -> Array | None:
         self.asked = [np.array(a) for a in args]
-        self.answer = super().__call__(*args)
+        self.answer = super().__call__(*args, **options)
         return self.answer
 
 

@@ -114,7 +114,7 @@ def test_limits_are_those_of_the_sheets() -> None:
 def test_documented_shapes(robot: RobotDescription) -> None:
     for name in (
         *("q_lower", "q_upper", "dq_max", "ddq_max", "dddq_max", "tau_max", "dtau_max"),
-        *("rotor_inertia", "friction", "stiffness", "inertia", "home"),
+        *("rotor_inertia", "dry_friction", "stiffness", "inertia", "home"),
     ):
         values = getattr(robot, name)
         assert values.shape == (robot.n,)
@@ -153,6 +153,23 @@ def test_mobile_model_is_the_arm_carried_by_the_base() -> None:
     assert matrix[0, 0] == pytest.approx(carried)
     arm = pinocchio_model(PANDA)
     np.testing.assert_allclose(matrix[3:, 3:], mass_matrix(arm, arm.createData(), PANDA.home), atol=1e-12)
+
+
+def test_the_pandas_friction_is_the_law_that_was_published() -> None:
+    law = sheet("panda")["friction_gaz2019"]
+    span, steepness, offset = (np.array(law[name]) for name in ("phi1", "phi2", "phi3"))
+    assert PANDA.sliding_friction is not None
+    dq = np.linspace(-3, 3, 61)[:, None] * np.ones(7)
+    want = span / (1 + np.exp(-steepness * (dq + offset))) - span / (1 + np.exp(-steepness * offset))
+    np.testing.assert_allclose(PANDA.sliding_friction.torque(dq), want, atol=1e-9)
+    assert (PANDA.sliding_friction.damping(dq) > 0).all()
+
+
+def test_the_pandas_rotors_are_the_makers() -> None:
+    """The reflected inertias that the README of Drake's franka_description lists for the FR3."""
+    want = [0.605721456, 0.605721456, 0.462474144, 0.462474144, 0.205544064, 0.205544064, 0.205544064]
+    for robot in (PANDA, FR3):
+        np.testing.assert_array_equal(robot.rotor_inertia, want)
 
 
 @given(arrays(float, 3, elements=st.floats(-5, 5)))

@@ -15,7 +15,7 @@ from hypothesis.extra.numpy import arrays
 from ruamel.yaml import YAML
 
 from runtime.contracts.signals import Array
-from runtime.control.hand.human_hand import FINGERS, LOWER, UPPER, hand_geometry
+from runtime.control.hand.human_hand import FINGERS, RANGES, hand_geometry
 from runtime.control.hand.point_series import PointSeries
 from runtime.control.shared.kinematics import Chain
 
@@ -99,7 +99,7 @@ def test_sixth_finger_reaches_the_reference_tips(posture: str) -> None:
 def test_ranges_are_the_recommended_ones() -> None:
     sheet = YAML(typ="safe").load(shared("facts/human_hand.yaml"))["joint_ranges_deg"]["recommended_20dof"]
     ranges = np.deg2rad(np.concatenate([sheet[f] for f in FINGERS]))
-    np.testing.assert_allclose(np.stack([LOWER, UPPER], axis=1), ranges)
+    np.testing.assert_allclose(RANGES, ranges)
 
 
 def test_hand_scales_with_its_length() -> None:

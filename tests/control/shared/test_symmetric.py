@@ -44,3 +44,14 @@ def test_products() -> None:
     M = gram(vectors.tolist())
     np.testing.assert_allclose(full(M), vectors.T @ vectors)
     assert times(M, (1.0, -2.0, 0.5)) == pytest.approx(full(M) @ [1.0, -2.0, 0.5])
+
+
+def test_a_singular_matrix_whose_shifted_minor_is_rounding_isnt_firm() -> None:
+    """Of a straight thumb at its limit: the eigenvalues are 0, 1e-4 but for rounding, and 3e-3."""
+    M = (
+        *(0.0022117485200598887, 0.0012192185765173712, -0.0006765823467065929),
+        *(0.000803916173353297, -0.00039062500000000035, 0.0002093353065868148),
+    )
+    assert not is_above(M, 1e-4)
+    inverse = full(raised_inverse(M, 1e-4))
+    assert np.linalg.eigvalsh(inverse).max() == pytest.approx(1e4, rel=1e-6)
