@@ -5,6 +5,8 @@ from __future__ import annotations
 from pydantic import BaseModel, ConfigDict, Field
 
 from runtime.contracts.files import ProfilePath
+from runtime.contracts.signals import Array
+from runtime.control.hand.human_hand import RANGES
 from sim.wearer.motion import Wearer
 from sim.wearer.recording import load_wearer
 from sim.wearer.scripted import ScriptedWearer
@@ -26,12 +28,12 @@ class WearerConfig(BaseModel):
     period: float = Field(default=4.0, ge=1.0, description="s, the script's time from one grasp to the next")
 
 
-def make_wearer(config: WearerConfig, seed: int) -> Wearer:
-    """Creates the wearer that a profile sets.
+def make_wearer(config: WearerConfig, seed: int, ranges: Array = RANGES) -> Wearer:
+    """Creates the wearer that a profile sets; `ranges` (20, 2), rad, are its joints'.
 
     Raises:
-        RecordingError: the recording can't be read.
+        RecordingError: the recording can't be read, or doesn't fit into the ranges.
     """
     if config.recording is None:
-        return ScriptedWearer(seed, period=config.period, speed=config.speed)
-    return load_wearer(config.recording, episode=config.episode, speed=config.speed, loop=config.loop)
+        return ScriptedWearer(seed, ranges=ranges, period=config.period, speed=config.speed)
+    return load_wearer(config.recording, ranges=ranges, episode=config.episode, speed=config.speed, loop=config.loop)

@@ -9,11 +9,11 @@ import numpy as np
 
 from runtime.contracts.signals import Array
 from runtime.control.hand.human_hand import RANGES
+from sim.wearer.fitting import Fitted
 
 BLEND: Final = 0.5  # s, from the end of one section of a recording to the beginning of the next
 Number = TypeVar("Number", float, Array)
 _RATE: Final = 100.0  # Hz of blends
-_LOWER, _UPPER = np.ascontiguousarray(RANGES.T)
 
 
 class Wearer(Protocol):
@@ -21,12 +21,14 @@ class Wearer(Protocol):
 
     Attributes:
         duration: end of the motion, s; inf if it never ends.
+        fitted: how a recording was brought into the ranges; None if the motion is none.
     """
 
     duration: float
+    fitted: Fitted | None
 
     def target(self, t: float) -> Array:
-        """Joint angles (20,), rad, within the model's ranges, at t seconds since the world's start.
+        """Joint angles (20,), rad, within the hand's ranges, at t seconds since the world's start.
 
         The same time gives the same bits, in whatever order times are requested.
         """
@@ -72,9 +74,20 @@ class Curve:
 class SampledWearer:
     """A recorded motion."""
 
-    def __init__(self, time: Array, position: Array, *, speed: float = 1.0, loop: bool = False) -> None:
-        """Args: time (n,), s, strictly increasing; position (n, 20), rad, clipped to the model's ranges."""
-        position = np.clip(position, _LOWER, _UPPER)
+    def __init__(
+        self,
+        time: Array,
+        position: Array,
+        *,
+        ranges: Array = RANGES,
+        fitted: Fitted | None = None,
+        speed: float = 1.0,
+        loop: bool = False,
+    ) -> None:
+        """Args: time (n,), s, strictly increasing; position (n, 20), rad, clipped to the ranges (20, 2), rad."""
+        self.fitted = fitted
+        self._lower, self._upper = np.ascontiguousarray(ranges.T)
+        position = np.clip(position, self._lower, self._upper)
         if loop:
             time, position = join([(time, position), (time[:1], position[:1])])
         self._curve = Curve(time, position)
@@ -87,8 +100,8 @@ class SampledWearer:
         if self._loop:
             t %= self._span
         q = self._curve.at_one(self._start + t)
-        np.maximum(q, _LOWER, out=q)  # rounding of a cubic can exceed the limits slightly
-        return np.minimum(q, _UPPER, out=q)
+        np.maximum(q, self._lower, out=q)  # rounding of a cubic can exceed the limits slightly
+        return np.minimum(q, self._upper, out=q)
 
 
 def join(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:

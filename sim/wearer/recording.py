@@ -4,20 +4,36 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from runtime.contracts.errors import RecordingError
+from runtime.contracts.signals import Array
+from runtime.control.hand.human_hand import RANGES
+from sim.wearer.fitting import check, fit
 from sim.wearer.motion import SampledWearer, Wearer, join
 
 
-def load_wearer(recording: str | Path, *, episode: int | None = None, speed: float = 1.0, loop: bool = False) -> Wearer:
-    """Loads a wearer that moves as recorded.
+def load_wearer(
+    recording: str | Path,
+    *,
+    ranges: Array = RANGES,
+    episode: int | None = None,
+    speed: float = 1.0,
+    loop: bool = False,
+) -> Wearer:
+    """Loads a wearer that moves as recorded, as far as the joints' ranges allow: its `fitted` says how far.
+
+    A file is fitted as a whole, so that all its episodes are one hand's.
 
     Args:
         recording: a .csv, .npz or .bvh file, or a folder with one CSV per joint; `FILE#episode=3` is one episode.
+        ranges: (20, 2) rad, lower and upper limit of each joint of the wearer.
         episode: the only episode to play; default: all of them, blended into each other.
         speed: 1 is the recorded speed.
         loop: start again at the end, with a blend of 0.5 s.
     Raises:
-        RecordingError: with file and line or column, what was expected, and the remedy.
+        RecordingError: with file and line or column, what was expected, and the remedy; too little of it fits into the
+            ranges.
     """
     from sim.wearer import bvh_hand, tables, topics
 
@@ -39,11 +55,15 @@ def load_wearer(recording: str | Path, *, episode: int | None = None, speed: flo
             f"'{path.suffix}' is no kind of hand recording",
             "Give a .csv, .npz or .bvh file or a folder",
         )
+    fitted = fit(np.concatenate([position for _, position in parts]), ranges)
+    check(path, fitted)
+    ends = np.cumsum([len(time) for time, _ in parts])[:-1]
+    parts = [(time, q) for (time, _), q in zip(parts, np.split(fitted.position, ends), strict=True)]
     if episode is not None:
         if not 0 <= episode < len(parts):
             raise RecordingError(str(path), f"there is no episode {episode}", f"It has {len(parts)}, numbered from 0")
         parts = [parts[episode]]
-    return SampledWearer(*join(parts), speed=speed, loop=loop)
+    return SampledWearer(*join(parts), ranges=ranges, fitted=fitted, speed=speed, loop=loop)
 
 
 def _split(spec: str) -> tuple[Path, int | None]:

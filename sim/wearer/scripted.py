@@ -9,6 +9,7 @@ import numpy as np
 
 from runtime.contracts.signals import Array
 from runtime.control.hand.human_hand import RANGES
+from sim.wearer.fitting import Fitted
 from sim.wearer.motion import quintic
 
 _OPEN: Final[Array] = np.deg2rad(
@@ -35,9 +36,12 @@ class ScriptedWearer:
     """
 
     duration = float("inf")
+    fitted: Fitted | None = None
 
-    def __init__(self, seed: int, *, period: float = 4.0, speed: float = 1.0) -> None:
-        """Args: period, s, from one grasp to the next, at speed 1."""
+    def __init__(self, seed: int, *, ranges: Array = RANGES, period: float = 4.0, speed: float = 1.0) -> None:
+        """Args: ranges (20, 2), rad, of the joints; period, s, from one grasp to the next, at speed 1."""
+        limits = ranges.T.reshape(2, 5, 4)
+        self._open, self._limits = np.clip(_OPEN, *limits), limits
         self._seed, self._period = seed, period / speed
         self._number, self._grasp = -1, self._draw(0)
 
@@ -61,11 +65,10 @@ class ScriptedWearer:
             return rng.uniform(low, high, (5, 1))
 
         reach = rng.uniform(0.65, 1.0) * per_finger(0.92, 1.0)
-        lower, upper = RANGES.T.reshape(2, 5, 4)
-        posture = np.clip(_OPEN + reach * (_CLOSED - _OPEN), lower, upper)
+        posture = np.clip(self._open + reach * (_CLOSED - self._open), *self._limits)
         close, reopen = per_finger(0.10, 0.16), per_finger(0.60, 0.66)
         pace, back = 1.0 / per_finger(0.20, 0.30), 1.0 / per_finger(0.20, 0.30)
-        joints = np.stack([_OPEN, posture - _OPEN], axis=-1)
+        joints = np.stack([self._open, posture - self._open], axis=-1)
         return _Grasp(np.hstack([close, pace, reopen, back]).tolist(), joints.tolist())
 
 

@@ -43,6 +43,9 @@ class CellConfig(WorldConfig):
 
     timestep: float = Field(default=0.001, ge=1e-5, le=0.005, description="s, of the physics; a whole number of ns")
     gravity: tuple[float, float, float] = Field(default=DOWN, description="m/s^2")
+    noslip: int = Field(
+        default=0, ge=0, le=20, description="iterations that keep what is held from creeping; 5 do, and take time"
+    )
     floor: bool = Field(default=False, description="a floor at z = 0 that parts touch")
     duration: float | None = Field(default=None, gt=0, description="s until the run ends by itself")
     ends_with: str | None = Field(default=None, description="a person: the run ends when the plan does")
@@ -66,7 +69,9 @@ class Cell(World):
         super().__init__(config, seed, frames)
         self.parts: dict[str, Part] = {}
         for name, (cls, options) in config.parts.items():
-            self.parts[name] = cls(name, options, seed)
+            self.parts[name] = part = cls(name, options, seed)
+            self.doubts += [(f"parts.{name}.{key}", text) for key, text in part.doubts]
+            self.remarks += [(f"parts.{name}.{key}", text) for key, text in part.remarks]
         ends = [part.ends for part in self.parts.values() if part.ends is not None]
         self.duration = config.duration or max(ends, default=None)
         document, self._carried = _document(config, self.parts, self.frames)
@@ -243,7 +248,7 @@ def _document(config: CellConfig, parts: dict[str, Part], frames: Frames) -> tup
     root = Element("mujoco", model="cell")
     add(root, "compiler", angle="radian", autolimits=True)
     physics = {"integrator": "implicitfast", "cone": "elliptic", "impratio": 10.0}  # low ratios let held objects creep
-    add(root, "option", timestep=config.timestep, gravity=config.gravity, **physics)
+    add(root, "option", timestep=config.timestep, gravity=config.gravity, noslip_iterations=config.noslip, **physics)
     size = SubElement(root, "visual")
     add(size, "map", znear=0.01)
     add(mjcf.worldbody, "light", pos="0 -1 3", dir="0 0.3 -1", directional=True)

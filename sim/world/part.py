@@ -95,6 +95,7 @@ class Part(ABC):
         stand: where it stands in the body that `build` is given; the world sets it.
         carrier: the part that it stands on; "" for the world.
         every: number of physics steps between two calls of `drive`; 0: never called.
+        doubts, remarks: (key of its options, text): what is probably wrong, and what a person should know.
         ends: s until the run ends by itself on the part's account, such as the end of a recording; None: never.
     """
 
@@ -108,6 +109,8 @@ class Part(ABC):
         self.stand: Pose = IDENTITY
         self.carrier = ""
         self.ends: float | None = None
+        self.doubts: list[tuple[str, str]] = []
+        self.remarks: list[tuple[str, str]] = []
 
     @abstractmethod
     def build(self, mjcf: Mjcf, parent: Element) -> None:

@@ -30,7 +30,7 @@ def add_arm(
 
     Args:
         damping: damping of each joint, N m s/rad.
-        friction: remaining share of the joints' dry friction.
+        friction: remaining share of the joints' dry friction. Sliding friction is the part's.
         at: attributes that place the base.
     """
     body = mjcf.body(parent, f"{name}/base", **at)
@@ -48,7 +48,7 @@ def add_arm(
             range=(robot.q_lower[i], robot.q_upper[i]),
             armature=robot.rotor_inertia[i],
             damping=damping,
-            frictionloss=friction * robot.friction[i],
+            frictionloss=friction * robot.dry_friction[i],
             actuatorgravcomp=True,
             actuatorfrcrange=effort,
         )

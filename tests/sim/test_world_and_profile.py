@@ -40,7 +40,7 @@ sim:
         ("moca-man", "frames.base.position=[0, 0, 1]", ["own place would count again"]),
         ("moca-man", "devices.arm.frame=base", ["'frame' is gone", "the device's name"]),
         ("moca-man", "sim.parts.grip.at={xyz: [0, 0, 1]}", ["sim.parts.grip.at", "'position'"]),
-        ("kairos-man", "controllers.3.force_feedback={axes: tool}", ["axes: sensor"]),
+        ("kairos-man", "controllers.4.force_feedback={axes: tool}", ["axes: sensor"]),
         ("kairos-man", "controllers.1.mount={position: [0, 0, 1]}", ["'mount' is gone", "frames:"]),
         ("kairos-man", "controllers.2.sensor_position=[0, 0, 1]", ["'sensor_position' is gone", "frames:"]),
         ("kairos-man", "sim.parts.arm.on=base/deck", ["'on' is gone", "at: PART/BODY"]),

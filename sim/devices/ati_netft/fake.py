@@ -21,6 +21,10 @@ class FakeAtiNetFtOptions(ForceTorqueOptions):
     rate: float = Field(default=1000.0, gt=0, le=4000, description="Hz, samples it takes and records it sends")
     delay: float = Field(default=0.001, ge=0, le=0.5, description="s, from sampling to arrival")
     product: str = Field(default="Ethernet Axia", description="name it tells; 'Axia' decides on its status words")
+    host: str = Field(default="127.0.0.1", description="loopback address that the twin listens on")
+    port: int = Field(default=0, ge=0, le=65535, description="its UDP port, 49152 on a sensor; 0: any that is free")
+    http: int = Field(default=0, ge=0, le=65535, description="its web page's port, 80 on a sensor; 0: any")
+    tcp: int = Field(default=0, ge=0, le=65535, description="its commands' port, 49151 on a sensor; 0: any")
 
 
 class FakeAtiNetFt(ForceTorqueFake):

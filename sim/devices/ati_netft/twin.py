@@ -38,7 +38,9 @@ class AtiNetFtTwin(SocketTwin):
         self.buffered = 40
         self.sample_rate = self.record_rate = options.rate
         self.range: Array = fake.range
-        self.records, self.http, self.tcp = UdpDoor(), TcpDoor(), TcpDoor()
+        host = options.host
+        self.records, self.http, self.tcp = UdpDoor(host), TcpDoor(host), TcpDoor(host)
+        self._ports = (options.port, options.http, options.tcp)
         self._family = family(options.product)
         self._talks: dict[Client, Pages | Commands] = {}
         self._seen: dict[str, int] = {}
@@ -49,9 +51,16 @@ class AtiNetFtTwin(SocketTwin):
         """See `SocketTwin.doors`."""
         return [self.records, self.http, self.tcp]
 
+    def open(self) -> None:
+        """See `Twin.open`."""
+        for door, port in zip(self.doors(), self._ports, strict=True):
+            if not door.port:
+                door.open(port)
+        super().open()
+
     def describe(self) -> str:
         """See `SocketTwin.describe`."""
-        return f"{self.records.address}?http={self.http.port}"
+        return f"{self.records.address}?http={self.http.port}&tcp={self.tcp.port}"
 
     def opened(self) -> None:
         """See `SocketTwin.opened`."""

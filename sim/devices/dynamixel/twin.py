@@ -18,6 +18,8 @@ from sim.devices.dynamixel.twin_servo1 import Servo1
 from sim.devices.dynamixel.twin_servo2 import Servo2
 from sim.devices.shared.serial import SerialTwin
 
+_KEPT: Final[dict[bytes, tuple[str, ...]]] = {b"\xff": (), b"\x01": ("id",), b"\x02": ("id", "baud_rate")}
+_RATES_AGREE: Final = 0.02  # share by which the two ends of a line may differ
 _SPEEDS: Final = {
     getattr(termios, f"B{rate}"): rate
     for rate in (9600, 19200, 38400, 57600, 115200, 230400, 500000, 1000000, 2000000, 2500000, 3000000, 4000000)
@@ -28,7 +30,8 @@ _SPEEDS: Final = {
 class DynamixelTwin(SerialTwin):
     """Servos obey instructions addressed to them and answer `return_delay` later, one after another.
 
-    A client at another baud rate is not understood. In a group read, servos after a missing one don't answer.
+    Each servo understands a client at its own baud rate only; those of a bus may differ.
+    In a group read, servos after a missing one don't answer.
     A packet that comes while an answer is being sent collides with it: both are lost.
 
     Attributes:
@@ -71,18 +74,17 @@ class DynamixelTwin(SerialTwin):
         self._registered: dict[int, tuple[int, bytes]] = {}
         self._answers: list[tuple[int, bytes]] = []  # (due time in ns, packet)
         self._now = 0
+        self._rate: int | None = None  # bit/s of the client's newest bytes
         self._goals: list[tuple[int, int, int]] = []
 
     # -- the line
 
     def receive(self, data: bytes, now: int) -> bytes:
         self._begin(now)
-        rate = self._client_rate()
-        if rate is not None:
-            speeds = {baudrate(servo.get("baud_rate"), self.protocol) for servo in self.servos}
-            if not any(abs(speed / rate - 1) < 0.02 for speed in speeds):
-                self.wrong_rate += len(data)
-                return b""
+        self._rate = self._client_rate()
+        if not any(map(self._understands, self.servos)):
+            self.wrong_rate += len(data)
+            return b""
         for instruction in self._parser.instructions(data):
             if self._answers and self._answers[-1][0] > now:
                 self.collisions += 1
@@ -127,8 +129,14 @@ class DynamixelTwin(SerialTwin):
         return [
             servo
             for k, servo in enumerate(self.servos)
-            if not self._restarting[k] and servo.get("id") not in self.absent
+            if not self._restarting[k] and servo.get("id") not in self.absent and self._understands(servo)
         ]
+
+    def _understands(self, servo: Registers) -> bool:
+        """Whether a servo's baud rate is that of the client; unknown rates are right."""
+        if self._rate is None:
+            return True
+        return abs(baudrate(servo.get("baud_rate"), self.protocol) / self._rate - 1) < _RATES_AGREE
 
     def _obey(self, instruction: Instruction) -> None:
         names = _NAMES1 if self.protocol == 1 else _NAMES2
@@ -179,17 +187,29 @@ class DynamixelTwin(SerialTwin):
                 answer = 0, b""
             case "reboot":
                 answer = 0, b""
-                k = self.servos.index(servo)
-                self._deaf_until[k], self._restarting[k] = self._now + REBOOT, True
-                servo.motors.switch(servo.i, False)
+                self._restart(servo)
             case "clear":
                 answer = self._clear(servo, data), b""
             case "factory_reset":
-                answer = (protocol2.RESULT if self.protocol == 2 else protocol1.INSTRUCTION), b""
+                keep = _KEPT.get(data if self.protocol == 2 else b"\xff")
+                if everyone and not keep:
+                    return  # else all servos of a bus would have the same id
+                if keep is not None:
+                    if level == 2 and not everyone:
+                        self._answer(servo, 0, b"")
+                    servo.factory_reset(keep)
+                    self._restart(servo)
+                    return
+                answer = protocol2.RANGE, b""
             case _:
                 answer = (protocol2.INSTRUCTION if self.protocol == 2 else protocol1.INSTRUCTION), b""
         if not everyone and (name == "read" or level == 2):
             self._answer(servo, *answer)
+
+    def _restart(self, servo: Registers) -> None:
+        k = self.servos.index(servo)
+        self._deaf_until[k], self._restarting[k] = self._now + REBOOT, True
+        servo.motors.switch(servo.i, False)
 
     def _clear(self, servo: Registers, data: bytes) -> int:
         if data != b"\x01DXL\x22" or servo.read(122, 1)[1] != b"\0":
@@ -266,7 +286,7 @@ class DynamixelTwin(SerialTwin):
         self._answers.append((max(before, self._now) + delay, packet))
 
     def figures(self) -> dict[str, object]:
-        """Adds to the serial twin's figures: instructions by name, lost packets and the state of the torque.
+        """Adds to the serial twin's figures: instructions by name, lost packets, refused writes, the torque.
 
         Lost packets are those damaged, collided or sent at a wrong baud rate. The torque is given for each motor.
         """
@@ -276,6 +296,7 @@ class DynamixelTwin(SerialTwin):
             "damaged": self._parser.errors,
             "collisions": self.collisions,
             "wrong_rate": self.wrong_rate,
+            "refused": {f"{s.get('id')}.{what}": n for s in self.servos for what, n in s.refused.items()},
             "torque": [bool(motors.torque[i]) for i in self.bus.numbers],
         }
 

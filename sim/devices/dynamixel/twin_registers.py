@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
-from drivers.dynamixel.models import Model
+from drivers.dynamixel.models import CENTRE, Model
 from drivers.dynamixel.table import Register, table
 from sim.parts.dynamixel.motors import Motors
 
@@ -21,6 +21,7 @@ class Registers(ABC):
         by_name: its registers by name.
         motors: the chain's motors; `i` is the number of this one.
         now: ns of the twin's clock; the bus sets it before each access.
+        refused: how often a write to each register was refused, by its name.
     """
 
     protocol: int
@@ -44,6 +45,20 @@ class Registers(ABC):
         self.put("id", id)
         self.put("baud_rate", baud)
         self.now = 0
+        self.refused: dict[str, int] = {}
+
+    @property
+    def sign(self) -> int:
+        """-1 in reverse mode, else 1. The motor itself keeps its direction."""
+        mode = self.by_name.get("drive_mode")
+        return -1 if mode is not None and mode.decode(self.memory) & REVERSE else 1
+
+    def seen(self, counts: Any) -> Any:
+        """The motor's counts as the registers show them, and the other way round.
+
+        Reverse mode mirrors them about the middle of the turn: chosen, no public source says about what.
+        """
+        return 2 * CENTRE - counts if self.sign < 0 else counts
 
     def get(self, name: str) -> int:
         """The value of a register."""
@@ -76,6 +91,8 @@ class Registers(ABC):
             if register is None or not register.writable:
                 return self.access_error
             if register.eeprom and locked:
+                name = self._names[register.address]
+                self.refused[name] = self.refused.get(name, 0) + 1
                 return self.access_error
             if at + register.size > len(data):
                 return self.length_error
@@ -83,9 +100,9 @@ class Registers(ABC):
             name = self._names[register.address]
             low = register.low if register.low is not None else value
             high = register.high if register.high is not None else value
-            if not low <= value <= high:
-                return self.range_error
-            if error := self.refuses(name, value):
+            error = self.range_error if not low <= value <= high else self.refuses(name, value)
+            if error:
+                self.refused[name] = self.refused.get(name, 0) + 1
                 return error
             changes.append((name, value))
             at += register.size
@@ -93,6 +110,12 @@ class Registers(ABC):
             self.put(name, value)
             self.take_effect(name, value)
         return 0
+
+    def factory_reset(self, keep: tuple[str, ...]) -> None:
+        """Sets all registers to their state on delivery, except those to keep; `restart` must follow."""
+        kept = {name: self.get(name) for name in (*keep, "model_number", "firmware_version")}
+        for name, register in self.by_name.items():
+            self.put(name, kept.get(name, register.default))
 
     @abstractmethod
     def refresh(self) -> None:
@@ -129,4 +152,5 @@ def whole(value: float) -> int:
     return int(np.rint(value))
 
 
+REVERSE: Final = 1  # bit of the drive mode
 RPM: Final = 2 * np.pi / 60  # rad/s

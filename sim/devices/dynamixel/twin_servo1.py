@@ -10,7 +10,7 @@ from drivers.dynamixel import protocol1
 from drivers.dynamixel.family import CURRENT1, VELOCITY1
 from drivers.dynamixel.models import CENTRE
 from drivers.dynamixel.table import CURRENT, EXTENDED, POSITION, VELOCITY
-from sim.devices.dynamixel.twin_registers import Registers, whole
+from sim.devices.dynamixel.twin_registers import REVERSE, Registers, whole
 from sim.parts.dynamixel.motors import HEAT_BIT, OVERLOAD_BIT, VOLTAGE_BIT
 
 FULL_PWM: Final = 1023
@@ -18,7 +18,7 @@ _ACCELERATION: Final = np.radians(8.583)  # rad/s^2 per unit
 
 
 class Servo1(Registers):
-    """See `Registers`. Not simulated: the resolution divider, the multi-turn offset, the lock, slaves."""
+    """See `Registers`. Not simulated: the resolution divider, the multi-turn offset, the lock. Slaves are refused."""
 
     protocol = 1
     size = 74
@@ -27,17 +27,18 @@ class Servo1(Registers):
 
     def refresh(self) -> None:
         m, i = self.motors, self.i
-        speed = m.velocity[i] / VELOCITY1
+        sign = self.sign
+        speed = sign * m.velocity[i] / VELOCITY1
         self.put("torque_enable", int(m.torque[i]))
-        self.put("present_position", int(m.counts[i]))
+        self.put("present_position", self.seen(int(m.counts[i])))
         self.put("present_speed", with_sign(speed))
-        self.put("present_load", with_sign(m.current[i] / m.stall_current[i] * 1000))
+        self.put("present_load", with_sign(sign * m.current[i] / m.stall_current[i] * 1000))
         self.put("present_voltage", whole(m.voltage * 10))
         self.put("present_temperature", whole(m.temperature[i]))
         self.put("moving", int(abs(speed) > 5))
         self.put("realtime_tick", self.now // 1_000_000 % 32768)
         if self.model.senses_current:
-            self.put("current", CENTRE + whole(m.current[i] / CURRENT1))
+            self.put("current", CENTRE + whole(sign * m.current[i] / CURRENT1))
 
     @property
     def error_bits(self) -> int:
@@ -45,6 +46,8 @@ class Servo1(Registers):
         return int(self.motors.errors[self.i]) & (VOLTAGE_BIT | HEAT_BIT | OVERLOAD_BIT)
 
     def refuses(self, name: str, value: int) -> int:
+        if name == "drive_mode" and value & ~REVERSE:
+            return protocol1.RANGE
         if name == "goal_position" and self.motors.mode[self.i] == POSITION:
             inside = self.get("cw_angle_limit") <= value <= self.get("ccw_angle_limit")
             return 0 if inside else protocol1.ANGLE
@@ -58,13 +61,16 @@ class Servo1(Registers):
             case "cw_angle_limit" | "ccw_angle_limit" | "torque_control_mode":
                 self._set_mode()
             case "goal_position":
-                m.goal_position[i] = value
+                m.goal_position[i] = self.seen(value)
                 m.switch(i, True)
-                m.goal_position[i] = value
+                m.goal_position[i] = self.seen(value)
+            case "drive_mode":
+                self.put("goal_position", self.seen(int(m.counts[i])))
+                self._set_speed()
             case "moving_speed":
                 self._set_speed()
             case "goal_torque":
-                m.goal_current[i] = magnitude(value) * CURRENT1
+                m.goal_current[i] = self.sign * magnitude(value) * CURRENT1
             case "torque_limit":
                 m.pwm_cap[i] = value / FULL_PWM
                 if value:
@@ -88,7 +94,7 @@ class Servo1(Registers):
         m.goal_current[i] = 0.0
         self._set_gains()
         self._set_mode()
-        self.put("goal_position", int(m.counts[i]))
+        self.put("goal_position", self.seen(int(m.counts[i])))
 
     def instruction_taken(self) -> None:
         """Does nothing: this firmware doesn't watch the bus."""
@@ -115,7 +121,7 @@ class Servo1(Registers):
 
     def _set_speed(self) -> None:
         m, i, value = self.motors, self.i, self.get("moving_speed")
-        m.goal_velocity[i] = magnitude(value) * VELOCITY1 if m.mode[i] == VELOCITY else 0.0
+        m.goal_velocity[i] = self.sign * magnitude(value) * VELOCITY1 if m.mode[i] == VELOCITY else 0.0
         m.profile_velocity[i] = 0.0 if m.mode[i] == VELOCITY else abs(magnitude(value)) * VELOCITY1
 
     def _set_gains(self) -> None:

@@ -7,7 +7,7 @@ from typing import Final
 from drivers.dynamixel import protocol2
 from drivers.dynamixel.family import CURRENT2, VELOCITY2
 from drivers.dynamixel.table import CURRENT, CURRENT_POSITION, EXTENDED, POSITION, PWM, VELOCITY
-from sim.devices.dynamixel.twin_registers import RPM, Registers
+from sim.devices.dynamixel.twin_registers import REVERSE, RPM, Registers
 
 FULL_PWM: Final = 885
 _ACCELERATION: Final = 214.577 * RPM / 60  # rad/s^2 per unit
@@ -23,7 +23,11 @@ _INDIRECT: Final = ((168, 224, 28), (578, 634, 28))  # addresses, data, number
 
 
 class Servo2(Registers):
-    """See `Registers`. Not simulated: the reversed drive mode, slaves, time-based profiles, feed-forward."""
+    """See `Registers`. Not simulated: feed-forward. Slaves and time-based profiles are refused.
+
+    In reverse mode (bit 0 of the drive mode) every register that has a direction counts clockwise, as in the firmware:
+    positions and velocities, PWM and current, goals and measured values. The motor itself keeps its direction.
+    """
 
     protocol = 2
     size = 662
@@ -52,22 +56,23 @@ class Servo2(Registers):
 
     def refresh(self) -> None:
         m, i = self.motors, self.i
-        homing, speed = self.get("homing_offset"), float(m.velocity[i]) / VELOCITY2
+        sign = self.sign
+        homing, speed = self.get("homing_offset"), sign * float(m.velocity[i]) / VELOCITY2
         counts, goal, trajectory = int(m.counts[i]), float(m.goal_position[i]), float(m.trajectory[i])
-        amps = float(m.current[i])
+        amps = sign * float(m.current[i])
         self.put("torque_enable", int(m.torque[i]))
         self.put("hardware_error_status", int(m.errors[i]))
         self.put("realtime_tick", self.now // 1_000_000 % 32768)
         self.put("moving", int(abs(speed) > self.get("moving_threshold")))
-        self.put("present_pwm", round(float(m.pwm[i]) * FULL_PWM))
+        self.put("present_pwm", round(sign * float(m.pwm[i]) * FULL_PWM))
         if self.model.senses_current:
             self.put("present_current", round(amps / CURRENT2))
         else:
             self.put("present_load", round(min(max(amps / self.model.stall_current, -1), 1) * 1000))
         self.put("present_velocity", round(speed))
-        self.put("present_position", counts + homing)
-        self.put("velocity_trajectory", round(float(m.trajectory_velocity[i]) / VELOCITY2))
-        self.put("position_trajectory", round(trajectory) + homing)
+        self.put("present_position", self.seen(counts) + homing)
+        self.put("velocity_trajectory", round(sign * float(m.trajectory_velocity[i]) / VELOCITY2))
+        self.put("position_trajectory", round(self.seen(trajectory)) + homing)
         self.put("present_input_voltage", round(m.voltage * 10))
         self.put("present_temperature", round(float(m.temperature[i])))
         profile = (3 if m.profile_acceleration[i] else 1) if m.profile_velocity[i] else 0
@@ -76,6 +81,8 @@ class Servo2(Registers):
 
     def refuses(self, name: str, value: int) -> int:
         if self._tripped and name in _GOALS:
+            return protocol2.RANGE
+        if name == "drive_mode" and value & ~REVERSE:
             return protocol2.RANGE
         if name == "bus_watchdog" and value < 0:
             return protocol2.RANGE
@@ -97,6 +104,11 @@ class Servo2(Registers):
         match name:
             case "torque_enable":
                 m.switch(i, bool(value))
+            case "drive_mode":
+                m.goal_velocity[i] = 0.0
+                self.put("goal_velocity", 0)
+                self._goals_to_limits()
+                self.put("goal_position", self.seen(int(m.counts[i])) + self.get("homing_offset"))
             case "operating_mode":
                 self._change_mode(value)
             case "bus_watchdog":
@@ -104,11 +116,11 @@ class Servo2(Registers):
                 m.stopped[i] = 0.0
                 self._heard = self.now
             case "goal_position":
-                m.goal_position[i] = value - self.get("homing_offset")
+                m.goal_position[i] = self.seen(value - self.get("homing_offset"))
             case "goal_velocity":
-                m.goal_velocity[i] = value * VELOCITY2
+                m.goal_velocity[i] = self.sign * value * VELOCITY2
             case "goal_current":
-                m.goal_current[i] = value * CURRENT2
+                m.goal_current[i] = self.sign * value * CURRENT2
             case "goal_pwm" | "pwm_limit":
                 self._set_pwm()
             case "current_limit":
@@ -134,7 +146,7 @@ class Servo2(Registers):
         m.shutdown[i], m.temperature_limit[i] = self.get("shutdown"), self.get("temperature_limit")
         self._goals_to_limits()
         self._set_gains()
-        self.put("goal_position", int(m.counts[i]) + self.get("homing_offset"))
+        self.put("goal_position", self.seen(int(m.counts[i])) + self.get("homing_offset"))
 
     def instruction_taken(self) -> None:
         self._heard = self.now
@@ -182,7 +194,7 @@ class Servo2(Registers):
     def _set_pwm(self) -> None:
         m, i, goal, limit = self.motors, self.i, self.get("goal_pwm"), self.get("pwm_limit")
         driven = self.get("operating_mode") == PWM
-        m.goal_pwm[i] = goal / FULL_PWM if driven else 0.0
+        m.goal_pwm[i] = self.sign * goal / FULL_PWM if driven else 0.0
         m.pwm_cap[i] = (limit if driven else min(abs(goal), limit)) / FULL_PWM
 
     def _set_gains(self) -> None:

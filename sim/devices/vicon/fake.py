@@ -73,6 +73,8 @@ class FakeVicon(Sensor, SampledFake):
         dropout = options.marker_dropout
         self._marker_noise = SampleNoise(world.seed, f"{name}/markers", len(scene.markers), 1.0)
         self._drop_below = NormalDist().inv_cdf(dropout) if 0.0 < dropout < 1.0 else np.inf  # for a normal draw
+        own = [(row, scene.carriers == row) for row in range(len(scene.segments))]
+        self._enough = [(row, markers) for row, markers in own if int(markers.sum()) >= _ENOUGH]
         self._view = View(config)
         self._segments: list[tuple[int, int]] = []  # row of the states, row of the scene
         self._markers: list[tuple[int, int]] = []
@@ -97,16 +99,16 @@ class FakeVicon(Sensor, SampledFake):
 
     def fill(self, values: Array, number: int) -> None:
         view = self._view
-        poses, points = self.scene.split(values)
-        segments, markers = self.visible(number)
+        poses, points = (found.tolist() for found in self.scene.split(values))
+        segments, markers = (seen.tolist() for seen in self.visible(number))
         view.begin()
         for row, index in self._segments:
             if segments[index]:
-                x, y, z, qw, qx, qy, qz = poses[index].tolist()
+                x, y, z, qw, qx, qy, qz = poses[index]
                 view.segment(row, (x, y, z), (qw, qx, qy, qz))
         for row, index in self._markers:
             if markers[index]:
-                x, y, z = points[index].tolist()
+                x, y, z = points[index]
                 view.marker(row, (x, y, z))
         for row, spot in enumerate(self.seen_by.reflections[: self.vicon.unlabelled]):
             view.reflection(row, spot)
@@ -127,10 +129,10 @@ class FakeVicon(Sensor, SampledFake):
                 markers &= ~hidden_markers
         if self.seen_by.marker_dropout > 0.0:
             markers &= self._marker_noise.noise(number) >= self._drop_below
-        for row in range(len(scene.segments)):
-            own = scene.carriers == row
-            if int(own.sum()) >= _ENOUGH and int((own & markers).sum()) < _ENOUGH:
-                segments[row] = False
+        if not markers.all():
+            for row, own in self._enough:
+                if int((own & markers).sum()) < _ENOUGH:
+                    segments[row] = False
         return segments, markers
 
     def _select(self) -> None:

@@ -7,7 +7,7 @@ follow from triangles and Euler angles.
 
 from __future__ import annotations
 
-from math import acos, cos, pi, sin, sqrt
+from math import acos, cos, nan, pi, sin, sqrt
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -19,7 +19,6 @@ from runtime.control.ikns.body import Body, Side
 
 _STRETCHED: Final = 0.995  # share of the arm's length beyond which the hand can't go: the elbow would be straight
 _FOLDED: Final = 0.3  # share below which it can't
-_DOWN: Final = np.array([0.0, 0.0, -1.0])
 
 
 class Hold(NamedTuple):
@@ -43,7 +42,9 @@ class ArmPosture:
         self.joints = np.array([*body.chains[f"{side}_clavicle"], *body.chains[f"{side}_arm"]])
         ranges = body.ranges[self.joints]
         self.lower, self.upper = ranges[:, 0], ranges[:, 1]
+        self._middle = 0.5 * (self.lower + self.upper)
         self._sign = np.array([sum(body.joints[i].axis) for i in self.joints])
+        self._turned = np.array([1.0, 1.0, *self._sign[2:5], 1.0, *self._sign[6:9]])  # of the angles that are found
         self._sternum, self._clavicle = np.array(body.sternum[side]), np.array(body.shoulder[side])
         self.shoulder = self._sternum + self._clavicle
         self._upper, self._fore = body.sizes["upper_arm"][side], body.sizes["forearm"][side]
@@ -51,10 +52,13 @@ class ArmPosture:
         self._palm = float(np.linalg.norm(self._grip))
         self.reach = self._upper + self._fore + self._palm
         self._out = 1.0 if side == "left" else -1.0
+        self._last: tuple[Any, tuple[Array, Array]] = (None, (np.empty(0), np.empty(0)))  # girdle, by the clavicle
         self._model: Any = body.model()
         self._data = self._model.createData()
         self._q = np.zeros(len(body.joints))
-        self._hand = body.segments[f"{side}_hand"] + 1
+        self._J = self._data.J  # a view, as are those of the hand's pose
+        hand = self._data.oMi[body.segments[f"{side}_hand"] + 1]
+        self._place, self._turn = hand.translation, hand.rotation
 
     def solve(self, hold: Hold, swivel: float, clavicle: tuple[float, float] = (0.0, 0.0)) -> Array:
         """(9,) rad: the posture that holds the hand. Beyond the arm's reach the hand stays on its line.
@@ -63,19 +67,16 @@ class ArmPosture:
             swivel: rad, 0 with the elbow down, positive outwards.
             clavicle: rad, protraction and elevation.
         """
-        q = np.empty(9)
-        q[:2] = clavicle
         C, shoulder = self._girdle(clavicle)
         wrist = hold.place - hold.axes @ self._grip
         U, flexion = self._upper_arm(shoulder, wrist, swivel, self._fore)
-        q[2:5] = rotation.euler_angles((C.T @ U)[None], "XYZ")[0]
-        q[5] = flexion
-        q[6:9] = rotation.euler_angles((_forearm(U, flexion).T @ hold.axes)[None], "ZXY")[0]
-        q[2:5] *= self._sign[2:5]
-        q[6:9] *= self._sign[6:9]
-        middle = 0.5 * (self.lower + self.upper)
-        turns = np.round((q - middle) / (2.0 * pi))
-        q -= 2.0 * pi * turns
+        shoulder_angles = rotation.euler(C.T @ U, "XYZ")
+        wrist_angles = rotation.euler(_forearm(U, flexion).T @ hold.axes, "ZXY")
+        q = np.array([*clavicle, *shoulder_angles, flexion, *wrist_angles])
+        q *= self._turned
+        away = q - self._middle
+        if not -pi <= away.min() <= away.max() <= pi:
+            q -= 2.0 * pi * (away / (2.0 * pi)).round()
         return q
 
     def natural(self, place: Array, swivel: float, pronation: float = 0.0) -> Hold:
@@ -100,41 +101,49 @@ class ArmPosture:
         """(3,) m: where the palm's middle is at q (9,); and the chain is there for `jacobian`."""
         self._q[self.joints] = q
         pin.computeJointJacobians(self._model, self._data, self._q)
-        pose = self._data.oMi[self._hand]
-        found: Array = pose.translation + pose.rotation @ self._grip
+        found: Array = self._place + self._turn @ self._grip
         return found
 
     def jacobian(self, q: Array) -> Array:
         """(6, 9): velocity of the palm's middle and of the hand's turning, in the chest's axes, of the joints."""
         x, y, z = self.place(q).tolist()
-        J = self._data.J[:, self.joints]
+        J = np.ascontiguousarray(self._J[:, self.joints])
         cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        return np.vstack([J[:3] - cross @ J[3:], J[3:]])
+        J[:3] -= cross @ J[3:]
+        return J
 
     def _girdle(self, clavicle: tuple[float, float]) -> tuple[Array, Array]:
         """The clavicle's axes (3, 3), and where the shoulder is, (3,) m."""
+        if clavicle == self._last[0]:  # it is still, mostly
+            return self._last[1]
         a, b = self._sign[0] * clavicle[0], self._sign[1] * clavicle[1]
         ca, sa, cb, sb = cos(a), sin(a), cos(b), sin(b)
         C = np.array([[ca, -sa * cb, sa * sb], [sa, ca * cb, -ca * sb], [0.0, sb, cb]])
-        return C, self._sternum + C @ self._clavicle
+        self._last = clavicle, (C, self._sternum + C @ self._clavicle)
+        return self._last[1]
 
     def _upper_arm(self, shoulder: Array, end: Array, swivel: float, fore: float) -> tuple[Array, float]:
         """The upper arm's axes (3, 3) and the elbow's flexion, rad, for a forearm of this length that ends there."""
-        way = end - shoulder
-        distance = sqrt(float(way @ way))
-        along = way / distance
-        length = self._upper + fore
+        # Plain numbers: for three values, numpy's own overhead would be most of the cost.
+        upper = self._upper
+        x, y, z = (end - shoulder).tolist()
+        distance = sqrt(x * x + y * y + z * z)
+        along = ax, ay, az = _unit(x, y, z)
+        length = upper + fore
         distance = min(max(distance, _FOLDED * length), _STRETCHED * length)
-        down = _DOWN + along * along[2]
-        down /= sqrt(float(down @ down))
-        away = cos(swivel) * down + (self._out * sin(swivel)) * _cross(along, down)
-        at = (self._upper**2 + distance**2 - fore**2) / (2.0 * self._upper * distance)
-        z = -(at * along + sqrt(max(1.0 - at * at, 0.0)) * away)
-        forward = (distance * along + self._upper * z) / fore
-        cosine = -float(forward @ z)
-        x = forward + cosine * z
-        x /= sqrt(float(x @ x))
-        return np.column_stack([x, _cross(z, x), z]), acos(min(max(cosine, -1.0), 1.0))
+        down = dx, dy, dz = _unit(ax * az, ay * az, az * az - 1.0)
+        sx, sy, sz = _cross(along, down)
+        c, s = cos(swivel), self._out * sin(swivel)
+        at = (upper**2 + distance**2 - fore**2) / (2.0 * upper * distance)
+        off = sqrt(max(1.0 - at * at, 0.0))
+        zx = -(at * ax + off * (c * dx + s * sx))
+        zy = -(at * ay + off * (c * dy + s * sy))
+        zz = -(at * az + off * (c * dz + s * sz))
+        fx, fy, fz = ((distance * a + upper * b) / fore for a, b in ((ax, zx), (ay, zy), (az, zz)))
+        cosine = -(fx * zx + fy * zy + fz * zz)
+        forwards = xx, xy, xz = _unit(fx + cosine * zx, fy + cosine * zy, fz + cosine * zz)
+        yx, yy, yz = _cross((zx, zy, zz), forwards)
+        return np.array([[xx, yx, zx], [xy, yy, zy], [xz, yz, zz]]), acos(min(max(cosine, -1.0), 1.0))
 
 
 def _forearm(U: Array, flexion: float) -> Array:
@@ -143,7 +152,10 @@ def _forearm(U: Array, flexion: float) -> Array:
     return U @ np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
 
 
-def _cross(a: Array, b: Array) -> Array:
-    ax, ay, az = a.tolist()
-    bx, by, bz = b.tolist()
-    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+def _unit(x: float, y: float, z: float) -> rotation.Vector:
+    size = sqrt(x * x + y * y + z * z) or nan
+    return (x / size, y / size, z / size)
+
+
+def _cross(a: rotation.Vector, b: rotation.Vector) -> rotation.Vector:
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])

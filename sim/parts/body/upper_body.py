@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import sqrt
 from typing import Any, Final, cast
 from xml.etree.ElementTree import Element
 
@@ -139,6 +140,7 @@ class UpperBodyPart(MocapSubject):
         self._watched = [self._watch(dof, model) for dof in self._config.watches]
         # What is wanted at the last, this and the next tick, so that the motion between is smooth.
         self._ahead = np.tile(self._wanted(), (4, 1))
+        self._timestep = timestep
         data.qpos[self._qpos] = self._ahead[0, : len(self._q)]
         self._slip(0.0)
 
@@ -166,16 +168,17 @@ class UpperBodyPart(MocapSubject):
         for dof, at, opened, closed in self._watched:
             self.wearer.watch(dof, (float(self._data.qpos[at]) - opened) / (closed - opened))
         self.wearer.next(number + 2)
-        self._ahead = np.vstack([self._ahead[-3:], self._wanted()])
+        self._ahead[:3] = self._ahead[1:]
+        self._ahead[3] = self._wanted()
         before, now, after, beyond = self._ahead[:, : len(self._q)]
         speed = (after - before) / (2.0 * T)
         acceleration = ((beyond - now) / (2.0 * T) - speed) / T
         data = self._data
         data.qpos[self._qpos] = now
         # Half a step's share less, as the integrator changes the velocity before it moves.
-        data.qvel[self._qvel] = speed - 0.5 * self._model.opt.timestep * acceleration
+        data.qvel[self._qvel] = speed - 0.5 * self._timestep * acceleration
         data.qfrc_applied[self._qvel] = _ARMATURE * acceleration
-        self._slip(step * self._model.opt.timestep)
+        self._slip(step * self._timestep)
 
     def _slip(self, t: float) -> None:
         for label, (by, at) in self._slips.items():
@@ -185,14 +188,17 @@ class UpperBodyPart(MocapSubject):
     def fill(self, truth: Mapping[str, Array]) -> None:
         name, data = self.name, self._data
         truth[f"{name}_position"][:] = data.qpos[self._qpos[self._turns]]
-        chest = as_pose(np.concatenate([data.xpos[self._chest], data.xquat[self._chest]]))
-        hand = as_pose(np.concatenate([data.xpos[self._hand], data.xquat[self._hand]]))
+        chest, hand = (
+            as_pose(np.array([*data.xpos[body].tolist(), *data.xquat[body].tolist()]))
+            for body in (self._chest, self._hand)
+        )
         pose = rotation.composed(rotation.inverted(chest), rotation.composed(hand, self._grip))
         truth[f"{name}_hand"][:] = pose
         truth[f"{name}_markers"][...] = data.site_xpos[self._markers]
         meant, dofs = self._ahead[1, -6:-3], self._ahead[1, -3:]
         truth[f"{name}_dofs"][:] = dofs
-        truth[f"{name}_leak"][0] = np.linalg.norm(pose[:3] - meant)
+        leak = pose[:3] - meant
+        truth[f"{name}_leak"][0] = sqrt(leak @ leak)
 
     def save(self) -> Array:
         return np.concatenate([self._ahead.ravel(), self.wearer.save()])

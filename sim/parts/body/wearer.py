@@ -142,7 +142,7 @@ class BodyWearer:
         self.dofs = x + self._unsteady.dofs
         swivel, shrug, protraction = self.dofs.tolist()
         q = self._arm.solve(actual, swivel, (protraction, shrug))
-        self.q = np.clip(q, self._arm.lower, self._arm.upper)
+        self.q = np.minimum(np.maximum(q, self._arm.lower), self._arm.upper)
         self.place, self.torso = hold.place, self._unsteady.torso
 
     def _choose(self, number: int) -> None:
@@ -173,10 +173,10 @@ class BodyWearer:
         else:
             to = self._arm.natural(self._middle if isinstance(given, Explore) else self._resting, self._config.elbow)
         self._to_place, self._to_axes = to
-        turn = rotation.error(rotation.from_matrix(to.axes), rotation.from_matrix(self._axes))
+        self._aim()
         self._takes = max(
             float(np.linalg.norm(to.place - self._place)) / self._config.speed,
-            float(np.linalg.norm(turn)) / _TURNING,
+            float(np.linalg.norm(self._way)) / _TURNING,
             _LEAST,
         )
         self._at_rest = np.array([self._elbow(to), 0.0, 0.0])
@@ -187,6 +187,12 @@ class BodyWearer:
             self._takes = max(self._takes, abs(float(self._at_rest[0] - self._x[0])) / self._config.pace)
         if isinstance(given, Follow):
             self._tracker.begin(self._x, self._velocity[1], self._low, self._high)
+
+    def _aim(self) -> None:
+        """The way of the hand's axes through an instruction, from the arrays that are its state."""
+        w, i, j, k = self._from_turn.tolist()
+        self._from = (w, i, j, k)
+        self._way = rotation.error(rotation.from_matrix(self._to_axes), self._from)
 
     def _elbow(self, hold: Held) -> float:
         """rad: the swivel angle that the joints' ranges allow there, nearest to that of rest."""
@@ -235,10 +241,9 @@ class BodyWearer:
             x[0] += 0.3 * fade * sin(2.0 * pi * late / 3.1)
             axes = self._arm.natural(place, config.elbow).axes
         else:
-            w, i, j, k = self._from_turn.tolist()
-            way = rotation.error(rotation.from_matrix(self._to_axes), (w, i, j, k))
-            turn = rotation.product(rotation.exp(*(share * angle for angle in way)), (w, i, j, k))
-            axes = rotation.matrix(turn)
+            x_way, y_way, z_way = self._way
+            turn = rotation.exp(share * x_way, share * y_way, share * z_way)
+            axes = rotation.matrix(rotation.product(turn, self._from))
         if isinstance(given, Hold) and given.move is not None and late > 0.0:
             dof = NAMES.index(given.move)
             x[dof] += self._swung(dof, late, float(x[dof]))
@@ -294,6 +299,7 @@ class BodyWearer:
             old: Array = getattr(self, name)
             setattr(self, name, rest[: old.size].reshape(old.shape).copy())
             rest = rest[old.size :]
+        self._aim()
         size = self._unsteady.save().size
         self._unsteady.restore(rest[:size])
         self._tracker.restore(rest[size:])

@@ -48,7 +48,13 @@ class HumanHandPart(Part):
     def __init__(self, name: str, config: PartConfig, seed: int) -> None:
         super().__init__(name, config, seed)
         self._config = config = cast(HumanHandConfig, config)
-        self.wearer: Wearer = make_wearer(config.wearer, seed)
+        self.wearer: Wearer = make_wearer(config.wearer, seed, config.model.ranges)
+        if (fitted := self.wearer.fitted) is not None:
+            told = self.doubts if fitted.doubtful else self.remarks
+            told += [("wearer.recording", line) for line in fitted.told()]
+            if fitted.constant:
+                still = f"these don't move, so they were probably not measured: {', '.join(fitted.constant)}"
+                self.remarks.append(("wearer.recording", still))
         self.ends = self.wearer.duration if np.isfinite(self.wearer.duration) else None
         tips = Signal(
             name=f"{name}_tips", shape=(5, 3), unit="m", frame=name, labels=FINGERS, components=(POINT,),
@@ -84,6 +90,12 @@ class HumanHandPart(Part):
         self._origin, self._axes, self._turn = data.xpos[base], data.xmat[base].reshape(3, 3), data.xquat[base]
         self._qpos[:] = self._set_points[:] = self.wearer.target(0.0)
         self._past = np.tile(self._qpos, (_MEMORY, 1))  # (64, 20); row k % 64 holds tick k
+
+    def worn_by(self, wearer: Wearer) -> None:
+        """Another wearer from now on; the hand is in that one's posture at once. For studies, before the first step."""
+        self.wearer = wearer
+        self._qpos[:] = self._set_points[:] = wearer.target(0.0)
+        self._past[:] = self._qpos
 
     def drive(self, step: int) -> None:
         """Stores the posture, and starts moving the set-points to the wearer's target one tick from now."""

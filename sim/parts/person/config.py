@@ -40,7 +40,23 @@ class PersonConfig(PartConfig):
     turn_speed: float = Field(default=1.0, gt=0, le=10, description="rad/s, the same")
     tremor: float = Field(default=0.00015, ge=0, le=0.01, description="m, RMS of the free hand along an axis")
     noise: float = Field(default=0.05, ge=0, le=1, description="RMS of the force's noise, as a share of the force")
+    noise_floor: float = Field(default=0.0, ge=0, le=5, description="N, RMS of the force's noise without any force")
     drift: float = Field(default=0.002, ge=0, le=0.05, description="m, RMS along an axis, of where things seem")
+    aim_bias: tuple[float, float, float] = Field(
+        default=(0.0, 0.0, 0.0), description="m, world axes, by which all things seem to be beside where they are"
+    )
+    aim_tilt: tuple[float, float, float] = Field(
+        default=(0.0, 0.0, 0.0), description="rad, rotation vector, world axes, by which directions seem turned"
+    )
+    steering: float = Field(
+        default=0.078, gt=0, le=5, description="s, of the steering law: speed along a path = its play / this"
+    )
+    reward: float | None = Field(
+        default=None, gt=0, description="J, that being there is worth; sets how long a reach takes; null: `speed` does"
+    )
+    arm_mass: float = Field(default=2.2, gt=0, description="kg, of the arm as the hand moves it, for the effort")
+    push_rise: float = Field(default=0.0, ge=0, description="N/s, by which a push that is stalled grows")
+    push_most: float = Field(default=40.0, gt=0, description="N, of a push that has grown")
     strength: float = Field(default=150.0, gt=0, description="N, the hand's greatest force when fresh")
     turn_strength: float = Field(default=8.0, gt=0, description="N m")
     fatigue: bool = Field(
@@ -48,6 +64,9 @@ class PersonConfig(PartConfig):
     )
     arm_load: float = Field(default=10.0, ge=0, description="N at the hand that holding up the arm itself takes")
     hand_mass: float = Field(default=1.0, gt=0, description="kg of a free hand; the arm holds its weight")
+    knowledge: float = Field(
+        default=1.0, ge=0, le=2, description="share that the person knows of a handle's mass, damping and inertia"
+    )
     learned_mass: float | None = Field(
         default=None, ge=0, description="kg of the tool as the person knows it; null: 6 on a handle, else the tool's"
     )

@@ -17,6 +17,7 @@ from sim.parts.person.plans import Follow, GoTo, Insert, Plan, Press, Step, Wait
 _PEAK: Final = 1.875  # greatest velocity of a minimum-jerk motion over its mean velocity
 _SHORTEST: Final = 0.3  # s, shortest duration of a reaching motion; ours
 _RUN_UP: Final = 0.5  # s, from rest to the speed along a curve; ours
+_PROGRESS: Final = 0.001  # m, less of which in the time it should take, and a reaction, is a stall; ours
 _EASE: Final = 0.1  # s, time constant with which a resting hand follows the handle; ours
 _ZERO: Final = (0.0, 0.0, 0.0)
 
@@ -38,6 +39,8 @@ class Aim:
     stop: float = 0.0  # number of the next stop on a curve
     paused: float = -1.0  # s, end of the pause
     missed: float = 0.0
+    push: float = 0.0  # N, the most that a push exerts now
+    deepest: float = 0.0  # m, the farthest that a push has been seen to get
     pose: Pose = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
     velocity: Vector = _ZERO
     acceleration: Vector = _ZERO
@@ -60,6 +63,12 @@ class Intention:
         turn_speed: float,
         reaction: float,
         stiffness: float,
+        steering: float = 0.078,
+        rise: float = 0.0,
+        most: float = 40.0,
+        lasting: Callable[[float], float] | None = None,
+        beside: Vector = _ZERO,
+        toward: Callable[[Vector], Vector] = lambda direction: direction,
         find: Callable[[str], Pose],
         sites: Callable[[str], Array],
     ) -> None:
@@ -68,11 +77,18 @@ class Intention:
             speed, turn_speed: m/s and rad/s, greatest speeds of a reaching motion.
             reaction: s, from the end of a step to the beginning of the next.
             stiffness: N/m of the hand; it sets how far a push's reference may be ahead.
+            steering: s, of the steering law, for curves whose play is known.
+            rise, most: N/s and N, by which a stalled push grows, and to what.
+            lasting: s that a reach over so many m takes; None: `speed` decides.
+            beside: m, world axes, from where a thing is to where the person takes it to be.
+            toward: the direction in which the person pushes who means a given one.
             find: returns the present pose of a site or body.
             sites: returns the present positions (n, 3) of numbered sites, by their prefix.
         """
         self.plan, self.aim = plan, Aim(due=reaction)
         self._speed, self._turn_speed, self._reaction, self._stiffness = speed, turn_speed, reaction, stiffness
+        self._steering, self._rise, self._most, self._lasting = steering, rise, most, lasting
+        self._beside, self._toward = beside, toward
         self._find, self._sites = find, sites
         self._path: tuple[tuple[float, ...], ArcPath, list[float]] | None = None
 
@@ -92,10 +108,10 @@ class Intention:
         return self.step if self.aim.begun >= 0 else None
 
     @property
-    def pushing(self) -> Insert | Withdraw | None:
-        """The step being carried out, if it moves along a direction; else None."""
+    def pushing(self) -> tuple[Vector, float] | None:
+        """Direction of the push being carried out, and the most force along it, N; else None."""
         step = self.acting
-        return step if isinstance(step, Insert | Withdraw) else None
+        return (self._toward(step.direction), self.aim.push) if isinstance(step, Insert | Withdraw) else None
 
     def pressed(self, button: str) -> bool:
         """Whether a button is pressed now."""
@@ -132,7 +148,7 @@ class Intention:
         elif isinstance(step, Follow):
             done = self._follow(step, t, dt, since, off)
         elif isinstance(step, Insert | Withdraw):
-            done = self._push(step, dt, since, seen)
+            done = self._push(step, t, dt, since, seen)
         else:
             if isinstance(step, Wait):
                 self._go_along(dt, felt)
@@ -147,33 +163,41 @@ class Intention:
         aim = self.aim
         aim.start = aim.pose
         if isinstance(step, GoTo):
-            self._reach_for(self._goal(step), step.speed or self._speed)
+            self._reach_for(self._goal(step), step.speed)
         elif isinstance(step, Follow):
-            self._reach_for(self._curve(step)[0].at(0.0), self._speed)
+            self._reach_for(self._curve(step)[0].at(0.0), None)
             if _apart(aim.start, aim.goal) < 1e-3:
                 aim.length = 0.0
+        elif isinstance(step, Insert | Withdraw):
+            aim.push, aim.deepest, aim.settled = step.force, 0.0, aim.begun
 
     def _goal(self, step: GoTo) -> Pose:
         x, y, z, *q = self.aim.pose
+        bx, by, bz = self._beside
         if step.target is not None:
             *at, w, i, j, k = self._find(step.target)
             ox, oy, oz = turned((w, i, j, k), step.offset)
-            x, y, z = at[0] + ox, at[1] + oy, at[2] + oz
+            x, y, z = at[0] + ox + bx, at[1] + oy + by, at[2] + oz + bz
             if step.align:
                 q = [w, i, j, k]
         elif step.by is not None:
             x, y, z = x + step.by[0], y + step.by[1], z + step.by[2]
         elif step.position is not None:
-            x, y, z = step.position
+            x, y, z = step.position[0] + bx, step.position[1] + by, step.position[2] + bz
         if step.quaternion is not None:
             q = list(normalised(step.quaternion))
         return (x, y, z, q[0], q[1], q[2], q[3])
 
-    def _reach_for(self, goal: Pose, speed: float) -> None:
+    def _reach_for(self, goal: Pose, speed: float | None) -> None:
+        """Begins a reach; a `speed` that is given isn't the person's own choice."""
         aim = self.aim
         aim.goal, aim.turn = goal, error(goal[3:], aim.start[3:])
-        angle = sqrt(sum(v * v for v in aim.turn))
-        aim.length = max(_PEAK * _apart(aim.start, goal) / speed, _PEAK * angle / self._turn_speed, _SHORTEST)
+        angle, far = sqrt(sum(v * v for v in aim.turn)), _apart(aim.start, goal)
+        if speed is None and self._lasting is not None:
+            length = self._lasting(far) if far > 1e-6 else 0.0
+        else:
+            length = _PEAK * far / (speed or self._speed)
+        aim.length = max(length, _PEAK * angle / self._turn_speed, _SHORTEST)
 
     def _reach(self, step: GoTo, t: float, since: float, seen: Pose) -> bool:
         aim = self.aim
@@ -215,17 +239,25 @@ class Intention:
                 return False
             aim.paused = -1.0
         left = stops[int(aim.stop)] - aim.way
-        brake = step.speed / _RUN_UP
-        wanted = min(step.speed, sqrt(2.0 * brake * max(left, 0.0))) * max(0.0, 1.0 - off / step.caution)
+        speed, caution = step.speed, step.caution
+        if step.width is not None:
+            # Steering law (Accot and Zhai 1997), place by place: what is left of the play on the nearer side, twice.
+            speed, caution = step.width / self._steering, step.width / 2.0
+        brake = speed / _RUN_UP
+        wanted = min(speed, sqrt(2.0 * brake * max(left, 0.0))) * max(0.0, 1.0 - off / caution)
+        if step.width is not None and step.turning:
+            # Where the tool must be turned, no faster than the person turns things, and slow enough in time.
+            here, there = self._along(path, aim.way), self._along(path, aim.way + aim.pace * _RUN_UP)
+            wanted = min(wanted, self._turn_speed / max(path.bend(here, there), 1e-6))
         aim.pace += min(max(wanted - aim.pace, -2 * brake * dt), brake * dt)
-        moved = min(max(aim.pace, 1e-4) * dt, left) if off < step.caution else max(aim.pace, 0.0) * dt
+        moved = min(max(aim.pace, 1e-4) * dt, left) if off < caution else max(aim.pace, 0.0) * dt
         aim.way += min(moved, left)
-        if off < step.caution or aim.settled < 0:
+        if off < caution or aim.settled < 0:
             aim.settled = t
         if self._late(t - aim.settled > step.patience):
             return True
         last = aim.pose
-        x, y, z, *q = path.at(aim.way if aim.way <= path.length else 2 * path.length - aim.way)
+        x, y, z, *q = path.at(self._along(path, aim.way))
         aim.pose = (x, y, z, q[0], q[1], q[2], q[3])
         aim.velocity = ((x - last[0]) / dt, (y - last[1]) / dt, (z - last[2]) / dt)
         aim.acceleration = _ZERO
@@ -241,6 +273,11 @@ class Intention:
             aim.paused = t + step.pause
         return False
 
+    @staticmethod
+    def _along(path: ArcPath, way: float) -> float:
+        """m from the curve's beginning, there and back."""
+        return way if way <= path.length else 2 * path.length - way
+
     def _curve(self, step: Follow) -> tuple[ArcPath, list[float]]:
         """The step's curve and its stops, m; computed once, and again after a world was restored."""
         key = (self.aim.step, *self.aim.start)
@@ -253,7 +290,8 @@ class Intention:
             elif step.file is not None:
                 points = read_path(step.file)
             else:
-                points = circle(start[:3], cast(float, step.circle))
+                points = circle(start[:3], cast(float, step.circle)) - self._beside  # it begins here
+            points = points + self._beside
             path = ArcPath(points, start[3:], turning=step.turning)
             stops = [share * path.length for share in step.pauses] + [path.length]
             if step.back:
@@ -261,13 +299,17 @@ class Intention:
             self._path = key, path, stops
         return self._path[1], self._path[2]
 
-    def _push(self, step: Insert | Withdraw, dt: float, since: float, seen: Pose) -> bool:
-        aim, d = self.aim, step.direction
+    def _push(self, step: Insert | Withdraw, t: float, dt: float, since: float, seen: Pose) -> bool:
+        aim, d = self.aim, self._toward(step.direction)
         a = aim.start
         deep = sum((seen[i] - a[i]) * d[i] for i in range(3))
-        way = min(aim.way + step.speed * dt, deep + 1.5 * step.force / self._stiffness)
+        if deep > aim.deepest + _PROGRESS:
+            aim.deepest, aim.settled = deep, t
+        if self._rise > 0.0 and t - aim.settled > self._reaction + _PROGRESS / step.speed:
+            aim.push = max(min(aim.push + self._rise * dt, self._most), aim.push)
+        way = min(aim.way + step.speed * dt, deep + 1.5 * aim.push / self._stiffness)
         way = max(way, aim.way - step.speed * dt)
-        way = min(way, step.depth + 0.5 * step.force / self._stiffness)
+        way = min(way, step.depth + 0.5 * aim.push / self._stiffness)
         pace = (way - aim.way) / dt
         aim.way = way
         aim.pose = (a[0] + way * d[0], a[1] + way * d[1], a[2] + way * d[2], *a[3:])

@@ -16,6 +16,7 @@ from sim.wearer.motion import Curve
 from sim.wearer.tables import read_rows
 
 _SPACING: Final = 0.002  # m between the points of the table
+_SMOOTH: Final = 0.02  # m to either side, over which a direction is meant: nobody turns a tool with every wrinkle
 Pose = tuple[float, float, float, float, float, float, float]  # x, y, z, m; w, x, y, z
 
 
@@ -36,16 +37,20 @@ class ArcPath:
         if len(points) < 2:
             raise ValueError("a curve needs two points that are apart")
         chord = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-        fine = np.linspace(0.0, chord[-1], max(int(chord[-1] / _SPACING), 8) + 1)
-        table = Curve(chord, points).at(fine)
+        fine = Curve(chord, points).at(np.linspace(0.0, chord[-1], 4 * max(int(chord[-1] / _SPACING), 8) + 1))
+        way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(fine, axis=0), axis=1))])
+        # Evenly along the curve: its own parameter slows down at corners.
+        even = np.linspace(0.0, way[-1], max(int(way[-1] / _SPACING), 8) + 1)
+        table = np.stack([np.interp(even, way, fine[:, k]) for k in range(3)], axis=1)
         arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(table, axis=0), axis=1))])
         self._arc: list[float] = arc.tolist()
         self._points: list[list[float]] = table.tolist()
         self.length = self._arc[-1]
         self._turns = [start] * len(table)
+        along = _directions(table, arc)
+        angles = np.arccos(np.clip((along[1:] * along[:-1]).sum(axis=1), -1.0, 1.0))
+        self._bends: list[float] = (angles / np.maximum(np.diff(arc), 1e-9)).tolist()
         if turning:
-            along = np.gradient(table, arc, axis=0)
-            along /= np.linalg.norm(along, axis=1, keepdims=True)
             for i in range(1, len(table)):
                 axis = np.cross(along[i - 1], along[i])
                 sine = float(np.linalg.norm(axis))
@@ -64,6 +69,22 @@ class ArcPath:
             (p[0] + u * (q[0] - p[0]), p[1] + u * (q[1] - p[1]), p[2] + u * (q[2] - p[2]), p[3] + u * (q[3] - p[3]))
         )
         return (a + u * (d - a), b + u * (e - b), c + u * (f - c), w, x, y, z)
+
+    def bend(self, a: float, b: float) -> float:
+        """How sharply the curve turns at most between the distances a and b, m, in either order: rad/m."""
+        i, j = sorted(min(max(bisect_right(self._arc, s) - 1, 0), len(self._bends) - 1) for s in (a, b))
+        return max(self._bends[i : j + 1])
+
+
+def _directions(table: Array, arc: Array) -> Array:
+    """(n, 3) unit vectors along a curve, smooth enough that what turns with it turns without jerks."""
+    along = np.gradient(table, arc, axis=0)
+    reach = min(max(round(_SMOOTH * (len(arc) - 1) / arc[-1]), 1), len(arc) - 1)
+    weights = np.hanning(2 * reach + 3)[1:-1]
+    padded = np.pad(along, ((reach, reach), (0, 0)), mode="edge")
+    smooth = np.stack([np.convolve(padded[:, k], weights / weights.sum(), "valid") for k in range(3)], axis=1)
+    found: Array = smooth / np.linalg.norm(smooth, axis=1, keepdims=True)
+    return found
 
 
 def circle(centre_side: Vector, radius: float) -> Array:

@@ -27,12 +27,14 @@ from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import POINT, WRENCH
 from sim.parts.person.config import PersonConfig
 from sim.parts.person.intention import Intention, buttons
+from sim.parts.person.known import known_tool
 from sim.parts.person.memory import flat, refill
 from sim.parts.person.muscles import PULLS, Muscles
 from sim.parts.person.noise import Tremor, Wander
 from sim.parts.person.path import Pose
 from sim.parts.person.places import Places
 from sim.parts.person.sight import Sight
+from sim.parts.person.vigour import duration
 from sim.wearer.forces import load_forces
 from sim.world.mjcf import CONTACT, add
 from sim.world.part import Mjcf, Part, PartConfig
@@ -156,15 +158,7 @@ class PersonPart(Part):
         self._place, self._turn, self._applied = data.xpos[hand], data.xquat[hand], data.xfrc_applied[hand]
         places = Places(model, data, self.name)
         self._reach = places.fixed_in(hand, config.tool)
-        self._weight, self._lever, known = _ZERO, _ZERO, 6.0
-        self._carry(hand)
-        if self._free:
-            known = float(model.body_subtreemass[hand])
-        self._mass = known if config.learned_mass is None else config.learned_mass
-        drag, inertia, turn_drag = (0.0, 0.0, 0.0) if self._free else (40.0, 1.0, 1.8)
-        self._drag = drag if config.learned_damping is None else config.learned_damping
-        self._inertia = inertia if config.learned_inertia is None else config.learned_inertia
-        self._turn_drag = turn_drag if config.learned_turn_damping is None else config.learned_turn_damping
+        self._known = known_tool(config, model, data, hand, self._free)
         self._wander = Wander(self.seed, self.name, self._dt, (_NOISE_TIME,) * 3 + (_DRIFT_TIME,) * 3)
         self._sight = Sight(config.sight, config.bandwidth, config.correction, self._dt)
         self._lag = 1.0 - decay(-self._dt / config.activation) if config.activation else 1.0
@@ -175,19 +169,26 @@ class PersonPart(Part):
             turn_speed=config.turn_speed,
             reaction=config.reaction,
             stiffness=config.stiffness,
+            steering=config.steering,
+            rise=config.push_rise,
+            most=config.push_most,
+            lasting=None if config.reward is None else self._lasting,
+            beside=config.aim_bias,
+            toward=self._toward,
             find=places.pose,
             sites=places.sites,
         )
 
-    def _carry(self, hand: int) -> None:
-        """Computes the weight of what the hand carries or wears and its centre of mass in the hand's frame."""
-        model, data, own = self._model, self._data, self._config.hand_mass if self._free else SPECK
-        mass = float(model.body_subtreemass[hand])
-        tool = mass - own
-        if tool > 1e-9:
-            lever = (mass * data.subtree_com[hand] - own * data.xpos[hand]) / tool - data.xpos[hand]
-            self._lever = turned(conjugate(_four(self._turn.tolist())), _three(lever.tolist()))
-            self._weight = _three((-tool * model.opt.gravity).tolist())
+    def _lasting(self, distance: float) -> float:
+        """s that a reach over so many m takes, with the tool as the person knows it."""
+        config = self._config
+        known = self._known
+        load = known.mass - config.hand_mass if self._free else known.mass
+        return duration(distance, config.arm_mass, max(load, 0.0), known.drag, cast(float, config.reward))
+
+    def _toward(self, direction: Vector) -> Vector:
+        """The direction in which the person pushes who means a given one."""
+        return turned(exp(*self._config.aim_tilt), direction)
 
     # -- motion
 
@@ -215,7 +216,7 @@ class PersonPart(Part):
         rx, ry, rz = error(meant[3:], grip)
         self._sight.take(number, tool, (ex, ey, ez, rx, ry, rz))
         pushing = self.intention.pushing
-        shift = self._sight.correction(off, None if pushing is None else pushing.direction)
+        shift = self._sight.correction(off, None if pushing is None else pushing[0])
 
         # Position of the hand that puts the tool where it should be.
         way = turned(meant[3:], turned(conjugate(self._reach[1]), self._reach[0]))
@@ -223,7 +224,7 @@ class PersonPart(Part):
         body.balance = (bx, by, bz)
         K, D = self._stiffness()
         Kr, Dr = config.turn_stiffness, config.turn_damping
-        (sx, sy, sz), push, weight = body.spin, body.drive, self._weight
+        (sx, sy, sz), push, weight = body.spin, body.drive, self._known.weight
         # The hand's own velocity, at a distance from the tool that it turns.
         pace = (
             body.pace[0] - sy * way[2] + sz * way[1],
@@ -243,13 +244,13 @@ class PersonPart(Part):
             ty += py + reach[2] * push[0] - reach[0] * push[2]
             tz += pz + reach[0] * push[1] - reach[1] * push[0]
         if weight != _ZERO:
-            lx, ly, lz = turned(turn, self._lever)
+            lx, ly, lz = turned(turn, self._known.lever)
             tx += ly * weight[2] - lz * weight[1]
             ty += lz * weight[0] - lx * weight[2]
             tz += lx * weight[1] - ly * weight[0]
         if pushing is not None:
-            d = pushing.direction
-            over = fx * d[0] + fy * d[1] + fz * d[2] - pushing.force
+            d, most = pushing
+            over = fx * d[0] + fy * d[1] + fz * d[2] - most
             if over > 0:
                 fx, fy, fz = fx - over * d[0], fy - over * d[1], fz - over * d[2]
         self._exert((fx, fy, fz), (tx, ty, tz), step * self._timestep)
@@ -277,11 +278,12 @@ class PersonPart(Part):
             wx, wy, wz = error(aim.pose[3:], held)
             held = normalised(product(exp(k * wx, k * wy, k * wz), held))
         body.meant = meant = (x + k * (gx - x), y + k * (gy - y), z + k * (gz - z), *held)
-        v, a, m, d = aim.velocity, aim.acceleration, self._mass, self._drag
+        tool = self._known
+        v, a, m, d = aim.velocity, aim.acceleration, tool.mass, tool.drag
         body.drive = _mixed(body.drive, (m * a[0] + d * v[0], m * a[1] + d * v[1], m * a[2] + d * v[2]), k)
         spin = _mixed(body.spin, aim.spin, k)
         known = (
-            self._inertia * (w - was) / self._dt + self._turn_drag * w for w, was in zip(spin, body.spin, strict=True)
+            tool.inertia * (w - was) / self._dt + tool.turn_drag * w for w, was in zip(spin, body.spin, strict=True)
         )
         body.twist = _mixed(body.twist, _three(list(known)), k)
         body.pace, body.spin = _mixed(body.pace, v, k), spin
@@ -292,7 +294,7 @@ class PersonPart(Part):
         body, config, wander = self._body, self._config, self._body.wander
         size = sqrt(force[0] ** 2 + force[1] ** 2 + force[2] ** 2)
         body.effort += self._dt / _STIFFENS * (size - body.effort)
-        noise = config.noise * size / sqrt(3.0)
+        noise = (config.noise_floor + config.noise * size) / sqrt(3.0)
         most = config.strength * body.capacity
         scale = min(1.0, most / size) if size > 0 else 1.0
         body.beyond = body.beyond + self._dt if scale < 1.0 else 0.0

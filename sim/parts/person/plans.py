@@ -95,6 +95,9 @@ class Follow(_Step):
     file: ProfilePath | None = Field(default=None, description="CSV with columns x, y, z, m, world")
     circle: float | None = Field(default=None, gt=0, description="m, radius, in the world's x-y plane, from here")
     speed: float = Field(default=0.05, gt=0, description="m/s")
+    width: float | None = Field(
+        default=None, gt=0, description="m, play of the tool across the curve: the steering law sets speed and caution"
+    )
     turning: bool = Field(default=False, description="turn the tool with the curve's tangent")
     pauses: tuple[Annotated[float, Field(gt=0, lt=1)], ...] = Field(
         default=(), description="shares of the curve's length at which to stop, on both ways"
@@ -131,22 +134,32 @@ Plan = tuple[Step, ...]
 
 
 def wire_path(
-    wire: str = "wire", speed: float = 0.03, pauses: tuple[float, ...] = (0.25, 0.5, 0.75), turning: bool = True
+    wire: str = "wire",
+    speed: float = 0.03,
+    pauses: tuple[float, ...] = (0.25, 0.5, 0.75),
+    turning: bool = True,
+    width: float | None = None,
+    pause: float = 10.0,
 ) -> Plan:
     """Prolonged manipulation: along the wire and back, 10 s at each marked point, three each way (ours; Fig. 5a).
 
     Args:
         turning: the ring turns with the wire; the robot must allow this.
+        width: m, the ring's play about the wire: the steering law sets the speed in place of `speed`.
+        pause: s at each point.
     """
     mode = (Press(do="press", button="mode"),) if turning else ()
     return (
         Press(do="press", button="admittance"),
         *mode,
         GoTo(do="go_to", target=f"{wire}/path_0", tolerance=0.005),
-        Follow(do="follow", along=f"{wire}/path_", speed=speed, turning=turning, pauses=pauses, pause=10.0, back=True),
+        Follow(
+            do="follow", along=f"{wire}/path_", speed=speed, width=width, turning=turning, pauses=pauses, pause=pause,
+            back=True,
+        ),
         *mode,
         Press(do="press", button="admittance"),
-    )
+    )  # fmt: skip
 
 
 def drilling(plate: str = "plate", holes: int = 20, depth: float = 0.04, below: float = 0.05) -> Plan:

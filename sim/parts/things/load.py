@@ -43,7 +43,7 @@ class LoadPart(Part):
     The simulated soft hand can't carry 10 kg by friction on a modelled bar. So a hand that has closed near the bar is
     joined to it, in their present relative pose, until it opens. The bar itself can't be touched.
 
-    Truth: `<name>_pose` (7,) x, y, z, qx, qy, qz, qw; `<name>_support` (3,) N, of what the box stands on or hits,
+    Truth: `<name>_pose` (7,) x, y, z, qw, qx, qy, qz; `<name>_support` (3,) N, of what the box stands on or hits,
     world axes; `<name>_held` (1,).
     """
 

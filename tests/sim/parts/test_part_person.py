@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from runtime.contracts.errors import RecordingError, WiringError
 from runtime.control.cobot.admittance import Admittance, AdmittanceConfig
+from runtime.control.ft.record import Unloaded
 from sim.parts.person.intention import Intention
 from sim.parts.person.path import ArcPath
 from sim.parts.person.person import PersonConfig, PersonPart
@@ -343,7 +344,7 @@ def test_an_admittance_is_guided_through_a_sensor_with_its_dead_band():
     }
     world = cell(parts)
     robot, sensor, person = (world.parts[name] for name in ("robot", "sensor", "person"))
-    config = AdmittanceConfig(tool_mass=0.2, tool_com=(0.0, 0.0, 0.045))
+    config = AdmittanceConfig(calibration=Unloaded(tool_mass=0.2, tool_com=(0.0, 0.0, 0.045)))
     law = bound(Admittance("admittance", config), sensor=(0.0, 0.0, 0.035, 1.0, 0.0, 0.0, 0.0))
     law.input["pose"][3] = 1.0
     law.reset()

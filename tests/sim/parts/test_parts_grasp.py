@@ -200,3 +200,26 @@ def test_a_carrier_goes_on_bit_for_bit_after_a_restore() -> None:
 def test_wrong_options_are_refused(options: dict[str, Any], words: str) -> None:
     with pytest.raises(ValidationError, match=words):
         CellConfig.model_validate({"parts": {"thing": options}})
+
+
+@pytest.mark.parametrize(("torque", "turns"), [(0.04, False), (0.06, True)])
+def test_a_bottles_cap_turns_above_its_dry_friction_and_not_below_it(torque: float, turns: bool) -> None:
+    bottle = {"part": "bottle", "torque": 0.05, "at": {"position": [0.0, 0.0, 0.0751]}}
+    world = cell({"table": {"part": "table"}, "thing": bottle}, noslip=5)
+    assert world.model.opt.noslip_iterations == 5
+    body = world.model.body("thing/cap").id
+    assert world.model.body("thing/body").mass[0] == pytest.approx(0.3)
+    world.advance(100 * MS)
+    world.data.xfrc_applied[body, 5] = torque
+    world.advance(300 * MS)
+    assert (world.truth_arrays["thing_cap"][0] > 0.1) == turns
+
+
+def test_a_door_handles_spring_has_the_torques_that_it_says() -> None:
+    """Held by a torque between those of both ends, it rests where the spring's line says."""
+    world = cell({"thing": {"part": "door-handle", "start": 0.2, "end": 0.4, "turn": 0.7}}, gravity=[0.0, 0.0, 0.0])
+    joint = world.model.joint("thing/turn")
+    for torque, turn in ((0.1, 0.0), (0.3, 0.35), (0.4, 0.7)):
+        world.data.qfrc_applied[int(joint.dofadr[0])] = torque
+        world.advance(world.time + 1500 * MS)
+        assert world.truth_arrays["thing_turn"][0] == pytest.approx(turn, abs=0.01)
