@@ -16,7 +16,6 @@ import numpy as np
 
 from runtime.control.intention.training import BACKGROUND, Thresholds
 from sim.wearer.people import MISFIT
-from studies.human_srl.estimates import Estimate, estimate
 from studies.human_srl.intention_trial import UNRELATED, made_of, play, recorded
 from studies.human_srl.part import NAME, Part
 from studies.intention.accuracy import law_of
@@ -24,6 +23,7 @@ from studies.intention.people import ACTIONS, DT, begun
 from studies.result import Claim
 from studies.tasks.runner import Runner
 from studies.tasks.task import Row, TrialTask
+from studies.toolkit.estimates import Estimate, estimate
 from studies.toolkit.statistics import rate
 
 LEAST: Final = 90.0  # %, of windows, and of actions

@@ -15,13 +15,13 @@ from typing import Any, Final
 import numpy as np
 
 from runtime.control.skeleton.arms import BASE as STANDARD
-from studies.human_srl.estimates import estimate
 from studies.human_srl.operation_trial import PROFILE
 from studies.human_srl.part import NAME, Part
 from studies.human_srl.wearers import Wearer, wearers
 from studies.result import Claim
 from studies.tasks.runner import Runner
 from studies.tasks.task import Row, TrialTask
+from studies.toolkit.estimates import estimate
 from studies.toolkit.statistics import proportion, tost
 
 MARGIN: Final = 2.0  # mm: errors that differ by less are taken as equivalent; a tip of the arm is 60 mm thick

@@ -17,12 +17,12 @@ import numpy as np
 from runtime.contracts.signals import Array
 from sim.parts.body.strap import Firmness
 from sim.wearer.people import subject
-from studies.human_srl.estimates import estimate
 from studies.human_srl.part import NAME, Part
 from studies.human_srl.strap_trial import MOVE, SKELETON, Compensation
 from studies.result import Claim
 from studies.tasks.runner import Runner
 from studies.tasks.task import Row, TrialTask
+from studies.toolkit.estimates import estimate
 
 STRAPS: Final[tuple[Firmness, ...]] = ("soft", "medium", "hard")
 WAYS: Final[tuple[Compensation, ...]] = ("none", "roll-pitch", "with-yaw", "perfect")

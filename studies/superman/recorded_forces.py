@@ -17,14 +17,17 @@ from matplotlib.figure import Figure
 
 from runtime.contracts.signals import Array
 from runtime.control.cobot.admittance import AdmittanceConfig
+from runtime.profile import profile
 from sim.wearer.forces import ForceRecording, Forces, load_forces
 from sim.wearer.mat5 import read_mat5
 from sim.wearer.tables import read_rows
 from studies.result import Claim, Result
-from studies.runs import Run, Task, controller, run_all
+from studies.simulated import Run, Setup, controllers, simulate
 from studies.superman.assumptions import assumed
 
 NAME: Final = "recorded-forces"
+PROFILE: Final = "moca-man"
+REMEDY: Final = "name the folder that holds data in SRL_SHARED"
 _GRID: Final = 0.02  # s, time step of comparisons
 _SMOOTH: Final = 5  # number of such steps over which velocities are averaged
 
@@ -79,7 +82,7 @@ class Compared:
 
 
 def shared() -> Path:
-    """Returns the folder with the recordings: SRL_SHARED, or `shared` beside the checkout."""
+    """Returns the folder with the recordings: `data` in SRL_SHARED, or in `shared` beside the checkout."""
     return Path(os.environ.get("SRL_SHARED", Path(__file__).resolve().parents[3] / "shared")) / "data"
 
 
@@ -88,13 +91,13 @@ def run(folder: Path, quick: bool) -> Result:
     setup = assumed(NAME)
     result = Result(NAME, simulated=True, seeds=[setup["seed"]])
     originals, missing = found_in(shared(), setup, quick)
-    result.table += [{"recording": name, "": f"left out: {shared() / name} isn't there"} for name in missing]
+    result.table += [{"recording": name, "": f"left out: {shared() / name} isn't there ({REMEDY})"} for name in missing]
     if originals:
-        runs = run_all([task(original, setup) for original in originals], folder)
-        compared = {o.name: compare(o, r, setup) for o, r in zip(originals, runs, strict=True)}
+        text = profile.find(PROFILE)[1]
+        compared = {o.name: compare(o, replayed(text, o, setup), setup) for o in originals}
         result.table = [row(name, found) for name, found in compared.items()] + result.table
         draw(compared, folder / "recorded-forces.png")
-        result.files = [*(r.file.name for r in runs), "recorded-forces.png"]
+        result.files = ["recorded-forces.png"]
     else:
         compared = {}
     result.claims = claims(compared, setup)
@@ -138,17 +141,18 @@ def _baton(file: Path) -> Array:
 # -- the run
 
 
-def task(original: Original, setup: dict[str, Any]) -> Task:
-    """Returns the profile with the recording in place of the person's plan; a script presses button A."""
+def replayed(text: str, original: Original, setup: dict[str, Any]) -> Run:
+    """Runs the profile with the recording in place of the person's plan; a script presses button A."""
     person = {"part": "person", "tool": "grip/grip", "recording": original.options}
     changes = {
-        "controllers": controller("moca-man", "admittance", dead_band=setup["dead_band"]),
+        "controllers": controllers(text, "admittance", dead_band=setup["dead_band"]),
         "sim": {
             "parts": {"person": {"plan": None, **person}},
             "devices": {"panel": {"person": None, "presses": {"A": [[0.5, 0.7]]}}},
         },
     }
-    return Task(original.name, "moca-man", changes, original.forces().duration + setup["rest"], setup["seed"])
+    seconds = original.forces().duration + setup["rest"]
+    return simulate(text, Setup(PROFILE, changes, seconds), setup["seed"], ("world.person_tool",))
 
 
 # -- outcome

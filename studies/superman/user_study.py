@@ -1,132 +1,122 @@
-"""Common parts of the two user studies: trials that run once and are kept, tables and boxplots beside the paper's."""
+"""Common parts of the two user studies: trials as tasks, claims of pairs of trials, tables and boxplots."""
 
 from __future__ import annotations
 
-import hashlib
-import json
-import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from threading import Lock
-from typing import Any, Final
+from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from studies.result import Result
-from studies.runs import PROFILES, Run, Task, run_all
+from studies.result import Claim
 from studies.superman.persons import Person
 from studies.superman.published import CONDITIONS
+from studies.superman.user_trial import MUSCLES
+from studies.tasks.runner import Runner
+from studies.tasks.task import TrialTask
 from studies.toolkit import boxplots
-from studies.toolkit.statistics import paired_t, shapiro_wilk, words
+from studies.toolkit.estimates import Estimate, estimate
+from studies.toolkit.statistics import paired_t, shapiro_wilk, sign_test, words
 from studies.toolkit.tables import Printed, Table
 from studies.toolkit.trials import Trial
 
-Mask = NDArray[np.bool_]
-KEPT: Final = "trials.jsonl"
-_BUTTONS: Final = {"admittance": "A", "mode": "M", "gripper": "G", "priority": "P"}
-MUSCLES: Final = ("AD", "PD", "BC", "TR")  # in the order of the person's activations
+
+def tasks(
+    study: str, trial: str, profiles: Mapping[str, str], people: Sequence[Person], **given: Any
+) -> list[TrialTask]:
+    """Returns the trials of all persons, those alone first, as they take less time.
+
+    Args:
+        study, trial: registered names.
+        profiles: by condition.
+        people: with whom.
+        given: further parameters.
+    """
+    return [
+        TrialTask.of(
+            study, trial, person.number,
+            {"person": asdict(person), "condition": condition, "changed": {}, **given}, profile=profiles[condition],
+        )
+        for condition in reversed(CONDITIONS)
+        for person in people
+    ]  # fmt: skip
+
+
+def trials(runner: Runner, asked: Sequence[TrialTask], folder: Path) -> list[Trial]:
+    """Runs the tasks. A person one of whose trials has no values is left out of both conditions."""
+    rows = runner.rows(asked, folder)
+    lost = {row.task.parameters["person"]["name"] for row in rows if not row.done}
+    return [
+        Trial(
+            row.task.parameters["person"]["name"], row.task.parameters["condition"],
+            {name: math.nan if value is None else value for name, value in row.values.items()},  # type: ignore[misc]
+            f"{folder.name}, seed {row.task.seed}",
+        )
+        for row in rows
+        if row.task.parameters["person"]["name"] not in lost
+    ]  # fmt: skip
 
 
 @dataclass(frozen=True)
-class Planned:
-    """A trial to be run: its person, its condition, and the function that reads its figures."""
+class Paired:
+    """A measure of the persons who have it under both conditions.
 
-    person: Person
-    condition: str
-    task: Task
-    read: Callable[[Run], dict[str, float]]
-
-    @property
-    def key(self) -> str:
-        """A key that changes if anything changes on which the run depends, except the program."""
-        profile = (PROFILES / f"{self.task.profile}.yaml").read_text(encoding="utf-8")
-        words = json.dumps([profile, self.task.changes, self.task.duration, self.task.seed], sort_keys=True)
-        return hashlib.sha256(words.encode()).hexdigest()[:16]
-
-
-def trials(planned: Iterable[Planned], folder: Path) -> list[Trial]:
-    """Runs the missing trials; those of an interrupted study are taken from `folder`.
-
-    A recording of three minutes takes half a gigabyte, so each one is read and released before the next.
+    Attributes:
+        first, second: means under HR and H.
+        difference: HR less H, person by person.
+        ratio: HR over H, person by person.
+        p: of the sign test, in words.
+        out: persons without it.
     """
-    file, lock = folder / KEPT, Lock()
-    kept: dict[str, dict[str, Any]] = {}
-    if file.exists():
-        for line in file.read_text(encoding="utf-8").splitlines():
-            entry = json.loads(line)
-            kept[entry["key"]] = entry
 
-    def one(trial: Planned) -> Trial:
-        entry = kept.get(trial.key)
-        if entry is None or not (folder / entry["file"]).exists():
-            run = run_all([trial.task], folder, 1)[0]
-            entry = {
-                "key": trial.key, "subject": trial.person.name, "condition": trial.condition, "file": run.file.name,
-                "figures": trial.read(run),
-            }  # fmt: skip
-            del run
-            with lock, file.open("a", encoding="utf-8") as out:
-                out.write(json.dumps(entry) + "\n")
-        return Trial(trial.person.name, trial.condition, entry["figures"], entry["file"])
+    first: float
+    second: float
+    difference: Estimate
+    ratio: Estimate
+    p: str
+    out: tuple[str, ...]
 
-    with ThreadPoolExecutor(max((os.cpu_count() or 2) - 1, 1)) as pool:
-        return list(pool.map(one, planned))
+    def __str__(self) -> str:
+        out = f"; without {', '.join(self.out)}" if self.out else ""
+        return (
+            f"{self.first:.2f} against {self.second:.2f}, difference {self.difference} of {self.difference.n} persons, "
+            f"sign test {self.p}{out}"
+        )
 
-
-def plan(steps: Iterable[Any], patience: float) -> list[dict[str, Any]]:
-    """Converts steps of sim.parts.person.plans to the form of a profile, with the profiles' buttons."""
-    out = []
-    for step in steps:
-        entry = step.model_dump(mode="json", exclude_none=True)
-        if "button" in entry:
-            entry["button"] = _BUTTONS[entry["button"]]
-        if "patience" in entry:
-            entry["patience"] = patience
-        out.append(entry)
-    return out
+    def claim(self, name: str, text: str, paper: str, unit: str, *, more: bool) -> Claim:
+        """Returns a claim that HR has more (or less) than H: it holds if the whole 95 % interval is on that side."""
+        d = self.difference
+        return Claim(
+            id=name, text=f"{text}: {self}", paper=paper, measured=d.mean, unit=unit,
+            holds=d.low > 0.0 if more else d.high < 0.0,
+        )  # fmt: skip
 
 
-def alone(parts: dict[str, Any]) -> dict[str, Any]:
-    """Returns changes to the profile moca-man: a person without a robot, electrodes on the arm, at 100 Hz."""
-    gone = dict.fromkeys(("panel", "sensor", "arm", "base", "hand"))
-    muscles = {"anterior_deltoid": 1, "posterior_deltoid": 2, "biceps": 3, "triceps": 4}
-    return {
-        "rate": 100,
-        "clock": None,
-        "devices": gone | {"emg": {"driver": "trigno", "port": "tcp://192.168.1.30", "channels": muscles}},
-        "controllers": [],
-        "guard": None,
-        "stop": None,
-        "frames": None,
-        "sim": {
-            "ends_with": "person",
-            "floor": False,
-            "parts": dict.fromkeys(("base", "arm", "hand", "sensor", "grip")) | parts,
-            "devices": {"panel": None, "sensor": None, "emg": {"part": "person"}},
-        },
-    }
+def paired(found: Sequence[Trial], measure: str, *, finished: bool = False) -> Paired:
+    """Compares a measure under both conditions; `finished`: of the trials that were finished alone."""
 
+    def of(trial: Trial) -> float:
+        left = finished and not trial.values["finished"]
+        return math.nan if left else trial.values[measure]
 
-def between(run: Run, first: int, last: int) -> Mask:
-    """Returns whether each row, (k,), lies in the plan's steps first to last, both included."""
-    step = run.value("world.person_progress")[:, 0]
-    inside: Mask = (step >= first) & (step <= last)
-    return inside
-
-
-def activity(run: Run, inside: Mask) -> dict[str, float]:
-    """Returns the mean activation by muscle, percent of the greatest voluntary contraction, over the rows `inside`."""
-    means = 100 * run.value("world.person_activation")[inside].mean(axis=0)
-    return dict(zip(MUSCLES, (round(float(v), 3) for v in means), strict=True))
+    by = {(t.subject, t.condition): of(t) for t in found}
+    subjects = list(dict.fromkeys(t.subject for t in found))
+    here = [s for s in subjects if not any(math.isnan(by[s, c]) for c in CONDITIONS)]
+    one, other = ([by[s, c] for s in here] for c in CONDITIONS)
+    return Paired(
+        first=estimate(one).mean,
+        second=estimate(other).mean,
+        difference=estimate([a - b for a, b in zip(one, other, strict=True)]),
+        ratio=estimate([a / b for a, b in zip(one, other, strict=True) if b]),
+        p=words(sign_test(one, other).p) if here else "not made",
+        out=tuple(s for s in subjects if s not in here),
+    )
 
 
 def rows(
     table: Table, beside: Mapping[str, Printed], extra: Sequence[str], found: Sequence[Trial]
 ) -> list[dict[str, Any]]:
-    """Returns a row for each subject, then means (deviations) and tests, each beside the published one.
+    """Returns a row for each subject, then means (deviations) with intervals and tests, beside the published ones.
 
     Args:
         extra: measures of the trials that aren't in the table, for the subjects' rows only.
@@ -138,16 +128,18 @@ def rows(
         for m in table.measures:
             row |= {f"{m.name} {c}": round(float(m.values[c][i]), 2) for c in CONDITIONS}
         for name in extra:
-            row |= {f"{name} {c}": round(by[subject, c].values[name], 2) for c in CONDITIONS}
+            row |= {f"{name} {c}": round(by[subject, c].values.get(name, math.nan), 2) for c in CONDITIONS}
         out.append(row)
     summary: dict[str, dict[str, Any]] = {
-        name: {"subject": name} for name in ("mean (sd)", "published", "sign test", "t-test", "Shapiro-Wilk")
+        name: {"subject": name}
+        for name in ("mean (sd)", "95 % interval", "published", "sign test", "t-test", "Shapiro-Wilk")
     }
     for m in table.measures:
         first = f"{m.name} {CONDITIONS[0]}"
         for c in CONDITIONS:
-            got = m.summary(c)
+            got, mean_of = m.summary(c), estimate(m.values[c])
             summary["mean (sd)"][f"{m.name} {c}"] = f"{got.mean:.2f} ({got.deviation:.2f})"
+            summary["95 % interval"][f"{m.name} {c}"] = f"{mean_of.low:.2f} to {mean_of.high:.2f}"
             mean, deviation = beside[m.name].figures[c]
             summary["published"][f"{m.name} {c}"] = f"{mean:.2f} ({deviation:.2f})"
         summary["sign test"][first] = words(table.sign_test(m.name).p)
@@ -185,27 +177,3 @@ def muscles(found: Sequence[Trial], folder: Path, title: str) -> str:
     groups = {name: {c: [by[s, c][name] for s in subjects] for c in CONDITIONS} for name in MUSCLES}
     boxplots.draw(groups, CONDITIONS, folder / "activity.png", title=f"{title}: muscles", unit="% of the greatest")
     return "activity.png"
-
-
-def varied(people: Sequence[Person], factors: Mapping[str, Sequence[float]]) -> list[tuple[str, list[Person]]]:
-    """Returns the persons as they are, then with one property at a time multiplied, each with a label."""
-    out = [("as listed", list(people))]
-    for name, all_of in factors.items():
-        for factor in all_of:
-            changed = [replace(p, **{name: getattr(p, name) * factor}) for p in people]
-            out.append((f"{name} x {factor:g}", changed))
-    return out
-
-
-def swept(variants: Iterable[tuple[str, Result]]) -> list[dict[str, Any]]:
-    """Returns a row for each variant: each claim's measured value, and whether it held."""
-    return [
-        {"persons": label}
-        | {c.id: f"{c.measured:+.2f} {c.unit}, {'holds' if c.holds else 'does not hold'}" for c in result.claims}
-        for label, result in variants
-    ]
-
-
-def slug(label: str) -> str:
-    """Returns a variant's name for recordings; "" for the persons as they are."""
-    return "" if label == "as listed" else "-" + "".join(c if c.isalnum() else "-" for c in label)

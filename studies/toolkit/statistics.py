@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -119,8 +119,18 @@ def box(values: ArrayLike, place: str = "boxplot") -> Box:
     return Box(lower, median, upper, low, high, tuple(float(v) for v in found[~inside]))
 
 
+def holm(p: ArrayLike) -> list[float]:
+    """Holm's step-down correction of several tests' probabilities, in their order (Holm 1979)."""
+    values = numbers("p", p)
+    corrected, largest = np.empty(len(values)), 0.0
+    for rank, i in enumerate(np.argsort(values, kind="stable")):
+        largest = max(largest, min(1.0, (len(values) - rank) * values[i]))
+        corrected[i] = largest
+    return [float(value) for value in corrected]
+
+
 def sign_test(first: ArrayLike, second: ArrayLike, place: str = "sign test") -> SignTest:
-    """Computes the exact sign test of (n,) and (n,) values, pair by pair.
+    """Computes the exact sign test of (n,) and (n,) values, pair by pair. Of successes it is McNemar's exact test.
 
     Raises:
         StudyError: they are empty, not finite, or don't pair.
@@ -176,8 +186,13 @@ def interval(values: ArrayLike, level: float = 0.95, place: str = "interval") ->
     return float(np.mean(found)) - reach, float(np.mean(found)) + reach
 
 
-def proportion(k: int, n: int, level: float = 0.95, place: str = "proportion") -> tuple[float, float]:
-    """Returns the exact interval (Clopper and Pearson 1934) of the probability behind k successes of n > 0.
+def proportion(
+    k: int, n: int, level: float = 0.95, place: str = "proportion", method: Literal["exact", "wilson"] = "exact"
+) -> tuple[float, float]:
+    """Returns an interval of the probability behind k successes of n > 0.
+
+    Args:
+        method: exact (Clopper and Pearson 1934), or Wilson's (1927), which is shorter and right on the average.
 
     Raises:
         StudyError: there are no trials, or not as many.
@@ -186,7 +201,7 @@ def proportion(k: int, n: int, level: float = 0.95, place: str = "proportion") -
         raise StudyError(place, f"{k} successes of {n}", "Give the successes, and the number of all trials")
     from scipy import stats
 
-    found = stats.binomtest(k, n).proportion_ci(level, method="exact")
+    found = stats.binomtest(k, n).proportion_ci(level, method=method)
     return float(found.low), float(found.high)
 
 

@@ -6,6 +6,7 @@ import csv
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
+from statistics import NormalDist
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -27,10 +28,13 @@ def quantity(entry: Mapping[str, float], z: float) -> float:
     """What somebody has whose standard normal deviate is z.
 
     Args:
-        entry: `median` and `spread` (of the logarithm), or `mean` and `deviation`; `least` and `most` cut it.
+        entry: `median` and `spread` (of the logarithm), or `mean` and `deviation`, or `low` and `high` (all alike
+            probable); `least` and `most` cut it.
         z: standard normal.
     """
-    if "median" in entry:
+    if "low" in entry:
+        found = entry["low"] + (entry["high"] - entry["low"]) * NormalDist().cdf(z)
+    elif "median" in entry:
         found = entry["median"] * np.exp(entry["spread"] * z)
     else:
         found = entry["mean"] + entry["deviation"] * z

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from runtime.contracts.signals import Array
-from runtime.control.hand.human_hand import FINGERS, LOWER, UPPER
+from runtime.control.hand.human_hand import FINGERS, RANGES
 from runtime.profile import profile
 from studies.grasp import isotropy
 from studies.grasp.cell import PARTIAL, TOUCH, GraspCell
@@ -56,8 +56,8 @@ def test_a_hand_closes_until_it_touches_and_not_into_the_object(shape: str, clos
     cell = cell_of(shape, 0.08)
     begin = begun(cell)
     motion = MOTIONS[closing](cell, begin, FINGERS)
-    assert (motion.postures >= LOWER - 1e-9).all()
-    assert (motion.postures <= UPPER + 1e-9).all()
+    assert (motion.postures >= RANGES[:, 0] - 1e-9).all()
+    assert (motion.postures <= RANGES[:, 1] + 1e-9).all()
     for hand in motion.postures[::10]:
         cell.pose(np.append(hand, begin[20:]))
         assert cell.gaps()[:20].min() >= 0.0

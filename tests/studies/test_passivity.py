@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from helpers.trial_rows import Here, row
 
 from studies.superman.assumptions import assumed
-from studies.superman.passivity import STUDY, Case, Outcome, cases, claims, lag, margin, run
+from studies.superman.lag import lag
+from studies.superman.passivity import STUDY, TRIAL, claims, line, margin, run, tasks
+from studies.superman.passivity_trial import scene, trial
+from studies.tasks.task import Row
 
 DT = 1e-4
 
@@ -51,42 +55,74 @@ def test_a_known_lag_is_found_between_samples(delay: float) -> None:
         v[k, 0] = v[k - 1, 0] + 0.002 * (push - 20.0 * v[k - 1, 0]) / 3.0
     moved = np.zeros_like(v)
     moved[:, 0] = np.interp(t - delay, t, v[:, 0], left=0.0)
-    assert lag(t, force, moved, a) == pytest.approx(delay, abs=3e-4)
+    found = lag(t, force, moved, a["mass"], a["damping"], a["dead_band"])
+    assert found == pytest.approx(delay, abs=3e-4)
 
 
-def outcomes() -> list[Outcome]:
-    """What all claims ask for: the bare law rings beyond its margin, the tank doesn't."""
+def rows(**changed: Any) -> list[Row]:
+    """What all claims ask for: the bare law rings beyond its margin, the tank doesn't; `changed`: of the tank's."""
     found = []
-    for case in cases(assumed(STUDY), quick=False):
-        rings = case.late > 0 and not case.tank  # at 2000 N/m
-        verdict = "grows" if rings else "dies"
-        found.append(
-            Outcome(case, 0.1, 0.2 if rings else 0.01, 2.0 if rings else 0.1, verdict, 0.1, 0.2, 0.008, 0.0, "")
-        )
+    for one in tasks(assumed(STUDY), quick=False):
+        p = one.parameters
+        values: dict[str, Any] = {"cause": "intent loss" if p["scene"] == "lose" else "", "least": 0.1, "damped": 0.0}
+        if p["scene"] in ("hold", "stiffen"):
+            rings = p["law"] == "bare" and p["late"] > 0
+            values |= {"first": 0.1, "last": 0.2 if rings else 0.01, "growth": 2.0 if rings else 0.1, "delay": 0.008}
+            values |= {"verdict": "grows" if rings else "dies", "given": 0.1, "knocked": 0.2}
+        elif p["scene"] in ("lean", "cart"):
+            values |= {"wall": 30.0, "leaned": 20.0, "bounce": 0.001, "away": 0.95 * p["push"] / 40.0}
+        elif p["scene"] == "leave":
+            values |= {"leaned": 20.0, "left": 18.0 if p["law"] == "stays" else 5.0}
+        else:
+            values |= {"released": 0.5, "coasted": 0.03, "stopped": 0.2, "harsh": 9.0}
+        if p["law"] in ("tank", "told"):
+            values |= {name: value for name, value in changed.items() if name in values}
+        found.append(row(one, values))
     return found
 
 
-def test_claims_follow_the_runs() -> None:
+@pytest.mark.parametrize(
+    ("changed", "fallen"),
+    [
+        ({}, set()),
+        ({"verdict": "grows", "growth": 3.0}, {"tank-no-growth", "tank-dies-out"}),
+        ({"given": 2.0}, {"tank-energy"}),
+        ({"away": 0.1}, {"lean-free", "cart-free"}),
+        ({"bounce": 0.02}, {"lean-rests"}),
+        ({"left": 11.0}, {"let-go-yields"}),
+        ({"coasted": 0.08}, {"let-go-stops", "loss-stops"}),
+        ({"cause": "device fault"}, {"lean-rests", "loss-stops"}),
+    ],
+)
+def test_claims_follow_the_rows(changed: dict[str, Any], fallen: set[str]) -> None:
     a = assumed(STUDY)
-    good = outcomes()
-    assert all(claim.holds for claim in claims(good, a))
-    worse = [replace(o, verdict="grows", growth=3.0, given=2.0) if o.case.tank and o.case.told else o for o in good]
-    fallen = {claim.id for claim in claims(worse, a) if not claim.holds}
-    assert fallen == {"tank-no-growth", "tank-dies-out", "tank-energy"}
+    found = rows(**changed)
+    assert {claim.id for claim in claims(found, a) if not claim.holds} == fallen
+    assert len({claim.id for claim in claims(found, a)}) == 12
+    assert all(line(one, a)["robot"] in ("moca", "kairos") for one in found)
 
 
-def test_the_stiffness_range_is_covered_for_both_robots() -> None:
-    chosen = cases(assumed(STUDY), quick=False)
+def test_without_rows_no_claim_but_the_analytic_one_holds() -> None:
+    assert [claim.id for claim in claims([], assumed(STUDY)) if claim.holds] == ["analytic-margin"]
+
+
+def test_both_robots_are_held_leaned_and_let_go_over_the_whole_range() -> None:
+    chosen = [one.parameters for one in tasks(assumed(STUDY), quick=False)]
     for robot in ("moca", "kairos"):
-        stiffness = [case.stiffness for case in chosen if case.robot == robot]
+        own = [p for p in chosen if p["robot"] == robot]
+        stiffness = [p["stiffness"] for p in own if p["scene"] == "hold"]
         assert (min(stiffness), max(stiffness)) == (200.0, 2000.0)
-    assert all(Case(c.robot, c.stiffness, c.late, not c.tank) in chosen for c in chosen if not c.told)
+        assert max(p["wall"] for p in own if p["scene"] == "lean") == 1e5
+        assert {"hold", "stiffen", "lean", "leave", "cart", "let go", "lose"} == {p["scene"] for p in own}
+    assert all(scene(p).seconds < 20.0 for p in chosen)
 
 
 @pytest.mark.slow
-def test_a_short_study_runs_and_a_relaxed_hand_is_still_with_the_bare_law(tmp_path: Path) -> None:
-    result = run(tmp_path, quick=True)
-    assert [row["stop"] for row in result.table] == ["none", "none"]
-    assert all(Path(file).stat().st_size > 0 for file in result.files)
-    assert 0.0 < result.table[0]["delay ms"] < 100.0
-    assert result.table[0]["verdict"] in ("dies", "still")
+def test_a_short_study_runs_a_relaxed_hand_is_still_and_a_released_handle_stops(tmp_path: Path) -> None:
+    result = run(tmp_path, True, Here({TRIAL: trial}))  # type: ignore[arg-type]
+    assert [row["stop"] for row in result.table] == ["none"] * 3
+    bare, _, released = result.table
+    assert 0.0 < bare["delay ms"] < 100.0
+    assert bare["verdict"] in ("dies", "still")
+    assert released["released mm/s"] > 450.0
+    assert released["coasted mm"] < 50.0
