@@ -94,6 +94,11 @@ def _opposed(cell: GraspCell, q: Array) -> Array:
 
 def curl(cell: GraspCell, q: Array, active: Sequence[str]) -> Motion:
     """Every joint goes toward the fist; a link that touches stops the joints before it, and those after it go on."""
+    return _stopped(cell, curled(cell, q, active), active, whole=False)
+
+
+def curled(cell: GraspCell, q: Array, active: Sequence[str]) -> Array:
+    """The postures (k, n), rad, of `curl` as they would be without the object."""
     goal = q.copy()
     moving = [joint for digit in active for joint in cell.digits[digit]]
     goal[moving] = np.deg2rad(np.ravel(FIST))[moving]
@@ -111,12 +116,17 @@ def curl(cell: GraspCell, q: Array, active: Sequence[str]) -> Motion:
         tips.append(cell.tips())
     way = np.linalg.norm(np.diff(tips, axis=0), axis=2).sum(axis=0).max()
     k = int(np.ceil(1.3 * way / _STEP))
-    wished = q + np.linspace(0.0, 1.0, k + 1)[:, None] * (goal - q)
-    return _stopped(cell, wished, active, whole=False)
+    found: Array = q + np.linspace(0.0, 1.0, k + 1)[:, None] * (goal - q)
+    return found
 
 
 def converge(cell: GraspCell, q: Array, active: Sequence[str]) -> Motion:
     """Every tip goes straight toward the object's centre; a digit that touches stops."""
+    return _stopped(cell, converged(cell, q, active), active, whole=True)
+
+
+def converged(cell: GraspCell, q: Array, active: Sequence[str]) -> Array:
+    """The postures (k, n), rad, of `converge` as they would be without the object."""
     cell.pose(q)
     ways = cell.centre - cell.tips()
     k = int(np.ceil(np.linalg.norm(ways, axis=1).max() / _STEP))
@@ -131,10 +141,11 @@ def converge(cell: GraspCell, q: Array, active: Sequence[str]) -> Motion:
             step, _ = chain.follow(at, dp, (0.0, 0.0, 0.0), 0.0)
             at = [a + d for a, d in zip(at, step, strict=True)]
             wished[i, joints] = at
-    return _stopped(cell, wished, active, whole=True)
+    return wished
 
 
 MOTIONS: Final[dict[str, Callable[[GraspCell, Array, Sequence[str]], Motion]]] = {"curl": curl, "converge": converge}
+PATHS: Final[dict[str, Callable[[GraspCell, Array, Sequence[str]], Array]]] = {"curl": curled, "converge": converged}
 
 
 def follow(cell: GraspCell, law: str, begin: Array, motion: Motion, tips: Array) -> Array:

@@ -57,7 +57,16 @@ def write(file: Path, text: str, sizes: Iterable[float], quick: bool = False) ->
 
 def _log(recording: Any, cell: GraspCell, words: str, digits: list[str]) -> None:
     """Logs the geoms as they are, and the contacts of these digits."""
-    model, data = cell.model, cell.data
+    log_geoms(recording, "grasp", cell.model, cell.data)
+    origins, normals = _contacts(cell, digits)
+    recording.log(
+        "grasp/contacts", rr.Arrows3D(origins=origins - _ARROW * normals, vectors=_ARROW * normals, radii=0.001)
+    )
+    recording.log("grasp/name", rr.TextDocument(words + (f": {len(origins)} contacts" if digits else "")))
+
+
+def log_geoms(recording: Any, root: str, model: Any, data: Any) -> None:
+    """Logs the geoms of a MuJoCo model where they are, under a path of the recording."""
     turns = [from_matrix(frame.reshape(3, 3)) for frame in data.geom_xmat]
     quaternions = np.array([(x, y, z, w) for w, x, y, z in turns])
     colours = (255 * model.geom_rgba).astype(np.uint8)
@@ -69,7 +78,7 @@ def _log(recording: Any, cell: GraspCell, words: str, digits: list[str]) -> None
     spheres, cylinders = of(mujoco.mjtGeom.mjGEOM_SPHERE), of(mujoco.mjtGeom.mjGEOM_CYLINDER)
     solid = rr.components.FillMode.Solid
     recording.log(
-        "grasp/boxes",
+        f"{root}/boxes",
         rr.Boxes3D(
             half_sizes=model.geom_size[boxes], centers=data.geom_xpos[boxes], quaternions=quaternions[boxes],
             colors=colours[boxes], fill_mode=solid,
@@ -79,7 +88,7 @@ def _log(recording: Any, cell: GraspCell, words: str, digits: list[str]) -> None
     lengths = 2.0 * model.geom_size[capsules, 1]
     along = data.geom_xmat[capsules].reshape(-1, 3, 3)[:, :, 2]
     recording.log(
-        "grasp/capsules",
+        f"{root}/capsules",
         rr.Capsules3D(
             lengths=lengths, radii=model.geom_size[capsules, 0],
             translations=data.geom_xpos[capsules] - 0.5 * lengths[:, None] * along,
@@ -87,25 +96,20 @@ def _log(recording: Any, cell: GraspCell, words: str, digits: list[str]) -> None
         ),
     )  # fmt: skip
     recording.log(
-        "grasp/spheres",
+        f"{root}/spheres",
         rr.Ellipsoids3D(
             half_sizes=np.tile(model.geom_size[spheres, :1], 3), centers=data.geom_xpos[spheres],
             colors=colours[spheres], fill_mode=solid,
         ),
     )  # fmt: skip
     recording.log(
-        "grasp/cylinders",
+        f"{root}/cylinders",
         rr.Cylinders3D(
             lengths=2.0 * model.geom_size[cylinders, 1], radii=model.geom_size[cylinders, 0],
             centers=data.geom_xpos[cylinders], quaternions=quaternions[cylinders], colors=colours[cylinders],
             fill_mode=solid,
         ),
     )  # fmt: skip
-    origins, normals = _contacts(cell, digits)
-    recording.log(
-        "grasp/contacts", rr.Arrows3D(origins=origins - _ARROW * normals, vectors=_ARROW * normals, radii=0.001)
-    )
-    recording.log("grasp/name", rr.TextDocument(words + (f": {len(origins)} contacts" if digits else "")))
 
 
 def _contacts(cell: GraspCell, digits: list[str]) -> tuple[Array, Array]:

@@ -98,7 +98,7 @@ def _lines(name: str, made: list[Row], rows: list[Row]) -> Iterable[dict[str, An
             "refused": len(made) - len(calibrations),
             "range deg": mean(calibrations, f"range_{dof}"),
             # How much of this DoF's range moves when another moves: the worse of the others.
-            "in sample": _worst(calibrations, f"{name}.linear", dof, others),
+            "in sample": _worst(calibrations, f"{name}.span", dof, others),
             "again": _worst(again, "linear", dof, others),
             "between": _worst(between, "linear", dof, others),
             "between, span": _worst(between, "span", dof, others),
@@ -114,8 +114,8 @@ def _lines(name: str, made: list[Row], rows: list[Row]) -> Iterable[dict[str, An
 
 def _claims(names: list[str], made: list[Row], rows: list[Row]) -> list[Claim]:
     """Ours: the paper has one DoF."""
-    linear = [
-        row.values[f"{name}.linear_{a}_{b}"]
+    spans = [
+        row.values[f"{name}.span_{a}_{b}"]
         for row in made
         for name in names
         if _usable(row, name)
@@ -129,7 +129,7 @@ def _claims(names: list[str], made: list[Row], rows: list[Row]) -> list[Claim]:
         for j, dof in enumerate(SETS[name])
     ]
     leak = 1e3 * max(most(_of(rows, name, "tracking", targets=list(_BOTH)), "leak_max") for name in pairs)
-    at_most = float(np.max(np.array(linear, dtype=float))) if linear else float("nan")
+    at_most = float(np.max(np.array(spans, dtype=float))) if spans else float("nan")
     apart = float(np.max(worse))
     return [
         Claim(

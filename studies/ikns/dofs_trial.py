@@ -33,9 +33,9 @@ def calibration(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str
         seed: of the world.
     Returns:
         range_DOF: degrees, mean over the points of the range of the DoF's own angle. For each set, behind its name and
-        a dot: calibration, the file's content, empty if it is `refused`, which says why; linear_A_B, share of A's range
-        per share of B's while B moves, its mean size over the points; condition, least sine of a direction to the
-        others'; wander, m, the worst point's.
+        a dot: calibration, the file's content, empty if it is `refused`, which says why; span_A_B, how far A goes while
+        B moves through its range, as a share of A's, mean over the points; condition, least sine of a direction to
+        the others'; wander, m, the worst point's.
     """
     sets: dict[str, list[Dof]] = parameters["sets"]
     done = instructed(Rig(angles_alone(text), parameters["set"], seed), DOFS)
@@ -48,7 +48,7 @@ def calibration(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str
         except SrlError as error:
             row |= {f"{name}.refused": f"{error.place}: {error.problem}", f"{name}.calibration": ""}
             continue
-        own = _pairs("linear", dofs, np.abs(found.crosstalk).mean(axis=0))
+        own = _pairs("span", dofs, found.crosstalk.mean(axis=0))
         own |= {"condition": float(found.condition.min()), "wander": float(found.wander.max())}
         own |= {"refused": "", "calibration": made.model_dump_json()}
         row |= {f"{name}.{what}": value for what, value in own.items()}
@@ -64,8 +64,9 @@ def crosstalk(text: str, parameters: dict[str, Any], seed: int) -> Mapping[str, 
             "between" (halfway from their middle, where directions are interpolated).
         seed: of the world.
     Returns:
-        linear_A_B: as in `calibration`. span_A_B: how far A's c goes while B moves, as a share of how far B's goes;
-        with curvature, noise and the wearer's own errors. span_A_A is 1. own_A: how far A's c goes in its own trials.
+        linear_A_B: slope of A's c over B's while B moves, its mean size over the points. span_A_B: how far A's c goes
+        meanwhile, as a share of how far B's goes; with curvature, noise and the wearer's own errors. span_A_A is 1.
+        own_A: how far A's c goes in its own trials.
         leak_rms_A, leak_max_A: m, of the hand while A moves.
     """
     dofs: list[Dof] = parameters["dofs"]

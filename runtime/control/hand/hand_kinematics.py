@@ -11,12 +11,11 @@ from pydantic import Field
 from runtime.contracts.controller import Controller, ControllerConfig
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import POINT
-from runtime.control.hand.human_hand import FINGERS, JOINTS, LOWER, SENSORS, UPPER
+from runtime.control.hand.human_hand import BEYOND, FINGERS, JOINTS, SENSORS
 from runtime.control.hand.point_series import PointSeries
 from runtime.control.models import HandOption, named
 
 _DIP: Final = 2.0 / 3.0  # DIP angle divided by PIP angle, for a glove that doesn't measure the DIP
-_BEYOND: Final = np.deg2rad(2.0)  # a reading further outside its range than this is counted
 
 
 class HandKinematicsConfig(ControllerConfig):
@@ -37,8 +36,9 @@ class HandKinematics(Controller):
     Input `angles` (22,) or (18,) rad in the glove's sensor order. Outputs `angles` (20,) rad of the model's
     joints, `tips` (5, 3) m and `skeleton` (21, 3) m, both in the hand's frame.
 
-    Angles are clamped to the hand's ranges. A glove that slips, or was calibrated on someone else, gives angles
-    beyond anatomy; the clamp keeps every fingertip where a hand can reach. `figures` says how often this happens.
+    Angles are clamped to the ranges of the hand's model. A glove that slips, or was calibrated on someone else, gives
+    angles beyond anatomy; the clamp keeps every fingertip where a hand can reach. `figures` says how often
+    this happens.
     """
 
     Config = HandKinematicsConfig
@@ -48,6 +48,7 @@ class HandKinematics(Controller):
         super().__init__(name, config)
         self._points = PointSeries(*config.hand.geometry())
         self._M = glove_matrix(config.sensors)
+        self._lower, self._upper = np.ascontiguousarray(config.hand.ranges.T)
         self._cycles = self._beyond = 0
         links = tuple((0, *range(1 + 4 * i, 5 + 4 * i)) for i in range(5))
         points = ("wrist", *(f"{f}_{p}" for f in FINGERS for p in ("base", "middle", "distal", "tip")))
@@ -77,9 +78,9 @@ class HandKinematics(Controller):
     def _fill(self) -> None:
         q, skeleton = self.output["angles"], self.output["skeleton"]
         measured: Array = self._M.dot(self.input["angles"])
-        np.minimum(np.maximum(measured, LOWER), UPPER, out=q)
+        np.minimum(np.maximum(measured, self._lower), self._upper, out=q)
         self._cycles += 1
-        self._beyond += max(map(abs, (measured - q).tolist())) > _BEYOND
+        self._beyond += max(map(abs, (measured - q).tolist())) > BEYOND
         # The first row has no length, so it ends at the base. The wrist is the origin.
         skeleton[0] = 0.0
         skeleton[1:] = self._points.at(q)

@@ -74,14 +74,12 @@ RANGES: Final[Array] = np.deg2rad(
         *([-35, 15], [-30, 90], [0, 125], [-5, 80]),
     ]
 )
-"""(20, 2) rad: lower and upper limit of each joint, in the order of JOINTS. Our choice after Cobos et al. (2008, 2010)
+"""(20, 2) rad: lower and upper limit of each joint, in the order of JOINTS; a wearer's own are in `models:`. Our choice
+after Cobos et al. (2008, 2010)
 and MyoHand. It contains the mean posture of Santello et al. (1998)."""
 RANGES.setflags(write=False)
-LOWER: Final[Array] = np.ascontiguousarray(RANGES[:, 0])
-UPPER: Final[Array] = np.ascontiguousarray(RANGES[:, 1])
-"""LOWER and UPPER: the columns (20,) of RANGES, rad."""
-LOWER.setflags(write=False)
-UPPER.setflags(write=False)
+BEYOND: Final = float(np.deg2rad(2.0))
+"""rad: an angle further outside its joint's range than this is counted, and told."""
 
 
 def hand_geometry(length: float = MODEL_LENGTH) -> tuple[Array, Array]:

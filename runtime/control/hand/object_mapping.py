@@ -6,7 +6,7 @@ Prattichizzo et al., RO-MAN 2014, section II. Errata and additions: docs/object-
 from __future__ import annotations
 
 from itertools import pairwise
-from math import dist, exp, inf, sqrt
+from math import dist, exp, inf, isfinite, sqrt
 from operator import add
 from typing import Any, Final, Literal, cast
 
@@ -19,6 +19,7 @@ from runtime.contracts.rotation import homogeneous
 from runtime.contracts.signals import Signal
 from runtime.contracts.terms import POINT
 from runtime.contracts.transforms import Transform, coordinates, frame
+from runtime.control.hand.concentric import ConcentricObject
 from runtime.control.hand.extra_finger import ExtraFinger, FingerKinematics
 from runtime.control.hand.human_hand import FINGERS
 from runtime.control.hand.sphere import MinimumSphere
@@ -43,7 +44,7 @@ class ObjectMappingConfig(ControllerConfig):
         description="the extra fingers: names of models, or {model, name}",
     )
     deformation: Deformation | None = Field(
-        None, description="of the virtual object; rigid for one or two points, else isotropic"
+        None, description="of the virtual object; rigid for one or two points, else isotropic; scaling doesn't turn"
     )
     psi: Psi = Field(Psi.NONE, description="what fills the null space, where the points leave one")
     gain_limit: float = Field(
@@ -82,8 +83,12 @@ class ObjectMapping(Controller):
         n_h, m = len(config.points), len(config.fingers)
         deformation = config.deformation or (Deformation.ISOTROPIC if n_h > 2 else Deformation.RIGID)
         self._leash = config.leash
-        self._rigid = deformation is Deformation.RIGID
+        self._rigid, self._turns = deformation is Deformation.RIGID, deformation is not Deformation.SCALING
         self._chosen = np.array([FINGERS.index(point) for point in config.points])
+        self._concentric = deformation is Deformation.CONCENTRIC
+        if self._concentric and config.psi is not Psi.NONE:
+            problem = "an object that only grows and shrinks about its centre leaves nothing to choose"
+            raise ProfileError(f"controllers.{name}.psi", problem, "Leave out psi, or choose another deformation")
         self._object = VirtualObject(deformation, config.psi, config.gain_limit)
         self._extra, self._damping = config.fingers, config.damping
         self.transforms = tuple(
@@ -120,12 +125,13 @@ class ObjectMapping(Controller):
                 links=links,
             ),
         )
-        # A deformation richer than a similarity must not be pulled back to a similarity.
-        richer = deformation in (Deformation.NON_ISOTROPIC, Deformation.SHEAR)
+        # A deformation richer than a similarity must not be pulled back to one. Increments of `scaling` don't add up to
+        # the finite one: pulled, it would drift on closed paths.
+        exact = deformation in (Deformation.NON_ISOTROPIC, Deformation.SHEAR, Deformation.SCALING)
         self.parameters = (
             Parameter(
                 name="drift_pull",
-                default=0.0 if richer else 5.0,
+                default=0.0 if exact else 5.0,
                 lower=0.0,
                 upper=100.0,
                 unit="1/m",
@@ -140,9 +146,10 @@ class ObjectMapping(Controller):
                 text="chi: pull of redundant joints to mid-range, per metre of fingertip motion",
             ),
         )
-        self._before = np.zeros((n_h, 3))
-        self._finite = Similarity(self._before, self._rigid)
+        self._before, self._measured = np.zeros((n_h, 3)), True
+        self._finite = Similarity(self._before, self._rigid, self._turns)
         self._home = np.zeros((m, 3))
+        self._closing = ConcentricObject(self._before, self._home, np.zeros(3))
         self._target = np.zeros((m, 3))
         self._tips: list[Vector] = [(0.0, 0.0, 0.0)] * m
         self._velocity = list(self._tips)
@@ -163,20 +170,28 @@ class ObjectMapping(Controller):
         self._leashed = 0
 
     def reset(self) -> None:
-        """Takes the present posture as the reference, and the applied joint angles as those of the fingers."""
+        """Takes the present posture as the reference, and the applied joint angles as those of the fingers.
+
+        While a fingertip isn't measured, there is no reference: the fingers stand until all are.
+        """
         self._clear()
         q = self._where()
         self._before = self.input["tips"].take(self._chosen, axis=0)
-        self._finite = Similarity(self._before, self._rigid)
+        self._measured = bool(np.isfinite(self._before).all())
+        self._finite = Similarity(self._before, self._rigid, self._turns)
         self._locate(q)
         self._home, self._target = np.array(self._tips), np.array(self._tips)
         self._velocity = [(0.0, 0.0, 0.0)] * len(self._tips)
         self._enclose()
+        self._closing = ConcentricObject(self._before, self._home, self.output["sphere"][:3])
         self.output["q"][:] = q
         self.output["q_velocity"][:] = 0.0
         self.output["target"][:] = self._target
 
     def update(self, dt: float) -> None:
+        if not self._measured:
+            self.reset()
+            return
         q = self._where()
         p_h = self.input["tips"].take(self._chosen, axis=0)
         self._locate(q)
@@ -184,7 +199,11 @@ class ObjectMapping(Controller):
         last = self._target.copy()
         moved = (p_h - self._before).ravel()
         path = sqrt(moved.dot(moved) / len(p_h))  # m, of the fingertips' rms motion
-        if path > 0.0:
+        if not isfinite(path):
+            path = 0.0  # a fingertip that isn't measured moves nothing; damping a NaN would never end
+        if path > 0.0 and self._concentric:
+            self._target, self._before = self._closing.carry(p_h), p_h
+        elif path > 0.0:
             self._target = self._object.move(self._before, p_h, last, self.output["sphere"])
             pull = self.param["drift_pull"].item()
             if pull > 0.0:
@@ -255,7 +274,10 @@ class ObjectMapping(Controller):
         present posture; sphere_radius_m: least and greatest; nearest_to_thumb_m: least distance of any robotic tip;
         leashed: number of cycles in which a target was ahead of the guarded position by more than the leash.
         """
-        damped, undamped = self._object.noise_gain(self._before, np.array(self._tips))
+        if self._concentric:
+            damped = undamped = self._closing.noise_gain(self._before)
+        else:
+            damped, undamped = self._object.noise_gain(self._before, np.array(self._tips))
         return {
             "noise_gain": damped,
             "noise_gain_undamped": undamped,

@@ -39,6 +39,8 @@ class Deformation(StrEnum):
     """The deformations that the object may have in addition to rigid motion."""
 
     RIGID = "rigid"
+    SCALING = "scaling"  # one ds and no turn: ours, see docs/object-mapping.md
+    CONCENTRIC = "concentric"  # one ds about the sphere's centre and nothing else: ours, `concentric.py`
     ISOTROPIC = "isotropic"  # the paper's: one ds
     NON_ISOTROPIC = "non-isotropic"  # three stretches along the hand's axes
     SHEAR = "shear"  # the three and three shears: any affine map
@@ -54,6 +56,8 @@ class Psi(StrEnum):
 
 _BASES: Final = {
     Deformation.RIGID: _ROTATIONS,
+    Deformation.SCALING: _I[None],
+    Deformation.CONCENTRIC: _I[None],  # `ConcentricObject` moves the points instead
     Deformation.ISOTROPIC: np.concatenate([_ROTATIONS, _I[None]]),
     Deformation.NON_ISOTROPIC: np.concatenate([_ROTATIONS, _STRETCHES]),
     Deformation.SHEAR: np.concatenate([_ROTATIONS, _STRETCHES, _SHEARS]),
@@ -82,6 +86,7 @@ class VirtualObject:
         self._psi = psi
         self._limit2 = gain_limit**2
         self._share = 1.0 / max(self._limit2, 1e-300)
+        self._rotations = 0 if deformation is Deformation.SCALING else 3  # come first among the parameters
         self._scales = deformation is Deformation.ISOTROPIC
         self._is_similar = deformation in (Deformation.ISOTROPIC, Deformation.RIGID)
 
@@ -204,7 +209,7 @@ class VirtualObject:
         """N_A psi (k,), which makes |do|, r |dPhi| (and, for the minimum norm, r |ds|) about o smallest."""
         scale = np.full(len(xi), r)
         if self._psi is Psi.MAXIMISE_SCALE:
-            scale[3:] = 0.0
+            scale[self._rotations :] = 0.0
         F = self._effect(o)  # do about o = v + F xi
         rows = np.concatenate([F, np.diag(scale)])
         rest = rows @ xi
@@ -220,13 +225,18 @@ class Similarity:
     it is drawn toward the identity, continuously, so that any number of points can be used.
     """
 
-    def __init__(self, reference: Array, rigid: bool) -> None:
+    def __init__(self, reference: Array, rigid: bool, turns: bool = True) -> None:
+        """Args:
+        reference: (n, 3) points before.
+        rigid: without a scale.
+        turns: False: the rotation is found, and not carried on.
+        """
         n = len(reference)
         self._mean = np.full(n, 1.0 / n)
         self._c0 = self._mean.dot(reference)
         self._a = reference - self._c0
         self._a2 = float((self._a * self._a).sum())
-        self._rigid = rigid
+        self._rigid, self._turns = rigid, turns
 
     def carry(self, points: Array, p_a: Array) -> Array:
         """Moves robotic points p_a (m, 3) by the similarity that takes `reference` to `points` (n, 3)."""
@@ -234,7 +244,7 @@ class Similarity:
         K = points.T.dot(self._a)  # the centroid of a is zero, so the centroid of b may be anything
         R, first = _firm_rotation(K) or _any_rotation(K)
         scale = 1.0 if self._rigid or first == 0.0 else max(first / self._a2, 0.0)
-        return cast(Array, c1 + scale * (p_a - self._c0).dot(R.T))
+        return cast(Array, c1 + scale * (p_a - self._c0).dot(R.T if self._turns else _I))
 
 
 def _firm_rotation(K: Array) -> tuple[Array, float] | None:

@@ -20,9 +20,11 @@ ALL, PARTIAL = [0, 1, 2, 3, 4], [2, 3, 4]
     ("chosen", "deformation", "undamped", "damped"),
     [
         (ALL, Deformation.ISOTROPIC, (1.05, 2.3), (1.05, 2.3)),
+        (ALL, Deformation.SCALING, (0.60, 0.80), (0.60, 0.80)),
         (ALL, Deformation.NON_ISOTROPIC, (6.3, 18), (1.5, 2.7)),
         (ALL, Deformation.SHEAR, (13, 33), (1.4, 4.1)),
         (PARTIAL, Deformation.ISOTROPIC, (8.4, 17), (1.7, 2.5)),
+        (PARTIAL, Deformation.SCALING, (0.98, 1.5), (0.98, 1.5)),
         (PARTIAL, Deformation.NON_ISOTROPIC, (80, 5700), (1.7, 3.9)),
         (PARTIAL, Deformation.SHEAR, (7.1, 18), (2.1, 4.0)),
     ],

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from runtime.contracts.signals import Array
-from runtime.control.hand.human_hand import JOINTS, LOWER, UPPER
+from runtime.control.hand.human_hand import JOINTS, RANGES
 from runtime.control.models import HandModel
 
 # The joint each sensor moves at rate one, read off the protocol sheet, section 5 (22 sensors).
@@ -57,7 +57,7 @@ def test_angles_beyond_anatomy_stay_within_the_hand(angles: Array) -> None:
     hand.input["angles"][:] = angles
     hand.update(0.01)
     q = hand.output["angles"]
-    assert np.all((q >= LOWER) & (q <= UPPER))
+    assert np.all((q >= RANGES[:, 0]) & (q <= RANGES[:, 1]))
     np.testing.assert_allclose(hand.output["tips"], hand_tips(q), atol=1e-15)
 
 

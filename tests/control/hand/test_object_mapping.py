@@ -68,6 +68,49 @@ def test_documented_shapes_are_true() -> None:
     assert np.linalg.norm(cloud - sphere[:3], axis=1).max() == pytest.approx(sphere[3], rel=1e-9)
 
 
+@given(
+    arrays(float, 3, elements=st.floats(-1, 1)), st.floats(-0.2, 0.1), arrays(float, 3, elements=st.floats(-0.02, 0.02))
+)
+@settings(max_examples=30)
+def test_an_object_that_only_scales_moves_and_shrinks_with_the_fingertips_and_doesnt_turn(
+    w: Array, shrink: float, shift: Array
+) -> None:
+    """The tip's target is that of the same motion without its rotation."""
+    controller = mapping(TIPS, deformation="scaling", leash=1.0)
+    start, centre = finger_tip(HOME), TIPS.mean(axis=0)
+    for u in np.linspace(0.05, 1.0, 20):
+        R, scale = Rotation.from_rotvec(0.3 * u * w).as_matrix(), np.exp(u * shrink)
+        step(controller, centre + u * shift + scale * (TIPS - centre) @ R.T)
+        expected = centre + u * shift + scale * (start - centre)
+        np.testing.assert_allclose(controller.output["target"][0], expected, rtol=0, atol=3e-5)
+
+
+@pytest.mark.parametrize("deformation", ["isotropic", "scaling", "concentric"])
+def test_a_fingertip_that_isnt_a_number_moves_nothing_and_ends(deformation: str) -> None:
+    controller = mapping(TIPS, deformation=deformation)
+    lost = TIPS.copy()
+    lost[1, 0] = np.nan
+    start = controller.output["target"].copy()
+    np.testing.assert_allclose(step(controller, lost), HOME, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(controller.output["target"], start)
+    assert np.isfinite(step(controller, 1.01 * TIPS)).all()  # measured again, it goes on
+    assert (controller.output["target"] != start).any()
+
+
+@pytest.mark.parametrize("deformation", ["isotropic", "scaling", "concentric"])
+def test_a_hand_that_isnt_measured_at_a_reset_becomes_the_reference_once_it_is(deformation: str) -> None:
+    controller = mapping(TIPS, deformation=deformation)
+    start = controller.output["q"].copy()
+    controller.input["tips"][2] = np.nan
+    controller.reset()
+    for _ in range(3):
+        np.testing.assert_allclose(step(controller, controller.input["tips"].copy()), start, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(step(controller, TIPS), start, rtol=0, atol=1e-12)  # no jump to what it is by now
+    step(controller, 0.95 * TIPS)
+    assert np.abs(controller.output["q"] - start).max() > 1e-4
+    assert np.isfinite(controller.output["target"]).all()
+
+
 @given(arrays(float, 3, elements=st.floats(-1, 1)), st.sampled_from(["move", "turn", "scale"]))
 @settings(max_examples=40)
 def test_the_robotic_tip_follows_the_objects_motion(w: Array, kind: str) -> None:
