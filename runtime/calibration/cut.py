@@ -28,6 +28,7 @@ LAW: Final = "ikns"
 ANGLES: Final = "arm-angles"
 MARKS: Final = "calibration-marks"
 Marks = Callable[[Graph, ControllerEntry], dict[str, Any]]
+Scene = Callable[[dict[str, Any]], None]
 _DROPPED: Final = ("setpoints", "guard", "stop", "faults", "emergency", "reset", "record", "start")
 
 
@@ -63,7 +64,7 @@ def cut(
 
 def cut_to(
     checked: Profile, source: Source, use: str, reads: Sequence[str], marks: Marks, sim: bool,
-    only: Sequence[str] | None = None,
+    only: Sequence[str] | None = None, scene: Scene | None = None,
 ) -> tuple[Profile, Source]:  # fmt: skip
     """Returns the cut profile, with the marks' law at its end.
 
@@ -74,6 +75,7 @@ def cut_to(
         only: of its inputs, the ones whose devices and laws are kept; None: all.
         marks: makes the entry of the marks' law.
         sim: keep the names of the simulated world's parts, on which frames may hang.
+        scene: changes what is left of the profile: devices, frames, the simulated world.
     Raises:
         ProfileError, WiringError: there is no such law, or what it reads can't be had without moving something.
     """
@@ -103,6 +105,8 @@ def cut_to(
         plain["sim"]["devices"] = {n: v for n, v in (plain["sim"].get("devices") or {}).items() if n in devices}
         for key in ("ends_with", "duration"):
             plain["sim"].pop(key, None)
+    if scene is not None:
+        scene(plain)
     before = _build(plain, source, kept, sim)
     plain["controllers"].append(marks(before, entry))
     return _parsed(plain, source, kept)

@@ -1,4 +1,4 @@
-"""How one law is calibrated: what a session asks of it."""
+"""How one thing is calibrated: what a session asks of it."""
 
 from __future__ import annotations
 
@@ -37,18 +37,21 @@ Say = Callable[[str], None]
 
 
 class Method(ABC, Generic[T, R]):
-    """How one law is calibrated.
+    """How one thing is calibrated.
 
     Attributes:
-        law: its name.
+        name: what `srl calibrate PROFILE` calls it; by default that of the law.
+        law: the law that uses the file.
         option: of the law, that names the file.
         kind: what the file holds.
         error: what `compute` raises where nothing can be computed.
         own: options of the command line that are only this method's.
         next: the keys at the end, besides those that every method has.
         thing: what `--redo` counts.
+        personal: whether it is a person's calibration, with an id; else a device's.
     """
 
+    name: ClassVar[str] = ""
     law: ClassVar[str]
     option: ClassVar[str]
     kind: ClassVar[type[BaseModel]]
@@ -56,6 +59,10 @@ class Method(ABC, Generic[T, R]):
     own: ClassVar[tuple[str, ...]] = ()
     next: ClassVar[str] = ""
     thing: ClassVar[str]
+    personal: ClassVar[bool] = True
+
+    def __init_subclass__(cls) -> None:
+        cls.name = cls.name or cls.law
 
     def __init__(self, order: Order, checked: Profile, source: Source, target: Path, say: Say) -> None:
         """Reads what the command line says. Raises RequestError."""

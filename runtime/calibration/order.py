@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-LAWS: Final = ("ikns", "intention", "independent-operation")
-"""What can be calibrated: the laws of `runtime.calibration.session.METHODS`."""
+LAWS: Final = ("ikns", "intention", "independent-operation", "ft")
+"""What can be calibrated: the names of `runtime.calibration.session.METHODS`."""
 
 
 @dataclass(frozen=True)

@@ -52,13 +52,28 @@ class RunTaps(ABC):
         return np.zeros(len(floats), np.intp) if self.mark is None else floats[:, self.mark].astype(np.intp)
 
     def floats(self, rows: NDArray[np.int64]) -> NDArray[np.float64]:
-        """(k, n) the float64 words of rows (k, width)."""
-        found: NDArray[np.float64] = np.ascontiguousarray(rows[:, self.layout.ints :]).view(np.float64)
+        """(k, n) the float64 words of rows (k, width). A device's are NaN while it isn't there or isn't fresh.
+
+        A run isn't stopped by the loss of a device that feeds no law; then its last values stay.
+        """
+        found: NDArray[np.float64] = rows[:, self.layout.ints :].copy().view(np.float64)
+        for device in self.layout.devices:
+            if (lost := ~self._there(rows, device)).any():
+                for field in self.layout.fields.values():
+                    if field.role == "state" and field.name.partition(".")[0] == device:
+                        found[lost, field.offset : field.offset + field.size] = np.nan
         return found
 
     def active(self, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
         """(k,) whether the run was active in each of rows (k, width)."""
         found: NDArray[np.bool_] = self.layout.word(rows, "state") == int(State.ACTIVE)
+        return found
+
+    def _there(self, rows: NDArray[np.int64], device: str) -> NDArray[np.bool_]:
+        """(k,) whether a device is there and fresh in each of rows (k, width)."""
+        link = self.layout.word(rows, f"{device}.link")
+        bad = LINK_STALE | LINK_ERROR | LINK_FAULT
+        found: NDArray[np.bool_] = (link & (LINK_CONNECTED | bad)) == LINK_CONNECTED
         return found
 
     def times(self, rows: NDArray[np.int64]) -> Array:

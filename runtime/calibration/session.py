@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from runtime.calibration.ft_method import FtMethod
 from runtime.calibration.guide import Guide, QuitError
 from runtime.calibration.ikns_method import IknsMethod
 from runtime.calibration.intention_method import IntentionMethod
@@ -24,15 +25,15 @@ from runtime.calibration.target import check_target, write_record
 from runtime.calibration.task_method import TaskMethod
 from runtime.contracts.errors import RequestError, SrlError
 from runtime.control.shared.guided import Procedure, Samples
-from runtime.profile import profile
+from runtime.ipc.launch import ANONYMOUS
+from runtime.profile import profile, shelf
 from runtime.profile.profile import Profile
 from runtime.profile.source import Source
 from runtime.recording.segments import check_target as check_recording
 from runtime.service.end_signals import EndSignals
 
-ANONYMOUS: Final = r"^[A-Za-z]{0,4}[0-9]{1,6}$"  # no name fits it
 METHODS: Final[dict[str, type[Method[Any, Any]]]] = {
-    made.law: made for made in (IknsMethod, IntentionMethod, TaskMethod)
+    made.name: made for made in (IknsMethod, IntentionMethod, TaskMethod, FtMethod)
 }
 _AGAIN: Final = "r N redo number N   q quit"
 Computed = Outcome | SrlError
@@ -44,8 +45,10 @@ def run(order: Order, screen: Screen) -> int:
     for other in METHODS.values():
         for name in other.own if other is not kind else ():
             if getattr(order, name):
-                remedy = f"Leave it out, or calibrate {other.law}"
-                raise RequestError(f"--{name}", f"it is of '{other.law}', not of '{order.law}'", remedy)
+                remedy = f"Leave it out, or calibrate {other.name}"
+                raise RequestError(f"--{name}", f"it is of '{other.name}', not of '{order.law}'", remedy)
+    if order.person is not None and not kind.personal:
+        raise RequestError("--person", f"'{order.law}' is no person's", "Leave it out")
     checked, source = profile.load(order.profile, order.set)
     target = _target(order, checked, source, kind)
     method = kind(order, checked, source, target, screen.say)
@@ -56,14 +59,14 @@ def run(order: Order, screen: Screen) -> int:
         if not order.json:
             print("\n".join(method.lines(result)))
         return _finish(method, result)
-    if order.person is None:
+    if order.person is None and kind.personal:
         raise RequestError("--person", "it isn't said whose calibration it is", "Give an anonymous id: --person P07")
     before: list[Samples] = []
     if order.redo:
         _, before, _ = _recorded(method, order.before or ())
     elif order.before:
         raise RequestError("--from", "it goes with --redo", f"Say which {method.thing}: --redo 3")
-    made, text = method.cut(order.person)
+    made, text = method.cut(order.person or "")
     procedure = method.procedure(before)
     for number in order.redo or ():
         if answer := procedure.redo(number):
@@ -234,7 +237,7 @@ def _target(order: Order, checked: Profile, source: Source, kind: type[Method[An
     path = order.out or file
     if path is None:
         raise RequestError("-o", "the profile names no calibration file", "Say where it goes: -o p07.json")
-    if order.out is None and order.profile in profile.shipped() and path.is_relative_to(source.files.folder):
+    if order.out is None and order.profile in shelf.shipped() and path.is_relative_to(source.files.folder):
         problem = f"the profile '{order.profile}' comes with srl, and its calibration file would be replaced"
         raise RequestError("-o", problem, "Say where the file goes, -o p07.json, or copy the profile")
     if path.is_symlink():

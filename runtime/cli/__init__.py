@@ -4,13 +4,32 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import os
 import sys
 from collections.abc import Sequence
 
 from runtime import __version__
 from runtime.contracts.errors import SrlError
 
-COMMANDS = ("list", "check", "run", "calibrate", "stop", "twin", "replay", "export", "study", "top", "panel", "doctor")
+COMMANDS = {
+    "list": "lists drivers, controllers and profiles",
+    "check": "checks a profile and prints its wiring",
+    "run": "runs a profile",
+    "calibrate": "makes the calibration file of a person or a device",
+    "stop": "puts the limb into its safe stop",
+    "reset": "lets a stopped limb move again, from where it is",
+    "start": "lets a limb that is ready move (one without feedback begins at its home)",
+    "set": "lists the live parameters of a running instance, or changes one",
+    "twin": "opens the wire-level twins and prints their addresses",
+    "replay": "replays a recording and compares the commands",
+    "recordings": "lists the recordings of a folder; opens, exports, deletes them",
+    "export": "writes a recording as a file of other programs, or as pictures",
+    "study": "runs a paper's experiment",
+    "top": "live view of a running instance",
+    "panel": "a running instance in the browser: its live picture, or the participant's screen",
+    "doctor": "says whether this host is fit, and what mends it",
+}
+"""What each command does, in one line. It stands here so that `srl --help` imports no command."""
 MODULES = {name: name for name in COMMANDS} | {"reset": "stop", "start": "stop"}
 """In which module each command is."""
 
@@ -30,10 +49,13 @@ def _main(arguments: Sequence[str] | None) -> int:
     )  # fmt: skip
     parser.add_argument("--version", action="version", version=f"srl-runtime {__version__}")
     subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    # What another command needs takes seconds to load: `srl stop` doesn't wait for it.
-    asked = next(iter(sys.argv[1:] if arguments is None else arguments), "")
-    for name in (MODULES[asked],) if asked in MODULES else COMMANDS:
-        importlib.import_module(f"runtime.cli.{name}").add_parser(subparsers)
+    given = sys.argv[1:] if arguments is None else arguments
+    completing = "_ARGCOMPLETE" in os.environ  # a shell asks what could come next (docs/deployment.md)
+    _add_commands(subparsers, os.environ.get("COMP_LINE", "").split()[1:] if completing else given)
+    if completing:
+        from runtime.cli import completion
+
+        completion.answer(parser)
     args = parser.parse_args(arguments)
     try:
         return int(args.run(args))
@@ -45,10 +67,23 @@ def _main(arguments: Sequence[str] | None) -> int:
         return 0
 
 
+def _add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser], given: Sequence[str]) -> None:
+    """Adds all commands. Only the module of the one that is asked for is imported: some take seconds to load."""
+    asked = next((word for word in given if not word.startswith("-")), "")
+    for name, text in COMMANDS.items():
+        if name in subparsers.choices:
+            continue  # by the module of another command
+        if MODULES[name] == MODULES.get(asked):
+            importlib.import_module(f"runtime.cli.{MODULES[name]}").add_parser(subparsers)
+        else:
+            subparsers.add_parser(name, help=text)
+
+
 def add_command(
-    subparsers: argparse._SubParsersAction[argparse.ArgumentParser], name: str, text: str, example: str
+    subparsers: argparse._SubParsersAction[argparse.ArgumentParser], name: str, example: str
 ) -> argparse.ArgumentParser:
-    """Adds a subcommand's parser with one line of help and an example."""
+    """Adds a subcommand's parser with its line of help and an example."""
+    text = COMMANDS[name]
     return subparsers.add_parser(
         name, help=text, description=f"{text[0].upper()}{text[1:]}.", epilog=f"example:\n  {example}",
         formatter_class=argparse.RawDescriptionHelpFormatter,

@@ -1,4 +1,4 @@
-"""`srl calibrate`: makes a person's calibration file, guided, from the simulated wearer, or from a recording."""
+"""`srl calibrate`: makes the calibration file of a person or a device: guided, simulated, or from a recording."""
 
 from __future__ import annotations
 
@@ -16,9 +16,7 @@ if TYPE_CHECKING:
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Registers the command."""
-    parser = add_command(
-        subparsers, "calibrate", "makes a person's calibration file", "srl calibrate my-arm.yaml ikns --person P07"
-    )
+    parser = add_command(subparsers, "calibrate", "srl calibrate my-arm.yaml ikns --person P07")
     parser.add_argument("profile", help="a name under profiles/, or a path to a YAML file")
     parser.add_argument("law", choices=LAWS, help="what is calibrated")
     parser.add_argument("--person", metavar="ID", help="anonymous id, such as P07")
@@ -26,7 +24,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument(
         "--yes", action="store_true", help="replace a file that is there; it is kept as FILE.old, FILE.old.2, ..."
     )
-    parser.add_argument("--sim", action="store_true", help="the simulated wearer does it, as fast as it goes")
+    parser.add_argument("--sim", action="store_true", help="a simulated person does it, as fast as it goes")
     parser.add_argument("--record", type=Path, metavar="FILE.rrd", help="where every row goes; a person's always do")
     parser.add_argument("--view", action="store_true", help="show a person's motion in the rerun viewer (127.0.0.1)")
     parser.add_argument(
@@ -34,7 +32,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     parser.add_argument("--from", dest="before", type=Path, nargs="+", metavar="FILE.rrd", help="with --redo")
     parser.add_argument(
-        "--redo", type=int, nargs="+", metavar="N", help="do only these points or actions again; needs --from"
+        "--redo", type=int, nargs="+", metavar="N", help="do only these points, actions or poses again; needs --from"
     )
     parser.add_argument("--dofs", metavar="NAMES", help="degrees of freedom; default: swivel")
     parser.add_argument("--points", type=int, metavar="N", help="number of points; default: 10")
@@ -60,6 +58,6 @@ def run(args: argparse.Namespace) -> int:
 
     screen: Screen = Plain(lambda text: print(text, file=sys.stderr, flush=True))
     if sys.stderr.isatty() and not args.json:
-        screen = Terminal(f"srl calibrate {args.profile} {args.law}: {args.person}")
+        screen = Terminal(f"srl calibrate {args.profile} {args.law}{f': {args.person}' if args.person else ''}")
     given = {name: value for name, value in vars(args).items() if name in Order.__dataclass_fields__}
     return session.run(Order(**given), screen)

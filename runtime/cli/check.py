@@ -11,7 +11,7 @@ from runtime.cli import add_command
 from runtime.contracts import registry
 from runtime.contracts.errors import WiringError
 from runtime.guard import GUARDS
-from runtime.profile import profile, wiring
+from runtime.profile import profile, shelf, wiring
 from runtime.profile.connections import connections, transforms, untaken
 from runtime.profile.graph import Graph
 from runtime.profile.option_tree import files, listed
@@ -19,7 +19,7 @@ from runtime.profile.option_tree import files, listed
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Registers the command."""
-    parser = add_command(subparsers, "check", "checks a profile and prints its wiring", "srl check sixth-finger")
+    parser = add_command(subparsers, "check", "srl check sixth-finger")
     parser.add_argument("profile", nargs="?", help="a name under profiles/, or a path to a YAML file")
     parser.add_argument("--sim", nargs="*", metavar="DEVICE", help="as for run: simulate these devices, or all")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="as for run")
@@ -36,10 +36,11 @@ def run(args: argparse.Namespace) -> int:
     if args.profile is None:
         from runtime.contracts.errors import ProfileError
 
-        raise ProfileError("srl check", "no profile is named", f"One of: {', '.join(profile.shipped())}")
+        raise ProfileError("srl check", "no profile is named", f"One of: {', '.join(shelf.shipped())}")
     checked, source = profile.load(args.profile, args.set)
     graph = wiring.build(checked, source, args.sim)
     guards = check_guards(graph)
+    check_certificates(graph)
     remarks = {name: cleared.clearance.remarks() for name, cleared in graph.clearances.items()}
     judges = {name: cleared.clearance for name, cleared in graph.clearances.items()}
     options = listed(checked, graph.devices, graph.controllers, graph.world, judges)
@@ -54,6 +55,7 @@ def run(args: argparse.Namespace) -> int:
             "untaken": untaken(graph),
             "files": {path: {"path": str(f.path), "sha256": f.sha256} for path, f in read.items()},
             "doubts": graph.doubts,
+            "remarks": graph.remarks,
             "commands": guards,
             "clearances": remarks,
             "listed_options": options,
@@ -84,6 +86,8 @@ def run(args: argparse.Namespace) -> int:
         print(f"  file {path}: {file.path}, sha256 {file.sha256}")
     for doubt in graph.doubts:
         print(f"  doubted: {doubt}")
+    for remark in graph.remarks:
+        print(f"  {remark}")
     if left := untaken(graph):
         print(f"  nothing takes {', '.join(left)}")
     for name, category in guards.items():
@@ -122,6 +126,20 @@ def check_guards(graph: Graph) -> dict[str, str]:
                 raise
         categories[actuator.name] = str(actuator.category)
     return categories
+
+
+def check_certificates(graph: Graph) -> None:
+    """Reads the certificates of the bus and of real devices, which belong to this host and not to the profile.
+
+    Raises:
+        ProfileError: one is missing, can't be read, or doesn't fit.
+    """
+    given = [("bus.tls", graph.profile.bus.tls if graph.profile.bus is not None else None)]
+    real = [device for device in graph.devices if device.name not in graph.simulated]
+    given += [(f"devices.{device.name}.tls", getattr(device.config, "tls", None)) for device in real]
+    for path, tls in given:
+        if tls is not None:
+            tls.check(graph.source.place(path))
 
 
 def listed_limits(graph: Graph, command: str) -> dict[str, dict[str, float]]:

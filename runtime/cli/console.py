@@ -7,6 +7,7 @@ with structured fields.
 
 from __future__ import annotations
 
+import io
 import os
 import select
 import socket
@@ -29,7 +30,10 @@ class Console:
 
     def __init__(self, stream: TextIO, journal: str = JOURNAL) -> None:
         """`journal` is the socket for entries, used if JOURNAL_STREAM shows that systemd is present."""
-        self._descriptor = stream.fileno()
+        try:
+            self._descriptor: int | None = stream.fileno()
+        except io.UnsupportedOperation:  # a stream in memory, in the place of a caller's standard error
+            self._descriptor = None
         self.terminal = stream.isatty()
         self.dropped = 0
         self.fields: dict[str, str] = {}
@@ -50,7 +54,7 @@ class Console:
         """Writes a text as it is, at once or not at all."""
         data = text.encode(errors="replace")[: select.PIPE_BUF]  # as much as a ready pipe takes without blocking
         try:
-            if select.select([], [self._descriptor], [], 0)[1]:
+            if self._descriptor is not None and select.select([], [self._descriptor], [], 0)[1]:
                 os.write(self._descriptor, data)
                 return
         except OSError:

@@ -17,9 +17,7 @@ _MARKS = {"good": "ok", "doubtful": "??", "bad": "!!"}
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Registers the command."""
-    parser = add_command(
-        subparsers, "doctor", "says whether this host is fit, and what mends it", "srl doctor sixth-finger"
-    )
+    parser = add_command(subparsers, "doctor", "srl doctor sixth-finger")
     parser.add_argument("profile", nargs="?", help="take the rate and the ports from this profile")
     parser.add_argument("--rate", help="Hz; default: the profile's, else 100")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="as for run")

@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from runtime.cli import add_command
+from runtime.cli.status import working
 from runtime.contracts.errors import ProfileError, RequestError
 
 if TYPE_CHECKING:
     from runtime.recording.reader import Recording
 
 STILLS = 10  # instants, unless they are given
+OUTPUTS = ("bvh", "stills", "film", "tree")
 SIDES = ("front", "back", "left", "right")
 
 
@@ -23,10 +25,14 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser = add_command(
         subparsers,
         "export",
-        "writes a recording as a file of other programs, or as pictures",
-        "srl export run.rrd --bvh run.bvh --stills run.png --tree tree.png",
+        "srl export run.rrd --parquet run.parquet --mcap run.mcap",
     )
     parser.add_argument("recording", type=Path, help="FILE.rrd, or a folder of segments (a torn tail is salvaged)")
+    parser.add_argument("--parquet", metavar="FILE", type=Path, help="a table: a row a cycle, a column a number")
+    parser.add_argument("--mcap", metavar="FILE", type=Path, help="ROS 2's messages, for Foxglove and PlotJuggler")
+    parser.add_argument("--c3d", metavar="FILE", type=Path, help="a body's points and the devices' other numbers")
+    parser.add_argument("--bids", metavar="FOLDER", type=Path, help="a data set in BIDS-Motion, made or added to")
+    parser.add_argument("--person", metavar="ID", help="with --bids: whose it is, where the recording doesn't say")
     parser.add_argument("--bvh", metavar="FILE", type=Path, help="the moving skeleton (law skeleton)")
     parser.add_argument("--page", metavar="FILE.png", type=Path, help="with --bvh: a picture of the file's text")
     parser.add_argument("--tree", metavar="FILE.png", type=Path, help="a picture of the skeleton's node tree")
@@ -34,14 +40,21 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument(
         "--at", metavar="S", type=float, nargs="+", help="the instants of --stills, s from the beginning"
     )
+    parser.add_argument("--film", metavar="FILE.gif", type=Path, help="a moving picture")
+    parser.add_argument(
+        "--between", metavar="S", type=float, nargs=2,
+        help="begin and end of --film, s from the beginning; default: while the limb was active",
+    )  # fmt: skip
     parser.add_argument(
         "--show", metavar="NAME", nargs="+", help="in pictures: these signals or parts only, e.g. 'right SRL'"
     )
     parser.add_argument(
         "--names", metavar="PART", nargs="+", help="with --stills: names the nodes of these parts, e.g. 'right SRL'"
     )
-    parser.add_argument("--side", choices=SIDES, help="with --stills: whence one looks; default: front, a bit aside")
-    parser.add_argument("--rate", metavar="HZ", help="frames per second; default: the profile's rate")
+    parser.add_argument("--side", choices=SIDES, help="whence one looks; default: front, a bit aside")
+    parser.add_argument(
+        "--rate", metavar="HZ", help="frames per second; default: the profile's rate for --bvh, 12.5 for --film"
+    )
     parser.add_argument("--law", metavar="NAME", help="the law whose inputs are written, where there are several")
     parser.add_argument("--json", action="store_true", help="one JSON object")
     parser.set_defaults(run=run)
@@ -49,25 +62,47 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> int:
     """Returns 0."""
-    from runtime.recording.reader import read
+    from runtime.export.formats import ENDINGS, FORMATS
 
-    if args.bvh is None and args.stills is None and args.tree is None:
-        raise RequestError(
-            "--bvh, --stills, --tree",
-            "nothing is to be written",
-            "Add --bvh FILE, --stills FILE.png or --tree FILE.png",
-        )
+    forms = (*FORMATS, *OUTPUTS)
+    if all(getattr(args, form) is None for form in forms):
+        problem = "nothing is to be written"
+        raise RequestError(", ".join(f"--{form}" for form in forms), problem, "Add --parquet FILE, or another")
+    for form, ending in ENDINGS.items():
+        if getattr(args, form) is not None and getattr(args, form).suffix != ending:
+            problem = f"the name {getattr(args, form)} doesn't end in {ending}"
+            raise RequestError(f"--{form}", problem, f"Name it like run{ending}")
+    for form in (*forms, "page"):
+        target = getattr(args, form)
+        if target is not None and (target.suffix == ".rrd" or target.resolve() == args.recording.resolve()):
+            raise RequestError(f"--{form}", f"{target} is a recording, and would be lost", "Choose another name")
     for option, needed in (
-        ("rate", ("bvh",)), ("law", ("bvh",)), ("page", ("bvh",)), ("at", ("stills",)), ("names", ("stills",)),
-        ("side", ("stills",)), ("show", ("stills", "tree", "page")),
+        ("rate", ("bvh", "film", "c3d")), ("person", ("bids",)), ("law", ("bvh",)), ("page", ("bvh",)),
+        ("at", ("stills",)), ("names", ("stills",)), ("side", ("stills", "film")), ("between", ("film",)),
+        ("show", ("stills", "film", "tree", "page")),
     ):  # fmt: skip
         if getattr(args, option) is not None and all(getattr(args, other) is None for other in needed):
             others = ", ".join(f"--{other}" for other in needed)
             raise RequestError(f"--{option}", f"it is for {others}", f"Add --{needed[0]} FILE, or leave it out")
+    with working(f"{args.recording} is exported"):
+        figures, said, missing = _export(args)
+    if args.json:
+        print(json.dumps(figures))
+        return 0
+    if missing:
+        print(f"{missing} rows are missing; where a format has no gaps, what was before them is held")
+    print("\n".join(said))
+    return 0
+
+
+def _export(args: argparse.Namespace) -> tuple[dict[str, object], list[str], int]:
+    """Writes what is asked for; returns the figures, the lines about them, and the number of missing rows."""
+    from runtime.recording.reader import read
+
     recording = read(args.recording)
     missing = sum(last - first + 1 for first, last in recording.missing)
     figures: dict[str, object] = {"recording": str(args.recording), "missing_rows": missing}
-    said = []
+    said = _data(recording, args, figures)
     if args.bvh is not None:
         frames, law, period = _bvh(recording, args)
         figures |= {"frames": frames, "period": period, "law": law, "file": str(args.bvh)}
@@ -90,13 +125,32 @@ def run(args: argparse.Namespace) -> int:
         stills.draw(recording, args.stills, times, args.names or (), args.show or (), args.side)
         figures |= {"stills": str(args.stills), "at": times}
         said.append(f"{args.stills}: {len(times)} instants")
-    if args.json:
-        print(json.dumps(figures))
-        return 0
-    if missing:
-        print(f"{missing} rows are missing; the pose before them is held")
-    print("\n".join(said))
-    return 0
+    if args.film is not None:
+        from runtime.recorder import film
+
+        rate = film.RATE if args.rate is None else float(_rate(args.rate))
+        between = None if args.between is None else (args.between[0], args.between[1])
+        count, period = film.draw(recording, args.film, between, rate, tuple(args.show or ()), args.side)
+        figures |= {"film": str(args.film), "pictures": count, "film_period": period}
+        said.append(f"{args.film}: {count} pictures, {1.0 / period:g} a second")
+    return figures, said, missing
+
+
+def _data(recording: Recording, args: argparse.Namespace, figures: dict[str, object]) -> list[str]:
+    """Writes the files of data; returns what to say of them."""
+    from runtime.export import formats
+
+    said = []
+    for form in formats.FORMATS:
+        target = getattr(args, form)
+        if target is None:
+            continue
+        rate = _rate(args.rate) if args.rate is not None else None
+        report = formats.write(form, recording, target, rate=rate, person=args.person)
+        figures[form] = {"files": [str(p) for p in report.files], "left_out": report.left_out}
+        said.append(f"{target}: {report.content}")
+        said += [f"  left out: {line}" for line in report.left_out]
+    return said
 
 
 def _bvh(recording: Recording, args: argparse.Namespace) -> tuple[int, str, float]:

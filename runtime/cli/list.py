@@ -9,12 +9,12 @@ from typing import Any
 from runtime.cli import add_command
 from runtime.contracts import registry
 from runtime.contracts.errors import SrlError
-from runtime.profile import profile
+from runtime.profile import shelf
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Registers the command."""
-    parser = add_command(subparsers, "list", "lists drivers, controllers and profiles", "srl list --json")
+    parser = add_command(subparsers, "list", "srl list --json")
     parser.add_argument("--json", action="store_true", help="one JSON object")
     parser.set_defaults(run=run)
 
@@ -44,8 +44,8 @@ def _drivers() -> list[dict[str, Any]]:
     for name in registry.names("drivers"):
         item: dict[str, Any] = {"name": name, "fake": name in fakes, "twin": name in twins}
         try:
-            cls = registry.load("drivers", name, f"driver {name}")
-            item |= {"summary": cls.summary, "states": cls.gives, "commands": cls.takes}
+            said = registry.describe("drivers", name, ("summary", "gives", "takes"))
+            item |= {"summary": said["summary"], "states": said["gives"], "commands": said["takes"]}
         except SrlError as error:
             item |= {"summary": str(error), "states": [], "commands": []}
         found.append(item)
@@ -56,7 +56,7 @@ def _summaries(group: str) -> list[dict[str, Any]]:
     found = []
     for name in registry.names(group):
         try:
-            summary = registry.load(group, name, f"{group.removesuffix('s')} {name}").summary
+            summary = registry.describe(group, name, ("summary",))["summary"]
         except SrlError as error:
             summary = str(error)
         found.append({"name": name, "summary": summary})
@@ -65,9 +65,13 @@ def _summaries(group: str) -> list[dict[str, Any]]:
 
 def _profiles() -> list[dict[str, Any]]:
     found = []
-    for name in profile.shipped():
+    for name in shelf.shipped():
         try:
-            summary = profile.load(name)[0].summary
+            summary = shelf.summary(name)
+            if summary is None:
+                from runtime.profile import profile
+
+                summary = profile.load(name)[0].summary
         except SrlError as error:
             summary = str(error)
         found.append({"name": name, "summary": summary})

@@ -23,8 +23,7 @@ REST = 5.0  # s between the demonstration's trials
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Registers the command."""
     parser = add_command(
-        subparsers, "panel", "a running instance in the browser: its live picture, or the participant's screen",
-        "srl panel human-srl",
+        subparsers, "panel", "srl panel human-srl",
     )  # fmt: skip
     parser.add_argument("instance", nargs="?", help="its name; not needed where only one runs")
     parser.add_argument(

@@ -7,15 +7,14 @@ import json
 from pathlib import Path
 
 from runtime.cli import add_command
+from runtime.cli.status import working
 from runtime.contracts.errors import RecordingError
 from runtime.loop.replay import perturbed, replay
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Registers the command."""
-    parser = add_command(
-        subparsers, "replay", "replays a recording and compares the commands", "srl replay hand.rrd --json"
-    )
+    parser = add_command(subparsers, "replay", "srl replay hand.rrd --json")
     parser.add_argument("recording", type=Path, help="FILE.rrd, or a folder of segments (a torn tail is salvaged)")
     parser.add_argument(
         "--perturb", metavar="SIGNAL:CYCLE:AMOUNT", help="move one input sample first: the comparison must then fail"
@@ -28,15 +27,16 @@ def run(args: argparse.Namespace) -> int:
     """Returns 0 if every bit is the same, else 1."""
     from runtime.recording.reader import read
 
-    recording = read(args.recording)
-    place = str(args.recording)
-    if recording.missing:
-        first, last = recording.missing[0]
-        raise RecordingError(
-            place, f"rows {first} to {last} are missing, so it can't be replayed", "Use a whole recording"
-        )
-    rows = recording.rows if args.perturb is None else perturbed(recording.layout, recording.rows, args.perturb)
-    comparison = replay(recording.layout, rows, place)
+    with working(f"{args.recording} is replayed"):
+        recording = read(args.recording)
+        place = str(args.recording)
+        if recording.missing:
+            first, last = recording.missing[0]
+            raise RecordingError(
+                place, f"rows {first} to {last} are missing, so it can't be replayed", "Use a whole recording"
+            )
+        rows = recording.rows if args.perturb is None else perturbed(recording.layout, recording.rows, args.perturb)
+        comparison = replay(recording.layout, rows, place)
     if args.json:
         print(json.dumps(comparison.figures() | {"recording": place, "salvaged_bytes": recording.salvaged}))
     else:

@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from runtime.cli import add_command, wearer
-from runtime.cli.check import check_guards
+from runtime.cli.check import check_certificates, check_guards
 from runtime.cli.console import Console
 from runtime.cli.status import Status
 from runtime.contracts.errors import HostError, RequestError
 from runtime.contracts.files import encoded
 from runtime.ipc import latches
-from runtime.ipc.launch import Launch
+from runtime.ipc.launch import ANONYMOUS, Launch
 from runtime.ipc.run_folder import RunFolder
 from runtime.ipc.words import Cause
 from runtime.profile import profile, wiring
@@ -29,19 +29,19 @@ from runtime.service.summary import Summary
 from runtime.service.supervisor import Supervisor, state_dir
 
 REFRESH = 0.1  # s between two readings of the rows
+PICTURES = (".png", ".jpg", ".jpeg", ".webp", ".pdf", ".svg", ".eps")
 _WELL = (Cause.NONE, Cause.REQUEST, Cause.END, Cause.RESTART)  # causes of a stop in which a run may end well
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Registers the command."""
-    parser = add_command(
-        subparsers, "run", "runs a profile", "srl run sixth-finger --sim --duration 20 --record hand.rrd"
-    )
+    parser = add_command(subparsers, "run", "srl run sixth-finger --sim --duration 20 --record hand.rrd")
     parser.add_argument("profile", help="a name under profiles/, or a path to a YAML file")
     parser.add_argument("--sim", nargs="*", metavar="DEVICE", help="simulate these devices; without a name, all")
     parser.add_argument("--fast", action="store_true", help="simulated time as fast as it goes (all devices simulated)")
     parser.add_argument("--duration", type=float, metavar="S", help="end after so many seconds of the loop's time")
     parser.add_argument("--record", type=Path, metavar="FILE.rrd", help="record every cycle")
+    parser.add_argument("--person", metavar="ID", help="with --record: whose run it is, an anonymous id such as P07")
     parser.add_argument("--figure", type=Path, metavar="FILE.png", help="draw what happened, from the recording")
     parser.add_argument("--view", action="store_true", help="show it live in the rerun viewer (127.0.0.1 only)")
     parser.add_argument("--wearer", metavar="FILE", help="the simulated person repeats this recording")
@@ -58,14 +58,20 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 def run(args: argparse.Namespace) -> int:
     """Runs until the duration is over, a signal arrives, or a fault ends the run."""
     with EndSignals() as signals:
-        return _run(args, signals)
+        status = Status(Console(sys.stderr), quiet=args.json)
+        try:
+            return _run(args, signals, status)
+        finally:
+            status.clear()
 
 
-def _run(args: argparse.Namespace, signals: EndSignals) -> int:
+def _run(args: argparse.Namespace, signals: EndSignals, status: Status) -> int:
     _check_names()
+    status.wait(f"{args.profile}: its parts are put together")
     checked, source = profile.load(args.profile, wearer.overrides(args.profile, args.set, args.wearer))
     graph = wiring.build(checked, source, args.sim)
     check_guards(graph)
+    check_certificates(graph)
     _check_arguments(args, graph)
     name = args.instance or checked.name
     if not re.match(profile.SLUG, name):
@@ -75,14 +81,13 @@ def _run(args: argparse.Namespace, signals: EndSignals) -> int:
     cycles = round(args.duration * float(checked.rate)) if args.duration is not None else _wearers_end(graph)
     where = RunFolder.of(name)
     where.claim()
-    console = Console(sys.stderr)
     standing: Standing | None = None
     supervisor: Supervisor | None = None
     well = False
     try:
         # Only what stopped a real limb outlives its run.
         if any(graph.devices[a.device].name not in graph.simulated for a in graph.actuators):
-            standing = Standing(state, console.say)
+            standing = Standing(state, status.line)
         record = args.record
         if args.figure is not None and record is None:
             record = where.path / "figure.rrd"
@@ -90,17 +95,19 @@ def _run(args: argparse.Namespace, signals: EndSignals) -> int:
         launch = Launch(
             source.label, source.text, list(source.overrides), str(source.files.folder), encoded(source.files.kept),
             args.sim, args.fast, cycles, automatic, [] if standing is None else latches.names(standing.latches),
-            record is not None,
+            record is not None, args.person or "",
         )  # fmt: skip
         telemetry = helpers(where, checked.bus is not None, record, args.view)
-        supervisor = Supervisor(where, launch, state, telemetry, console.say)
+        supervisor = Supervisor(where, launch, state, telemetry, status.line)
         signals.pass_to(supervisor.end)
-        result = _supervise(supervisor, standing, args, advice, console)
+        result = _supervise(supervisor, standing, args, advice, status)
         if supervisor.error is not None:
             raise supervisor.error
         if args.figure is not None and record is not None:
+            status.wait(f"{args.figure} is drawn")
             _draw(record, args.figure)
-        code = _report(supervisor, result, args, console)
+            status.clear()
+        code = _report(supervisor, result, args, status)
         well = code == 0
     finally:
         if standing is not None:
@@ -111,32 +118,40 @@ def _run(args: argparse.Namespace, signals: EndSignals) -> int:
 
 
 def _supervise(
-    supervisor: Supervisor, standing: Standing | None, args: argparse.Namespace, advice: str, console: Console
+    supervisor: Supervisor, standing: Standing | None, args: argparse.Namespace, advice: str, status: Status
 ) -> dict[str, Any]:
     """Starts the supervisor, runs it until the end, and returns the figures."""
-    status = Status(console, quiet=args.json)
+    begun = time.monotonic()
     summary: Summary | None = None
     next_look = 0.0
     supervisor.start()
     while supervisor.step():
         if standing is not None and supervisor.running and supervisor.rows is not None:
             standing.follow(supervisor.rows)
-        if not supervisor.running or time.monotonic() < next_look:
+        if time.monotonic() < next_look:
             continue
         next_look = time.monotonic() + REFRESH
+        if not supervisor.running:
+            if summary is None:
+                status.wait(f"{args.profile}: the devices are opened, {time.monotonic() - begun:.0f} s")
+            continue
         if summary is None:
             summary = _summary(supervisor)
             if advice:
-                console.say(advice)
+                status.line(advice)
         if summary is not None:
             _show(supervisor, summary, status)
     summary = summary or _summary(supervisor)
     if summary is not None:
         _show(supervisor, summary, status)
-    status.end()
+        status.end()
+    status.clear()
+    if args.record is not None:
+        status.wait(f"{args.record} is completed")
     failed = supervisor.finish()
+    status.clear()
     if "recorder" in failed:
-        console.say("the recording is NOT complete; what was saved is in its .segments folder")
+        status.line("the recording is NOT complete; what was saved is in its .segments folder")
     return (summary.figures() if summary is not None else {}) | {"recording_complete": "recorder" not in failed}
 
 
@@ -154,7 +169,7 @@ def _show(supervisor: Supervisor, summary: Summary, status: Status) -> None:
     status.show(summary)
 
 
-def _report(supervisor: Supervisor, result: dict[str, Any], args: argparse.Namespace, console: Console) -> int:
+def _report(supervisor: Supervisor, result: dict[str, Any], args: argparse.Namespace, status: Status) -> int:
     cause = Cause[result.get("cause", "none").upper()]
     code = 0 if cause in _WELL and result["recording_complete"] else 1
     result["instance"] = supervisor.run_folder.path.name
@@ -170,12 +185,12 @@ def _report(supervisor: Supervisor, result: dict[str, Any], args: argparse.Names
             "black_box": str(death.black_box) if death.black_box else None,
         }
         rows = f"The last rows are in {death.black_box}. " if death.black_box else ""
-        console.say(
+        status.line(
             f"{death.how}; the actuators had their stop {death.stopped_after_ms:.1f} ms after its last sign of life. "
             f"{rows}Find the cause before the next run, which begins in the stop."
         )
     elif cause not in _WELL:
-        console.say(f"ended in a fault: {cause.name.lower().replace('_', ' ')} {result['culprit']}".rstrip())
+        status.line(f"ended in a fault: {cause.name.lower().replace('_', ' ')} {result['culprit']}".rstrip())
     if args.json:
         print(json.dumps(result))
     return code
@@ -220,12 +235,19 @@ def _check_arguments(args: argparse.Namespace, graph: Graph) -> None:
         )
     if args.wearer and args.sim is None:
         raise RequestError("--wearer", "only a simulated person repeats a recording", "Add --sim")
+    if args.person is not None and args.record is None:
+        raise RequestError("--person", "nothing is recorded that could say it", "Add --record FILE.rrd")
+    if args.person is not None and not re.fullmatch(ANONYMOUS, args.person):
+        problem = f"'{args.person}' isn't anonymous: up to four letters, then a number"
+        raise RequestError("--person", problem, "Number the persons, P07, and keep their names elsewhere")
     if args.record is not None:
         from runtime.recording.segments import check_target
 
         check_target(args.record)
     if args.figure is not None and not args.figure.absolute().parent.is_dir():
         raise RequestError("--figure", f"there is no folder {args.figure.parent}", "Make it first")
+    if args.figure is not None and args.figure.suffix.lower() not in PICTURES:  # else it would fail after the run
+        raise RequestError("--figure", f"'{args.figure.name}' isn't named as a picture", "Name it like run.png")
 
 
 def _check_names() -> None:

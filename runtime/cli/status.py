@@ -1,9 +1,15 @@
-"""The live status line of `srl run`: rewritten in place on a terminal, otherwise printed every 10 s."""
+"""The live status line of `srl run`: rewritten in place on a terminal, otherwise printed every 10 s.
+
+`working` is the sign of life of commands that compute for more than a moment, without rows.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import shutil
+import sys
 import time
+from collections.abc import Iterator
 
 from runtime.cli.console import Console
 from runtime.ipc import latches
@@ -42,13 +48,24 @@ class Status:
             self._next = time.monotonic() + _EVERY
         text = _line(summary, cause)
         if self._console.terminal:
-            width = shutil.get_terminal_size().columns - 1
-            self._console.write(f"\r\033[2K{text[:width]}")
-            self._shown = True
+            self.wait(text)
         else:
             self._console.say(text, Level.INFO)
 
-    def line(self, text: str, level: Level) -> None:
+    def wait(self, text: str) -> None:
+        """Shows on a terminal what goes on while there are no rows: a sign of life, rewritten in place."""
+        if self._console.terminal and not self._quiet:
+            width = shutil.get_terminal_size().columns - 1
+            self._console.write(f"\r\033[2K{text[:width]}")
+            self._shown = True
+
+    def clear(self) -> None:
+        """Takes the line away."""
+        if self._shown:
+            self._console.write("\r\033[2K")
+            self._shown = False
+
+    def line(self, text: str, level: Level = Level.WARNING) -> None:
         """Writes a message on a line of its own, above the status."""
         if self._shown:
             self._console.write("\r\033[2K")
@@ -77,3 +94,15 @@ def _line(summary: Summary, cause: Cause) -> str:
         f"{summary.state.name:<8}{why} {seconds:7.1f} s{factor}  cycle {p50:.0f} us (p99 {p99:.0f})  "
         f"overruns {summary.word('overruns')}  {devices}"
     )
+
+
+@contextlib.contextmanager
+def working(text: str) -> Iterator[None]:
+    """Shows on a terminal that a command is at work, and takes the line away at the end. Nothing elsewhere."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    from rich.console import Console as Terminal
+
+    with Terminal(stderr=True).status(text):
+        yield

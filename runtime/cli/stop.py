@@ -12,17 +12,13 @@ from runtime.contracts.errors import RequestError
 from runtime.ipc.control_socket import send_request
 from runtime.ipc.run_folder import RunFolder
 
-_TEXTS = {
-    "stop": "puts the limb into its safe stop",
-    "reset": "lets a stopped limb move again, from where it is",
-    "start": "lets a limb that is ready move (one without feedback begins at its home)",
-}
+_NAMES = ("stop", "reset", "start")
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Registers the three commands."""
-    for name, text in _TEXTS.items():
-        parser = add_command(subparsers, name, text, f"srl {name} sixth-finger")
+    for name in _NAMES:
+        parser = add_command(subparsers, name, f"srl {name} sixth-finger")
         parser.add_argument("instance", nargs="?", help="default: the only one that runs")
         parser.add_argument("--json", action="store_true", help="print the loop's answer as one JSON object")
         if name == "stop":

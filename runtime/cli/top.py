@@ -32,7 +32,7 @@ _PHASES = ("read", "control", "guard", "write", "log")
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Registers the command."""
-    parser = add_command(subparsers, "top", "live view of a running instance", "srl top sixth-finger")
+    parser = add_command(subparsers, "top", "srl top sixth-finger")
     parser.add_argument("instance", nargs="?", help="its name; not needed where only one runs")
     parser.add_argument("--once", action="store_true", help="print one frame as plain text")
     parser.add_argument("--json", action="store_true", help="print one JSON object")

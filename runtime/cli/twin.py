@@ -25,13 +25,12 @@ from runtime.profile.graph import Graph
 
 RATE = Fraction(1000)  # Hz, how often the world is stepped and the twins check their links
 LOG_PERIOD = 10_000_000  # ns of world time between rows of the log
+LAST_WORDS = 50_000_000  # ns, how long the twins still hear what was sent before the end
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Registers the command."""
-    parser = add_command(
-        subparsers, "twin", "opens the wire-level twins and prints their addresses", "srl twin sixth-finger"
-    )
+    parser = add_command(subparsers, "twin", "srl twin sixth-finger")
     parser.add_argument("profile", help="a name under profiles/, or a path to a YAML file")
     parser.add_argument("devices", nargs="*", metavar="DEVICE", help="default: all that have a twin")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of the profile")
@@ -51,6 +50,8 @@ def run(args: argparse.Namespace) -> int:
     checked, source = profile.load(args.profile, wearer.overrides(args.profile, args.set, args.wearer))
     graph = wiring.build(checked, source, [])
     assert graph.world is not None
+    for line in (*(f"doubted: {doubt}" for doubt in graph.doubts), *graph.remarks):
+        print(line, file=sys.stderr)
     twins = make_twins(graph, args.devices)
     for name, twin in twins.items():
         if args.link is not None:
@@ -68,6 +69,8 @@ def run(args: argparse.Namespace) -> int:
         _serve(graph.world, twins, args, ended, log)
         if args.json:
             print(json.dumps({"figures": {name: twin.figures() for name, twin in twins.items()}}), flush=True)
+        else:
+            _tell_refused(twins)
     finally:
         for twin in twins.values():
             twin.close()
@@ -110,6 +113,7 @@ def _serve(world: World, twins: dict[str, Twin], args: argparse.Namespace, ended
     clock.start()
     start = clock.tick.deadline
     addresses = {name: twin.address for name, twin in twins.items()}
+    due = start
     while not ended:
         tick = clock.wait()
         elapsed = tick.deadline - start
@@ -117,6 +121,8 @@ def _serve(world: World, twins: dict[str, Twin], args: argparse.Namespace, ended
             break
         # Missed ticks are made up step by step: a device's own watchdogs must see the time pass.
         for due in range(tick.deadline - tick.missed * clock.period, tick.deadline + 1, clock.period):
+            if ended:
+                break  # a machine that is too slow for the world would never be done
             world.advance(round((due - start) * args.speed))
             for twin in twins.values():
                 twin.service(due)
@@ -128,6 +134,19 @@ def _serve(world: World, twins: dict[str, Twin], args: argparse.Namespace, ended
             if twin.address != addresses[name]:
                 addresses[name] = twin.address
                 _say(f"{name} is at {twin.address}" if twin.address else f"{name} is gone", args.json)
+    # What a client had sent before the end is still on its way through the port.
+    for last in range(due, due + LAST_WORDS, clock.period):
+        world.advance(round((last - start) * args.speed))
+        for twin in twins.values():
+            twin.service(last)
+
+
+def _tell_refused(twins: dict[str, Twin]) -> None:
+    """Prints what the twins refused, and how often."""
+    for name, twin in twins.items():
+        refused = twin.figures().get("refused")
+        if isinstance(refused, dict) and refused:
+            print(f"{name} refused: " + ", ".join(f"{what} ({count})" for what, count in refused.items()), flush=True)
 
 
 def _announce(args: argparse.Namespace, twins: dict[str, Twin]) -> None:

@@ -123,11 +123,10 @@ def _plain_names(n: int) -> tuple[str, ...]:
 
 
 class HandModel(Model):
-    """A human hand of 20 joints (`runtime.control.hand.human_hand`).
+    """A human hand of 20 joints (`runtime.control.hand.human_hand`), with its wearer's own ranges where they are known.
 
     Attributes:
         names: (20) of the joints.
-        ranges: (20, 2) rad, lower and upper limit of each.
     """
 
     kind: Literal["hand"] = "hand"
@@ -135,8 +134,30 @@ class HandModel(Model):
     length: float = Field(
         default=MODEL_LENGTH, gt=0.12, lt=0.26, description="m, from the wrist crease to the tip of the middle finger"
     )
+    lower: dict[str, float] = Field(default_factory=dict, description="rad, of joints whose lower limit is known")
+    upper: dict[str, float] = Field(default_factory=dict, description="rad, of joints whose upper limit is known")
     names: ClassVar[tuple[str, ...]] = JOINTS
-    ranges: ClassVar[Array] = RANGES
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        for joint in (*self.lower, *self.upper):
+            if joint not in JOINTS:
+                raise OptionError(f"a hand has no joint '{joint}'", nearest(joint, JOINTS))
+        if not np.isfinite(self.ranges).all():
+            raise ValueError("lower and upper must be finite")
+        for joint, (low, high) in zip(JOINTS, self.ranges.tolist(), strict=True):
+            if low >= high:
+                raise ValueError(f"{joint}: the lower limit {low:g} must be below the upper one, {high:g}")
+        return self
+
+    @property
+    def ranges(self) -> Array:
+        """(20, 2) rad, lower and upper limit of each joint: the wearer's where given, else an average hand's."""
+        ranges = RANGES.copy()
+        for column, limits in enumerate((self.lower, self.upper)):
+            for joint, limit in limits.items():
+                ranges[JOINTS.index(joint), column] = limit
+        return ranges
 
     @property
     def scale(self) -> float:

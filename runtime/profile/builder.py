@@ -77,7 +77,7 @@ class Builder:
         self.layout.add(
             name, role, signal.shape, signal.unit,
             frame=signal.frame, labels=signal.labels, visual=signal.visual, links=signal.links,
-            slots=signal.slots, components=signal.components, groups=signal.groups,
+            slots=signal.slots, components=signal.components, groups=signal.groups, slides=signal.slides or (),
         )  # fmt: skip
 
     def measured_by(self, signal: str) -> str | None:

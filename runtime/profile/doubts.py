@@ -5,6 +5,8 @@ word of its option's description; a hall may be longer than a room.
 
 A file of the simulated wearer where real devices feed the law.
 
+What the simulated world doubts of its options, such as a recording that doesn't fit its hand.
+
 A worn arm that nothing keeps clear of its wearer, though a suit says where the wearer is.
 """
 
@@ -63,6 +65,7 @@ def doubts(
                 found.append((place, f"{value:g} {unit}/s is faster than any limb. {asked}"))
     found += _of_simulation(profile, laws, simulated)
     found += _of_rows(profile)
+    found += [(f"sim.{key}", text) for key, text in (world.doubts if world is not None else ())]
     found += _of_worn(profile, laws)
     found += [(f"guard.{name}.clear", text) for name, each in clearances.items() for text in each.unmet]
     for name, frame in profile.frames.items():
@@ -89,7 +92,7 @@ def _of_simulation(profile: Profile, laws: list[Law], simulated: list[str]) -> I
             continue
         real[law.controller.name] = fed
         if option := law.controller.simulated:
-            text = f"it is the simulated wearer's, and '{fed}' is real. It says nothing about a person: make their own"
+            text = f"it was made in simulation, and '{fed}' is real. It says nothing about a real one: calibrate"
             yield f"controllers.{i}.{option}", text
 
 

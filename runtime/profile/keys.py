@@ -30,6 +30,9 @@ class Keys:
         self.events = f"{self.root}/events"
         self.alive = f"{self.root}/alive"
         self.states = f"{self.root}/state/**"
+        self.commands = f"{self.root}/cmd/**"
+        self.parameters = f"{self.root}/param/**"
+        self.setpoints = f"{self.root}/setpoint/**"
 
     def state(self, signal: str) -> str:
         """The key of a signal of the row, e.g. "glove.position"."""
@@ -44,7 +47,7 @@ class Keys:
         return f"{self.root}/cmd/{name}"
 
     def parameter(self, name: str) -> str:
-        """The key of a parameter, e.g. "object-mapping.pull"."""
+        """The key of a parameter, e.g. "mapping.drift_pull"."""
         return f"{self.root}/param/{path(name)}"
 
     def setpoint(self, name: str) -> str:

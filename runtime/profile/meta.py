@@ -52,6 +52,7 @@ def describe(
             d.name: {"driver": profile.devices[d.name].driver, "max_age": d.max_age, "simulated": isinstance(d, Fake)}
             for d in devices
         },
+        "commands": {f"{d.name}.{c.name}": {"kind": c.kind.value} for d in devices for c in d.commands},
         "controllers": [
             {"name": law.controller.name, "use": e.use} for law, e in zip(laws, profile.controllers, strict=True)
         ],

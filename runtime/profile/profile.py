@@ -10,6 +10,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
+from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -25,6 +26,7 @@ from runtime.contracts.files import Files, Typed
 from runtime.contracts.frames import FrameEntry
 from runtime.contracts.signals import Stop
 from runtime.control.models import KINDS, Model, of_entry
+from runtime.profile import shelf
 from runtime.profile.bus import BusConfig
 from runtime.profile.choices import Choices, merge
 from runtime.profile.element import Element
@@ -138,6 +140,7 @@ class Faults(Part):
     device_fault: Reaction = Field("stop", alias="device-fault")
     driver_error: Reaction = Field("stop", alias="driver-error")
     controller_error: Reaction = Field("stop", alias="controller-error")
+    contact: Reaction = "stop"
     bus_loss: Reaction | Literal["ignore"] = Field("ignore", alias="bus-loss")
     overrun: OverrunLadder = OverrunLadder()
 
@@ -216,20 +219,11 @@ def find(name: str) -> tuple[str, str, Path]:
         except (OSError, UnicodeDecodeError) as error:
             reason = error.strerror if isinstance(error, OSError) else "it isn't UTF-8 text"
             raise ProfileError(name, f"the profile can't be read: {reason}", "Give an existing YAML file") from None
-    shipped = {
-        p.name.removesuffix(".yaml"): p for p in resources.files("profiles").iterdir() if p.name.endswith(".yaml")
-    }
-    if name not in shipped:
-        raise ProfileError(name, "no profile has this name", nearest(name, shipped) + ". A path must end in .yaml")
-    with resources.as_file(shipped[name]) as path:
+    known = shelf.files()
+    if name not in known:
+        raise ProfileError(name, "no profile has this name", nearest(name, known) + ". A path must end in .yaml")
+    with resources.as_file(known[name]) as path:
         return f"{name}.yaml", path.read_text(encoding="utf-8"), path.absolute().parent
-
-
-def shipped() -> list[str]:
-    """Names of the profiles that come with the runtime."""
-    return sorted(
-        p.name.removesuffix(".yaml") for p in resources.files("profiles").iterdir() if p.name.endswith(".yaml")
-    )
 
 
 def load(name: str, overrides: Sequence[str] = ()) -> tuple[Profile, Source]:
@@ -265,8 +259,7 @@ def tree(
         ProfileError: it isn't valid YAML, or a choice can't be made.
     """
     try:
-        _refuse_nested_aliases(label, text)
-        read = YAML(typ="rt", pure=True).load(text)
+        lines, plain = _read(label, text)
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = f" line {mark.line + 1}" if mark else ""
@@ -274,12 +267,8 @@ def tree(
         raise ProfileError(f"{label}{line}", f"this isn't valid YAML: {problem}", "Mend the text there") from None
     except YAMLError as error:
         raise ProfileError(label, f"this isn't valid YAML: {error}", "Mend the text") from None
-    if not isinstance(read, CommentedMap):
-        raise ProfileError(label, "the profile isn't a mapping of keys to values", "Start from one under profiles/")
-    lines: dict[str, int] = {}
-    _note_lines(read, "", lines)
-    source = Source(label, text, tuple(overrides), lines, files or Files(Path(label).parent))
-    plain: dict[str, Any] = _plain(read)
+    source = Source(label, text, tuple(overrides), dict(lines), files or Files(Path(label).parent))
+    plain = _plain(plain)  # a copy: the overrides change it
     # What a choice brings can be overridden like the rest of the profile, so the choices are made in between.
     words = plain.get("choices")
     before = {"choices", *(words if isinstance(words, dict) else ())}
@@ -292,6 +281,24 @@ def tree(
         if override not in first:
             _override(merged.tree, override)
     return merged.tree, source
+
+
+@lru_cache(maxsize=8)  # reading takes longer than wiring, and the trials of a study have one text
+def _read(label: str, text: str) -> tuple[dict[str, int], dict[str, Any]]:
+    """The line of each key path, and the keys as plain values: not to be changed."""
+    _refuse_nested_aliases(label, text)
+    read = YAML(typ="rt", pure=True).load(text)
+    if not isinstance(read, CommentedMap):
+        raise ProfileError(label, "the profile isn't a mapping of keys to values", "Start from one under profiles/")
+    lines: dict[str, int] = {}
+    _note_lines(read, "", lines)
+    return lines, _plain(read)
+
+
+@lru_cache(maxsize=256)
+def _value(text: str) -> Any:
+    """The plain value of an override's text: not to be changed."""
+    return _plain(YAML(typ="safe", pure=True).load(io.StringIO(text)))
 
 
 def _refuse_nested_aliases(label: str, text: str) -> None:
@@ -352,7 +359,7 @@ def _override(tree: Any, override: str) -> None:
     if not equals or not path:
         raise ProfileError(place, "expected key.path=value", "For example --set devices.glove.port=/dev/ttyUSB1")
     try:
-        value = _typed(_plain(YAML(typ="safe", pure=True).load(io.StringIO(text))))
+        value = _typed(_value(text))
     except YAMLError:
         value = Typed(text)
     node, parts = tree, path.split(".")

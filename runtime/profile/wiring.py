@@ -21,6 +21,7 @@ from runtime.contracts.signals import Array, Command, Signal
 from runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSITION_OF
 from runtime.contracts.world import World
 from runtime.ipc.row import Row
+from runtime.ipc.stop_slots import SLOTS
 from runtime.profile import clearances, controllers, keys, measured_frames
 from runtime.profile.builder import Builder
 from runtime.profile.doubts import doubts
@@ -45,8 +46,10 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
         ProfileError, WiringError: with the key path and the remedy.
     """
     b = Builder(profile, source, sim)
+    _check_clock(b)
     world = _world(b)
     devices = _devices(b, world)
+    _check_stops(b, devices)
     owners = _setpoints(b)
     if world is not None:
         for signal in world.truth:
@@ -78,10 +81,28 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
         b.simulated, [_is_intent(name, devices, fed) for name in names],
         measured_frames.sights(b, laws, names, row),
         doubts(profile, source, devices, laws, world, b.simulated,
-               {name: each.clearance for name, each in cleared.items()}), reads,
+               {name: each.clearance for name, each in cleared.items()}),
+        [f"{b.source.place(f'sim.{key}')}: {text}" for key, text in (world.remarks if world is not None else ())],
+        reads,
     )  # fmt: skip
     _bind(graph)
     return graph
+
+
+def _check_clock(b: Builder) -> None:
+    """The loop is paced by a device of the profile, or by none."""
+    name, devices = b.profile.clock, b.profile.devices
+    if name != "monotonic" and name not in devices:
+        remedy = nearest(name, ["monotonic", *devices])
+        raise ProfileError(b.source.place("clock"), f"there is no device '{name}'", remedy)
+
+
+def _check_stops(b: Builder, devices: list[Driver]) -> None:
+    """There is room for what stops each device that takes commands."""
+    commanded = sum(bool(device.commands) for device in devices)
+    if commanded > SLOTS:
+        problem = f"{commanded} devices take commands, {SLOTS} at most can be stopped if the loop dies"
+        raise WiringError(b.source.place("devices"), problem, "Split the profile into two instances")
 
 
 def _world(b: Builder) -> World | None:

@@ -16,6 +16,9 @@ from matplotlib.ticker import LogLocator, NullLocator
 from numpy.typing import NDArray
 
 from runtime.contracts.errors import RecordingError
+from runtime.contracts.field import Field
+from runtime.contracts.signals import Kind
+from runtime.ipc.layout import Layout
 from runtime.ipc.words import Cause, State
 from runtime.profile.plots import Plot, command_plots, indices, profile_plots, split
 from runtime.recording.reader import Recording
@@ -174,18 +177,36 @@ def _drawn(plot: Plot, command: bool) -> Callable[[Any, Recording, Times], None]
 
 
 def _limits(axis: Any, recording: Recording, plot: Plot) -> None:
-    """Draws the guard's limits of a command's element, if the curves come near them."""
+    """Draws the guard's limits of what the axis shows, if the curves come near them.
+
+    A position is between `lower` and `upper`; a velocity and a torque have the same limit in both directions.
+    """
     low, high = axis.get_ylim()
     asked = plot.lines["asked"]
     field = recording.layout.fields[split(asked)[0]]
     index = indices(field, asked, asked)
     limits = (recording.layout.meta.get("limits") or {}).get(field.name) or {}
-    for key in ("lower", "upper"):
+    shown = {
+        Kind.POSITION: ((1.0, "lower"), (1.0, "upper")),
+        Kind.VELOCITY: ((-1.0, "velocity"), (1.0, "velocity")),
+        Kind.TORQUE: ((-1.0, "effort"), (1.0, "effort")),
+    }
+    for sign, key in shown[_kind(recording.layout, field)]:
         if limits.get(key) is None:
             continue
-        limit = np.reshape(limits[key], field.shape)[index]
+        limit = sign * np.reshape(limits[key], field.shape)[index]
         if low <= limit <= high:
             axis.axhline(limit, color="#a02000", linewidth=0.8, linestyle=(0, (6, 4)), label="limit", zorder=1)
+
+
+def _kind(layout: Layout, command: Field) -> Kind:
+    """What a command commands. A recording of an earlier version doesn't say so; there the unit tells."""
+    told = (layout.meta.get("commands") or {}).get(command.name)
+    if told is not None:
+        return Kind(told["kind"])
+    if "/s" in command.unit:
+        return Kind.VELOCITY
+    return Kind.TORQUE if "N" in command.unit else Kind.POSITION
 
 
 def _finish(axis: Any, title: str, unit: str, curves: int) -> None:

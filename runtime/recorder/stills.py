@@ -50,6 +50,51 @@ class View:
         return found
 
 
+class Scene:
+    """What is drawn of a recording, and from where one looks.
+
+    Args:
+        recording: what is drawn.
+        show: the signals, or parts, that are drawn; none: all that have a shape.
+        side: of SIDES, from which one looks; None: from the front and a little from the right and above.
+
+    Attributes:
+        things: what is drawn.
+        view: the projection.
+
+    Raises:
+        RecordingError: no signal has a shape, or none of them is in `show`.
+    """
+
+    def __init__(self, recording: Recording, show: Sequence[str] = (), side: str | None = None) -> None:
+        self._solids = Solids(recording.layout)
+        if not self._solids.things:
+            raise RecordingError(str(recording.path), "no signal in it has a shape", "Record a profile that shows some")
+        self._shown = chosen(self._solids.things, show)
+        self.things = [_part(self._solids.things[i], kept) for i, kept in self._shown.items()]
+        self.view = _view(np.array(SIDES[side]) if side else back_of(visuals(recording.layout)))
+
+    def of(self, row: NDArray[np.int64]) -> list[Array]:
+        """What each thing is in a row (width,): points (k, 3), or capsules (k, 8), m in the root frame."""
+        found = self._solids.of(row)
+        return [
+            found[i][list(kept)] if thing.groups else found[i]
+            for thing, (i, kept) in zip(self.things, self._shown.items(), strict=True)
+        ]
+
+    def frame(self, shapes: Sequence[Sequence[Array]]) -> tuple[Array, Array]:
+        """The middle of each picture (n, 2), and half of the width and height (2,) that all of them need, m."""
+        return _frame(self.view, shapes)
+
+    def paint(self, axis: Any, shape: Sequence[Array], middle: Array, reach: Array) -> None:
+        """Draws what `of` gave; `middle`, `reach` (2,) m: see `frame`."""
+        for thing, values in zip(self.things, shape, strict=True):
+            (_points if thing.points else _capsules)(axis, self.view, thing, values)
+        axis.set_xlim(middle[0] - reach[0], middle[0] + reach[0])
+        axis.set_ylim(middle[1] - reach[1], middle[1] + reach[1])
+        axis.set_aspect("equal")
+
+
 def draw(
     recording: Recording,
     png: Path,
@@ -70,22 +115,14 @@ def draw(
     Raises:
         RecordingError: no signal that is drawn has a shape, a time lies outside, no such part, it can't be written.
     """  # fmt: skip
-    solids = Solids(recording.layout)
-    if not solids.things:
-        raise RecordingError(str(recording.path), "no signal in it has a shape", "Record a profile that shows some")
-    shown = chosen(solids.things, show)
-    things = [_part(solids.things[i], kept) for i, kept in shown.items()]
-    parts = list(dict.fromkeys(name for thing in things for name in thing.groups))
+    scene = Scene(recording, show, side)
+    parts = list(dict.fromkeys(name for thing in scene.things for name in thing.groups))
     for name in names:
         if name not in parts:
             raise RecordingError("--names", f"no part that is drawn is called '{name}'", nearest(name, parts))
-    rows = _rows(recording, times)
-    shapes = [
-        [found[i][list(kept)] if things[k].groups else found[i] for k, (i, kept) in enumerate(shown.items())]
-        for found in map(solids.of, rows)
-    ]
-    view = _view(np.array(SIDES[side]) if side else back_of(visuals(recording.layout)))
-    middles, reach = _frame(view, shapes)
+    rows = rows_at(recording, times, "--at")
+    shapes = [scene.of(row) for row in rows]
+    middles, reach = scene.frame(shapes)
     columns = min(len(rows), ACROSS)
     lines = -(-len(rows) // columns)
     size = ALONE if len(rows) == 1 else (SIZE[0] * columns, SIZE[1] * lines + 0.7)
@@ -100,23 +137,24 @@ def draw(
             state = int(recording.layout.word(row, "state"))
             late = "" if state == State.ACTIVE else ", no law runs"
             axis.set_title(f"{letter}{times[i]:.2f} s, cycle {cycle}{late}", fontsize=8)
-            for thing, values in zip(things, shape, strict=True):
-                _points(axis, view, thing, values) if thing.points else _capsules(axis, view, thing, values)
-            axis.set_xlim(middles[i, 0] - reach[0], middles[i, 0] + reach[0])
-            axis.set_ylim(middles[i, 1] - reach[1], middles[i, 1] + reach[1])
-            axis.set_aspect("equal")
-        _legend(figure, things, 4 if len(rows) == 1 else 9)
-        simulated = " (simulated)" if recording.layout.meta.get("simulated") else ""
-        figure.suptitle(f"{recording.layout.meta.get('name', '')}{simulated}", fontsize=10)
+            scene.paint(axis, shape, middles[i], reach)
+        legend(figure, scene.things, 4 if len(rows) == 1 else 9)
+        figure.suptitle(title(recording), fontsize=10)
         if names:
             figure.draw_without_rendering()  # places and limits are final now
         for axis, shape in zip(axes.flat, shapes, strict=False):
-            _names(axis, view, things, shape, names)
+            _names(axis, scene.view, scene.things, shape, names)
         figure.savefig(png, dpi=130, format="png")
     except OSError as error:
         raise RecordingError(str(png), f"it can't be written: {error.strerror}", "Choose another place") from None
     finally:
         plt.close(figure)
+
+
+def title(recording: Recording) -> str:
+    """The profile's name, and whether a device was simulated."""
+    simulated = " (simulated)" if recording.layout.meta.get("simulated") else ""
+    return f"{recording.layout.meta.get('name', '')}{simulated}"
 
 
 def spread(recording: Recording, count: int) -> list[float]:
@@ -142,11 +180,12 @@ def _part(thing: Thing, kept: Sequence[int]) -> Thing:
     )  # fmt: skip
 
 
-def _rows(recording: Recording, times: Sequence[float]) -> list[NDArray[np.int64]]:
+def rows_at(recording: Recording, times: Sequence[float], option: str) -> list[NDArray[np.int64]]:
+    """The newest row at each time, s from the first row; `option` gave them, for the error of a time outside."""
     now = (recording.int("now") - recording.int("now")[0]) / 1e9
     for t in times:
         if not 0.0 <= t <= now[-1] + 1e-6:
-            raise RecordingError("--at", f"the recording has no {t:g} s", f"Give times from 0 to {now[-1]:.2f} s")
+            raise RecordingError(option, f"the recording has no {t:g} s", f"Give times from 0 to {now[-1]:.2f} s")
     return [recording.rows[i] for i in np.searchsorted(now, np.asarray(times) + 1e-6, "right") - 1]
 
 
@@ -220,7 +259,8 @@ def _outline(ends: Array, radius: float) -> Array:
     return np.concatenate(arcs)
 
 
-def _legend(figure: Any, things: Sequence[Thing], columns: int) -> None:
+def legend(figure: Any, things: Sequence[Thing], columns: int) -> None:
+    """Says below the pictures what the colours of the things are."""
     named: dict[str, str] = {}
     for thing in sorted(things, key=lambda t: not t.groups):
         names = thing.groups or (thing.name,) * len(thing.numbers)

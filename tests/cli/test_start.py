@@ -9,7 +9,7 @@ import pytest
 
 from runtime.calibration.order import LAWS
 from runtime.calibration.session import METHODS
-from runtime.cli import MODULES, main
+from runtime.cli import COMMANDS, MODULES, main
 
 HEAVY = {"matplotlib", "mujoco", "rerun", "scipy", "zenoh"}  # each takes longer to load than the rest of a command
 
@@ -22,6 +22,29 @@ def test_a_stop_and_a_check_without_a_simulation_load_none_of_them() -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=100, check=True)
     assert "no-such" in done.stderr
     assert done.stdout.splitlines()[-1] == "loaded:"
+
+
+# What shows that more than the command line was loaded; pydantic and numpy come with the first part or profile.
+_NEVER = HEAVY | {"aiohttp", "can", "numpy", "pinocchio", "pyarrow", "pydantic", "rich", "ruamel", "serial"}
+
+
+@pytest.mark.parametrize("asked", ["--help", "--version", "list"])
+def test_what_only_tells_loads_no_library(asked: str) -> None:
+    code = (
+        f"import sys\nfrom runtime.cli import main\ntry:\n    main(['{asked}'])\nexcept SystemExit: pass\n"
+        f"print('loaded:', *sorted({_NEVER} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=100, check=True)
+    *told, loaded = done.stdout.splitlines()
+    assert told
+    assert loaded == "loaded:"
+
+
+def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    told = capsys.readouterr().out
+    assert all(f"\n    {name}" in told for name in COMMANDS)
 
 
 def test_every_command_is_registered_by_its_module(capsys: pytest.CaptureFixture[str]) -> None:

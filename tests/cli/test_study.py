@@ -10,18 +10,18 @@ import pytest
 from runtime.cli import main
 from runtime.contracts import registry
 from studies.result import Result
-from studies.superman import peg_in_hole
+from studies.superman import recorded_forces
 
 
 def test_a_sweep_prints_a_row_for_each_change(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     rows = [{"changed": "push 30", "largest force N": 40.0}, {"changed": "push 8", "largest force N": None}]
-    monkeypatch.setattr(peg_in_hole, "sweep", lambda folder: rows if folder.is_dir() else [])
-    assert main(["study", "peg-in-hole", "--sweep", "--json", "--out", str(tmp_path)]) == 0
+    monkeypatch.setattr(recorded_forces, "sweep", lambda folder: rows if folder.is_dir() else [], raising=False)
+    assert main(["study", "recorded-forces", "--sweep", "--json", "--out", str(tmp_path)]) == 0
     assert json.loads(capsys.readouterr().out)["sweep"] == rows
-    assert json.loads((tmp_path / "peg-in-hole" / "sweep.json").read_text())["sweep"] == rows
-    assert main(["study", "peg-in-hole", "--sweep", "--out", str(tmp_path)]) == 0
+    assert json.loads((tmp_path / "recorded-forces" / "sweep.json").read_text())["sweep"] == rows
+    assert main(["study", "recorded-forces", "--sweep", "--out", str(tmp_path)]) == 0
     assert "push 8" in capsys.readouterr().out
 
 
@@ -65,7 +65,7 @@ TRIAL_OPTIONS = pytest.mark.parametrize(
 def test_a_study_whose_trials_arent_tasks_takes_no_options_of_trials(
     option: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["study", "peg-in-hole", *option, "--out", str(tmp_path)]) == 2
+    assert main(["study", "recorded-forces", *option, "--out", str(tmp_path)]) == 2
     assert f"{option[0]}: this study's trials aren't tasks" in capsys.readouterr().err
 
 

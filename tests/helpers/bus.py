@@ -104,6 +104,7 @@ class Run(threading.Thread):
         start, cycle, waiting = time.monotonic_ns(), 0, []
         words, views = self.row.ints, self.row.views
         client, *others = (self.row.devices[self.layout.devices.index(d)] for d in ("client", "glove", "finger"))
+        client[DEVICE.stamp] = -1
         while not self.ending.is_set():
             if self.paused.is_set():
                 time.sleep(0.01)
@@ -117,6 +118,9 @@ class Run(threading.Thread):
             for request in self.requests.take():
                 if request.kind is RequestKind.SETPOINT:
                     self.setpoints.append((request.expires, request.values.copy()))
+                    views["client.force"][:] = request.values
+                    client[DEVICE.stamp] = wake
+                    client[DEVICE.frames] += 1
                 else:
                     waiting.append(request)
             words[CYCLE.request] = words[CYCLE.request_origin] = 0
@@ -137,7 +141,7 @@ class Run(threading.Thread):
                 self.culprit,
             )
             words[CYCLE.latches], words[CYCLE.refused] = self.latches, self.refused
-            client[DEVICE.stamp], client[DEVICE.link] = -1, LINK_CONNECTED
+            client[DEVICE.link] = LINK_CONNECTED
             for device, active in zip(others, (0, LINK_ACTIVE), strict=True):
                 device[DEVICE.stamp], device[DEVICE.link] = wake - 2_000_000, LINK_CONNECTED | active
                 device[DEVICE.frames] = cycle

@@ -7,6 +7,8 @@ from typing import Any, cast
 
 import mujoco
 import numpy as np
+import pinocchio as pin
+from scipy.linalg import block_diag
 
 from helpers.control import bound
 from runtime.contracts.controller import Controller
@@ -15,14 +17,20 @@ from runtime.control.cobot.admittance import Admittance, AdmittanceConfig
 from runtime.control.cobot.guide_buttons import GuideButtons, GuideButtonsConfig
 from runtime.control.cobot.kairos_clik import KairosClik, KairosClikConfig
 from runtime.control.cobot.moca_impedance import MocaImpedance, MocaImpedanceConfig
+from runtime.control.cobot.payload import Payload, PayloadConfig
 from runtime.control.cobot.tool_pose import ToolPose, ToolPoseConfig
-from runtime.control.robots import UR16E
+from runtime.control.robots import PANDA, UR16E
+from runtime.control.robots.pinocchio_model import pinocchio_model
 from sim.parts.robots.arm import ArmPart
 from sim.parts.robots.summit_xl import SummitXlPart
 from sim.world.cell import Cell, CellConfig
 
+MASS = (105.0, 21.0)
+"""kg, kg m^2: MOCA's virtual mass."""
+PANDA_MODEL = pinocchio_model(PANDA)
+PANDA_DATA = PANDA_MODEL.createData()
 MOUNT = (0.2, 0.0, 0.529, 1.0, 0.0, 0.0, 0.0)  # on base/deck, 0.509 above the ground, and a plate of 0.02 m
-_ON_DECK = {"at": {"parent": "base/deck", "position": (0.2, 0.0, 0.02)}}
+ON_DECK = {"at": {"parent": "base/deck", "position": (0.2, 0.0, 0.02)}}
 
 
 class Chain:
@@ -43,6 +51,11 @@ class Chain:
         self.admittance = bound(Admittance("admittance", AdmittanceConfig(**(admittance or {}))))
         self.buttons, self.wrench = self.keys.input["buttons"], self.admittance.input["wrench"]
         self.modes = self.keys.output["modes"]
+        self.payload: Payload | None = None
+        if "load" in law.input or "outside" in law.input:
+            flange = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+            options = PayloadConfig(robot=robot, axes="world", watch={"threshold": (8.0, 2.0)})
+            self.payload = bound(Payload("payload", options), flange=flange)
         self.locked = False
 
     def reset(self, q: Array, qd: Array, base_pose: Array, base_twist: Array) -> None:
@@ -59,6 +72,9 @@ class Chain:
         _run(self.admittance, {**found, "modes": self.modes}, dt)
         wanted = self.admittance.output
         given = {**measured, **found, "modes": self.modes}
+        if self.payload is not None:
+            _run(self.payload, {**given, "hand": wanted["hand"]}, dt)
+            given |= self.payload.output
         if not self.locked:
             given |= {"desired_pose": wanted["pose"], "desired_twist": wanted["twist"], "hand": wanted["hand"]}
         _run(self.law, given, dt)
@@ -88,7 +104,7 @@ class MocaRig:
         admittance: dict[str, Any] | None = None,
         **options: Any,
     ) -> None:
-        scene = {"base": {"part": "summit-xl", "slip": 0.0}, "arm": {"part": "panda", **_ON_DECK}, **(parts or {})}
+        scene = {"base": {"part": "summit-xl", "slip": 0.0}, "arm": {"part": "panda", **ON_DECK}, **(parts or {})}
         self.world = Cell(CellConfig.model_validate({"parts": scene}), 1)
         self.arm, self.base = cast(ArmPart, self.world.parts["arm"]), cast(SummitXlPart, self.world.parts["base"])
         self.chain = Chain(MocaImpedance("moca", MocaImpedanceConfig(**options)), "panda", admittance)
@@ -108,8 +124,11 @@ class MocaRig:
         return np.array(self.world.data.xpos[self._flange])
 
     def step(self, cycles: int = 1) -> None:
-        data, law = self.world.data, self.chain.law
+        data, law, payload = self.world.data, self.chain.law, self.chain.payload
         for _ in range(cycles):
+            if payload is not None:  # as the Panda estimates it, from its joints' torques
+                away = self.chain.tool.output["jacobian"][:, 3:].T
+                payload.input["flange_wrench"][:] = np.linalg.lstsq(away, self.arm.external_effort, rcond=None)[0]
             self.chain.update(*self._measured(), 1e-3)
             for name, array in law.applied.items():
                 array[:] = law.output[name]
@@ -157,3 +176,10 @@ class KairosRig:
         yaw = self.base[2] + self.dt * self.twist[2] / 2
         c, s = np.cos(yaw), np.sin(yaw)
         self.base = self.base + self.dt * np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ self.twist
+
+
+def task_inertia(q: Array, J: Array, rotors: bool) -> Array:
+    """Lambda of eq. 5 (6, 6) of MOCA at q (7,), J (6, 10), by another way than the law's."""
+    upper = np.triu(pin.crba(PANDA_MODEL, PANDA_DATA, q))
+    M = upper + np.triu(upper, 1).T + rotors * np.diag(PANDA.rotor_inertia)
+    return np.linalg.inv(J @ np.linalg.inv(block_diag(np.diag([MASS[0], MASS[0], MASS[1]]), M)) @ J.T)

@@ -173,3 +173,13 @@ def test_srl_check_shows_the_word_and_refuses_another_without_a_traceback(
 
 def test_the_recording_holds_the_word() -> None:
     assert wiring.build(*parse()).layout.meta["chosen"] == {"input": "client"}
+
+
+def test_a_text_that_is_read_again_has_nothing_of_the_first_readings_overrides() -> None:
+    first, _ = parse(TEXT, "guard.board.position_command.velocity=2.0", "sim.parts.finger={part: robotic-finger}")
+    again, source = parse()
+    assert (first.guard["board.position_command"].velocity, again.guard["board.position_command"].velocity) == (
+        2.0,
+        1.0,
+    )
+    assert source.place("stop") == "two.yaml line 11: stop"

@@ -11,10 +11,10 @@ from helpers.run import call
 
 from runtime.cli import main
 from runtime.control.ikns import record
-from runtime.profile import profile, wiring
+from runtime.profile import profile, shelf, wiring
 
 
-@pytest.mark.parametrize("name", profile.shipped())
+@pytest.mark.parametrize("name", shelf.shipped())
 def test_shipped_profiles_raise_no_doubts(name: str) -> None:
     assert wiring.build(*profile.load(name), []).doubts == []
 
@@ -34,8 +34,12 @@ def test_shipped_profiles_raise_no_doubts(name: str) -> None:
             "Are these grams? 880 g are 0.88 kg",
         ),
         ("sim.parts.person.off_by.rpy=[0,7,0]", "sim.parts.person.off_by.rpy.1", "7 rad is 1.11 turns"),
-        ("controllers.2.tool_com=[0,0,45]", "controllers.2.tool_com.2", "45 mm are 0.045 m"),
-        ("controllers.2.tool_com=[0,0,15]", "controllers.2.tool_com.2", "15 m is more than a limb"),
+        ("controllers.2.calibration.tool_com=[0,0,45]", "controllers.2.calibration.tool_com.2", "45 mm are 0.045 m"),
+        (
+            "controllers.2.calibration.tool_com=[0,0,15]",
+            "controllers.2.calibration.tool_com.2",
+            "15 m is more than a limb",
+        ),
         ("frames.tool.position=[0,0,10]", "frames.tool.position.2", "10 m is more than a limb"),
         ("sim.parts.arm.off_by.position=[20,0,0]", "sim.parts.arm.off_by.position.0", "more than a mount is off by"),
         ("guard.arm.torque_command.velocity=240", "guard.arm.torque_command.velocity", "240 rad/s is faster"),
@@ -75,7 +79,7 @@ def test_srl_check_says_so_and_a_run_too(tmp_path: Path, capsys: pytest.CaptureF
 
 def test_the_simulated_wearers_calibration_is_doubted_where_a_person_is_seen() -> None:
     (doubt,) = wiring.build(*profile.load("ikns-finger")).doubts
-    assert "controllers.1.calibration: it is the simulated wearer's, and 'mocap' is real" in doubt
+    assert "controllers.1.calibration: it was made in simulation, and 'mocap' is real" in doubt
     assert wiring.build(*profile.load("ikns-finger"), ["mocap"]).doubts == []  # a real finger may follow it
     assert wiring.build(*profile.load("ikns-finger", ["input=gamepad"])).doubts == []
 

@@ -14,7 +14,7 @@ from helpers.names import build, command, foreign, joints, named, read, write
 from runtime.contracts.errors import WiringError
 from runtime.contracts.signals import Kind, Signal
 from runtime.contracts.terms import PLANAR, PLANAR_TWIST
-from runtime.profile import profile, wiring
+from runtime.profile import profile, shelf, wiring
 from runtime.profile.connections import connections, untaken
 from runtime.profile.names import link
 
@@ -53,7 +53,8 @@ def test_the_buttons_may_stand_in_any_order(order: tuple[str, ...]) -> None:
     text = profile.find("moca-man")[1]
     line = re.search(r"    buttons: .*\n", text)
     assert line is not None
-    graph = build(text.replace(line[0], f"    buttons: {{{', '.join(f'{n}: {{pin: {ord(n)}}}' for n in order)}}}\n"))
+    pins = ", ".join(f"{name}: {{pin: {BUTTONS.index(name) + 2}}}" for name in order)
+    graph = build(text.replace(line[0], f"    buttons: {{{pins}}}\n"))
     graph.row.views["panel.buttons"][:] = [ord(name) for name in order]
     assert read(graph, 0, "buttons") == {name: ord(name) for name in BUTTONS}
 
@@ -106,7 +107,7 @@ def test_every_order_of_six_joints_is_followed_or_is_a_view() -> None:
 
 def test_names_that_agree_are_views_into_the_row() -> None:
     # A law of ikns-two takes one element of another's two, the one of suit-intention 19 of a suit's joints.
-    for name in set(profile.shipped()) - {"ikns-two", "suit-intention"}:
+    for name in set(shelf.shipped()) - {"ikns-two", "suit-intention"}:
         graph = wiring.build(*profile.load(name), [])
         assert not graph.reads
         for law in graph.laws:

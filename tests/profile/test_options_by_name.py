@@ -17,7 +17,7 @@ HOME = ("shoulder_pan 0", "shoulder_lift -1", "elbow 1", "wrist_1 -0.5", "wrist_
 # What profiles give as lists, and what each value is for.
 GIVEN = {
     "base-jog": {"devices.base.speed": ("vx 0.4", "vy 0.3", "wz 0.6")},
-    "kairos-man": {"controllers.3.base_speed": ("vx 0.4", "vy 0.3", "wz 0.2")},
+    "kairos-man": {"controllers.4.base_speed": ("vx 0.4", "vy 0.3", "wz 0.2")},
     "ur-jog": {"sim.parts.arm.home": HOME},
 }
 
@@ -72,8 +72,8 @@ def test_srl_check_prints_lists_as_pairs(capsys: Capture) -> None:
     assert f"  option sim.parts.arm.home: {', '.join(pairs)}\n" in check(capsys, "ur-jog", "--sim", "--set", listed)[0]
     assert "sim.parts.arm.home" not in check(capsys, "ur-jog", "--sim", "--set", named)[0]
     found = json.loads(check(capsys, "kairos-man", "--json")[0])
-    assert found["listed_options"]["controllers.3.base_speed"] == {"vx": 0.6, "vy": 0.5, "wz": 0.7}
-    assert found["listed_options"]["controllers.2.tool_com"] == {"x": 0.0, "y": 0.0, "z": 0.045}
+    assert found["listed_options"]["controllers.4.base_speed"] == {"vx": 0.6, "vy": 0.5, "wz": 0.7}
+    assert found["listed_options"]["controllers.2.calibration.tool_com"] == {"x": 0.0, "y": 0.0, "z": 0.045}
 
 
 def test_a_list_in_an_order_of_nobodys_is_refused(capsys: Capture) -> None:
@@ -93,15 +93,15 @@ def test_limits_of_a_finger_are_given_by_name() -> None:
 @pytest.mark.parametrize(
     ("name", "option", "values"),
     [
-        ("moca-man", "controllers.2.tool_com", (0.0, 0.0, 0.045)),
+        ("moca-man", "controllers.2.calibration.tool_com", (0.0, 0.0, 0.045)),
         ("moca-man", "controllers.3.base_acceleration", (1.0, 1.0, 1.0)),
         ("moca-man", "devices.arm.load.centre", (0.05, 0.003, 0.065)),
         ("moca-man", "devices.arm.collision.torque", (60.0,) * 7),
         ("moca-man", "devices.arm.collision.force", (60.0,) * 6),
         ("panda-jog", "devices.arm.collision.force", (20.0,) * 6),
         ("kairos-man", "devices.arm.payload_cog", (0.05, 0.003, 0.065)),
-        ("kairos-man", "controllers.3.base_speed", (0.6, 0.5, 0.7)),
-        ("kairos-man", "controllers.3.base_acceleration", (1.0, 1.0, 1.0)),
+        ("kairos-man", "controllers.4.base_speed", (0.6, 0.5, 0.7)),
+        ("kairos-man", "controllers.4.base_acceleration", (1.0, 1.0, 1.0)),
     ],
 )
 def test_shipped_profiles_keep_their_values(name: str, option: str, values: tuple[float, ...]) -> None:

@@ -145,6 +145,50 @@ def test_the_picture_shows_commands_plots_states_and_timing(tmp_path: Path, monk
     figure.plt.close("all")
 
 
+BOUNDS = {"lower": [-0.3], "upper": [0.2], "velocity": [0.4], "acceleration": [0.1], "effort": [0.5]}
+
+
+@pytest.mark.parametrize("told", [True, False])  # recordings of earlier versions don't say what a command commands
+@pytest.mark.parametrize(
+    ("kind", "unit", "expected"),
+    [
+        ("position", "rad", {-0.3, 0.2}),
+        ("position", "1", {-0.3, 0.2}),
+        ("velocity", "rad/s", {-0.4, 0.4}),
+        ("velocity", "m/s, rad/s", {-0.4, 0.4}),
+        ("torque", "N m", {-0.5, 0.5}),
+        ("torque", "N", {-0.5, 0.5}),
+    ],
+)
+def test_a_command_has_the_limits_of_its_own_quantity(
+    kind: str, unit: str, expected: set[float], told: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    layout = Layout()
+    layout.add("arm.command", "command", (1,), unit, labels=("joint",))
+    layout.meta = {"limits": {"arm.command": BOUNDS}} | ({"commands": {"arm.command": {"kind": kind}}} if told else {})
+    rows = np.zeros((100, layout.width), np.int64)
+    rows[:, layout.int_names.index("now")] = np.arange(100) * 1_000_000
+    rows[:, layout.ints] = np.linspace(-1.0, 1.0, 100).view(np.int64)
+    shown: list[Any] = []
+    monkeypatch.setattr(figure.plt, "close", shown.append)
+    figure.draw(Recording(Path("x.rrd"), layout, np.arange(1, 101), rows, [], [], 0), tmp_path / "x.png")
+    panel = next(axis for axis in shown[0].axes if axis.get_title(loc="left") == "arm.command joint")
+    drawn = {float(line.get_ydata()[0]) for line in panel.get_lines() if line.get_label() == "limit"}
+    assert drawn == expected
+    monkeypatch.undo()
+    figure.plt.close("all")
+
+
+@pytest.mark.parametrize("profile_name", ["moca-man", "kairos-man"])
+def test_a_profile_says_what_its_commands_command(profile_name: str) -> None:
+    graph = wiring.build(*profile.load(profile_name), [])
+    commands = graph.layout.meta["commands"]
+    assert commands == {a.name: {"kind": a.command.kind.value} for a in graph.actuators}
+    assert commands["base.twist_command"] == {"kind": "velocity"}
+    assert commands["hand.position_command"] == {"kind": "position"}
+    assert (commands.get("arm.torque_command") == {"kind": "torque"}) == (profile_name == "moca-man")
+
+
 def test_a_picture_that_cannot_be_written_says_why(tmp_path: Path) -> None:
     layout = Layout()
     rows = np.zeros((2, layout.width), np.int64)

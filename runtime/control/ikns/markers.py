@@ -158,7 +158,8 @@ class MarkerFit:
         self._judge(seen)
         if beyond or self._beyond:
             self._rest = np.where(self.held, shown - self.q, np.where(held, 0.0, self._rest))
-        self._velocity = moved / max(self._age, 1e-6)
+        # In no time, as at a reset, there is no speed; it was 1e6 rad/s, and led the next frames astray.
+        self._velocity = moved / max(self._age, 1e-6) if self._age > 0.0 else np.zeros_like(moved)
         anybody = self._shown
         self.known, self._shown, self._age, self._missed = True, True, 0.0, 0
         self._goal = goal

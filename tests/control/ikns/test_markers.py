@@ -344,3 +344,16 @@ def test_what_is_kept_of_sets_of_markers_is_bounded() -> None:
         fit.observed(names)
     assert len(fit._observability.kept) <= 256
     assert fit.needed("RFIN") == before
+
+
+def test_a_first_fit_of_an_arm_that_isnt_seen_has_no_speed() -> None:
+    """Of the torso alone, in no time, as at a reset: what comes then must not be where that speed leads."""
+    q, fit = reaching(ARM, 1)[0], MarkerFit(ARM)
+    points = made(ARM, q)
+    torso = np.array([name in ("C7", "T10", "CLAV", "STRN") for name in fit.names])
+    fit.reset()
+    fit.solve(points, torso, 0.0, 6)
+    for _ in range(5):
+        fit.solve(points, np.ones(len(fit.names), bool), 0.01)
+        shown = fit.angles[~fit.held]
+        assert np.abs(shown).max() < 2 * np.pi

@@ -116,7 +116,7 @@ def test_a_kernel_that_has_begun_needs_no_more_memory():
         before = tracemalloc.get_traced_memory()[0]
         for _ in range(200):
             once()
-        assert tracemalloc.get_traced_memory()[0] - before < 2000  # bytes; the results of one call are 140 kB
+        assert tracemalloc.get_traced_memory()[0] - before < 10_000  # bytes; the results of one call are 140 kB
     finally:
         tracemalloc.stop()
 

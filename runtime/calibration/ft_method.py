@@ -1,0 +1,177 @@
+"""How a force/torque sensor is calibrated: held still in several poses, its bias and its tool's load are found."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.calibration import ft_report as report
+from runtime.calibration.cut import cut_to, elements, find
+from runtime.calibration.ft_report import Result
+from runtime.calibration.in_hand import take_in_hand
+from runtime.calibration.method import Method, Say, kept, settings
+from runtime.calibration.order import Order
+from runtime.calibration.run_taps import RunTaps, words
+from runtime.contracts.errors import ProfileError, RecordingError, RequestError, WiringError
+from runtime.contracts.terms import WRENCH
+from runtime.control.ft.fit import FEWEST, FtError, Thresholds, bias_alone, fit, refusals
+from runtime.control.ft.procedure import Procedure
+from runtime.control.ft.record import FORMAT, FtRecord
+from runtime.control.ft.samples import LEFT_OUT, FtMarksConfig, Plan, Samples, joined, poses
+from runtime.control.shared.marks import stretch_of
+from runtime.ipc.layout import Layout
+from runtime.profile import profile
+from runtime.profile.graph import Graph
+from runtime.profile.profile import ControllerEntry, Profile
+from runtime.profile.source import Source
+
+LAW: Final = "admittance"
+MARKS: Final = "ft-marks"
+
+
+@dataclass(frozen=True)
+class Taps(RunTaps):
+    """What is read of a sensor. Attributes: `options` of the marks' law; `wrench` (6,); `frame`, of it."""
+
+    options: FtMarksConfig
+    wrench: NDArray[np.intp]
+    frame: str | None
+
+    @property
+    def person(self) -> str:
+        return ""
+
+    @property
+    def parameter(self) -> str:
+        return f"{MARKS}.mark"
+
+    def samples(self, rows: NDArray[np.int64]) -> Samples:
+        rows = rows[self.active(rows)]
+        floats = self.floats(rows)
+        wrench = floats[:, self.wrench]
+        wrench[~self.there(rows, self.options.signal.partition(".")[0])] = np.nan
+        return Samples(self.times(rows), wrench, self.marks(floats))
+
+
+class FtMethod(Method[Taps, Result]):
+    """See the module's docstring."""
+
+    name, law, option, kind, error = "ft", LAW, "calibration", FtRecord, FtError
+    personal = False
+    thing = "poses"
+
+    def __init__(self, order: Order, checked: Profile, source: Source, target: Path, say: Say) -> None:
+        super().__init__(order, checked, source, target, say)
+        found = settings(order, {"plan": Plan, "thresholds": Thresholds})
+        self._plan, self._thresholds = found["plan"], found["thresholds"]
+        if 1 < self._plan.poses < FEWEST:
+            problem = f"{self._plan.poses} poses don't find the load: {FEWEST} are needed"
+            raise RequestError("--option poses", problem, "Give more; 1 finds the bias alone")
+        self._device = self._sensor()
+
+    def _sensor(self) -> str:
+        """The sensor, a device. Raises WiringError: the law doesn't read one; ProfileError: it makes its own zero."""
+        law = find(self.checked, self.source, LAW)
+        wire = self.checked.controllers[law].inputs.get("wrench")
+        signals = () if wire is None else wire.signals
+        device = signals[0].partition(".")[0] if len(signals) == 1 else ""
+        if device not in self.checked.devices:
+            place = self.source.place(f"controllers.{law}.in")
+            raise WiringError(place, "'wrench' isn't one signal of a device", "Add `wrench: SENSOR.wrench`")
+        if self.checked.devices[device].options.get("bias"):
+            problem = "it takes what it shows at its opening for zero, so what is found now isn't so in the next run"
+            raise ProfileError(self.source.place(f"devices.{device}.bias"), problem, "Leave `bias: true` out")
+        return device
+
+    def cut(self, person: str) -> tuple[Profile, Source]:
+        marks = partial(_marks, self._plan, self._thresholds)
+        return cut_to(self.checked, self.source, LAW, ("wrench",), marks, self.order.sim, ("wrench",), self._held)
+
+    def _held(self, plain: dict[str, Any]) -> None:
+        """Nothing that the profile describes is there, but the sensor and what the person holds in the hands."""
+        plain["devices"] = {self._device: plain["devices"][self._device]}
+        if plain.get("clock") != self._device:
+            plain.pop("clock", None)
+        frame = self.checked.devices[self._device].options.get("frame")
+        if self.order.sim:
+            take_in_hand(plain, self._device, frame, self.source.place("sim.parts"))
+        else:
+            plain["frames"] = {}
+
+    def taps(self, layout: Layout, place: str) -> Taps:
+        layout.needs(place, "label", "profile", "overrides", "rate")
+        meta = layout.meta
+        checked, _ = profile.parse(meta["label"], meta["profile"], meta["overrides"])
+        entry = next((e for e in checked.controllers if e.use == MARKS), None)
+        if entry is None:
+            problem = "it has no marks, so which samples belong to which pose isn't known"
+            raise RecordingError(place, problem, "Use a recording of `srl calibrate PROFILE ft`")
+        options = FtMarksConfig.model_validate(entry.options)
+        wrench = words(layout, list(options.wrench.values()), place)
+        frame = layout.fields[options.signal].frame
+        return Taps(layout, layout.fields[f"{MARKS}.mark"].offset, options, wrench, frame)
+
+    def same(self, one: Taps, other: Taps) -> bool:
+        return (one.options.signal, one.options.plan.poses) == (other.options.signal, other.options.plan.poses)
+
+    def take(self, older: Taps) -> Taps:
+        self._plan = older.options.plan
+        self._thresholds = kept(older.options.thresholds, self._thresholds)
+        return replace(older, options=older.options.model_copy(update={"thresholds": self._thresholds}))
+
+    def ended(self, samples: Samples) -> Samples:
+        marks = samples.marks.copy()
+        if len(marks) and 0 < marks[-1] < LEFT_OUT:
+            marks[stretch_of(marks, marks[-1])] = 0
+        return replace(samples, marks=marks)
+
+    def procedure(self, before: Sequence[Any]) -> Procedure:
+        done = poses(joined(before), self._plan, self._thresholds)[0] if before else None
+        return Procedure(self._plan, self._thresholds, done)
+
+    def compute(self, taps: Taps, parts: Sequence[Any], date: datetime.date) -> Result:
+        plan, thresholds = taps.options.plan, taps.options.thresholds
+        found, noise = poses(joined(parts), plan, thresholds)
+        numbers, wrench = tuple(found), np.array(list(found.values()))
+        alone = plan.poses == 1
+        load = bias_alone(numbers[0], wrench[0], noise) if alone else fit(numbers, wrench, noise, thresholds)
+        return Result(taps.options, taps.frame, taps.simulated, load, date, refusals(load, thresholds))
+
+    def lines(self, result: Result) -> list[str]:
+        return report.lines(result)
+
+    def figures(self, result: Result) -> dict[str, Any]:
+        return report.figures(result)
+
+    def draw(self, result: Result, png: Path) -> None:
+        report.draw(result, png)
+
+    def record(self, result: Result) -> FtRecord:
+        load = result.load
+        return FtRecord.model_validate(
+            {
+                "format": FORMAT, "date": result.date, "simulated": result.simulated, "signal": result.options.signal,
+                "frame": result.frame, "poses": len(load.numbers), "bias": load.bias.round(6).tolist(),
+                "tool_mass": round(load.mass, 6), "tool_com": load.com.round(6).tolist(),
+                "left": load.most, "uncertain": load.uncertain,
+            }
+        )  # fmt: skip
+
+
+def _marks(plan: Plan, thresholds: Thresholds, graph: Graph, entry: ControllerEntry) -> dict[str, Any]:
+    """The entry of the marks' law."""
+    found = elements(graph, LAW, entry, "wrench")
+    if missing := [axis for axis in WRENCH if axis not in found]:
+        raise WiringError(f"the input 'wrench' of {LAW}", f"it has no '{missing[0]}'", "Wire a six-axis sensor")
+    (signal,) = entry.inputs["wrench"].signals
+    return {
+        "use": MARKS, "name": MARKS, "signal": signal, "wrench": {axis: found[axis] for axis in WRENCH},
+        "plan": plan.model_dump(), "thresholds": thresholds.model_dump(),
+    }  # fmt: skip

@@ -1,0 +1,113 @@
+"""What the guided calibration of a force/torque sensor gave: wrenches with marks.
+
+A mark is 0 where nothing counts, n while pose n is held, and 100 + n says that pose n is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from pydantic import Field
+
+from runtime.contracts.controller import ControllerConfig
+from runtime.contracts.options import Options
+from runtime.contracts.signals import Array
+from runtime.control.ft.fit import FtError, Thresholds
+from runtime.control.shared.marks import Indices, MarkLaw, stretch_of
+
+IDLE: Final = 0
+LEFT_OUT: Final = 100
+MOST: Final = 30  # poses
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Samples in the order of time.
+
+    Attributes:
+        times: (T,) s.
+        wrench: (T, 6) N, N m in the sensor's frame; NaN where it wasn't measured.
+        marks: (T,).
+    """
+
+    times: Array
+    wrench: Array
+    marks: Indices
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+
+def joined(parts: Sequence[Samples]) -> Samples:
+    """One after another."""
+    found = (np.concatenate([getattr(p, k) for p in parts]) for k in ("times", "wrench", "marks"))
+    return Samples(*found)
+
+
+class Plan(Options):
+    """The poses, and how long the steps take."""
+
+    poses: int = Field(8, ge=1, le=MOST, description="how many; 1 finds the bias alone")
+    settle: float = Field(1.0, ge=0.2, description="s for which it must be still before a pose is taken")
+    hold: float = Field(2.0, ge=0.5, description="s of a pose that count")
+
+
+def steady(wrench: Array, blocks: int = 5) -> float:
+    """N: how far the means of consecutive blocks of forces are apart at most; infinite where one isn't measured.
+
+    Args:
+        wrench: (T, 6) N, N m.
+        blocks: number of blocks; means are compared, so that noise doesn't look like motion.
+    """
+    if len(wrench) < blocks or not np.isfinite(wrench).all():
+        return float("inf")
+    means = np.array([part[:, :3].mean(axis=0) for part in np.array_split(wrench, blocks)])
+    return float(np.linalg.norm(means[:, None] - means, axis=2).max())
+
+
+def poses(samples: Samples, plan: Plan, thresholds: Thresholds) -> tuple[dict[int, Array], Array]:
+    """The mean wrench (6,) of each pose that was held to its end and not left out; and the noise (6,).
+
+    Raises FtError: none was, or one that counts wasn't still.
+    """
+    found: dict[int, Array] = {}
+    spread = []
+    for number in range(1, plan.poses + 1):
+        at = stretch_of(samples.marks, number)
+        out = np.flatnonzero(samples.marks == LEFT_OUT + number)
+        if at.stop == at.start or (len(out) and out[-1] >= at.stop):
+            continue
+        times, wrench = samples.times[at], samples.wrench[at]
+        if times[-1] - times[0] < 0.9 * plan.hold:
+            continue  # broken off
+        if (moved := steady(wrench)) > thresholds.steady:
+            problem = "some of its samples are missing" if moved == np.inf else f"the force changed by {moved:.2f} N"
+            raise FtError(f"pose {number}", problem, "Do it again, still: r N, or --redo N --from FILE.rrd")
+        found[number] = wrench.mean(axis=0)
+        spread.append(wrench.std(axis=0) / np.sqrt(len(wrench)))
+    if not found:
+        raise FtError("poses", "none was held to its end", "Hold the sensor still in each")
+    return found, np.sqrt(np.mean(np.square(spread), axis=0))
+
+
+class FtMarksConfig(ControllerConfig):
+    """Options of `ft-marks`."""
+
+    signal: str = Field(description="the sensor's wrench")
+    wrench: dict[str, str] = Field(description="where each of its axes is: fx: SIGNAL[ELEMENT]")
+    plan: Plan = Plan()
+    thresholds: Thresholds = Thresholds()
+
+
+class FtMarks(MarkLaw):
+    """See `MarkLaw`."""
+
+    Config = FtMarksConfig
+    summary = "marks in the rows when a force/torque sensor is calibrated (srl calibrate PROFILE ft)"
+
+    def __init__(self, name: str, config: FtMarksConfig) -> None:
+        super().__init__(name, config)
+        self.marks(LEFT_OUT + MOST)

@@ -1,0 +1,1 @@
+"""Writes recordings as files of other programs: MCAP, Parquet, C3D, BIDS-Motion."""

@@ -1,0 +1,316 @@
+"""Exports are read back by other libraries than the ones that wrote them, bit for bit where the format has the bits."""
+
+from __future__ import annotations
+
+import csv
+import json
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from helpers.recording import make_layout, make_rows
+
+from runtime.contracts.errors import RecordingError, RequestError
+from runtime.contracts.field import Field
+from runtime.export import formats, parquet_file, report
+from runtime.export.elements import elements
+from runtime.ipc.events import Event, Level
+from runtime.ipc.layout import Layout
+from runtime.ipc.words import LINK_CONNECTED
+from runtime.profile import profile, wiring
+from runtime.recording.reader import Recording
+
+
+def recorded(count: int = 600, without: slice = slice(0, 0)) -> Recording:
+    """A made-up run with every kind of float64, an event and, if asked for, a gap."""
+    layout = make_layout()
+    layout.add("suit.markers", "state", (2, 3), "m", labels=("A", "B"), components=(("x", "y", "z"),), visual="points")
+    layout.add("suit.marker_visible", "state", (2,), "1", labels=("A", "B"))
+    rows, sequence = make_rows(layout, count), np.arange(1, count + 1)
+    start = layout.ints + layout.fields["suit.markers"].offset
+    rows[:, start : start + 6] = np.arange(count * 6.0).reshape(count, 6).view(np.int64)
+    rows[:, start + 6 : start + 8] = np.where(np.arange(count)[:, None] % 7 == [0, 3], 0.0, 1.0).view(np.int64)
+    kept = np.delete(np.arange(count), without)
+    missing = [(int(without.start) + 1, int(without.stop))] if without.stop else []
+    events = [Event(5, Level.WARNING, 100, "a finger\nwas lost: Grüße")]
+    return Recording(Path("made-up.rrd"), layout, sequence[kept], rows[kept], missing, events, 0)
+
+
+def columns(recording: Recording) -> dict[str, np.ndarray]:
+    """Every number of a recording by its flat name."""
+    layout = recording.layout
+    found: dict[str, np.ndarray] = {name: recording.int(name) for name in layout.int_names}
+    for field in layout.fields.values():
+        flat = recording.value(field.name).reshape(len(recording.rows), -1)
+        found |= {e.name: flat[:, i] for i, e in enumerate(elements(field))}
+    return found
+
+
+def same(ours: np.ndarray, theirs: Any) -> bool:
+    """Bit for bit: NaN of every payload, too."""
+    return np.ascontiguousarray(ours).tobytes() == np.ascontiguousarray(theirs).tobytes()
+
+
+def test_elements_are_called_as_plots_call_them_with_a_unit_each() -> None:
+    def named(*shape: int, unit: str, **rest: Any) -> dict[str, str]:
+        return {e.name: e.unit for e in elements(Field("a.b", "state", 0, shape, unit, **rest))}
+
+    assert named(unit="1") == named(1, unit="1") == {"a.b": "1"}
+    assert named(1, unit="N", labels=("grip",)) == {"a.b[grip]": "N"}
+    assert named(2, 2, unit="m", labels=("p", "q"), components=(("x", "y"),)) == {
+        "a.b[p,x]": "m", "a.b[p,y]": "m", "a.b[q,x]": "m", "a.b[q,y]": "m",
+    }  # fmt: skip
+    assert named(2, unit="m") == {"a.b[0]": "m", "a.b[1]": "m"}
+    wrench = ("fx", "fy", "fz", "tx", "ty", "tz")
+    assert list(named(6, unit="N, N m", labels=wrench).values()) == ["N"] * 3 + ["N m"] * 3
+    assert list(named(6, unit="N, N m").values()) == ["N"] * 3 + ["N m"] * 3
+    assert list(named(3, unit="m/s, rad/s", labels=("vx", "vy", "wz")).values()) == ["m/s", "m/s", "rad/s"]
+    assert list(named(3, unit="m, rad", labels=("x", "y", "yaw")).values()) == ["m", "m", "rad"]
+    assert list(named(4, unit="kg, m", labels=("mass", "x", "y", "z")).values()) == ["kg", "m", "m", "m"]
+    assert list(named(2, 3, unit="m, N", labels=("hand", "force")).values()) == ["m"] * 3 + ["N"] * 3
+    assert list(named(7, unit="m", labels=("x", "y", "z", "qw", "qx", "qy", "qz")).values()) == ["m"] * 3 + ["1"] * 4
+    assert named(2, unit="rad/s", labels=("lift", "turn"), slides=("lift",)) == {
+        "a.b[lift]": "m/s", "a.b[turn]": "rad/s",
+    }  # fmt: skip
+
+
+def test_a_joint_that_slides_keeps_its_unit_from_the_profile_on() -> None:
+    layout = wiring.build(*profile.load("human-srl"), []).layout
+    units = {e.parts[0]: e.unit for e in elements(layout.fields["arm.position_command"])}
+    assert units == {"J1": "rad", "J2": "rad", "J3": "rad", "J4": "rad", "J5": "m", "J6": "rad", "J7": "rad"}
+
+
+def test_parquet_has_every_number_in_pandas_and_polars(tmp_path: Path) -> None:
+    pandas, polars = pytest.importorskip("pandas"), pytest.importorskip("polars")
+    recording, target = recorded(without=slice(100, 140)), tmp_path / "run.parquet"
+    made = formats.write("parquet", recording, target)
+    assert made.left_out == []
+    frame, table = pandas.read_parquet(target), polars.read_parquet(target)
+    for name, values in columns(recording).items():
+        assert same(values, frame[name].to_numpy()), name
+        assert same(values, table[name].to_numpy()), name
+    assert list(table["row"]) == recording.sequence.tolist()
+    stamps = recording.int("now") + recording.layout.meta["wall"]
+    assert frame["time"].astype("int64").tolist() == stamps.tolist()
+    assert frame["time"].dt.tz is not None
+    schema = pq.read_schema(target)
+    assert schema.field("finger.position_command[mcp]").metadata == {
+        b"signal": b"finger.position_command", b"role": b"command", b"unit": b"rad",
+    }  # fmt: skip
+    assert schema.field("hand.tips[thumb,0]").metadata[b"frame"] == b"hand"
+    assert json.loads(schema.metadata[b"srl.layout"])["meta"] == recording.layout.meta
+    assert json.loads(schema.metadata[b"srl.missing"]) == [[101, 140]]
+    assert json.loads(schema.metadata[b"srl.events"])[0]["text"] == recording.events[0].text
+
+
+@pytest.mark.parametrize("reader", ["mcap", "rosbags"])
+def test_mcap_has_every_number_for_readers_of_ros_2(reader: str, tmp_path: Path) -> None:
+    pytest.importorskip("mcap")
+    recording, target = recorded(without=slice(100, 140)), tmp_path / "run.mcap"
+    made = formats.write("mcap", recording, target)
+    assert made.left_out == []
+    found = _by_mcap(target) if reader == "mcap" else _by_rosbags(target)
+    stamps = (recording.int("now") + recording.layout.meta["wall"]).tolist()
+    layout = recording.layout
+    for topic, names in (("/loop/cycle", layout.int_names[:23]), ("/loop/devices/finger", layout.int_names[-7:])):
+        assert same(np.stack([recording.int(n) for n in names], 1), np.stack([m.data for _, m in found[topic]])), topic
+    for name, take in (
+        ("glove/position", lambda m: m.position),
+        ("finger/position_command", lambda m: m.position),
+        ("hand/tips", lambda m: m.data),
+        ("odd/values", lambda m: m.data),
+        ("world/finger", lambda m: m.data),
+    ):
+        messages = found[f"/{name}"]
+        assert [stamp for stamp, _ in messages] == stamps
+        values = recording.value(name.replace("/", ".")).reshape(len(stamps), -1)
+        assert same(values, np.array([take(m) for _, m in messages])), name
+    joints = found["/finger/position_command"][3][1]
+    assert list(joints.name) == ["abduction", "mcp", "pip", "dip"]
+    assert joints.header.stamp.sec * 10**9 + joints.header.stamp.nanosec == stamps[3]
+    poses, transforms = found["/hand/pose"], dict(found["/tf"])
+    assert len(transforms) == 600 - 40 - 99  # none before the first sample
+    for i, (stamp, message) in enumerate(poses):
+        p, q = message.pose.position, message.pose.orientation
+        assert same(recording.value("hand.pose")[i], np.array([p.x, p.y, p.z, q.w, q.x, q.y, q.z]))
+        if stamp in transforms:
+            (moving,) = transforms[stamp].transforms
+            assert (moving.header.frame_id, moving.child_frame_id) == ("base", "hand")
+            # By the profile's frame, turned by 0.5 rad about z: `make_layout`.
+            at = moving.transform.translation
+            expected = [0.1 + p.x * np.cos(0.5) - p.y * np.sin(0.5), p.x * np.sin(0.5) + p.y * np.cos(0.5), p.z]
+            assert np.allclose([at.x, at.y, at.z], expected, atol=1e-12)
+    ((_, event),) = found["/rosout"]
+    assert (event.msg, event.level, event.function) == (recording.events[0].text, 30, "cycle 100")
+
+
+def test_mcap_names_elements_and_units_and_holds_the_layout(tmp_path: Path) -> None:
+    reading = pytest.importorskip("mcap.reader")
+    recording = recorded(20)
+    formats.write("mcap", recording, tmp_path / "run.mcap")
+    with open(tmp_path / "run.mcap", "rb") as file:
+        reader = reading.make_reader(file)
+        about = {c.topic: c.metadata for c in reader.get_summary().channels.values()}
+        (kept,) = list(reader.iter_attachments())
+    assert about["/hand/tips"]["unit"] == "m"
+    assert about["/hand/tips"]["frame"] == "hand"
+    assert json.loads(about["/hand/tips"]["labels"]) == ["thumb", "index", "middle", "ring", "little"]
+    assert json.loads(about["/loop/cycle"]["labels"]) == recording.layout.int_names[:23]
+    assert json.loads(kept.data)["meta"] == recording.layout.meta
+
+
+def _by_mcap(target: Path) -> dict[str, list[tuple[int, Any]]]:
+    from mcap.reader import make_reader
+
+    decoder = pytest.importorskip("mcap_ros2.decoder")
+    found: dict[str, list[tuple[int, Any]]] = {}
+    with open(target, "rb") as file:
+        reader = make_reader(file, decoder_factories=[decoder.DecoderFactory()])
+        for _, channel, message, decoded in reader.iter_decoded_messages():
+            found.setdefault(channel.topic, []).append((message.log_time, decoded))
+    return found
+
+
+def _by_rosbags(target: Path) -> dict[str, list[tuple[int, Any]]]:
+    from rosbags.highlevel import AnyReader
+
+    found: dict[str, list[tuple[int, Any]]] = {}
+    with AnyReader([target]) as reader:
+        for connection, stamp, raw in reader.messages():
+            found.setdefault(connection.topic, []).append((stamp, reader.deserialize(raw, connection.msgtype)))
+    return found
+
+
+def test_c3d_has_points_in_the_root_and_marks_what_was_not_measured(tmp_path: Path) -> None:
+    pytest.importorskip("ezc3d")
+    import c3d
+
+    recording = recorded(without=slice(100, 140))
+    recording.rows[:, recording.layout.int_names.index("glove.link")] = LINK_CONNECTED
+    made = formats.write("c3d", recording, tmp_path / "run.c3d")
+    assert any("odd.values" in line for line in made.left_out)
+    assert any("event" in line for line in made.left_out)
+    assert any("40 frames have no row" in line for line in made.left_out)
+    with open(tmp_path / "run.c3d", "rb") as file:
+        reader = c3d.Reader(file)
+        names = [name.strip() for name in reader.point_labels]
+        channels = [name.strip() for name in reader.analog_labels]
+        frames = list(reader.read_frames())
+        assert (reader.point_rate, reader.get("POINT:UNITS").string_value.strip()) == (1000.0, "mm")
+    assert len(frames) == 600
+    marker, thumb = names.index("suit.markers:A"), names.index("hand.tips:thumb")
+    rows = {int(s) - 1: i for i, s in enumerate(recording.sequence)}
+    for k, (_, points, analog) in enumerate(frames):
+        measured = points[:, 3] >= 0
+        if k not in rows:
+            assert not measured.any()
+            continue
+        i = rows[k]
+        visible = recording.value("suit.marker_visible")[i, 0] > 0
+        assert measured[marker] == visible
+        assert measured[thumb] == (k >= 99), "the frame's pose is known from the hundredth row on"
+        if visible:
+            assert np.allclose(points[marker, :3], 1000 * recording.value("suit.markers")[i, 0], rtol=1e-6)
+        at = channels.index("glove.position[joint 3]")
+        assert analog[at, 0] == np.float32(recording.value("glove.position")[i, 3])
+    slow = formats.write("c3d", recording, tmp_path / "slow.c3d", rate=Fraction(100))
+    assert slow.content.startswith("60 frames")
+
+
+def test_c3d_says_what_it_cannot_hold(tmp_path: Path) -> None:
+    pytest.importorskip("ezc3d")
+    recording = recorded(10)
+    recording.rows[-1, recording.layout.int_names.index("now")] += 70_000_000_000
+    with pytest.raises(RecordingError, match=r"holds 65535.*--rate 9\d\d"):
+        formats.write("c3d", recording, tmp_path / "run.c3d")
+    for name in ("hand.tips", "suit.markers", "world.tip"):
+        field = recording.layout.fields[name]
+        recording.layout.fields[name] = Field(**{**vars(field), "visual": ""})
+    with pytest.raises(RecordingError, match="no markers"):
+        formats.write("c3d", recording, tmp_path / "run.c3d")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_bids_motion_follows_the_specification(tmp_path: Path) -> None:
+    recording = recorded(300)
+    recording.layout.add("glove.pose", "state", (7,), "m", frame="base", labels=("x", "y", "z", "qw", "qx", "qy", "qz"))
+    recording = Recording(
+        recording.path, recording.layout, recording.sequence, np.hstack([recording.rows, recording.rows[:, -7:]]), [],
+        recording.events, 0,
+    )  # fmt: skip
+    start = recording.layout.ints + recording.layout.fields["glove.position"].offset
+    recording.rows[5, start] = np.array(np.nan).view(np.int64)
+    made = formats.write("bids", recording, tmp_path, person="P07")
+    assert any("hand.tips" in line for line in made.left_out)
+    stem = tmp_path / "sub-P07" / "motion" / "sub-P07_task-madeup_tracksys-glove_run-1"
+
+    def table(path: Path) -> list[list[str]]:
+        with open(path, newline="") as file:
+            return list(csv.reader(file, delimiter="\t"))
+
+    head, *channels = table(Path(f"{stem}_channels.tsv"))
+    assert head[:5] == ["name", "component", "type", "tracked_point", "units"]
+    motion = table(Path(f"{stem}_motion.tsv"))
+    assert {len(row) for row in motion} == {len(channels)}, "no header, a column a channel"
+    by_name = {channel[0]: dict(zip(head, channel, strict=True)) for channel in channels}
+    assert by_name["glove.position[joint 3]"]["type"] == "JNTANG"
+    assert by_name["glove.pose[qw]"] | {"name": ""} == {
+        "name": "", "component": "quat_w", "type": "ORNT", "tracked_point": "glove", "units": "1",
+        "reference_frame": "base",
+    }  # fmt: skip
+    assert (by_name["glove.pose[y]"]["type"], by_name["glove.pose[y]"]["component"]) == ("POS", "y")
+    place = [channel[0] for channel in channels].index("glove.position[joint 0]")
+    values = [row[place] for row in motion]
+    assert values[5] == "n/a"
+    true = recording.value("glove.position")[:, 0]
+    assert [float(v) for i, v in enumerate(values) if i != 5] == [v for i, v in enumerate(true.tolist()) if i != 5]
+    assert [float(row[0]) for row in motion] == ((recording.int("now") - recording.int("now")[0]) / 1e9).tolist()
+    told = json.loads(Path(f"{stem}_motion.json").read_text())
+    assert (told["SamplingFrequency"], told["TaskName"], told["JNTANGChannelCount"]) == (1000.0, "made-up", 22)
+    levels = json.loads(Path(f"{stem}_channels.json").read_text())["reference_frame"]["Levels"]
+    assert "base" in levels
+    formats.write("bids", recording, tmp_path, person="P07")
+    formats.write("bids", recording, tmp_path, person="P08")
+    assert [row[0] for row in table(tmp_path / "participants.tsv")] == ["participant_id", "sub-P07", "sub-P08"]
+    scans = table(tmp_path / "sub-P07" / "sub-P07_scans.tsv")
+    assert [row[0][-16:] for row in scans[1:]] == ["run-1_motion.tsv", "run-2_motion.tsv"]
+    assert scans[1][1].startswith("2024-01-11T19:06:40.124456Z")
+    with pytest.raises(RequestError, match="doesn't say whose it is"):
+        formats.write("bids", recording, tmp_path)
+    with pytest.raises(RecordingError, match="no BIDS label"):
+        formats.write("bids", recording, tmp_path, person="../x")
+
+
+def test_bids_refuses_devices_whose_labels_are_one_and_takes_an_empty_list(tmp_path: Path) -> None:
+    layout = Layout(devices=["arm-1", "arm1"])
+    for device in layout.devices:
+        layout.add(f"{device}.position", "state", (2,), "rad", labels=("a", "b"))
+    rows = np.zeros((3, layout.width), np.int64)
+    recording = Recording(Path("made-up.rrd"), layout, np.arange(1, 4), rows, [], [], 0)
+    with pytest.raises(RecordingError, match="one would take the other's place"):
+        formats.write("bids", recording, tmp_path, person="P07")
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "participants.tsv").touch()
+    formats.write("bids", recorded(10), tmp_path, person="P07")
+    assert (tmp_path / "participants.tsv").read_text() == "participant_id\nsub-P07\n"
+
+
+def test_a_file_that_cannot_be_written_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "run.parquet").write_text("an older one")
+
+    def fail(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(parquet_file.pq.ParquetWriter, "write_batch", fail)
+    with pytest.raises(RecordingError, match="No space left"):
+        formats.write("parquet", recorded(10), tmp_path / "run.parquet")
+    assert [p.name for p in tmp_path.iterdir()] == ["run.parquet"]
+    assert (tmp_path / "run.parquet").read_text() == "an older one"
+
+
+def test_a_package_that_is_not_installed_is_named_with_its_extra() -> None:
+    with pytest.raises(Exception, match=r"pip install 'srl-runtime\[mcap\]'"):
+        report.library("mcap_writer_of_another_day", "mcap", "--mcap")
