@@ -16,6 +16,7 @@ from bench import (
     dynamixel,
     ikns,
     noitom,
+    object_mapping,
     panda,
     pycgm,
     sibson,
@@ -24,6 +25,7 @@ from bench import (
     stop_latency,
     superman,
     ur,
+    whole_body_laws,
 )
 from bench.pairs import Row
 
@@ -36,6 +38,7 @@ BENCHES: dict[str, Callable[[], list[Row]]] = {
     "dynamixel": dynamixel.run,
     "ikns-cycle": ikns.run,
     "noitom-text": noitom.run,
+    "object-mapping": object_mapping.run,
     "panda-cycle": panda.run,
     "ur-rtde-receive": ur.run,
     "pycgm": pycgm.run,
@@ -45,6 +48,7 @@ BENCHES: dict[str, Callable[[], list[Row]]] = {
     "sim-sixth-finger": sixth_finger.speed,
     "stop-latency": stop_latency.run,
     "superman": superman.run,
+    "superman-laws": whole_body_laws.run,
     "telemetry-1khz": sixth_finger.telemetry,
 }
 

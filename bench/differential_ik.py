@@ -44,10 +44,7 @@ def _rows(name: str, robot: RobotDescription) -> list[Row]:
     ours = Ours(robot)
     others = {"mink": mink(robot), "pink": pink(robot)}
 
-    def timed(solve: Solve) -> Callable[[], dict[str, float]]:
-        return lambda: _timed(solve, robot)
-
-    pairs = measure(timed(ours), {other: timed(solve) for other, solve in others.items()}, PAIRS)
+    pairs = measure(timed(ours, robot), {other: timed(solve, robot) for other, solve in others.items()}, PAIRS)
     rows = []
     for other, solve in others.items():
         what = f"{name}, a cycle's kinematics and law"
@@ -74,14 +71,20 @@ def _places(robot: RobotDescription) -> list[tuple[Array, Array, rotation.Quater
     return found
 
 
-def _timed(solve: Solve, robot: RobotDescription) -> dict[str, float]:
-    places, took = _places(robot), []
-    for i in range(BLOCK):
-        q, place, turn = places[i % POSTURES]
-        begun = time.perf_counter_ns()
-        solve(q, place, turn)
-        took.append(time.perf_counter_ns() - begun)
-    return {"solve": statistics.median(took) / 1e3}
+def timed(solve: Solve, robot: RobotDescription) -> Callable[[], dict[str, float]]:
+    """Returns what measures a block of solves, us, p50."""
+    places = _places(robot)
+
+    def block() -> dict[str, float]:
+        took = []
+        for i in range(BLOCK):
+            q, place, turn = places[i % POSTURES]
+            begun = time.perf_counter_ns()
+            solve(q, place, turn)
+            took.append(time.perf_counter_ns() - begun)
+        return {"solve": statistics.median(took) / 1e3}
+
+    return block
 
 
 def _apart(one: Solve, other: Solve, robot: RobotDescription) -> float:
@@ -94,17 +97,22 @@ def _apart(one: Solve, other: Solve, robot: RobotDescription) -> float:
 
 
 class Ours:
-    """Tool pose and the robot's own law. Kairos: gain 1 / DT and no priorities, the same problem as the others'."""
+    """Tool pose and a law of the robot.
 
-    def __init__(self, robot: RobotDescription) -> None:
+    Without a law it is the robot's own; Kairos': gain 1 / DT and no priorities, the same problem as the others'.
+    """
+
+    def __init__(self, robot: RobotDescription, law: Controller | None = None) -> None:
         self._robot = robot
-        self._tool = _bound(ToolPose("tool", ToolPoseConfig(robot=robot.name)))
-        if robot is UR16E:
+        self._tool = bound(ToolPose("tool", ToolPoseConfig(robot=robot.name)))
+        if law is not None:
+            self._law: Controller = bound(law)
+        elif robot is UR16E:
             same = {"base": 1.0, "arm": 1.0, "posture": 0.0}
             options = {"gain": (1 / DT,) * 6, "manipulation": same, "manipulability": 0.0, "speed": None}
-            self._law: Controller = _bound(KairosClik("law", KairosClikConfig.model_validate(options)))
+            self._law = bound(KairosClik("law", KairosClikConfig.model_validate(options)))
         else:
-            self._law = _bound(MocaImpedance("law", MocaImpedanceConfig()))
+            self._law = bound(MocaImpedance("law", MocaImpedanceConfig()))
         self._begun = False
 
     def tool(self, q: Array) -> tuple[Array, rotation.Quaternion]:
@@ -136,7 +144,7 @@ class Ours:
                 law.input[name][:] = tool.output[name]
 
 
-def _bound(controller: Controller) -> Controller:
+def bound(controller: Controller) -> Controller:
     inputs, outputs = ({s.name: np.zeros(s.shape) for s in t} for t in (controller.inputs, controller.outputs))
     poses = {t.name: np.array(IDENTITY) for t in controller.transforms}
     if "mount" in poses:

@@ -18,11 +18,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers.lever import write_package
 from helpers.run import call, environment
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
-from runtime.cli import COMMANDS
+from runtime.cli import MODULES
 from runtime.cli.check import check_guards
 from runtime.contracts import registry
 from runtime.ipc import latches
@@ -34,7 +35,7 @@ from sim.devices.examples import DEVICES
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
-PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted(DOCS.rglob("*.md"))]
+PAGES = [*(ROOT / name for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")), *sorted(DOCS.rglob("*.md"))]
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 name = lambda page: str(page.relative_to(ROOT))  # noqa: E731
 
@@ -63,7 +64,7 @@ def test_every_page_is_linked_from_the_readme_or_its_folder() -> None:
 def parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="srl", exit_on_error=False)
     subparsers = parser.add_subparsers(required=True)
-    for command in COMMANDS:
+    for command in dict.fromkeys(MODULES.values()):
         importlib.import_module(f"runtime.cli.{command}").add_parser(subparsers)
     return parser
 
@@ -214,7 +215,7 @@ def test_the_safety_pages_defaults_are_the_machines() -> None:
         (DOCS / "safety.md").read_text(),
         re.M,
     )
-    assert len(rows) == 6
+    assert len(rows) == 7
     for cause, reaction in rows:
         machine = Machine(profile.Faults(), (), automatic=True)
         machine.start_if_ready(None)
@@ -251,11 +252,7 @@ def test_the_machine_ends_the_stops_that_the_safety_page_says(latch: Latch, orig
 def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The page's package, as if it were installed: its files, and its entry points."""
     folder = tmp_path_factory.mktemp("lever")
-    for _, body in FENCE.findall((DOCS / "extending.md").read_text()):
-        if match := re.match(r"# ([\w./]+)\n", body):
-            path = folder / match[1]
-            path.parent.mkdir(exist_ok=True)
-            path.write_text(body)
+    write_package(folder)
     project = tomllib.loads((folder / "pyproject.toml").read_text())
     assert project["tool"]["setuptools"]["packages"] == ["srl_lever"]
     info = folder / "srl_lever-0.1.0.dist-info"

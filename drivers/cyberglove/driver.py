@@ -60,7 +60,7 @@ class CyberGlove(Sensor):
             Signal(name="buttons", shape=(1,), unit="1", labels=("wrist_switch",)),
         )
         self._calibration_file = config.calibration
-        self._calibration: calibration.Calibration | None = None
+        self._calibration = self._load_calibration()  # here, so that `srl check` refuses what a run would
         self._parser = Parser(config.sensors)
         self._link: Transport | None = None
         # A glove forgets these settings when it is switched off, so a request to restart the stream repeats them.
@@ -73,7 +73,6 @@ class CyberGlove(Sensor):
 
     def open(self) -> None:
         self.close()
-        self._calibration = self._load_calibration()
         link = self._link = open_transport(self.port, place=self._place, baudrate=BAUDRATE)
         try:
             self._silence(link)
@@ -130,7 +129,6 @@ class CyberGlove(Sensor):
         return newest
 
     def _fill(self, record: Record, now: int) -> None:
-        assert self._calibration is not None
         if record.unplugged:
             self.health.message = "the glove isn't plugged into its interface"
             return

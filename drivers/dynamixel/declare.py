@@ -11,11 +11,8 @@ from drivers.dynamixel.setup import watchdog_code
 from runtime.contracts.signals import Command, Kind, Signal, Stop
 
 STATES: Final = ("position", "velocity", "effort", "temperature", "voltage")
-KINDS: Final = {
-    "position_command": Kind.POSITION,
-    "velocity_command": Kind.VELOCITY,
-    "effort_command": Kind.TORQUE,
-}
+COMMANDS: Final = ("position_command", "velocity_command", "effort_command")
+KINDS: Final = dict(zip(COMMANDS, (Kind.POSITION, Kind.VELOCITY, Kind.TORQUE), strict=True))
 _STOPS: Final = {
     Kind.POSITION: (Stop.HOLD, Stop.RETRACT, Stop.LIMP),
     Kind.VELOCITY: (Stop.HOLD, Stop.BRAKE, Stop.RETRACT),

@@ -44,7 +44,7 @@ class Dynamixel(Driver):
     Config = DynamixelConfig
     summary = "Dynamixel MX-28/64/106 servos on one bus, protocol 1.0 or 2.0"
     gives = declare.STATES
-    takes: tuple[str, ...] = tuple(declare.KINDS)
+    takes: tuple[str, ...] = declare.COMMANDS
     max_age = 0.1
 
     def __init__(self, name: str, config: DynamixelConfig) -> None:

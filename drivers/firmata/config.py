@@ -3,14 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Annotated, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from drivers.firmata.protocol import MAX_SERVOS, MIN_PULSE_US
 from runtime.contracts.driver import DeviceConfig
 
 MAX_PULSE_US = 2400
+PINS = range(2, 20)  # of an ATmega328P board; 0 and 1 are the serial line, a Nano's A6 and A7 can only be read
+
+
+def _on_the_board(pin: int) -> int:
+    if pin not in PINS:
+        raise ValueError("an ATmega328P board (Uno, Nano) has the pins 2 to 13, and A0 to A5, which are 14 to 19")
+    return pin
+
+
+Pin = Annotated[int, AfterValidator(_on_the_board)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +60,7 @@ class ServoConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    pin: int = Field(ge=0, le=127, description="the board's digital pin number; A0 of an Uno is 14")
+    pin: Pin = Field(description="the board's digital pin number, 2 to 19; A0 of an Uno is 14")
     min_us: int = Field(MIN_PULSE_US, ge=MIN_PULSE_US, le=MAX_PULSE_US, description="shortest pulse, us")
     max_us: int = Field(MAX_PULSE_US, ge=MIN_PULSE_US, le=MAX_PULSE_US, description="longest pulse, us")
     lower: float = Field(allow_inf_nan=False, description="rad, angle at min_us (at max_us if reversed)")
@@ -101,7 +111,7 @@ class ButtonConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    pin: int = Field(ge=0, le=127, description="the board's digital pin number")
+    pin: Pin = Field(description="the board's digital pin number, 2 to 19; A0 of an Uno is 14")
     debounce: float = Field(0.02, ge=0, le=1, description="time a new level must last to count, s")
     pull_up: bool = Field(True, description="use the board's pull-up; false where a resistor to 5 V is wired")
 

@@ -34,10 +34,18 @@ class Arrivals:
         self._stops: queue.SimpleQueue[_Item] = queue.SimpleQueue()
         self._stopped = 0  # when the newest stop came
 
-    def into(self, work: Callable[[Any], None]) -> Callable[[Any], None]:
-        """Returns a callback for zenoh's threads that queues its argument for `work`."""
+    def into(
+        self, work: Callable[[Any], None], unless: Callable[[Any], bool] = lambda _: False
+    ) -> Callable[[Any], None]:
+        """Returns a callback for zenoh's threads that queues its argument for `work`.
+
+        Queries for which `unless` is true are for others, and dropped at once: nobody waits for this queue with them.
+        """
 
         def arrive(what: Any) -> None:
+            if unless(what):
+                what.drop()
+                return
             # The queue must not grow without bounds, and a flood of setpoints must leave room for queries.
             asked = isinstance(what, zenoh.Query)
             if self._items.qsize() < (QUERIES if asked else SAMPLES):
@@ -47,10 +55,14 @@ class Arrivals:
 
         return arrive
 
-    def into_stops(self, work: Callable[[Any], None]) -> Callable[[Any], None]:
-        """As `into`, for stops."""
+    def into_stops(self, work: Callable[[Any], None], key: str) -> Callable[[Any], None]:
+        """As `into`, for stops: queries for exactly this key. One by wildcard stops nothing: it takes no room."""
+        ordinary = self.into(work)
 
         def arrive(what: Any) -> None:
+            if str(what.key_expr) != key:
+                ordinary(what)
+                return
             if self._stops.qsize() >= QUERIES:
                 what.drop()  # so many stops wait already
                 return

@@ -26,9 +26,9 @@ from runtime.bus.status import parse
 from runtime.contracts.errors import RequestError, nearest
 from runtime.contracts.signals import Array
 from runtime.contracts.tls import TlsConfig
-from runtime.ipc.run_folder import RunFolder
+from runtime.ipc.run_folder import RunFolder, running
 from runtime.messages import cdr, messages
-from runtime.profile.keys import COMMANDS, Keys, path
+from runtime.profile.keys import COMMANDS, Keys
 
 _ENDPOINT = re.compile(r"^(tcp|tls|unixsock-stream)/")
 KEPT = 1024  # samples kept for a slow reader; the oldest are dropped first
@@ -57,7 +57,7 @@ def connect(target: str | Path | RunFolder, tls: TlsConfig | None = None, timeou
     """Connects to one instance and returns a client.
 
     Args:
-        target: the instance's name, its run directory, or a zenoh endpoint ("tls/host:7447").
+        target: the instance's name, its run folder, or a zenoh endpoint ("tls/host:7447").
         tls: certificates, for a tls endpoint.
         timeout: s to wait for the connection, and for each answer.
     Raises:
@@ -65,13 +65,13 @@ def connect(target: str | Path | RunFolder, tls: TlsConfig | None = None, timeou
     """
     if isinstance(target, str) and _ENDPOINT.match(target):
         return Client(target, tls, timeout)
-    if isinstance(target, str):
-        target = RunFolder(Path(target)) if "/" in target else RunFolder.of(target)
-    run_folder = target if isinstance(target, RunFolder) else RunFolder(target)
+    if isinstance(target, str) and "/" not in target:
+        found = {run_folder.path.name: run_folder for run_folder in running()}
+        target = found.get(target, RunFolder.of(target))
+    run_folder = target if isinstance(target, RunFolder) else RunFolder(Path(target))
     if not run_folder.bus_socket.exists():
-        raise RequestError(
-            f"instance '{run_folder.path.name}'", f"no bus listens at {run_folder.bus_socket}", "Is it running?"
-        )
+        remedy = "Is it running? Set SRL_RUNTIME_DIR as for `srl run`, or give the run folder (docs/bus.md)"
+        raise RequestError(f"instance '{run_folder.path.name}'", f"no bus listens at {run_folder.bus_socket}", remedy)
     return Client(f"unixsock-stream/{run_folder.bus_socket}", tls, timeout)
 
 
@@ -90,6 +90,7 @@ class Client:
             self._session.close()
             raise
         self.keys = Keys(self.instance)
+        self._there: set[str] = set()  # setpoints that the instance is known to have
 
     def _find(self) -> str:
         until = time.monotonic() + self._timeout
@@ -186,7 +187,7 @@ class Client:
 
     def parameters(self) -> dict[str, dict[str, Any]]:
         """Every live parameter (value, lower, upper, unit, text, default), by its name."""
-        return {value["name"]: value for _, value in self._get(f"{self.keys.root}/param/**")}
+        return {value["name"]: value for _, value in self._get(self.keys.parameters)}
 
     # Requests
 
@@ -205,19 +206,40 @@ class Client:
         return self._ask(self.keys.parameter(name))
 
     def set_param(self, name: str, value: float) -> dict[str, Any]:
-        """Sets a parameter and returns once the loop has taken it. Raises RequestError if it is refused."""
-        return self._ask(self.keys.parameter(name), json.dumps(float(value)).encode(), messages.JSON)
+        """Sets a parameter and returns once the loop has taken it.
+
+        Args:
+            name: as in `parameters`, e.g. "object-mapping.drift_pull".
+            value: one number within the parameter's bounds, in its unit.
+        Raises:
+            RequestError: it is refused, or `value` isn't one number.
+        """
+        key = self.keys.parameter(name)
+        if np.ndim(value) or np.asarray(value).dtype.kind not in "iuf":
+            raise RequestError(key, f"a parameter takes one number, not {value!r:.60}", "Set each parameter by itself")
+        return self._ask(key, json.dumps(float(value)).encode(), messages.JSON)
 
     def setpoint(self, name: str, values: Any, answer: bool = False) -> None:
         """Sends a setpoint to the loop. It is valid for the setpoint's `max_age`.
 
+        The first call with a name asks the instance whether it has such a setpoint, and waits for the answer.
+
         Args:
             name: the setpoint's name, e.g. "client.force".
             values: a number or an array, in the signal's shape and SI units.
-            answer: True to wait until the setpoint is accepted, and to raise RequestError if it isn't. If False,
-                a refusal appears only in the status.
+            answer: True to wait until the loop has the setpoint. If False, a refusal of the values appears only in
+                the status.
+        Raises:
+            RequestError: there is no such setpoint, or `values` are no numbers; with `answer`, it is refused.
         """
-        array = np.asarray(values, np.float64)
+        try:
+            array = np.asarray(values, np.float64)
+        except (TypeError, ValueError):
+            problem = f"a setpoint takes numbers, not {values!r:.60}"
+            raise RequestError(self.keys.setpoint(name), problem, "Send a number or an array of them") from None
+        if name not in self._there:
+            self._ask(self.keys.setpoint(name))
+            self._there.add(name)
         payload = cdr.encode(messages.MULTI_ARRAY, messages.multi_array(array))
         encoding = messages.encoding(messages.MULTI_ARRAY)
         if answer:
@@ -235,13 +257,7 @@ class Client:
             place, _, rest = answer["error"].partition(": ")
             problem, _, remedy = rest.partition(". ")
             raise RequestError(place, problem, remedy.rstrip("."))
-        known = ", ".join(sorted(self._known(key))) or "none"
-        raise RequestError(key, "nobody answered", f"Is the service running? Names there: {known}")
-
-    def _known(self, key: str) -> list[str]:
-        if "/param/" not in key:
-            return []
-        return [path(name).replace("/", ".") for name in self.parameters()]
+        raise RequestError(key, "nobody answered", "Is the service running?")
 
     def _get(self, key: str, payload: bytes | None = None, encoding: str | None = None) -> list[tuple[str, Any]]:
         answers = self._session.get(

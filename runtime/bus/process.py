@@ -109,8 +109,12 @@ class Bus:
         self._events_out = publisher(self._keys.events, messages.STRING)
         self._declared: list[Any] = []
         for key, answer in self._requests.handlers().items():
-            into = self._arrivals.into_stops if key == self._keys.command("stop") else self._arrivals.into
-            self._declared.append(s.declare_queryable(key, into(answer)))
+            stops = key == self._keys.command("stop")
+            into = self._arrivals.into_stops(answer, key) if stops else self._arrivals.into(answer)
+            self._declared.append(s.declare_queryable(key, into))
+        known = self._requests.known()
+        for keys, answer in self._requests.strangers().items():
+            self._declared.append(s.declare_queryable(keys, self._arrivals.into(answer, unless=known)))
         for key, take in self._requests.subscribers().items():
             self._declared.append(s.declare_subscriber(key, self._arrivals.into(take)))
         self._declared.append(s.declare_queryable(self._keys.states, self._arrivals.into(self._describe)))

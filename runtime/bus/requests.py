@@ -12,7 +12,7 @@ import json
 import sys
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -23,13 +23,13 @@ from numpy.typing import NDArray
 
 from runtime.bus.arrivals import Arrivals
 from runtime.bus.status import CAUSES, Counts
-from runtime.contracts.errors import RequestError
+from runtime.contracts.errors import RequestError, nearest
 from runtime.contracts.field import Field
 from runtime.contracts.signals import Array
 from runtime.ipc import latches
 from runtime.ipc.layout import Layout
 from runtime.ipc.requests import Answer, RequestKind, RequestWriter
-from runtime.ipc.words import CYCLE, Cause, Origin, State
+from runtime.ipc.words import CYCLE, DEVICE, Cause, Origin, State
 from runtime.messages import messages
 from runtime.profile.keys import COMMANDS, Keys
 
@@ -40,6 +40,18 @@ _OVERTAKEN = "a stop came after it", "Ask again"
 _KINDS = {"start": RequestKind.START, "stop": RequestKind.STOP, "reset": RequestKind.RESET}
 _REQUEST, _KIND, _RESULT, _STATE = CYCLE.request, CYCLE.request_kind, CYCLE.request_result, CYCLE.state
 _CAUSE, _CULPRIT, _LATCHES, _ORIGIN = CYCLE.cause, CYCLE.culprit, CYCLE.latches, CYCLE.request_origin
+
+
+@dataclass(slots=True)
+class Asked:
+    """A setpoint whose sender waits until the loop has it. `frames`: its owner's count when it was sent; -1 before."""
+
+    query: zenoh.Query
+    key: str
+    index: int
+    values: Array
+    until: int  # CLOCK_MONOTONIC ns
+    frames: int = -1
 
 
 @dataclass(slots=True)
@@ -69,6 +81,10 @@ class Requests:
         self._underway: dict[int, Pending] = {}
         self._waiting: deque[Pending] = deque()
         self._newest: dict[int, tuple[int, Array]] = {}  # setpoints to send next, by index: expiry, values
+        self._asked: list[Asked] = []
+        self._by_key = {keys.setpoint(s["name"]): i for i, s in enumerate(self._setpoints)}
+        owners = [s["name"].partition(".")[0] for s in self._setpoints]
+        self._frames = [layout.device(layout.devices.index(owner)).start + DEVICE.frames for owner in owners]
         self._row: NDArray[np.int64] | None = None
         self._cycle = -1
         self._said = 0.0
@@ -87,12 +103,33 @@ class Requests:
 
     def subscribers(self) -> dict[str, Callable[[zenoh.Sample], None]]:
         """The functions that take samples, by key."""
-        return {self._keys.setpoint(s["name"]): partial(self._put_setpoint, i) for i, s in enumerate(self._setpoints)}
+        return {self._keys.setpoints: self._put_setpoint}
+
+    def strangers(self) -> dict[str, Callable[[zenoh.Query], None]]:
+        """The functions that answer queries for names that aren't there, by the expression of all keys of the kind.
+
+        They must be given no other query: `known` tells.
+        """
+        return {
+            self._keys.commands: partial(self._unknown, "command", COMMANDS),
+            self._keys.parameters: partial(self._unknown, "parameter", [p["name"] for p in self._parameters]),
+            self._keys.setpoints: partial(self._unknown, "setpoint", [s["name"] for s in self._setpoints]),
+        }
+
+    def known(self) -> Callable[[zenoh.Query], bool]:
+        """A function, for any thread, that tells whether a query is for a name that is there, or for many names."""
+        keys = frozenset(self.handlers())
+
+        def tell(query: zenoh.Query) -> bool:
+            key = str(query.key_expr)
+            return key in keys or "*" in key
+
+        return tell
 
     @property
     def busy(self) -> bool:
         """True while a request or setpoint waits for the loop."""
-        return bool(self._underway or self._waiting or self._newest)
+        return bool(self._underway or self._waiting or self._newest or self._asked)
 
     # Queries
 
@@ -131,29 +168,49 @@ class Requests:
         return float(self._layout.value(row[np.newaxis], self._parameters[index]["name"])[0])
 
     def _asked_setpoint(self, index: int, query: zenoh.Query) -> None:
-        key = self._keys.setpoint(self._setpoints[index]["name"])
-        if not self._answerable(query, key, 0):
+        setpoint = self._setpoints[index]
+        key = self._keys.setpoint(setpoint["name"])
+        payload = b"" if query.payload is None else query.payload.to_bytes()
+        if not payload:
+            # Reading is harmless, as with parameters.
+            self._reply(query, key, {"ok": True} | messages.describe(self._layout.fields[setpoint["name"]]) | setpoint)
+            return
+        if not self._answerable(query, key, len(self._asked)):
             return
         try:
-            payload = b"" if query.payload is None else query.payload.to_bytes()
-            self._setpoint(payload, str(query.encoding), index, key)
+            values = self._setpoint(payload, str(query.encoding), index, key)
         except RequestError as error:
             self._reject(error)
             self._refuse(query, key, error)
         else:
-            self._reply(query, key, {"ok": True, "state": self._state()})
+            self._asked.append(Asked(query, key, index, values, time.monotonic_ns() + PATIENCE))
 
-    def _put_setpoint(self, index: int, sample: zenoh.Sample) -> None:
-        key = self._keys.setpoint(self._setpoints[index]["name"])
+    def _put_setpoint(self, sample: zenoh.Sample) -> None:
+        key = str(sample.key_expr)
         try:
-            self._setpoint(sample.payload.to_bytes(), str(sample.encoding), index, key)
+            if key not in self._by_key:
+                raise self._no_such("setpoint", [s["name"] for s in self._setpoints], key)
+            self._setpoint(sample.payload.to_bytes(), str(sample.encoding), self._by_key[key], key)
         except RequestError as error:
             self._reject(error)
 
-    def _setpoint(self, payload: bytes, encoding: str, index: int, key: str) -> None:
+    def _setpoint(self, payload: bytes, encoding: str, index: int, key: str) -> Array:
         field: Field = self._layout.fields[self._setpoints[index]["name"]]
         expires = time.monotonic_ns() + round(self._setpoints[index]["max_age"] * 1e9)
-        self._newest[index] = expires, messages.read_values(payload, encoding, field, key)
+        values = messages.read_values(payload, encoding, field, key)
+        self._newest[index] = expires, values
+        for other in [a for a in self._asked if a.index == index and a.frames < 0]:
+            self._asked.remove(other)
+            self._refuse(other.query, key, RequestError(key, "a newer setpoint took its place", "Send one at a time"))
+        return values
+
+    def _unknown(self, what: str, names: Sequence[str], query: zenoh.Query) -> None:
+        key = str(query.key_expr)
+        self._refuse(query, key, self._no_such(what, names, key))
+
+    def _no_such(self, what: str, names: Sequence[str], key: str) -> RequestError:
+        name = key.removeprefix(f"{self._keys.root}/").partition("/")[2].replace("/", ".")
+        return RequestError(key, f"there is no {what} '{name}'", nearest(name, names))
 
     def _reject(self, error: RequestError) -> None:
         self._counts.rejected += 1
@@ -224,6 +281,7 @@ class Requests:
         while self._waiting and (silent or self._waiting[0].until < now):
             self._give_up(self._waiting.popleft(), problem)
         self._fill()
+        self._answer_setpoints(rows, now, problem)
         if silent:
             self._newest.clear()
         if self._newest and row is not None and row[0] != self._cycle:
@@ -231,6 +289,22 @@ class Requests:
             for index, (expires, values) in self._newest.items():
                 self._ring.send(RequestKind.SETPOINT, expires, index, values)
             self._newest.clear()
+            for asked in self._asked:
+                if asked.frames < 0:
+                    asked.frames = int(row[self._frames[asked.index]])
+
+    def _answer_setpoints(self, rows: NDArray[np.int64], now: int, problem: str) -> None:
+        """Answers the senders of setpoints that the loop has taken: its rows hold them."""
+        for asked in list(self._asked):
+            name = self._setpoints[asked.index]["name"]
+            taken = rows[rows[:, self._frames[asked.index]] > asked.frames] if asked.frames >= 0 else rows[:0]
+            if any(np.array_equal(values.ravel(), asked.values) for values in self._layout.value(taken, name)):
+                self._reply(asked.query, asked.key, {"ok": True, "state": self._state()})
+            elif self.silent or asked.until < now:
+                self._refuse(asked.query, asked.key, RequestError(asked.key, problem, "Look at the status"))
+            else:
+                continue
+            self._asked.remove(asked)
 
     def _answer(self, row: NDArray[np.int64]) -> None:
         pending = self._underway.pop(int(row[_REQUEST]), None)
@@ -284,8 +358,11 @@ class Requests:
         """Answers all requests that still wait."""
         for pending in [*self._underway.values(), *self._waiting]:
             self._give_up(pending, "the run has ended")
+        for asked in self._asked:
+            self._refuse(asked.query, asked.key, RequestError(asked.key, "the run has ended", "Look at the status"))
         self._underway.clear()
         self._waiting.clear()
+        self._asked.clear()
 
     def _state(self) -> str:
         if self.silent:

@@ -42,6 +42,7 @@ CAUSES = {
     Cause.OVERRUN: "too many cycles came late",
     Cause.DRIVER_ERROR: "a driver failed",
     Cause.CONTROLLER_ERROR: "a controller failed",
+    Cause.CONTACT: "contact that must not be",
     Cause.EMERGENCY: "an e-stop or enabling input",
     Cause.BUS_LOSS: "the bus died",
     Cause.SUPERVISOR_LOSS: "the supervisor died",
@@ -163,14 +164,15 @@ def _device(name: str, layout: Layout, row: NDArray[np.int64], index: int) -> cd
     link = words.pop("link")
     stamp = words.pop("stamp")
     age = (int(row[CYCLE.now]) - stamp) / 1e6 if stamp >= 0 else -1.0
+    awaited = stamp < 0 and device in layout.setpoint_owners
     bits = [
-        "connected" if link & LINK_CONNECTED else "lost",
+        "no setpoint yet" if awaited else "connected" if link & LINK_CONNECTED else "lost",
         *(["stale"] if link & LINK_STALE else []),
         *(["active"] if link & LINK_ACTIVE else []),
         *(["driver error"] if link & LINK_ERROR else []),
     ]
     bad = not link & LINK_CONNECTED or link & LINK_ERROR
-    level = ERROR if bad else STALE if link & LINK_STALE else OK
+    level = ERROR if bad else STALE if link & LINK_STALE else WARN if awaited else OK
     driver = str(layout.meta.get("devices", {}).get(device, {}).get("driver", ""))
     return _status(level, f"{name}/{device}", ", ".join(bits), driver, {"age_ms": age} | words)
 

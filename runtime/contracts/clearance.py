@@ -49,8 +49,8 @@ class Clearance(ABC):
 
     Attributes:
         inputs: the signals it reads. The profile's `in:` must bind every one.
-        reach: (n,) m for each rad or m: no point of the limb moves by more than the sum of reach_i |dq_i|.
-        creep: m/s: a limb whose sum of reach_i |v_i| is at most this may leave what it is too near to. The guard asks
+        reach: (n,) m for each rad or m: no point of the limb moves by more than the sum of `reach_i |dq_i|`.
+        creep: m/s: a limb whose sum of `reach_i |v_i|` is at most this may leave what it is too near to. The guard asks
             for such a motion when no faster one is clear.
         limb: the limb that the options describe, comparable; None where they describe none. No two devices have the
             same one.

@@ -42,6 +42,7 @@ class Controller(ABC):
             they were while a frame isn't seen, and are NaN before it was.
         lost: a law sets it in `reset` and `update`. True: what it follows hasn't been there for longer than it may
             hold its outputs. The limb then stops as it does for the loss of the device that the law follows.
+        contact: a law sets it in `reset` and `update`. True: the limb pushes on something that it shouldn't. It stops.
         simulated: the option whose file the simulation made, so that it says nothing about a person; "" for none.
             Where real devices feed the law, that is doubted.
     """
@@ -62,7 +63,7 @@ class Controller(ABC):
         self.output: Mapping[str, Array] = {}
         self.applied: Mapping[str, Array] = {}
         self.param: Mapping[str, Array] = {}
-        self.lost = False
+        self.lost = self.contact = False
         self.simulated = ""
 
     def bind(
@@ -106,7 +107,7 @@ class Controller(ABC):
 
         Args:
             form: one of `exports`.
-            inputs: (k, *shape) by input name.
+            inputs: `(k, *shape)` by input name.
             period: s from one sample to the next.
             path: the file; one that is there is replaced.
 

@@ -11,7 +11,8 @@ import numpy as np
 class Field:
     """One signal's place in a row.
 
-    Unit, frame, labels, slots, components, visual, links and groups are as in `runtime.contracts.signals.Signal`.
+    Unit, frame, labels, slots, components, visual, links, groups and slides are as in
+    `runtime.contracts.signals.Signal`. Earlier recordings don't say which joints slide.
 
     Attributes:
         name: `<device or controller>.<signal>`.
@@ -32,6 +33,7 @@ class Field:
     slots: bool = False
     components: tuple[tuple[str, ...], ...] = ()
     groups: tuple[str, ...] = ()
+    slides: tuple[str, ...] = ()
 
     @property
     def size(self) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import platform
 import sys
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -17,6 +18,11 @@ PACKAGES = ("numpy", "mujoco", "ruckig", "pin", "eclipse-zenoh", "rerun-sdk", "p
 
 def versions() -> dict[str, str]:
     """Versions that decide the results bit for bit: this package, Python, the numerical libraries."""
+    return dict(_versions())
+
+
+@cache
+def _versions() -> dict[str, str]:
     found = {"srl-runtime": __version__, "python": platform.python_version(), "platform": sys.platform}
     for package in PACKAGES:
         try:

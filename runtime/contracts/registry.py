@@ -5,15 +5,19 @@ A part is imported only when a profile uses it.
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Sequence
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
+from runtime.contracts.declared import declared
 from runtime.contracts.errors import HostError, ProfileError, nearest
 
 
 def names(group: str) -> list[str]:
     """The registered names of a group ("drivers", "controllers", "clearances", "worlds", "fakes", "twins"), sorted."""
-    return sorted(_points(group))
+    return sorted(_points(group, tuple(sys.path)))
 
 
 def load(group: str, name: str, place: str) -> Any:
@@ -27,7 +31,7 @@ def load(group: str, name: str, place: str) -> Any:
         ProfileError: no part has that name.
         HostError: the part is registered but its import fails, or two packages claim the name.
     """
-    points = _points(group)
+    points = _points(group, tuple(sys.path))
     if name not in points:
         raise ProfileError(place, f"no {_one(group)} is called '{name}'", nearest(name, points))
     point = points[name]
@@ -43,11 +47,30 @@ def load(group: str, name: str, place: str) -> Any:
         ) from error
 
 
+def describe(group: str, name: str, attributes: Sequence[str]) -> dict[str, Any]:
+    """What the class registered as `name` says of itself: class attributes by name.
+
+    They are read from its source, which is much quicker than an import; where that doesn't tell, it is imported.
+
+    Raises:
+        SrlError: as from `load`.
+    """
+    place = f"{_one(group)} {name}"
+    point = _points(group, tuple(sys.path)).get(name)
+    said = declared(point.value, attributes) if point is not None else None
+    if said is None:
+        part = load(group, name, place)
+        said = {attribute: getattr(part, attribute) for attribute in attributes}
+    return said
+
+
 def _one(group: str) -> str:
     return "study" if group == "studies" else group.removesuffix("s")
 
 
-def _points(group: str) -> dict[str, EntryPoint]:
+@cache  # it reads the metadata of all installed packages, and a profile asks for a dozen parts
+def _points(group: str, path: tuple[str, ...]) -> dict[str, EntryPoint]:
+    """The entry points of a group by name, as they are with this `sys.path`."""
     found: dict[str, EntryPoint] = {}
     for point in entry_points(group=f"srl.{group}"):
         other = found.setdefault(point.name, point)

@@ -6,7 +6,7 @@ most of the cost. Functions for many rotations at once take arrays.
 
 from __future__ import annotations
 
-from math import atan2, cos, sin, sqrt
+from math import asin, atan2, cos, isfinite, pi, sin, sqrt
 from typing import Final, Literal, TypeVar
 
 import numpy as np
@@ -19,7 +19,11 @@ Pose = tuple[float, float, float, float, float, float, float]
 Order = Literal["XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX"]  # Euler angles: R = R_first(r1) R_second(r2) R_third(r3)
 T = TypeVar("T", float, Array)
 
-_AXES: Final = {"X": 1, "Y": 2, "Z": 3}
+# Of each order, the numbers of its axes, and the sign of the permutation.
+_TURNS: Final = {
+    "XYZ": (0, 1, 2, 1.0), "YZX": (1, 2, 0, 1.0), "ZXY": (2, 0, 1, 1.0),
+    "XZY": (0, 2, 1, -1.0), "YXZ": (1, 0, 2, -1.0), "ZYX": (2, 1, 0, -1.0),
+}  # fmt: skip
 
 
 def product(a: Quaternion, b: Quaternion) -> Quaternion:
@@ -66,6 +70,24 @@ def log(q: Quaternion) -> Vector:
         return (2 * x, 2 * y, 2 * z)
     angle = 2 * atan2(size, w) / size
     return (angle * x, angle * y, angle * z)
+
+
+def log_nearest(q: Quaternion, to: Vector) -> Vector:
+    """The rotation vector of a unit quaternion that is nearest to another one, `to`.
+
+    Followed from one instant to the next it has no jump at pi: it goes on to larger angles. Near a full turn every
+    axis means the same rotation; from there on nothing tells which way it goes on. If `to` isn't finite: as `log`.
+    """
+    x, y, z = log(q)
+    a, b, c = to
+    angle = sqrt(x * x + y * y + z * z)
+    if angle < 1e-9:
+        size = sqrt(a * a + b * b + c * c)
+        k = round(size / (2 * pi)) * 2 * pi if isfinite(size) else 0.0
+        return (x + k * a / size, y + k * b / size, z + k * c / size) if k else (x, y, z)
+    turns = ((x * a + y * b + z * c) / angle - angle) / (2 * pi)
+    k = 1.0 + 2 * pi / angle * round(turns) if isfinite(turns) else 1.0
+    return (k * x, k * y, k * z)
 
 
 def turned(q: Quaternion, v: Vector) -> Vector:
@@ -152,9 +174,9 @@ class EulerQuaternions:
     def __init__(self, order: Order, count: int, unit: float = 1.0) -> None:
         """`unit`: rad per unit of the angles."""
         self._unit = 0.5 * unit
-        i, j, k = (_AXES[axis] for axis in order)
+        i, j, k, e = _TURNS[order]
+        i, j, k = i + 1, j + 1, k + 1  # of a quaternion's elements
         # The second terms (sin sin sin for w, and so on) have the sign of the permutation.
-        e = 1.0 if (j - i) % 3 == 1 else -1.0
         # Each component w, x, y, z is a sum of two of the eight products of three factors. The index of a
         # product has one bit per factor (1: the sine). `first` and `second` are the indices of the two terms.
         first, second, sign = np.empty(4, np.intp), np.empty(4, np.intp), np.empty((4, 1))
@@ -191,8 +213,7 @@ def euler_angles(R: Array, order: Order) -> Array:
 
     At gimbal lock the third angle is 0.
     """
-    i, j, k = (_AXES[axis] - 1 for axis in order)
-    e = 1.0 if (j - i) % 3 == 1 else -1.0
+    i, j, k, e = _TURNS[order]
     second = np.arcsin(np.clip(e * R[:, i, k], -1, 1))
     first = np.arctan2(-e * R[:, j, k], R[:, k, k])
     third = np.arctan2(-e * R[:, i, j], R[:, i, i])
@@ -200,6 +221,16 @@ def euler_angles(R: Array, order: Order) -> Array:
     first = np.where(locked, np.arctan2(e * R[:, k, j], R[:, j, j]), first)
     third = np.where(locked, 0.0, third)
     return np.stack([first, second, third], axis=1)
+
+
+def euler(R: Array, order: Order) -> Vector:
+    """As `euler_angles`, of one rotation matrix (3, 3)."""
+    i, j, k, e = _TURNS[order]
+    rows = R.tolist()
+    second = asin(min(max(e * rows[i][k], -1.0), 1.0))
+    if abs(rows[i][k]) > 1 - 1e-12:
+        return (atan2(e * rows[k][j], rows[j][j]), second, 0.0)
+    return (atan2(-e * rows[j][k], rows[k][k]), second, atan2(-e * rows[i][j], rows[i][i]))
 
 
 def about_axis(axis: int, angle: Array) -> Array:

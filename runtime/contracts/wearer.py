@@ -80,7 +80,20 @@ class Walk:
     """Walk about at an easy pace. Done once it walks; it goes on until told else."""
 
 
-Instruction = Rest | Explore | Hold | Follow | Perform | Walk
+@dataclass(frozen=True)
+class Turn:
+    """Take what is in the hands, turn it, and hold it still: this direction of its own is up. Done when it is so.
+
+    Attributes:
+        up: (3,) of any length, in the axes of what is held.
+        again: how often this was told before; a person never turns a thing twice the same way.
+    """
+
+    up: Vector
+    again: int = 0
+
+
+Instruction = Rest | Explore | Hold | Follow | Perform | Walk | Turn
 
 
 class Wearer(Protocol):

@@ -39,6 +39,7 @@ class World(ABC):
             to a controller.
         scenery: objects that never move, for viewers: kind ("box", "cylinder", "capsule", "sphere"), size (m:
             half sizes; radius and half length), position (m), quaternion (w x y z), colour (red, green, blue, alpha).
+        doubts, remarks: (key under `sim:`, text): what is probably wrong, and what a person should know.
         wearer: the simulated wearer that takes instructions; None where there isn't exactly one.
     """
 
@@ -57,6 +58,8 @@ class World(ABC):
         self.scenery: list[dict[str, Any]] = []
         self.truth_arrays: Mapping[str, Array] = {}
         self.wearer: Wearer | None = None
+        self.doubts: list[tuple[str, str]] = []
+        self.remarks: list[tuple[str, str]] = []
 
     def bind(self, truth: Mapping[str, Array]) -> None:
         """Takes the arrays that `advance` fills."""

@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, Final
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from runtime.contracts.errors import HostError
 from runtime.ipc import private_file
+
+ANONYMOUS: Final = r"^[A-Za-z]{0,4}[0-9]{1,6}$"
+"""A person's id: no name fits it."""
 
 
 @dataclass
@@ -27,6 +30,7 @@ class Launch:
         automatic: True to go from READY to motion without a request.
         latches: names of the latches that stand from an earlier run: this run then starts in STOPPED.
         recorded: True if a recorder reads the rows: an unpaced simulation then waits for it.
+        person: the wearer's anonymous id, for the recording; empty: not said.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
@@ -42,6 +46,7 @@ class Launch:
     automatic: bool = True
     latches: list[str] = field(default_factory=list)
     recorded: bool = False
+    person: str = ""
 
     @property
     def content(self) -> bytes:

@@ -41,7 +41,7 @@ class Layout:
             `finger.position_command.applied` is the guarded command, `finger.position_command.sent` what left.
         meta: other data for readers of rows: profile name, text and sha256, rate, seed, versions, clock,
             `wall` (ns to add to CLOCK_MONOTONIC for Unix time), parameters with their bounds,
-            controllers, devices' drivers.
+            controllers, devices' drivers, kinds of the commands.
         recorded: names of the words of the cycle, and of a device, that the rows were written with. They differ from
             this version's for a recording of an earlier one. Readers get this version's words; see `upgrade`.
     """
@@ -120,9 +120,14 @@ class Layout:
         """The name of the device, controller or emergency input to which a cause's index refers; "" for none."""
         if index < 0:
             return ""
-        if cause is Cause.CONTROLLER_ERROR:
+        if cause in (Cause.CONTROLLER_ERROR, Cause.CONTACT):
             return str(self.meta["controllers"][index]["name"])
         return str(self.meta["emergency"][index] if cause is Cause.EMERGENCY else self.devices[index])
+
+    @property
+    def setpoint_owners(self) -> set[str]:
+        """The names among `devices` under which clients' setpoints come; they are no devices."""
+        return {entry["name"].partition(".")[0] for entry in self.meta.get("setpoints", [])}
 
     def needs(self, place: str, *keys: str) -> None:
         """Checks that `meta` says all of this. Raises RecordingError."""
@@ -130,15 +135,20 @@ class Layout:
             problem = f"the layout is damaged: it lacks {', '.join(missing)}"
             raise RecordingError(place, problem, "Use another recording, or the version of srl that wrote this one")
 
-    def save(self, path: Path) -> None:
-        """Writes the layout as JSON."""
+    @property
+    def text(self) -> str:
+        """The layout as JSON."""
         content = {
             "devices": self.devices,
             "words": {"cycle": self.recorded[0], "device": self.recorded[1]},
             "fields": [asdict(f) for f in self.fields.values()],
             "meta": self.meta,
         }
-        private_file.replace(path, json.dumps(content).encode())
+        return json.dumps(content)
+
+    def save(self, path: Path) -> None:
+        """Writes the layout as JSON."""
+        private_file.replace(path, self.text.encode())
 
     @classmethod
     def load(cls, path: Path) -> Layout:
@@ -147,7 +157,7 @@ class Layout:
 
     @classmethod
     def from_json(cls, text: str, place: str = "the layout") -> Layout:
-        """Makes a layout from the text that `save` writes.
+        """Makes a layout from `text`.
 
         Raises:
             RecordingError: the text is damaged; `place` is where it was found.
@@ -164,6 +174,7 @@ class Layout:
                     "links": tuple(tuple(link) for link in item["links"]),
                     "components": tuple(tuple(names) for names in item.get("components", ())),
                     "groups": tuple(item.get("groups", ())),
+                    "slides": tuple(item.get("slides", ())),
                 }
                 f = Field(**item)
                 if not all(isinstance(text, str) for text in (f.name, f.role, f.unit)):

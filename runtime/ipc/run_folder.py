@@ -7,12 +7,15 @@ import os
 import shutil
 import stat
 import tempfile
+import time
 from pathlib import Path
 
 from runtime.contracts.errors import HostError
 
 SERVICES = Path("/run/srl")  # folder of the systemd unit's instances
 _SOCKET_PATH = 107  # bytes, sun_path without its terminator
+_LOOKS = 0.2  # s, longer than looks at the lock take
+_PAUSE = 0.001  # s between two tries
 MODE = 0o750  # only the service's user moves limbs; its group may read and send requests
 
 
@@ -67,14 +70,26 @@ class RunFolder:
                 f"the instance's folder can't be made: {error.strerror}",
                 "Set SRL_RUNTIME_DIR to a folder of yours, best on tmpfs",
             ) from None
-        try:
-            fcntl.flock(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+        if not self._locked():
             raise HostError(
                 f"instance '{self.path.name}'",
                 "it is running already, or something it started hasn't ended yet",
                 f"End it first (`srl stop --exit {self.path.name}`), or run this one with --instance NAME",
-            ) from None
+            )
+
+    def _locked(self) -> bool:
+        """Locks the open folder. Who looks whether it is claimed holds the lock for an instant: that is no claim."""
+        assert self.lock is not None
+        end = time.monotonic() + _LOOKS
+        while True:
+            try:
+                fcntl.flock(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                if time.monotonic() > end:
+                    return False
+                time.sleep(_PAUSE)
+            else:
+                return True
 
     def release(self) -> None:
         """Releases the folder. Its files remain, so that they can be examined."""

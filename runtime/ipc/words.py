@@ -106,6 +106,7 @@ class Cause(IntEnum):
     RESTART = 10  # started again after a crash
     END = 11  # the run's duration is over
     DEVICE_FAULT = 12  # a device refuses to move: protective stop, reflex, hardware error
+    CONTACT = 13  # a law found contact that must not be
 
 
 class Origin(IntEnum):

@@ -246,6 +246,10 @@ class Cycle:
                 self.report(f"controller '{controller.name}' has lost what it follows")
                 self.machine.stop(Fault(Cause.INTENT_LOSS, self._followed[i]))
                 return
+            if controller.contact:
+                self.report(f"controller '{controller.name}' found contact")
+                self.machine.stop(Fault(Cause.CONTACT, i))
+                return
         self._ran = True
 
     def _reseat(self) -> None:

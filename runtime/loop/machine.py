@@ -76,6 +76,7 @@ class Machine:
             Cause.DEVICE_FAULT: faults.device_fault,
             Cause.DRIVER_ERROR: faults.driver_error,
             Cause.CONTROLLER_ERROR: faults.controller_error,
+            Cause.CONTACT: faults.contact,
             Cause.BUS_LOSS: faults.bus_loss,
         }
 

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from runtime.contracts.errors import DeviceError, ProfileError, SrlError, WiringError, nearest
+from runtime.contracts.errors import DeviceError, SrlError
 from runtime.contracts.files import Files, decoded
 from runtime.contracts.signals import Limits, Stop
 from runtime.contracts.world import Fake
@@ -30,7 +30,7 @@ from runtime.ipc.launch import Launch
 from runtime.ipc.notify import Notifier
 from runtime.ipc.ring import RingWriter
 from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.stop_slots import SLOTS, StopSlots
+from runtime.ipc.stop_slots import StopSlots
 from runtime.ipc.words import CYCLE, Cause, State
 from runtime.loop import realtime
 from runtime.loop.clock import Clock, DeviceClock, MonotonicClock, SimClock
@@ -75,6 +75,8 @@ class Process:
         graph = self.graph = wiring.build(checked, source, launch.sim)
         for doubt in graph.doubts:
             self.report(f"doubted: {doubt}")
+        for remark in graph.remarks:
+            self.report(remark, Level.INFO)
         self.devices = [
             Device(d, graph.row.devices[i], graph.actuators_of(i), self.report) for i, d in enumerate(graph.devices)
         ]
@@ -124,6 +126,8 @@ class Process:
         meta["limits"] = {name: _plain(value) for name, value in limits.items()}
         meta["clock"] = type(clock).__name__
         meta["automatic"], meta["latches"] = self.launch.automatic, self.launch.latches
+        if self.launch.person:
+            meta["person"] = self.launch.person
         unpaced = isinstance(clock, SimClock) and self.launch.fast
         meta["unpaced"] = unpaced
         if unpaced:
@@ -171,10 +175,7 @@ class Process:
         name, rate = graph.profile.clock, graph.profile.rate
         pace: Clock = MonotonicClock(rate)
         if name != "monotonic":
-            robot = next((d for d in self.devices if d.driver.name == name), None)
-            if robot is None:
-                remedy = nearest(name, ["monotonic", *graph.profile.devices])
-                raise ProfileError(graph.source.place("clock"), f"there is no device '{name}'", remedy)
+            robot = next(d for d in self.devices if d.driver.name == name)
             if name not in graph.simulated:
                 pace = DeviceClock(rate, lambda: None if robot.lost else robot.driver.fileno())
         if graph.world is None:
@@ -191,10 +192,6 @@ class Process:
             ring.touch(time.monotonic_ns())
 
     def _slots(self, graph: Graph) -> StopSlots:
-        commanded = sum(bool(device.actuators) for device in self.devices)
-        if commanded > SLOTS:
-            problem = f"{commanded} devices take commands, {SLOTS} at most can be stopped if the loop dies"
-            raise WiringError(graph.source.place("devices"), problem, "Split the profile into two instances")
         return StopSlots(self.run_folder.stops)
 
     def _watch(self, loop: Loop, graph: Graph, slots: StopSlots) -> None:

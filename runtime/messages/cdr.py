@@ -1,4 +1,4 @@
-"""ROS 2's Common Data Representation (XCDR1, little endian) of the standard messages that the bus uses.
+"""ROS 2's Common Data Representation (XCDR1, little endian) of the standard messages that bus and exports use.
 
 A message is a dict of its fields. Sequences and arrays of numbers are numpy arrays. `TYPES` holds the message
 definitions; one encoder and one decoder follow it.
@@ -38,6 +38,7 @@ TYPES: dict[str, tuple[tuple[str, str], ...]] = {
         ("dim", "std_msgs/msg/MultiArrayDimension[]"),
         ("data_offset", "uint32"),
     ),
+    "std_msgs/msg/Int64MultiArray": (("layout", "std_msgs/msg/MultiArrayLayout"), ("data", "int64[]")),
     "std_msgs/msg/Float64MultiArray": (("layout", "std_msgs/msg/MultiArrayLayout"), ("data", "float64[]")),
     "geometry_msgs/msg/Point": _XYZ,
     "geometry_msgs/msg/Vector3": _XYZ,
@@ -65,6 +66,25 @@ TYPES: dict[str, tuple[tuple[str, str], ...]] = {
     "geometry_msgs/msg/TwistWithCovariance": (
         ("twist", "geometry_msgs/msg/Twist"),
         ("covariance", "float64[36]"),
+    ),
+    "geometry_msgs/msg/Transform": (
+        ("translation", "geometry_msgs/msg/Vector3"),
+        ("rotation", "geometry_msgs/msg/Quaternion"),
+    ),
+    "geometry_msgs/msg/TransformStamped": (
+        _HEADER,
+        ("child_frame_id", "string"),
+        ("transform", "geometry_msgs/msg/Transform"),
+    ),
+    "tf2_msgs/msg/TFMessage": (("transforms", "geometry_msgs/msg/TransformStamped[]"),),
+    "rcl_interfaces/msg/Log": (
+        ("stamp", "builtin_interfaces/msg/Time"),
+        ("level", "uint8"),
+        ("name", "string"),
+        ("msg", "string"),
+        ("file", "string"),
+        ("function", "string"),
+        ("line", "uint32"),
     ),
     "nav_msgs/msg/Odometry": (
         _HEADER,
@@ -97,6 +117,7 @@ _NUMBERS = {
         ("uint8", "B", "u1"),
         ("int32", "i", "i4"),
         ("uint32", "I", "u4"),
+        ("int64", "q", "i8"),
         ("float32", "f", "f4"),
         ("float64", "d", "f8"),
     )
@@ -111,6 +132,23 @@ def _split(kind: str) -> tuple[str, int | None]:
     """Splits a type: "float64[36]" gives ("float64", 36). The count is 0 for a sequence, None for one element."""
     match = _ARRAY.fullmatch(kind)
     return (kind, None) if match is None else (match[1], int(match[2] or 0))
+
+
+@cache
+def definition(kind: str) -> str:
+    """The message's definition as text, with those of the messages in it: the `ros2msg` encoding of MCAP."""
+    kinds = [kind]
+    for outer in kinds:  # grows: breadth first, each once
+        kinds += [k for _, t in TYPES[outer] if (k := _split(t)[0]) in TYPES and k not in kinds]
+    texts = ["".join(f"{_short(inner)} {name}\n" for name, inner in TYPES[k]) for k in kinds]
+    return "".join(
+        (f"{'=' * 80}\nMSG: {_short(k)}\n" if i else "") + text
+        for i, (k, text) in enumerate(zip(kinds, texts, strict=True))
+    )
+
+
+def _short(kind: str) -> str:
+    return kind.replace("/msg/", "/")
 
 
 def encode(kind: str, message: Mapping[str, Any]) -> bytes:

@@ -12,6 +12,7 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from runtime.contracts.errors import RequestError
 from runtime.contracts.field import Field
@@ -131,6 +132,20 @@ class Encoder:
             )
         self._payload[self._at : self._end] = values.ravel()[self._order].tobytes()
         return bytes(self._payload)
+
+    def encode_all(self, values: Array, stamps: NDArray[np.int64]) -> NDArray[np.uint8]:
+        """Returns the bytes of many messages, one a row.
+
+        Args:
+            values: (k, *shape).
+            stamps: (k,) Unix time, ns.
+        """
+        found = np.tile(np.frombuffer(bytes(self._payload), np.uint8), (len(stamps), 1))
+        if self._stamped:
+            found[:, 4:12] = np.column_stack(np.divmod(stamps, 1_000_000_000)).astype("<u4").view(np.uint8)
+        flat = np.ascontiguousarray(values.reshape(len(stamps), -1)[:, self._order], "<f8")
+        found[:, self._at : self._end] = flat.view(np.uint8)
+        return found
 
 
 def values_of(kind: str, message: cdr.Message) -> Array:

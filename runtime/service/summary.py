@@ -103,6 +103,8 @@ class Summary:
         for name in self.layout.devices:
             stamp, link = self.word(f"{name}.stamp"), self.word(f"{name}.link")
             state = "lost" if not link & LINK_CONNECTED else "stale" if link & LINK_STALE else "ok"
+            if stamp < 0 and state == "ok" and name in self.layout.setpoint_owners:
+                state = "awaited"  # no client has sent a setpoint yet
             found[name] = {
                 "state": state,
                 "age_ms": None if stamp < 0 else round((self.word("now") - stamp) / 1e6, 3),

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import zenoh
 from helpers.bus import JOINTS, Instance, Run, reach, sockets, spawn
 from helpers.run import alive
 from helpers.wait import until
@@ -21,6 +22,7 @@ from helpers.wait import until
 from runtime.bus import session
 from runtime.bus.client import connect
 from runtime.contracts.errors import RequestError
+from runtime.ipc import run_folder
 from runtime.ipc.requests import RequestKind
 from runtime.ipc.run_folder import RunFolder
 from runtime.ipc.words import State
@@ -147,8 +149,70 @@ def test_parameters(one: Instance) -> None:
             one.client.set_param(PULL, value)
     assert len(one.run.taken) == taken
     assert one.client.get_param(PULL)["value"] == 2.5
-    with pytest.raises(RequestError, match="nobody answered"):
+    for wrong in ([1.0, 2.0], [1.0], "1.5", None, {"value": 1.0}, True):
+        with pytest.raises(RequestError, match=r"param/object_mapping/pull: a parameter takes one number, not"):
+            one.client.set_param(PULL, wrong)  # type: ignore[arg-type]
+    assert len(one.run.taken) == taken
+    assert one.client.set_param(PULL, np.float32(2.0))["value"] == 2.0
+
+
+def test_a_name_that_is_not_there_is_answered_with_those_that_are(one: Instance) -> None:
+    with pytest.raises(RequestError, match=r"no parameter 'object_mapping.push'.*Did you mean 'object-mapping.pull'"):
         one.client.get_param("object-mapping.push")
+    with pytest.raises(RequestError, match=r"no setpoint 'client.torque'.*client.force"):
+        one.client.setpoint("client.torque", [1.0, 2.0, 3.0])
+    with session.join(f"unixsock-stream/{one.run_folder.bus_socket}") as stranger:
+        (answer,) = stranger.get("srl/sixth_finger/cmd/sotp", timeout=5)
+        assert answer.ok is not None
+        content = json.loads(answer.ok.payload.to_bytes())
+        assert content["ok"] is False
+        assert "there is no command 'sotp'. Did you mean 'stop'?" in content["error"]
+        before = one.client.status()["rejected_setpoints"]
+        stranger.put("srl/sixth_finger/setpoint/client/torque", "[1, 2, 3]")
+        status = until(lambda: (s := one.client.status())["rejected_setpoints"] == before + 1 and s)
+        assert "there is no setpoint 'client.torque'" in status["last_rejection"]
+    assert (one.run.taken, one.run.setpoints) == ([], [])
+    (known,) = [answer.ok for answer in _ask(one, "srl/sixth_finger/cmd/stop")]
+    assert known is not None  # one answer only: the one for other names is silent
+    assert json.loads(known.payload.to_bytes()) == {"ok": True, "state": "stopped"}
+
+
+def _ask(one: Instance, key: str) -> list[zenoh.Reply]:
+    with session.join(f"unixsock-stream/{one.run_folder.bus_socket}") as stranger:
+        return list(stranger.get(key, timeout=5))
+
+
+def test_an_instance_is_found_by_its_name_in_the_services_folder(
+    own: Instance, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SRL_RUNTIME_DIR", str(tmp_path / "other"))
+    with pytest.raises(RequestError, match=r"no bus listens at .*other/own/zenoh.sock.*SRL_RUNTIME_DIR"):
+        connect("own")
+    monkeypatch.setattr(run_folder, "SERVICES", tmp_path)
+    monkeypatch.setattr(run_folder, "_check_owners", lambda _: None)  # of what is above a test's folder
+    own.run_folder.claim()
+    try:
+        with connect("own") as client:
+            assert client.instance == "own"
+    finally:
+        own.run_folder.release()
+
+
+def test_a_setpoint_that_is_read_is_described(one: Instance) -> None:
+    (answer,) = _ask(one, "srl/sixth_finger/setpoint/client/force")
+    assert answer.ok is not None
+    told = json.loads(answer.ok.payload.to_bytes())
+    assert (told["ok"], told["name"], told["shape"], told["unit"]) == (True, "client.force", [3], "N")
+    assert told["max_age"] == 0.5
+
+
+def test_nothing_is_said_to_be_well_before_a_first_setpoint_has_arrived(own: Instance) -> None:
+    said = own.client.status()["devices"]["client"]
+    assert (said["message"], said["level"]) == ("no setpoint yet", 1)
+    own.client.setpoint("client.force", [1.0, 2.0, 3.0], answer=True)
+    assert own.run.setpoints  # the answer came after the loop had it
+    said = until(lambda: (d := own.client.status()["devices"]["client"])["level"] == 0 and d)
+    assert said["message"] == "connected"
 
 
 def test_many_requests_at_once_are_all_answered(one: Instance) -> None:

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from helpers.bus import layout
 
-from runtime.bus.arrivals import SAMPLES, Arrivals
-from runtime.bus.requests import UNDERWAY, WAITING, Requests
+from runtime.bus.arrivals import QUERIES, SAMPLES, Arrivals
+from runtime.bus.requests import PATIENCE, UNDERWAY, WAITING, Requests
 from runtime.bus.status import Counts
 from runtime.ipc.requests import Answer, RequestKind, RequestReader, RequestWriter
 from runtime.ipc.row import Row
-from runtime.ipc.words import CYCLE, Latch, Origin, State
+from runtime.ipc.words import CYCLE, DEVICE, Latch, Origin, State
 from runtime.profile.keys import Keys
 
 
@@ -111,8 +111,8 @@ def test_a_flood_is_refused_before_the_ring_is_full(desk: Desk) -> None:
 
 def test_the_newest_setpoint_goes_out_once_a_cycle(desk: Desk) -> None:
     key = desk.keys.setpoint("client.force")
-    for value in range(5):
-        assert desk.ask(key, f"[{value}, 0, 0]".encode()).answers == [{"ok": True, "state": "stopped"}]
+    queries = [desk.ask(key, f"[{value}, 0, 0]".encode()) for value in range(5)]
+    assert all("a newer setpoint took its place" in q.answers[0]["error"] for q in queries[:-1])
     desk.turn()
     assert [r.values.tolist() for r in desk.sent.take()] == [[4, 0, 0]]
     desk.ask(key, b"[7, 0, 0]")
@@ -120,6 +120,34 @@ def test_the_newest_setpoint_goes_out_once_a_cycle(desk: Desk) -> None:
     assert desk.sent.take() == []  # the same cycle still
     desk.turn()
     assert [r.values.tolist() for r in desk.sent.take()] == [[7, 0, 0]]
+
+
+def test_a_setpoint_is_answered_once_the_loops_rows_hold_it(desk: Desk) -> None:
+    query = desk.ask(desk.keys.setpoint("client.force"), b"[1, 2, 3]")
+    client = desk.row.devices[desk.layout.devices.index("client")]
+    desk.turn()  # it is sent
+    desk.turn()
+    assert not query.answers
+    client[DEVICE.frames] += 1  # of another setpoint
+    desk.turn()
+    assert not query.answers
+    desk.row.views["client.force"][:] = 1, 2, 3
+    desk.turn()
+    assert query.answers == [{"ok": True, "state": "stopped"}]
+    assert query.dropped == 1
+    assert not desk.requests.busy
+
+
+def test_a_setpoint_that_the_loop_does_not_take_is_not_said_to_be_taken(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    query = desk.ask(desk.keys.setpoint("client.force"), b"[1, 2, 3]")
+    desk.turn()
+    now = time.monotonic_ns()
+    monkeypatch.setattr(time, "monotonic_ns", lambda: now + 2 * PATIENCE)
+    desk.turn()
+    assert "the loop gave no answer" in query.answers[0]["error"]
+    assert query.dropped == 1
 
 
 def test_no_setpoint_waits_for_a_dead_loop(desk: Desk) -> None:
@@ -165,7 +193,7 @@ def test_a_crowd_leaves_room_for_a_stop_and_what_came_before_it_moves_nothing(de
     crowd = [Query(keys["reset"]) for _ in range(2 * SAMPLES)]
     for query in crowd:
         into["reset"](query)
-    desk.arrivals.into_stops(desk.handlers[keys["stop"]])(Query(keys["stop"]))  # type: ignore[arg-type]
+    desk.arrivals.into_stops(desk.handlers[keys["stop"]], keys["stop"])(Query(keys["stop"]))  # type: ignore[arg-type]
     desk.arrivals.handle(1.0)
     assert [r.kind for r in desk.sent.take()] == [RequestKind.STOP]
     assert all("a stop came after it" in query.answers[0]["error"] for query in crowd[:SAMPLES])
@@ -173,6 +201,22 @@ def test_a_crowd_leaves_room_for_a_stop_and_what_came_before_it_moves_nothing(de
     into["start"](Query(keys["start"]))
     desk.arrivals.handle(1.0)
     assert [r.kind for r in desk.sent.take()] == [RequestKind.START]
+
+
+def test_a_flood_of_wildcards_takes_no_stops_room_and_overtakes_nothing(desk: Desk) -> None:
+    key, start = desk.keys.command("stop"), desk.keys.command("start")
+    arrive = desk.arrivals.into_stops(desk.handlers[key], key)  # type: ignore[arg-type]
+    desk.arrivals.into(desk.handlers[start])(Query(start))  # type: ignore[arg-type]
+    flood = [Query("srl/**") for _ in range(2 * QUERIES)]
+    for query in flood:
+        arrive(query)
+    desk.arrivals.handle(1.0)
+    assert [r.kind for r in desk.sent.take()] == [RequestKind.START], "nobody has asked for a stop"
+    arrive(stop := Query(key))
+    assert not stop.dropped, "there is room for a stop"
+    desk.arrivals.handle(0.0)
+    assert [r.kind for r in desk.sent.take()] == [RequestKind.STOP]
+    assert "not a wildcard" in flood[0].answers[0]["error"]
 
 
 def test_a_signal_at_the_end_of_a_wait_doesnt_hold_the_bus_for_ever() -> None:

@@ -14,11 +14,11 @@ from runtime.contracts import registry
 from runtime.contracts.controller import Controller, ControllerConfig
 from runtime.contracts.driver import DeviceConfig
 from runtime.contracts.signals import Signal
+from runtime.contracts.terms import WRENCH
 from runtime.control.hand.human_hand import SENSORS
 from runtime.control.models import FingerModel
-from runtime.profile import profile, wiring
+from runtime.profile import profile, shelf, wiring
 from srl.testing import check_controller, check_driver
-from studies.runs import PROFILES
 
 FAULTS: dict[str, tuple[dict[str, Any], str]] = {
     "nothing": ({"shape": (2,)}, "neither `labels` nor `slots`"),
@@ -54,8 +54,8 @@ LIMITS = {"lower": -1.0, "upper": 1.0, "velocity": 1.0, "acceleration": 1.0}
 
 def law_of(name: str, folder: Path) -> Controller:
     """The law as a shipped profile has it, or with the least options."""
-    for shipped in profile.shipped():
-        if f"use: {name}\n" in (PROFILES / f"{shipped}.yaml").read_text():
+    for shipped in shelf.shipped():
+        if f"use: {name}\n" in profile.find(shipped)[1]:
             laws = [law.controller for law in wiring.build(*profile.load(shipped), []).laws]
             if found := [law for law in laws if isinstance(law, registry.load("controllers", name, "test"))]:
                 return found[0]
@@ -72,6 +72,7 @@ def law_of(name: str, folder: Path) -> Controller:
             "angles": {"elbow": "arm.angles[elbow]"},
             "hand": "arm.hand",
         },
+        "ft-marks": {"signal": "sensor.wrench", "wrench": {name: f"sensor.wrench[{name}]" for name in WRENCH}},
         "intention-marks": {"person": "P1", "actions": ["wave", "point"], "trunk": ["Spine"], **seen},
         "task-marks": {
             "person": "P1", "teach": True, **seen,
@@ -92,7 +93,7 @@ def test_every_law_names_its_elements(name: str, tmp_path: Path) -> None:
         assert not signal.naming_fault(), signal.name
 
 
-@pytest.mark.parametrize("name", profile.shipped())
+@pytest.mark.parametrize("name", shelf.shipped())
 def test_every_simulated_truth_names_its_elements(name: str) -> None:
     graph = wiring.build(*profile.load(name), [])
     assert graph.world is not None

@@ -115,3 +115,16 @@ def test_a_board_without_servos_declares_no_commands():
     assert driver.limits == {}
     assert driver.home == {}
     assert driver.fileno() is None
+
+
+@pytest.mark.parametrize("pin", [-1, 0, 1, 20, 25, 99, 128])
+def test_a_pin_that_such_a_board_does_not_have_is_refused(pin):
+    """0 and 1 are its serial line."""
+    for options in ({"servos": {"a": servo(pin)}}, {"buttons": {"go": {"pin": pin}}}):
+        with pytest.raises(ValidationError, match=r"an ATmega328P board .* 2 to 13, and A0 to A5"):
+            Firmata.Config(port="loop://board", **options)
+
+
+@pytest.mark.parametrize("pin", [2, 13, 14, 19])
+def test_the_first_and_last_pins_are_taken(pin):
+    assert Firmata.Config(port="loop://board", servos={"a": servo(pin)}).servos["a"].pin == pin

@@ -8,7 +8,7 @@ import time
 import numpy as np
 import pytest
 from helpers.dynamixel import waiting
-from helpers.firmata import BOOT, OLD, ScriptedBoard, firmata, servo
+from helpers.firmata import BOOT, OLD, UNO, ScriptedBoard, firmata, servo
 from helpers.wait import until
 
 from drivers.firmata import identify
@@ -261,6 +261,9 @@ def hurried(monkeypatch):
         monkeypatch.setattr(identify, name, 0.3)
 
 
+FEWER = {"capabilities": b"\x7f" + UNO}  # pin 2 can do nothing
+
+
 @pytest.mark.usefixtures("hurried")
 @pytest.mark.parametrize(
     ("board_options", "options", "complaint"),
@@ -269,8 +272,8 @@ def hurried(monkeypatch):
         ({"chatter": b"?\r\n"}, {"servos": TWO}, "isn't a Firmata board: it said 3f 0d 0a"),
         ({"chatter": b"\xf9\x01\x00"}, {"servos": TWO}, "speaks Firmata 1.0"),
         ({"capabilities": OLD}, {"buttons": {"go": {"pin": 2}}}, "it has no pull-ups"),
-        ({}, {"servos": {"a": servo(1)}}, r"pin 1 \(a\) can't drive a servo.*Pins that can: 2, 3"),
-        ({}, {"buttons": {"go": {"pin": 25}}}, r"pin 25 \(go\) can't pull up an input"),
+        (FEWER, {"servos": {"a": servo(2)}}, r"pin 2 \(a\) can't drive a servo.*Pins that can: 3, 4"),
+        (FEWER, {"buttons": {"go": {"pin": 2}}}, r"pin 2 \(go\) can't pull up an input"),
     ],
 )
 def test_a_wrong_board_is_refused_with_what_it_said_and_a_remedy(tmp_path, board_options, options, complaint):

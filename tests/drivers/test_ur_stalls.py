@@ -43,6 +43,13 @@ def moving(driver, peer):
     until(lambda: np.abs(truth(peer)[1] - V).max() < 0.02, lambda: cycles(driver, 0.5, 500, following(driver)))
 
 
+def in_step(peer):
+    """Whether the twin's time goes on as the real one."""
+    wall, own = time.monotonic(), peer.figures()["time"]
+    time.sleep(0.2)
+    return peer.figures()["time"] - own < 1.5e9 * (time.monotonic() - wall)
+
+
 def still(peer):
     return np.abs(truth(peer)[1]).max() < 0.01
 
@@ -82,7 +89,8 @@ def test_a_controller_that_hangs_for_long_is_lost_and_opened_again(peer):
     with pytest.raises(DeviceLostError):
         cycles(driver, 30.0, 500, following(driver))
     peer.cont()
-    reopened(driver)  # the old program ends first
+    until(lambda: in_step(peer), what="the twin has caught up with its stall, in which its time-outs are short")
+    reopened(driver)  # the old program ended
     assert driver.health.reconnects == 1
     moving(driver, peer)
     driver.close()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from pathlib import Path
 
 import pytest
@@ -28,6 +29,24 @@ def test_a_folder_of_ours_is_taken_and_closed_to_others(parent: Path) -> None:
     assert folder.is_claimed()
     folder.release()
     assert not folder.is_claimed()
+
+
+def test_who_looks_whether_it_is_claimed_keeps_nobody_from_claiming_it(tmp_path: Path) -> None:
+    folder, other, ended = RunFolder(tmp_path / "finger"), RunFolder(tmp_path / "finger"), threading.Event()
+
+    def look() -> None:
+        while not ended.is_set():
+            other.is_claimed()
+
+    looking = threading.Thread(target=look)
+    looking.start()
+    try:
+        for _ in range(300):
+            folder.claim()
+            folder.release()
+    finally:
+        ended.set()
+        looking.join()
 
 
 def test_the_folder_above_is_made_so_that_it_is_accepted_again(parent: Path) -> None:

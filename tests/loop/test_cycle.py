@@ -42,22 +42,31 @@ def test_a_driver_whose_write_fails_stops_the_limb(tmp_path: Path) -> None:
     assert b.states[-1][1] is Cause.DRIVER_ERROR
 
 
-def test_a_law_that_lost_what_it_follows_stops_the_limb_as_the_loss_of_its_sensor(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("word", "cause", "event"),
+    [("contact", Cause.CONTACT, "found contact"), ("lost", Cause.INTENT_LOSS, "has lost what it follows")],
+)
+def test_a_law_that_found_contact_or_lost_what_it_follows_stops_the_limb_until_a_reset(
+    tmp_path: Path, word: str, cause: Cause, event: str
+) -> None:
     b = Bench(tmp_path)
+    law, layout = b.cycle.graph.laws[0].controller, b.cycle.graph.layout
 
     def script(k: int) -> None:
         b.hand.values["position"][:] = 1.5
         if k == 50:
-            b.cycle.graph.laws[0].controller.lost = True
+            setattr(law, word, True)
         if k == 90:
-            b.cycle.graph.laws[0].controller.lost = False
+            setattr(law, word, False)
             b.ask("reset")
 
     b.run(150, script)
     assert b.word("state")[50] in (State.STOPPING, State.STOPPED)
-    assert b.word("cause")[50] == Cause.INTENT_LOSS
-    assert b.cycle.graph.layout.devices[b.word("culprit")[50]] == "hand"
-    assert any("has lost what it follows" in event for event in b.events)
+    assert b.word("cause")[50] == cause
+    # Contact is the law's own word; what a law has lost is its sensor's.
+    assert layout.culprit(cause, int(b.word("culprit")[50])) == (law.name if word == "contact" else "hand")
+    assert any(event in said for said in b.events)
+    assert b.word("state")[89] == State.STOPPED
     assert b.states[-1] == (State.ACTIVE, Cause.NONE)
     assert abs(np.diff(np.array(b.arm.sent)[:, 0])).max() <= SPEED * 0.01 * (1 + 1e-6)
 

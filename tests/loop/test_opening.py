@@ -115,7 +115,8 @@ class Opened(Counted):
 def starting(monkeypatch: pytest.MonkeyPatch, devices: list[Opened], ending: Asked) -> Process:
     """A process whose profile has these devices."""
     graph = SimpleNamespace(
-        doubts=[], devices=devices, row=SimpleNamespace(devices=np.zeros((9, len(DEVICE)), np.int64)), world=None,
+        doubts=[], remarks=[], devices=devices,
+        row=SimpleNamespace(devices=np.zeros((9, len(DEVICE)), np.int64)), world=None,
         actuators_of=lambda _: [],
     )  # fmt: skip
     monkeypatch.setattr(process_module.profile, "parse", lambda *_: (None, None))

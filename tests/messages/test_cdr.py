@@ -22,6 +22,7 @@ NUMBERS: dict[str, Any] = {
     "uint8": st.integers(0, 127),  # the one use is ROS 2's `byte`, which rosbags takes as signed
     "int32": st.integers(-(2**31), 2**31 - 1),
     "uint32": st.integers(0, 2**32 - 1),
+    "int64": st.integers(-(2**63), 2**63 - 1),
     "float32": st.floats(allow_nan=False, width=32),
     "float64": FLOAT,
     "bool": st.booleans(),

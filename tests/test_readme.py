@@ -1,0 +1,126 @@
+"""The lines that the README tells to type are typed, in its order and in an empty folder. No device is needed.
+
+Of the last step, with a real device, the first half is done: the host is asked whether it is fit.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from helpers.run import ended, environment
+from helpers.wait import until
+
+from runtime.contracts import registry
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text()
+PATIENCE = 100  # s
+
+
+def block(name: str) -> str:
+    """The lines after the comment `<!-- name... -->`."""
+    (found,) = re.findall(rf"^ *<!-- {name}\b.*? -->\n *```sh\n(.*?)^ *```$", README, re.MULTILINE | re.DOTALL)
+    return "\n".join(line.strip() for line in found.splitlines())
+
+
+class Shell:
+    """An empty folder, in which `srl` and `python` are those of this environment."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder / "w"
+        programs = folder / "bin"
+        for each in (self.folder, programs):
+            each.mkdir()
+        for name, arguments in (("srl", "-m runtime "), ("python", "")):
+            program = programs / name
+            program.write_text(f'#!/bin/sh\nexec "{sys.executable}" {arguments}"$@"\n')
+            program.chmod(program.stat().st_mode | stat.S_IXUSR)
+        self.environment = environment(folder) | {"PATH": f"{programs}{os.pathsep}{os.environ['PATH']}"}
+
+    def types(self, lines: str) -> str:
+        done = subprocess.run(
+            ["sh", "-ec", lines], cwd=self.folder, env=self.environment, capture_output=True, text=True,
+            timeout=PATIENCE, check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, f"{lines}\n{done.stdout}\n{done.stderr}"
+        return done.stdout
+
+
+@pytest.fixture
+def shell(tmp_path: Path) -> Shell:
+    return Shell(tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(500)
+def test_five_minutes(shell: Shell) -> None:
+    said = "".join(map(shell.types, block("simulation").splitlines()))
+    assert "identical" in said
+    assert (shell.folder / "hand.png").read_bytes().startswith(b"\x89PNG")
+    assert "sixth-finger" in said
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(400)
+def test_half_an_hour_as_far_as_it_goes_without_a_device(shell: Shell) -> None:
+    shell.types(block("profile"))
+    shell.types(block("rehearsal"))
+    told = {"cwd": shell.folder, "env": shell.environment}
+    *before, served = block("twin").splitlines()
+    shell.types("\n".join(before))
+    with ended(["sh", "-c", f"exec {served}"], **told) as twin:
+        until(lambda: (shell.folder / "ports" / "finger").exists() or twin.poll() is not None, timeout=PATIENCE)
+        with ended(["sh", "-c", f"exec {block('run')}"], **told) as run:
+            start, stop = block("requests").splitlines()
+            until(lambda: ready(shell) or run.poll() is not None, timeout=PATIENCE)
+            shell.types(start)
+            shell.types(stop)
+            out, said = run.communicate(timeout=PATIENCE)
+            assert run.returncode == 0, out + said
+    assert "identical" in shell.types("srl replay rehearsal.rrd")
+    (doctor,) = re.findall(r"`(srl doctor [^`]*)`", README)
+    done = subprocess.run(
+        doctor.split(), **told, capture_output=True, text=True, timeout=PATIENCE, check=False,
+        executable=str(shell.folder.parent / "bin" / "srl"),
+    )  # fmt: skip
+    assert "ttyUSB0" in done.stdout + done.stderr  # the real port, which isn't here
+    assert "Traceback" not in done.stderr
+
+
+def ready(shell: Shell) -> bool:
+    """Whether the run waits for its start."""
+    done = subprocess.run(
+        ["srl", "top", "--once"], cwd=shell.folder, env=shell.environment, capture_output=True, text=True,
+        timeout=PATIENCE, check=False, executable=str(shell.folder.parent / "bin" / "srl"),
+    )  # fmt: skip
+    return done.returncode == 0 and "ready" in done.stdout
+
+
+def test_the_table_has_each_driver_with_what_there_is() -> None:
+    rows = re.findall(
+        r"^\| \[([\w-]+)\]\(docs/devices/\1\.md\) \| [^|]* \| (yes|none) \| (yes|none) \| .* \|", README, re.M
+    )
+    there = {kind: set(registry.names(kind)) for kind in ("drivers", "fakes", "twins")}
+    ours = {name for name in there["drivers"] if name != "lever"}  # the example's, while its own tests run
+    assert {name for name, _, _ in rows} == ours
+    for name, fake, twin in rows:
+        assert (fake == "yes", twin == "yes") == (name in there["fakes"], name in there["twins"]), name
+
+
+def test_the_moving_picture_is_small() -> None:
+    (gif,) = re.findall(r"\]\((docs/[\w-]+\.gif)\)", README)
+    assert (ROOT / gif).stat().st_size < 1_000_000
+    assert (ROOT / gif).read_bytes().startswith(b"GIF89a")
+
+
+def test_the_citation_has_this_version() -> None:
+    text = (ROOT / "CITATION.cff").read_text()
+    project = (ROOT / "pyproject.toml").read_text()
+    version = re.compile(r"^version(?: =|:) \"?([\d.]+)\"?$", re.MULTILINE)
+    assert version.findall(text) == version.findall(project)
