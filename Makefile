@@ -1,18 +1,18 @@
-# make setup | demo | test | slow | lint | bench
+# make setup | demo | test | slow | lint | docs | bench
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PYTEST := $(BIN)/python -m pytest
 OUT := out
 
-.PHONY: setup demo test slow lint bench clean
+.PHONY: setup demo test test-parallel test-serial slow slow-parallel slow-serial lint docs bench clean
 
 setup: $(VENV)/.ready
 
 $(VENV)/.ready: pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "srl needs Python 3.11 or newer; set PYTHON=")'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[dev,docs]'
 	touch $@
 
 # The main job, without hardware: a simulated hand closes and opens, the sixth finger follows.
@@ -26,18 +26,31 @@ demo: setup
 # after the others, one test at a time; only the files that have such tests are read for it.
 SERIAL = $(shell grep -rlw --include='test_*.py' -e mark.serial tests)
 
-test: setup
+test: test-parallel test-serial
+
+test-parallel: setup
 	$(PYTEST) -n 2 --dist loadfile -m "not slow and not serial"
+
+test-serial: setup
 	$(PYTEST) -m "not slow and serial" $(SERIAL)
 
-slow: setup
+slow: slow-parallel slow-serial
+
+slow-parallel: setup
 	$(PYTEST) -n 2 --dist loadfile -m "slow and not serial"
+
+slow-serial: setup
 	$(PYTEST) -m "slow and serial" $(SERIAL)
 
 lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+# The pages as a site. A warning is an error: a dead link, a docstring that can't be read. Nothing is fetched.
+docs: setup
+	$(BIN)/python -m sphinx -q -W --keep-going -c docs -d $(OUT)/doctrees . $(OUT)/docs
+	@echo "site: $(OUT)/docs/index.html"
 
 bench: setup
 	$(BIN)/python -m bench

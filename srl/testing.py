@@ -155,7 +155,7 @@ class Simulated:
     events: list[str]
 
     def value(self, signal: str) -> Array:
-        """The values (k, *shape) of a signal in every cycle, e.g. "finger.position_command.applied"."""
+        """The values `(k, *shape)` of a signal in every cycle, e.g. "finger.position_command.applied"."""
         return self.layout.value(self.rows, signal)
 
     def states(self) -> list[State]:

@@ -98,6 +98,19 @@ async def heard(socket: aiohttp.ClientWebSocketResponse, kind: str, **content: o
             return message
 
 
+async def begin(socket: aiohttp.ClientWebSocketResponse) -> float:
+    """Begins the trial that waits, as a person does: again, if the value wasn't live that moment. Returns its begin."""
+    await heard(socket, "state", phase="waiting")
+    while True:
+        await heard(socket, "value", condition="live")
+        await socket.send_json({"kind": "begin"})
+        while (message := await socket.receive_json())["kind"] not in ("notice", "state"):
+            pass
+        if message["kind"] == "state":
+            assert message["phase"] == "running"
+            return float(message["began"])
+
+
 def run_aside(screen: Screen, trial: Trial) -> tuple[threading.Thread, list[ScreenTrial]]:
     """Runs a trial in a thread of its own."""
     found: list[ScreenTrial] = []
@@ -223,8 +236,7 @@ def test_a_second_page_only_looks_on(screen: Screen) -> None:
             await second.send_json({"kind": "begin"})
             await second.send_json({"kind": "ping", "at": 0})
             await heard(second, "pong")
-            await heard(first, "state", phase="waiting")
-            await first.send_json({"kind": "begin"})
+            await begin(first)
             await heard(second, "state", phase="running")
         await heard(first, "state", phase="idle")
 
@@ -240,10 +252,7 @@ def test_a_trial_over_the_wire_gives_the_loops_rows_and_the_pages_frames(screen:
     thread, found = run_aside(screen, SHORT)
 
     async def page(socket: aiohttp.ClientWebSocketResponse) -> None:
-        await heard(socket, "state", phase="waiting")
-        await heard(socket, "value", condition="live")
-        await socket.send_json({"kind": "begin"})
-        began = (await heard(socket, "state", phase="running"))["began"]
+        began = await begin(socket)
         while (await heard(socket, "value"))["t"] < began + 1e3 * SHORT.duration:
             pass
         rows = [[began + 10.0, 0.5, 4.0], [began + 27.0, None, None]]
@@ -271,10 +280,7 @@ def begun(screen: Screen, kept: str, then: Callable[[], object]) -> ScreenTrial:
     thread, found = run_aside(screen, LONG)
 
     async def page(socket: aiohttp.ClientWebSocketResponse) -> None:
-        await heard(socket, "state", phase="waiting")
-        await heard(socket, "value", condition="live")
-        await socket.send_json({"kind": "begin"})
-        await heard(socket, "state", phase="running")
+        await begin(socket)
         await asyncio.to_thread(then)
 
     talk(screen, kept, page)

@@ -1,0 +1,67 @@
+"""The pages as a site: `make docs`. Sphinx with MyST, which reads the pages as they are, and the theme Furo.
+
+The source folder is the repository, so a page's links are the same here and in the checkout. Nothing is fetched,
+neither to build the site nor to read it.
+"""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+from sphinx.application import Sphinx
+
+# Sphinx imports what it hasn't yet as a type checker would, and pydantic can't work with names that exist only there.
+import srl.client
+import srl.links
+import srl.simulation
+import srl.testing
+import srl.twins
+
+ROOT = Path(__file__).parents[1]
+
+project = "srl"
+author = "the authors of srl-runtime"
+version = release = srl.__version__
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+root_doc = "README"
+include_patterns = ["README.md", "CHANGELOG.md", "CONTRIBUTING.md", "docs/**"]
+exclude_patterns = [".*", "out", "build", "tests", "bench", "runtime", "drivers", "sim", "studies", "srl"]
+myst_heading_anchors = 4
+suppress_warnings = ["myst.header"]  # a page may leave out a level of headings
+html_theme = "furo"
+html_title = f"srl {version}"
+html_copy_source = False
+default_role = "code"  # docstrings put code between single backticks
+autodoc_member_order = "bysource"
+autodoc_default_options = {"members": True, "show-inheritance": True}
+napoleon_numpy_docstring = False
+napoleon_use_ivar = True
+
+
+def _contents(caption: str, pages: list[str]) -> str:
+    return "\n```{toctree}\n:hidden:\n:caption: " + caption + "\n\n" + "\n".join(pages) + "\n```\n"
+
+
+def add_contents(_: Sphinx, document: str, content: list[str]) -> None:
+    """Adds what the site's side bar needs, which would only disturb whoever reads the page in the checkout."""
+    if document == "README":
+        pages = sorted(f"docs/{page.stem}" for page in (ROOT / "docs").glob("*.md"))
+        content[0] += _contents("Pages", pages)
+        content[0] += _contents("More", ["docs/devices/README", "docs/api", "docs/decisions/README"])
+        content[0] += _contents("Project", ["CHANGELOG", "CONTRIBUTING"])
+    elif document.endswith("/README"):
+        others = sorted(page.stem for page in (ROOT / document).parent.glob("*.md") if page.stem != "README")
+        content[0] += _contents("Pages", others)
+
+
+def add_front_page(app: Sphinx, error: Exception | None) -> None:
+    """Gives servers the name that they look for."""
+    if error is None and app.builder.name == "html":
+        shutil.copy(app.outdir / "README.html", app.outdir / "index.html")
+
+
+def setup(app: Sphinx) -> None:
+    """Called by Sphinx."""
+    app.connect("source-read", add_contents)
+    app.connect("build-finished", add_front_page)
