@@ -18,7 +18,7 @@ from runtime.calibration.ft_report import Result
 from runtime.calibration.in_hand import take_in_hand
 from runtime.calibration.method import Method, Say, kept, settings
 from runtime.calibration.order import Order
-from runtime.calibration.run_taps import RunTaps, words
+from runtime.calibration.run_taps import RunTaps, marks_law, words
 from runtime.contracts.errors import ProfileError, RecordingError, RequestError, WiringError
 from runtime.contracts.terms import WRENCH
 from runtime.control.ft.fit import FEWEST, FtError, Thresholds, bias_alone, fit, refusals
@@ -27,7 +27,6 @@ from runtime.control.ft.record import FORMAT, FtRecord
 from runtime.control.ft.samples import LEFT_OUT, FtMarksConfig, Plan, Samples, joined, poses
 from runtime.control.shared.marks import stretch_of
 from runtime.ipc.layout import Layout
-from runtime.profile import profile
 from runtime.profile.graph import Graph
 from runtime.profile.profile import ControllerEntry, Profile
 from runtime.profile.source import Source
@@ -55,9 +54,7 @@ class Taps(RunTaps):
     def samples(self, rows: NDArray[np.int64]) -> Samples:
         rows = rows[self.active(rows)]
         floats = self.floats(rows)
-        wrench = floats[:, self.wrench]
-        wrench[~self.there(rows, self.options.signal.partition(".")[0])] = np.nan
-        return Samples(self.times(rows), wrench, self.marks(floats))
+        return Samples(self.times(rows), floats[:, self.wrench], self.marks(floats))
 
 
 class FtMethod(Method[Taps, Result]):
@@ -106,10 +103,7 @@ class FtMethod(Method[Taps, Result]):
             plain["frames"] = {}
 
     def taps(self, layout: Layout, place: str) -> Taps:
-        layout.needs(place, "label", "profile", "overrides", "rate")
-        meta = layout.meta
-        checked, _ = profile.parse(meta["label"], meta["profile"], meta["overrides"])
-        entry = next((e for e in checked.controllers if e.use == MARKS), None)
+        _, entry = marks_law(layout, place, MARKS)
         if entry is None:
             problem = "it has no marks, so which samples belong to which pose isn't known"
             raise RecordingError(place, problem, "Use a recording of `srl calibrate PROFILE ft`")

@@ -18,7 +18,7 @@ from runtime.ipc.layout import Layout
 from runtime.ipc.words import LINK_CONNECTED, LINK_ERROR, LINK_FAULT, LINK_STALE, Cause, Latch, State
 from runtime.profile import profile
 from runtime.profile.plots import indices, split
-from runtime.profile.profile import Profile
+from runtime.profile.profile import ControllerEntry, Profile
 
 
 @dataclass(frozen=True)
@@ -123,6 +123,14 @@ class RunTaps(ABC):
 def bodies(checked: Profile) -> dict[str, dict[str, Any]]:
     """A profile's bodies by name: their sizes, but not which sides they have."""
     return {n: m.model_dump(exclude={"sides"}) for n, m in checked.models.items() if isinstance(m, BodyModel)}
+
+
+def marks_law(layout: Layout, place: str, law: str) -> tuple[Profile, ControllerEntry | None]:
+    """A layout's own profile and its entry of the marks' law; None: it has none. Raises RecordingError."""
+    layout.needs(place, "label", "profile", "overrides", "rate")
+    meta = layout.meta
+    checked, _ = profile.parse(meta["label"], meta["profile"], meta["overrides"])
+    return checked, next((entry for entry in checked.controllers if entry.use == law), None)
 
 
 def words(layout: Layout, references: list[str], place: str) -> NDArray[np.intp]:

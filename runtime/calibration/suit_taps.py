@@ -9,11 +9,10 @@ from typing import Any, Generic, Protocol, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.calibration.run_taps import RunTaps, words
+from runtime.calibration.run_taps import RunTaps, marks_law, words
 from runtime.contracts.errors import RecordingError
 from runtime.contracts.signals import Array
 from runtime.ipc.layout import Layout
-from runtime.profile import profile
 from runtime.profile.profile import Profile
 
 
@@ -57,10 +56,7 @@ class SuitTaps(RunTaps, Generic[Marks]):
         Raises:
             RecordingError: no such law, or no such signals.
         """
-        layout.needs(place, "label", "profile", "overrides", "rate")
-        meta = layout.meta
-        checked, _ = profile.parse(meta["label"], meta["profile"], meta["overrides"])
-        entry = next((e for e in checked.controllers if e.use == law), None)
+        checked, entry = marks_law(layout, place, law)
         if entry is None:
             problem = f"it has no marks, so {unknown} isn't known"
             raise RecordingError(place, problem, f"Use a recording of `srl calibrate PROFILE {what}`")

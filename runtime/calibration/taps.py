@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.calibration.cut import MARKS
-from runtime.calibration.run_taps import RunTaps, words
+from runtime.calibration.run_taps import RunTaps, marks_law, words
 from runtime.contracts.errors import RecordingError
 from runtime.contracts.signals import Array
 from runtime.control.ikns.marks import MarksConfig
 from runtime.control.ikns.samples import Samples
 from runtime.ipc.layout import Layout
-from runtime.profile import profile
 
 _FRAME: Final = "chest"  # of a hand whose law doesn't say in which frame it gives it
 
@@ -75,10 +74,7 @@ def taps(layout: Layout, place: str, own: MarksConfig | None = None) -> Taps:
     Raises:
         RecordingError: it has none and `own` is None; or it lacks a signal.
     """
-    layout.needs(place, "label", "profile", "overrides", "rate")
-    meta = layout.meta
-    checked, _ = profile.parse(meta["label"], meta["profile"], meta["overrides"])
-    entry = next((e for e in checked.controllers if e.use == MARKS), None)
+    _, entry = marks_law(layout, place, MARKS)
     if entry is not None:
         return _of(layout, place, MarksConfig.model_validate(entry.options), f"{entry.name or MARKS}.mark")
     if own is None:
