@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,6 +15,7 @@ from runtime.control.skeleton.human_srl import HumanSrl
 from runtime.control.skeleton.kinematics import Kinematics
 from runtime.ipc.layout import Layout
 from runtime.ipc.words import LINK_ACTIVE, LINK_CONNECTED, State
+from runtime.recorder.stream import Stream
 
 FIGURE = HumanSrl(human(), Arms("Spine", BASE, STANDARD, END, ("right",)))
 TREE = FIGURE.tree
@@ -92,6 +95,18 @@ def body_rows(layout: Layout, count: int, first: int = 1) -> NDArray[np.int64]:
             start = layout.ints + field.offset
             row[start : start + field.size] = np.ascontiguousarray(values).view(np.int64).ravel()
     return rows
+
+
+def body_file(folder: Path) -> Path:
+    """A recording of 4 s of it at 100 Hz."""
+    layout = body_layout()
+    layout.save(folder / "layout.json")
+    stream = Stream((folder / "layout.json").read_text())
+    stream.recording.save(folder / "run.rrd")
+    stream.prologue(None)
+    stream.rows(np.arange(1, 401), body_rows(layout, 400))
+    stream.recording.disconnect()
+    return folder / "run.rrd"
 
 
 def upright(points: Array) -> Array:

@@ -7,27 +7,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.body_run import body_layout, body_rows
+from helpers.body_run import body_file
 from helpers.run import refused
 from PIL import Image
 
 from runtime.cli import main
 from runtime.recorder import film
-from runtime.recorder.stream import Stream
 from runtime.recording.shapes import RAMP
 
 
 @pytest.fixture(scope="module")
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """4 s at 100 Hz."""
-    folder, layout = tmp_path_factory.mktemp("r"), body_layout()
-    layout.save(folder / "layout.json")
-    stream = Stream((folder / "layout.json").read_text())
-    stream.recording.save(folder / "run.rrd")
-    stream.prologue(None)
-    stream.rows(np.arange(1, 401), body_rows(layout, 400))
-    stream.recording.disconnect()
-    return folder / "run.rrd"
+    return body_file(tmp_path_factory.mktemp("r"))
 
 
 def test_it_goes_as_fast_as_the_run_and_moves(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from helpers.body_run import CAPSULES, GROUPS, TREE, body_layout, body_rows, upright
+from helpers.body_run import CAPSULES, GROUPS, TREE, body_file, body_layout, upright
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.collections import LineCollection, PolyCollection
@@ -20,21 +20,13 @@ from runtime.cli import main
 from runtime.contracts.errors import RecordingError
 from runtime.recorder import stills
 from runtime.recorder.naming import write_names
-from runtime.recorder.stream import Stream
 from runtime.recording.reader import Recording, read
 from runtime.recording.shapes import distance_colors
 
 
 @pytest.fixture(scope="module")
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder, layout = tmp_path_factory.mktemp("r"), body_layout()
-    layout.save(folder / "layout.json")
-    stream = Stream((folder / "layout.json").read_text())
-    stream.recording.save(folder / "run.rrd")
-    stream.prologue(None)
-    stream.rows(np.arange(1, 401), body_rows(layout, 400))
-    stream.recording.disconnect()
-    return folder / "run.rrd"
+    return body_file(tmp_path_factory.mktemp("r"))
 
 
 @pytest.fixture(scope="module")
