@@ -16,7 +16,7 @@ from runtime.calibration.order import Order
 from runtime.calibration.sources import Rows, RowSource
 from runtime.contracts.signals import Array
 from runtime.contracts.wearer import Perform, Rest
-from runtime.ipc.words import CYCLE, State
+from runtime.ipc.words import CYCLE, LINK_CONNECTED, State
 from runtime.profile import profile
 from sim.wearer.people import subject
 from sim.wearer.performer import Performer
@@ -94,4 +94,5 @@ class Pretender(RowSource):
         row.views["suit.translation"][:] = self._body.offsets
         row.views["suit.translation"][0] = hips
         row.ints[CYCLE.cycle], row.ints[CYCLE.now], row.ints[CYCLE.state] = self._t, self._t * 50_000_000, State.ACTIVE
+        row.words[self.graph.layout.int_names.index("suit.link")] = LINK_CONNECTED
         return row.words.copy()
