@@ -66,6 +66,7 @@ class Result:
             self.found, options.thresholds, person=options.person, date=self.date,
             simulated=self.taps.simulated, rate=self.taps.rate,
             frame=self.taps.frame, joints=self.taps.joints, dofs=self.dofs,
+            bodies=self.taps.bodies,
         )  # fmt: skip
 
 

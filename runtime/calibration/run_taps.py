@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from runtime.contracts.errors import RecordingError
 from runtime.contracts.signals import Array
-from runtime.control.models import BodyModel
+from runtime.control.models import bodies
 from runtime.control.shared.guided import Samples
 from runtime.ipc.layout import Layout
 from runtime.ipc.words import LINK_CONNECTED, LINK_ERROR, LINK_FAULT, LINK_STALE, Cause, Latch, State
@@ -95,9 +95,9 @@ class RunTaps(ABC):
 
     @property
     def bodies(self) -> dict[str, dict[str, Any]]:
-        """The bodies by which the angles were measured; as in `bodies`."""
+        """The bodies by which the angles were measured; as in `models.bodies`."""
         meta = self.layout.meta
-        return bodies(profile.parse(meta["label"], meta["profile"], meta["overrides"])[0])
+        return bodies(profile.parse(meta["label"], meta["profile"], meta["overrides"])[0].models)
 
     def may_begin_again(self, row: NDArray[np.int64]) -> bool:
         """Whether a device was lost, nothing else keeps the stop, and every device is there again.
@@ -118,11 +118,6 @@ class RunTaps(ABC):
         """The day of the first row, UTC."""
         wall = int(self.layout.word(rows[0], "now")) + int(self.layout.meta.get("wall", 0))
         return datetime.datetime.fromtimestamp(wall * 1e-9, datetime.UTC).date()
-
-
-def bodies(checked: Profile) -> dict[str, dict[str, Any]]:
-    """A profile's bodies by name: their sizes, but not which sides they have."""
-    return {n: m.model_dump(exclude={"sides"}) for n, m in checked.models.items() if isinstance(m, BodyModel)}
 
 
 def marks_law(layout: Layout, place: str, law: str) -> tuple[Profile, ControllerEntry | None]:

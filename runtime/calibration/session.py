@@ -18,12 +18,13 @@ from runtime.calibration.intention_method import IntentionMethod
 from runtime.calibration.live import Live
 from runtime.calibration.method import Method, Outcome, named
 from runtime.calibration.order import Order
-from runtime.calibration.run_taps import RunTaps, bodies
+from runtime.calibration.run_taps import RunTaps
 from runtime.calibration.screen import Screen
 from runtime.calibration.sources import RowSource, Simulated, recorded
 from runtime.calibration.target import check_target, write_record
 from runtime.calibration.task_method import TaskMethod
 from runtime.contracts.errors import RequestError, SrlError
+from runtime.control.models import bodies
 from runtime.control.shared.guided import Procedure, Samples
 from runtime.ipc.launch import ANONYMOUS
 from runtime.profile import profile, shelf
@@ -211,7 +212,7 @@ def _recorded(method: Method[Any, Any], paths: Sequence[Path]) -> tuple[Any, lis
 
 def _check_origin(path: Path, taps: RunTaps, before: RunTaps | None, checked: Profile, order: Order) -> None:
     """Raises RequestError: a recording is of another body, or simulated and the others aren't."""
-    theirs, ours = taps.bodies, bodies(checked)
+    theirs, ours = taps.bodies, bodies(checked.models)
     for name in sorted(theirs.keys() | ours.keys()):
         if (was := theirs.get(name)) != (now := ours.get(name)):
             problem = f"it was made with another body '{name}': {_differs(was, now)} in the profile"

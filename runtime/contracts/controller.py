@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from runtime.contracts.errors import RecordingError
 from runtime.contracts.options import Options
@@ -44,6 +44,7 @@ class Controller(ABC):
             hold its outputs. The limb then stops as it does for the loss of the device that the law follows.
         contact: a law sets it in `reset` and `update`. True: the limb pushes on something that it shouldn't. It stops.
         simulated: the option whose file the simulation made, so that it says nothing about a person; "" for none.
+        measured_by: the bodies, by name, by which the angles of its calibration were measured; empty for none.
             Where real devices feed the law, that is doubted.
     """
 
@@ -65,6 +66,7 @@ class Controller(ABC):
         self.param: Mapping[str, Array] = {}
         self.lost = self.contact = False
         self.simulated = ""
+        self.measured_by: Mapping[str, Mapping[str, Any]] = {}
 
     def bind(
         self,

@@ -364,6 +364,11 @@ ArmsOption = Annotated[ArmsModel, BeforeValidator(partial(_find, ArmsModel)), _N
 """An option that names supernumerary arms."""
 
 
+def bodies(models: Mapping[str, Model]) -> dict[str, dict[str, Any]]:
+    """A profile's bodies by name: their sizes, as JSON types, but not which sides they have."""
+    return {n: m.model_dump(mode="json", exclude={"sides"}) for n, m in models.items() if isinstance(m, BodyModel)}
+
+
 def named(name: str) -> Any:
     """The default of a FingerOption, HandOption, BodyOption or ArmsOption: the entry of that name.
 

@@ -3,7 +3,7 @@
 Numbers in another unit: degrees for radians, millimetres for metres, grams for kilograms. A number's unit is the first
 word of its option's description; a hall may be longer than a room.
 
-A file of the simulated wearer where real devices feed the law.
+A file of the simulated wearer where real devices feed the law, and one of another body than the profile's.
 
 What the simulated world doubts of its options, such as a recording that doesn't fit its hand.
 
@@ -23,7 +23,7 @@ from runtime.contracts.clearance import Clearance
 from runtime.contracts.driver import Driver
 from runtime.contracts.signals import Command
 from runtime.contracts.world import World
-from runtime.control.models import ArmsModel
+from runtime.control.models import ArmsModel, bodies
 from runtime.profile.graph import Law
 from runtime.profile.option_tree import items, options
 from runtime.profile.profile import Profile
@@ -64,6 +64,7 @@ def doubts(
                 asked = "Are these degrees? " if unit == "rad" else "Are these millimetres? "
                 found.append((place, f"{value:g} {unit}/s is faster than any limb. {asked}"))
     found += _of_simulation(profile, laws, simulated)
+    found += _of_bodies(profile, laws)
     found += _of_rows(profile)
     found += [(f"sim.{key}", text) for key, text in (world.doubts if world is not None else ())]
     found += _of_worn(profile, laws)
@@ -94,6 +95,15 @@ def _of_simulation(profile: Profile, laws: list[Law], simulated: list[str]) -> I
         if option := law.controller.simulated:
             text = f"it was made in simulation, and '{fed}' is real. It says nothing about a real one: calibrate"
             yield f"controllers.{i}.{option}", text
+
+
+def _of_bodies(profile: Profile, laws: list[Law]) -> Iterator[tuple[str, str]]:
+    """Calibrations whose angles were measured by another body: their zeros are others, so every value is."""
+    now = list(bodies(profile.models).values())
+    for i, law in enumerate(laws):
+        if any(body not in now for body in law.controller.measured_by.values()):
+            text = "it was made with another body than `models:` has now, so its angles mean others: calibrate again"
+            yield f"controllers.{i}.calibration", text
 
 
 def _of_worn(profile: Profile, laws: list[Law]) -> Iterator[tuple[str, str]]:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.calibration import PROFILE, Actor, Person
+from helpers.edited import edited
 from helpers.run import call, ended, environment, srl, summary
 from helpers.wait import until
 
@@ -280,8 +281,7 @@ def test_a_recording_alone_says_that_it_holds_no_sense(
     capsys.readouterr()
     assert command("--recording", "run.rrd") == 0
     assert "what was turned round before (--flip, f) isn't in a recording" in capsys.readouterr().err
-    made = json.loads((folder / "plain.json").read_text()) | {"person": "P08"}
-    (folder / "p08.json").write_text(json.dumps(made))
+    edited(folder / "plain.json", lambda made: made.update(person="P08"), folder / "p08.json")
     assert command("--recording", "run.rrd", "--yes", "--sense", "p08.json") == 2
     assert "--sense p08.json: it is of P08" in capsys.readouterr().err
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.admittance import admittance
+from helpers.edited import edited
 from helpers.ft_calibration import BIAS, COM, MASS, PROFILE, Turner
 from helpers.run import call, summary
 from rich.console import Console
@@ -170,7 +171,7 @@ def test_wrong_arguments_are_named(
         ("{tool_mas: 0.2}", "calibration.tool_mas"),
         ("{tool_mass: -1}", "calibration.tool_mass"),
         ("3", "calibration"),
-        ("led.yaml", "led.yaml: Invalid JSON"),
+        ("led.yaml", "led.yaml: it is no JSON"),
     ],
 )
 def test_a_wrong_value_or_file_is_named_at_its_place(
@@ -192,8 +193,7 @@ def test_a_calibration_of_another_frame_is_refused(
     command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert command("--sim") == 0
-    text = (folder / "handle.json").read_text().replace('"handle"', '"tool"')
-    (folder / "handle.json").write_text(text)
+    edited(folder / "handle.json", lambda made: made.update(frame="tool"))
     capsys.readouterr()
     assert main(["check", "led.yaml"]) == 2
     assert "sensor.wrench is in 'handle', guide.wrench expects 'tool'" in capsys.readouterr().err

@@ -10,6 +10,7 @@ from helpers import ROOT
 from helpers.run import call
 
 from runtime.cli import main
+from runtime.control import models
 from runtime.control.ikns import record
 from runtime.profile import profile, shelf, wiring
 
@@ -89,6 +90,17 @@ def test_a_persons_own_calibration_isnt_doubted(tmp_path: Path) -> None:
     record.write(tmp_path / "p07.json", made.model_copy(update={"person": "P07", "simulated": False}))
     own = f"controllers.1.calibration={tmp_path / 'p07.json'}"
     assert wiring.build(*profile.load("ikns-finger", [own])).doubts == []
+
+
+def test_a_calibration_by_another_body_is_doubted(tmp_path: Path) -> None:
+    """Another static trial puts the zeros of the angles elsewhere, and every value of c with them."""
+    bodies = models.bodies(profile.load("ikns-finger")[0].models)
+    made = record.read(ROOT / "profiles/ikns-finger.calibration.json")
+    record.write(tmp_path / "p07.json", made.model_copy(update={"simulated": False, "bodies": bodies}))
+    own = f"controllers.1.calibration={tmp_path / 'p07.json'}"
+    assert wiring.build(*profile.load("ikns-finger", [own])).doubts == []
+    (doubt,) = wiring.build(*profile.load("ikns-finger", [own, "models.body.stature=1.8"])).doubts
+    assert "controllers.1.calibration: it was made with another body than `models:` has now" in doubt
 
 
 def test_a_worn_arm_that_nothing_keeps_clear_is_doubted() -> None:

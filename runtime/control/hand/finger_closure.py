@@ -14,6 +14,8 @@ from runtime.contracts.per_element import Finite, in_order
 from runtime.contracts.signals import Array, Signal
 from runtime.control.models import FingerOption, named
 
+_FASTEST = 1e3  # 1/s; a rate beyond it is no person's, and its product might overflow
+
 
 class FingerClosureConfig(ControllerConfig):
     """Options of `finger-closure`."""
@@ -121,4 +123,4 @@ class FingerClosure(Controller):
     def _rate(self) -> float:
         """1/s, how fast the c that counts changes."""
         c, rate = self.input["c"].item(), self.input["c_rate"].item()
-        return rate if isfinite(rate) and 0.0 <= c <= 1.0 else 0.0
+        return rate if abs(rate) < _FASTEST and 0.0 <= c <= 1.0 else 0.0

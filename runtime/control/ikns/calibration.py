@@ -24,6 +24,7 @@ _SIDEWAYS: Final = 0.3  # cosine between directions of neighbouring points below
 _CONDITION: Final = 0.05  # below that, noise of one DoF is twenty times as large in c
 _REACH: Final = 2.0  # m
 _SPAN: Final = 4 * np.pi  # rad
+_ANGLE: Final = 20 * np.pi  # rad; a torso's yaw is unwrapped
 _LOST: Final = 0.2  # share of samples without angles or hand
 
 
@@ -149,7 +150,7 @@ def calibrate(recording: Recording, thresholds: Thresholds | None = None) -> Cal
             chosen = q[(cluster == i) & (dof == j)]
             samples[i, j] = len(chosen)
             if len(chosen) > n:
-                components[i][j], explained[i, j] = _components(chosen, th)
+                components[i][j] = _components(chosen, th)
     agreement = np.ones(N)
     for i, parent in _tree(sites, [all(c is not None for c in row) for row in components]):
         for j in range(k):
@@ -170,6 +171,7 @@ def calibrate(recording: Recording, thresholds: Thresholds | None = None) -> Cal
             wander[i] = np.sqrt(((hand[here] - sites[i]) ** 2).sum(axis=1).mean())
         for j in range(k):
             if (chosen := here & (dof == j)).any():
+                explained[i, j] = _explained(q[chosen], Z[i, j])
                 along = q[chosen] @ B[i].T
                 lower[i, j], upper[i, j] = along[:, j].min(), along[:, j].max()
                 travel[i, j] = np.ptp(q[chosen], axis=0)
@@ -215,14 +217,18 @@ def _refusals(found: Calibration, th: Thresholds, numbers: Sequence[int]) -> Ite
         yield CalibrationError(
             "recording", f"angles jump by more than half a turn {found.jumps} times", "Record them unwrapped"
         )
+    around: list[set[int]] = [set() for _ in found.sites]
     try:
-        delaunay(found.sites)
+        for facet in delaunay(found.sites).facets:
+            for i in facet:
+                around[i] |= {int(j) for j in facet if j != i}
     except SitesError as error:
         yield CalibrationError("points", error.problem, error.remedy)
     for i in range(len(found.sites)):
         for j in range(found.samples.shape[1]):
             yield from _refused(found, th, i, j, numbers[i])
         yield from _impossible(found, i, numbers[i])
+        yield from _reversed(found, around[i], i, numbers)
         if found.wander[i] > th.wander:
             yield CalibrationError(
                 f"point {numbers[i]}",
@@ -291,8 +297,25 @@ def _impossible(found: Calibration, i: int, number: int) -> Iterator[Calibration
     if (length < 0.99).any() or (length > (1.01 if one else 1.01 / _CONDITION)).any():
         yield CalibrationError(place, f"its directions have the lengths {length.round(3).tolist()}", remedy)
     spans = np.concatenate([found.upper[i] - found.lower[i], found.travel[i].ravel()])
-    if (spans > _SPAN).any() or (spans < 0.0).any() or (found.travel[i].sum(axis=1) <= 0.0).any():
+    size = np.abs(found.directions[i])
+    far = np.abs(np.stack([found.lower[i], found.upper[i]])) > _ANGLE * size.sum(axis=1)
+    wide = found.upper[i] - found.lower[i] > (size * found.travel[i]).sum(axis=1) + 1e-6  # B q goes no farther
+    if (spans > _SPAN).any() or (spans < 0.0).any() or far.any() or wide.any():
         yield CalibrationError(place, "its ranges are no motion of an arm; are they in degrees?", remedy)
+
+
+def _reversed(found: Calibration, around: set[int], i: int, numbers: Sequence[int]) -> Iterator[CalibrationError]:
+    """Neighbours, whose directions are interpolated, with opposite senses. The tree of signs doesn't pass them all."""
+    for j in sorted(around):
+        a, b = found.directions[i], found.directions[j]
+        cosine = (a * b).sum(axis=1) / np.linalg.norm(a, axis=1) / np.linalg.norm(b, axis=1)
+        if i < j and (cosine < 0.0).any():
+            yield CalibrationError(
+                f"points {numbers[i]} and {numbers[j]}",
+                f"their motions are turned by {np.rad2deg(np.arccos(max(cosine.min(), -1.0))):.0f} degrees, so between "
+                "them the sense turns round",
+                "Redo both with the same motion as at the others",
+            )
 
 
 def _middles(hand: Array, seen: NDArray[np.bool_], point: Indices) -> Array:
@@ -306,13 +329,20 @@ def _middles(hand: Array, seen: NDArray[np.bool_], point: Indices) -> Array:
     return found
 
 
-def _components(q: Array, th: Thresholds) -> tuple[Array, float]:
-    """Principal components (c, n) weighted by their variance, and the share of the variance that they explain."""
+def _explained(q: Array, Z: Array) -> float:
+    """The share of the variance of q (T, n) that is along Z (n,), of unit length."""
+    away = q - q.mean(axis=0)
+    return float(((away @ Z) ** 2).sum() / max((away**2).sum(), 1e-300))
+
+
+def _components(q: Array, th: Thresholds) -> Array:
+    """Principal components (c, n) weighted by the share of the variance that they explain."""
     away = q - q.mean(axis=0)
     variances, vectors = np.linalg.eigh(away.T @ away / len(q))
     shares = np.maximum(variances[::-1], 0.0) / max(variances.sum(), 1e-300)
     count = 1 if th.components == "first" else int(np.searchsorted(shares.cumsum(), th.share - 1e-12)) + 1
-    return shares[:count, None] * vectors.T[::-1][:count], float(shares[:count].sum())
+    weighted: Array = shares[:count, None] * vectors.T[::-1][:count]
+    return weighted
 
 
 def _signed(components: Array, base: Array | None) -> Array:

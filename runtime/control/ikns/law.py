@@ -90,6 +90,7 @@ class Ikns(Controller):
             raise ProfileError(place, f"{file.path}: {error.problem}", error.remedy) from None
         self._record = made
         self.simulated = "calibration" if made.simulated else ""
+        self.measured_by = made.bodies
         self._k, self._n = len(made.dofs), len(made.joints)
         sense = np.array([-1.0 if dof in config.flip else 1.0 for dof in made.dofs])
         lower = np.where(sense > 0.0, found.lower, -found.upper)

@@ -4,6 +4,9 @@ Gauss-Newton on the body's chain, from where the motion goes. A marker that is f
 than the gate, or near another's (a reflection, swapped labels), is left out and the rest fitted again. What the markers
 that are left can't show is held: FIN lost, the wrist stays. Each frame says what was used, rejected and held.
 
+Where a search had to leave markers out, or fits badly, the labels may be exchanged: it is shown once no other labelling
+of an arm fits better by another posture.
+
 Skin moves and bodies aren't chains, so the fit with a marker and the fit without it differ by some degrees. Where the
 used markers change, the angles go on from where they were, and what they differ by fades. A joint that was held is at
 once where it is seen again.
@@ -23,6 +26,7 @@ from numpy.typing import NDArray
 from runtime.contracts.rotation import euler_angles
 from runtime.contracts.signals import Array
 from runtime.control.ikns.body import Body, Marker
+from runtime.control.ikns.labels import OTHER, fits_better, labellings
 from runtime.control.ikns.observability import Mask, Observability
 from runtime.control.ikns.postures import STARTS, Postures, rigid
 
@@ -41,6 +45,7 @@ _BELIEVED: Final = (
 )
 _SPARE: Final = 4  # of as many markers, one may be left out of a fit that is shown
 _NEAR: Final = 0.5  # of the gate, the greatest residual of a fit that is shown
+_SURE: Final = 0.25  # of the gate, the greatest residual of a search that needs no other look
 _LOST: Final = 10  # frames without a fit, after which the posture is searched anew
 
 
@@ -101,6 +106,7 @@ class MarkerFit:
             carried = np.isin(np.arange(n), [*clavicle, *body.chains[f"{side}_arm"]])
             self._carried.append(([*body.chains["torso"], *clavicle], carried))
         self._postures = Postures(body)
+        self._relabelled, self._untried = labellings(self.markers), 0
         self._places, self._torso = places, np.array([m.segment == "torso" for m in self.markers.values()])
         self.q, self.angles = np.zeros(n), np.zeros(n)
         self._rest, self._goal = np.zeros(n), np.zeros((k, 3))  # what fades; the frame before
@@ -123,6 +129,7 @@ class MarkerFit:
         self._blind = self.held  # what the markers don't show
         self._doubtful = False  # whether the fit isn't good enough to be shown
         self._beyond = False  # whether more is held than that
+        self._untried = 0  # other labellings that could still fit better than the posture that was found
 
     def solve(self, points: Array, visible: Mask, dt: float = 0.01, starts: int = 1) -> bool:
         """Fits the body to one frame.
@@ -144,6 +151,9 @@ class MarkerFit:
         first = not self.known
         self._age += dt
         done = self._follow(goal, seen) if self.known else self._search(goal, seen, starts)
+        if done and self._untried and self._mislabelled(goal, seen, starts):
+            done = self.known = False
+            before = shown if self._shown else before
         if not done:
             self._miss(before, seen)
             return False
@@ -161,7 +171,8 @@ class MarkerFit:
         # In no time, as at a reset, there is no speed; it was 1e6 rad/s, and led the next frames astray.
         self._velocity = moved / max(self._age, 1e-6) if self._age > 0.0 else np.zeros_like(moved)
         anybody = self._shown
-        self.known, self._shown, self._age, self._missed = True, True, 0.0, 0
+        self.known, self._age, self._missed = True, 0.0, 0
+        self._shown = self._shown or not self._untried
         self._goal = goal
         self._doubt = np.where(self.rejected, self._doubt + dt, 0.0)
         self.angles = np.where(self.held, shown, self.q + self._rest) if self._beyond else self.q + self._rest
@@ -216,7 +227,7 @@ class MarkerFit:
         """Whether a search would refuse this fit: too many markers left out, too far off, no person's posture."""
         if np.count_nonzero(self.rejected) > np.count_nonzero(seen) // _SPARE or self.residual > _NEAR * self.gate:
             return True
-        return self._doubtful and self._postures.refused(np.where(self._blind, 0.0, self.q))
+        return self._untried > 0 or (self._doubtful and self._postures.refused(np.where(self._blind, 0.0, self.q)))
 
     def _miss(self, before: Array, seen: Mask) -> None:
         """A frame without a fit."""
@@ -380,11 +391,46 @@ class MarkerFit:
                 continue
             left_out = int(np.count_nonzero(self.rejected))
             found.append((left_out, self.residual, q, (self._blind, self.used, self.rejected)))
-            if not left_out and self.residual < 0.25 * self.gate:
+            if not left_out and self.residual < _SURE * self.gate:
                 break
         if not found:
             self.q = last
             return False
-        _, self.residual, self.q, (self._blind, self.used, self.rejected) = min(found, key=lambda one: one[:2])
+        left_out, self.residual, self.q, (self._blind, self.used, self.rejected) = min(found, key=lambda one: one[:2])
         self._place(self.q)
+        sure = not left_out and self.residual < _SURE * self.gate and not self._turned_too_far()
+        self._untried = 0 if sure else len(self._relabelled)
         return True
+
+    def _mislabelled(self, goal: Array, seen: Mask, count: int) -> bool:
+        """Tries the next `count` labellings. Returns whether one fits better by another posture."""
+        mine = self.q, self._blind, self.used, self.rejected, self.residual
+        before = (int(np.count_nonzero(self.rejected)), self.residual, self._far(self.q, self._blind))
+        found = False
+        for _ in range(min(count, self._untried)):
+            self._untried -= 1
+            side, order = self._relabelled[self._untried]
+            for start in (mine[0], self._postures.turned_over(mine[0], side)):
+                self.q = start
+                self._place(start)
+                spare = int(np.count_nonzero(seen)) // _SPARE
+                if not self._settle(goal[order], seen[order], seen[order], start, _SEARCH_STEPS, _DAMPING, spare):
+                    continue
+                q = self._postures.home(self.q, mine[0])
+                both = ~(self._blind | mine[1])
+                after = (int(np.count_nonzero(self.rejected)), self.residual, self._far(q, self._blind))
+                if np.abs(q - mine[0])[both].max(initial=0.0) > OTHER and fits_better(after, before):
+                    found = True
+            self.q, self._blind, self.used, self.rejected, self.residual = mine
+            if found:
+                break
+        self._place(self.q)
+        return found
+
+    def _turned_too_far(self) -> bool:
+        """Whether a forearm is turned beyond its range: two markers of a wrist are enough to turn it over."""
+        return bool(self._postures.excess(self.q)[self._postures.forearms].max() > OTHER)
+
+    def _far(self, q: Array, blind: Mask) -> float:
+        """rad: how far the joints are beyond their ranges, at most."""
+        return float(self._postures.excess(np.where(blind, 0.0, q)).max())

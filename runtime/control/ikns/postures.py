@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from runtime.contracts.signals import Array
-from runtime.control.ikns.body import Body
+from runtime.control.ikns.body import Body, Side
 from runtime.control.ikns.observability import Mask
 
 # Postures (abduction, flexion, rotation, elbow) in degrees from which the posture is searched.
@@ -30,6 +30,9 @@ class Postures:
     """The angles of one body, against its joints' ranges.
 
     Whole turns of a joint mean the same posture. So do a shoulder's (a, b, c) and (a + pi, pi - b, c + pi).
+
+    Attributes:
+        forearms: indices of the joints that turn a forearm about itself, by side.
     """
 
     def __init__(self, body: Body) -> None:
@@ -43,6 +46,7 @@ class Postures:
         self._middle[self._bound] = body.ranges[self._bound].mean(axis=1)
         # The mirrored posture of an elbow is the nearest of all that fit nearly as well.
         self._refused = np.array([_SLACK if n.endswith("elbow_flexion") else _REFUSED for n in body.names])
+        self.forearms = [body.chains[f"{side}_arm"][4] for side in body.sides]
         self._shoulders = [list(body.chains[f"{side}_arm"][:3]) for side in body.sides]
 
     def start(self, posture: Sequence[float]) -> Array:
@@ -70,6 +74,12 @@ class Postures:
             if self.excess(other)[shoulder].sum() < self.excess(q)[shoulder].sum():
                 q = other
         return q
+
+    def turned_over(self, q: Array, side: Side) -> Array:
+        """q with a forearm turned over: where its fit begins if the labels of the wrist were exchanged."""
+        other = q.copy()
+        other[self._body.chains[f"{side}_arm"][4]] += np.pi
+        return self._whole(other)
 
     def returned(self, q: Array) -> Array:
         """`home`, for the joints and shoulders that it brings nearer to their ranges by more than the slack."""

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
@@ -60,6 +60,7 @@ class Record(_Part):
         thresholds: with which it was made.
         points: N.
         still, lost, jumps: of the recording, as in `Calibration`.
+        bodies: by which the angles were measured, as the profile had them; empty in an older file.
     """
 
     format: Literal["srl-ikns-1"]
@@ -75,6 +76,7 @@ class Record(_Part):
     still: Share
     lost: Share
     jumps: Count
+    bodies: dict[str, dict[str, Any]] = {}
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -105,6 +107,7 @@ class Record(_Part):
         frame: str,
         joints: Sequence[str],
         dofs: Sequence[str],
+        bodies: Mapping[str, Any] | None = None,
     ) -> Record:
         """Returns the record of a calibration. Raises RecordError: it isn't finite, or names don't fit."""
         points = [
@@ -127,6 +130,7 @@ class Record(_Part):
             "format": FORMAT, "person": person, "date": date, "simulated": simulated, "rate": rate, "frame": frame,
             "joints": tuple(joints), "dofs": tuple(dofs), "thresholds": thresholds, "points": points,
             "still": found.still, "lost": found.lost, "jumps": found.jumps,
+            "bodies": dict(bodies or {}),
         }  # fmt: skip
         try:
             return cls.model_validate(values)

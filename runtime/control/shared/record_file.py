@@ -1,11 +1,17 @@
-"""Files that hold what a calibration found about one person: JSON, checked when it is read, written whole or not."""
+"""Files that hold what a calibration found about one person: JSON, checked when it is read, written whole or not.
+
+A file ends with a hash of the rest. A number that was changed afterwards could be plausible and wrong, so it is
+refused; who changes a file on purpose takes the hash out. A file without one is taken as it is.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import hashlib
+import json
 import os
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, Any, Final, TypeVar
 
 from pydantic import BaseModel, Field, FiniteFloat, ValidationError
 
@@ -14,6 +20,7 @@ from runtime.contracts.errors import SrlError
 NAME = r"^[A-Za-z0-9_.-]{1,64}$"
 Name = Annotated[str, Field(pattern=NAME)]
 Row = tuple[FiniteFloat, ...]
+HASH: Final = "sha256"
 M = TypeVar("M", bound=BaseModel)
 
 
@@ -33,7 +40,15 @@ def read(kind: type[M], path: Path) -> M:
 def parse(kind: type[M], content: bytes, place: str) -> M:
     """Makes the record of a file's content; `place` names the file. Raises RecordError."""
     try:
-        return kind.model_validate_json(content)
+        plain = json.loads(content, object_pairs_hook=_once)
+        if isinstance(plain, dict) and plain.pop(HASH, None) not in (None, _hash(plain)):
+            problem = "it was changed after it was written"
+            raise RecordError(place, problem, f'Calibrate again; if you changed it on purpose, take "{HASH}" out')
+    except (ValueError, RecursionError) as error:
+        problem = f"it is no JSON: {error}" if isinstance(error, ValueError) else "it is nested too deeply"
+        raise RecordError(place, problem, "Calibrate again, or name another file") from None
+    try:
+        return kind.model_validate_json(json.dumps(plain))
     except ValidationError as error:
         raise refused(place, error, "Calibrate again, or name another file") from None
 
@@ -43,7 +58,8 @@ def write(path: Path, record: BaseModel) -> None:
     scratch = path.with_name(f".{path.name}.{os.getpid()}.new")
     try:
         with open(scratch, "w", encoding="utf-8") as file:
-            file.write(record.model_dump_json(indent=1) + "\n")
+            plain = json.loads(record.model_dump_json())
+            file.write(json.dumps({**plain, HASH: _hash(plain)}, indent=1, ensure_ascii=False) + "\n")
             file.flush()
             os.fsync(file.fileno())
         scratch.rename(path)
@@ -52,6 +68,19 @@ def write(path: Path, record: BaseModel) -> None:
     finally:
         with contextlib.suppress(OSError):
             scratch.unlink()
+
+
+def _hash(plain: Any) -> str:
+    return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """An object of a file. Raises ValueError: it has a key twice, of which a reader would take the last."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        twice = next(key for i, (key, _) in enumerate(pairs) if key in dict(pairs[:i]))
+        raise ValueError(f"'{twice}' is there twice")
+    return found
 
 
 def refused(place: str, error: ValidationError, remedy: str) -> RecordError:

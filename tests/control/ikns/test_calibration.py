@@ -192,6 +192,55 @@ def test_a_file_in_other_units_is_refused() -> None:
         assert any(words in str(reason) for reason in refusals(replace(c, **change), FEW)), words
 
 
+def test_one_point_whose_sense_was_turned_round_is_refused() -> None:
+    """As a file changed by hand has it: the range fits the direction, and between two points c turns round."""
+    c = found(0.5)
+    for i in range(len(c.sites)):
+        sense = np.where(np.arange(len(c.sites)) == i, -1.0, 1.0)
+        lower, upper = c.lower.copy(), c.upper.copy()
+        lower[i], upper[i] = -c.upper[i], -c.lower[i]
+        turned = replace(c, directions=sense[:, None, None] * c.directions, lower=lower, upper=upper)
+        text = " ".join(map(str, refusals(turned, FEW)))
+        assert "degrees, so between them the sense turns round. Redo both" in text
+        assert str(i + 1) in text
+    assert not refusals(c, FEW)
+
+
+def test_ranges_that_the_joints_didnt_go_through_are_refused() -> None:
+    c = found(0.5)
+    for change in (
+        {"upper": c.upper + 3.0},
+        {"travel": 1e-9 * c.travel},
+        {"lower": c.lower + 1e5, "upper": c.upper + 1e5},
+    ):
+        assert any("no motion of an arm" in str(reason) for reason in refusals(replace(c, **change), FEW)), change
+
+
+def test_the_sum_explains_what_is_along_it() -> None:
+    """Two components of 60 and 35 %: their sum, at 30 degrees to the first, explains 57 %, not 95 %."""
+    rng = np.random.default_rng(1)
+    good = recording(0.5)
+    n = 400
+    q = np.zeros((10 * n, 7))
+    q[:, 0], q[:, 1], q[:, 2] = (scale * rng.uniform(-1.0, 1.0, 10 * n) for scale in np.sqrt([0.60, 0.35, 0.05]))
+    hand = np.repeat(np.array([good.hand[61 * i] for i in range(10)]), n, axis=0)
+    made = replace(
+        good,
+        times=np.arange(10 * n) * 0.01,
+        angles=q,
+        hand=hand,
+        dof=np.zeros(10 * n, int),
+        point=np.repeat(np.arange(10), n),
+    )
+    c = calibrate(made, Thresholds(samples=30, components="sum", share=0.9, explained=0.3, speed=0.2))
+    Z = c.directions[:, 0]
+    shares = np.array(
+        [np.var(q[n * i : n * (i + 1)] @ Z[i]) / q[n * i : n * (i + 1)].var(axis=0).sum() for i in range(10)]
+    )
+    np.testing.assert_allclose(c.explained[:, 0], shares, rtol=0.02)
+    assert c.explained.max() < 0.75
+
+
 # Clusters
 
 

@@ -27,10 +27,13 @@ def trial(body: Body, bent: float = 80.0, count: int = 5) -> dict[str, np.ndarra
 
 
 def fitted(body: Body, markers: dict[str, np.ndarray]) -> tuple[np.ndarray, MarkerFit]:
-    """(frames, n): the angles, and the fit after the last frame."""
+    """(frames, n): the angles, and the fit after the last frame. The first frame is shown until its labels are sure."""
     fit = MarkerFit(body)
     points = frames(markers, fit.names)
-    angles = []
+    angles: list[np.ndarray] = []
+    for _ in range(10):
+        fit.solve(points[0], np.isfinite(points[0]).all(axis=1), 0.01, starts=6)
+    assert not fit.held.all()
     for row in points:
         assert fit.solve(row, np.isfinite(row).all(axis=1), 0.01, starts=6)
         assert not fit.rejected.any()

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.edited import content
 from helpers.ikns_law import DT, follow, law, put
 from helpers.null_space_arm import MIDDLE, POINTS, Arm
 from pydantic import ValidationError
@@ -29,7 +30,7 @@ def test_c_goes_from_0_to_1_with_the_swivel_at_every_point_and_between(file: Pat
 
 def test_a_hand_that_moves_by_a_millimetre_at_a_nearly_flat_face_hardly_moves_c(file: Path, tmp_path: Path) -> None:
     """A lower face whose points are 3 mm off a plane, with directions that differ: at the hull c is steep there."""
-    values = json.loads(file.read_text())
+    values = content(file)
     low = sorted(values["points"], key=lambda point: float(point["site"][2]))[:5]
     for i, point in enumerate(low):
         point["site"][2] = low[0]["site"][2] + 0.003 * (i % 2)
@@ -146,7 +147,7 @@ def test_what_cant_be_used_is_refused_with_place_and_remedy(file: Path, tmp_path
         ProfileError, match=r"controllers\.ikns\.flip: .* no degree of freedom 'swiwel'\. Did you mean 'swivel'"
     ):
         law(file, flip=("swiwel",))
-    values = json.loads(file.read_text())
+    values = content(file)
     values["points"][2]["samples"] = [3]
     (tmp_path / "few.json").write_text(json.dumps(values))
     with pytest.raises(
@@ -222,7 +223,7 @@ controllers:
 
 
 def test_it_takes_from_arm_angles_what_that_gives(file: Path, tmp_path: Path) -> None:
-    values = json.loads(file.read_text())
+    values = content(file)
     turns = ("shoulder_abduction", "shoulder_flexion", "shoulder_rotation", "elbow_flexion", "forearm_pronation")
     values["joints"] = [f"right_{name}" for name in (*turns, "wrist_flexion", "wrist_deviation")]
     (tmp_path / "p08.json").write_text(json.dumps(values))

@@ -102,15 +102,55 @@ def test_swapped_wrist_markers_stay_rejected_through_noise() -> None:
     assert np.sqrt((wrong**2).mean(axis=0)).max() < 3.0
 
 
+def labelled(q: np.ndarray, names: tuple[str, ...], body: Body = ARM, frames: int = 10) -> MarkerFit:
+    """A fit from nothing of a body that stands still; the points of these markers go round in a ring."""
+    fit, points = MarkerFit(body), made(body, q)
+    at = [fit.names.index(name) for name in names]
+    points[at] = points[at[1:] + at[:1]]
+    for i in range(frames):
+        fit.solve(points + np.random.default_rng(i).normal(0.0, 1e-3, points.shape), SEEN, DT, starts=6)
+    return fit
+
+
 def test_markers_swapped_from_the_first_frame_on_are_rejected() -> None:
-    fit = MarkerFit(ARM)
-    a, b = fit.names.index("RELB"), fit.names.index("RWRB")
     q = reaching(ARM, 1)[0]
-    points = made(ARM, q)
-    points[[a, b]] = points[[b, a]]
-    assert fit.solve(points, np.ones(len(points), bool), DT, starts=6)
+    fit = labelled(q, ("RELB", "RWRB"))
     assert {fit.names[i] for i in np.flatnonzero(fit.rejected)} == {"RELB", "RWRB"}
-    assert off(ARM, fit.q[None], q[None]).max() < 0.1
+    assert not fit.held.any()
+    assert off(ARM, fit.q[None], q[None]).max() < 6.0
+
+
+@pytest.mark.parametrize("stature", [1.5, pytest.param(1.95, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "names",
+    [("RWRA", "RWRB"), ("RWRA", "RFIN"), ("RWRB", "RFIN"), ("RWRA", "RWRB", "RFIN"), ("RWRA", "RFIN", "RWRB"),
+     ("RFRM", "RWRB"), ("RSHO", "RUPA")],
+)  # fmt: skip
+def test_labels_exchanged_at_the_beginning_show_no_other_posture(names: tuple[str, ...], stature: float) -> None:
+    """The forearm turned over, or the hand in place of the wrist, fits most markers to a centimetre."""
+    body = average(stature, ("right",))
+    rng = np.random.default_rng(7)
+    low, high = body.ranges[6:].T
+    for _ in range(3):
+        q = np.concatenate([np.zeros(6), (low + high) / 2 + rng.uniform(-0.3, 0.3, 9) * (high - low)])
+        fit = labelled(q, names, body)
+        shown = ~fit.held
+        # The wrist is what it is without FIN; a wrong posture is off by 20 to 180 degrees.
+        assert off(body, fit.angles[None], q[None])[0][shown[3:]].max(initial=0.0) < 12.0
+        assert not labelled(q, ("RFIN",), body).held.any()
+
+
+def test_a_posture_is_not_shown_before_other_labels_have_been_tried() -> None:
+    q = reaching(ARM, 1)[0]
+    fit, points = MarkerFit(ARM), made(ARM, q)
+    points[fit.names.index("RELB")] += 0.1  # one point is elsewhere: who knows whose
+    frames = 0
+    while fit.held.all():
+        assert fit.solve(points, SEEN, DT)
+        frames += 1
+        assert frames < 40
+    assert frames > 20
+    assert off(ARM, fit.angles[None], q[None]).max() < 3.0
 
 
 def test_a_chest_with_crossed_markers_isnt_begun_with() -> None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from helpers.edited import edited
 from helpers.null_space_arm import calibrated
 
 from runtime.control.ikns.calibration import Calibration
@@ -80,11 +80,22 @@ FAULTS: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_is_named_with_its_place(fault: str, made: tuple[Path, Record], tmp_path: Path) -> None:
-    values = json.loads(made[0].read_text())
-    FAULTS[fault][0](values)
-    (tmp_path / "bad.json").write_text(json.dumps(values))
+    edited(made[0], FAULTS[fault][0], tmp_path / "bad.json")
     with pytest.raises(RecordError, match=rf"bad\.json.*{FAULTS[fault][1]}.*Calibrate again"):
         read(tmp_path / "bad.json")
+
+
+def test_a_number_that_was_changed_by_hand_is_refused(made: tuple[Path, Record], tmp_path: Path) -> None:
+    """It could be plausible and wrong: a sense turned round, a bound in degrees."""
+    text, path = made[0].read_text(), tmp_path / "p07.json"
+    path.write_text(text.replace(str(made[1].points[2].upper[0]), str(made[1].points[2].upper[0] + 0.1)))
+    with pytest.raises(RecordError, match=r"p07\.json: it was changed after it was written.*take \"sha256\" out"):
+        read(path)
+    edited(made[0], lambda _: None, path)  # without its hash it is taken
+    assert read(path) == made[1]
+    path.write_text(text.replace('"jumps": 0', '"jumps": 0, "jumps": 1'))
+    with pytest.raises(RecordError, match="'jumps' is there twice"):
+        read(path)
 
 
 def test_a_file_that_isnt_there_or_isnt_json(tmp_path: Path) -> None:
