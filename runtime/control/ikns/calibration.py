@@ -306,9 +306,12 @@ def _impossible(found: Calibration, i: int, number: int) -> Iterator[Calibration
 
 def _reversed(found: Calibration, around: set[int], i: int, numbers: Sequence[int]) -> Iterator[CalibrationError]:
     """Neighbours, whose directions are interpolated, with opposite senses. The tree of signs doesn't pass them all."""
-    for j in sorted(around):
-        a, b = found.directions[i], found.directions[j]
-        cosine = (a * b).sum(axis=1) / np.linalg.norm(a, axis=1) / np.linalg.norm(b, axis=1)
+    around = around if np.isfinite(found.directions[i]).all() else set()
+    for j in sorted(k for k in around if np.isfinite(found.directions[k]).all()):
+        # The motions themselves: of several degrees of freedom, the dual of the directions that read them.
+        a, b = np.linalg.pinv(found.directions[i]).T, np.linalg.pinv(found.directions[j]).T
+        size = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
+        cosine = (a * b).sum(axis=1) / np.maximum(size, 1e-300)
         if i < j and (cosine < 0.0).any():
             yield CalibrationError(
                 f"points {numbers[i]} and {numbers[j]}",

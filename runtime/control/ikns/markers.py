@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from runtime.contracts.rotation import euler_angles
 from runtime.contracts.signals import Array
-from runtime.control.ikns.body import Body, Marker
+from runtime.control.ikns.body import Body, Marker, Side
 from runtime.control.ikns.labels import OTHER, fits_better, labellings
 from runtime.control.ikns.observability import Mask, Observability
 from runtime.control.ikns.postures import STARTS, Postures, rigid
@@ -45,6 +45,7 @@ _BELIEVED: Final = (
 )
 _SPARE: Final = 4  # of as many markers, one may be left out of a fit that is shown
 _NEAR: Final = 0.5  # of the gate, the greatest residual of a fit that is shown
+_OVER: Final = 0.8  # rad beyond its range, where no forearm is
 _SURE: Final = 0.25  # of the gate, the greatest residual of a search that needs no other look
 _LOST: Final = 10  # frames without a fit, after which the posture is searched anew
 
@@ -106,7 +107,9 @@ class MarkerFit:
             carried = np.isin(np.arange(n), [*clavicle, *body.chains[f"{side}_arm"]])
             self._carried.append(([*body.chains["torso"], *clavicle], carried))
         self._postures = Postures(body)
-        self._relabelled, self._untried = labellings(self.markers), 0
+        self._relabelled = labellings(self.markers)
+        self._queue: list[tuple[NDArray[np.intp], Side | None]] = []
+        self._lower = np.array([m.segment.endswith(("forearm", "hand")) for m in self.markers.values()])
         self._places, self._torso = places, np.array([m.segment == "torso" for m in self.markers.values()])
         self.q, self.angles = np.zeros(n), np.zeros(n)
         self._rest, self._goal = np.zeros(n), np.zeros((k, 3))  # what fades; the frame before
@@ -129,7 +132,9 @@ class MarkerFit:
         self._blind = self.held  # what the markers don't show
         self._doubtful = False  # whether the fit isn't good enough to be shown
         self._beyond = False  # whether more is held than that
-        self._untried = 0  # other labellings that could still fit better than the posture that was found
+        self._queue = []  # other labellings that could still fit better than the posture that was found
+        self._suspect = False  # whether one did: then none is shown before all have been tried
+        self._seen = np.zeros(len(self.names), bool)  # in the frame before
 
     def solve(self, points: Array, visible: Mask, dt: float = 0.01, starts: int = 1) -> bool:
         """Fits the body to one frame.
@@ -151,9 +156,14 @@ class MarkerFit:
         first = not self.known
         self._age += dt
         done = self._follow(goal, seen) if self.known else self._search(goal, seen, starts)
-        if done and self._untried and self._mislabelled(goal, seen, starts):
+        if done and self.known and (blind & ~self._blind).any() and not self._sure(seen):
+            self._queue = self._ways(seen if self._queue else seen & ~self._seen)
+        self._seen = seen
+        if done and self._queue and self._mislabelled(goal, seen, starts):
             done = self.known = False
-            before = shown if self._shown else before
+            self._suspect, self._queue = True, []
+            if self._shown:
+                before, self._rest = shown, np.zeros_like(shown)
         if not done:
             self._miss(before, seen)
             return False
@@ -172,7 +182,7 @@ class MarkerFit:
         self._velocity = moved / max(self._age, 1e-6) if self._age > 0.0 else np.zeros_like(moved)
         anybody = self._shown
         self.known, self._age, self._missed = True, 0.0, 0
-        self._shown = self._shown or not self._untried
+        self._shown = self._shown or not self._queue
         self._goal = goal
         self._doubt = np.where(self.rejected, self._doubt + dt, 0.0)
         self.angles = np.where(self.held, shown, self.q + self._rest) if self._beyond else self.q + self._rest
@@ -227,7 +237,9 @@ class MarkerFit:
         """Whether a search would refuse this fit: too many markers left out, too far off, no person's posture."""
         if np.count_nonzero(self.rejected) > np.count_nonzero(seen) // _SPARE or self.residual > _NEAR * self.gate:
             return True
-        return self._untried > 0 or (self._doubtful and self._postures.refused(np.where(self._blind, 0.0, self.q)))
+        if self._queue or self._turned() > _OVER:
+            return True
+        return self._doubtful and self._postures.refused(np.where(self._blind, 0.0, self.q))
 
     def _miss(self, before: Array, seen: Mask) -> None:
         """A frame without a fit."""
@@ -398,38 +410,50 @@ class MarkerFit:
             return False
         left_out, self.residual, self.q, (self._blind, self.used, self.rejected) = min(found, key=lambda one: one[:2])
         self._place(self.q)
-        sure = not left_out and self.residual < _SURE * self.gate and not self._turned_too_far()
-        self._untried = 0 if sure else len(self._relabelled)
+        self._queue = [] if self._sure(seen) and not self._suspect else self._ways(seen)
         return True
 
+    def _sure(self, seen: Mask) -> bool:
+        """Whether the fit is one by these labels alone: each marker of the lower arm is there, and in its place.
+
+        Two markers of a wrist are enough to turn a forearm over, beyond its range as a rule.
+        """
+        fits = not self.rejected.any() and self.residual < _SURE * self.gate
+        return bool(fits and seen[self._lower].all() and self._turned() < OTHER)
+
+    def _turned(self) -> float:
+        """rad: how far a forearm is turned beyond its range."""
+        return float(self._postures.excess(self.q)[self._postures.forearms].max())
+
+    def _ways(self, which: Mask) -> list[tuple[NDArray[np.intp], Side | None]]:
+        """Labellings that concern any of these markers, each with the forearm as it is and turned over."""
+        at = np.flatnonzero(which)
+        found = [(side, order) for side, order in self._relabelled if (order[at] != at).any()]
+        return [(order, over) for side, order in found for over in (None, side)]
+
     def _mislabelled(self, goal: Array, seen: Mask, count: int) -> bool:
-        """Tries the next `count` labellings. Returns whether one fits better by another posture."""
+        """Tries the next `count` other labellings. Returns whether one fits better by another posture."""
         mine = self.q, self._blind, self.used, self.rejected, self.residual
         before = (int(np.count_nonzero(self.rejected)), self.residual, self._far(self.q, self._blind))
+        spare = int(np.count_nonzero(seen)) // _SPARE
         found = False
-        for _ in range(min(count, self._untried)):
-            self._untried -= 1
-            side, order = self._relabelled[self._untried]
-            for start in (mine[0], self._postures.turned_over(mine[0], side)):
-                self.q = start
-                self._place(start)
-                spare = int(np.count_nonzero(seen)) // _SPARE
-                if not self._settle(goal[order], seen[order], seen[order], start, _SEARCH_STEPS, _DAMPING, spare):
-                    continue
+        for _ in range(min(count, len(self._queue))):
+            order, over = self._queue.pop()
+            start = mine[0] if over is None else self._postures.turned_over(mine[0], over)
+            self.q = start
+            self._place(start)
+            fits = self._settle(goal[order], seen[order], seen[order], start, _SEARCH_STEPS, _DAMPING, spare)
+            if fits and self.residual <= _NEAR * self.gate:  # as a search has it
                 q = self._postures.home(self.q, mine[0])
                 both = ~(self._blind | mine[1])
                 after = (int(np.count_nonzero(self.rejected)), self.residual, self._far(q, self._blind))
-                if np.abs(q - mine[0])[both].max(initial=0.0) > OTHER and fits_better(after, before):
-                    found = True
+                found = bool(np.abs(q - mine[0])[both].max(initial=0.0) > OTHER) and fits_better(after, before)
             self.q, self._blind, self.used, self.rejected, self.residual = mine
             if found:
                 break
         self._place(self.q)
+        self._suspect &= bool(found or self._queue)
         return found
-
-    def _turned_too_far(self) -> bool:
-        """Whether a forearm is turned beyond its range: two markers of a wrist are enough to turn it over."""
-        return bool(self._postures.excess(self.q)[self._postures.forearms].max() > OTHER)
 
     def _far(self, q: Array, blind: Mask) -> float:
         """rad: how far the joints are beyond their ranges, at most."""

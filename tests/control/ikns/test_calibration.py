@@ -206,6 +206,19 @@ def test_one_point_whose_sense_was_turned_round_is_refused() -> None:
     assert not refusals(c, FEW)
 
 
+def test_two_dofs_whose_motions_agree_are_no_turned_sense() -> None:
+    """A second motion at 20 degrees to either side of the first: the directions that read it are 140 degrees apart."""
+    c = found(0.5, "clavicle", 2)
+    Z = np.array([np.linalg.pinv(B).T for B in c.directions])
+    first, second = (Z[:, j] / norm(Z[:, j], axis=1)[:, None] for j in (0, 1))
+    aside = second - (second * first).sum(axis=1)[:, None] * first
+    aside /= norm(aside, axis=1)[:, None]
+    sense = np.where(np.arange(len(Z)) % 2, 1.0, -1.0)[:, None]
+    near = np.cos(np.deg2rad(20.0)) * first + np.sin(np.deg2rad(20.0)) * sense * aside
+    B = np.array([np.linalg.pinv(np.stack(pair).T) for pair in zip(first, near, strict=True)])
+    assert not any("turns round" in str(reason) for reason in refusals(replace(c, directions=B), FEW))
+
+
 def test_ranges_that_the_joints_didnt_go_through_are_refused() -> None:
     c = found(0.5)
     for change in (

@@ -31,7 +31,7 @@ def fitted(body: Body, markers: dict[str, np.ndarray]) -> tuple[np.ndarray, Mark
     fit = MarkerFit(body)
     points = frames(markers, fit.names)
     angles: list[np.ndarray] = []
-    for _ in range(10):
+    for _ in range(20):
         fit.solve(points[0], np.isfinite(points[0]).all(axis=1), 0.01, starts=6)
     assert not fit.held.all()
     for row in points:

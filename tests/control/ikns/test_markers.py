@@ -15,6 +15,7 @@ from runtime.control.ikns.markers import MarkerFit
 
 BODY = average(1.75)
 ARM = average(1.75, ("right",))
+ARM_MARKERS = tuple(ARM.markers)
 SEEN = np.ones(len(ARM.markers), bool)
 DT = 0.01
 WRIST = [ARM.names.index(f"right_wrist_{joint}") for joint in ("flexion", "deviation")]
@@ -140,6 +141,38 @@ def test_labels_exchanged_at_the_beginning_show_no_other_posture(names: tuple[st
         assert not labelled(q, ("RFIN",), body).held.any()
 
 
+@pytest.mark.parametrize("names", [("RWRA", "RFIN"), ("RWRB", "RFIN"), ("RWRA", "RWRB")])
+def test_labels_exchanged_while_they_are_hidden_show_no_other_posture(names: tuple[str, str]) -> None:
+    """One frame without them is enough: what comes back is fitted anew, as nothing is known of where it went."""
+    fit, q = MarkerFit(ARM), reaching(ARM, 1)[0]
+    points, at = made(ARM, q), [fit.names.index(name) for name in names]
+    assert fit.solve(points, SEEN, DT, starts=6)
+    gone = SEEN.copy()
+    gone[at] = False
+    fit.solve(points, gone, DT)
+    points[at] = points[at[::-1]]
+    for _ in range(100):
+        fit.solve(points, SEEN, DT)
+        assert off(ARM, fit.angles[None], q[None])[0][~fit.held[3:]].max(initial=0.0) < 12.0
+
+
+@pytest.mark.parametrize("degrees", [75.0, 89.0])
+def test_a_wrist_exchanged_while_the_forearms_marker_is_hidden_isnt_turned_over(degrees: float) -> None:
+    q = reaching(ARM, 1)[0]
+    q[ARM.names.index("right_forearm_pronation")] = np.deg2rad(degrees)
+    points, at = made(ARM, q), [ARM_MARKERS.index(name) for name in ("RWRA", "RWRB")]
+    hidden = np.array([name != "RFRM" for name in ARM_MARKERS])
+    fit = MarkerFit(ARM)
+    for _ in range(10):
+        fit.solve(points, hidden, DT, starts=6)
+    assert not fit.held[len(fit.held) - 3]  # with the right labels the forearm is shown
+    fit = MarkerFit(ARM)
+    points[at] = points[at[::-1]]
+    for _ in range(20):
+        fit.solve(points, hidden, DT, starts=6)
+        assert fit.held.all()
+
+
 def test_a_posture_is_not_shown_before_other_labels_have_been_tried() -> None:
     q = reaching(ARM, 1)[0]
     fit, points = MarkerFit(ARM), made(ARM, q)
@@ -148,8 +181,8 @@ def test_a_posture_is_not_shown_before_other_labels_have_been_tried() -> None:
     while fit.held.all():
         assert fit.solve(points, SEEN, DT)
         frames += 1
-        assert frames < 40
-    assert frames > 20
+        assert frames < 60
+    assert frames > 40
     assert off(ARM, fit.angles[None], q[None]).max() < 3.0
 
 

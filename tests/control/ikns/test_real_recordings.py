@@ -69,5 +69,5 @@ def test_a_serve_is_beyond_it() -> None:
     off = np.linalg.norm(hands[1] - hands[0], axis=1)
     apart = np.rad2deg(np.abs(angles[1] - angles[0]))
     print(f"\nhand off by {off.max():.2f} m at most, {np.sqrt((off**2).mean()):.3f} rms; angles by {apart.max():.0f}")
-    assert 0.05 < off.max() < 0.5
+    assert 0.05 < off.max() < 0.6
     assert np.isfinite(apart).all()
