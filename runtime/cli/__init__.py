@@ -14,6 +14,7 @@ from runtime.contracts.errors import SrlError
 COMMANDS = {
     "list": "lists drivers, controllers and profiles",
     "check": "checks a profile and prints its wiring",
+    "show": "shows a profile's devices, wiring and frames, as text or as a picture",
     "run": "runs a profile",
     "calibrate": "makes the calibration file of a person or a device",
     "stop": "puts the limb into its safe stop",

@@ -1,4 +1,4 @@
-"""What is connected in a wired system, and what nothing takes: for `srl check`."""
+"""What is connected in a wired system, and what nothing takes: for `srl check` and `srl show`."""
 
 from __future__ import annotations
 
@@ -31,14 +31,22 @@ def connections(graph: Graph) -> list[Connection]:
     """Returns every wire: the controllers' in their order, then the clearances'."""
     found = []
     for law in graph.laws:
-        for wire in law.inputs.values():
-            found.append(Connection(" + ".join(wire.far), wire.name, form(wire.near), tuple(_pairs(graph, wire))))
-        for wire in law.outputs.values():
-            pairs = tuple((mine, theirs) for theirs, mine in _pairs(graph, wire))
-            found.append(Connection(wire.name, " + ".join(wire.far), form(wire.near), pairs))
-    for wire in (wire for cleared in graph.clearances.values() for wire in cleared.inputs.values()):
-        found.append(Connection(" + ".join(wire.far), wire.name, form(wire.near), tuple(_pairs(graph, wire))))
+        found += [reading(graph, wire) for wire in law.inputs.values()]
+        found += [writing(graph, wire) for wire in law.outputs.values()]
+    for cleared in graph.clearances.values():
+        found += [reading(graph, wire) for wire in cleared.inputs.values()]
     return found
+
+
+def reading(graph: Graph, wire: Link) -> Connection:
+    """The wire of an input: from signals to the input."""
+    return Connection(" + ".join(wire.far), wire.name, form(wire.near), tuple(_pairs(graph, wire)))
+
+
+def writing(graph: Graph, wire: Link) -> Connection:
+    """The wire of an output: from the output to signals."""
+    pairs = tuple((mine, theirs) for theirs, mine in _pairs(graph, wire))
+    return Connection(wire.name, " + ".join(wire.far), form(wire.near), pairs)
 
 
 def transforms(graph: Graph) -> list[dict[str, Any]]:
