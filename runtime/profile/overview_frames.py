@@ -104,7 +104,7 @@ def _item(graph: Graph, name: str, depth: int, parent: str | None, standing: Map
         "root": root,
         "pose_in_root": list(fixed),
         "measured_by": entry.pose if entry is not None else None,
-        "fastest": entry.speed if entry is not None and entry.pose is not None and isfinite(entry.speed) else None,
+        "fastest": _fastest(graph, entry.pose) if entry is not None and entry.pose is not None else None,
         "devices": [device.name for device in graph.devices if device.name == name],
         "parts": [{**part, "name": own} for own, part in standing.items() if part["at"] == name],
         "in": signals.get(name, {}).get("in", []),
@@ -116,6 +116,12 @@ def _item(graph: Graph, name: str, depth: int, parent: str | None, standing: Map
             if name in (found.path.target, found.path.source, *found.path.up, *found.path.down)
         ],
     }
+
+
+def _fastest(graph: Graph, signal: str) -> float | None:
+    """m/s that the runtime believes of a measured frame; None: it isn't watched, or it may jump."""
+    speeds = [sight.speed for sight in graph.sights if sight.pose is graph.row.views[signal]]
+    return next((speed for speed in speeds if isfinite(speed)), None)
 
 
 def _kind(graph: Graph, name: str) -> str:

@@ -1,0 +1,120 @@
+"""The tree of frames as a picture: a triad of axes for each frame, at the profile's own numbers.
+
+What hangs on a link that moves, or on a body of a simulated part, is drawn by itself: no number says where that is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations, product
+from typing import Any
+
+import numpy as np
+
+from runtime.contracts.frames import IDENTITY
+from runtime.contracts.rotation import Pose, composed, homogeneous
+from runtime.contracts.signals import Array
+from runtime.recorder.naming import write_names
+
+Item = Mapping[str, Any]
+AXES = {"x": "#D55E00", "y": "#009E73", "z": "#0072B2"}
+EYES = list(product((-60.0, -35.0, -115.0, 35.0), (22.0, 35.0)))  # azimuth and elevation, degrees
+ALONE = 0.1  # m, the axes of a frame without others
+OF_SPAN = 0.2  # the axes' length, of the largest distance
+SHORTER = 0.62  # each further triad at the same place, of the one before
+
+
+def groups(overview: Item) -> list[tuple[str, list[tuple[str, Pose, int]]]]:
+    """The drawings: a caption, and of each triad its name, pose in the root, and the number of its parent (-1: none).
+
+    A frame without others is left out where there are drawings of more.
+    """
+    found = []
+    for root in dict.fromkeys(frame["root"] for frame in overview["frames"]):
+        members = [frame for frame in overview["frames"] if frame["root"] == root]
+        triads: list[tuple[str, Pose, int]] = []
+        numbers: dict[str, int] = {}
+        for frame in members:
+            numbers[frame["name"]] = len(triads)
+            parent = numbers.get(frame["parent"], -1)
+            by = f" (by {frame['measured_by']})" if frame["measured_by"] else ""
+            triads.append((frame["name"] + by, _pose(frame["pose_in_root"]), parent))
+        for frame in members:
+            for part in frame["parts"]:
+                pose = _pose(part["pose"])
+                if pose != IDENTITY:
+                    placed = composed(_pose(frame["pose_in_root"]), pose)
+                    triads.append((f"part {part['name']}", placed, numbers[frame["name"]]))
+        found.append((_caption(members[0], members), triads))
+    several = [each for each in found if len(each[1]) > 1]
+    return several or found
+
+
+def _caption(root: Item, members: Sequence[Item]) -> str:
+    owner = root["name"].partition("/")[0]
+    moves = {"link": f", which moves with the joints of {owner}", "body": f", a body of the simulated part {owner}"}
+    measured = "; measured frames where zero is measured" if any(frame["measured_by"] for frame in members) else ""
+    return f"in {root['name']}{moves.get(root['kind'], '')}{measured}"
+
+
+def _pose(values: Sequence[float]) -> Pose:
+    x, y, z, *turn = map(float, values)
+    return (x, y, z, turn[0], turn[1], turn[2], turn[3])
+
+
+def paint(axis: Any, caption: str, triads: Sequence[tuple[str, Pose, int]], size: tuple[float, float]) -> None:
+    """Draws one of the `groups` on an axis of this size, inches, that has its final place."""
+    matrices = np.stack([homogeneous(pose) for _, pose, _ in triads])
+    places = matrices[:, :3, 3]
+    span = float(np.linalg.norm(places[:, None] - places[None], axis=2).max())
+    length = OF_SPAN * span if span > 0.0 else ALONE
+    same = [[j for j in range(i) if np.linalg.norm(places[i] - places[j]) < 0.02 * length] for i in range(len(triads))]
+    lengths = [length * SHORTER ** len(before) for before in same]
+    tips = places[:, None] + np.array(lengths)[:, None, None] * np.swapaxes(matrices[:, :3, :3], 1, 2)
+    flat = _eye(places, length)
+    at, ends, letters = flat(places), flat(tips), flat(places[:, None] + 1.16 * (tips - places[:, None]))
+    _fit(axis, np.concatenate([at, letters.reshape(-1, 2)]), size)
+    for i, (_, _, parent) in enumerate(triads):
+        if parent >= 0:
+            axis.plot(*np.stack([at[parent], at[i]]).T, color="0.6", linewidth=0.9, linestyle=(0, (4, 2)), zorder=1)
+        for j, (name, color) in enumerate(AXES.items()):
+            axis.plot(*np.stack([at[i], ends[i, j]]).T, color=color, linewidth=1.6 + 0.8 * len(same[i]), zorder=3,
+                      solid_capstyle="butt", alpha=0.9)  # fmt: skip
+            if np.linalg.norm(ends[i, j] - at[i]) > 0.2 * lengths[i]:  # else it points at the eye
+                axis.text(*letters[i, j], name, fontsize=6, color=color, ha="center", va="center", zorder=4)
+    firsts = [i for i, before in enumerate(same) if not before]
+    names = ["\n".join(triads[j][0] for j in range(len(triads)) if j == i or i in same[j]) for i in firsts]
+    lines = [np.stack([at[i], letters[i, j]]) for i in range(len(triads)) for j in range(3)]
+    lines += [np.stack([at[parent], at[i]]) for i, (_, _, parent) in enumerate(triads) if parent >= 0]
+    axis.set_title(f"{caption}\naxes {lengths[0]:.3g} m long", fontsize=7, color="0.3")
+    write_names(axis, names, at[firsts], lines)
+
+
+def _eye(places: Array, length: float) -> Any:
+    """The parallel projection (..., 3) -> (..., 2) in which the frames are farthest apart."""
+    pairs = [(a, b) for a, b in combinations(places, 2) if np.linalg.norm(a - b) > 0.02 * length]
+
+    def least(eye: tuple[float, float]) -> float:
+        return min((float(np.linalg.norm((a - b) @ _plane(*eye))) for a, b in pairs), default=0.0)
+
+    plane = _plane(*max(EYES, key=least))
+    return lambda points: points @ plane
+
+
+def _plane(azimuth: float, elevation: float) -> Array:
+    """(3, 2): right and up of one who looks at the origin from there; z is up."""
+    a, e = np.deg2rad([azimuth, elevation])
+    right = [-np.sin(a), np.cos(a), 0.0]
+    up = [-np.sin(e) * np.cos(a), -np.sin(e) * np.sin(a), np.cos(e)]
+    return np.array([right, up]).T
+
+
+def _fit(axis: Any, points: Array, size: tuple[float, float]) -> None:
+    """Limits with one scale for both directions and room for names."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    room = np.array(size) - (1.6, 0.7)  # inches for what is drawn; names are beside it
+    scale = max(float(((high - low) / room).max()), 1e-6)  # m an inch
+    middle, half = (low + high) / 2.0, scale * np.array(size) / 2.0
+    axis.set_xlim(middle[0] - half[0], middle[0] + half[0])
+    axis.set_ylim(middle[1] - half[1], middle[1] + half[1])
+    axis.axis("off")
