@@ -14,20 +14,21 @@ import numpy as np
 from runtime.contracts.frames import IDENTITY
 from runtime.contracts.rotation import Pose, composed, homogeneous
 from runtime.contracts.signals import Array
-from runtime.recorder.naming import write_names
+from runtime.recorder.naming import HALO, write_names
 
 Item = Mapping[str, Any]
 AXES = {"x": "#D55E00", "y": "#009E73", "z": "#0072B2"}
 EYES = list(product((-60.0, -35.0, -115.0, 35.0), (22.0, 35.0)))  # azimuth and elevation, degrees
 ALONE = 0.1  # m, the axes of a frame without others
-OF_SPAN = 0.2  # the axes' length, of the largest distance
+OF_SPAN, OF_NEAREST, SHORT = 0.2, 0.7, 0.06  # the axes' length: of the largest distance, of the least; at least
+NEAR = 0.004  # of the largest distance: nearer frames are drawn as at one place
 SHORTER = 0.62  # each further triad at the same place, of the one before
 
 
-def groups(overview: Item) -> list[tuple[str, list[tuple[str, Pose, int]]]]:
+def groups(overview: Item) -> tuple[list[tuple[str, list[tuple[str, Pose, int]]]], list[str]]:
     """The drawings: a caption, and of each triad its name, pose in the root, and the number of its parent (-1: none).
 
-    A frame without others is left out where there are drawings of more.
+    A frame that has no other one in its drawing is left out where there are drawings of more: their names.
     """
     found = []
     for root in dict.fromkeys(frame["root"] for frame in overview["frames"]):
@@ -47,7 +48,8 @@ def groups(overview: Item) -> list[tuple[str, list[tuple[str, Pose, int]]]]:
                     triads.append((f"part {part['name']}", placed, numbers[frame["name"]]))
         found.append((_caption(members[0], members), triads))
     several = [each for each in found if len(each[1]) > 1]
-    return several or found
+    alone = [triads[0][0] for _, triads in found if len(triads) == 1] if several else []
+    return several or found, alone
 
 
 def _caption(root: Item, members: Sequence[Item]) -> str:
@@ -66,13 +68,15 @@ def paint(axis: Any, caption: str, triads: Sequence[tuple[str, Pose, int]], size
     """Draws one of the `groups` on an axis of this size, inches, that has its final place."""
     matrices = np.stack([homogeneous(pose) for _, pose, _ in triads])
     places = matrices[:, :3, 3]
-    span = float(np.linalg.norm(places[:, None] - places[None], axis=2).max())
-    length = OF_SPAN * span if span > 0.0 else ALONE
-    same = [[j for j in range(i) if np.linalg.norm(places[i] - places[j]) < 0.02 * length] for i in range(len(triads))]
+    apart = np.linalg.norm(places[:, None] - places[None], axis=2)
+    span = float(apart.max())
+    nearest = float(apart[apart > NEAR * span].min(initial=span))
+    length = float(np.clip(OF_NEAREST * nearest, SHORT * span, OF_SPAN * span)) if span > 0.0 else ALONE
+    same = [[j for j in range(i) if np.linalg.norm(places[i] - places[j]) <= NEAR * span] for i in range(len(triads))]
     lengths = [length * SHORTER ** len(before) for before in same]
     tips = places[:, None] + np.array(lengths)[:, None, None] * np.swapaxes(matrices[:, :3, :3], 1, 2)
-    flat = _eye(places, length)
-    at, ends, letters = flat(places), flat(tips), flat(places[:, None] + 1.16 * (tips - places[:, None]))
+    flat = _eye(places, span)
+    at, ends, letters = flat(places), flat(tips), flat(places[:, None] + 1.25 * (tips - places[:, None]))
     _fit(axis, np.concatenate([at, letters.reshape(-1, 2)]), size)
     for i, (_, _, parent) in enumerate(triads):
         if parent >= 0:
@@ -80,19 +84,29 @@ def paint(axis: Any, caption: str, triads: Sequence[tuple[str, Pose, int]], size
         for j, (name, color) in enumerate(AXES.items()):
             axis.plot(*np.stack([at[i], ends[i, j]]).T, color=color, linewidth=1.6 + 0.8 * len(same[i]), zorder=3,
                       solid_capstyle="butt", alpha=0.9)  # fmt: skip
+            way = axis.transData.transform(ends[i, j]) - axis.transData.transform(at[i])
             if np.linalg.norm(ends[i, j] - at[i]) > 0.2 * lengths[i]:  # else it points at the eye
-                axis.text(*letters[i, j], name, fontsize=6, color=color, ha="center", va="center", zorder=4)
+                along = 6.0 * way / np.linalg.norm(way)
+                shift = along if not same[i] else np.array([-along[1], along[0]])  # beside the longer axis
+                axis.annotate(
+                    name, ends[i, j], tuple(shift), textcoords="offset points", fontsize=6.5, color=color, ha="center",
+                    va="center", path_effects=HALO, zorder=4,
+                )  # fmt: skip
     firsts = [i for i, before in enumerate(same) if not before]
-    names = ["\n".join(triads[j][0] for j in range(len(triads)) if j == i or i in same[j]) for i in firsts]
+    within = ["", " (shorter axes)", " (shortest axes)"]
+    names = [
+        "\n".join(triads[j][0] + within[min(len(same[j]), 2)] for j in range(len(triads)) if j == i or i in same[j])
+        for i in firsts
+    ]
     lines = [np.stack([at[i], letters[i, j]]) for i in range(len(triads)) for j in range(3)]
     lines += [np.stack([at[parent], at[i]]) for i, (_, _, parent) in enumerate(triads) if parent >= 0]
-    axis.set_title(f"{caption}\naxes {lengths[0]:.3g} m long", fontsize=7, color="0.3")
+    axis.set_title(f"{caption}\naxes {1000.0 * length:.3g} mm long", fontsize=7, color="0.3")
     write_names(axis, names, at[firsts], lines)
 
 
-def _eye(places: Array, length: float) -> Any:
+def _eye(places: Array, span: float) -> Any:
     """The parallel projection (..., 3) -> (..., 2) in which the frames are farthest apart."""
-    pairs = [(a, b) for a, b in combinations(places, 2) if np.linalg.norm(a - b) > 0.02 * length]
+    pairs = [(a, b) for a, b in combinations(places, 2) if np.linalg.norm(a - b) > NEAR * span]
 
     def least(eye: tuple[float, float]) -> float:
         return min((float(np.linalg.norm((a - b) @ _plane(*eye))) for a, b in pairs), default=0.0)
@@ -112,7 +126,7 @@ def _plane(azimuth: float, elevation: float) -> Array:
 def _fit(axis: Any, points: Array, size: tuple[float, float]) -> None:
     """Limits with one scale for both directions and room for names."""
     low, high = points.min(axis=0), points.max(axis=0)
-    room = np.array(size) - (1.6, 0.7)  # inches for what is drawn; names are beside it
+    room = np.array(size) - (1.6, 0.9)  # inches for what is drawn; names are beside it
     scale = max(float(((high - low) / room).max()), 1e-6)  # m an inch
     middle, half = (low + high) / 2.0, scale * np.array(size) / 2.0
     axis.set_xlim(middle[0] - half[0], middle[0] + half[0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,31 +16,37 @@ import matplotlib.pyplot as plt
 from runtime.contracts.errors import RequestError
 from runtime.recorder import frames_picture, wiring_picture
 
-EDGE, TOP, BELOW = 0.25, 0.55, 0.2  # inches around; for the title
-FRAMES, EACH, HEAD = 4.4, 2.9, 0.45  # inches: the frames' width; height of one drawing; of its caption
+EDGE, TOP, BELOW = 0.25, 0.5, 0.3  # inches around; for the title
+FRAMES, EACH, HEAD = 4.2, 2.3, 0.4  # inches: the frames' width; height of one drawing, at least; of its caption
+TALL = 3.6  # inches: height of one drawing, at most
+STROKE = 0.05  # inches that a box's edge needs
 
 
 def draw_overview(overview: Mapping[str, Any], png: Path) -> None:
     """Draws `runtime.profile.overview.overview`. Raises RequestError: the file can't be written."""
     wiring = wiring_picture.laid_out(overview)
-    groups = frames_picture.groups(overview)
+    groups, alone = frames_picture.groups(overview)
     right = FRAMES if groups else 0.0
-    height = max(wiring.height, len(groups) * (EACH + HEAD), 1.0)
-    width = max(wiring.width, 4.0)
+    height = max(wiring.height + STROKE, len(groups) * (EACH + HEAD))
+    width = wiring.width + 2 * STROKE
     whole = (width + right + 3 * EDGE, height + TOP + BELOW)
     figure = plt.figure(figsize=whole)
     try:
-        left = _axes(figure, whole, EDGE, BELOW + height - wiring.height, width, wiring.height)
-        left.set_xlim(-0.02, width - 0.02)
-        left.set_ylim(wiring.height - 0.3, -0.3)
+        tall = wiring.height + STROKE
+        left = _axes(figure, whole, EDGE, BELOW + height - tall, width, tall)
+        left.set_xlim(-STROKE, width - STROKE)
+        left.set_ylim(tall - wiring_picture.ABOVE, -wiring_picture.ABOVE)
         left.axis("off")
         wiring_picture.paint(left, wiring)
-        share = height / max(len(groups), 1)
+        each = min(height / max(len(groups), 1), TALL + HEAD)
         for i, (caption, triads) in enumerate(groups):
-            size = (FRAMES, min(share, 1.6 * EACH) - HEAD)
-            bottom = BELOW + height - i * min(share, 1.6 * EACH + HEAD) - HEAD - size[1]
-            axis = _axes(figure, whole, width + 2 * EDGE, bottom, *size)
+            size = (FRAMES, each - HEAD)
+            axis = _axes(figure, whole, width + 2 * EDGE, BELOW + height - (i + 1) * each, *size)
             frames_picture.paint(axis, caption, triads, size)
+        if alone:
+            words = f"frames without another that is fixed to them: {', '.join(alone)}"
+            lines = textwrap.fill(words, 76, break_on_hyphens=False)
+            figure.text(1.0 - EDGE / whole[0], 0.08 / whole[1], lines, fontsize=6.5, ha="right", color="0.4")
         rate = f"{overview['rate_hz']:g} Hz, clock {overview['clock']}"
         title = f"{overview['profile']}: {overview['summary']}".rstrip(": ")
         figure.text(EDGE / whole[0], 1.0 - 0.2 / whole[1], f"{title}   ({rate})", fontsize=9, va="center")

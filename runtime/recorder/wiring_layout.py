@@ -1,15 +1,18 @@
 """Where the boxes and arrows of a wiring's picture lie: columns from what measures to what moves.
 
-An arrow that passes a column has a slot of its own in it (a `Slot`), so no arrow goes through a box (the layered drawing
-of Sugiyama, Tagawa and Toda, 1981). All lengths are inches, y downwards from the top.
+An arrow that passes a column has a slot of its own in it, so no arrow goes through a box (the layered drawing of
+Sugiyama, Tagawa and Toda, 1981). All lengths are inches, y downwards from the top.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
+
+from runtime.contracts.signals import Array
 
 ROW, HEAD, NOTE = 0.165, 0.25, 0.14  # of a port, a title, a line of notes
 SLOT, APART = 0.10, 0.17  # height of an arrow that passes; between two boxes
@@ -107,7 +110,7 @@ def _order(made: list[list[Box]], arrows: Sequence[Arrow]) -> None:
         for column in made if forward else reversed(made):
             rank = _ranks(made)
             wish = {box: _wish(box, arrows, rank, forward) for box in column}
-            column.sort(key=lambda box: rank[box] if wish[box] is None else wish[box])
+            column.sort(key=wish.__getitem__)
         if (count := _crossings(made, arrows)) < least:
             best, least = [list(column) for column in made], count
     for column, order in zip(made, best, strict=True):
@@ -119,14 +122,15 @@ def _ranks(made: Sequence[Sequence[Box]]) -> dict[Box, float]:
     return {box: (i + 0.5) / len(column) for column in made for i, box in enumerate(column)}
 
 
-def _wish(box: Box, arrows: Sequence[Arrow], rank: Mapping[Box, float], forward: bool) -> float | None:
+def _wish(box: Box, arrows: Sequence[Arrow], rank: Mapping[Box, float], forward: bool) -> float:
+    """The mean place of what its arrows come from, or go to; its own where it has none."""
     ends = [
         rank[a.start if forward else a.end]
         + 0.01 * (a.start.port("right", a.begin) if forward else a.end.port("left", a.at))
         for a in arrows
         if (a.end if forward else a.start) is box
     ]
-    return sum(ends) / len(ends) if ends else None
+    return sum(ends) / len(ends) if ends else rank[box]
 
 
 def _crossings(made: Sequence[Sequence[Box]], arrows: Sequence[Arrow]) -> int:
@@ -136,9 +140,7 @@ def _crossings(made: Sequence[Sequence[Box]], arrows: Sequence[Arrow]) -> int:
          rank[a.end] + 0.1 * a.end.port("left", a.at) / 10.0)
         for a in arrows
     ]  # fmt: skip
-    return sum(
-        (a[1] - b[1]) * (a[2] - b[2]) < 0.0 for i, a in enumerate(ends) for b in ends[i + 1 :] if a[0] == b[0]
-    )
+    return sum((a[1] - b[1]) * (a[2] - b[2]) < 0.0 for i, a in enumerate(ends) for b in ends[i + 1 :] if a[0] == b[0])
 
 
 def _place(made: Sequence[Sequence[Box]], arrows: Sequence[Arrow]) -> None:
@@ -167,9 +169,9 @@ def _level(box: Box, arrows: Sequence[Arrow]) -> float:
     return float(np.mean(wish)) if wish else box.y
 
 
-def _settle(column: Sequence[Box], wish: np.ndarray) -> None:  # type: ignore[type-arg]
+def _settle(column: Sequence[Box], wish: Array) -> None:
     """Places boxes one below the other, as near to the upper edges they wish for as there is room (pooled means)."""
-    above = np.cumsum([0.0, *(_step(a, b) for a, b in zip(column, column[1:], strict=False))])
+    above = np.cumsum([0.0, *(_step(a, b) for a, b in pairwise(column))])
     pools: list[list[float]] = []  # sum, count
     for value in wish - above[: len(column)]:
         pools.append([float(value), 1.0])

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from matplotlib.font_manager import FontProperties
 from matplotlib.patches import FancyBboxPatch, PathPatch
 from matplotlib.path import Path
 from matplotlib.textpath import TextPath
@@ -19,6 +20,8 @@ FONT, TITLE, SMALL = 7.0, 7.5, 6.0  # points: ports, titles, notes
 EDGES = {"source": "#009E73", "law": "#0072B2", "guard": "#D55E00", "device": "#444444"}
 HEADS = {"source": "what measures", "law": "laws", "guard": "guard", "device": "what moves"}
 MOST = 40  # letters of a line of notes
+ABOVE = 0.3  # inches above the boxes, for the columns' heads
+Wire = tuple[Box, str, Box, str]
 POINTS = 72.0  # in an inch
 
 
@@ -35,7 +38,7 @@ class Wiring:
 
     @property
     def height(self) -> float:
-        return max((box.y + box.height for column in self.made for box in column), default=1.0) + 0.3
+        return max((box.y + box.height for column in self.made for box in column), default=1.0) + ABOVE
 
 
 def laid_out(overview: Item) -> Wiring:
@@ -47,7 +50,7 @@ def laid_out(overview: Item) -> Wiring:
 
 
 def paint(axis: Any, wiring: Wiring) -> None:
-    """Draws on an axis whose unit is an inch, y downwards, from -0.3."""
+    """Draws on an axis whose unit is an inch, y downwards, from -ABOVE."""
     owners = [box for column in wiring.made for box in column if box.kind in ("source", "law", "guard")]
     signals = list(dict.fromkeys((a.source, a.signal) for box in owners for a in wiring.arrows if a.source is box))
     colors = {signal: COLORS[i % len(COLORS)] for i, signal in enumerate(signals)}
@@ -68,54 +71,58 @@ def paint(axis: Any, wiring: Wiring) -> None:
             axis.text(x, -0.2, head, fontsize=FONT, ha="center", va="center", color="0.4", style="italic")
 
 
-def _graph(overview: Item) -> tuple[list[Box], list[tuple[Box, str, Box, str]]]:
+def _graph(overview: Item) -> tuple[list[Box], list[Wire]]:
     """The boxes with their columns, and the wires between their ports."""
-    taken, made = _taken(overview), dict[str, Box]()
+    taken, made = _taken(overview), dict[str, list[Box]]()
     boxes: list[Box] = []
     for device in overview["devices"]:
         if device["states"]:
-            title = f"{device['name']} ({device['driver']}{', simulated' if device['simulated'] else ''})"
-            boxes.append(_source(title, device["states"], taken, made))
+            boxes.append(_source(_named(device), device["states"], taken, made))
     for name in dict.fromkeys(each["name"].partition(".")[0] for each in overview["clients"]):
         signals = [each for each in overview["clients"] if each["name"].partition(".")[0] == name]
         boxes.append(_source(f"{name} (client of the bus)", signals, taken, made))
-    wires: list[tuple[Box, str, Box, str]] = []
+    wires: list[Wire] = []
     for law in overview["laws"]:
-        box = Box(f"{law['name']} ({law['use']})" if law["name"] != law["use"] else law["name"], "law", column=1)
-        for wire in law["reads"]:
-            _connect(box, wire["port"], wire["port"], wire["signals"], made, wires)
-        for need in law["needs"]:
-            key = f"frame {need['name'].partition('.')[2]}"
-            _connect(box, key, f"{need['of']} in {need['into']}", need["measured_by"], made, wires)
-        box.column = 1 + max((start.column for start, _, end, _ in wires if end is box), default=0)
-        rest = []
-        for wire in law["writes"]:
-            for signal in wire["signals"]:
-                if signal in taken:
-                    box.right[signal] = wire["port"] if len(wire["signals"]) == 1 else f"{wire['port']} (part)"
-                else:
-                    rest.append(wire["port"])
-        _writes(box, law, made)
-        box.notes = _lines("not read: ", rest) + _lines("live: ", [p["name"].partition(".")[2] for p in law["parameters"]])
-        boxes.append(box)
+        boxes.append(_law(law, taken, made, wires))
     last = 1 + max((box.column for box in boxes), default=0)
     takers: dict[str, Box] = {}
     for command in overview["commands"]:
-        guard = Box(command["name"], "guard", column=last, right={"applied": "applied"})
+        guard = Box(command["name"], "guard", column=last, right={"applied": "applied"}, notes=_limits(command))
         for ending, label in (("", "asked"), (".velocity", "its rate"), (".gravity", "its gravity part")):
-            writers = _writers(overview, command["name"] + ending)
-            if writers:
-                guard.left[label] = label
-                wires += [(made[writer], command["name"] + ending, guard, label) for writer in writers]
+            _connect(guard, label, label, [command["name"] + ending], made, wires)
         for wire in (command["clear"] or {}).get("reads", ()):
             _connect(guard, f"clear {wire['port']}", f"clear of: {wire['port']}", wire["signals"], made, wires)
-        guard.notes = _limits(command)
-        taker = takers.setdefault(command["device"], Box(_taker(overview, command["device"]), "device", column=last + 1))
+        device = next(device for device in overview["devices"] if device["name"] == command["device"])
+        taker = takers.setdefault(device["name"], Box(_named(device), "device", column=last + 1))
         short = command["name"].partition(".")[2]
         taker.left[short] = short
         wires.append((guard, "applied", taker, short))
         boxes.append(guard)
     return [*boxes, *takers.values()], wires
+
+
+def _named(device: Item) -> str:
+    return f"{device['name']} ({device['driver']}{', simulated' if device['simulated'] else ''})"
+
+
+def _law(law: Item, taken: set[str], made: dict[str, list[Box]], wires: list[Wire]) -> Box:
+    box = Box(f"{law['name']} ({law['use']})" if law["name"] != law["use"] else law["name"], "law")
+    for wire in law["reads"]:
+        _connect(box, wire["port"], wire["port"], wire["signals"], made, wires)
+    for need in law["needs"]:  # a frame that is fixed has no wire
+        _connect(box, need["name"], f"{need['of']} in {need['into']}", need["measured_by"], made, wires)
+    box.column = 1 + max((start.column for start, _, end, _ in wires if end is box), default=0)
+    rest = []
+    for wire in law["writes"]:
+        for signal in wire["signals"]:
+            if signal in taken:
+                box.right[signal] = wire["port"]
+                made.setdefault(signal, []).append(box)
+            else:
+                rest.append(wire["port"])
+    live = [p["name"].partition(".")[2] for p in law["parameters"]]
+    box.notes = _lines("no law reads: ", rest) + _lines("live: ", live)
+    return box
 
 
 def _taken(overview: Item) -> set[str]:
@@ -127,52 +134,32 @@ def _taken(overview: Item) -> set[str]:
     return found | {name + ending for name in commands for ending in ("", ".velocity", ".gravity")}
 
 
-def _source(title: str, signals: Sequence[Item], taken: set[str], made: dict[str, Box]) -> Box:
+def _source(title: str, signals: Sequence[Item], taken: set[str], made: dict[str, list[Box]]) -> Box:
     box, rest = Box(title, "source"), []
     for signal in signals:
         short = signal["name"].partition(".")[2]
         if signal["name"] in taken:
             shape = "x".join(map(str, signal["shape"]))
             box.right[signal["name"]] = f"{short}  {shape} {signal['unit']}"
-            made[signal["name"]] = box
+            made[signal["name"]] = [box]
         else:
             rest.append(short)
-    box.notes = _lines("not read: ", rest)
+    box.notes = _lines("no law reads: ", rest)
     return box
 
 
 def _connect(
-    box: Box, key: str, label: str, signals: Sequence[str], made: Mapping[str, Box],
-    wires: list[tuple[Box, str, Box, str]],
-) -> None:  # fmt: skip
-    """A port, and a wire from each signal that it reads; a frame that is fixed has none."""
-    if signals:
+    box: Box, key: str, label: str, signals: Sequence[str], made: Mapping[str, list[Box]], wires: list[Wire]
+) -> None:
+    """A port, and a wire from each box that writes one of its signals; no port where nobody writes any."""
+    found = [(start, signal, box, key) for signal in signals for start in made.get(signal, ())]
+    if found:
         box.left[key] = label
-        wires += [(made[f"{signal}@{box.title}"] if f"{signal}@{box.title}" in made else made[signal], signal, box, key)
-                  for signal in signals]  # fmt: skip
-
-
-def _writes(box: Box, law: Item, made: dict[str, Box]) -> None:
-    for wire in law["writes"]:
-        for signal in wire["signals"]:
-            made[f"{law['name']}>{signal}"] = box
-            made.setdefault(signal, box)
-
-
-def _writers(overview: Item, signal: str) -> list[str]:
-    """The keys of the laws that write a command or what is beside it."""
-    return [
-        f"{law['name']}>{signal}" for law in overview["laws"] if any(signal in wire["signals"] for wire in law["writes"])
-    ]
-
-
-def _taker(overview: Item, name: str) -> str:
-    device = next(device for device in overview["devices"] if device["name"] == name)
-    return f"{name} ({device['driver']}{', simulated' if device['simulated'] else ''})"
+        wires += found
 
 
 def _limits(command: Item) -> list[str]:
-    """A line for each limit: the least and the largest over the elements, by unit."""
+    """A line for each limit: the least and the largest; "by joint" where not all elements have the same."""
     found = []
     limits = command["limits"]
     for name, limit in limits.items():
@@ -188,7 +175,8 @@ def _limits(command: Item) -> list[str]:
             if values:
                 low, high = min(values), max(values)
                 span = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
-                found.append(f"{'position' if both else name.replace('_', ' ')} {span} {unit}")
+                each = ", by joint" if len(set(values)) > 1 + both else ""
+                found.append(f"{'position' if both else name.replace('_', ' ')} {span} {unit}{each}")
     clear = [f"keeps clear: {command['clear']['use']}"] if command["clear"] else []
     return [*found, *clear, f"stop: {command['stop']}"]
 
@@ -206,24 +194,28 @@ def _lines(begin: str, names: Sequence[str]) -> list[str]:
     return lines
 
 
-def _long(words: str, size: float) -> float:
+def _long(words: str, size: float, weight: str = "normal") -> float:
     """Inches."""
-    return float(TextPath((0.0, 0.0), words, size=size).get_extents().width) / POINTS if words.strip() else 0.0
+    if not words.strip():
+        return 0.0
+    path = TextPath((0.0, 0.0), words, size=size, prop=FontProperties(weight=weight))
+    return float(path.get_extents().width) / POINTS
 
 
 def _width(box: Box) -> float:
     rows = [_long(a, FONT) for a in box.left.values()], [_long(b, FONT) for b in box.right.values()]
     ports = max(rows[0], default=0.0) + max(rows[1], default=0.0) + (0.2 if rows[0] and rows[1] else 0.0)
     notes = max((_long(line, SMALL) for line in box.notes), default=0.0)
-    return max(1.08 * _long(box.title, TITLE), ports, notes) + 0.22
+    return max(_long(box.title, TITLE, "bold"), ports, notes) + 0.22
 
 
 def _draw_box(axis: Any, box: Box) -> None:
     color = EDGES[box.kind]
-    style = {"boxstyle": "round,pad=0,rounding_size=0.05", "linewidth": 1.0, "zorder": 3}
-    axis.add_patch(
-        FancyBboxPatch((box.x, box.y), box.width, box.height, facecolor="white", edgecolor=color, **style)
-    )
+    frame = FancyBboxPatch(
+        (box.x, box.y), box.width, box.height, boxstyle="round,pad=0,rounding_size=0.05", facecolor="white",
+        edgecolor=color, linewidth=1.0, zorder=3,
+    )  # fmt: skip
+    axis.add_patch(frame)
     axis.text(
         box.x + box.width / 2.0, box.y + 0.13, box.title, fontsize=TITLE, ha="center", va="center", color=color,
         weight="bold", zorder=4,
@@ -238,14 +230,12 @@ def _draw_box(axis: Any, box: Box) -> None:
 
 
 def _draw_arrow(axis: Any, arrow: Arrow, color: str) -> None:
-    start = np.array([arrow.start.x + arrow.start.width, arrow.start.y + arrow.start.port("right", arrow.begin)])
-    end = np.array([arrow.end.x, arrow.end.y + arrow.end.port("left", arrow.at)])
-    head = 0.0 if arrow.end.kind == "slot" else 0.08
-    tip = end - (head, 0.0)
-    bend = 0.5 * (tip[0] - start[0])
-    places = [start, start + (bend, 0.0), tip - (bend, 0.0), tip]
-    curve = Path(np.array(places), [Path.MOVETO, Path.CURVE4, Path.CURVE4, Path.CURVE4])
+    x, y = arrow.start.x + arrow.start.width, arrow.start.y + arrow.start.port("right", arrow.begin)
+    end, level = arrow.end.x, arrow.end.y + arrow.end.port("left", arrow.at)
+    tip = end if arrow.end.kind == "slot" else end - 0.08
+    middle = (x + tip) / 2.0
+    places = np.array([(x, y), (middle, y), (middle, level), (tip, level)])
+    curve = Path(places, [Path.MOVETO, Path.CURVE4, Path.CURVE4, Path.CURVE4])
     axis.add_patch(PathPatch(curve, facecolor="none", edgecolor=color, linewidth=0.9, zorder=2))
-    if head:
-        corners = np.array([end, tip + (0.0, 0.035), tip - (0.0, 0.035)])
-        axis.fill(corners[:, 0], corners[:, 1], color=color, linewidth=0.0, zorder=2)
+    if tip < end:
+        axis.fill([end, tip, tip], [level, level + 0.035, level - 0.035], color=color, linewidth=0.0, zorder=2)
