@@ -20,7 +20,7 @@ Item = Mapping[str, Any]
 AXES = {"x": "#D55E00", "y": "#009E73", "z": "#0072B2"}
 EYES = list(product((-60.0, -35.0, -115.0, 35.0), (22.0, 35.0)))  # azimuth and elevation, degrees
 ALONE = 0.1  # m, the axes of a frame without others
-OF_SPAN, OF_NEAREST, SHORT = 0.2, 0.7, 0.06  # the axes' length: of the largest distance, of the least; at least
+OF_SPAN, OF_NEAREST, SHORT = 0.2, 0.6, 0.06  # the axes' length: of the largest distance, of the least; at least
 NEAR = 0.004  # of the largest distance: nearer frames are drawn as at one place
 SHORTER = 0.62  # each further triad at the same place, of the one before
 
@@ -78,10 +78,12 @@ def paint(axis: Any, caption: str, triads: Sequence[tuple[str, Pose, int]], size
     flat = _eye(places, span)
     at, ends, letters = flat(places), flat(tips), flat(places[:, None] + 1.25 * (tips - places[:, None]))
     _fit(axis, np.concatenate([at, letters.reshape(-1, 2)]), size)
+    # A measured frame at zero lies on its parent, turned as it: one triad stands for both.
+    like = [any(np.allclose(matrices[i, :3, :3], matrices[j, :3, :3]) for j in same[i]) for i in range(len(triads))]
     for i, (_, _, parent) in enumerate(triads):
         if parent >= 0:
             axis.plot(*np.stack([at[parent], at[i]]).T, color="0.6", linewidth=0.9, linestyle=(0, (4, 2)), zorder=1)
-        for j, (name, color) in enumerate(AXES.items()):
+        for j, (name, color) in enumerate(AXES.items() if not like[i] else ()):
             axis.plot(*np.stack([at[i], ends[i, j]]).T, color=color, linewidth=1.6 + 0.8 * len(same[i]), zorder=3,
                       solid_capstyle="butt", alpha=0.9)  # fmt: skip
             way = axis.transData.transform(ends[i, j]) - axis.transData.transform(at[i])
@@ -95,7 +97,11 @@ def paint(axis: Any, caption: str, triads: Sequence[tuple[str, Pose, int]], size
     firsts = [i for i, before in enumerate(same) if not before]
     within = ["", " (shorter axes)", " (shortest axes)"]
     names = [
-        "\n".join(triads[j][0] + within[min(len(same[j]), 2)] for j in range(len(triads)) if j == i or i in same[j])
+        "\n".join(
+            triads[j][0] + within[0 if like[j] else min(len(same[j]), 2)]
+            for j in range(len(triads))
+            if j == i or i in same[j]
+        )
         for i in firsts
     ]
     lines = [np.stack([at[i], letters[i, j]]) for i in range(len(triads)) for j in range(3)]
@@ -126,7 +132,7 @@ def _plane(azimuth: float, elevation: float) -> Array:
 def _fit(axis: Any, points: Array, size: tuple[float, float]) -> None:
     """Limits with one scale for both directions and room for names."""
     low, high = points.min(axis=0), points.max(axis=0)
-    room = np.array(size) - (1.6, 0.9)  # inches for what is drawn; names are beside it
+    room = np.array(size) - (1.6, 0.8)  # inches for what is drawn; names are beside it
     scale = max(float(((high - low) / room).max()), 1e-6)  # m an inch
     middle, half = (low + high) / 2.0, scale * np.array(size) / 2.0
     axis.set_xlim(middle[0] - half[0], middle[0] + half[0])

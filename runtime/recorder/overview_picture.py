@@ -17,8 +17,9 @@ from runtime.contracts.errors import RequestError
 from runtime.recorder import frames_picture, wiring_picture
 
 EDGE, TOP, BELOW = 0.25, 0.5, 0.3  # inches around; for the title
-FRAMES, EACH, HEAD = 4.2, 2.3, 0.4  # inches: the frames' width; height of one drawing, at least; of its caption
+FRAMES, EACH, HEAD = 4.2, 2.6, 0.4  # inches: the frames' width; height of one drawing, at least; of its caption
 TALL = 3.6  # inches: height of one drawing, at most
+FONT = 9.0  # points, of the title
 STROKE = 0.05  # inches that a box's edge needs
 
 
@@ -28,7 +29,9 @@ def draw_overview(overview: Mapping[str, Any], png: Path) -> None:
     groups, alone = frames_picture.groups(overview)
     right = FRAMES if groups else 0.0
     height = max(wiring.height + STROKE, len(groups) * (EACH + HEAD))
-    width = wiring.width + 2 * STROKE
+    rate = f"{overview['rate_hz']:g} Hz, clock {overview['clock']}"
+    title = f"{overview['profile']}: {overview['summary']}".rstrip(": ") + f"   ({rate})"
+    width = max(wiring.width + 2 * STROKE, wiring_picture.long(title, FONT) - right)
     whole = (width + right + 3 * EDGE, height + TOP + BELOW)
     figure = plt.figure(figsize=whole)
     try:
@@ -47,9 +50,7 @@ def draw_overview(overview: Mapping[str, Any], png: Path) -> None:
             words = f"frames without another that is fixed to them: {', '.join(alone)}"
             lines = textwrap.fill(words, 76, break_on_hyphens=False)
             figure.text(1.0 - EDGE / whole[0], 0.08 / whole[1], lines, fontsize=6.5, ha="right", color="0.4")
-        rate = f"{overview['rate_hz']:g} Hz, clock {overview['clock']}"
-        title = f"{overview['profile']}: {overview['summary']}".rstrip(": ")
-        figure.text(EDGE / whole[0], 1.0 - 0.2 / whole[1], f"{title}   ({rate})", fontsize=9, va="center")
+        figure.text(EDGE / whole[0], 1.0 - 0.2 / whole[1], title, fontsize=FONT, va="center")
         figure.savefig(png, dpi=130, format="png")
     except OSError as error:
         problem = f"the picture can't be written: {error.strerror}"

@@ -18,7 +18,7 @@ from runtime.recorder.wiring_layout import HEAD, NOTE, ROW, Arrow, Box, columns
 Item = Mapping[str, Any]
 FONT, TITLE, SMALL = 7.0, 7.5, 6.0  # points: ports, titles, notes
 EDGES = {"source": "#009E73", "law": "#0072B2", "guard": "#D55E00", "device": "#444444"}
-HEADS = {"source": "what measures", "law": "laws", "guard": "guard", "device": "what moves"}
+HEADS = {"source": "what measures or asks", "law": "laws", "guard": "guard", "device": "what moves"}
 MOST = 40  # letters of a line of notes
 ABOVE = 0.3  # inches above the boxes, for the columns' heads
 Wire = tuple[Box, str, Box, str]
@@ -194,7 +194,7 @@ def _lines(begin: str, names: Sequence[str]) -> list[str]:
     return lines
 
 
-def _long(words: str, size: float, weight: str = "normal") -> float:
+def long(words: str, size: float, weight: str = "normal") -> float:
     """Inches."""
     if not words.strip():
         return 0.0
@@ -203,10 +203,10 @@ def _long(words: str, size: float, weight: str = "normal") -> float:
 
 
 def _width(box: Box) -> float:
-    rows = [_long(a, FONT) for a in box.left.values()], [_long(b, FONT) for b in box.right.values()]
+    rows = [long(a, FONT) for a in box.left.values()], [long(b, FONT) for b in box.right.values()]
     ports = max(rows[0], default=0.0) + max(rows[1], default=0.0) + (0.2 if rows[0] and rows[1] else 0.0)
-    notes = max((_long(line, SMALL) for line in box.notes), default=0.0)
-    return max(_long(box.title, TITLE, "bold"), ports, notes) + 0.22
+    notes = max((long(line, SMALL) for line in box.notes), default=0.0)
+    return max(long(box.title, TITLE, "bold"), ports, notes) + 0.22
 
 
 def _draw_box(axis: Any, box: Box) -> None:
