@@ -199,7 +199,7 @@ def long(words: str, size: float, weight: str = "normal") -> float:
     if not words.strip():
         return 0.0
     path = TextPath((0.0, 0.0), words, size=size, prop=FontProperties(weight=weight))
-    return float(path.get_extents().width) / POINTS
+    return float(np.ptp(path.vertices[:, 0])) / POINTS
 
 
 def _width(box: Box) -> float:

@@ -1,0 +1,137 @@
+"""The picture of a profile: no arrow goes through a box, no text lies on another, triads are where the frames are."""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from runtime.cli import main
+from runtime.contracts.rotation import Pose
+from runtime.loop.cycle import limits_of
+from runtime.profile import profile, shelf, wiring
+from runtime.profile.overview import overview
+from runtime.recorder import frames_picture, wiring_picture
+from runtime.recorder.wiring_picture import Wiring, laid_out
+
+
+@cache
+def of(name: str) -> dict[str, Any]:
+    graph = wiring.build(*profile.load(name))
+    return overview(graph, limits_of(graph))
+
+
+@cache
+def made_of(name: str) -> Wiring:
+    return laid_out(of(name))
+
+
+def painted(made: Wiring) -> Any:
+    figure = plt.figure(figsize=(made.width, made.height))
+    axis = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axis.set_xlim(0.0, made.width)
+    axis.set_ylim(made.height - wiring_picture.ABOVE, -wiring_picture.ABOVE)
+    wiring_picture.paint(axis, made)
+    return axis
+
+
+def test_a_picture_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    png = tmp_path / "sixth-finger.png"
+    assert main(["show", "sixth-finger", "--png", str(png)]) == 0
+    assert png.read_bytes().startswith(b"\x89PNG")
+    assert plt.imread(png).std() > 0.02  # something is drawn
+    assert capsys.readouterr().out.splitlines()[-1] == f"{png}: the wiring and the frames"
+    assert not plt.get_fignums()
+
+
+@pytest.mark.parametrize("name", shelf.shipped())
+def test_no_arrow_goes_through_a_box(name: str) -> None:
+    """Between columns arrows bend, and there is no box; within a column each has a slot, beside the boxes."""
+    made = made_of(name)
+    right = -1.0
+    for column in made.made:
+        assert min(box.x for box in column) > right
+        right = max(box.x + box.width for box in column)
+        ordered = sorted(column, key=lambda box: box.y)
+        for above, below in pairwise(ordered):
+            assert above.y + above.height < below.y
+    for arrow in made.arrows:
+        assert arrow.end.column == arrow.start.column + 1
+
+
+@pytest.mark.parametrize("name", shelf.shipped())
+def test_every_wire_is_an_arrow(name: str) -> None:
+    found = of(name)
+    made = made_of(name)
+    ends = {(arrow.signal, arrow.end.title.partition(" ")[0], arrow.at) for arrow in made.arrows}
+    for law in found["laws"]:
+        for wire in law["reads"]:
+            for signal in wire["signals"]:
+                assert (signal, law["name"], wire["port"]) in ends
+    for command in found["commands"]:
+        assert (command["name"], command["name"], "asked") in ends
+        for wire in (command["clear"] or {}).get("reads", ()):
+            assert (wire["signals"][0], command["name"], f"clear {wire['port']}") in ends
+        assert ("applied", command["device"], command["name"].partition(".")[2]) in ends
+
+
+@pytest.mark.parametrize("name", ["sixth-finger", "ikns-finger", "moca-man", "human-srl", "kairos-man"])
+def test_no_text_lies_on_another_or_outside_its_box(name: str) -> None:
+    made = made_of(name)
+    axis = painted(made)
+    try:
+        renderer = axis.figure.canvas.get_renderer()
+        extents = [text.get_window_extent(renderer) for text in axis.texts]
+        for i, one in enumerate(extents):
+            for other in extents[i + 1 :]:
+                assert not one.overlaps(other), (axis.texts[i].get_text(), name)
+        boxes = [box for column in made.made for box in column if box.kind != "slot"]
+        for text, extent in zip(axis.texts, extents, strict=True):
+            (x0, y1), (x1, y0) = axis.transData.inverted().transform(extent.get_points())
+            inside = [b for b in boxes if b.x < x0 and x1 < b.x + b.width and b.y < y0 and y1 < b.y + b.height]
+            assert inside or text.get_style() == "italic", text.get_text()  # a column's head
+    finally:
+        plt.close(axis.figure)
+
+
+def test_triads_stand_at_the_profiles_own_numbers() -> None:
+    drawn, alone = frames_picture.groups(of("moca-man"))
+    assert alone == []
+    (_, world), (caption, flange) = drawn
+    assert caption == "in arm/flange, which moves with the joints of arm"
+    places = {name: pose[:3] for name, pose, _ in (*world, *flange)}
+    assert places == {
+        "world": (0.0, 0.0, 0.0), "base (by base.pose)": (0.0, 0.0, 0.0), "arm": (0.2, 0.0, 0.529),
+        "arm/flange": (0.0, 0.0, 0.0), "tool": (0.0, 0.0, 0.1), "handle": (0.095, 0.0, 0.02),
+    }  # fmt: skip
+    assert [flange[parent][0] for _, _, parent in flange if parent >= 0] == ["arm/flange", "arm/flange"]
+
+
+def test_a_frame_without_others_is_named() -> None:
+    drawn, alone = frames_picture.groups(of("strap-jog"))
+    assert [caption for caption, _ in drawn] == ["in plate"]
+    assert alone == ["world"]
+
+
+def test_axes_point_where_the_frame_is_turned() -> None:
+    """A quarter turn about z: its x is drawn along the parent's y."""
+    half = 0.5**0.5
+    turned: Pose = (1.0, 0.0, 0.0, half, 0.0, 0.0, half)
+    figure = plt.figure(figsize=(4.0, 3.0))
+    try:
+        axis = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+        triads = [("root", (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0), -1), ("turned", turned, 0)]
+        frames_picture.paint(axis, "in root", triads, (4.0, 3.0))
+        colours = [line.get_color() for line in axis.lines if line.get_color() in frames_picture.AXES.values()]
+        assert colours == 2 * list(frames_picture.AXES.values())
+        ways = [np.diff(line.get_xydata(), axis=0)[0] for line in axis.lines if line.get_color() in colours]
+        assert ways[3] == pytest.approx(ways[1])
+        assert ways[4] == pytest.approx(-ways[0])
+        assert ways[5] == pytest.approx(ways[2])
+    finally:
+        plt.close(figure)
