@@ -130,8 +130,9 @@ def _kind(graph: Graph, name: str) -> str:
         return "measured" if entry.pose is not None else "root" if entry.parent is None else "fixed"
     owner, slash, link = name.partition("/")
     if slash:
-        links = next((device.links for device in graph.devices if device.name == owner), ())
-        return "link" if link in links else "body"
+        device = next((device for device in graph.devices if device.name == owner), None)
+        # What isn't here (a recording in the place of an arm) doesn't know its links.
+        return "link" if device is not None and (link in device.links or not device.here) else "body"
     return "device" if owner in graph.profile.devices else "root"
 
 

@@ -219,6 +219,15 @@ def test_the_turn_is_in_radians_about_fixed_axes() -> None:
     assert handle["turned"] == pytest.approx([0.0, math.pi / 2, 0.0])
 
 
+def test_a_recorded_arms_flange_is_still_a_link() -> None:
+    """A recording stands in the arm's place, and declares no links."""
+    graph = wiring.build(*profile.load("moca-man"))
+    (arm,) = (device for device in graph.devices if device.name == "arm")
+    arm.here, arm.links = False, ()
+    kinds = {frame["name"]: frame["kind"] for frame in overview(graph, limits_of(graph))["frames"]}
+    assert kinds["arm/flange"] == "link"
+
+
 # Errors
 
 

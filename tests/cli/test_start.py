@@ -14,9 +14,10 @@ from runtime.cli import COMMANDS, MODULES, main
 HEAVY = {"matplotlib", "mujoco", "rerun", "scipy", "zenoh"}  # each takes longer to load than the rest of a command
 
 
-def test_a_stop_and_a_check_without_a_simulation_load_none_of_them() -> None:
+def test_a_stop_a_check_and_a_show_without_a_simulation_load_none_of_them() -> None:
     code = (
         "import sys; from runtime.cli import main; main(['stop', 'no-such']); main(['check', 'sixth-finger']); "
+        "main(['show', 'sixth-finger']); "
         f"print('loaded:', *sorted({HEAVY} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=100, check=True)
