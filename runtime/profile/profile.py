@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import io
 import re
 from collections.abc import Sequence
 from dataclasses import replace
@@ -22,7 +21,7 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.events import AliasEvent, MappingEndEvent, MappingStartEvent, SequenceEndEvent, SequenceStartEvent
 
 from runtime.contracts.errors import OptionError, ProfileError, nearest
-from runtime.contracts.files import Files, Typed
+from runtime.contracts.files import Files
 from runtime.contracts.frames import FrameEntry
 from runtime.contracts.signals import Stop
 from runtime.control.models import KINDS, Model, of_entry
@@ -31,6 +30,8 @@ from runtime.profile.bus import BusConfig
 from runtime.profile.choices import Choices, merge
 from runtime.profile.element import Element
 from runtime.profile.guard_entry import GuardEntry
+from runtime.profile.overrides import apply as apply_override
+from runtime.profile.overrides import plain_values
 from runtime.profile.plots import Plot
 from runtime.profile.reset import ResetConfig
 from runtime.profile.source import Source, first_error
@@ -268,18 +269,18 @@ def tree(
     except YAMLError as error:
         raise ProfileError(label, f"this isn't valid YAML: {error}", "Mend the text") from None
     source = Source(label, text, tuple(overrides), dict(lines), files or Files(Path(label).parent))
-    plain = _plain(plain)  # a copy: the overrides change it
+    plain = plain_values(plain)  # a copy: the overrides change it
     # What a choice brings can be overridden like the rest of the profile, so the choices are made in between.
     words = plain.get("choices")
     before = {"choices", *(words if isinstance(words, dict) else ())}
     first = [override for override in overrides if override.partition("=")[0].split(".")[0].strip() in before]
     for override in first:
-        _override(plain, override)
+        apply_override(plain, override)
     merged = merge(plain, source, Profile.model_fields)
     source = replace(source, chosen=merged.words, moved=merged.moved)
     for override in overrides:
         if override not in first:
-            _override(merged.tree, override)
+            apply_override(merged.tree, override)
     return merged.tree, source
 
 
@@ -292,13 +293,7 @@ def _read(label: str, text: str) -> tuple[dict[str, int], dict[str, Any]]:
         raise ProfileError(label, "the profile isn't a mapping of keys to values", "Start from one under profiles/")
     lines: dict[str, int] = {}
     _note_lines(read, "", lines)
-    return lines, _plain(read)
-
-
-@lru_cache(maxsize=256)
-def _value(text: str) -> Any:
-    """The plain value of an override's text: not to be changed."""
-    return _plain(YAML(typ="safe", pure=True).load(io.StringIO(text)))
+    return lines, plain_values(read)
 
 
 def _refuse_nested_aliases(label: str, text: str) -> None:
@@ -328,57 +323,3 @@ def _note_lines(node: Any, path: str, lines: dict[str, int]) -> None:
         except (KeyError, TypeError, AttributeError):
             pass  # a merged or generated key has no line of its own
         _note_lines(value, below, lines)
-
-
-def _plain(node: Any) -> Any:
-    if isinstance(node, dict):
-        return {str(k): _plain(v) for k, v in node.items()}
-    if isinstance(node, list):
-        return [_plain(v) for v in node]
-    if isinstance(node, bool) or node is None:
-        return node
-    for kind in (int, float, str):
-        if isinstance(node, kind):
-            return kind(node)
-    return str(node)
-
-
-def _typed(node: Any) -> Any:
-    """Marks texts as typed at the command line."""
-    if isinstance(node, dict):
-        return {key: _typed(value) for key, value in node.items()}
-    if isinstance(node, list):
-        return [_typed(value) for value in node]
-    return Typed(node) if isinstance(node, str) else node
-
-
-def _override(tree: Any, override: str) -> None:
-    path, equals, text = override.partition("=")
-    path = path.strip()
-    place = f"--set {override}"
-    if not equals or not path:
-        raise ProfileError(place, "expected key.path=value", "For example --set devices.glove.port=/dev/ttyUSB1")
-    try:
-        value = _typed(_value(text))
-    except YAMLError:
-        value = Typed(text)
-    node, parts = tree, path.split(".")
-    while len(parts) > 1:
-        if isinstance(node, list) and parts[0].isdigit() and int(parts[0]) < len(node):
-            node, parts = node[int(parts[0])], parts[1:]
-        elif isinstance(node, dict):
-            # A signal's name is one key that contains dots.
-            length = next((n for n in range(len(parts), 0, -1) if ".".join(parts[:n]) in node), 1)
-            if length == len(parts):
-                parts = [".".join(parts)]
-                break
-            node, parts = node.setdefault(".".join(parts[:length]), {}), parts[length:]
-        else:
-            raise ProfileError(place, f"there is no '{parts[0]}' to go into", "Check the key path against the profile")
-    last = parts[0]
-    if isinstance(node, list) and last.isdigit() and int(last) < len(node):
-        node[int(last)] = value
-    elif isinstance(node, dict):
-        node[last] = value
-    else:
-        raise ProfileError(place, f"'{last}' has no place there", "Check the key path against the profile")
