@@ -92,6 +92,7 @@ class CanFt(Sensor):
 
     Config = CanFtConfig
     summary = "Robotous RFT 6-axis force/torque sensor (CAN, any python-can interface)"
+    usb = ("16d0",)  # of slcan adapters
     gives = ("wrench",)
     max_age = 0.1
 

@@ -46,6 +46,7 @@ class CyberGlove(Sensor):
 
     Config = CyberGloveConfig
     summary = "CyberGlove II/III data glove, 18 or 22 joint angles"
+    usb = ("0403:6001",)  # FTDI, in its adapter
     gives = ("position", "buttons")
     max_age = 0.1
 

@@ -43,6 +43,7 @@ class Dynamixel(Driver):
 
     Config = DynamixelConfig
     summary = "Dynamixel MX-28/64/106 servos on one bus, protocol 1.0 or 2.0"
+    usb = ("0403:6014",)  # FTDI, in the U2D2
     gives = declare.STATES
     takes: tuple[str, ...] = declare.COMMANDS
     max_age = 0.1

@@ -46,6 +46,7 @@ class Firmata(Driver):
 
     Config = FirmataConfig
     summary = "Arduino with StandardFirmata: hobby servos and push buttons (USB serial)"
+    usb = ("2341", "2a03", "1a86")  # Arduino twice, and the CH340 of many boards like it
     gives = ("buttons",)
     takes = (COMMAND,)
     max_age = 1.2

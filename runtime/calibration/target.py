@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
-from itertools import chain, count
 from pathlib import Path
 
 from pydantic import BaseModel
 
 from runtime.control.shared import record_file
 from runtime.control.shared.record_file import RecordError
+from runtime.ipc import older
 
 
 def write_record(path: Path, record: BaseModel, replacing: bool) -> None:
@@ -18,26 +17,12 @@ def write_record(path: Path, record: BaseModel, replacing: bool) -> None:
     Raises RecordError.
     """
     check_target(path, type(record), replacing)
-    names = (f"{path.name}.old{number}" for number in chain([""], (f".{n}" for n in count(2))))
-    older = next(free for name in names if not os.path.lexists(free := path.with_name(name)))
-    try:
-        before = path.read_bytes() if path.exists() else None
-        if before is not None:
-            older.write_bytes(before)
-    except OSError as error:
-        raise RecordError(str(older), f"it can't be written: {error.strerror}", "Choose another folder") from None
+    older.keep(path, RecordError)
     record_file.write(path, record)
 
 
 def check_target(path: Path, kind: type[BaseModel], replacing: bool) -> None:
     """Checks, before anybody begins, that a record of this kind can be written there. Raises RecordError."""
-    if path.is_dir():
-        raise RecordError(str(path), "it is a folder", f"Name a file in it: -o {path}/p07.json")
-    if path.exists() and replacing:
+    older.check(path, "a calibration", replacing, f"{path}/p07.json", RecordError)
+    if path.exists():
         record_file.read(kind, path)  # what is no calibration isn't replaced
-    if path.exists() and not replacing:
-        raise RecordError(
-            str(path), "a calibration is there already", "Add --yes to replace it (it is kept as .old), or -o FILE"
-        )
-    if not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
-        raise RecordError(str(path.parent), "the folder can't be written", "Make it, or choose another with -o")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -37,10 +38,8 @@ def run(args: argparse.Namespace) -> int:
         from runtime.contracts.errors import ProfileError
 
         raise ProfileError("srl check", "no profile is named", f"One of: {', '.join(shelf.shipped())}")
-    checked, source = profile.load(args.profile, args.set)
-    graph = wiring.build(checked, source, args.sim)
-    guards = check_guards(graph)
-    check_certificates(graph)
+    graph, guards = examine(args.profile, args.set, args.sim)
+    checked, source = graph.profile, graph.source
     remarks = {name: cleared.clearance.remarks() for name, cleared in graph.clearances.items()}
     judges = {name: cleared.clearance for name, cleared in graph.clearances.items()}
     options = listed(checked, graph.devices, graph.controllers, graph.world, judges)
@@ -101,6 +100,23 @@ def run(args: argparse.Namespace) -> int:
 
 def _pairs(values: dict[str, float]) -> str:
     return ", ".join(f"{name} {value:g}" for name, value in values.items())
+
+
+def examine(name: str, overrides: Sequence[str] = (), sim: list[str] | None = None) -> tuple[Graph, dict[str, str]]:
+    """Checks a profile. Returns its wiring, and each command's stop category.
+
+    Args:
+        name: of a shipped profile, or a file's path.
+        overrides: the `--set` options.
+        sim: the devices that are simulated; none: all; None: nothing is.
+    Raises:
+        SrlError: what is wrong first.
+    """
+    checked, source = profile.load(name, overrides)
+    graph = wiring.build(checked, source, sim)
+    guards = check_guards(graph)
+    check_certificates(graph)
+    return graph, guards
 
 
 def check_guards(graph: Graph) -> dict[str, str]:

@@ -87,6 +87,9 @@ class Driver(ABC):
     # Names of the states it may have, for `srl list`. "<segment>.pose" means that the profile chooses the name.
     gives: tuple[str, ...] = ()
     takes: tuple[str, ...] = ()  # the same for the commands
+    # USB numbers of the device or of the adapter that usually carries it, for `srl find-port`: "2341:0043", or the
+    # vendor's alone where its products are many. They tell a person what a port may be; nothing is opened by them.
+    usb: tuple[str, ...] = ()
     max_age: float = 0.0
     # Its links that move with its joints; frames of the profile may hang on `DEVICE/LINK`. Its base has its own name.
     links: tuple[str, ...] = ()

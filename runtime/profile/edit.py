@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Final
 
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
@@ -14,6 +15,8 @@ from runtime.contracts.errors import ProfileError
 from runtime.profile import profile
 from runtime.profile.overrides import plain_values, split, steps, value
 from runtime.profile.source import written
+
+_COMMENT: Final = re.compile(r" {2,}(?=#)")
 
 
 def edited(label: str, text: str, overrides: Sequence[str]) -> str:
@@ -38,7 +41,8 @@ def edited(label: str, text: str, overrides: Sequence[str]) -> str:
             problem = "the profile's text can't be changed there alone"
             raise ProfileError(f"--set {override}", problem, "Leave it out, and write it into the new file by hand")
         text = changed
-    assert profile.tree(label, text)[0] == wanted
+    if profile.tree(label, text)[0] != wanted:
+        raise ProfileError(f"--set {overrides[0]}", "with the others it can't be written", "Give one after the other")
     return text
 
 
@@ -49,7 +53,7 @@ def set_at(text: str, path: str, new: Any, given: str = "") -> str:
         given: how the value was written, which is kept where it can be.
     """
     node: Node = YAML(typ="rt", pure=True).compose(text)
-    way = steps(plain_values(YAML(typ="rt", pure=True).load(text)), path, path)
+    way = steps(content(text), path, path)
     for i, step in enumerate(way):
         if isinstance(node, SequenceNode):
             node = node.value[int(step)]
@@ -62,7 +66,13 @@ def set_at(text: str, path: str, new: Any, given: str = "") -> str:
         node = below
     start, end = node.start_mark.index, _end(text, node)
     space = " " * (start == end)  # of `key:` without a value
-    return text[:start] + space + as_yaml(new, given) + text[end:]
+    return _put(text, start, end, space + as_yaml(new, given))
+
+
+def content(text: str) -> dict[str, Any]:
+    """The keys and values of a profile's text, as they stand there: no choice is made."""
+    found: dict[str, Any] = plain_values(YAML(typ="rt", pure=True).load(text))
+    return found
 
 
 def as_yaml(new: Any, given: str = "") -> str:
@@ -70,6 +80,10 @@ def as_yaml(new: Any, given: str = "") -> str:
     for words in (given.strip(), new if isinstance(new, str) else ""):
         if words and "\n" not in words and _means(words, new):
             return words
+    if isinstance(new, dict):
+        return f"{{{', '.join(f'{as_yaml(key)}: {as_yaml(inner)}' for key, inner in new.items())}}}"
+    if isinstance(new, list):
+        return f"[{', '.join(map(as_yaml, new))}]"
     return json.dumps(new, ensure_ascii=False)
 
 
@@ -90,10 +104,18 @@ def _with_key(text: str, node: Node, key: str, words: str) -> str:
     entry = f"{as_yaml(key)}: {words}"
     if node.flow_style:
         end = _end(text, node.value[-1][1]) if node.value else node.end_mark.index - 1
-        return f"{text[:end]}{', ' * bool(node.value)}{entry}{text[end:]}"
+        return _put(text, end, end, f"{', ' * bool(node.value)}{entry}")
     end = text.find("\n", _end(text, node))  # behind the comment of the last line
     end = len(text) if end < 0 else end
     return f"{text[:end]}\n{' ' * node.value[0][0].start_mark.column}{entry}{text[end:]}"
+
+
+def _put(text: str, start: int, end: int, words: str) -> str:
+    """The text with other words from `start` to `end`; a comment behind them stays in its column, if it can."""
+    if comment := _COMMENT.match(text, end):
+        room = len(comment[0]) + (end - start) - len(words)
+        return text[:start] + words + " " * max(room, 2) + text[comment.end() :]
+    return text[:start] + words + text[end:]
 
 
 def _end(text: str, node: Node) -> int:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import glob
-import grp
 import os
 import resource
 import sys
@@ -19,6 +18,7 @@ import numpy as np
 from runtime.ipc.run_folder import base, free_bytes
 from runtime.loop.clock import MonotonicClock
 from runtime.loop.realtime import PRIORITY
+from runtime.service.serial_ports import obstacle
 
 Verdict = Literal["good", "doubtful", "bad"]
 
@@ -163,15 +163,13 @@ def _port(name: str, port: str) -> Iterator[Finding]:
     if not port.startswith("/dev/"):
         return
     what = f"port of {name}"
-    if not os.path.exists(port):
-        there = sorted(glob.glob("/dev/ttyUSB*") + glob.glob("/dev/ttyACM*"))
-        listed = f"There are: {', '.join(there)}" if there else "No USB serial port is there: check cable and power"
-        yield Finding(what, "bad", f"{port} isn't there", f"{listed}; set it with --set devices.{name}.port=...")
-    elif not os.access(port, os.R_OK | os.W_OK):
-        owner = grp.getgrgid(os.stat(port).st_gid).gr_name
-        yield Finding(what, "bad", f"{port} may not be opened", f"usermod -aG {owner} $USER, then log in again")
-    else:
+    lack = obstacle(port)
+    if lack is None:
         yield Finding(what, "good", f"{port} may be opened")
+    elif os.path.exists(port):
+        yield Finding(what, "bad", *lack)
+    else:
+        yield Finding(what, "bad", lack.problem, f"{lack.remedy}; set it with --set devices.{name}.port=...")
 
 
 def _latency_timers(rate: Fraction) -> Iterator[Finding]:

@@ -1,0 +1,153 @@
+"""`srl new`: writes a user's own profile, begun as one that comes with the runtime, and checks it."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shlex
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from runtime.cli import add_command
+from runtime.cli.check import examine
+from runtime.contracts import registry
+from runtime.contracts.errors import RequestError, SrlError, nearest
+from runtime.contracts.files import KeptFile
+from runtime.ipc import older
+from runtime.profile import profile
+from runtime.profile.begun import begin, check_name
+from runtime.profile.graph import Graph
+from runtime.profile.option_tree import options
+from runtime.profile.overrides import split
+from runtime.service.serial_ports import obstacle
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Registers the command."""
+    parser = add_command(subparsers, "new", "srl new my-finger --from sixth-finger --port finger=/dev/ttyACM1")
+    parser.add_argument("name", metavar="NAME", help="the profile's own name: a-z, 0-9, - and _")
+    parser.add_argument(
+        "--from", dest="template", metavar="PROFILE", help="begin as this one (srl list); left out: asks, on a terminal"
+    )
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="write this value into it")
+    parser.add_argument(
+        "--port", action="append", default=[], metavar="DEVICE=PORT", help="a device's port (srl find-port lists them)"
+    )
+    parser.add_argument("-o", "--out", type=Path, metavar="FILE", help="default: NAME.yaml, here")
+    parser.add_argument(
+        "--yes", action="store_true", help="replace a file that is there; it is kept as FILE.old, FILE.old.2, ..."
+    )
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Writes the file, checks it and says what comes next. Returns 0; what is wrong is raised, and nothing written."""
+    check_name(args.name)
+    target = _target(args)
+    template, ports = args.template, list(args.port)
+    if template is None:
+        from runtime.cli import new_questions
+
+        template = new_questions.template(args.name)
+        ports += new_questions.ports(template, args.set, [_port(p)[0] for p in ports])
+    overrides = [*args.set, *_ports(template, args.set, ports)]
+    begun = begin(template, args.name, _from_there(template, overrides, target.parent))
+    examine(template, overrides)  # what `--set` says wrong is told before a file is written
+    simulated, _ = examine(template, overrides, sim=[])
+    kept = older.keep(target)
+    for name, content in begun.beside.items():
+        beside = target.with_name(name)
+        if beside.exists():
+            print(f"{beside}: was there already, and is used as it is")
+        else:
+            older.write(beside, content)
+            print(f"{beside}: what it needs of {template}")
+    older.write(target, begun.text.encode())
+    print(f"{target}: begun as {template}" + f"; the one before is {kept}" * (kept is not None))
+    _check(target, simulated)
+    return 0
+
+
+def _target(args: argparse.Namespace) -> Path:
+    path = args.out or Path(f"{args.name}.yaml")
+    if path.suffix not in (".yaml", ".yml") and not path.is_dir():
+        raise RequestError("-o", f"'{path}' doesn't end in .yaml", f"Name it like {path.with_suffix('.yaml')}")
+    if path.is_symlink():
+        path = Path(os.path.realpath(path))  # the link stays
+    older.check(path, "a file", args.yes, f"{path}/{args.name}.yaml")
+    return Path(path)
+
+
+def _ports(template: str, overrides: Sequence[str], ports: Sequence[str]) -> Iterator[str]:
+    """What `--port` says, as overrides. Raises RequestError, ProfileError."""
+    devices = profile.load(template, overrides)[0].devices if ports else {}
+    for given in ports:
+        device, port = _port(given)
+        if device not in devices:
+            raise RequestError(f"--port {given}", f"{template} has no device '{device}'", nearest(device, devices))
+        driver = devices[device].driver
+        if "port" not in registry.load("drivers", driver, f"--port {given}").Config.model_fields:
+            raise RequestError(f"--port {given}", f"the driver '{driver}' has no port", "Leave it out")
+        yield f"devices.{device}.port={json.dumps(port)}"
+
+
+def _port(given: str) -> tuple[str, str]:
+    device, equals, port = given.partition("=")
+    if not device or not port:
+        raise RequestError(f"--port {given}", "expected DEVICE=PORT", "For example --port finger=/dev/ttyACM0")
+    return device, port
+
+
+def _from_there(template: str, overrides: Sequence[str], folder: Path) -> list[str]:
+    """The overrides for a file in `folder`. A relative path that was typed begins here, one in a profile beside it."""
+    if folder.absolute() == Path.cwd() or not overrides:
+        return list(overrides)
+    graph, _ = examine(template, overrides)
+    judges = {name: cleared.clearance for name, cleared in graph.clearances.items()}
+    found = {}
+    for path, _, value in options(graph.profile, graph.devices, graph.controllers, graph.world, judges):
+        file = value.path if isinstance(value, KeptFile) else value
+        if isinstance(file, Path):
+            found[path] = file
+    made = []
+    for override in overrides:
+        path, text = split(override)
+        if path in found and not text.strip().startswith(("/", "~")):
+            override = f"{path}={json.dumps(os.path.relpath(found[path], folder.absolute()))}"
+        made.append(override)
+    return made
+
+
+def _check(target: Path, simulated: Graph) -> None:
+    """Checks the file as `srl check` does, then says what comes next."""
+    name = str(target)
+    graph, _ = examine(name)
+    print(f"checked: {len(graph.devices)} devices, {len(graph.controllers)} controllers, as `srl check {name}` shows")
+    for doubt in dict.fromkeys([*graph.doubts, *simulated.doubts]):
+        print(f"  doubted: {doubt}")
+    for device, entry in graph.profile.devices.items():
+        if (port := entry.options.get("port")) is not None and (lack := obstacle(str(port))) is not None:
+            print(f"  not yet: port of {device}: {lack.problem}. {lack.remedy}")
+    print("Next:")
+    file = shlex.quote(name)
+    for line in (
+        f"srl run {file} --sim", *_calibrations(graph, file), f"srl doctor {file}", f"srl run {file} --set start=manual"
+    ):  # fmt: skip
+        print(f"  {line}")
+
+
+def _calibrations(graph: Graph, file: str) -> Iterator[str]:
+    """The commands that make the calibration files which the profile names."""
+    from runtime.calibration.method import named
+    from runtime.calibration.session import METHODS
+
+    used = {entry.use for entry in graph.profile.controllers}
+    for kind in METHODS.values():
+        if kind.law in used:
+            try:
+                if named(graph.profile, graph.source, kind) is None:
+                    continue
+            except SrlError:
+                continue  # several laws of the kind: the user says which
+            yield f"srl calibrate {file} {kind.name}{' --person P07' * kind.personal} --yes"
