@@ -29,10 +29,11 @@ COMMANDS = {
     "study": "runs a paper's experiment",
     "top": "live view of a running instance",
     "panel": "a running instance in the browser: its live picture, or the participant's screen",
+    "find-port": "lists the serial ports, what each may be, and whether you may open it",
     "doctor": "says whether this host is fit, and what mends it",
 }
 """What each command does, in one line. It stands here so that `srl --help` imports no command."""
-MODULES = {name: name for name in COMMANDS} | {"reset": "stop", "start": "stop"}
+MODULES = {name: name for name in COMMANDS} | {"find-port": "find_port", "reset": "stop", "start": "stop"}
 """In which module each command is."""
 
 

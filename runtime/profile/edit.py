@@ -76,8 +76,8 @@ def content(text: str) -> dict[str, Any]:
 
 
 def as_yaml(new: Any, given: str = "") -> str:
-    """A value on one line, so that it may stand in a block as in braces; `given` as it is, if that means the same."""
-    for words in (given.strip(), new if isinstance(new, str) else ""):
+    """A value on one line, so that it may stand in a block as in braces; as plain text or as it was `given`, if it can."""
+    for words in (new if isinstance(new, str) else "", given.strip()):
         if words and "\n" not in words and _means(words, new):
             return words
     if isinstance(new, dict):

@@ -1,0 +1,106 @@
+"""`srl find-port`: lists the serial ports, or names the one that comes or goes as a device is plugged. Opens none."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+
+from runtime.cli import add_command
+from runtime.service import serial_ports
+from runtime.service.serial_ports import SerialPort
+
+_PERIOD = 0.5  # s between two looks; udev has made links and rights of a new port by the next but one
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Registers the command."""
+    parser = add_command(subparsers, "find-port", "srl find-port --wait")
+    parser.add_argument("--wait", action="store_true", help="wait until a device is plugged in or out, and name its port")
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Prints the ports and returns 0; with `--wait`, those that came or went."""
+    if not args.wait:
+        found = serial_ports.ports()
+        print(json.dumps({"ports": [_plain(port) for port in found]}) if args.json else "\n".join(listed(found)))
+        return 0
+    print("Plug the device in, or pull it out if it is in. Ctrl-C ends this.", file=sys.stderr, flush=True)
+    came, went = changed(serial_ports.ports, time.sleep)
+    if args.json:
+        print(json.dumps({"came": [_plain(port) for port in came], "went": [_plain(port) for port in went]}))
+        return 0
+    for what, found in (("came", came), ("went", went)):
+        for port in found:
+            print("\n".join([f"{what}: {port.path}", *described(port, there=what == "came")]))
+    return 0
+
+
+def changed(
+    look: Callable[[], list[SerialPort]], pause: Callable[[float], object]
+) -> tuple[list[SerialPort], list[SerialPort]]:
+    """Waits until the ports have changed and stay as they are for a period.
+
+    Returns:
+        The ports that came, and those that went.
+    """
+    before = now = look()
+    while True:
+        pause(_PERIOD)
+        last, now = now, look()
+        came = [port for port in now if _key(port) not in map(_key, before)]
+        went = [port for port in before if _key(port) not in map(_key, now)]
+        # Of a new port, rights and the link by id come a moment after the port itself.
+        if (came or went) and [(_key(p), p.path, p.obstacle) for p in now] == [
+            (_key(p), p.path, p.obstacle) for p in last
+        ]:
+            return came, went
+
+
+def listed(found: Sequence[SerialPort]) -> list[str]:
+    """The lines for some ports."""
+    if not found:
+        return ["no serial port is there: check the cable (some only charge) and the device's supply"]
+    return [line for port in found for line in (port.path, *described(port))]
+
+
+def described(port: SerialPort, there: bool = True) -> list[str]:
+    """What is known of a port, below its path. `there`: False for one that went."""
+    lines = [f"  {likely(port)}"]
+    said = " ".join(filter(None, (port.maker, port.product)))
+    serial = f", serial number {port.serial}" if port.serial else ""
+    if port.usb is not None:
+        lines.append(f"  USB {port.usb}{f' {said}' * bool(said)}{serial}")
+    if port.by_id is not None:
+        lines.append(f"  now {port.device}: another order of plugging in changes that")
+    elif port.usb is not None:
+        lines.append("  it has no name that stays with the device: deploy/99-srl.rules says how to give it one")
+    if there and port.obstacle is not None:
+        lines.append(f"  you can't open it: {port.obstacle.problem}. {port.obstacle.remedy}")
+    elif there:
+        lines.append("  you may open it" + (f", but {port.holder} has it open" if port.holder else ""))
+    return lines
+
+
+def likely(port: SerialPort) -> str:
+    """What is probably at a port: the adapter's USB numbers don't tell what hangs on it."""
+    sure = [f"{guess.driver} ({guess.summary})" for guess in port.guesses if guess.exact]
+    rest = [f"{guess.driver} ({guess.summary})" for guess in port.guesses if not guess.exact]
+    words = [f"probably {' or '.join(sure)}"] * bool(sure)
+    words += [f"perhaps {' or '.join(rest)}"] * bool(rest)
+    return ", ".join(words) or "unknown"
+
+
+def _key(port: SerialPort) -> tuple[str, str | None, str | None]:
+    return port.device, port.usb, port.serial
+
+
+def _plain(port: SerialPort) -> dict[str, object]:
+    plain = asdict(port)
+    plain["obstacle"] = None if port.obstacle is None else port.obstacle._asdict()
+    return plain | {"path": port.path}

@@ -1,0 +1,192 @@
+"""`srl find-port`: what it says of ports, and which one came or went. The list of ports is made up, rights are real."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from helpers.run import srl
+from serial.tools import list_ports
+from serial.tools.list_ports_common import ListPortInfo
+
+from runtime.cli import find_port, main
+from runtime.service import host, serial_ports
+
+ROOT = Path(__file__).parents[2]
+
+
+def info(device: str, usb: str | None = None, maker: str = "", product: str = "", serial: str = "") -> ListPortInfo:
+    port = ListPortInfo(device)
+    if usb is not None:
+        port.vid, port.pid = (int(number, 16) for number in usb.split(":"))
+        port.manufacturer, port.product, port.serial_number = maker, product, serial
+    return port
+
+
+@pytest.fixture
+def plugged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[ListPortInfo]:
+    """What is plugged in; a test fills it."""
+    there: list[ListPortInfo] = []
+    monkeypatch.setattr(list_ports, "comports", lambda: list(there))
+    monkeypatch.setattr(serial_ports, "BY_ID", str(tmp_path / "by-id"))
+    return there
+
+
+@pytest.fixture
+def pty() -> Iterator[str]:
+    master, slave = os.openpty()
+    path = os.ttyname(slave)
+    os.close(slave)
+    yield path
+    os.close(master)
+
+
+def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    assert main(["find-port", *arguments]) == 0
+    return capsys.readouterr().out
+
+
+def test_no_port_is_said(plugged: list[ListPortInfo], capsys: pytest.CaptureFixture[str]) -> None:
+    assert "no serial port is there: check the cable" in said(capsys)
+    assert json.loads(said(capsys, "--json")) == {"ports": []}
+
+
+@pytest.mark.parametrize(
+    ("usb", "words"),
+    [
+        ("2341:0043", r"perhaps firmata \(Arduino"),
+        ("1a86:7523", r"perhaps firmata \(Arduino"),
+        ("0403:6014", r"probably dynamixel \(.*\), perhaps softhand \("),
+        ("0403:6001", r"probably cyberglove \(.*\), perhaps softhand \("),
+        ("16d0:117e", r"perhaps can-ft \("),
+        ("dead:beef", r"unknown"),
+        (None, r"unknown"),
+    ],
+)
+def test_what_a_port_may_be(
+    usb: str | None, words: str, plugged: list[ListPortInfo], pty: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plugged.append(info(pty, usb))
+    assert re.search(rf"^  {words}", said(capsys), re.MULTILINE)
+
+
+def test_the_pages_and_rules_name_the_numbers_that_the_drivers_name() -> None:
+    for name, (_, ids) in serial_ports.usb_numbers().items():
+        text = (ROOT / "docs" / "devices" / f"{name}.md").read_text() + (ROOT / "deploy" / "99-srl.rules").read_text()
+        for number in ids:
+            vendor, _, product = number.partition(":")
+            assert f'ATTRS{{idVendor}}=="{vendor}"' in text, name
+            assert not product or f'ATTRS{{idProduct}}=="{product}"' in text, name
+
+
+def test_a_port_is_named_by_what_stays_with_its_device(
+    plugged: list[ListPortInfo], pty: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plugged.append(info(pty, "0403:6014", "FTDI", "USB <-> Serial Converter", "FT3FSNI8"))
+    stays = tmp_path / "by-id" / "usb-FTDI_FT3FSNI8-if00"
+    assert "no name that stays" in said(capsys)
+    stays.parent.mkdir()
+    stays.symlink_to(pty)
+    text = said(capsys)
+    assert text.startswith(f"{stays}\n")
+    assert f"now {pty}" in text
+    assert "USB 0403:6014 FTDI USB <-> Serial Converter, serial number FT3FSNI8" in text
+    (told,) = json.loads(said(capsys, "--json"))["ports"]
+    assert (told["path"], told["device"], told["usb"], told["serial"]) == (str(stays), pty, "0403:6014", "FT3FSNI8")
+    assert [(guess["driver"], guess["exact"]) for guess in told["guesses"]] == [("dynamixel", True), ("softhand", False)]
+
+
+def test_a_port_that_may_not_be_opened_has_its_remedy(
+    plugged: list[ListPortInfo], pty: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plugged.append(info(pty, "2341:0043"))
+    assert "  you may open it" in said(capsys)
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    group = type("Group", (), {"gr_name": "dialout"})
+    monkeypatch.setattr(serial_ports.grp, "getgrgid", lambda _: group)
+    text = said(capsys)
+    assert f"you can't open it: {pty} may not be opened. sudo usermod -aG dialout $USER, then log in again" in text
+    (told,) = json.loads(said(capsys, "--json"))["ports"]
+    assert "usermod -aG dialout" in told["obstacle"]["remedy"]
+    (finding,) = host._port("finger", pty)  # `srl doctor` says the same
+    assert (finding.verdict, finding.remedy) == ("bad", told["obstacle"]["remedy"])
+    group.gr_name = "root"
+    assert "usermod" not in said(capsys)  # nobody is told to join root
+
+
+def test_who_holds_a_port_is_named(
+    plugged: list[ListPortInfo], pty: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import fcntl
+
+    plugged.append(info(pty))
+    assert "has it open" not in said(capsys)
+    descriptor = os.open(pty, os.O_RDWR | os.O_NOCTTY)
+    assert f"({os.getpid()}) has it open" in said(capsys)
+    monkeypatch.setattr(serial_ports, "_openers", lambda _: iter(()))  # as of another user's process
+    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    locked = f"({os.getpid()}) has it open" in said(capsys)
+    os.close(descriptor)
+    if not locked:
+        pytest.skip("this kernel shows no locks of this process")
+
+
+def test_nothing_is_opened(
+    plugged: list[ListPortInfo], pty: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Opening restarts most Arduino boards."""
+    plugged.append(info(pty, "2341:0043"))
+    opened: list[object] = []
+    real = os.open
+    monkeypatch.setattr(os, "open", lambda path, *rest, **more: (opened.append(path), real(path, *rest, **more))[1])
+    monkeypatch.setattr("serial.Serial", lambda *_, **__: pytest.fail("a port was opened"))
+    said(capsys)
+    assert pty not in opened
+
+
+def test_the_port_that_came_is_named_once_it_has_settled(
+    plugged: list[ListPortInfo], pty: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    plugged.append(info("/dev/ttyS0"))
+    stays = tmp_path / "by-id" / "usb-Arduino-if00"
+
+    def link() -> None:
+        stays.parent.mkdir()
+        stays.symlink_to(pty)
+
+    plays = iter([lambda: None, lambda: plugged.append(info(pty, "2341:0043")), link, lambda: None])
+    monkeypatch.setattr(find_port.time, "sleep", lambda _: next(plays)())
+    text = said(capsys, "--wait")
+    assert text.startswith(f"came: {stays}\n  perhaps firmata")
+    assert "ttyS0" not in text
+
+
+def test_the_port_that_went_is_named(
+    plugged: list[ListPortInfo], pty: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plugged.append(info(pty, "0403:6014", serial="FT1"))
+    plays: Iterator[Callable[[], object]] = iter([plugged.clear, lambda: None])
+    monkeypatch.setattr(find_port.time, "sleep", lambda _: next(plays)())
+    told = json.loads(said(capsys, "--wait", "--json"))
+    assert told["came"] == []
+    assert [port["serial"] for port in told["went"]] == ["FT1"]
+
+
+def test_ctrl_c_ends_the_wait(plugged: list[ListPortInfo], monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(_: float) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(find_port.time, "sleep", interrupt)
+    assert main(["find-port", "--wait"]) == 130
+
+
+def test_the_process_lists_this_machines_ports(tmp_path: Path) -> None:
+    import subprocess
+
+    done = subprocess.run(srl("find-port", "--json"), cwd=tmp_path, capture_output=True, text=True, timeout=100, check=True)
+    assert isinstance(json.loads(done.stdout)["ports"], list)
