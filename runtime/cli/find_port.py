@@ -19,7 +19,9 @@ _PERIOD = 0.5  # s between two looks; udev has made links and rights of a new po
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Registers the command."""
     parser = add_command(subparsers, "find-port", "srl find-port --wait")
-    parser.add_argument("--wait", action="store_true", help="wait until a device is plugged in or out, and name its port")
+    parser.add_argument(
+        "--wait", action="store_true", help="wait until a device is plugged in or out, and name its port"
+    )
     parser.add_argument("--json", action="store_true", help="one JSON object")
     parser.set_defaults(run=run)
 

@@ -93,7 +93,7 @@ def _ports(template: str, overrides: Sequence[str], ports: Sequence[str]) -> Ite
 
 
 def _port(given: str) -> tuple[str, str]:
-    device, equals, port = given.partition("=")
+    device, _, port = given.partition("=")
     if not device or not port:
         raise RequestError(f"--port {given}", "expected DEVICE=PORT", "For example --port finger=/dev/ttyACM0")
     return device, port
@@ -113,9 +113,9 @@ def _from_there(template: str, overrides: Sequence[str], folder: Path) -> list[s
     made = []
     for override in overrides:
         path, text = split(override)
-        if path in found and not text.strip().startswith(("/", "~")):
-            override = f"{path}={json.dumps(os.path.relpath(found[path], folder.absolute()))}"
-        made.append(override)
+        typed = path in found and not text.strip().startswith(("/", "~"))
+        there = f"{path}={json.dumps(os.path.relpath(found[path], folder.absolute()))}" if typed else override
+        made.append(there)
     return made
 
 

@@ -65,4 +65,6 @@ def _ask(question: str) -> str:
     try:
         return input(question).strip()
     except EOFError:
-        raise RequestError("srl new", "no answer came, and nothing was written", "Begin again, or give --from") from None
+        raise RequestError(
+            "srl new", "no answer came, and nothing was written", "Begin again, or give --from"
+        ) from None

@@ -16,7 +16,7 @@ from runtime.profile import profile
 from runtime.profile.overrides import plain_values, split, steps, value
 from runtime.profile.source import written
 
-_COMMENT: Final = re.compile(r" {2,}(?=#)")
+_COMMENT: Final = re.compile(r"([^#\n\"']*?)( {2,})(?=#)")  # and what is before it on the line
 
 
 def edited(label: str, text: str, overrides: Sequence[str]) -> str:
@@ -28,22 +28,38 @@ def edited(label: str, text: str, overrides: Sequence[str]) -> str:
     wanted, source = profile.tree(label, text, overrides)
     # A choice brings the places that other overrides name, so its word is written first.
     words = ("choices", *source.chosen)
-    for override in sorted(overrides, key=lambda o: split(o)[0].split(".")[0] not in words):
+    first = [override for override in overrides if split(override)[0].split(".")[0] in words]
+    changed = _changed(text, first, {})
+    changed = _changed(changed, [o for o in overrides if o not in first], profile.tree(label, changed)[1].moved)
+    if _tree(label, changed) != wanted:
+        # An anchor stands for several places, and the text can't be changed in one of them alone.
+        odd = next((o for o in overrides if len(overrides) > 1 and not _fits(label, text, o)), overrides[-1])
+        problem = "the profile's text can't be changed there alone"
+        raise ProfileError(f"--set {odd}", problem, "Leave it out, and write it into the new file by hand")
+    return changed
+
+
+def _changed(text: str, overrides: Sequence[str], moved: dict[str, str]) -> str:
+    for override in overrides:
         path, given = split(override)
-        if path.split(".")[0] not in words:
-            path = _written(label, text, path)
-        changed = set_at(text, path, value(given), given)
-        try:
-            got = profile.tree(label, changed)[0]
-        except ProfileError:
-            got = None
-        if got != profile.tree(label, text, [override])[0]:  # an anchor, which stands for several places, would be
-            problem = "the profile's text can't be changed there alone"
-            raise ProfileError(f"--set {override}", problem, "Leave it out, and write it into the new file by hand")
-        text = changed
-    if profile.tree(label, text)[0] != wanted:
-        raise ProfileError(f"--set {overrides[0]}", "with the others it can't be written", "Give one after the other")
+        text = set_at(text, written(path, moved), value(given), given)
     return text
+
+
+def _fits(label: str, text: str, override: str) -> bool:
+    try:
+        edited(label, text, [override])
+    except ProfileError:
+        return False
+    return True
+
+
+def _tree(label: str, text: str) -> dict[str, Any] | None:
+    """None of a text that was spoilt."""
+    try:
+        return profile.tree(label, text)[0]
+    except ProfileError:
+        return None
 
 
 def set_at(text: str, path: str, new: Any, given: str = "") -> str:
@@ -53,20 +69,31 @@ def set_at(text: str, path: str, new: Any, given: str = "") -> str:
         given: how the value was written, which is kept where it can be.
     """
     node: Node = YAML(typ="rt", pure=True).compose(text)
-    way = steps(content(text), path, path)
+    way = steps(_shape(node), path, path)
+    behind: int | None = None  # the key of the value
     for i, step in enumerate(way):
         if isinstance(node, SequenceNode):
-            node = node.value[int(step)]
+            behind, node = None, node.value[int(step)]
             continue
-        below = next((inner for key, inner in node.value if str(key.value) == step), None)
-        if below is None:
+        entry = next((each for each in node.value if str(each[0].value) == step), None)
+        if entry is None:
             for key in reversed(way[i + 1 :]):
                 new, given = {str(key): new}, ""
+            assert isinstance(node, MappingNode)  # `steps` has looked
             return _with_key(text, node, str(step), as_yaml(new, given))
-        node = below
+        behind, node = entry[0].end_mark.index, entry[1]
     start, end = node.start_mark.index, _end(text, node)
-    space = " " * (start == end)  # of `key:` without a value
-    return _put(text, start, end, space + as_yaml(new, given))
+    if start == end and behind is not None:  # of `key:` without a value; the node's own mark may be a line farther
+        start = end = text.index(":", behind) + 1
+        return _put(text, start, end, " " + as_yaml(new, given))
+    return _put(text, start, end, as_yaml(new, given))
+
+
+def _shape(node: Node) -> Any:
+    """The keys and lists of a node, without values."""
+    if isinstance(node, MappingNode):
+        return {str(key.value): _shape(inner) for key, inner in node.value}
+    return [_shape(inner) for inner in node.value] if isinstance(node, SequenceNode) else None
 
 
 def content(text: str) -> dict[str, Any]:
@@ -76,7 +103,7 @@ def content(text: str) -> dict[str, Any]:
 
 
 def as_yaml(new: Any, given: str = "") -> str:
-    """A value on one line, so that it may stand in a block as in braces; as plain text or as it was `given`, if it can."""
+    """A value on one line, which may stand in a block as in braces; plain or as it was `given`, if it can."""
     for words in (new if isinstance(new, str) else "", given.strip()):
         if words and "\n" not in words and _means(words, new):
             return words
@@ -94,12 +121,7 @@ def _means(words: str, new: Any) -> bool:
         return False
 
 
-def _written(label: str, text: str, path: str) -> str:
-    """The key path in the text of a key path in the merged profile."""
-    return written(path, profile.tree(label, text)[1].moved)
-
-
-def _with_key(text: str, node: Node, key: str, words: str) -> str:
+def _with_key(text: str, node: MappingNode, key: str, words: str) -> str:
     """The text with one more key at the end of a mapping."""
     entry = f"{as_yaml(key)}: {words}"
     if node.flow_style:
@@ -113,8 +135,8 @@ def _with_key(text: str, node: Node, key: str, words: str) -> str:
 def _put(text: str, start: int, end: int, words: str) -> str:
     """The text with other words from `start` to `end`; a comment behind them stays in its column, if it can."""
     if comment := _COMMENT.match(text, end):
-        room = len(comment[0]) + (end - start) - len(words)
-        return text[:start] + words + " " * max(room, 2) + text[comment.end() :]
+        room = len(comment[2]) + (end - start) - len(words)
+        return text[:start] + words + comment[1] + " " * max(room, 2) + text[comment.end() :]
     return text[:start] + words + text[end:]
 
 

@@ -17,9 +17,9 @@ def apply(tree: Any, override: str) -> None:
     """Changes a profile's tree. Raises ProfileError: it isn't `key.path=value`, or there is no such place."""
     path, text = split(override)
     way = steps(tree, path, f"--set {override}")
-    node = tree
+    node: Any = tree
     for step in way[:-1]:
-        node = node[step] if isinstance(node, list) else node.setdefault(step, {})
+        node = node[int(step)] if isinstance(node, list) else node.setdefault(step, {})
     node[way[-1]] = _typed(value(text))
 
 

@@ -1,0 +1,211 @@
+"""`srl new`: a profile of one's own in an empty folder, which passes the check and can be calibrated."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from helpers.run import call, environment, refused, srl
+from helpers.wait import until
+from serial.tools import list_ports
+from serial.tools.list_ports_common import ListPortInfo
+
+from runtime.cli import main, new_questions
+from runtime.profile import profile, shelf
+from runtime.profile.edit import content
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def comments(text: str) -> list[str]:
+    return re.findall(r"#.*", text)
+
+
+@pytest.mark.parametrize("template", shelf.shipped())
+def test_each_shipped_profile_begins_one_that_passes(
+    template: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["new", "mine", "--from", template]) == 0
+    text = (folder / "mine.yaml").read_text()
+    assert comments(text)[1:] == comments(profile.find(template)[1])
+    assert text.startswith(f"# Begun as {template} of srl ")
+    checked, source = profile.load("mine.yaml")
+    assert checked.name == "mine"
+    for word, branches in content(text).get("choices", {}).items():
+        for branch in branches:  # what another word needs is there, too
+            assert main(["check", "mine.yaml", "--sim", "--set", f"{word}={branch}"]) == 0
+    if not source.chosen:
+        assert main(["check", "mine.yaml", "--sim"]) == 0
+    assert "  srl run mine.yaml --sim\n" in capsys.readouterr().out
+
+
+def test_values_and_ports_are_written(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    port = "/dev/serial/by-id/usb-Arduino_75735-if00"
+    code = main(["new", "mine", "--from", "sixth-finger", "--port", f"finger={port}", "--set", "rate=50"])
+    assert code == 0
+    before = profile.find("sixth-finger")[1].splitlines()
+    after = (folder / "mine.yaml").read_text().splitlines()[1:]
+    changed = [line for old, line in zip(before, after, strict=True) if old != line]
+    assert changed == ["name: mine", "rate: 50                        # Hz, the glove's own", f"    port: {port}"]
+    said = capsys.readouterr().out
+    assert f"not yet: port of finger: {port} isn't there" in said
+    assert "srl doctor mine.yaml" in said
+
+
+def test_a_calibration_comes_along_under_the_new_name_and_a_persons_takes_its_place(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two profiles begun as one have a file each: who calibrates for one doesn't change the other."""
+    assert main(["new", "a", "--from", "ikns-finger"]) == 0
+    assert main(["new", "b", "--from", "ikns-finger"]) == 0
+    assert {path.name for path in folder.iterdir()} == {
+        "a.yaml", "a.calibration.json", "b.yaml", "b.calibration.json",
+    }  # fmt: skip
+    said = capsys.readouterr().out
+    assert "srl calibrate b.yaml ikns --person P07 --yes" in said
+    assert "it was made in simulation" in said
+
+
+def test_a_file_that_is_there_is_kept(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "mine.yaml").write_text("mine before\n")
+    (folder / "mine.calibration.json").write_bytes(
+        (profile.find("ikns-finger")[2] / "ikns-finger.calibration.json").read_bytes() + b"\n"
+    )
+    persons = (folder / "mine.calibration.json").read_bytes()
+    arguments = ["new", "mine", "--from", "ikns-finger"]
+    assert "mine.yaml: a file is there already. Add --yes to replace it (it is kept as .old)" in refused(*arguments)
+    assert (folder / "mine.yaml").read_text() == "mine before\n"
+    assert main([*arguments, "--yes"]) == 0
+    assert (folder / "mine.yaml.old").read_text() == "mine before\n"
+    assert (folder / "mine.calibration.json").read_bytes() == persons
+    said = capsys.readouterr().out
+    assert "the one before is mine.yaml.old" in said
+    assert "mine.calibration.json: was there already, and is used as it is" in said
+    assert main([*arguments, "--yes"]) == 0
+    assert (folder / "mine.yaml.old.2").exists()
+
+
+def test_another_folder_and_a_file_that_was_typed_from_here(folder: Path) -> None:
+    """A path that is typed begins here, one in a profile beside it: it leads to the same file."""
+    (folder / "sub").mkdir()
+    shutil.copy(profile.find("ikns-two")[2] / "ikns-two.calibration.json", "p07.json")
+    file = "sub/arm.yml"
+    assert main(["new", "arm", "--from", "ikns-two", "-o", file, "--set", "controllers.1.calibration=p07.json"]) == 0
+    assert "calibration: ../p07.json " in (folder / file).read_text()
+    assert not (folder / "sub" / "ikns-two.calibration.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["My Limb", "--from", "servo-jog"], "'My Limb' is no name.*For example my-limb"),
+        (["7", "--from", "servo-jog"], "'7' is no name.*For example my-limb"),
+        (["servo-jog", "--from", "servo-jog"], "a profile that comes with srl.*such as my-servo-jog"),
+        (["a", "--from", "servo-jug"], "servo-jug: no profile that comes with srl.*Did you mean 'servo-jog'"),
+        (["a", "--from", "servo-jog", "--port", "hand=/dev/x"], "servo-jog has no device 'hand'. Known: finger"),
+        (["a", "--from", "servo-jog", "--port", "finger"], "expected DEVICE=PORT"),
+        (["a", "--from", "servo-jog", "--set", "rate=fast"], "--set rate: .*number of Hz"),
+        (
+            ["a", "--from", "servo-jog", "--set", "guard.finger.position_command.velocity=-1"],
+            "guard.finger.position_command.velocity.*greater",
+        ),
+        (["a", "--from", "servo-jog", "--set", "sim.parts.finger.axes.distal.model=MX-1"], "--set sim.*"),
+        (["a", "--from", "servo-jog", "-o", "a.txt"], "doesn't end in .yaml. Name it like a.yaml"),
+        (["a", "--from", "servo-jog", "-o", "no/a.yaml"], "no: the folder can't be written"),
+        (["a", "--from", "servo-jog", "-o", "."], "it is a folder. Name a file in it: -o ./a.yaml"),
+        (["a"], "--from: it isn't said what the new profile begins as. For example srl new a --from"),
+    ],
+)
+def test_what_is_wrong_is_refused_and_nothing_written(arguments: list[str], words: str, folder: Path) -> None:
+    said = refused("new", *arguments)
+    assert re.search(words, said), said
+    assert list(folder.iterdir()) == []
+
+
+def test_a_disk_that_is_full_leaves_the_old_file(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (folder / "mine.yaml").write_text("mine before\n")
+
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    said = refused("new", "mine", "--from", "servo-jog", "--yes")
+    assert "mine.yaml: it can't be written: No space left on device" in said
+    assert (folder / "mine.yaml").read_text() == "mine before\n"
+    assert {path.name for path in folder.iterdir()} == {"mine.yaml", "mine.yaml.old"}
+
+
+def test_what_is_asked(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    uno = ListPortInfo("/dev/ttyACM7")
+    uno.vid, uno.pid = 0x2341, 0x43
+    monkeypatch.setattr(list_ports, "comports", lambda: [uno])
+    monkeypatch.setattr(new_questions, "_terminal", lambda: True)
+    number = str(shelf.shipped().index("sixth-finger") + 1)
+    answers = iter(["", "none", "99", number, "/dev/glove", "2", "1"])
+    asked = []
+    monkeypatch.setattr("builtins.input", lambda question: (asked.append(question), next(answers))[1])
+    assert main(["new", "mine"]) == 0
+    checked, _ = profile.load("mine.yaml")
+    assert {n: d.options["port"] for n, d in checked.devices.items()} == {
+        "glove": "/dev/glove",
+        "finger": "/dev/ttyACM7",
+    }
+    said = capsys.readouterr().out
+    assert "'none' is none of them" in said
+    assert "there is no port number 2" in said
+    assert "/dev/ttyACM7: perhaps firmata" in said
+    assert asked[-1] == "Port of finger (firmata)? Number, a path, or Enter for /dev/ttyACM0: "
+
+
+@pytest.mark.slow
+def test_on_a_terminal_it_asks_and_ctrl_d_writes_nothing(folder: Path) -> None:
+    """The real thing, on a pty."""
+    for typed, code in ((b"servo-jog\n\n", 0), (b"servo-jog\n\x04", 2), (b"\x03", 130)):
+        pid, terminal = pty.fork()
+        if pid == 0:
+            os.execve(srl()[0], srl("new", "mine"), environment(folder))
+        shown = bytearray()
+        sent = list(re.findall(rb"[^\n]*\n|[^\n]+$", typed))
+
+        def reads(terminal: int = terminal, shown: bytearray = shown) -> bool:
+            try:
+                shown += os.read(terminal, 4096)
+            except OSError:  # its end
+                return False
+            return True
+
+        for each in sent:
+            mark = len(shown)
+            until(
+                lambda mark=mark, shown=shown: b": " in shown[mark:] and shown.rstrip(b" ").endswith(b":"), step=reads
+            )
+            os.write(terminal, each)
+        while reads():
+            pass
+        _, status = os.waitpid(pid, 0)
+        os.close(terminal)
+        assert os.waitstatus_to_exitcode(status) == code, shown.decode()
+        assert b"Traceback" not in shown
+        assert (folder / "mine.yaml").exists() == (code == 0)
+        (folder / "mine.yaml").unlink(missing_ok=True)
+
+
+@pytest.mark.slow
+def test_the_commands_it_tells_work_in_that_folder(folder: Path) -> None:
+    said = call(folder, "new", "mine", "--from", "sixth-finger").stdout
+    assert "  srl run mine.yaml --sim\n" in said
+    done = call(folder, "run", "mine.yaml", "--sim", "--fast", "--duration", "1", "--json")
+    assert json.loads(done.stdout.splitlines()[-1])
+    assert subprocess.run(
+        srl("doctor", "mine.yaml"), env=environment(folder), cwd=folder, capture_output=True, timeout=100, check=False
+    ).returncode in (0, 1)
