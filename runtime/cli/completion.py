@@ -45,6 +45,7 @@ def _studies(**_: Any) -> Iterable[str]:
 
 
 _ANYWHERE: dict[str, Callable[..., Iterable[str]]] = {"profile": _profiles}
-_COMPLETERS: dict[tuple[str, str], Callable[..., Iterable[str]]] = {("study", "name"): _studies} | {
-    (command, "instance"): _instances for command in ("stop", "reset", "start", "top", "panel", "set")
-}
+_COMPLETERS: dict[tuple[str, str], Callable[..., Iterable[str]]] = {
+    ("study", "name"): _studies,
+    ("new", "template"): lambda **_: shelf.shipped(),
+} | {(command, "instance"): _instances for command in ("stop", "reset", "start", "top", "panel", "set")}

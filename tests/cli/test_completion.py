@@ -41,6 +41,11 @@ def test_a_profile_is_offered_by_its_name_and_as_a_file(tmp_path: Path) -> None:
     assert offered("srl check sixth", tmp_path) == shipped | {"sixth-mine.yaml"}
 
 
+def test_what_a_new_profile_begins_as_is_offered(tmp_path: Path) -> None:
+    (tmp_path / "sixth-mine.yaml").touch()
+    assert offered("srl new mine --from sixth", tmp_path) == {"sixth-finger"}
+
+
 def test_studies_are_offered_by_name(tmp_path: Path) -> None:
     assert offered("srl study ", tmp_path) >= set(registry.names("studies"))
 
