@@ -6,23 +6,18 @@ when the calibration file that the profile names isn't there yet.
 
 from __future__ import annotations
 
-import io
-import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from math import inf
 from typing import Any, Final
 
-from ruamel.yaml import YAML
-
 from runtime.contracts.errors import ProfileError, WiringError, nearest
-from runtime.contracts.files import Files, Typed
 from runtime.control.ikns.calibration import Thresholds
 from runtime.profile import profile, wiring
 from runtime.profile.graph import Graph
+from runtime.profile.part import frames_left, parsed
 from runtime.profile.profile import ControllerEntry, Profile
-from runtime.profile.source import Source, written
+from runtime.profile.source import Source
 
 LAW: Final = "ikns"
 ANGLES: Final = "arm-angles"
@@ -96,7 +91,7 @@ def cut_to(
     if plain.get("clock") not in devices:
         plain.pop("clock", None)
     laws = [checked.controllers[i] for i in kept]
-    plain["frames"] = _frames(checked, plain.get("frames") or {}, devices, laws, sim)
+    plain["frames"] = frames_left(checked, plain.get("frames") or {}, devices, laws, sim)
     plain["controllers"] = [plain["controllers"][i] for i in kept]
     for each in plain["controllers"]:
         if each["use"] == ANGLES:  # nothing moves, so whoever leaves the cameras' view needs no reset
@@ -109,7 +104,7 @@ def cut_to(
         scene(plain)
     before = _build(plain, source, kept, sim)
     plain["controllers"].append(marks(before, entry))
-    return _parsed(plain, source, kept)
+    return parsed(plain, source, kept)
 
 
 def build(checked: Profile, source: Source, sim: bool) -> Graph:
@@ -182,28 +177,6 @@ def _read(entry: ControllerEntry, only: Sequence[str] | None = None) -> Iterator
             yield from wire.signals
 
 
-def _frames(
-    checked: Profile, plain: Mapping[str, Any], devices: set[str], laws: list[ControllerEntry], sim: bool
-) -> dict[str, Any]:
-    """The frames that are still there without the devices and laws that were left out."""
-    parts = checked.sim.options.get("parts") if sim and checked.sim is not None else None
-    gone = checked.devices.keys() - devices - (parts.keys() if isinstance(parts, dict) else set())
-    made = {target for e in laws for w in e.outputs.values() for target in w.signals}
-    owners = devices | {e.name or e.use for e in laws}
-    left = dict(checked.frames)
-    while True:
-        lost = [
-            name
-            for name, frame in left.items()
-            if (frame.pose is not None and frame.pose not in made and frame.pose.partition(".")[0] not in owners)
-            or (frame.parent is not None and frame.parent in checked.frames and frame.parent not in left)
-            or (frame.parent is not None and frame.parent not in left and frame.parent.partition("/")[0] in gone)
-        ]
-        if not lost:
-            return {name: plain[name] for name in plain if name in left}
-        for name in lost:
-            del left[name]
-
 
 def _build(plain: dict[str, Any], source: Source, kept: list[int], sim: bool) -> Graph:
     """The system before the marks are there, for the names of its signals' elements. Raises WiringError: it can move.
@@ -211,7 +184,7 @@ def _build(plain: dict[str, Any], source: Source, kept: list[int], sim: bool) ->
     The loop keeps an active actuator where it is even if no law commands it. Guard and stop are left out, so there
     must be none.
     """
-    graph = build(*_parsed(plain, source, kept), sim)
+    graph = build(*parsed(plain, source, kept), sim)
     if graph.actuators:
         problem = f"it would still command '{graph.actuators[0].name}' during the calibration"
         raise WiringError(source.label, problem, "Take the angles and the hand from devices that only measure")
@@ -250,35 +223,3 @@ def _marks(
         "held": {joint: where for joint, where in held.items() if joint in angles},
         "hand": hand, "thresholds": thresholds.model_dump(),
     }  # fmt: skip
-
-
-def _parsed(plain: dict[str, Any], source: Source, kept: list[int]) -> tuple[Profile, Source]:
-    """The cut profile, with errors at their places in the whole one.
-
-    What was typed is typed again: a path among it begins where srl runs. `kept`: the places of its laws in the whole.
-    """
-    stream = io.StringIO()
-    YAML().dump(_written(plain), stream)
-    moved = {path: at for path, at in source.moved.items() if not path.startswith("controllers.")}
-    moved |= {f"controllers.{new}": written(f"controllers.{old}", source.moved) for new, old in enumerate(kept)}
-    typed = tuple(_typed(plain))
-    made, own = profile.parse(source.label, stream.getvalue(), typed, Files(source.files.folder))
-    return made, replace(own, lines=source.lines, moved=moved)
-
-
-def _typed(value: Any, path: str = "") -> Iterator[str]:
-    """What was typed with `--set`, once more, each text by itself."""
-    if isinstance(value, Typed):
-        yield f"{path}={json.dumps(value, ensure_ascii=False)}"
-    elif isinstance(value, dict | list):
-        for key, each in value.items() if isinstance(value, dict) else enumerate(value):
-            yield from _typed(each, f"{path}.{key}" if path else str(key))
-
-
-def _written(value: Any) -> Any:
-    """The same as YAML can write it: texts that were typed with `--set` are plain ones."""
-    if isinstance(value, dict):
-        return {key: _written(each) for key, each in value.items()}
-    if isinstance(value, list):
-        return [_written(each) for each in value]
-    return str(value) if isinstance(value, Typed) else value
