@@ -152,9 +152,13 @@ class RequestQueue:
             self.refused.append(pending)
 
     def _take_stop(self, datagram: Datagram) -> None:
-        """A datagram of the socket for what stops: each is a stop at least, and none is a service's but its own."""
+        """A datagram of the socket for what stops: each is a stop at least, and none is a service's but its own.
+
+        The supervisor ends a run and tells of faults. A plain stop is never its own: a person at its keys asks for it.
+        """
         ask, cause = datagram.content.get("ask"), 0
-        origin = Origin.SERVICE if datagram.pid == self.supervisor else Origin.LOCAL
+        own = datagram.pid == self.supervisor and ask in ("exit", "fault")
+        origin = Origin.SERVICE if own else Origin.LOCAL
         kind = RequestKind.EXIT if ask == "exit" else RequestKind.STOP
         if origin is Origin.SERVICE:
             kind = RequestKind.FAULT if ask == "fault" else kind

@@ -62,6 +62,7 @@ def law_of(name: str, folder: Path) -> Controller:
     seen = {"rotation": {"Hips": "suit.rotation[Hips]"}, "translation": {"Hips": "suit.translation[Hips]"}}
     options: dict[str, dict[str, Any]] = {
         "ikns": {"calibration": str(folder / "p07.json")},
+        "jog": {"speed": {"a": 0.1}, "acceleration": {"a": 1.0}},
         "joint-setpoint": {"joints": ["a"]},
         "velocity-setpoint": {"axes": ["a"]},
         "pose-in-frame": {"frame": "a"},

@@ -123,6 +123,15 @@ def test_only_the_supervisors_process_is_the_service(desk: Desk) -> None:
     assert taken.request.target == Cause.BUS_LOSS
 
 
+def test_a_plain_stop_of_the_supervisors_process_is_a_persons(desk: Desk) -> None:
+    """`srl jog` supervises its run and has the keys: its stop is latched as that of `srl stop`."""
+    desk.queue.supervisor = os.getpid()
+    for content in ({"ask": "stop"}, {"ask": "stop", "cause": "end"}, {"ask": ["stop"]}, b"noise"):
+        desk.send(desk.folder.stop_socket, content)
+        (taken,) = desk.all()
+        assert (taken.request.kind, taken.request.origin, taken.request.target) == (RequestKind.STOP, Origin.LOCAL, 0)
+
+
 def test_the_ring_asks_for_nothing_that_is_the_services(desk: Desk) -> None:
     for kind in (RequestKind.EXIT, RequestKind.FAULT, RequestKind.STOP):
         desk.ring.send(kind, 1 << 62)
