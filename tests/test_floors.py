@@ -36,10 +36,11 @@ ROOMS: dict[str, set[str]] = {
     "runtime.panel": LOOP,
     "runtime.service": LOOP,
     "runtime.calibration": LOOP | {"runtime.recorder", "runtime.service"},
+    "runtime.jog": LOOP | {"runtime.service"},
     "runtime.export": LOOP,
     "runtime.cli": LOOP
     | {"runtime.bus", "runtime.recorder", "runtime.panel", "runtime.service", "runtime.calibration"}
-    | {"runtime.export"},
+    | {"runtime.export", "runtime.jog"},
     "drivers": GROUND | {"runtime.messages", "runtime.recording"},
     "sim.world": GROUND | {"runtime.messages"} | DESCRIPTIONS,
     "sim.wearer": GROUND | {"sim.world", "drivers"} | DESCRIPTIONS,

@@ -177,7 +177,6 @@ def _read(entry: ControllerEntry, only: Sequence[str] | None = None) -> Iterator
             yield from wire.signals
 
 
-
 def _build(plain: dict[str, Any], source: Source, kept: list[int], sim: bool) -> Graph:
     """The system before the marks are there, for the names of its signals' elements. Raises WiringError: it can move.
 

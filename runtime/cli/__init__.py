@@ -18,6 +18,7 @@ COMMANDS = {
     "show": "shows a profile's devices, wiring and frames, as text or as a picture",
     "run": "runs a profile",
     "calibrate": "makes the calibration file of a person or a device",
+    "jog": "moves one joint of a device while a key is held",
     "stop": "puts the limb into its safe stop",
     "reset": "lets a stopped limb move again, from where it is",
     "start": "lets a limb that is ready move (one without feedback begins at its home)",

@@ -22,15 +22,15 @@ from runtime.ipc.run_folder import RunFolder
 from runtime.ipc.words import Cause
 from runtime.profile import profile, wiring
 from runtime.profile.graph import Graph
+from runtime.service import arming
 from runtime.service.end_signals import EndSignals
 from runtime.service.helpers import helpers
 from runtime.service.standing import Standing
-from runtime.service.summary import Summary
+from runtime.service.summary import WELL, Summary
 from runtime.service.supervisor import Supervisor, state_dir
 
 REFRESH = 0.1  # s between two readings of the rows
 PICTURES = (".png", ".jpg", ".jpeg", ".webp", ".pdf", ".svg", ".eps")
-_WELL = (Cause.NONE, Cause.REQUEST, Cause.END, Cause.RESTART)  # causes of a stop in which a run may end well
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -77,7 +77,7 @@ def _run(args: argparse.Namespace, signals: EndSignals, status: Status) -> int:
     if not re.match(profile.SLUG, name):
         raise RequestError("--instance", f"'{name}' is no name", "Use lower-case letters, digits, - and _")
     state = state_dir(name)
-    automatic, advice = _automatic(args, graph)
+    automatic, advice = arming.automatic(graph, args.confirm)
     cycles = round(args.duration * float(checked.rate)) if args.duration is not None else _wearers_end(graph)
     where = RunFolder.of(name)
     where.claim()
@@ -171,7 +171,7 @@ def _show(supervisor: Supervisor, summary: Summary, status: Status) -> None:
 
 def _report(supervisor: Supervisor, result: dict[str, Any], args: argparse.Namespace, status: Status) -> int:
     cause = Cause[result.get("cause", "none").upper()]
-    code = 0 if cause in _WELL and result["recording_complete"] else 1
+    code = 0 if cause in WELL and result["recording_complete"] else 1
     result["instance"] = supervisor.run_folder.path.name
     result["restarts"] = {h.name: h.restarts for h in supervisor.helpers}
     result["result"] = supervisor.figures
@@ -189,31 +189,11 @@ def _report(supervisor: Supervisor, result: dict[str, Any], args: argparse.Names
             f"{death.how}; the actuators had their stop {death.stopped_after_ms:.1f} ms after its last sign of life. "
             f"{rows}Find the cause before the next run, which begins in the stop."
         )
-    elif cause not in _WELL:
+    elif cause not in WELL:
         status.line(f"ended in a fault: {cause.name.lower().replace('_', ' ')} {result['culprit']}".rstrip())
     if args.json:
         print(json.dumps(result))
     return code
-
-
-def _automatic(args: argparse.Namespace, graph: Graph) -> tuple[bool, str]:
-    """Returns whether motion begins without a request, and the text for the user if it doesn't."""
-    start, sim = graph.profile.start, graph.profile.sim
-    real = [d.name for d in graph.devices if d.name not in graph.simulated]
-    if sim is not None and sim.start is not None and not real:
-        start = sim.start
-    if start == "manual":
-        return False, "ready; `srl start` lets the limb move"
-    blind = [
-        a for a in graph.actuators if a.command.feedback is None and graph.devices[a.device].name not in graph.simulated
-    ]
-    if not blind or args.confirm:
-        return True, ""
-    names = ", ".join(a.name for a in blind)
-    return False, (
-        f"{names} has no position feedback: put the limb near its home, clear of people and things, then `srl start` "
-        "(or run with --confirm)"
-    )
 
 
 def _wearers_end(graph: Graph) -> int | None:

@@ -12,6 +12,7 @@ from runtime.ipc.layout import Layout
 from runtime.ipc.ring import RingReader
 from runtime.ipc.words import FLAG_DEGRADED, LINK_CONNECTED, LINK_STALE, Cause, State
 
+WELL = (Cause.NONE, Cause.REQUEST, Cause.END, Cause.RESTART)  # causes of a stop in which a run may end well
 PHASES = ("read", "control", "guard", "write", "log")
 # Bins of a factor 1.01 each, from 10 ns to 100 s: percentiles accurate to one per cent, in bounded memory.
 _EDGES = 10.0 * 1.01 ** np.arange(int(np.log(1e10) / np.log(1.01)) + 1)

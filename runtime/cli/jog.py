@@ -1,0 +1,53 @@
+"""`srl jog`: moves the joints of one device slowly, each while a key is held on the terminal."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+
+from runtime.cli import add_command
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Registers the command."""
+    parser = add_command(subparsers, "jog", "srl jog finger-jog --sim")
+    parser.add_argument("profile", help="a name under profiles/, or a path to a YAML file")
+    parser.add_argument("device", nargs="?", help="default: the only one that takes commands")
+    parser.add_argument("--sim", action="store_true", help="simulate all devices, in real time")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of the profile")
+    parser.add_argument(
+        "--speed", type=float, default=0.1, metavar="S",
+        help="rad/s, 0.5 at most; joints that slide move at a fifth of it, in m/s; default: 0.1",
+    )  # fmt: skip
+    parser.add_argument("--step", action="store_true", help="a held key moves once, until it is let go")
+    parser.add_argument("--instance", metavar="NAME", help="name of this instance; default: the profile's")
+    parser.add_argument(
+        "--confirm", action="store_true",
+        help="devices without feedback stand where the profile says (home), nothing is in their way",
+    )  # fmt: skip
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Runs until q, a signal or the loss of the terminal. Returns 0, or 1 after a fault."""
+    from runtime.cli.check import check_certificates, check_guards
+    from runtime.contracts.errors import RequestError
+    from runtime.jog.cut import cut
+    from runtime.jog.session import Session
+    from runtime.profile import profile
+    from runtime.service import arming
+
+    made = cut(*profile.load(args.profile, args.set), args.device, args.speed, args.sim)
+    check_guards(made.graph)
+    check_certificates(made.graph)
+    name = args.instance or made.profile.name
+    if not re.match(profile.SLUG, name):
+        raise RequestError("--instance", f"'{name}' is no name", "Use lower-case letters, digits, - and _")
+    for doubt in made.graph.doubts:
+        print(f"srl: doubted: {doubt}", file=sys.stderr)
+
+    def say(text: str) -> None:
+        print(f"srl: {text}", file=sys.stderr, flush=True)
+
+    return Session(made, name, args.sim, arming.automatic(made.graph, args.confirm), args.step, say).run()

@@ -1,0 +1,65 @@
+"""What the terminal tells the law `jog`: a key's press, for as long as it is fresh."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import inf
+from typing import Final
+
+import numpy as np
+
+from runtime.contracts.signals import Array
+
+PAUSE: Final = 0.6  # s without a key that end a step: consoles repeat a held key after 0.5 s at the latest
+_WAYS: Final = {"left": -1.0, "right": 1.0}
+
+
+class Hold:
+    """The joint that is chosen, and the presses.
+
+    A terminal tells of presses and repeats, not of releases. So each press has a number and is told for a short while
+    only; the law moves a little at each, and brakes by itself.
+
+    Attributes:
+        joint: index of the chosen joint.
+        moving: the sense in which it was told to move last: -1, 1, or 0.
+    """
+
+    def __init__(self, joints: Sequence[str], fresh: float, step: bool = False) -> None:
+        """
+        Args:
+            joints: their names.
+            fresh: s after which a press that the loop hasn't taken is told no more.
+            step: a held key moves once, until it was let go.
+        """
+        self._count, self._fresh, self._step = len(joints), fresh, step
+        self.joint = 0
+        self.moving = 0.0
+        self._number = 0
+        self._pressed = self._last = -inf  # s: the press that is told; the newest key that moves
+
+    def key(self, key: str, now: float) -> None:
+        """Takes a key. Every key but left and right lets the joint brake."""
+        way = _WAYS.get(key, 0.0)
+        if way:
+            again = self._step and now - self._last < PAUSE
+            self._last = now
+            if again:
+                return
+        elif key in ("up", "down"):
+            self.joint = (self.joint + (1 if key == "down" else -1)) % self._count
+        elif key.isdecimal() and (int(key) - 1) % 10 < self._count:
+            self.joint = (int(key) - 1) % 10
+        self.moving = way
+        self._number += 1
+        self._pressed = now
+
+    def told(self, now: float) -> tuple[Array, Array]:
+        """`way` (n,) and `press` (1,) of the law, for now: press is 0 once the newest one is no longer fresh."""
+        way = np.zeros(self._count)
+        way[self.joint] = self.moving
+        return way, np.array([float(self._number) if now - self._pressed <= self._fresh else 0.0])
+
+    def expires(self, now: float) -> float:
+        """s until when what is told now may be taken."""
+        return min(now, self._pressed) + self._fresh if now - self._pressed <= self._fresh else now + self._fresh

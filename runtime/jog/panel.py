@@ -1,0 +1,77 @@
+"""A row of the run as what the screen shows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import nan
+from typing import Any, Final
+
+import numpy as np
+
+from runtime.contracts.signals import Array, Kind
+from runtime.contracts.terms import POSITION_OF
+from runtime.ipc import latches
+from runtime.ipc.layout import Layout
+from runtime.ipc.words import CYCLE, Cause, State
+from runtime.jog.cut import Cut
+from runtime.jog.screen import MOVES, Joint, View
+
+_LOADS: Final = ("effort", "torque", "force", "load", "current")
+
+
+class Panel:
+    """Makes views of rows."""
+
+    def __init__(self, cut: Cut, layout: Layout, instance: str) -> None:
+        """`layout` is the run's own, with the limits that its devices gave."""
+        self._cut, self._layout = cut, layout
+        self._actuator = cut.actuator
+        device = cut.graph.devices[cut.actuator.device].name
+        self._title = f"srl jog {instance}: {device}" + " (simulated)" * (device in cut.graph.simulated)
+        self._names = tuple(cut.speed)
+        feedback = cut.actuator.command.feedback
+        self._feedback = f"{device}.{feedback}" if feedback is not None else None
+        fields = layout.fields
+        self._load = next((name for short in _LOADS if (name := f"{device}.{short}") in fields), None)
+        limits = layout.meta.get("limits", {}).get(cut.actuator.name, {})
+        self._lower, self._upper = (np.ravel(limits.get(key, [])) for key in ("lower", "upper"))
+
+    def view(self, row: Any, chosen: int, said: Sequence[str]) -> View:
+        """The view of a row (width,)."""
+        commanded = self._of(row, f"{self._actuator.name}.applied")
+        actual, load = self._of(row, self._feedback), self._of(row, self._load)
+        joints = [
+            Joint(
+                name, self._cut.units[name], actual[name], commanded[name], _at(self._lower, i), _at(self._upper, i),
+                self._cut.speed[name], load[name],
+            )
+            for i, name in enumerate(self._names)
+        ]  # fmt: skip
+        state, cause = State(int(row[CYCLE.state])), Cause(int(row[CYCLE.cause]))
+        culprit = self._layout.culprit(cause, int(row[CYCLE.culprit]))
+        text = state.name.lower()
+        if cause:
+            text += f" ({cause.name.lower().replace('_', ' ')} {culprit})".replace(" )", ")")
+        if standing := latches.names(int(row[CYCLE.latches])):
+            text += f", latched: {', '.join(standing)}"
+        keys = {State.READY: "s start   q end", State.STOPPED: "r reset   q end"}.get(state, MOVES)
+        load_text = ""
+        if self._load is not None:
+            load_text = f"{self._load.partition('.')[2]} {self._layout.fields[self._load].unit}"
+        velocities = self._actuator.command.kind is Kind.VELOCITY
+        return View(self._title, velocities, joints, chosen, load_text, text, state is State.ACTIVE, keys, said)
+
+    def _of(self, row: Any, name: str | None) -> Mapping[str, float]:
+        """A signal's elements by the joints' names; NaN for what isn't there."""
+        if name is None:
+            return dict.fromkeys(self._names, nan)
+        field = self._layout.fields[name]
+        values: Array = self._layout.value(row, name).ravel()
+        if values.size == 1 and len(self._names) == 1:
+            return {self._names[0]: float(values[0])}
+        found = dict(zip(field.labels, values.tolist(), strict=False))
+        return {joint: found.get(joint, found.get(POSITION_OF.get(joint, ""), nan)) for joint in self._names}
+
+
+def _at(values: Array, i: int) -> float:
+    return float(values[i]) if i < values.size else nan

@@ -1,0 +1,229 @@
+"""One run of `srl jog`: the cut profile as a run of its own, the terminal's keys to its law, its rows to the screen."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any, Final
+
+from runtime.contracts.files import encoded
+from runtime.ipc import latches
+from runtime.ipc.control_socket import send_request
+from runtime.ipc.launch import Launch
+from runtime.ipc.requests import RequestKind, RequestWriter
+from runtime.ipc.run_folder import RunFolder
+from runtime.ipc.words import CYCLE, Cause, Latch, State
+from runtime.jog.cut import PRESS, WAY, Cut
+from runtime.jog.hold import Hold
+from runtime.jog.panel import Panel
+from runtime.jog.screen import lines
+from runtime.jog.terminal import Terminal
+from runtime.service.end_signals import EndSignals
+from runtime.service.standing import Standing
+from runtime.service.summary import WELL
+from runtime.service.supervisor import Supervisor, state_dir
+
+FRESH: Final = 0.03  # s that a press lives on its way to the loop, and a period and a half at least
+_TELL: Final = 0.02  # s between two words to the loop
+_DRAW: Final = 0.1  # s between two pictures
+_AGAIN: Final = 0.1  # s between two requests for the same stop
+_ANSWER: Final = 0.1  # s that an answer of the loop may take
+_KEPT: Final = 6  # messages on the screen
+
+
+class Session:
+    """The run; see the module's docstring."""
+
+    def __init__(self, cut: Cut, name: str, sim: bool, arm: tuple[bool, str], step: bool, say: Callable[[str], None]):
+        """
+        Args:
+            cut: the profile.
+            name: the instance's.
+            sim: all is simulated, in real time.
+            arm: whether motion may begin without a start, and what is said if not.
+            step: a held key moves once.
+            say: takes a line of text while the terminal isn't taken.
+        """
+        self._cut, self._name, self._sim, self._say = cut, name, sim, say
+        self._automatic, self._advice = arm
+        fresh = max(FRESH, 1.5 / float(cut.profile.rate))
+        self._hold = Hold(tuple(cut.speed), fresh, step)
+        self._said: deque[str] = deque(maxlen=_KEPT)
+        self._why = ""
+
+    def run(self) -> int:
+        """Runs until a key, a signal or the loss of the terminal ends it. Returns 0, or 1 after a fault.
+
+        Raises:
+            SrlError: it can't begin.
+        """
+        where, terminal, state = RunFolder.of(self._name), Terminal(), state_dir(self._name)
+        with EndSignals() as signals:
+            where.claim()
+            kept: Standing | None = None
+            supervisor: Supervisor | None = None
+            well = False
+            before = signal.signal(signal.SIGTSTP, self._suspended)
+            try:
+                if not self._sim:  # only what stopped a real limb outlives its run
+                    kept = Standing(state, self._say)
+                found = [] if kept is None else latches.names(kept.latches)
+                source = self._cut.source
+                launch = Launch(
+                    source.label, source.text, list(source.overrides), str(source.files.folder),
+                    encoded(source.files.kept), [] if self._sim else None, False, None, self._automatic, found,
+                )  # fmt: skip
+                # No bus: the terminal is the only one who may write the requests.
+                supervisor = Supervisor(where, launch, state, [], self._report)
+                signals.pass_to(supervisor.end)
+                well = self._supervised(supervisor, kept, terminal)
+            finally:
+                signal.signal(signal.SIGTSTP, before)
+                if kept is not None:
+                    ran = kept.began or (supervisor is not None and supervisor.death is not None)
+                    kept.close(well or not ran)
+                where.release()
+        return 0 if well else 1
+
+    def _suspended(self, *_: object) -> None:
+        self._why = "it was about to be suspended"
+
+    def _report(self, text: str) -> None:
+        self._said.append(text)
+
+    def _supervised(self, supervisor: Supervisor, kept: Standing | None, terminal: Terminal) -> bool:
+        """Starts the supervisor and runs it until the end. Returns whether the run ended well."""
+        row = None
+        supervisor.start()
+        try:
+            self._say(f"{self._name}: the devices are opened")
+            while supervisor.step() and not supervisor.running:
+                if self._why:
+                    supervisor.end()
+            if supervisor.running:
+                row = self._moved(supervisor, kept, terminal)
+        finally:
+            # After an error here, too, the limb comes to its stop before this process ends.
+            supervisor.end()
+            while supervisor.loop is not None and supervisor.loop.poll() is None and supervisor.step():
+                pass
+            supervisor.finish()
+        if supervisor.rows is not None:
+            row = supervisor.rows.newest()
+        for text in self._said:
+            self._say(text)
+        if supervisor.error is not None:
+            raise supervisor.error
+        if self._why:
+            self._say(f"ended: {self._why}")
+        if supervisor.death is not None:
+            self._say(f"{supervisor.death.how}: find the cause before the next run, which begins in the stop")
+            return False
+        if row is None:
+            return True
+        left = latches.names(int(row[CYCLE.latches]) & latches.LASTING)
+        if kept is not None and left:
+            self._say(f"the next run of '{self._name}' begins stopped ({', '.join(left)}), until `srl reset`")
+        return Cause(int(row[CYCLE.cause])) in WELL
+
+    def _moved(self, supervisor: Supervisor, kept: Standing | None, terminal: Terminal) -> Any:
+        """Takes the terminal until the run is over. Returns the newest row."""
+        assert supervisor.layout is not None
+        assert supervisor.rows is not None
+        desk = Desk(supervisor, self._hold)
+        panel = Panel(self._cut, supervisor.layout, self._name)
+        if self._advice:
+            self._said.append(self._advice)
+        self._said.extend(f"left out: the emergency input '{name}' can't stop this run" for name in self._cut.left_out)
+        drawn, row = 0.0, None
+        try:
+            with terminal:
+                while supervisor.step():
+                    if kept is not None:
+                        kept.follow(supervisor.rows)
+                    row = supervisor.rows.newest() if row is None else self._newer(supervisor, row)
+                    for key in terminal.pressed():
+                        self._take(key, desk, row)
+                    self._why = self._why or terminal.gone
+                    if self._why:
+                        desk.end()
+                    desk.tell(row)
+                    if supervisor.events is not None:
+                        self._said.extend(event.text for event in supervisor.events.take())
+                    if row is not None and time.monotonic() >= drawn + _DRAW:
+                        drawn = time.monotonic()
+                        terminal.show(lines(panel.view(row, self._hold.joint, tuple(self._said)), *terminal.size))
+        finally:
+            desk.close()
+        return row
+
+    @staticmethod
+    def _newer(supervisor: Supervisor, row: Any) -> Any:
+        newest = supervisor.rows.newest() if supervisor.rows is not None else None
+        return row if newest is None else newest
+
+    def _take(self, key: str, desk: Desk, row: Any) -> None:
+        if key in ("focus", "focus lost"):
+            return
+        self._hold.key(key, time.monotonic())
+        if key in ("space", "esc"):
+            desk.stop()
+        elif key in ("q", "Q"):
+            self._why = "q was pressed"
+        elif key in ("s", "r") and row is not None:
+            state = State(int(row[CYCLE.state]))
+            if (key, state) in (("s", State.READY), ("r", State.STOPPED)):
+                self._said.append(desk.begin("start" if key == "s" else "reset", row))
+
+
+class Desk:
+    """What the terminal says to the loop: presses, a stop, a start or reset, the end."""
+
+    def __init__(self, supervisor: Supervisor, hold: Hold) -> None:
+        assert supervisor.layout is not None
+        self._supervisor, self._hold, self._folder = supervisor, hold, supervisor.run_folder
+        names = [entry["name"] for entry in supervisor.layout.meta["setpoints"]]
+        self._way, self._press = names.index(WAY), names.index(PRESS)
+        self._requests = RequestWriter(self._folder.requests)
+        self._told = self._asked = 0.0
+        self._number = -1.0
+        self._stop = self._over = False
+
+    def tell(self, row: Any) -> None:
+        """Tells the loop of the keys: a new press at once, that the terminal is there every `_TELL`."""
+        now = time.monotonic()
+        way, press = self._hold.told(now)
+        if now >= self._told + _TELL or (press[0] and press[0] != self._number):
+            self._told, self._number = now, float(press[0])
+            expires = round(self._hold.expires(now) * 1e9)
+            self._requests.send(RequestKind.SETPOINT, expires, self._way, way)
+            self._requests.send(RequestKind.SETPOINT, expires, self._press, press)
+        if self._stop and row is not None and int(row[CYCLE.latches]) & Latch.PERSON:
+            self._stop = False
+        if self._stop and now >= self._asked + _AGAIN:
+            self._asked = now
+            send_request(self._folder, "stop", timeout=0.0)
+
+    def stop(self) -> None:
+        """A person's stop: it is asked for until a row says that it stands."""
+        self._stop, self._asked = True, 0.0
+
+    def begin(self, what: str, row: Any) -> str:
+        """Asks for a start or reset, and returns what came of it. A stop after `row` refuses it."""
+        answer = send_request(self._folder, what, timeout=_ANSWER, since=int(row[CYCLE.wake]))
+        if answer is None:
+            return f"{what}: no answer in time"
+        return f"{what}: done" if answer["ok"] else f"{what} refused: {answer.get('error', '')}"
+
+    def end(self) -> None:
+        """The limb brakes and the run ends."""
+        if not self._over:
+            self._over = True
+            self._hold.key("end", time.monotonic())
+            self._supervisor.end()
+
+    def close(self) -> None:
+        """Lets go of the requests' file."""
+        self._requests.close()
