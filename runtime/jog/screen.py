@@ -14,6 +14,7 @@ from rich.text import Text
 
 MOVES: Final = "1-9, 0, up, down choose   hold left/right: move   Space, Esc stop   q end"
 _BAR: Final = 15  # columns
+_FREE: Final = 1000  # columns, more than any table takes
 
 
 @dataclass(frozen=True)
@@ -69,38 +70,47 @@ class View:
 
 def lines(view: View, width: int, height: int) -> list[str]:
     """The picture for a terminal of this size."""
+    console = Console(
+        file=io.StringIO(), width=width, force_terminal=True, color_system="standard", legacy_windows=False
+    )
+    free = console.options.update(width=_FREE)
+    table = _table(view, bool(view.load), True)
+    for load, bar in ((bool(view.load), False), (False, False)):
+        if console.measure(table, options=free).maximum > width:  # figures that are cut off can be misread
+            table = _table(view, load, bar)
+    chosen = view.joints[view.chosen]
+    console.print(Text(view.title, style="bold"), no_wrap=True, overflow="ellipsis")
+    console.print(Text(view.state, style="green" if view.well else "bold red"))
+    console.print(Text(view.help))
+    console.print()
+    console.print(table)
+    console.print()
+    console.print(Text(f"{chosen.name} moves at {chosen.speed:.3g} {chosen.unit}/s"))
+    console.print()
+    shown: list[str] = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
+    room = height - len(shown)
+    return [*shown, *(text[:width] for text in (list(view.said)[-room:] if room > 0 else ()))]
+
+
+def _table(view: View, load: bool, bar: bool) -> Table:
+    """The joints' figures; `load` and `bar`: whether these columns are there."""
     table = Table(box=None, pad_edge=False, padding=(0, 1), header_style="dim")
-    bounded = any(isfinite(j.lower) and isfinite(j.upper) and isfinite(j.actual) for j in view.joints)
-    heads = ["", "joint", "unit", "actual", "commanded" + "/s" * view.velocities, "lower", "upper", "speed/s"]
-    for name in heads + [view.load] * bool(view.load):
+    heads = ["", "joint", "unit", "actual", "commanded" + "/s" * view.velocities, "lower", "upper"]
+    for name in heads + [view.load] * load:
         table.add_column(name, justify="left" if name in ("", "joint", "unit") else "right", no_wrap=True)
-    wide = bounded and width >= 100
-    if wide:
+    if bar:
         table.add_column("lower .. upper", no_wrap=True)
     for i, joint in enumerate(view.joints):
         number = f"{(i + 1) % 10}" if i < 10 else " "
         cells: list[Any] = [f"{'>' if i == view.chosen else ' '} {number}", Text(joint.name), joint.unit]
-        figures = [joint.actual, joint.commanded, joint.lower, joint.upper]
-        cells += [_number(value) for value in figures] + [f"{joint.speed:.3g}"]
-        cells += [_number(joint.load, 2)] * bool(view.load) + [_bar(joint)] * wide
+        digits = 4 if joint.unit == "m" else 3
+        cells += [_number(each, digits) for each in (joint.actual, joint.commanded, joint.lower, joint.upper)]
+        cells += [_number(joint.load, 2)] * load + [_bar(joint)] * bar
         table.add_row(*cells, style="bold reverse" if i == view.chosen else "")
-    console = Console(
-        file=io.StringIO(), width=width, force_terminal=True, color_system="standard", legacy_windows=False
-    )
-    console.print(Text(view.title, style="bold"), no_wrap=True, overflow="ellipsis")
-    console.print(Text(view.state, style="green" if view.well else "bold red"))
-    console.print()
-    console.print(table)
-    console.print()
-    console.print(Text(view.help, style="dim"))
-    shown = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
-    room = height - len(shown) - 1
-    for text in list(view.said)[-room:] if room > 0 else ():
-        shown.append(text[:width])
-    return list(map(str, shown))
+    return table
 
 
-def _number(value: float, digits: int = 4) -> str:
+def _number(value: float, digits: int) -> str:
     if not isfinite(value):
         return "-"
     text = f"{value:.{digits}f}"
