@@ -32,7 +32,9 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 def run(args: argparse.Namespace) -> int:
     """Runs until q, a signal or the loss of the terminal. Returns 0, or 1 after a fault."""
     from runtime.cli.check import check_certificates, check_guards
+    from runtime.cli.console import Console
     from runtime.contracts.errors import RequestError
+    from runtime.ipc.events import Level
     from runtime.jog.cut import cut
     from runtime.jog.session import Session
     from runtime.profile import profile
@@ -44,10 +46,9 @@ def run(args: argparse.Namespace) -> int:
     name = args.instance or made.profile.name
     if not re.match(profile.SLUG, name):
         raise RequestError("--instance", f"'{name}' is no name", "Use lower-case letters, digits, - and _")
-    for doubt in made.graph.doubts:
-        print(f"srl: doubted: {doubt}", file=sys.stderr)
+    console = Console(sys.stderr)  # it neither waits for a terminal nor fails once that has gone
 
     def say(text: str) -> None:
-        print(f"srl: {text}", file=sys.stderr, flush=True)
+        console.say(text, Level.INFO)
 
     return Session(made, name, args.sim, arming.automatic(made.graph, args.confirm), args.step, say).run()

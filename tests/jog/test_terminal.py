@@ -1,0 +1,225 @@
+"""`srl jog` on a terminal of its own (a pty), in real time: keys, stops, and what becomes of the limb without it."""
+
+from __future__ import annotations
+
+import os
+import pty
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.run import call, environment, srl
+from helpers.wait import until
+
+from runtime.contracts.signals import Array
+from runtime.control.setpoint.jog import HOLD
+from runtime.ipc.layout import Layout, Words
+from runtime.ipc.ring import RingReader
+from runtime.ipc.run_folder import RunFolder
+from runtime.ipc.words import CYCLE, Cause, Latch, State
+
+pytestmark = pytest.mark.slow
+
+RIGHT, LEFT = b"\x1b[C", b"\x1b[D"
+# The pty becomes the terminal that controls the session: so its loss is a hangup, and Ctrl-Z a signal.
+TAKE = "import fcntl, os, sys, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0); os.execv(sys.argv[1], sys.argv[1:])"
+CONTROLLED = [sys.executable, "-c", TAKE]
+APPLIED = "finger.position_command.applied"
+
+
+class Jogging:
+    """The command on a pty, whose rows are read from the run folder."""
+
+    def __init__(self, folder: Path, alone: bool) -> None:
+        """`alone`: the messages go to the terminal, too, as a person has it."""
+        self.folder = RunFolder(folder / "run" / "servo-jog")
+        self.terminal, theirs = pty.openpty()
+        self.process = subprocess.Popen(
+            [*CONTROLLED, *srl("jog", "servo-jog", "--sim")], env=environment(folder) | {"TERM": "xterm"}, cwd=folder,
+            stdin=theirs, stdout=subprocess.PIPE, stderr=theirs if alone else subprocess.PIPE, text=True,
+            start_new_session=True,
+        )  # fmt: skip
+        os.close(theirs)
+        os.set_blocking(self.terminal, False)
+        self.screen = b""
+        self.said = ""
+
+    def step(self) -> None:
+        """Reads what is on the screen: a terminal that nobody reads fills up."""
+        assert self.process.poll() is None, self.process.communicate()
+        try:
+            self.screen = (self.screen + os.read(self.terminal, 65536))[-20000:]
+        except BlockingIOError:
+            pass
+        time.sleep(0.002)
+
+    def until(self, condition: Callable[[], object], what: str) -> None:
+        until(condition, self.step, what=what)
+
+    def begun(self) -> None:
+        self.until(lambda: self.folder.layout.exists() and self.folder.rows.exists(), "the run")
+        self.layout = Layout.load(self.folder.layout)
+        self.reader = RingReader(self.folder.rows)
+        self.until(lambda: b"active" in self.screen, "the screen")
+        self.until(lambda: self.state is State.ACTIVE, "motion may begin")
+        begun = self.reader.head
+        self.until(lambda: self.reader.head > begun + 30, "time in which no key is held")
+
+    @property
+    def row(self) -> Words:
+        row = self.reader.newest()
+        assert row is not None
+        return row
+
+    @property
+    def state(self) -> State:
+        return State(int(self.row[CYCLE.state]))
+
+    def type(self, data: bytes) -> None:
+        os.write(self.terminal, data)
+
+    def hold(self, data: bytes, presses: int) -> None:
+        """A key that is held: each repeat follows once its press has arrived."""
+        for _ in range(presses):
+            self.reader.take()
+            before = self.pressed([self.row])
+            seen: list[Words] = []
+            self.type(data)
+            self.until(lambda seen=seen, b=before: seen.extend(self.reader.take()) or self.pressed(seen) > b, "a press")
+
+    def pressed(self, rows: Sequence[Words]) -> float:
+        """The number of the newest press in these rows."""
+        return max((float(self.layout.value(row, "terminal.press")[0]) for row in rows), default=0.0)
+
+    def taken(self) -> Words:
+        """All rows."""
+        return np.array(RingReader(self.folder.rows).take(1 << 20))
+
+    def ended(self, code: int = 0) -> None:
+        end = time.monotonic() + 30.0
+        while self.process.poll() is None and time.monotonic() < end:
+            try:
+                os.read(self.terminal, 65536)
+            except OSError:
+                pass
+            time.sleep(0.01)
+        out, self.said = self.process.communicate(timeout=1)
+        assert self.process.returncode == code, (self.process.returncode, out, self.said)
+        self.said = self.said or ""
+        assert "Traceback" not in self.said
+
+    def hang_up(self) -> None:
+        os.close(self.terminal)
+        self.terminal = -1
+
+
+@contextmanager
+def jogging(folder: Path, alone: bool = False) -> Iterator[Jogging]:
+    made = Jogging(folder, alone)
+    try:
+        yield made
+    finally:
+        if made.process.poll() is None:
+            os.killpg(made.process.pid, signal.SIGKILL)
+            made.process.communicate()
+        if made.terminal >= 0:
+            os.close(made.terminal)
+
+
+def brakes(layout: Layout, rows: Words) -> float:
+    """s of the loop's time from the row that saw the last press to the last row in which the command changed."""
+    press = layout.value(rows, "terminal.press")[:, 0]
+    commanded: Array = layout.value(rows, APPLIED)
+    now = rows[:, CYCLE.now]
+    last = int(np.flatnonzero(press == np.nanmax(press))[0])
+    moved = np.flatnonzero(np.abs(np.diff(commanded, axis=0)).max(axis=1) > 0.0)
+    return float(now[moved[-1] + 1] - now[last]) / 1e9
+
+
+def test_keys_move_and_stop_and_reset(tmp_path: Path) -> None:
+    with jogging(tmp_path) as run:
+        run.type(RIGHT)  # before it takes the keys: it counts for nothing
+        run.begun()
+        rows = run.taken()
+        assert np.ptp(run.layout.value(rows, APPLIED)[10:], axis=0).max() == 0.0
+        run.hold(RIGHT, 20)
+        run.until(lambda: not float(run.layout.value(run.row, "terminal.press")[0]), "no press")
+        place = float(run.layout.value(run.row, APPLIED)[0])
+        assert place > HOLD * 0.1  # more than one tap
+        run.type(b" ")
+        run.until(lambda: run.state is State.STOPPED, "the stop")
+        assert Latch(int(run.row[CYCLE.latches])) == Latch.PERSON
+        run.type(RIGHT * 3)
+        run.until(lambda: b"latched: person" in run.screen, "the stop on the screen")
+        still = len(run.taken())
+        run.until(lambda: len(run.taken()) > still + 50, "rows of the stop")
+        stopped = run.taken()[still:]
+        assert np.ptp(run.layout.value(stopped, APPLIED), axis=0).max() == 0.0
+        run.type(b"r")
+        run.until(lambda: run.state is State.ACTIVE, "the reset")
+        run.type(b"\x1b")
+        run.until(lambda: run.state is State.STOPPED, "the stop by Esc")
+        run.type(b"q")
+        run.ended()
+        assert "q was pressed" in run.said
+        rows = run.taken()
+        velocity = np.diff(run.layout.value(rows, APPLIED)[:, 0])
+        assert velocity.max() <= 0.1 * 0.01 * 1.01 * max(1, int(rows[:, CYCLE.dt].max() / 1e7))
+
+
+ENDS: dict[str, tuple[Callable[[Jogging], object], str]] = {
+    "end of input": (lambda run: run.type(b"\x04"), "the input has ended"),
+    "hangup": (lambda run: run.hang_up(), ""),
+    "suspended": (lambda run: run.type(b"\x1a"), "about to be suspended"),
+    "focus lost": (lambda run: run.type(b"\x1b[O"), "lost the focus"),
+    "Ctrl-C": (lambda run: run.type(b"\x03"), ""),
+    "terminated": (lambda run: run.process.terminate(), ""),
+}
+
+
+@pytest.mark.parametrize("end", ENDS)
+def test_the_loss_of_the_terminal_brakes_and_ends(end: str, tmp_path: Path) -> None:
+    act, words = ENDS[end]
+    with jogging(tmp_path, alone=end == "hangup") as run:
+        run.begun()
+        run.hold(RIGHT, 5)
+        act(run)
+        run.ended()
+        assert words in run.said
+        rows = run.taken()
+        assert State(int(rows[-1][CYCLE.state])) is State.ENDED
+        assert brakes(run.layout, rows) < 0.3
+        assert not RunFolder(run.folder.path).is_claimed()
+
+
+def test_a_terminal_process_that_is_frozen_moves_nothing_more(tmp_path: Path) -> None:
+    with jogging(tmp_path) as run:
+        run.begun()
+        run.hold(RIGHT, 5)
+        os.kill(run.process.pid, signal.SIGSTOP)
+        until(lambda: run.state is State.STOPPED, what="the stop by the loop itself")
+        assert Cause(int(run.row[CYCLE.cause])) is Cause.INTENT_LOSS
+        assert brakes(run.layout, run.taken()) < 0.3
+        os.kill(run.process.pid, signal.SIGCONT)
+        run.type(b"q")
+        run.ended(code=1)
+
+
+def test_one_instance_runs_once(tmp_path: Path) -> None:
+    with jogging(tmp_path) as run:
+        run.begun()
+        done = call(tmp_path, "run", "servo-jog", "--sim", code=2)
+        assert "it is running already" in done.stderr
+        with jogging(tmp_path) as other:
+            until(lambda: other.process.poll() is not None)
+            _, said = other.process.communicate()
+            assert "it is running already" in said
+            assert other.process.returncode == 2
+        run.type(b"q")
+        run.ended()
