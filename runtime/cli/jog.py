@@ -33,6 +33,7 @@ def run(args: argparse.Namespace) -> int:
     """Runs until q, a signal or the loss of the terminal. Returns 0, or 1 after a fault."""
     from runtime.cli.check import check_certificates, check_guards
     from runtime.cli.console import Console
+    from runtime.cli.run import check_names
     from runtime.contracts.errors import RequestError
     from runtime.ipc.events import Level
     from runtime.jog.cut import cut
@@ -40,6 +41,7 @@ def run(args: argparse.Namespace) -> int:
     from runtime.profile import profile
     from runtime.service import arming
 
+    check_names()
     made = cut(*profile.load(args.profile, args.set), args.device, args.speed, args.sim)
     check_guards(made.graph)
     check_certificates(made.graph)

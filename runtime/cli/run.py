@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _run(args: argparse.Namespace, signals: EndSignals, status: Status) -> int:
-    _check_names()
+    check_names()
     status.wait(f"{args.profile}: its parts are put together")
     checked, source = profile.load(args.profile, wearer.overrides(args.profile, args.set, args.wearer))
     graph = wiring.build(checked, source, args.sim)
@@ -230,7 +230,7 @@ def _check_arguments(args: argparse.Namespace, graph: Graph) -> None:
         raise RequestError("--figure", f"'{args.figure.name}' isn't named as a picture", "Name it like run.png")
 
 
-def _check_names() -> None:
+def check_names() -> None:
     """Checks that our packages are imported from here: their names are common, so others could take their place."""
     import importlib.util
 

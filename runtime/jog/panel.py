@@ -27,6 +27,7 @@ class Panel:
         self._cut, self._layout = cut, layout
         self._actuator = cut.actuator
         device = cut.graph.devices[cut.actuator.device].name
+        self._begun = False  # before that nothing is commanded
         self._title = f"srl jog {instance}: {device}" + " (simulated)" * (device in cut.graph.simulated)
         self._names = tuple(cut.speed)
         feedback = cut.actuator.command.feedback
@@ -38,7 +39,9 @@ class Panel:
 
     def view(self, row: Any, chosen: int, said: Sequence[str]) -> View:
         """The view of a row (width,)."""
-        commanded = self._of(row, f"{self._actuator.name}.applied")
+        state, cause = State(int(row[CYCLE.state])), Cause(int(row[CYCLE.cause]))
+        self._begun = self._begun or state in (State.HOMING, State.ACTIVE, State.STOPPING)
+        commanded = self._of(row, f"{self._actuator.name}.applied" if self._begun else None)
         actual, load = self._of(row, self._feedback), self._of(row, self._load)
         joints = [
             Joint(
@@ -47,7 +50,6 @@ class Panel:
             )
             for i, name in enumerate(self._names)
         ]  # fmt: skip
-        state, cause = State(int(row[CYCLE.state])), Cause(int(row[CYCLE.cause]))
         culprit = self._layout.culprit(cause, int(row[CYCLE.culprit]))
         text = state.name.lower()
         if cause:

@@ -6,6 +6,7 @@ import io
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import isfinite
+from textwrap import wrap
 from typing import Any, Final
 
 from rich.console import Console
@@ -89,7 +90,8 @@ def lines(view: View, width: int, height: int) -> list[str]:
     console.print()
     shown: list[str] = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
     room = height - len(shown)
-    return [*shown, *(text[:width] for text in (list(view.said)[-room:] if room > 0 else ()))]
+    said = [line for text in view.said for line in wrap(text, width)]
+    return [*shown, *(said[-room:] if room > 0 else ())]
 
 
 def _table(view: View, load: bool, bar: bool) -> Table:

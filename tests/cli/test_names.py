@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from runtime.cli.run import _check_names
+from runtime.cli.run import check_names
 from runtime.contracts.errors import HostError
 
 
 def test_our_own_packages_are_found() -> None:
-    _check_names()
+    check_names()
 
 
 def test_a_foreign_package_of_our_name_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -25,4 +25,4 @@ def test_a_foreign_package_of_our_name_is_refused(tmp_path: Path, monkeypatch: p
         importlib.util, "find_spec", lambda name, *rest: foreign if name == "sim" else real(name, *rest)
     )
     with pytest.raises(HostError, match="package 'sim'"):
-        _check_names()
+        check_names()

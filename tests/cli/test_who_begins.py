@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
-
 import pytest
 
-from runtime.cli.run import _automatic
 from runtime.profile import profile, wiring
+from runtime.service.arming import automatic
 
 
 @pytest.mark.parametrize("name", ["human-srl", "human-srl-two", "human-srl-task"])
 @pytest.mark.parametrize(("sim", "begins"), [(None, False), (["suit"], False), ([], True)])
 def test_a_worn_arm_waits_unless_nothing_is_real(name: str, sim: list[str] | None, begins: bool) -> None:
-    assert _automatic(Namespace(confirm=True), wiring.build(*profile.load(name), sim))[0] is begins
+    assert automatic(wiring.build(*profile.load(name), sim), True)[0] is begins
 
 
 def test_a_device_that_is_named_twice_counts_once() -> None:
     graph = wiring.build(*profile.load("human-srl"), ["suit", "suit"])
     assert graph.simulated == ["suit"]
-    assert not _automatic(Namespace(confirm=True), graph)[0], "the arm is real"
+    assert not automatic(graph, True)[0], "the arm is real"
 
 
 def test_a_simulation_waits_if_it_is_told_to() -> None:
     graph = wiring.build(*profile.load("human-srl", ["sim.start=manual"]), [])
-    assert not _automatic(Namespace(confirm=True), graph)[0]
+    assert not automatic(graph, True)[0]
