@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.run import call, environment, srl
+from helpers.run import alive, call, environment, srl
 from helpers.wait import until
 
 from runtime.contracts.signals import Array
@@ -36,12 +36,12 @@ APPLIED = "finger.position_command.applied"
 class Jogging:
     """The command on a pty, whose rows are read from the run folder."""
 
-    def __init__(self, folder: Path, alone: bool) -> None:
+    def __init__(self, folder: Path, alone: bool, arguments: Sequence[str]) -> None:
         """`alone`: the messages go to the terminal, too, as a person has it."""
         self.folder = RunFolder(folder / "run" / "servo-jog")
         self.terminal, theirs = pty.openpty()
         self.process = subprocess.Popen(
-            [*CONTROLLED, *srl("jog", "servo-jog", "--sim")], env=environment(folder) | {"TERM": "xterm"}, cwd=folder,
+            [*CONTROLLED, *srl("jog", "servo-jog", "--sim", *arguments)], env=environment(folder), cwd=folder,
             stdin=theirs, stdout=subprocess.PIPE, stderr=theirs if alone else subprocess.PIPE, text=True,
             start_new_session=True,
         )  # fmt: skip
@@ -63,10 +63,9 @@ class Jogging:
         until(condition, self.step, what=what)
 
     def begun(self) -> None:
-        self.until(lambda: self.folder.layout.exists() and self.folder.rows.exists(), "the run")
+        self.until(lambda: b"active" in self.screen, "the screen")
         self.layout = Layout.load(self.folder.layout)
         self.reader = RingReader(self.folder.rows)
-        self.until(lambda: b"active" in self.screen, "the screen")
         self.until(lambda: self.state is State.ACTIVE, "motion may begin")
         begun = self.reader.head
         self.until(lambda: self.reader.head > begun + 30, "time in which no key is held")
@@ -114,14 +113,20 @@ class Jogging:
         self.said = self.said or ""
         assert "Traceback" not in self.said
 
+    @property
+    def loop(self) -> int:
+        """The process id of the loop."""
+        (found,) = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
+        return int(found)
+
     def hang_up(self) -> None:
         os.close(self.terminal)
         self.terminal = -1
 
 
 @contextmanager
-def jogging(folder: Path, alone: bool = False) -> Iterator[Jogging]:
-    made = Jogging(folder, alone)
+def jogging(folder: Path, *arguments: str, alone: bool = False) -> Iterator[Jogging]:
+    made = Jogging(folder, alone, arguments)
     try:
         yield made
     finally:
@@ -143,8 +148,10 @@ def brakes(layout: Layout, rows: Words) -> float:
 
 
 def test_keys_move_and_stop_and_reset(tmp_path: Path) -> None:
-    with jogging(tmp_path) as run:
+    with jogging(tmp_path, "--set", "start=manual") as run:
         run.type(RIGHT)  # before it takes the keys: it counts for nothing
+        run.until(lambda: b"s start" in run.screen, "the screen")
+        run.type(b"s")
         run.begun()
         rows = run.taken()
         assert np.ptp(run.layout.value(rows, APPLIED)[10:], axis=0).max() == 0.0
@@ -209,6 +216,23 @@ def test_a_terminal_process_that_is_frozen_moves_nothing_more(tmp_path: Path) ->
         os.kill(run.process.pid, signal.SIGCONT)
         run.type(b"q")
         run.ended(code=1)
+
+
+def test_the_death_of_the_loop_and_of_the_terminals_process_ends_it(tmp_path: Path) -> None:
+    with jogging(tmp_path) as run:
+        run.begun()
+        os.kill(run.loop, signal.SIGKILL)
+        run.ended(code=1)
+        assert "find the cause before the next run" in run.said
+    with jogging(tmp_path) as run:
+        run.begun()
+        loop = run.loop
+        run.hold(RIGHT, 5)
+        run.process.kill()
+        until(lambda: not alive(loop), what="the end of the loop")
+        assert State(int(run.row[CYCLE.state])) is State.ENDED
+        assert brakes(run.layout, run.taken()) < 0.3
+        run.process.communicate()
 
 
 def test_one_instance_runs_once(tmp_path: Path) -> None:
