@@ -1,7 +1,8 @@
 """The part of a profile that `srl jog` runs: one device under its own guard, and a law that takes the keys.
 
-The guard's limits, the stop, the reactions to faults, the rate and the clock stay as they are. Emergency inputs stay,
-with the devices that give them if these only measure. Everything else is left out.
+The guard's limits, the stop, the reactions to faults, the rate and the clock stay as they are, but for `retract`: the
+limb holds instead. Emergency inputs stay, with the devices that give them if these only measure. Everything else is
+left out.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import Any, Final
 from runtime.contracts import registry
 from runtime.contracts.driver import Driver
 from runtime.contracts.errors import ProfileError, RequestError, WiringError, nearest
-from runtime.contracts.signals import Command, Kind
+from runtime.contracts.signals import Command, Kind, Stop
 from runtime.contracts.terms import PLANAR_TWIST
 from runtime.control.setpoint.jog import HOLD
 from runtime.profile import profile, wiring
@@ -157,8 +158,15 @@ def _part(
         PRESS: {"shape": [1], "unit": "1", "max_age": SILENCE},
     }
     plain["guard"] = {name: entry for name, entry in (whole.get("guard") or {}).items() if name == command}
-    plain["stop"] = {name: entry for name, entry in (whole.get("stop") or {}).items() if name == device}
-    plain["emergency"] = [whole["emergency"][i] for i in stays]
+    # Nothing goes home by itself while a lab still finds out which way is which.
+    stop = {name: entry for name, entry in (whole.get("stop") or {}).items() if name == device}
+    plain["stop"] = {name: str(Stop.HOLD) if entry == Stop.RETRACT else entry for name, entry in stop.items()}
+    faults = (whole.get("faults") or {}).items()
+    plain["faults"] = {name: "stop" if entry == Stop.RETRACT else entry for name, entry in faults}
+    plain["emergency"] = [dict(whole["emergency"][i]) for i in stays]
+    for entry in plain["emergency"]:
+        if entry.get("category") == Stop.RETRACT:
+            entry["category"] = "stop"
     if plain.get("clock") not in kept:
         plain.pop("clock", None)
     plain["frames"] = frames_left(checked, whole.get("frames") or {}, kept, [], sim)

@@ -188,6 +188,7 @@ class Desk:
         self._way, self._press = names.index(WAY), names.index(PRESS)
         self._requests = RequestWriter(self._folder.requests)
         self._told = self._asked = 0.0
+        self._since = 0  # CLOCK_MONOTONIC ns: when the stop was asked for first
         self._number = -1.0
         self._stop = self._over = False
 
@@ -200,11 +201,14 @@ class Desk:
             expires = round(self._hold.expires(now) * 1e9)
             self._requests.send(RequestKind.SETPOINT, expires, self._way, way)
             self._requests.send(RequestKind.SETPOINT, expires, self._press, press)
-        if self._stop and row is not None and int(row[CYCLE.latches]) & Latch.PERSON:
-            self._stop = False
         if self._stop and now >= self._asked + _AGAIN:
+            if not self._asked:
+                self._since = time.monotonic_ns()
             self._asked = now
             send_request(self._folder, "stop", timeout=0.0)
+        elif self._stop and row is not None and int(row[CYCLE.latches]) & Latch.PERSON:
+            # A row from before the stop may show the latch that a reset has just released.
+            self._stop = int(row[CYCLE.wake]) <= self._since
 
     def stop(self) -> None:
         """A person's stop: it is asked for until a row says that it stands."""

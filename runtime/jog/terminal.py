@@ -40,6 +40,11 @@ class Terminal:
             self._descriptor = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
         except OSError as error:
             raise HostError("the terminal", f"it can't be opened: {error.strerror}", "Use another one") from None
+        with contextlib.suppress(OSError):  # it doesn't control this session: then there are no jobs either
+            if os.tcgetpgrp(self._descriptor) != os.getpgrp():
+                os.close(self._descriptor)
+                remedy = "Run it in the foreground, without &"
+                raise RequestError("the terminal", "it belongs to another job: the keys would go there", remedy)
         self.gone = ""
         self._keys, self._left = Keys(), b""
         self._before: list[Any] = []

@@ -9,7 +9,7 @@ import pytest
 from helpers.run import refused
 
 from runtime.contracts.errors import SrlError
-from runtime.contracts.signals import Array, Kind
+from runtime.contracts.signals import Array, Kind, Stop
 from runtime.control.setpoint.jog import HOLD
 from runtime.ipc.requests import RequestKind
 from runtime.ipc.words import DEVICE, LINK_CONNECTED, State
@@ -210,21 +210,30 @@ def test_the_guard_and_the_stop_are_the_profiles() -> None:
         assert list(found.devices) == [owner]
 
 
+def test_no_stop_sends_the_limb_home() -> None:
+    homes = [f"devices.finger.motors.{name}.home=0.5" for name in ("proximal", "distal")]
+    switch = "emergency=[{signal: panel.buttons, element: red, category: retract}]"
+    given = (*homes, BUTTONS, switch, "stop.finger=retract", "faults={bus-loss: retract, intent-loss: retract}")
+    whole = profile.load("servo-jog", given)
+    found = cut(*whole, None, 0.1, False).profile
+    assert whole[0].stop["finger"] is Stop.RETRACT
+    assert found.stop["finger"] is Stop.HOLD
+    assert (found.faults.bus_loss, found.faults.intent_loss) == ("stop", "stop")
+    assert found.emergency[0].category == "stop"
+
+
 def test_sliding_joints_move_at_a_fifth_and_none_faster_than_the_guard() -> None:
     assert made("base-jog", speed=0.5).speed == pytest.approx({"vx": 0.1, "vy": 0.1, "wz": 0.4})
     assert made("strap-jog").speed["j5"] == pytest.approx(0.02)
     assert made("ur-jog", speed=0.5).speed["elbow"] == 0.3
 
 
-BUTTONS = (
-    "devices.panel={driver: firmata, port: /dev/ttyACM1, buttons: {red: {pin: 2}}}",
-    "sim.devices={panel: {person: nobody}}",
-)
+BUTTONS = "devices.panel={driver: firmata, port: /dev/ttyACM1, buttons: {red: {pin: 2}}}"
 
 
 def test_emergency_inputs_stay_with_devices_that_only_measure() -> None:
     switch = "emergency=[{signal: panel.buttons, element: red}, {signal: client.position, element: distal}]"
-    found = cut(*profile.load("servo-jog", (BUTTONS[0], switch)), None, 0.1, False)
+    found = cut(*profile.load("servo-jog", (BUTTONS, switch)), None, 0.1, False)
     assert set(found.profile.devices) == {"finger", "panel"}
     assert [entry.signal for entry in found.profile.emergency] == ["panel.buttons"]
     assert found.left_out == ("client.position",)
