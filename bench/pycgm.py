@@ -42,7 +42,7 @@ def run() -> list[Row]:
     body, _ = identify(average(_STATURE), {n: 1e-3 * p for n, p in static.items()}, plug_in_gait(_MEASURES))
     fit, everything = MarkerFit(body), np.ones(len(body.markers), bool)
     points = 1e-3 * np.array([[row[name] for name in fit.names] for row in rows])
-    if not fit.solve(points[0], everything, starts=6):
+    if not all(fit.solve(points[0], everything, starts=6) for _ in range(20)):  # until its labels are sure
         raise RuntimeError("the recording's first frame doesn't fit its person")
 
     def ours() -> dict[str, float]:
