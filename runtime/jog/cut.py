@@ -32,6 +32,8 @@ SPEED: Final = 0.1  # rad/s
 FASTEST: Final = 0.5  # rad/s
 SLIDES: Final = 5  # a joint that slides moves at a fifth of the number, in m/s
 RAMP: Final = 0.05  # s in which a joint comes to its speed, if the guard lets it
+COAST: Final = 0.3  # s in which a joint brakes, at most: from a higher speed it would go on too far
+SLOWEST: Final = 20.0  # Hz of the loop, below which a press can't be timed
 _DROPPED: Final = ("setpoints", "reset", "record", "bus")
 
 
@@ -73,6 +75,9 @@ def cut(checked: Profile, source: Source, device: str | None, speed: float, sim:
         problem = f"{speed:g} rad/s is out of bounds"
         remedy = f"Give more than 0 and at most {FASTEST:g}; joints that slide move at a fifth of it, in m/s"
         raise RequestError("--speed", problem, remedy)
+    if checked.rate < SLOWEST:
+        problem = f"at {float(checked.rate):g} Hz a key's press can't be timed"
+        raise RequestError(source.place("rate"), problem, f"Jog at {SLOWEST:g} Hz or more: --set rate={SLOWEST:g}")
     parts = Builder(checked, source, [] if sim else None)
     name = device if device is not None else _only(parts)
     if name not in checked.devices:
@@ -195,6 +200,7 @@ def _law(
         ramps[joint] = speeds[joint] / RAMP
         if limits is not None and limits.acceleration is not None:
             ramps[joint] = min(ramps[joint], share * float(limits.acceleration.flat[i]))
+        speeds[joint] = min(speeds[joint], COAST * ramps[joint])
         if not (speeds[joint] > 0.0 and ramps[joint] > 0.0):
             place = source.place(f"guard.{name}")
             raise ProfileError(place, f"it lets '{joint}' not move at all", "Give it a velocity and an acceleration")

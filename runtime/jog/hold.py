@@ -10,7 +10,7 @@ import numpy as np
 
 from runtime.contracts.signals import Array
 
-PAUSE: Final = 0.6  # s without a key that end a step: consoles repeat a held key after 0.5 s at the latest
+PAUSE: Final = 0.8  # s without a key that end a step: consoles repeat a held key after 0.25 to 0.7 s by default
 _WAYS: Final = {"left": -1.0, "right": 1.0}
 
 

@@ -9,12 +9,13 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from runtime.contracts.files import encoded
+from runtime.contracts.signals import Stop
 from runtime.ipc import latches
 from runtime.ipc.control_socket import send_request
 from runtime.ipc.launch import Launch
 from runtime.ipc.requests import RequestKind, RequestWriter
 from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.words import CYCLE, Cause, Latch, State
+from runtime.ipc.words import CYCLE, LINK_ACTIVE, Cause, Latch, State
 from runtime.jog.cut import PRESS, WAY, Cut
 from runtime.jog.hold import Hold
 from runtime.jog.panel import Panel
@@ -47,7 +48,8 @@ class Session:
             say: takes a line of text while the terminal isn't taken.
         """
         self._cut, self._name, self._sim, self._say = cut, name, sim, say
-        self._automatic, self._advice = arm
+        # Somebody has to read that a switch can't stop this run.
+        self._automatic, self._advice = arm[0] and not cut.left_out, arm[1]
         fresh = max(FRESH, 1.5 / float(cut.profile.rate))
         self._hold = Hold(tuple(cut.speed), fresh, step)
         self._said: deque[str] = deque(maxlen=_KEPT)
@@ -175,7 +177,22 @@ class Session:
         elif key in ("s", "r") and row is not None:
             state = State(int(row[CYCLE.state]))
             if (key, state) in (("s", State.READY), ("r", State.STOPPED)):
-                self._said.append(desk.begin("start" if key == "s" else "reset", row))
+                refusal = self._reset_refused(row) if key == "r" else ""
+                self._said.append(refusal or desk.begin("start" if key == "s" else "reset", row))
+
+    def _reset_refused(self, row: Any) -> str:
+        """Why a reset can't be asked for here; "" if it can."""
+        if self._cut.left_out and int(row[CYCLE.latches]) & Latch.EMERGENCY:
+            return f"reset refused: the emergency input '{self._cut.left_out[0]}' isn't read here; use `srl run`"
+        actuator = self._cut.actuator
+        if actuator.command.feedback is not None:
+            return ""
+        device = self._cut.graph.devices[actuator.device].name
+        limp = self._cut.profile.stop.get(device) == Stop.LIMP
+        # It would go home by itself, or at once: nothing knows where it is.
+        if limp or not int(self._cut.graph.layout.word(row, f"{device}.link")) & LINK_ACTIVE:
+            return "reset refused: nothing measures where the limb is now. End (q), put it near its home, jog again"
+        return ""
 
 
 class Desk:

@@ -10,7 +10,7 @@ from helpers.run import refused
 
 from runtime.contracts.errors import SrlError
 from runtime.contracts.signals import Array, Kind, Stop
-from runtime.control.setpoint.jog import HOLD
+from runtime.control.setpoint.jog import HOLD, REST
 from runtime.ipc.requests import RequestKind
 from runtime.ipc.words import DEVICE, LINK_CONNECTED, State
 from runtime.jog.cut import PRESS, WAY, Cut, cut
@@ -41,7 +41,7 @@ class Run:
         self.words = row.devices[cut.graph.layout.devices.index("terminal")]
         self.words[DEVICE.stamp], self.words[DEVICE.link] = -1, LINK_CONNECTED
         self.states = set[State]()
-        self.go(0.2)
+        self.go(REST + 0.2)
 
     def type(self, data: bytes, after: float = 0.0) -> None:
         self.typed.append((self.now + after, data))
@@ -194,8 +194,27 @@ def test_a_stop_holds_whatever_is_pressed_and_a_reset_moves_nothing() -> None:
     run.go(0.1)
     assert np.ptp(run.go(0.3), axis=0).max() == 0.0
     run.lockstep.step(RequestKind.RESET)
-    assert np.ptp(run.go(0.4), axis=0).max() < 0.01  # it begins at the measured place, and the key is still held
+    assert np.ptp(run.go(3.0), axis=0).max() < 0.01  # it begins at the measured place, and the key is still held
     assert run.lockstep.cycle.machine.state is State.ACTIVE
+
+
+def test_a_key_that_is_pressed_just_before_a_reset_moves_nothing_while_it_is_held() -> None:
+    """Its first repeat comes half a second later: that isn't a new press."""
+    run = Run(made("servo-jog"))
+    run.lockstep.step(RequestKind.STOP)
+    run.go(0.1)
+    run.held(RIGHT, 3.0)
+    run.go(0.1)
+    run.lockstep.step(RequestKind.RESET)
+    assert np.ptp(run.go(2.5), axis=0).max() < 0.01
+    assert run.lockstep.cycle.machine.state is State.ACTIVE
+
+
+def test_no_joint_goes_on_for_long_and_no_slow_loop_times_a_press() -> None:
+    fast = made("ur-jog", *(f"guard.arm.velocity_command.{k}" for k in ("acceleration=0.2", "velocity=1.0")), speed=0.5)
+    assert max(fast.speed.values()) <= 0.2 * 0.3 * 1.001
+    with pytest.raises(SrlError, match="at 10 Hz a key's press can't be timed"):
+        made("servo-jog", "rate=10")
 
 
 def test_the_guard_and_the_stop_are_the_profiles() -> None:
@@ -223,7 +242,7 @@ def test_no_stop_sends_the_limb_home() -> None:
 
 
 def test_sliding_joints_move_at_a_fifth_and_none_faster_than_the_guard() -> None:
-    assert made("base-jog", speed=0.5).speed == pytest.approx({"vx": 0.1, "vy": 0.1, "wz": 0.4})
+    assert made("base-jog", speed=0.5).speed == pytest.approx({"vx": 0.09, "vy": 0.09, "wz": 0.12})
     assert made("strap-jog").speed["j5"] == pytest.approx(0.02)
     assert made("ur-jog", speed=0.5).speed["elbow"] == 0.3
 

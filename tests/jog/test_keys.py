@@ -80,7 +80,7 @@ def test_joints_are_chosen_by_number_and_by_turns() -> None:
 def test_a_step_is_one_press_until_the_key_is_let_go() -> None:
     hold = Hold(("a",), 0.03, step=True)
     presses, now = [], 0.0
-    for pause in (0.5, *[0.033] * 20, 0.7, 0.033):  # a console's first repeat, the others, let go, again
+    for pause in (0.5, *[0.033] * 20, 0.9, 0.033):  # a console's first repeat, the others, let go, again
         hold.key("right", now)
         presses.append(told(hold, now)[1])
         now += pause

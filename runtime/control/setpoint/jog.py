@@ -13,6 +13,7 @@ from runtime.contracts.per_element import Positive
 from runtime.contracts.signals import Signal
 
 HOLD: Final = 0.12  # s of motion that one press gives
+REST: Final = 1.2  # s without a press after a reset: longer than any console waits before it repeats a held key
 
 
 class JogConfig(ControllerConfig):
@@ -40,7 +41,7 @@ class Jog(Controller):
     `q` (n,) and `q_velocity` (n,), or `velocity` (n,), in the command's units.
 
     A position is commanded from the applied one on, so it never runs ahead of what the guard allows. After a reset the
-    joints stand until `press` has been 0 for `hold`: a key that is held through a reset moves nothing.
+    joints stand until `press` has been 0 for REST: a key that is held through a reset moves nothing.
     """
 
     Config = JogConfig
@@ -66,11 +67,11 @@ class Jog(Controller):
         self._acceleration = np.array([config.acceleration[joint] for joint in joints])
         self._way, self._v = np.zeros(n), np.zeros(n)
         self._press = self._left = 0.0
-        self._rest = config.hold  # s without a press that are still needed after a reset
+        self._rest = REST  # s without a press that are still needed after a reset
 
     def reset(self) -> None:
         self._v[:] = 0.0
-        self._left, self._rest = 0.0, self._hold
+        self._left, self._rest = 0.0, REST
         if self._position:
             q = self.output["q"]
             q[:] = self.applied.get("q", q)
@@ -99,7 +100,7 @@ class Jog(Controller):
         if not isfinite(press) or not np.isfinite(way).all():
             press = 0.0
         if self._rest > 0.0:
-            self._rest = self._hold if press else self._rest - dt
+            self._rest = REST if press else self._rest - dt
         elif press and press != self._press:
             self._way, self._left = np.clip(way, -1.0, 1.0), self._hold
         self._press = press or self._press
