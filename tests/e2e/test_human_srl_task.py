@@ -11,6 +11,7 @@ from helpers.run import call, summary
 
 from runtime.control.operation.law import Mode
 from runtime.control.operation.record import TaskRecord
+from runtime.control.shared import record_file
 from runtime.recording.reader import read
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
@@ -57,7 +58,7 @@ def test_task_is_calibrated_and_run_from_its_file(tmp_path: Path) -> None:
     told = json.loads(done.stdout)
     assert told["simulated"] is True
     assert (tmp_path / "p07.task.json.report.png").stat().st_size > 10_000
-    made = TaskRecord.model_validate_json((tmp_path / "p07.task.json").read_text())
+    made = record_file.read(TaskRecord, tmp_path / "p07.task.json")
     assert (made.person, made.frame, made.hand) == ("P07", "Spine", "RightHand")
     assert made.path.length == pytest.approx(told["length_m"], abs=1e-3)
     call(
