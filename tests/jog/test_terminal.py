@@ -18,7 +18,7 @@ from helpers.run import alive, call, environment, srl
 from helpers.wait import until
 
 from runtime.contracts.signals import Array
-from runtime.control.setpoint.jog import HOLD
+from runtime.control.setpoint.jog import HOLD, REST
 from runtime.ipc.layout import Layout, Words
 from runtime.ipc.ring import RingReader
 from runtime.ipc.run_folder import RunFolder
@@ -68,7 +68,7 @@ class Jogging:
         self.reader = RingReader(self.folder.rows)
         self.until(lambda: self.state is State.ACTIVE, "motion may begin")
         begun = self.reader.head
-        self.until(lambda: self.reader.head > begun + 30, "time in which no key is held")
+        self.until(lambda: self.reader.head > begun + 100 * REST + 20, "time in which no key is held")  # at 100 Hz
 
     @property
     def row(self) -> Words:
