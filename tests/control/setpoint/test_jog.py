@@ -7,16 +7,17 @@ import pytest
 from helpers.control import bound
 from pydantic import ValidationError
 
-from runtime.control.setpoint.jog import HOLD, Jog, JogConfig
+from runtime.control.setpoint.jog import HOLD, REST, Jog, JogConfig
 
 DT = 0.01
+RESTED = round(REST / DT) + 1  # cycles
 
 
 def made(command: str = "position", **options: object) -> Jog:
     given = {"speed": {"a": 0.1, "b": 0.2}, "acceleration": {"a": 2.0, "b": 4.0}, "command": command} | options
     law = bound(Jog("jog", JogConfig.model_validate(given)))
     law.reset()
-    run(law, 20)
+    run(law, RESTED)
     return law
 
 
@@ -85,7 +86,7 @@ def test_a_key_that_is_held_through_a_reset_moves_nothing() -> None:
         press(law, number, 1.0, 0.0)
         assert set(run(law, 3)) == {0.0}
     press(law, 0, 0.0, 0.0)
-    run(law, 13)
+    run(law, RESTED)
     press(law, 50, 1.0, 0.0)
     assert run(law, 6)[-1] == pytest.approx(0.1)
 
