@@ -7,12 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from types import ModuleType
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.calibration import ft_report as report
+from runtime.calibration import ft_report
 from runtime.calibration.cut import cut_to, elements, find
 from runtime.calibration.ft_report import Result
 from runtime.calibration.in_hand import take_in_hand
@@ -63,6 +64,7 @@ class FtMethod(Method[Taps, Result]):
     name, law, option, kind, error = "ft", LAW, "calibration", FtRecord, FtError
     personal = False
     thing = "poses"
+    report: ClassVar[ModuleType] = ft_report
 
     def __init__(self, order: Order, checked: Profile, source: Source, target: Path, say: Say) -> None:
         super().__init__(order, checked, source, target, say)
@@ -137,15 +139,6 @@ class FtMethod(Method[Taps, Result]):
         alone = plan.poses == 1
         load = bias_alone(numbers[0], wrench[0], noise) if alone else fit(numbers, wrench, noise, thresholds)
         return Result(taps.options, taps.frame, taps.simulated, load, date, refusals(load, thresholds))
-
-    def lines(self, result: Result) -> list[str]:
-        return report.lines(result)
-
-    def figures(self, result: Result) -> dict[str, Any]:
-        return report.figures(result)
-
-    def draw(self, result: Result, png: Path) -> None:
-        report.draw(result, png)
 
     def record(self, result: Result) -> FtRecord:
         load = result.load

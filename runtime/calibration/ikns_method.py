@@ -6,10 +6,11 @@ import datetime
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, get_args
+from types import ModuleType
+from typing import Any, ClassVar, get_args
 
 from runtime.calibration import cut as cutting
-from runtime.calibration import report
+from runtime.calibration import report as ikns_report
 from runtime.calibration import result as results
 from runtime.calibration.method import Method, Say, kept, named, names, settings
 from runtime.calibration.order import Order
@@ -33,6 +34,7 @@ class IknsMethod(Method[Taps, Result]):
 
     law, option, kind, error = cutting.LAW, "calibration", record.Record, CalibrationError
     own, next, thing = ("dofs", "points", "flip", "sense"), "f DOF flip its sense", "points"
+    report: ClassVar[ModuleType] = ikns_report
 
     def __init__(self, order: Order, checked: Profile, source: Source, target: Path, say: Say) -> None:
         super().__init__(order, checked, source, target, say)
@@ -111,15 +113,6 @@ class IknsMethod(Method[Taps, Result]):
         self._turned.append(name)
         self.say(f"{name} is turned round: what was 0 is 1")
         return result
-
-    def lines(self, result: Result) -> list[str]:
-        return report.lines(result)
-
-    def figures(self, result: Result) -> dict[str, Any]:
-        return report.figures(result)
-
-    def draw(self, result: Result, png: Path) -> None:
-        report.draw(result, png)
 
     def record(self, result: Result) -> record.Record:
         return result.record()

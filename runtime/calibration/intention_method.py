@@ -7,12 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from types import ModuleType
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.calibration import intention_report as report
+from runtime.calibration import intention_report
 from runtime.calibration.cut import cut_to, elements
 from runtime.calibration.intention_report import Result
 from runtime.calibration.method import Method, Say, kept, names, settings
@@ -49,6 +50,7 @@ class IntentionMethod(Method[Taps, Result]):
 
     law, option, kind, error = LAW, "recogniser", Record, TrainingError
     own, thing = ("actions",), "actions"
+    report: ClassVar[ModuleType] = intention_report
 
     def __init__(self, order: Order, checked: Profile, source: Source, target: Path, say: Say) -> None:
         super().__init__(order, checked, source, target, say)
@@ -97,15 +99,6 @@ class IntentionMethod(Method[Taps, Result]):
         thresholds = taps.options.thresholds
         made, held = train(trials(_joined(parts), taps.options.actions, thresholds), thresholds)
         return Result(taps, made, held, date, refusals(made, held, thresholds))
-
-    def lines(self, result: Result) -> list[str]:
-        return report.lines(result)
-
-    def figures(self, result: Result) -> dict[str, Any]:
-        return report.figures(result)
-
-    def draw(self, result: Result, png: Path) -> None:
-        report.draw(result, png)
 
     def record(self, result: Result) -> Record:
         options = self._options(result)

@@ -7,6 +7,7 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 from pydantic import BaseModel, ValidationError
@@ -48,6 +49,7 @@ class Method(ABC, Generic[T, R]):
         own: options of the command line that are only this method's.
         next: the keys at the end, besides those that every method has.
         thing: what `--redo` counts.
+        report: the module whose `lines`, `figures` and `draw` tell of a result; else these are the method's own.
         personal: whether it is a person's calibration, with an id; else a device's.
     """
 
@@ -59,6 +61,7 @@ class Method(ABC, Generic[T, R]):
     own: ClassVar[tuple[str, ...]] = ()
     next: ClassVar[str] = ""
     thing: ClassVar[str]
+    report: ClassVar[ModuleType]
     personal: ClassVar[bool] = True
 
     def __init_subclass__(cls) -> None:
@@ -103,17 +106,19 @@ class Method(ABC, Generic[T, R]):
         """Does what was typed at the end; None: that is no command. Raises RequestError."""
         return None
 
-    @abstractmethod
     def lines(self, result: R) -> list[str]:
         """The report as text."""
+        found: list[str] = self.report.lines(result)
+        return found
 
-    @abstractmethod
     def figures(self, result: R) -> dict[str, Any]:
         """The report as JSON types; SI units."""
+        found: dict[str, Any] = self.report.figures(result)
+        return found
 
-    @abstractmethod
     def draw(self, result: R, png: Path) -> None:
         """Draws the report. Raises RecordError."""
+        self.report.draw(result, png)
 
     @abstractmethod
     def record(self, result: R) -> BaseModel:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from runtime.cli import add_command
 from runtime.cli.check import examine
-from runtime.contracts import registry
+from runtime.contracts import registry, whole_file
 from runtime.contracts.errors import RequestError, SrlError, nearest
 from runtime.contracts.files import KeptFile
 from runtime.ipc import older
@@ -61,9 +61,9 @@ def run(args: argparse.Namespace) -> int:
         if beside.exists():
             print(f"{beside}: was there already, and is used as it is")
         else:
-            older.write(beside, content)
+            whole_file.write(beside, content, RequestError)
             print(f"{beside}: what it needs of {template}")
-    older.write(target, begun.text.encode())
+    whole_file.write(target, begun.text.encode(), RequestError)
     print(f"{target}: begun as {template}" + f"; the one before is {kept}" * (kept is not None))
     _check(target, simulated)
     return 0

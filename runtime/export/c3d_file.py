@@ -19,7 +19,7 @@ from runtime.contracts.field import Field
 from runtime.contracts.signals import Array
 from runtime.export.elements import elements
 from runtime.export.frames_in_time import Grid, grid
-from runtime.export.report import Report, library, listed, whole_file
+from runtime.export.report import Report, listed, needed, whole_file
 from runtime.ipc.layout import Layout
 from runtime.recording.reader import Recording
 from runtime.recording.shapes import JOINTED, Placing
@@ -40,7 +40,7 @@ def write(recording: Recording, target: Path, rate: Fraction | None = None) -> R
         RecordingError: no body's points are recorded, there are too many frames or names, or it can't be written.
         HostError: the package isn't installed.
     """
-    ezc3d = library("ezc3d", "c3d", "--c3d")
+    ezc3d = needed("ezc3d", "c3d", "--c3d")
     layout = recording.layout
     points = [f for f in layout.fields.values() if _is_points(f)]
     if not points:

@@ -21,7 +21,7 @@ from runtime import __version__
 from runtime.contracts.errors import RecordingError
 from runtime.contracts.frames import FrameEntry, as_pose, is_pose
 from runtime.contracts.rotation import Pose, composed
-from runtime.export.report import Report, library, whole_file
+from runtime.export.report import Report, needed, whole_file
 from runtime.ipc.events import Level
 from runtime.ipc.layout import Layout, Words
 from runtime.ipc.words import CYCLE, DEVICE
@@ -68,7 +68,7 @@ def write(recording: Recording, target: Path) -> Report:
         RecordingError: it can't be written.
         HostError: the package isn't installed.
     """
-    mcap = library("mcap.writer", "mcap", "--mcap")
+    mcap = needed("mcap.writer", "mcap", "--mcap")
     layout = recording.layout
     wall = int(layout.meta.get("wall", 0))
     with whole_file(target) as part, open(part, "wb") as file:

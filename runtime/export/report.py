@@ -27,7 +27,7 @@ class Report:
     left_out: list[str] = field(default_factory=list)
 
 
-def library(name: str, extra: str, option: str) -> ModuleType:
+def needed(name: str, extra: str, option: str) -> ModuleType:
     """A library that comes with an extra. Raises HostError: it isn't installed."""
     try:
         return import_module(name)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 from itertools import chain, count
 from pathlib import Path
@@ -45,19 +44,3 @@ def keep(path: Path, error: type[SrlError] = RequestError) -> Path | None:
     except OSError as reason:
         raise error(str(older), f"it can't be written: {reason.strerror}", "Choose another folder") from None
     return older
-
-
-def write(path: Path, content: bytes) -> None:
-    """Writes a file, whole or not at all, in place of an older one. Raises RequestError."""
-    scratch = path.with_name(f".{path.name}.{os.getpid()}.new")
-    try:
-        with open(scratch, "xb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        scratch.rename(path)
-    except OSError as reason:
-        raise RequestError(str(path), f"it can't be written: {reason.strerror}", "Choose another folder") from None
-    finally:
-        with contextlib.suppress(OSError):
-            scratch.unlink()

@@ -55,7 +55,7 @@ class Hold:
         self._pressed = now
 
     def told(self, now: float) -> tuple[Array, Array]:
-        """`way` (n,) and `press` (1,) of the law, for now: press is 0 once the newest one is no longer fresh."""
+        """`way` (n,) and `press` (1,) of the law at `now`, s: the newest press as long as it is fresh, then 0."""
         way = np.zeros(self._count)
         way[self.joint] = self.moving
         return way, np.array([float(self._number) if now - self._pressed <= self._fresh else 0.0])

@@ -18,6 +18,7 @@ from runtime.contracts import registry
 from runtime.contracts.errors import SrlError
 
 BY_ID = "/dev/serial/by-id"
+LOCKS = Path("/proc/locks")  # of every process
 
 
 class Obstacle(NamedTuple):
@@ -165,7 +166,7 @@ def _leads(link: str, device: str) -> bool:
 def _lockers(port: str) -> Iterator[int]:
     try:
         about = os.stat(port)
-        locks = Path("/proc/locks").read_text().splitlines()
+        locks = LOCKS.read_text().splitlines()
     except OSError:
         return
     at = f"{os.major(about.st_dev):02x}:{os.minor(about.st_dev):02x}:{about.st_ino}"

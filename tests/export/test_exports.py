@@ -313,4 +313,4 @@ def test_a_file_that_cannot_be_written_leaves_nothing(tmp_path: Path, monkeypatc
 
 def test_a_package_that_is_not_installed_is_named_with_its_extra() -> None:
     with pytest.raises(Exception, match=r"pip install 'srl-runtime\[mcap\]'"):
-        report.library("mcap_writer_of_another_day", "mcap", "--mcap")
+        report.needed("mcap_writer_of_another_day", "mcap", "--mcap")

@@ -6,15 +6,14 @@ refused; who changes a file on purpose takes the hash out. A file without one is
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
-import os
 from pathlib import Path
 from typing import Annotated, Any, Final, TypeVar
 
 from pydantic import BaseModel, Field, FiniteFloat, ValidationError
 
+from runtime.contracts import whole_file
 from runtime.contracts.errors import SrlError
 
 NAME = r"^[A-Za-z0-9_.-]{1,64}$"
@@ -55,19 +54,9 @@ def parse(kind: type[M], content: bytes, place: str) -> M:
 
 def write(path: Path, record: BaseModel) -> None:
     """Writes a file whole or not at all, in place of an older one. Raises RecordError."""
-    scratch = path.with_name(f".{path.name}.{os.getpid()}.new")
-    try:
-        with open(scratch, "w", encoding="utf-8") as file:
-            plain = json.loads(record.model_dump_json())
-            file.write(json.dumps({**plain, HASH: _hash(plain)}, indent=1, ensure_ascii=False) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
-        scratch.rename(path)
-    except OSError as error:
-        raise RecordError(str(path), f"it can't be written: {error.strerror}", "Choose another folder") from None
-    finally:
-        with contextlib.suppress(OSError):
-            scratch.unlink()
+    plain = json.loads(record.model_dump_json())
+    text = json.dumps({**plain, HASH: _hash(plain)}, indent=1, ensure_ascii=False) + "\n"
+    whole_file.write(path, text.encode(), RecordError)
 
 
 def _hash(plain: Any) -> str:
