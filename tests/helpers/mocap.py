@@ -55,6 +55,11 @@ def made(body: Body, q: np.ndarray) -> np.ndarray:
     return np.array([poses[m.segment][:3, :3] @ m.at + poses[m.segment][:3, 3] for m in body.markers.values()])
 
 
+def off(ours: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """(frames, n - 3) degrees between angles (frames, n), without the torso's places."""
+    return np.rad2deg(np.abs(ours - truth))[:, 3:]
+
+
 def reaching(body: Body, count: int, rate: float = 100.0, seed: int = 3) -> np.ndarray:
     """(count, n): smooth motion of every joint, some rad/s at most, from elbows bent by 60 degrees."""
     rng, t = np.random.default_rng(seed), np.arange(count) / rate
