@@ -20,13 +20,13 @@ from typing import Any, Final
 
 import eigenpy
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from runtime.contracts.rotation import euler_angles
 from runtime.contracts.signals import Array
 from runtime.control.ikns.body import Body, Marker, Side
 from runtime.control.ikns.labels import OTHER, fits_better, labellings
+from runtime.control.ikns.marker_chain import MarkerChain
 from runtime.control.ikns.observability import Mask, Observability
 from runtime.control.ikns.postures import STARTS, Postures, rigid
 
@@ -76,29 +76,7 @@ class MarkerFit:
         self.markers = dict(body.markers if markers is None else markers)
         self.names = tuple(self.markers)
         n, k = len(body.joints), len(self.names)
-        self._model = body.model()
-        self._data = self._model.createData()
-        self._lin, self._ang = self._data.J[:3], self._data.J[3:]  # views, as are those of the poses below
-        behind = [body.segments[m.segment] for m in self.markers.values()]
-        self._support = np.zeros((k, n))
-        for row, joint in enumerate(behind):
-            at = joint
-            while at >= 0:
-                self._support[row, at] = 1.0
-                at = body.joints[at].parent
-        places = np.array([m.at for m in self.markers.values()]).reshape(k, 3)
-        self._segments: list[tuple[slice | NDArray[np.intp], Array, Array, Array]] = []
-        for joint in dict.fromkeys(behind):
-            rows = np.flatnonzero(np.array(behind) == joint)
-            pose = self._data.oMi[joint + 1]
-            together = slice(int(rows[0]), int(rows[-1]) + 1)  # several times as fast as an index
-            index = together if together.stop - together.start == len(rows) else rows
-            self._segments.append((index, places[rows], pose.rotation.T, pose.translation))
-        self._points = np.zeros((k, 3))
-        # S(p) with S(p) w = w x p, from p by one product.
-        self._skew = np.zeros((3, 9))
-        for axis, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
-            self._skew[axis, 3 * i + j], self._skew[axis, 3 * j + i] = 1.0, -1.0
+        self._chain = MarkerChain(body, self.markers)
         self._eye = np.eye(n)
         # Joints, and what hangs on them: where an arm's markers are says nothing of an arm whose shoulder isn't seen.
         self._carried: list[tuple[list[int], Mask]] = []
@@ -110,12 +88,12 @@ class MarkerFit:
         self._relabelled = labellings(self.markers)
         self._queue: list[tuple[NDArray[np.intp], Side | None]] = []
         self._lower = np.array([m.segment.endswith(("forearm", "hand")) for m in self.markers.values()])
-        self._places, self._torso = places, np.array([m.segment == "torso" for m in self.markers.values()])
+        self._places, self._torso = self._chain.places, np.array([m.segment == "torso" for m in self.markers.values()])
         self.q, self.angles = np.zeros(n), np.zeros(n)
         self._rest, self._goal = np.zeros(n), np.zeros((k, 3))  # what fades; the frame before
         self.used, self.rejected = np.zeros(k, bool), np.zeros(k, bool)
         self.residual = 0.0
-        self._observability = Observability(self.jacobian(self._postures.start(STARTS[0])), self._support)
+        self._observability = Observability(self.jacobian(self._postures.start(STARTS[0])), self._chain.support)
         self.reset()
 
     def reset(self) -> None:
@@ -187,7 +165,7 @@ class MarkerFit:
         self._doubt = np.where(self.rejected, self._doubt + dt, 0.0)
         self.angles = np.where(self.held, shown, self.q + self._rest) if self._beyond else self.q + self._rest
         if self._rest.any():
-            self._place(self.angles)
+            self._chain.place(self.angles)
         unclear = self._postures.ambiguous(self.q)
         if turned.any():  # the same posture; its angles are given in the next frame, where `held` falls
             unclear, self._blind = unclear | turned, self._blind | turned
@@ -210,16 +188,16 @@ class MarkerFit:
         active, _ = self._observability.of(common)
         if not np.array_equal(common, used):  # some are gone: as if they had been gone a frame ago
             self.q = before
-            self._place(before)
+            self._chain.place(before)
             self._fit(self._goal, active, _STEPS, _PRIOR)
             change += before - self.q
         if not np.array_equal(common, self.used):  # some are back: as if they weren't yet
             self.q = before
-            self._place(before)
+            self._chain.place(before)
             self._fit(goal, active, _STEPS, _PRIOR)
             change += self.q - now
         self.q = now
-        self._place(now)
+        self._chain.place(now)
         return change
 
     def _judge(self, seen: Mask) -> None:
@@ -244,7 +222,7 @@ class MarkerFit:
     def _miss(self, before: Array, seen: Mask) -> None:
         """A frame without a fit."""
         self.q, self._velocity = before, np.zeros_like(before)
-        self._place(self.q + self._rest)  # where the body is, whichever angles are shown
+        self._chain.place(self.q + self._rest)  # where the body is, whichever angles are shown
         self.held = self._blind = np.ones(len(before), bool)
         self.used, self.rejected = np.zeros_like(seen), seen.copy()
         self._missed += 1
@@ -253,17 +231,17 @@ class MarkerFit:
 
     def pose(self, segment: str) -> Any:
         """The pose (`pinocchio.SE3`) of a segment at the present angles, m; a view that the next frame changes."""
-        return self._data.oMi[self.body.segments[segment] + 1]
+        return self._chain.pose(self.body.segments[segment])
 
     def predicted(self, q: Array) -> Array:
         """(k, 3) m: where the markers are at q (n,); for checks, as `pose` then is that at q."""
-        self._place(q)
-        return self._points.copy()
+        self._chain.place(q)
+        return self._chain.points.copy()
 
     def jacobian(self, q: Array) -> Array:
         """(3 k, n): the derivative of `predicted`, row by row."""
-        self._place(q)
-        return self._jacobian(self._support[:, None, :])
+        self._chain.place(q)
+        return self._chain.jacobian(self._chain.support[:, None, :])
 
     def observed(self, names: Sequence[str]) -> Mask:
         """(n,) True for joints that these markers show."""
@@ -281,9 +259,9 @@ class MarkerFit:
         """Fits from where the motion goes. Suspects are left out first, and come back where the fit confirms them."""
         before = self.q
         self.q = before + _COAST * self._age * self._velocity
-        self._place(self.q)
+        self._chain.place(self.q)
         leap = self.gate + 0.5 * _FORCE * self._age**2
-        wrong = self._wrong(goal, self._distance(goal))
+        wrong = self._chain.wrong(goal, self.gate, self._chain.distance(goal))
         use = seen & (wrong <= leap)
         if 2 * np.count_nonzero(use) <= np.count_nonzero(seen):
             use = seen  # not they, but the person leapt
@@ -308,11 +286,11 @@ class MarkerFit:
                 return False
             if attempt or held.any():
                 self.q = np.where(held, before, start)
-                self._place(self.q)
+                self._chain.place(self.q)
             fresh = (self._blind & ~held).any()  # nothing is known of where a held joint went
             self._fit(goal, active, *((_SEARCH_STEPS, _DAMPING) if fresh else (steps, prior)))
-            distance = self._distance(goal)
-            wrong = self._wrong(goal, distance)
+            distance = self._chain.distance(goal)
+            wrong = self._chain.wrong(goal, self.gate, distance)
             beyond = np.where(use, wrong, 0.0)
             worst = int(beyond.argmax())
             if beyond[worst] > self.gate:
@@ -335,45 +313,15 @@ class MarkerFit:
         start = q = self.q
         weight = prior * self._eye
         for _ in range(steps):
-            J = self._jacobian(active)
-            left = (goal - self._points).ravel()
+            J = self._chain.jacobian(active)
+            left = (goal - self._chain.points).ravel()
             step = eigenpy.LLT(J.T @ J + weight).solve(J.T @ left + prior * (start - q))
             size = np.abs(step).max()
             q = q + (step if size <= _LARGE else step * (_LARGE / size))
-            self._place(q)
+            self._chain.place(q)
             if size < _SMALL:
                 break
         self.q = q
-
-    def _distance(self, goal: Array) -> Array:
-        left = goal - self._points
-        return np.sqrt(np.einsum("ij,ij->i", left, left))
-
-    def _wrong(self, goal: Array, distance: Array) -> Array:
-        """(k,) m: the distances; infinite for a point that is much nearer to another marker's place than to its own."""
-        far = np.flatnonzero(distance > 0.5 * self.gate)
-        if not len(far):
-            return distance
-        apart = goal[far, None] - self._points
-        nearest = np.sqrt(np.einsum("ijk,ijk->ij", apart, apart).min(axis=1))
-        distance = distance.copy()
-        distance[far[nearest < 0.5 * distance[far]]] = np.inf
-        return distance
-
-    # -- the chain
-
-    def _place(self, q: Array) -> None:
-        """Computes the chain and the points at q."""
-        pin.computeJointJacobians(self._model, self._data, q)
-        for rows, places, turn, shift in self._segments:
-            self._points[rows] = places @ turn + shift
-
-    def _jacobian(self, active: Array) -> Array:
-        """(3 k, n): of the points placed last, zero where a marker isn't used or a joint held."""
-        J = (self._points @ self._skew).reshape(-1, 3, 3) @ self._ang
-        J += self._lin
-        J *= active
-        return J.reshape(-1, J.shape[2])
 
     # -- from nothing
 
@@ -391,7 +339,7 @@ class MarkerFit:
             self._tried += 1
             q[:6] = trunk
             self.q = q
-            self._place(q)
+            self._chain.place(q)
             # Far from the posture, whole limbs would be left out and the rest would fit.
             spare = int(np.count_nonzero(seen)) // _SPARE
             if not self._settle(goal, seen, seen, last if self._shown else q, _SEARCH_STEPS, _DAMPING, spare):
@@ -409,7 +357,7 @@ class MarkerFit:
             self.q = last
             return False
         left_out, self.residual, self.q, (self._blind, self.used, self.rejected) = min(found, key=lambda one: one[:2])
-        self._place(self.q)
+        self._chain.place(self.q)
         self._queue = [] if self._sure(seen) and not self._suspect else self._ways(seen)
         return True
 
@@ -441,7 +389,7 @@ class MarkerFit:
             order, over = self._queue.pop()
             start = mine[0] if over is None else self._postures.turned_over(mine[0], over)
             self.q = start
-            self._place(start)
+            self._chain.place(start)
             fits = self._settle(goal[order], seen[order], seen[order], start, _SEARCH_STEPS, _DAMPING, spare)
             if fits and self.residual <= _NEAR * self.gate:  # as a search has it
                 q = self._postures.home(self.q, mine[0])
@@ -451,7 +399,7 @@ class MarkerFit:
             self.q, self._blind, self.used, self.rejected, self.residual = mine
             if found:
                 break
-        self._place(self.q)
+        self._chain.place(self.q)
         self._suspect &= bool(found or self._queue)
         return found
 
