@@ -6,6 +6,7 @@ import contextlib
 import time
 from typing import Annotated, Final, Literal
 
+import numpy as np
 from pydantic import Field
 
 from drivers.cyberglove import calibration
@@ -29,15 +30,17 @@ class CyberGloveConfig(DeviceConfig):
     port: str = Field(description="link: a serial port's path, tcp://HOST:PORT, spy:FILE:URL")
     sensors: Literal[18, 22] = 22
     calibration: Annotated[KeptFile, FileOption()] | None = Field(
-        None, description="YAML, or the vendor's .cal; None: an average hand's"
+        None, description="file of `srl calibrate`, YAML, or the vendor's .cal; None: an average hand's"
     )
+    raw: bool = Field(False, description="give the sensors' own counts, 1 to 255, instead of angles: to calibrate it")
     hand: Literal["right", "left"] = "right"
 
 
 class CyberGlove(Sensor):
     """A CyberGlove data glove.
 
-    States: `position` (n,), rad, joint angles by sensor name; `buttons` (1,), the wrist switch, 0 or 1.
+    States: `position` (n,), rad, joint angles by sensor name; `buttons` (1,), the wrist switch, 0 or 1. With the option
+    `raw`, `raw` (n,), counts of 1 to 255, instead of `position`: a law that expects angles finds none.
 
     Angles are anatomical (flexion and spreading positive), so both hands give the same values. A sample's `stamp` is
     the time when the loop found it. The glove's own time stamp stays off, because its unit and byte order aren't known
@@ -47,7 +50,8 @@ class CyberGlove(Sensor):
     Config = CyberGloveConfig
     summary = "CyberGlove II/III data glove, 18 or 22 joint angles"
     usb = ("0403:6001",)  # FTDI, in its adapter
-    gives = ("position", "buttons")
+    gives = ("position", "raw", "buttons")
+    calibrated = "glove"
     max_age = 0.1
 
     def __init__(self, name: str, config: CyberGloveConfig) -> None:
@@ -56,8 +60,10 @@ class CyberGlove(Sensor):
         self.sensors: int = config.sensors
         self.hand = config.hand
         labels = LABELS[config.sensors]
+        self._raw = config.raw
+        given, unit = ("raw", "1") if config.raw else ("position", "rad")
         self.states = (
-            Signal(name="position", shape=(config.sensors,), unit="rad", labels=labels),
+            Signal(name=given, shape=(config.sensors,), unit=unit, labels=labels),
             Signal(name="buttons", shape=(1,), unit="1", labels=("wrist_switch",)),
         )
         self._calibration_file = config.calibration
@@ -84,7 +90,7 @@ class CyberGlove(Sensor):
             raise
         self._since = -1
         self.health.opened()
-        self.health.message = self._calibration.note
+        self.health.message = "" if self._raw else self._calibration.note
 
     def read(self, now: int) -> None:
         if self._link is None:
@@ -133,10 +139,13 @@ class CyberGlove(Sensor):
         if record.unplugged:
             self.health.message = "the glove isn't plugged into its interface"
             return
-        self._calibration.angles(record.sensors, self.state_arrays["position"])
+        if self._raw:
+            self.state_arrays["raw"][:] = np.frombuffer(record.sensors, np.uint8)
+        else:
+            self._calibration.angles(record.sensors, self.state_arrays["position"])
         self.state_arrays["buttons"][0] = record.switch
         self.health.stamp = now
-        self.health.message = self._calibration.note
+        self.health.message = "" if self._raw else self._calibration.note
 
     # -- opening
 
