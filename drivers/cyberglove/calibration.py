@@ -101,15 +101,18 @@ class Calibration:
         note: a message for the user ("uncalibrated: ..."); empty for a calibrated glove.
         hand: "right" or "left"; None if the source doesn't say.
         person: anonymous id; empty if the source doesn't say.
+        simulated: of a simulated glove.
     """
 
     def __init__(
-        self, table: Array, *, note: str = "", hand: Literal["right", "left"] | None = None, person: str = ""
-    ) -> None:
+        self, table: Array, *, note: str = "", hand: Literal["right", "left"] | None = None, person: str = "",
+        simulated: bool = False,
+    ) -> None:  # fmt: skip
         self.table = table
         self.note = note
         self.hand = hand
         self.person = person
+        self.simulated = simulated
         rows = np.arange(len(table))
         self._angles = table.ravel()
         self._rows = rows * 256
@@ -221,7 +224,7 @@ def _guided(path: Path, text: str, sensors: int) -> Calibration:
     table = _table(path, fits | {name: _typical(name) for name in known}, sensors)
     told = ["calibrated in simulation, which says nothing about a real glove"] if made.simulated else []
     told += [f"{', '.join(known)}: of an average hand"] if known else []
-    return Calibration(table, note="; ".join(told), hand=made.hand, person=made.person)
+    return Calibration(table, note="; ".join(told), hand=made.hand, person=made.person, simulated=made.simulated)
 
 
 def _refused(path: Path, error: ValidationError, remedy: str) -> ProfileError:

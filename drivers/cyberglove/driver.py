@@ -21,6 +21,7 @@ TRIES: Final = 3  # after power-up the first answer can fail (§7)
 ANSWER: Final = 1.0  # s for an answer or the first record; the sheet's drivers wait 0.1 to 2 s
 QUIET: Final = 0.15  # s without a byte after which the stream has stopped
 RESTART: Final = 1_000_000_000  # ns without a record after which streaming is requested again
+_MISSING: Final = "Make it with `srl calibrate PROFILE glove`, or name an existing file"
 _REMEDY = "Check the port, that it is an 8-bit CyberGlove II or III, and its power; switch it off and on"
 
 
@@ -29,7 +30,7 @@ class CyberGloveConfig(DeviceConfig):
 
     port: str = Field(description="link: a serial port's path, tcp://HOST:PORT, spy:FILE:URL")
     sensors: Literal[18, 22] = 22
-    calibration: Annotated[KeptFile, FileOption()] | None = Field(
+    calibration: Annotated[KeptFile, FileOption(_MISSING)] | None = Field(
         None, description="file of `srl calibrate`, YAML, or the vendor's .cal; None: an average hand's"
     )
     raw: bool = Field(False, description="give the sensors' own counts, 1 to 255, instead of angles: to calibrate it")
@@ -68,6 +69,7 @@ class CyberGlove(Sensor):
         )
         self._calibration_file = config.calibration
         self._calibration = self._load_calibration()  # here, so that `srl check` refuses what a run would
+        self.simulated = "calibration" if self._calibration.simulated else ""
         self._parser = Parser(config.sensors)
         self._link: Transport | None = None
         # A glove forgets these settings when it is switched off, so a request to restart the stream repeats them.

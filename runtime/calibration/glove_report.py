@@ -115,7 +115,8 @@ def draw(result: Result, png: Path) -> None:
     table = np.array([glove.shares(number) for number in every]).T
     shown = bent.imshow(np.nan_to_num(table), vmin=-1.0, vmax=1.0, cmap="RdBu_r", aspect="auto")
     for i, j in np.ndindex(table.shape):
-        bent.text(j, i, f"{table[i, j]:.1f}", ha="center", va="center", fontsize=7)
+        colour = "white" if abs(table[i, j]) > 0.6 else "black"
+        bent.text(j, i, f"{table[i, j].round(1) + 0.0:.1f}", ha="center", va="center", fontsize=7, color=colour)
     bent.set_xticks(range(len(every)), [shape.name for shape in every.values()], rotation=30, fontsize=8)
     bent.set_title("share of the calibrating bend, by shape", fontsize=9)
     figure.colorbar(shown, ax=bent, shrink=0.6)

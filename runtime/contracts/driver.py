@@ -101,6 +101,7 @@ class Driver(ABC):
     def __init__(self, name: str, config: DeviceConfig) -> None:
         self.name = name
         self.config = config
+        self.simulated = ""  # the option whose file was made in simulation
         self.states: tuple[Signal, ...] = ()
         self.commands: tuple[Command, ...] = ()
         self.health = Health()

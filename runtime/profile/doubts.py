@@ -64,6 +64,11 @@ def doubts(
                 asked = "Are these degrees? " if unit == "rad" else "Are these millimetres? "
                 found.append((place, f"{value:g} {unit}/s is faster than any limb. {asked}"))
     found += _of_simulation(profile, laws, simulated)
+    found += [
+        (f"devices.{d.name}.{d.simulated}", "it was made in simulation, and the device is real: calibrate")
+        for d in devices
+        if d.simulated and d.name not in simulated
+    ]
     found += _of_bodies(profile, laws)
     found += _of_rows(profile)
     found += [(f"sim.{key}", text) for key, text in (world.doubts if world is not None else ())]

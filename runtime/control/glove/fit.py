@@ -46,7 +46,12 @@ class Thresholds(Options):
 
 @dataclass(frozen=True)
 class Held:
-    """What a held shape gave, n sensors, in counts: (n,) mean, standard deviation, least, greatest; of `count` samples."""
+    """What a held shape gave, n sensors.
+
+    Attributes:
+        mean, noise, least, greatest: (n,) counts; the noise is a standard deviation.
+        count: of samples.
+    """
 
     mean: Array
     noise: Array

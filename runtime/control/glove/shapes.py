@@ -18,7 +18,7 @@ LAST: Final = AGAIN
 
 
 class Angles(Options):
-    """What the joints have in the shapes; nothing measures them. Defaults: an average hand's, as the driver takes it."""
+    """What the joints have in the shapes; nothing measures them. In the fist: as of the driver's average hand."""
 
     mpj: float = Field(1.45, ge=0.5, le=2.0, description="rad, of a finger's root in the fist")
     pij: float = Field(1.75, ge=0.5, le=2.2, description="rad, of its middle joint in the fist")

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
 from drivers.cyberglove import CyberGlove, calibration
+from drivers.cyberglove.calibration import Calibration
 from drivers.cyberglove.driver import CyberGloveConfig
 from drivers.cyberglove.protocol import LABELS, LABELS_22
 from runtime.contracts.driver import DeviceConfig, Sensor
@@ -68,7 +69,7 @@ class FakeCyberGlove(Sensor, Fake):
         self._noise = SampleNoise(world.seed, name, config.sensors, options.noise)
         self._raw = config.raw
         self._calibration: calibration.Calibration | None = None
-        self._truth: calibration.Calibration | None = None
+        self._truth: Calibration | None = None
         for sensor in options.characteristic:
             if sensor not in LABELS[config.sensors]:
                 place = f"sim.devices.{name}.characteristic.{sensor}"
@@ -160,13 +161,13 @@ class FakeCyberGlove(Sensor, Fake):
             self._calibration = calibration.load(file, sensors) if file else calibration.default(sensors)
         return self._calibration
 
-    def _true(self) -> calibration.Calibration:
+    def _true(self) -> Calibration:
         """How the glove truly bends. Raises ProfileError: the calibration's file is wrong."""
         if self._truth is None:
             own, known = self._options.characteristic, self.calibration()
             labels = LABELS[self._config.sensors]
             rows = [own[name].angles() if name in own else known.table[i] for i, name in enumerate(labels)]
-            self._truth = calibration.Calibration(np.array(rows)) if own else known
+            self._truth = Calibration(np.array(rows)) if own else known
         return self._truth
 
     def _is_lost(self, number: int) -> bool:
