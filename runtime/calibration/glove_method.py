@@ -100,6 +100,7 @@ class GloveMethod(Method[Taps, Result]):
         part = {key: value for key, value in parts[hand].items() if key != "at"}
         part["wearer"] = {"told": True, "miss": (part.get("wearer") or {}).get("miss", 0.0)}
         sim["parts"] = {hand: part}
+        sim.pop("floor", None)  # the hand's origin lies in it, with the arm left out
 
     def _marks(self, person: str, graph: Graph) -> dict[str, Any]:
         """The entry of the marks' law. Raises WiringError: it doesn't give its sensors' counts."""
