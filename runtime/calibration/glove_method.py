@@ -37,7 +37,7 @@ _HAND: Final = "human-hand"
 
 @dataclass(frozen=True)
 class Taps(RunTaps):
-    """What is read of a glove. Attributes: `options` of the marks' law; `raw` (n,), of the fitted sensors."""
+    """What is read of a glove. Attributes: `options` of the marks' law; `raw` (n,), of all sensors."""
 
     options: GloveMarksConfig
     raw: NDArray[np.intp]
@@ -109,12 +109,7 @@ class GloveMethod(Method[Taps, Result]):
         if field is None or not field.labels:
             place = self.source.place(f"devices.{self._device}")
             raise WiringError(place, f"there is no '{signal}' of named sensors", "Use a driver of srl's for the glove")
-        for name in self._plan.left:
-            if name not in field.labels:
-                remedy = nearest(name, field.labels)
-                raise RequestError("--option average", f"the glove has no sensor '{name}'", remedy)
-        if set(field.labels) <= set(self._plan.left):
-            raise RequestError("--option average", "no sensor is left to calibrate", "Name fewer")
+        self._check_left(field.labels)
         (driver,) = graph.devices
         return {
             "use": MARKS, "name": MARKS, "person": person, "signal": signal,
@@ -123,13 +118,21 @@ class GloveMethod(Method[Taps, Result]):
             "thresholds": self._thresholds.model_dump(),
         }  # fmt: skip
 
+    def _check_left(self, sensors: Sequence[str]) -> None:
+        """Raises RequestError: what is left to an average hand is no sensor, or all are."""
+        for name in self._plan.left:
+            if name not in sensors:
+                raise RequestError("--option average", f"the glove has no sensor '{name}'", nearest(name, sensors))
+        if set(sensors) <= set(self._plan.left):
+            raise RequestError("--option average", "no sensor is left to calibrate", "Name fewer")
+
     def taps(self, layout: Layout, place: str) -> Taps:
         _, entry = marks_law(layout, place, MARKS)
         if entry is None:
             problem = "it has no marks, so which samples belong to which shape isn't known"
             raise RecordingError(place, problem, f"Use a recording of `srl calibrate PROFILE {NAME}`")
         options = GloveMarksConfig.model_validate(entry.options)
-        raw = words(layout, [f"{options.signal}[{name}]" for name in options.fitted], place)
+        raw = words(layout, [f"{options.signal}[{name}]" for name in options.sensors], place)
         return Taps(layout, layout.fields[f"{MARKS}.mark"].offset, options, raw)
 
     def ready(self, taps: Taps) -> None:
@@ -142,9 +145,10 @@ class GloveMethod(Method[Taps, Result]):
         return all(getattr(one.options, key) == getattr(other.options, key) for key in keys)
 
     def take(self, older: Taps) -> Taps:
-        self._plan, self._angles = older.options.plan, kept(older.options.angles, self._angles)
+        self._plan, self._angles = kept(older.options.plan, self._plan), kept(older.options.angles, self._angles)
         self._thresholds = kept(older.options.thresholds, self._thresholds)
-        update = {"thresholds": self._thresholds, "angles": self._angles}
+        self._check_left(older.options.sensors)
+        update = {"plan": self._plan, "thresholds": self._thresholds, "angles": self._angles}
         return replace(older, options=older.options.model_copy(update=update))
 
     def ended(self, samples: Samples) -> Samples:
@@ -154,8 +158,7 @@ class GloveMethod(Method[Taps, Result]):
         return replace(samples, marks=marks)
 
     def procedure(self, before: Sequence[Any]) -> Procedure:
-        sensors = [n for n in self._sensors() if n not in self._plan.left]
-        return Procedure(sensors, self._plan, self._angles, self._thresholds, bool(before))
+        return Procedure(self._sensors(), self._plan, self._angles, self._thresholds, bool(before))
 
     def _sensors(self) -> tuple[str, ...]:
         made, _ = self.cut(self.order.person or "P0")
@@ -164,8 +167,8 @@ class GloveMethod(Method[Taps, Result]):
 
     def compute(self, taps: Taps, parts: Sequence[Any], date: datetime.date) -> Result:
         options = taps.options
-        found = held(joined(parts), options.angles, options.plan, options.thresholds)
-        glove = fit(options.fitted, found, options.angles)
+        found = held(joined(parts), options.own, options.angles, options.plan, options.thresholds)
+        glove = fit([options.sensors[i] for i in options.own], found, options.angles)
         refused = refusals(glove, options.angles, options.thresholds)
         return Result(options, taps.simulated, glove, date, refused)
 

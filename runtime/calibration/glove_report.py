@@ -69,13 +69,12 @@ def lines(result: Result) -> list[str]:
 def figures(result: Result) -> dict[str, Any]:
     """The report as JSON types; SI units, and counts."""
     glove, options = result.glove, result.options
-    finite = np.where(np.isfinite(glove.gain), glove.gain, 0.0)
     return {
         "person": options.person, "hand": options.hand, "signal": options.signal, "date": result.date.isoformat(),
         "simulated": result.simulated,
         "sensors": {
             name: {
-                "gain": float(finite[i]), "offset": float(glove.offset[i]), "span": float(glove.span[i]),
+                "gain": _number(glove.gain[i]), "offset": float(glove.offset[i]), "span": float(glove.span[i]),
                 "noise": float(glove.noise[i]), "uncertain_rad": _number(glove.uncertain[i]),
                 "again_rad": _number(glove.again[i]),
             }

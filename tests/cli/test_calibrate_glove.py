@@ -172,6 +172,30 @@ def test_a_recording_gives_the_same_file_and_a_shape_is_done_again(command: Comm
     assert command("--recording", "bad.rrd", "again.rrd", "-o", "other.json", "--set", "devices.glove.hand=left") == 2
 
 
+def test_a_broken_sensor_is_left_to_an_average_hand_later(
+    command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    actor = Gloved(dead={"ring_pij": 120.0})
+    assert command("--sim", actor=actor) == 2
+    assert "--option average=...,ring_pij" in capsys.readouterr().err
+    recorded(actor, folder / "bad.rrd")
+    average = "average=palm_arch,wrist_pitch,wrist_yaw,ring_pij"
+    assert command("--recording", "bad.rrd", "--option", average) == 0
+    made = read(folder / "p07.json")
+    assert set(made.average) == {*NAMES[19:], "ring_pij"}
+    assert "ring_pij" not in made.sensors
+    assert command("--recording", "bad.rrd", "--option", "average=ring", "-o", "x.json") == 2
+    assert "the glove has no sensor 'ring'" in capsys.readouterr().err
+
+
+def test_a_broken_sensor_that_is_left_out_holds_nobody_up() -> None:
+    actor = Gloved(noise={"ring_pij": 90.0})
+    average = "palm_arch,wrist_pitch,wrist_yaw,ring_pij"
+    procedure = Procedure(NAMES, Plan(read=1.0, average=average), Angles(), Thresholds())
+    feed(actor, procedure, 90.0)
+    assert procedure.done
+
+
 def test_a_recording_of_another_person_or_that_ended_early_is_refused(
     command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -282,7 +306,7 @@ def test_a_hand_that_stays_or_moves_isnt_taken() -> None:
 
 
 def test_the_first_shape_waits_until_it_was_read() -> None:
-    actor, procedure = Gloved(), Procedure(FITTED, Plan(read=6.0), Angles(), Thresholds())
+    actor, procedure = Gloved(), Procedure(NAMES, Plan(read=6.0), Angles(), Thresholds())
     feed(actor, procedure, 5.0)
     assert procedure.step.kind is Kind.SHAPE
     feed(actor, procedure, 2.0)
@@ -322,7 +346,7 @@ def test_the_simulated_glove_of_a_shipped_profile_is_calibrated(tmp_path: Path) 
 
 
 def procedure_of() -> Procedure:
-    return Procedure(FITTED, Plan(read=1.0), Angles(), Thresholds())
+    return Procedure(NAMES, Plan(read=1.0), Angles(), Thresholds())
 
 
 def feed(actor: Gloved, procedure: Procedure, seconds: float) -> None:

@@ -14,7 +14,7 @@ from runtime.contracts.wearer import Instruction, Rest
 from runtime.contracts.wearer import Shape as Told
 from runtime.control.glove.fit import Thresholds
 from runtime.control.glove.samples import IDLE, Plan, Samples, moved
-from runtime.control.glove.shapes import FINGERS, FLAT, Angles, shapes
+from runtime.control.glove.shapes import FINGERS, Angles, shapes
 from runtime.control.shared.guided import Bar
 
 
@@ -66,11 +66,12 @@ class Procedure:
     def __init__(
         self, sensors: Sequence[str], plan: Plan, known: Angles, thresholds: Thresholds, again: bool = False
     ) -> None:
-        """`sensors`: their names. `again`: nothing is left to do until `redo` says so."""
+        """`sensors`: names of all. `again`: nothing is left to do until `redo` says so."""
         self.plan, self._thresholds, self._shapes = plan, thresholds, shapes(known)
-        self._sensors = tuple(sensors)
+        # A broken sensor that isn't calibrated must not look as if the hand moved.
+        self._own = [i for i, name in enumerate(sensors) if name not in plan.left]
+        self._sensors = tuple(sensors[i] for i in self._own)
         self._before: Array | None = None  # (n,) of the shape that was held last
-        self._flat: Array | None = None
         self._open = [] if again else list(self._shapes)
         self._next()
 
@@ -92,7 +93,7 @@ class Procedure:
         if not own.any() or self.done:
             return
         self._times = np.concatenate([self._times, samples.times[own]])
-        self._raw = np.concatenate([self._raw, samples.raw[own]])
+        self._raw = np.concatenate([self._raw, samples.raw[own][:, self._own]])
         steady = self._thresholds.steady
         if self.step.kind is Kind.SHAPE:
             recent = self._times >= self._times[-1] - 2.0 * self._wait  # a person may take minutes: no more is needed
@@ -109,8 +110,6 @@ class Procedure:
 
     def _take(self) -> None:
         self._before = np.nanmean(self._raw, axis=0)
-        if self.step.shape == FLAT:
-            self._flat = self._before
         self._open.remove(self.step.shape)
         self._next()
 

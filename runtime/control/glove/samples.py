@@ -17,7 +17,7 @@ from runtime.contracts.options import Options
 from runtime.contracts.signals import Array
 from runtime.control.glove.fit import GloveError, Held, Thresholds
 from runtime.control.glove.shapes import LAST, Angles, shapes
-from runtime.control.shared.marks import Indices, MarkLaw, stretch_of
+from runtime.control.shared.marks import Indices, MarkLaw
 
 IDLE: Final = 0
 _BLOCKS: Final = 5
@@ -30,7 +30,7 @@ class Samples:
 
     Attributes:
         times: (T,) s.
-        raw: (T, n) counts of the sensors; NaN where the glove wasn't there or wasn't fresh.
+        raw: (T, n) counts of all sensors; NaN where the glove wasn't there or wasn't fresh.
         marks: (T,).
     """
 
@@ -83,23 +83,44 @@ def moved(raw: Array) -> float:
     return float(np.ptp(means, axis=0).max())
 
 
-def held(samples: Samples, known: Angles, plan: Plan, thresholds: Thresholds) -> dict[int, Held]:
-    """What each shape that was held to its end gave, by number. Raises GloveError: one isn't there, or wasn't still."""
+def held(
+    samples: Samples, own: Sequence[int], known: Angles, plan: Plan, thresholds: Thresholds
+) -> dict[int, Held]:  # fmt: skip
+    """What each shape that was held to its end gave, by number; the last time that counts.
+
+    Args:
+        samples: of a whole calibration.
+        own: places of the sensors that are calibrated.
+        known, plan, thresholds: of the calibration.
+    Raises:
+        GloveError: a shape isn't there, or wasn't still.
+    """
     found: dict[int, Held] = {}
     for number, shape in shapes(known).items():
         place = f"shape {number} ({shape.name})"
-        at = stretch_of(samples.marks, number)
-        times, raw = samples.times[at], samples.raw[at]
-        if len(times) < _BLOCKS or times[-1] - times[0] < 0.9 * plan.hold:
-            raise GloveError(
-                place, "it wasn't held to its end", f"Do it: r {number}, or --redo {number} --from FILE.rrd"
-            )
-        if (by := moved(raw)) > thresholds.steady:
-            problem = f"the hand moved by {by:.0f} counts" if np.isfinite(by) else "some of its samples are missing"
+        whole = [at for at in _stretches(samples.marks, number) if _length(samples.times[at]) >= 0.9 * plan.hold]
+        if not whole:
+            remedy = f"Do it: r {number}, or --redo {number} --from FILE.rrd"
+            raise GloveError(place, "it wasn't held to its end", remedy)
+        parts = [samples.raw[at][:, list(own)] for at in whole]
+        by = [moved(part) for part in parts]
+        still = [part for part, far in zip(parts, by, strict=True) if far <= thresholds.steady]
+        if not still:
+            problem = f"the hand moved by {by[-1]:.0f} counts" if np.isfinite(by[-1]) else "some samples are missing"
             raise GloveError(place, problem, "Do it again, still: r N, or --redo N --from FILE.rrd")
-        raw = raw[np.isfinite(raw).all(axis=1)]
+        raw = still[-1][np.isfinite(still[-1]).all(axis=1)]
         found[number] = Held(raw.mean(axis=0), raw.std(axis=0), raw.min(axis=0), raw.max(axis=0), len(raw))
     return found
+
+
+def _stretches(marks: Indices, mark: int) -> list[slice]:
+    """All samples without a break that have this mark, among (T,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], marks == mark, [False]]).astype(np.int8)))
+    return [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+
+def _length(times: Array) -> float:
+    return float(times[-1] - times[0]) if len(times) >= _BLOCKS else 0.0
 
 
 class GloveMarksConfig(ControllerConfig):
@@ -114,9 +135,9 @@ class GloveMarksConfig(ControllerConfig):
     thresholds: Thresholds = Thresholds()
 
     @property
-    def fitted(self) -> tuple[str, ...]:
-        """The sensors that are calibrated."""
-        return tuple(name for name in self.sensors if name not in self.plan.left)
+    def own(self) -> tuple[int, ...]:
+        """The places of the sensors that are calibrated."""
+        return tuple(i for i, name in enumerate(self.sensors) if name not in self.plan.left)
 
 
 class GloveMarks(MarkLaw):

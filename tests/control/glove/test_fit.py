@@ -115,6 +115,23 @@ def test_a_shape_that_was_broken_off_doesnt_count() -> None:
     marks = np.full(100, FLAT)
     short = Samples(times, np.full((100, 3), 100.0), marks)
     with pytest.raises(GloveError, match=r"shape 2 \(fist\): it wasn't held to its end"):
-        held(short, KNOWN, Plan(), Thresholds())
+        held(short, (0, 1, 2), KNOWN, Plan(), Thresholds())
     with pytest.raises(GloveError, match=r"shape 1 \(flat\): it wasn't held to its end"):
-        held(short, KNOWN, Plan(hold=3.0), Thresholds())
+        held(short, (0, 1, 2), KNOWN, Plan(hold=3.0), Thresholds())
+
+
+def test_what_was_broken_off_or_moved_replaces_nothing() -> None:
+    """The first time shape 1 is whole and still; then it moves, is broken off, and some sensor is broken all along."""
+    marks, raw = [], []
+    for number in range(1, 10):
+        marks += [0] * 10 + [number] * 110
+        raw += [np.full((120, 3), 100.0 + number)]
+    marks += [0] * 10 + [1] * 110 + [0] * 10 + [1] * 20
+    raw += [np.full((10, 3), 90.0), 90.0 + np.linspace(0.0, 30.0, 110)[:, None] * np.ones(3), np.full((30, 3), 50.0)]
+    counts = np.concatenate(raw)
+    counts[:, 2] = np.where(np.arange(len(counts)) % 2, np.nan, 1.0)
+    samples = Samples(np.arange(len(counts)) / 50.0, counts, np.array(marks))
+    found = held(samples, (0, 1), KNOWN, Plan(), Thresholds())
+    assert found[1].mean.tolist() == [101.0, 101.0]
+    with pytest.raises(GloveError, match=r"shape 1 \(flat\): some samples are missing"):
+        held(samples, (0, 2), KNOWN, Plan(), Thresholds())
