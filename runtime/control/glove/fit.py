@@ -32,16 +32,24 @@ class GloveError(SrlError):
 class Thresholds(Options):
     """What a calibration must reach."""
 
-    steady: float = Field(4.0, gt=0, description="counts, by which a sensor may change while a shape is held")
-    differs: float = Field(10.0, gt=0, description="counts, by which some sensor must differ from the shape before")
+    steady: float = Field(4.0, gt=0, le=50, description="counts, by which a sensor may change while a shape is held")
+    differs: float = Field(
+        10.0, gt=0, le=100, description="counts, by which some sensor must differ from the shape before"
+    )
     span: float = Field(20.0, ge=5, le=200, description="counts, the least between the flat hand and the bent joint")
-    noise: float = Field(4.0, gt=0, description="counts, the greatest standard deviation of a sensor in a held shape")
-    again: float = Field(0.15, gt=0, description="rad, by which the flat hand at the end may differ from the first")
+    noise: float = Field(
+        4.0, gt=0, le=50, description="counts, the greatest standard deviation of a sensor in a held shape"
+    )
+    again: float = Field(
+        0.15, gt=0, le=1, description="rad, by which the flat hand at the end may differ from the first"
+    )
     own: float = Field(
         0.5, gt=0, lt=1, description="share of the fist that each sensor of a finger bent alone must show"
     )
-    other: float = Field(0.85, gt=0, description="share of the fist that no other finger's sensor may show then")
-    beyond: float = Field(0.25, gt=0, description="share of the fist by which a joint may pass flat hand or fist later")
+    other: float = Field(0.85, gt=0, le=2, description="share of the fist that no other finger's sensor may show then")
+    beyond: float = Field(
+        0.25, gt=0, le=1, description="share of the fist by which a joint may pass flat hand or fist later"
+    )
 
 
 @dataclass(frozen=True)

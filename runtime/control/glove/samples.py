@@ -55,9 +55,11 @@ class Plan(Options):
     average: str = Field(
         "palm_arch, wrist_pitch, wrist_yaw", description="sensors that stay those of an average hand, by name"
     )
-    read: float = Field(4.0, ge=0.2, description="s for which the hand must be still before the first shape is taken")
-    settle: float = Field(1.0, ge=0.2, description="s of the same before each other")
-    hold: float = Field(2.0, ge=0.5, description="s of a shape that count")
+    read: float = Field(
+        4.0, ge=0.2, le=60, description="s for which the hand must be still before the first shape is taken"
+    )
+    settle: float = Field(1.0, ge=0.2, le=30, description="s of the same before each other")
+    hold: float = Field(2.0, ge=0.5, le=60, description="s of a shape that count")
 
     @property
     def left(self) -> tuple[str, ...]:
