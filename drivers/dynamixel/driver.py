@@ -54,6 +54,7 @@ class Dynamixel(Driver):
         self._family = family(config)
         self.states, self.commands = declare.states(config), (declare.command(config, self._family.unit.tolist()),)
         self._kind = self.commands[0].kind
+        self.limits[config.command] = config.limits
         motors = config.motors
         homes = [motor.home for motor in motors.values() if motor.home is not None]
         if homes and self._kind is not Kind.TORQUE:

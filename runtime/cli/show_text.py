@@ -28,7 +28,7 @@ def text(overview: Item, sections: Sequence[str]) -> list[str]:
     makers = {"devices": _devices, "wiring": _wiring, "frames": _frames}
     lines = [
         *_wrapped(0, f"{overview['profile']}: {overview['summary']}".rstrip(": ")),
-        f"rate {overview['rate_hz']:g} Hz, clock {overview['clock']}, start {overview['start']}",
+        *_wrapped(0, f"rate {overview['rate_hz']:g} Hz, clock {overview['clock']}, start {_start(overview)}"),
     ]
     for choice, word in overview["chosen"].items():
         lines += _wrapped(0, f"choice {choice}: {word}")
@@ -36,7 +36,18 @@ def text(overview: Item, sections: Sequence[str]) -> list[str]:
         lines += ["", section.upper(), *makers[section](overview)]
     for key, begin in (("doubts", "doubted: "), ("remarks", "")):
         lines += [line for each in overview[key] for line in _wrapped(0, begin + each)]
-    return lines
+    return [_plain(line) for line in lines]
+
+
+def _plain(line: str) -> str:
+    """The line with what a terminal would obey or hide, such as an escape, as its code."""
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line)
+
+
+def _start(overview: Item) -> str:
+    if overview["start"] == "manual" or not overview["unseen"]:
+        return str(overview["start"])
+    return f"auto, but {', '.join(overview['unseen'])} has no position feedback: it waits for `srl start`"
 
 
 def _wrapped(indent: int, line: str, more: int = 2) -> list[str]:
@@ -145,7 +156,7 @@ def _guard(command: Item) -> Iterator[str]:
     if command["limits"]:
         yield from _table(command["limits"])
     if not {"lower", "upper"} & set(command["limits"]):
-        yield "    no bound of the position"
+        yield "    no bound of the position before the device is open"
     if (clear := command["clear"]) is not None:
         lag = f"lag {clear['lag']:g} s, tracking {_short(clear['tracking'])}"
         yield from _wrapped(4, f"keeps clear ({clear['use']}): {clear['summary']}; {lag}")

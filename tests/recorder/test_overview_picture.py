@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -47,6 +48,51 @@ def test_a_picture_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert plt.imread(png).std() > 0.02  # something is drawn
     assert capsys.readouterr().out.splitlines()[-1] == f"{png}: the wiring and the frames"
     assert not plt.get_fignums()
+
+
+def test_words_are_drawn_as_they_are(tmp_path: Path) -> None:
+    """Two dollars are no formula."""
+    png = tmp_path / "it.png"
+    summary = "summary=a $\\frac{1$ b of $5"
+    frames = "frames={hand: {}, finger: {parent: hand}, 'tip$x^{$': {parent: hand, position: [0.1, 0, 0]}}"
+    assert main(["show", "sixth-finger", "--set", summary, "--set", frames, "--png", str(png)]) == 0
+
+
+def test_a_picture_that_cant_be_written_leaves_the_one_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "mine.yaml").write_text("mine\n")
+    png = tmp_path / "it.png"
+    png.symlink_to(tmp_path / "mine.yaml")
+    assert main(["show", "servo-jog", "--png", str(png)]) == 0
+    assert (tmp_path / "mine.yaml").read_text() == "mine\n"  # a link is replaced, not followed
+    before = png.read_bytes()
+
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    assert main(["show", "sixth-finger", "--png", str(png)]) == 2
+    assert "it.png: it can't be written: No space left on device" in capsys.readouterr().err
+    assert png.read_bytes() == before
+    assert {path.name for path in tmp_path.iterdir()} == {"mine.yaml", "it.png"}
+
+
+def test_a_range_that_not_all_joints_have_says_so() -> None:
+    assert notes_of("strap-jog")[:2] == ["position unbounded (rad)", "position -0.03 to 0.03 m"]
+    motors = (
+        "devices.finger.motors={proximal: {id: 1, model: MX-28}, distal: {id: 2, model: MX-28, lower: -1, upper: 1}}"
+    )
+    assert notes_of("servo-jog", motors)[0] == "position -1 to 1 rad, some unbounded"
+    motors = "devices.finger.motors={proximal: {id: 1, model: MX-28}, distal: {id: 2, model: MX-28}}"
+    assert notes_of("servo-jog", motors)[0] == "no bound of the position yet"
+
+
+def notes_of(name: str, *overrides: str) -> list[str]:
+    graph = wiring.build(*profile.load(name, overrides))
+    made = laid_out(overview(graph, limits_of(graph)))
+    (notes,) = (box.notes for column in made.made for box in column if box.kind == "guard")
+    return notes
 
 
 @pytest.mark.parametrize("name", shelf.shipped())
