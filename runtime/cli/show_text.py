@@ -6,6 +6,8 @@ import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+from runtime.cli.printable import printable
+
 Item = Mapping[str, Any]
 WIDTH = 100  # columns
 SECTIONS = {
@@ -36,12 +38,7 @@ def text(overview: Item, sections: Sequence[str]) -> list[str]:
         lines += ["", section.upper(), *makers[section](overview)]
     for key, begin in (("doubts", "doubted: "), ("remarks", "")):
         lines += [line for each in overview[key] for line in _wrapped(0, begin + each)]
-    return [_plain(line) for line in lines]
-
-
-def _plain(line: str) -> str:
-    """The line with what a terminal would obey or hide, such as an escape, as its code."""
-    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line)
+    return [printable(line) for line in lines]
 
 
 def _start(overview: Item) -> str:

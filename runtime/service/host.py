@@ -18,7 +18,7 @@ import numpy as np
 from runtime.ipc.run_folder import base, free_bytes
 from runtime.loop.clock import MonotonicClock
 from runtime.loop.realtime import PRIORITY
-from runtime.service.serial_ports import obstacle
+from runtime.service.serial_ports import local_path, obstacle
 
 Verdict = Literal["good", "doubtful", "bad"]
 
@@ -160,13 +160,14 @@ def _disk() -> Finding:
 
 
 def _port(name: str, port: str) -> Iterator[Finding]:
-    if not port.startswith("/dev/"):
+    path = local_path(port)
+    if path is None:
         return
     what = f"port of {name}"
     lack = obstacle(port)
     if lack is None:
-        yield Finding(what, "good", f"{port} may be opened")
-    elif os.path.exists(port):
+        yield Finding(what, "good", f"{path} may be opened")
+    elif os.path.exists(path):
         yield Finding(what, "bad", *lack)
     else:
         yield Finding(what, "bad", lack.problem, f"{lack.remedy}; set it with --set devices.{name}.port=...")
