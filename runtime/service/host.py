@@ -18,7 +18,8 @@ import numpy as np
 from runtime.ipc.run_folder import base, free_bytes
 from runtime.loop.clock import MonotonicClock
 from runtime.loop.realtime import PRIORITY
-from runtime.service.serial_ports import local_path, obstacle
+from runtime.profile.ports import local_path
+from runtime.service.serial_ports import obstacle
 
 Verdict = Literal["good", "doubtful", "bad"]
 

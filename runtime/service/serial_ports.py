@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 from runtime.contracts import registry
 from runtime.contracts.errors import SrlError
+from runtime.profile.ports import local_path
 
 BY_ID, BY_PATH = "/dev/serial/by-id", "/dev/serial/by-path"
 LOCKS = Path("/proc/locks")  # of every process
@@ -96,13 +97,6 @@ def ports() -> list[SerialPort]:
             )
         )  # fmt: skip
     return found
-
-
-def local_path(port: str) -> str | None:
-    """The path that a profile's `port` is; None if it is an address (tcp://...) or a word (auto)."""
-    if port.startswith("spy:"):
-        port = port.split(":", 2)[-1]
-    return port if "/" in port and "://" not in port else None
 
 
 def usb_numbers() -> dict[str, tuple[str, tuple[str, ...]]]:

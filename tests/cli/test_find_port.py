@@ -16,6 +16,7 @@ from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
 from runtime.cli import find_port, main
+from runtime.profile.ports import local_path
 from runtime.service import host, serial_ports
 
 ROOT = Path(__file__).parents[2]
@@ -275,7 +276,7 @@ def test_what_a_device_says_of_itself_does_nothing_to_the_terminal(
     ],
 )
 def test_which_ports_are_paths_of_this_machine(port: str, path: str | None) -> None:
-    assert serial_ports.local_path(port) == path
+    assert local_path(port) == path
     lack = serial_ports.obstacle(port)
     assert (lack is not None and lack.problem == f"{path} isn't there") == (path is not None)
     assert len(list(host._port("finger", port))) == (path is not None)

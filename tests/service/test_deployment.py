@@ -305,7 +305,7 @@ def test_a_run_lives_within_the_units_syscall_rules(tmp_path: Path) -> None:
 def test_udev_rules_are_well_formed() -> None:
     """`udevadm verify` isn't everywhere; the shape of a rule is: KEY OP "value", at least one of them an assignment."""
     item = re.compile(
-        r'^(ACTION|SUBSYSTEMS?|KERNEL|DRIVERS|ATTRS?\{\w+\}|ENV\{\w+\}|GROUP|MODE|SYMLINK)(==|\+=|=)"([^"]+)"$'
+        r'^(ACTION|SUBSYSTEMS?|KERNELS?|DRIVERS|ATTRS?\{\w+\}|ENV\{\w+\}|GROUP|MODE|SYMLINK)(==|\+=|=)"([^"]+)"$'
     )
     text = RULES.read_text()
     rules = [line for line in text.splitlines() if line and not line.startswith("#")]
