@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
     for path in made[:-1]:
         print(f"{path}: what it needs of {template}")
     print(f"{target}: begun as {template}" + f"; the one before is {kept}" * (kept is not None))
-    _tell(str(target), graph, simulated)
+    _tell(str(target), template, graph, simulated)
     return 0
 
 
@@ -131,13 +131,16 @@ def _from_there(template: str, overrides: Sequence[str], folder: Path) -> list[s
     return made
 
 
-def _tell(name: str, graph: Graph, simulated: Graph) -> None:
+def _tell(name: str, template: str, graph: Graph, simulated: Graph) -> None:
     """Says what the check found, and what comes next."""
     print(f"checked: {len(graph.devices)} devices, {len(graph.controllers)} controllers, as `srl check {name}` shows")
     for doubt in dict.fromkeys([*graph.doubts, *simulated.doubts]):
         print(f"  doubted: {doubt}")
     for remark in new_ports.remarks(graph):
         print(f"  {remark}")
+    if graph.actuators:
+        words = f"{template}'s limb: compare them with yours before it moves (srl show)"
+        print(f"  its limits, directions and ids are those of {words}")
     print("Next:")
     file = shlex.quote(name)
     for line in (

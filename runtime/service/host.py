@@ -19,7 +19,7 @@ from runtime.ipc.run_folder import base, free_bytes
 from runtime.loop.clock import MonotonicClock
 from runtime.loop.realtime import PRIORITY
 from runtime.profile.ports import local_path
-from runtime.service.serial_ports import obstacle
+from runtime.service.serial_ports import holder, obstacle
 
 Verdict = Literal["good", "doubtful", "bad"]
 
@@ -166,7 +166,9 @@ def _port(name: str, port: str) -> Iterator[Finding]:
         return
     what = f"port of {name}"
     lack = obstacle(port)
-    if lack is None:
+    if lack is None and (program := holder(path)) is not None:
+        yield Finding(what, "doubtful", f"{path}: {program} has it open", "End that program, if it isn't this run")
+    elif lack is None:
         yield Finding(what, "good", f"{path} may be opened")
     elif os.path.exists(path):
         yield Finding(what, "bad", *lack)

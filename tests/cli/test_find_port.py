@@ -132,6 +132,9 @@ def test_who_holds_a_port_is_named(
     assert "has it open" not in said(capsys)
     descriptor = os.open(pty, os.O_RDWR | os.O_NOCTTY)
     assert f"({os.getpid()}) has it open" in said(capsys)
+    (finding,) = host._port("finger", pty)  # `srl doctor` says the same
+    assert finding.verdict == "doubtful"
+    assert f"({os.getpid()}) has it open" in finding.found
     os.close(descriptor)
 
 

@@ -112,6 +112,8 @@ def test_another_folder_and_a_file_that_was_typed_from_here(folder: Path) -> Non
     ("arguments", "words"),
     [
         (["My Limb", "--from", "servo-jog"], "'My Limb' is no name.*For example my-limb"),
+        (["my-limb.yaml", "--from", "servo-jog"], "'my-limb.yaml' is no name.*For example my-limb;"),
+        (["a", "--from", "servo-jug.yaml"], "servo-jug.yaml: no profile that comes.*Did you mean 'servo-jog'"),
         (["7", "--from", "servo-jog"], "'7' is no name.*For example my-limb"),
         (["servo-jog", "--from", "servo-jog"], "a profile that comes with srl.*such as my-servo-jog"),
         (["a", "--from", "servo-jug"], "servo-jug: no profile that comes with srl.*Did you mean 'servo-jog'"),
@@ -323,3 +325,21 @@ def test_answers_that_are_odd(
     assert "'²' is none of them" in said
     assert "it is glove's already" in said
     assert "'no' is no path" in said
+
+
+def test_its_name_alone_names_the_file_that_is_meant(folder: Path) -> None:
+    """Not another limb whose name is alike."""
+    assert main(["new", "moca-fingers", "--from", "servo-jog"]) == 0
+    for command in ("check", "show", "run"):
+        assert "no profile has this name. Did you mean moca-fingers.yaml, which is here?" in refused(
+            command, "moca-fingers"
+        )
+    assert "Copy moca-fingers.yaml" in refused("new", "b", "--from", "moca-fingers")
+
+
+def test_what_only_a_person_can_compare_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    told = "its limits, directions and ids are those of finger-jog's limb: compare them with yours before it moves"
+    assert main(["new", "mine", "--from", "finger-jog"]) == 0
+    assert told in capsys.readouterr().out
+    assert main(["new", "seen", "--from", "suit-station"]) == 0
+    assert "compare them" not in capsys.readouterr().out
