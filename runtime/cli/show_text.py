@@ -10,6 +10,7 @@ from runtime.cli.printable import printable
 
 Item = Mapping[str, Any]
 WIDTH = 100  # columns
+DEEPEST = 20  # steps down the tree of frames that are indented; each line names its parent
 SECTIONS = {
     "devices": "the devices and their signals",
     "wiring": "the laws, the guard's limits and what stops the limb",
@@ -83,7 +84,7 @@ def _signal(role: str, signal: Item, named: dict[tuple[str, ...], str], *facts: 
     yield from _wrapped(4, f"{role} {signal['name']}: {', '.join([_form(signal), *filter(None, facts)])}")
     elements = tuple(signal["elements"])
     if elements in named:
-        yield f"      elements as those of {named[elements]}"
+        yield from _wrapped(6, f"elements as those of {named[elements]}")
     elif elements:
         named[elements] = signal["name"]
         yield from _wrapped(6, ", ".join(elements), 0)
@@ -213,7 +214,7 @@ def _frames(overview: Item) -> Iterator[str]:
     if not overview["frames"]:
         yield "  no frame"
     for frame in overview["frames"]:
-        column = 2 + 2 * frame["depth"]
+        column = 2 + 2 * min(frame["depth"], DEEPEST)
         yield from _wrapped(column, f"{frame['name']}: {_place(frame)}", 4)
         for line in _attached(frame):
             yield from _wrapped(column + 4, line)

@@ -307,3 +307,17 @@ def test_what_a_text_hides_from_a_terminal_is_shown(capsys: pytest.CaptureFixtur
     said = shown(capsys, "servo-jog", "--set", 'summary="bring-up\\e[2K\\e[1A\\x07 of \\u202ea finger"')
     assert said.startswith("servo-jog: bring-up\\x1b[2K\\x1b[1A\\x07 of \\u202ea finger\n")
     assert "sechster Finger für Zoë" in shown(capsys, "servo-jog", "--set", "summary=sechster Finger für Zoë")
+
+
+def test_a_deep_tree_and_long_names_stay_readable(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    text, device = profile.find("servo-jog")[1], "d" * 110
+    chain = "".join(f"  f{i}: {{parent: {f'f{i - 1}' if i else 'null'}}}\n" for i in range(60))
+    for old in ("finger:\n    driver", "finger.", "{finger:"):
+        text = text.replace(old, old.replace("finger", device))
+    (tmp_path / "deep.yaml").write_text(text.partition("sim:")[0] + f"frames:\n{chain}")
+    said = shown(capsys, "deep.yaml")
+    assert max(map(len, said.splitlines())) <= 100
+    assert f"\n{' ' * 42}f59: in f58, fixed: position 0, 0, 0 m, not turned\n" in said

@@ -181,3 +181,47 @@ def test_axes_point_where_the_frame_is_turned() -> None:
         assert ways[5] == pytest.approx(ways[2])
     finally:
         plt.close(figure)
+
+
+SIZE = (4.2, 2.6)  # inches
+
+
+def names_of(caption: str, triads: list[tuple[str, Pose, int]]) -> Any:
+    figure = plt.figure(figsize=SIZE)
+    axis = figure.add_axes((0.0, 0.0, 1.0, 0.85))
+    frames_picture.paint(axis, caption, triads, (SIZE[0], 0.85 * SIZE[1]))
+    return axis
+
+
+@pytest.mark.parametrize("name", shelf.shipped())
+def test_no_name_of_a_frame_is_cut_off_or_lies_on_another(name: str) -> None:
+    graph = wiring.build(*profile.load(name), [])
+    drawn, _ = frames_picture.groups(overview(graph, limits_of(graph)))
+    for caption, triads in drawn:
+        axis = names_of(caption, triads)
+        try:
+            renderer = axis.figure.canvas.get_renderer()
+            names = [text for text in axis.texts if text.get_text() not in frames_picture.AXES]
+            extents = [text.get_window_extent(renderer) for text in names]
+            for i, extent in enumerate(extents):
+                assert extent.x0 >= 0.0, names[i].get_text()
+                assert extent.x1 <= axis.figure.bbox.width, names[i].get_text()
+                for other in extents[i + 1 :]:
+                    assert not extent.overlaps(other), names[i].get_text()
+        finally:
+            plt.close(axis.figure)
+
+
+def test_many_frames_at_one_place_and_long_names_are_cut_short_and_say_so() -> None:
+    place: Pose = (0.1, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    root: Pose = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    many = [("root", root, -1), *((f"f{i}", place, 0) for i in range(40)), ("l" * 200, (0.0, 0.1, *place[2:]), 0)]
+    axis = names_of("in root", many)
+    try:
+        texts = [text.get_text() for text in axis.texts]
+        assert "f0\nf1\nf2\nf3\nand 36 more" in texts
+        (long,) = (text for text in texts if text.startswith("lll"))
+        assert long.endswith("...")
+        assert len(long) <= 40
+    finally:
+        plt.close(axis.figure)
