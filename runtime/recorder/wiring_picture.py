@@ -184,7 +184,7 @@ def _span(values: Sequence[float | None], unit: str, alike: int) -> str:
     """The least and the largest of some elements' values; `alike`: how many differ where the elements don't."""
     known = [value for value in values if value is not None]
     if not known:
-        return f"unbounded ({unit})"
+        return f"unbounded yet ({unit})"
     low, high = min(known), max(known)
     span = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
     if len(known) < len(values):

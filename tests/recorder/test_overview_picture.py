@@ -79,7 +79,7 @@ def test_a_picture_that_cant_be_written_leaves_the_one_before(
 
 
 def test_a_range_that_not_all_joints_have_says_so() -> None:
-    assert notes_of("strap-jog")[:2] == ["position unbounded (rad)", "position -0.03 to 0.03 m"]
+    assert notes_of("strap-jog")[:2] == ["position unbounded yet (rad)", "position -0.03 to 0.03 m"]
     motors = (
         "devices.finger.motors={proximal: {id: 1, model: MX-28}, distal: {id: 2, model: MX-28, lower: -1, upper: 1}}"
     )
