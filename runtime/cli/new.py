@@ -12,6 +12,7 @@ from pathlib import Path
 
 from runtime.cli import add_command, new_ports
 from runtime.cli.check import examine
+from runtime.cli.printable import printable
 from runtime.contracts import registry, whole_file
 from runtime.contracts.errors import RequestError, SrlError, nearest
 from runtime.contracts.files import KeptFile
@@ -135,9 +136,9 @@ def _tell(name: str, template: str, graph: Graph, simulated: Graph) -> None:
     """Says what the check found, and what comes next."""
     print(f"checked: {len(graph.devices)} devices, {len(graph.controllers)} controllers, as `srl check {name}` shows")
     for doubt in dict.fromkeys([*graph.doubts, *simulated.doubts]):
-        print(f"  doubted: {doubt}")
+        print(printable(f"  doubted: {doubt}"))
     for remark in new_ports.remarks(graph):
-        print(f"  {remark}")
+        print(printable(f"  {remark}"))
     if graph.actuators:
         words = f"{template}'s limb: compare them with yours before it moves (srl show)"
         print(f"  its limits, directions and ids are those of {words}")

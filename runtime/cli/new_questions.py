@@ -30,7 +30,7 @@ def template(name: str) -> str:
             return names[int(answer) - 1]
         if answer in names:
             return answer
-        print(f"'{answer}' is none of them" if answer else "one is needed")
+        print(printable(f"'{answer}' is none of them") if answer else "one is needed")
 
 
 def ports(template: str, overrides: Sequence[str], told: Collection[str]) -> list[str]:

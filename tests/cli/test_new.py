@@ -315,7 +315,7 @@ def test_answers_that_are_odd(
     folder: Path, plugged: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(new_questions, "_terminal", lambda: True)
-    answers = iter(["²", "sixth-finger", "²", "1", "1", "no", "\x1b[A/dev/x", "/dev/sixth finger"])
+    answers = iter(["²", "\udcff\x1b[2J", "sixth-finger", "²", "1", "1", "no", "\x1b[A/dev/x", "/dev/sixth finger"])
     monkeypatch.setattr("builtins.input", lambda _: next(answers))
     assert main(["new", "mine"]) == 0
     checked, _ = profile.load("mine.yaml")
@@ -323,6 +323,7 @@ def test_answers_that_are_odd(
     assert checked.devices["finger"].options["port"] == "/dev/sixth finger"
     said = capsys.readouterr().out
     assert "'²' is none of them" in said
+    assert "'\\udcff\\x1b[2J' is none of them" in said
     assert "it is glove's already" in said
     assert "'no' is no path" in said
 
@@ -343,3 +344,8 @@ def test_what_only_a_person_can_compare_is_told(capsys: pytest.CaptureFixture[st
     assert told in capsys.readouterr().out
     assert main(["new", "seen", "--from", "suit-station"]) == 0
     assert "compare them" not in capsys.readouterr().out
+
+
+def test_a_port_does_nothing_to_the_terminal(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["new", "mine", "--from", "finger-jog", "--port", "finger=/dev/x\x1b[2J\nchecked: all is well"]) == 0
+    assert "port of finger: /dev/x\\x1b[2J\\nchecked: all is well isn't there" in capsys.readouterr().out
