@@ -145,21 +145,25 @@ def _tell(name: str, template: str, graph: Graph, simulated: Graph) -> None:
     print("Next:")
     file = shlex.quote(name)
     for line in (
-        f"srl run {file} --sim", *_calibrations(graph, file), f"srl doctor {file}", *_jogs(graph, file),
+        f"srl run {file} --sim", *_calibrations(graph, file), f"srl doctor {file}", *_jogs(graph, name),
         f"srl run {file} --set start=manual",
     ):  # fmt: skip
         print(f"  {line}")
 
 
-def _jogs(graph: Graph, file: str) -> Iterator[str]:
+def _jogs(graph: Graph, name: str) -> Iterator[str]:
     """The commands that move each limb alone, which shows what no check can know: which joint is which, which way."""
     from runtime.jog.cut import SPEED, cut
 
-    names = dict.fromkeys(graph.devices[actuator.device].name for actuator in graph.actuators)
-    for name in names:
+    names = {actuator.name: graph.devices[actuator.device].name for actuator in graph.actuators}
+    several = len(set(names.values())) > 1
+    for command, device in names.items():
+        limits = graph.profile.guard.get(command)
+        alone = [f"guard.{command}.clear=null"] if limits is not None and limits.clear is not None else []
         with contextlib.suppress(SrlError):  # such as one of torques
-            cut(graph.profile, graph.source, name, SPEED, sim=False)
-            yield f"srl jog {file}" + f" {name}" * (len(names) > 1)
+            cut(*profile.load(name, alone), device, SPEED, sim=False)
+            line = f"srl jog {shlex.quote(name)}" + f" {device}" * several
+            yield line + "".join(f" --set {each}  # nobody wears it or is near it" for each in alone)
 
 
 def _calibrations(graph: Graph, file: str) -> Iterator[str]:

@@ -19,6 +19,7 @@ from serial.tools.list_ports_common import ListPortInfo
 
 from runtime.cli import main, new, new_questions
 from runtime.cli.check import examine
+from runtime.jog.cut import cut
 from runtime.profile import profile, shelf
 from runtime.profile.edit import content
 from runtime.service import serial_ports
@@ -309,6 +310,10 @@ def test_the_limb_is_jogged_before_it_follows_anybody(capsys: pytest.CaptureFixt
     )
     assert main(["new", "seen", "--from", "suit-station"]) == 0
     assert "srl jog" not in capsys.readouterr().out
+    assert main(["new", "worn", "--from", "human-srl"]) == 0  # it keeps clear of what isn't there while it is jogged
+    line = "srl jog worn.yaml --set guard.arm.position_command.clear=null  # nobody wears it or is near it"
+    assert f"  {line}\n" in capsys.readouterr().out
+    cut(*profile.load("worn.yaml", ["guard.arm.position_command.clear=null"]), None, 0.1, sim=False)
 
 
 def test_answers_that_are_odd(
