@@ -93,6 +93,8 @@ class Driver(ABC):
     max_age: float = 0.0
     # Its links that move with its joints; frames of the profile may hang on `DEVICE/LINK`. Its base has its own name.
     links: tuple[str, ...] = ()
+    # Which description of `runtime.control.robots` it is, for pictures; {model} stands for an option's value.
+    pictured_as: str = ""
     # Whether its signals are given by what stands here, now. A button of anything else releases no person's stop.
     here: bool = True
 

@@ -10,6 +10,7 @@ from runtime.recorder.eye import look
 from runtime.recorder.scene import plot_path
 from runtime.recording.columns import entity
 from runtime.recording.format import EVENTS
+from runtime.recording.robots import robots
 from runtime.recording.shapes import visuals
 
 STACKED = 5  # views of curves in one column; more go side by side
@@ -42,10 +43,14 @@ def make(layout: Layout, row: Words | None, live: bool) -> rrb.Blueprint:
         columns=rrb.TextLogColumns(timeline_columns=["time", "cycle"], text_log_columns=["LogLevel", "Body"]),
     )
     left = [events]
-    if shapes := visuals(layout):
+    shapes, drawn = visuals(layout), robots(layout)
+    if shapes or drawn:
+        # Where a robot is drawn whole, the simulated world's lines of it would only hide it.
+        lines = {f"world.{robot.name}_{what}" for robot in drawn for what in ("links", "outline")}
+        shown = [entity(f.name) for f in shapes if f.name not in lines]
         view = rrb.Spatial3DView(
             name="3D",
-            contents=[*(entity(f.name) for f in shapes), "/frames/**", "/axes/**"],
+            contents=[*shown, "/robots/**", "/scenery/**", "/tf", "/frames/**", "/axes/**"],
             eye_controls=None if row is None else look(layout, row, shapes),
         )
         left = [view, events]
