@@ -83,7 +83,9 @@ def pictured(
                     linkage = read.linkage
                 if read.lacking:
                     more = f" (and {len(read.lacking) - 1} more)" if len(read.lacking) > 1 else ""
-                    raise OptionError(f"{read.lacking[0]}{more}: drawn without meshes", "Correct the URDF, or set ROS_PACKAGE_PATH")
+                    raise OptionError(
+                        f"{read.lacking[0]}{more}: drawn without meshes", "Correct the URDF, or set ROS_PACKAGE_PATH"
+                    )
                 file = {"path": str(kept.path), "packages": [str(p) for p in read.packages]}
             elif linkage is not None and entry is None and told in _FILES and (whole := _installed(told, names)):
                 linkage, file = whole
@@ -152,4 +154,3 @@ def _placed(
     still = [robot for robot in found if robot["name"] not in made]
     # Two robots at the root would stand in each other.
     return [r for r in found if r["name"] in made or len(still) == 1], made, doubts
-

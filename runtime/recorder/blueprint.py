@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import rerun.blueprint as rrb
 
 from runtime.ipc.layout import Layout, Words
@@ -13,6 +14,7 @@ from runtime.recording.format import EVENTS
 from runtime.recording.robots import robots
 from runtime.recording.shapes import visuals
 
+NAMED = 5  # curves in one view that its legend names
 STACKED = 5  # views of curves in one column; more go side by side
 
 
@@ -22,17 +24,17 @@ def make(layout: Layout, row: Words | None, live: bool) -> rrb.Blueprint:
     `row` (width,), if there is one, decides where the 3D view looks at first. `live` follows the newest rows.
     """
     loop = [
-        _series("Period and cycle (ms, largest of each 1/30 s)", "/loop/timing/period", "/loop/timing/cycle"),
+        _period(),
         _series("Phases of the cycle (us, largest of each 1/30 s)", "/loop/timing/phases"),
         _series("Age of the devices' samples (ms)", "/loop/timing/ages"),
     ]
     plots, joints = profile_plots(layout), joint_plots(layout)
     shown = plots[: STACKED - 1 - min(len(joints), 2)]
-    overview = [_plot(p) for p in (*shown, *joints[: STACKED - 1 - len(shown)])]
+    overview = [_plot(p, layout) for p in (*shown, *joints[: STACKED - 1 - len(shown)])]
     groups = {
-        "Overview": [*overview, loop[0]] if overview else [],
-        "Commands": [_plot(p) for p in command_plots(layout)],
-        "Plots": [_plot(p) for p in plots],
+        "Overview": [*overview, _period()] if overview else [],
+        "Commands": [_plot(p, layout) for p in command_plots(layout)],
+        "Plots": [_plot(p, layout) for p in plots],
         "Loop": loop,
     }
     tabs = [_stack(name, views) for name, views in groups.items() if views]
@@ -40,7 +42,7 @@ def make(layout: Layout, row: Words | None, live: bool) -> rrb.Blueprint:
     events = rrb.TextLogView(
         name="Events",
         contents=[EVENTS],
-        columns=rrb.TextLogColumns(timeline_columns=["time", "cycle"], text_log_columns=["LogLevel", "Body"]),
+        columns=rrb.TextLogColumns(timeline_columns=["time"], text_log_columns=["LogLevel", "Body"]),
     )
     left = [events]
     shapes, drawn = visuals(layout), robots(layout)
@@ -71,12 +73,20 @@ def make(layout: Layout, row: Words | None, live: bool) -> rrb.Blueprint:
     )
 
 
-def _plot(plot: Plot) -> rrb.TimeSeriesView:
-    return _series(f"{plot.title} ({plot.unit})", plot_path(plot))
+def _plot(plot: Plot, layout: Layout) -> rrb.TimeSeriesView:
+    # A legend of more lines covers the curves; the pointer names each curve all the same.
+    curves = plot.curves(layout, np.zeros((1, layout.width), np.int64))
+    return _series(f"{plot.title} ({plot.unit})", plot_path(plot), legend=1 < len(curves) <= NAMED)
 
 
-def _series(name: str, *paths: str) -> rrb.TimeSeriesView:
-    return rrb.TimeSeriesView(name=name, contents=list(paths), plot_legend=rrb.Corner2D.LeftTop)
+def _period() -> rrb.TimeSeriesView:
+    """A view of its own each time: the viewer refuses one that is in two places."""
+    return _series("Period and cycle (ms, largest of each 1/30 s)", "/loop/timing/period", "/loop/timing/cycle")
+
+
+def _series(name: str, *paths: str, legend: bool = True) -> rrb.TimeSeriesView:
+    place = rrb.PlotLegend(corner=rrb.Corner2D.LeftTop, visible=legend)
+    return rrb.TimeSeriesView(name=name, contents=list(paths), plot_legend=place)
 
 
 def _stack(name: str, views: list[rrb.TimeSeriesView]) -> rrb.Container:

@@ -192,9 +192,7 @@ def plot_path(plot: Plot) -> str:
 
 def _scenery(shapes: Sequence[Mapping[str, Any]]) -> list[tuple[str, Any]]:
     """The fixed objects of the simulated world, by kind."""
-    return solid_shapes(
-        [Solid(s["kind"], s["size"], (*s["position"], *s["quaternion"]), s["colour"]) for s in shapes]
-    )
+    return solid_shapes([Solid(s["kind"], s["size"], (*s["position"], *s["quaternion"]), s["colour"]) for s in shapes])
 
 
 def _looks(field: Field, color: list[Color]) -> list[Any]:

@@ -25,9 +25,7 @@ def solid_shapes(solids: Sequence[Solid]) -> list[tuple[str, Any]]:
             found.append((kind, rr.Boxes3D(half_sizes=size, centers=at, fill_mode=fill, **place)))
         elif kind == "cylinder":
             lengths = 2 * size[:, 1]
-            found.append(
-                (kind, rr.Cylinders3D(lengths=lengths, radii=size[:, 0], centers=at, fill_mode=fill, **place))
-            )
+            found.append((kind, rr.Cylinders3D(lengths=lengths, radii=size[:, 0], centers=at, fill_mode=fill, **place)))
         elif kind == "capsule":
             # The viewer's capsules begin at the given point and extend along z.
             along = np.stack([row[2] for row in rotation.rows(w, x, y, z)], axis=1)
@@ -36,7 +34,5 @@ def solid_shapes(solids: Sequence[Solid]) -> list[tuple[str, Any]]:
                 (kind, rr.Capsules3D(lengths=lengths, radii=size[:, 0], translations=start, fill_mode=fill, **place))
             )
         else:
-            found.append(
-                (kind, rr.Ellipsoids3D(centers=at, radii=size[:, 0], colors=place["colors"], fill_mode=fill))
-            )
+            found.append((kind, rr.Ellipsoids3D(centers=at, radii=size[:, 0], colors=place["colors"], fill_mode=fill)))
     return found

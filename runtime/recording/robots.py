@@ -60,7 +60,9 @@ def robots(layout: Layout) -> list[Robot]:
     try:
         for given in layout.meta.get("robots", ()):
             file: dict[str, Any] = given["urdf"] or {"path": "", "packages": ()}
-            robot = Robot(given["name"], Linkage.of(given["links"]), given["angles"], file["path"], tuple(file["packages"]))
+            robot = Robot(
+                given["name"], Linkage.of(given["links"]), given["angles"], file["path"], tuple(file["packages"])
+            )
             if robot.linkage.moving and robot.angles in layout.fields:
                 names = layout.fields[robot.angles].labels
                 if not all(robot.linkage.links[i].joint in names for i in robot.linkage.moving):

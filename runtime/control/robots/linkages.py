@@ -26,7 +26,10 @@ def arm(robot: RobotDescription) -> Linkage:
     """A serial arm: its contact hulls, and a plate at the flange. Links: base, one a joint, flange."""
     links = [Link("base", -1, solids=_hulls(robot.base_shape, DARK))]
     for i, joint in enumerate(robot.joints):
-        links.append(Link(joint.name, i, _pose(joint.placement), joint.name, solids=_hulls(joint.shape)))
+        last = i + 1 == robot.n
+        place = robot.flange if last else robot.joints[i + 1].placement
+        neck = _neck(joint.shape, place, () if last else robot.joints[i + 1].shape)
+        links.append(Link(joint.name, i, _pose(joint.placement), joint.name, solids=_hulls((*joint.shape, *neck))))
     radius = max((c.radius for c in robot.joints[-1].shape), default=0.03)
     plate = Solid("cylinder", (0.7 * radius, _PLATE), (0.0, 0.0, -_PLATE, 1.0, 0.0, 0.0, 0.0), DARK)
     links.append(Link("flange", robot.n, _pose(robot.flange), solids=(plate,)))
@@ -61,6 +64,28 @@ def finger(model: FingerModel) -> Linkage:
         place = trans(a, 0.0, 0.0) @ rot_x(alpha)
     links.append(Link("tip", len(model.rows), _pose(place), solids=(Solid("sphere", (_MODULE[1],), color=_FINGER),)))
     return Linkage(tuple(links))
+
+
+def _neck(shape: tuple[Capsule, ...], place: Array, behind: tuple[Capsule, ...]) -> tuple[Capsule, ...]:
+    """What closes the gap between a link's hulls and those of the next one, whose joint's frame is at `place`.
+
+    It ends on the joint's axis, where the joint doesn't move it.
+    """
+    ends = [end for capsule in behind for end in (capsule.start, capsule.end)]
+    on_axis = [np.zeros(3), *(np.array(end) for end in ends if abs(end[0]) + abs(end[1]) < 1e-6)]
+    ways = []
+    for capsule in shape:
+        start, end = np.array(capsule.start), np.array(capsule.end)
+        for point in ((place @ [*p, 1.0])[:3] for p in on_axis):
+            along = end - start
+            share = np.clip((point - start) @ along / max(along @ along, 1e-12), 0.0, 1.0)
+            near = start + share * along
+            ways.append((float(np.linalg.norm(point - near)), tuple(near.tolist()), tuple(point.tolist())))
+    if not ways:
+        return ()
+    gap, start_, end_ = min(ways)
+    radius = 0.85 * min(capsule.radius for capsule in (*shape, *behind))
+    return (Capsule(start_, end_, radius),) if gap > 0.5 * radius else ()
 
 
 def _hulls(shape: tuple[Capsule, ...], color: Color | None = None) -> tuple[Solid, ...]:
