@@ -73,9 +73,9 @@ def pictured(
             elif isinstance(entry, RobotFile):
                 linkage = _described(told, models, False)
             if linkage is not None and not {link.joint for link in linkage.links if link.joint} <= set(names):
-                if entry is not None and not isinstance(entry, RobotFile):
-                    raise OptionError(f"the joints of '{entry}' aren't those of '{device.name}'", "Correct one of them")
                 linkage = None
+                if isinstance(entry, str):
+                    raise OptionError(f"the joints of '{entry}' aren't those of '{device.name}'", "Correct one of them")
             if isinstance(entry, RobotFile):
                 kept = files.keep(entry.urdf, "Name an existing URDF, from the profile's folder on")
                 read = urdf.read(kept.content, kept.path, names, entry.base, entry.tip)
@@ -133,9 +133,12 @@ def _installed(name: str, names: tuple[str, ...]) -> tuple[Linkage, dict[str, An
     try:
         file = Path(str(metadata.distribution(MESHES).locate_file(_SHARED / relative)))
         read = urdf.read(file.read_bytes(), file, names, first, last)
+        chain = next(i for i, link in enumerate(read.linkage.links) if link.name == last)
+        # What hangs on the flange there, the maker's own gripper, needn't be on this one.
+        bare = Linkage(read.linkage.links[: chain + 1])
     except (metadata.PackageNotFoundError, OSError, OptionError):
         return None
-    return None if read.lacking else (read.linkage, {"path": str(file), "packages": [str(p) for p in read.packages]})
+    return None if read.lacking else (bare, {"path": str(file), "packages": [str(p) for p in read.packages]})
 
 
 def _placed(

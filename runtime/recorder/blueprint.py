@@ -49,10 +49,17 @@ def make(layout: Layout, row: Words | None, live: bool) -> rrb.Blueprint:
     if shapes or drawn:
         # Where a robot is drawn whole, the simulated world's lines of it would only hide it.
         lines = {f"world.{robot.name}_{what}" for robot in drawn for what in ("links", "outline")}
-        shown = [entity(f.name) for f in shapes if f.name not in lines]
+        seen = [entity(f.name) for f in shapes if f.name not in lines]
         view = rrb.Spatial3DView(
             name="3D",
-            contents=[*shown, "/robots/**", "/scenery/**", "/tf", "/frames/**", "/axes/**"],
+            contents=[
+                *seen,
+                *(f"/{robot.entity}/**" for robot in drawn),
+                "/scenery/**",
+                "/tf",
+                "/frames/**",
+                "/axes/**",
+            ],
             eye_controls=None if row is None else look(layout, row, shapes),
         )
         left = [view, events]

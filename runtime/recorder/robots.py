@@ -22,7 +22,6 @@ from runtime.recording.robots import Robot, robots
 
 TF: Final = "/tf"
 ROOT: Final = "tf#/"  # rerun's own name of the frame of "/"
-_COLLISION: Final = "/collision_geometries/"  # drawn as well, it flickers in the visible meshes
 
 
 class Moves:
@@ -83,7 +82,7 @@ class RobotShapes:
                 continue
             for number, link in enumerate(robot.linkage.links):
                 for kind, shape in solid_shapes(link.solids):
-                    path = rr.new_entity_path(["robots", robot.name, link.name, kind])
+                    path = rr.new_entity_path([robot.entity, link.name, kind])
                     frame = rr.CoordinateFrame(robot.frame(number))
                     rr.log(path, frame, shape, static=True, recording=recording, strict=True)
 
@@ -92,8 +91,10 @@ class RobotShapes:
         before = os.environ.get("ROS_PACKAGE_PATH")
         os.environ["ROS_PACKAGE_PATH"] = ":".join(robot.packages)  # rerun looks for `package://` there
         try:
-            tree = UrdfTree.from_file_path(robot.file, f"robots/{robot.name}", frame_prefix=f"{robot.name}:")
-            chunks = [c for c in tree.stream(include_joint_transforms=False) if _COLLISION not in c.entity_path]
+            tree = UrdfTree.from_file_path(robot.file, robot.entity, frame_prefix=f"{robot.name}:")
+            names = {link.name for link in robot.linkage.links}
+            paths = {path for name in names for path in tree.get_visual_geometry_paths(name)}
+            chunks = [c for c in tree.stream(include_joint_transforms=False) if c.entity_path in paths]
         except Exception as error:  # rerun says neither which it raises nor that it raises
             self.problems.append(f"{robot.name}: {robot.file} isn't drawn ({error}); it has plain shapes")
             return False

@@ -97,7 +97,9 @@ class Scene:
             path = rr.new_entity_path(["axes", name])
             log(path, rr.CoordinateFrame(name), rr.TransformAxes3D(AXES))
         self.robots.statics(recording, self._frames)
-        for kind, shape in _scenery(self._layout.meta.get("scenery", [])):
+        drawn = {robot.name for robot in self.robots.robots}
+        scenery = [s for s in self._layout.meta.get("scenery", []) if s.get("part") not in drawn]
+        for kind, shape in _scenery(scenery):
             log(f"/scenery/{kind}", shape)
         numbers = color_numbers(self._visuals)
         for field in self._visuals:

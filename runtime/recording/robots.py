@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.contracts.errors import RecordingError
 from runtime.contracts.linkage import Linkage
 from runtime.contracts.signals import Array
 from runtime.ipc.layout import Layout
@@ -32,6 +31,11 @@ class Robot:
     file: str
     packages: tuple[str, ...]
 
+    @property
+    def entity(self) -> str:
+        """The entity under which its shapes are. One name, as rerun's loader of URDFs takes no path."""
+        return f"robot-{self.name}"
+
     def frame(self, number: int) -> str:
         """The name of a link's frame. Those of the profile have no colon."""
         return f"{self.name}:{self.linkage.links[number].name}"
@@ -51,25 +55,22 @@ class Robot:
 
 
 def robots(layout: Layout) -> list[Robot]:
-    """The robots of a layout; none in a recording of an earlier version.
+    """The robots of a layout; none in a recording of an earlier version. One that is damaged is left out.
 
-    Raises:
-        RecordingError: the layout is damaged.
+    A picture is never worth a recording, so this raises nothing.
     """
     found = []
-    try:
-        for given in layout.meta.get("robots", ()):
+    for given in layout.meta.get("robots", ()):
+        try:
             file: dict[str, Any] = given["urdf"] or {"path": "", "packages": ()}
-            robot = Robot(
-                given["name"], Linkage.of(given["links"]), given["angles"], file["path"], tuple(file["packages"])
-            )
-            if robot.linkage.moving and robot.angles in layout.fields:
+            linkage = Linkage.of(given["links"])
+            robot = Robot(given["name"], linkage, given["angles"], file["path"], tuple(file["packages"]))
+            if linkage.moving:
                 names = layout.fields[robot.angles].labels
-                if not all(robot.linkage.links[i].joint in names for i in robot.linkage.moving):
-                    raise ValueError(f"'{robot.angles}' doesn't move '{robot.name}'")
-            elif robot.linkage.moving:
-                raise ValueError(f"there is no '{robot.angles}'")
+                if not {linkage.links[i].joint for i in linkage.moving} <= set(names):
+                    continue
+        except (KeyError, TypeError, ValueError, AttributeError):
+            continue
+        if linkage.links:
             found.append(robot)
-    except (KeyError, TypeError, ValueError) as error:
-        raise RecordingError("the layout", f"it is damaged: robots: {error}", "Use another recording") from None
     return found
