@@ -66,7 +66,7 @@ def pictured(
         signal = _angles(device, signals)
         names = signal[1].labels if signal is not None else ()
         linkage, file = None, None
-        told = device.pictured_as.format_map(dict(device.config)).lower()
+        told = device.pictured_as.format_map(vars(device.config)).lower()
         try:
             if isinstance(entry, str) or (entry is None and told):
                 linkage = _described(entry if isinstance(entry, str) else told, models, entry is not None)
