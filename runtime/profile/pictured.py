@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from runtime.contracts.driver import Driver
 from runtime.contracts.errors import OptionError, nearest
-from runtime.contracts.files import Files
+from runtime.contracts.files import Files, KeptFile
 from runtime.contracts.frames import FrameEntry
 from runtime.contracts.linkage import Linkage
 from runtime.contracts.signals import Signal
@@ -77,7 +77,7 @@ def pictured(
                 if isinstance(entry, str):
                     raise OptionError(f"the joints of '{entry}' aren't those of '{device.name}'", "Correct one of them")
             if isinstance(entry, RobotFile):
-                kept = files.keep(entry.urdf, "Name an existing URDF, from the profile's folder on")
+                kept = _kept(entry.urdf, files)
                 read = urdf.read(kept.content, kept.path, names, entry.base, entry.tip)
                 if linkage is None or not read.lacking:
                     linkage = read.linkage
@@ -100,6 +100,16 @@ def pictured(
             "urdf": file,
         })  # fmt: skip
     return _placed(found, frames, signals, doubts)
+
+
+def _kept(given: str, files: Files) -> KeptFile:
+    """The URDF. The loop and a replay have what was read at the run's start, and read nothing themselves."""
+    try:
+        return files.keep(given, "Name an existing URDF, from the profile's folder on")
+    except OptionError:
+        if files.recorded is None:
+            raise
+        raise OptionError(f"{given} couldn't be read when the run was begun", "`srl check` says why") from None
 
 
 def _angles(device: Driver, signals: Mapping[str, Signal]) -> tuple[str, Signal] | None:
