@@ -70,8 +70,9 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
         source.files, b.signals, devices,
     )  # fmt: skip
     layout.meta = describe(b.profile, b.source, b.signals, b.simulated, devices, laws, parameters, scenery, b.frames)
-    layout.meta["robots"] = robots
     layout.meta["frames"] |= placed
+    # A frame on a link that nothing measures isn't among those of the layout: the robot would stand at the root.
+    layout.meta["robots"] = [r for r in robots if not profile.frames or r["name"] in layout.meta["frames"]]
     keys.check(layout.fields, f"{b.source.label}: signal")
     row = Row(layout)
     for item in layout.meta["parameters"]:

@@ -197,6 +197,12 @@ def test_robots_whose_places_are_not_known_are_not_drawn_into_each_other(
     assert len(layout.meta["robots"]) == drawn
 
 
+def test_a_robot_on_a_link_that_nothing_measures_is_not_drawn() -> None:
+    real, simulated = (wiring.build(*profile.load("moca-finger"), sim).layout.meta for sim in (None, []))
+    assert [robot["name"] for robot in real["robots"]] == ["arm", "base"]  # where the person's hand is, nobody knows
+    assert [robot["name"] for robot in simulated["robots"]] == ["arm", "base", "finger"]
+
+
 def test_a_base_without_frames_stands_where_it_says_it_is(tmp_path: Path) -> None:
     layout = wiring.build(*profile.load("base-jog")).layout
     rows = made_rows(layout, 20, 50.0, base__pose=np.tile([1.0, 2.0, 0.5], (20, 1)))
