@@ -14,7 +14,7 @@ from runtime.recording.format import EVENTS
 from runtime.recording.robots import robots
 from runtime.recording.shapes import visuals
 
-NAMED = 5  # curves in one view that its legend names
+NAMED, FEW = 5, 3  # curves in one view that its legend names, and in a low one
 STACKED = 5  # views of curves in one column; more go side by side
 
 
@@ -30,7 +30,8 @@ def make(layout: Layout, row: Words | None, live: bool) -> rrb.Blueprint:
     ]
     plots, joints = profile_plots(layout), joint_plots(layout)
     shown = plots[: STACKED - 1 - min(len(joints), 2)]
-    overview = [_plot(p, layout) for p in (*shown, *joints[: STACKED - 1 - len(shown)])]
+    chosen = [*shown, *joints[: STACKED - 1 - len(shown)]]
+    overview = [_plot(p, layout, NAMED if len(chosen) < 3 else FEW) for p in chosen]
     groups = {
         "Overview": [*overview, _period()] if overview else [],
         "Commands": [_plot(p, layout) for p in command_plots(layout)],
@@ -80,10 +81,10 @@ def make(layout: Layout, row: Words | None, live: bool) -> rrb.Blueprint:
     )
 
 
-def _plot(plot: Plot, layout: Layout) -> rrb.TimeSeriesView:
+def _plot(plot: Plot, layout: Layout, named: int = NAMED) -> rrb.TimeSeriesView:
     # A legend of more lines covers the curves; the pointer names each curve all the same.
     curves = plot.curves(layout, np.zeros((1, layout.width), np.int64))
-    return _series(f"{plot.title} ({plot.unit})", plot_path(plot), legend=1 < len(curves) <= NAMED)
+    return _series(f"{plot.title} ({plot.unit})", plot_path(plot), legend=1 < len(curves) <= named)
 
 
 def _period() -> rrb.TimeSeriesView:
