@@ -45,6 +45,7 @@ class MobileBase(Driver):
     summary = "mobile base with ROS 2 behind zenoh (SUMMIT-XL STEEL): velocity out, odometry in"
     gives = ("pose", "twist")
     takes = (COMMAND,)
+    pictured_as = "summit-xl"
     max_age = 0.25
 
     def __init__(self, name: str, config: BaseConfig) -> None:

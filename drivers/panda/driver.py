@@ -55,6 +55,7 @@ class Panda(Driver):
     gives = STATES
     takes = COMMANDS
     links = ("flange",)
+    pictured_as = "panda"
     max_age = 0.05
 
     def __init__(self, name: str, config: PandaConfig) -> None:

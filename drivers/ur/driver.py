@@ -56,6 +56,7 @@ class Ur(Driver):
     gives = ("position", "velocity", "effort", "wrench", "pose", "speed_scaling", "buttons")
     takes = ("velocity_command", "position_command")
     links = ("flange",)
+    pictured_as = "{model}"
     max_age = 0.04
 
     def __init__(self, name: str, config: UrConfig) -> None:

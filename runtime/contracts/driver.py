@@ -95,6 +95,8 @@ class Driver(ABC):
     links: tuple[str, ...] = ()
     # What `srl calibrate PROFILE` calls its calibration; "" for none.
     calibrated: str = ""
+    # Which description of `runtime.control.robots` it is, for pictures; {model} stands for an option's value.
+    pictured_as: str = ""
     # Whether its signals are given by what stands here, now. A button of anything else releases no person's stop.
     here: bool = True
 

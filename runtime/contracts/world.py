@@ -97,7 +97,7 @@ class Fake(Driver):
         super().__init_subclass__()
         if cls.real is not None:
             own = {name for base in cls.__mro__[: cls.__mro__.index(Fake)] for name in vars(base)}
-            for name in {"Config", "summary", "gives", "takes", "max_age", "links"} - own:
+            for name in {"Config", "summary", "gives", "takes", "max_age", "links", "pictured_as"} - own:
                 setattr(cls, name, getattr(cls.real, name))
 
     def __init__(self, name: str, config: DeviceConfig, world: World, options: FakeConfig) -> None:

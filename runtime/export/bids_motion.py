@@ -23,8 +23,8 @@ from runtime.contracts.errors import RecordingError
 from runtime.contracts.field import Field
 from runtime.contracts.signals import Array
 from runtime.contracts.terms import POINT, QUATERNION
-from runtime.export.elements import Element, elements
 from runtime.export.report import Report, listed, whole_file
+from runtime.recording.elements import Element, elements
 from runtime.recording.reader import Recording
 
 VERSION: Final = "1.10.0"

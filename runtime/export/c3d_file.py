@@ -1,6 +1,6 @@
 """A recording as C3D: points of bodies in mm, and the devices' other numbers as analog channels.
 
-A point is named SIGNAL:ROW ("skeleton.nodes:Hips"), an analog channel as in `runtime.export.elements`. Points are in
+A point is named SIGNAL:ROW ("skeleton.nodes:Hips"), an analog channel as in `runtime.recording.elements`. Points are in
 the root of the profile's frames, as in the pictures. C3D has one fixed rate, 32-bit numbers and neither text nor time
 stamps; what that leaves out is reported.
 """
@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from runtime.contracts.errors import RecordingError
 from runtime.contracts.field import Field
 from runtime.contracts.signals import Array
-from runtime.export.elements import elements
 from runtime.export.frames_in_time import Grid, grid
 from runtime.export.report import Report, listed, needed, whole_file
 from runtime.ipc.layout import Layout
+from runtime.recording.elements import elements
 from runtime.recording.reader import Recording
 from runtime.recording.shapes import JOINTED, Placing
 

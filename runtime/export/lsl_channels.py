@@ -10,9 +10,9 @@ import numpy as np
 
 from runtime.contracts.errors import RequestError
 from runtime.contracts.signals import Array
-from runtime.export.elements import elements
 from runtime.ipc.layout import Layout, Words
 from runtime.profile.plots import indices, pick, split
+from runtime.recording.elements import elements
 
 PLACE: Final = "--signals"
 OWN: Final = ("cycle", "state", "cause")

@@ -14,9 +14,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from runtime.export.elements import elements
 from runtime.export.report import Report, whole_file
 from runtime.ipc.layout import Layout
+from runtime.recording.elements import elements
 from runtime.recording.reader import Recording
 
 ROWS = 1 << 16  # of a row group

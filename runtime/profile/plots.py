@@ -18,6 +18,7 @@ from runtime.contracts.errors import RecordingError, nearest
 from runtime.contracts.field import Field as RowField
 from runtime.contracts.signals import Array, Signal
 from runtime.ipc.layout import Layout
+from runtime.recording.elements import elements
 
 _REFERENCE = r"^([A-Za-z0-9_.\-]+)(?:\[([^,\[\]]+(?:,[^,\[\]]+)*)\])?$"
 Reference = Annotated[str, StringConstraints(pattern=_REFERENCE)]
@@ -88,9 +89,10 @@ def command_plots(layout: Layout) -> list[Plot]:
                 signals["measured"] = name
                 break
         there = {label: name for label, name in signals.items() if name in layout.fields}
-        for index, label in zip(np.ndindex(field.shape), series_names(layout, field.name), strict=True):
+        names = zip(np.ndindex(field.shape), series_names(layout, field.name), elements(field), strict=True)
+        for index, label, element in names:
             lines = {what: name + at for what, name in there.items() if (at := _at(layout.fields[name], field, index))}
-            found.append(Plot(title=f"{stem} {label}", unit=field.unit, lines=lines))
+            found.append(Plot(title=f"{stem} {label}", unit=element.unit, lines=lines))
     return found
 
 
@@ -103,7 +105,7 @@ def joint_plots(layout: Layout) -> list[Plot]:
         name = split(asked)[0]
         label = plot.title.removeprefix(name.removesuffix("_command")).strip() or name
         found.setdefault(name, {})[label] = plot.lines.get("measured", plot.lines.get("applied", asked))
-        units[name] = plot.unit
+        units[name] = layout.fields[name].unit
     return [Plot(title=n.removesuffix("_command"), unit=units[n], lines=lines) for n, lines in found.items()]
 
 

@@ -33,6 +33,7 @@ from runtime.profile.element import Element
 from runtime.profile.guard_entry import GuardEntry
 from runtime.profile.overrides import apply as apply_override
 from runtime.profile.overrides import plain_values
+from runtime.profile.pictured import RobotFile
 from runtime.profile.plots import Plot
 from runtime.profile.reset import ResetConfig
 from runtime.profile.source import Source, first_error
@@ -55,6 +56,9 @@ class DeviceEntry(BaseModel):
 
     driver: str
     max_age: float | None = Field(None, gt=0, allow_inf_nan=False, description="s; older than this a sample is stale")
+    robot: str | RobotFile | None = Field(
+        None, description="for pictures: a description, a finger of `models:`, or {urdf: FILE, base: LINK, tip: LINK}"
+    )
 
     @property
     def options(self) -> dict[str, Any]:

@@ -28,6 +28,7 @@ from runtime.profile.doubts import doubts
 from runtime.profile.graph import Actuator, Cleared, Copy, Graph, Law
 from runtime.profile.meta import describe
 from runtime.profile.names import Link, link
+from runtime.profile.pictured import pictured
 from runtime.profile.profile import Profile
 from runtime.profile.source import Source
 from runtime.profile.transforms import Found
@@ -64,7 +65,14 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
     _unused(b, laws, devices, cleared)
     layout = b.layout
     scenery = world.scenery if world is not None else []
+    robots, placed, unpictured = pictured(
+        {name: entry.robot for name, entry in b.profile.devices.items()}, b.profile.models, b.profile.frames,
+        source.files, b.signals, devices,
+    )  # fmt: skip
     layout.meta = describe(b.profile, b.source, b.signals, b.simulated, devices, laws, parameters, scenery, b.frames)
+    layout.meta["frames"] |= placed
+    # A frame on a link that nothing measures isn't among those of the layout: the robot would stand at the root.
+    layout.meta["robots"] = [r for r in robots if not profile.frames or r["name"] in layout.meta["frames"]]
     keys.check(layout.fields, f"{b.source.label}: signal")
     row = Row(layout)
     for item in layout.meta["parameters"]:
@@ -81,7 +89,8 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
         b.simulated, [_is_intent(name, devices, fed) for name in names],
         measured_frames.sights(b, laws, names, row),
         doubts(profile, source, devices, laws, world, b.simulated,
-               {name: each.clearance for name, each in cleared.items()}),
+               {name: each.clearance for name, each in cleared.items()})
+        + [f"{b.source.place(place)}: {text}" for place, text in unpictured],
         [f"{b.source.place(f'sim.{key}')}: {text}" for key, text in (world.remarks if world is not None else ())],
         reads,
     )  # fmt: skip

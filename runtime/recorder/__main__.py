@@ -15,6 +15,7 @@ from pathlib import Path
 from runtime.contracts.errors import SrlError
 from runtime.ipc.child import Ending
 from runtime.ipc.run_folder import RunFolder
+from runtime.recorder.viewer_server import ViewerServer
 
 
 def main() -> int:
@@ -27,16 +28,31 @@ def main() -> int:
     options = parser.parse_args()
     if options.out is None and not options.view:
         parser.error("give --out, --view or both")
+    server = _server() if options.view else None
     try:
         from runtime.recorder.process import Recorder, watch
 
         run = RunFolder(options.run_folder)
-        if options.out is None:
-            return watch(run, ending)
-        return Recorder(run, options.out, options.view, ending).run()
+        if options.out is not None:
+            return Recorder(run, options.out, server, ending).run()
+        return watch(run, server, ending) if server is not None else 0
     except SrlError as error:
         print(f"recorder: {error}", file=sys.stderr)
         return 2
+    finally:
+        if server is not None:
+            server.close()
+
+
+def _server() -> ViewerServer | None:
+    """Starts the viewer's server, and says its address at once: the imports for its data take a second or two."""
+    try:
+        server = ViewerServer()
+    except SrlError as error:
+        print(f"recorder: {error}", file=sys.stderr, flush=True)
+        return None
+    print(f"recorder: viewer: {server.url}", file=sys.stderr, flush=True)
+    return server
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import rerun.blueprint as rrb
 
 from runtime.ipc.layout import Layout, Words
@@ -10,8 +11,10 @@ from runtime.recorder.eye import look
 from runtime.recorder.scene import plot_path
 from runtime.recording.columns import entity
 from runtime.recording.format import EVENTS
+from runtime.recording.robots import robots
 from runtime.recording.shapes import visuals
 
+NAMED, FEW = 5, 3  # curves in one view that its legend names, and in a low one
 STACKED = 5  # views of curves in one column; more go side by side
 
 
@@ -21,17 +24,18 @@ def make(layout: Layout, row: Words | None, live: bool) -> rrb.Blueprint:
     `row` (width,), if there is one, decides where the 3D view looks at first. `live` follows the newest rows.
     """
     loop = [
-        _series("Period and cycle (ms, largest of each 1/30 s)", "/loop/timing/period", "/loop/timing/cycle"),
+        _period(),
         _series("Phases of the cycle (us, largest of each 1/30 s)", "/loop/timing/phases"),
         _series("Age of the devices' samples (ms)", "/loop/timing/ages"),
     ]
     plots, joints = profile_plots(layout), joint_plots(layout)
     shown = plots[: STACKED - 1 - min(len(joints), 2)]
-    overview = [_plot(p) for p in (*shown, *joints[: STACKED - 1 - len(shown)])]
+    chosen = [*shown, *joints[: STACKED - 1 - len(shown)]]
+    overview = [_plot(p, layout, NAMED if len(chosen) < 3 else FEW) for p in chosen]
     groups = {
-        "Overview": [*overview, loop[0]] if overview else [],
-        "Commands": [_plot(p) for p in command_plots(layout)],
-        "Plots": [_plot(p) for p in plots],
+        "Overview": [*overview, _period()] if overview else [],
+        "Commands": [_plot(p, layout) for p in command_plots(layout)],
+        "Plots": [_plot(p, layout) for p in plots],
         "Loop": loop,
     }
     tabs = [_stack(name, views) for name, views in groups.items() if views]
@@ -39,13 +43,24 @@ def make(layout: Layout, row: Words | None, live: bool) -> rrb.Blueprint:
     events = rrb.TextLogView(
         name="Events",
         contents=[EVENTS],
-        columns=rrb.TextLogColumns(timeline_columns=["time", "cycle"], text_log_columns=["LogLevel", "Body"]),
+        columns=rrb.TextLogColumns(timeline_columns=["time"], text_log_columns=["LogLevel", "Body"]),
     )
     left = [events]
-    if shapes := visuals(layout):
+    shapes, drawn = visuals(layout), robots(layout)
+    if shapes or drawn:
+        # Where a robot is drawn whole, the simulated world's lines of it would only hide it.
+        lines = {f"world.{robot.name}_{what}" for robot in drawn for what in ("links", "outline")}
+        seen = [entity(f.name) for f in shapes if f.name not in lines]
         view = rrb.Spatial3DView(
             name="3D",
-            contents=[*(entity(f.name) for f in shapes), "/frames/**", "/axes/**"],
+            contents=[
+                *seen,
+                *(f"/{robot.entity}/**" for robot in drawn),
+                "/scenery/**",
+                "/tf",
+                "/frames/**",
+                "/axes/**",
+            ],
             eye_controls=None if row is None else look(layout, row, shapes),
         )
         left = [view, events]
@@ -66,12 +81,20 @@ def make(layout: Layout, row: Words | None, live: bool) -> rrb.Blueprint:
     )
 
 
-def _plot(plot: Plot) -> rrb.TimeSeriesView:
-    return _series(f"{plot.title} ({plot.unit})", plot_path(plot))
+def _plot(plot: Plot, layout: Layout, named: int = NAMED) -> rrb.TimeSeriesView:
+    # A legend of more lines covers the curves; the pointer names each curve all the same.
+    curves = plot.curves(layout, np.zeros((1, layout.width), np.int64))
+    return _series(f"{plot.title} ({plot.unit})", plot_path(plot), legend=1 < len(curves) <= named)
 
 
-def _series(name: str, *paths: str) -> rrb.TimeSeriesView:
-    return rrb.TimeSeriesView(name=name, contents=list(paths), plot_legend=rrb.Corner2D.LeftTop)
+def _period() -> rrb.TimeSeriesView:
+    """A view of its own each time: the viewer refuses one that is in two places."""
+    return _series("Period and cycle (ms, largest of each 1/30 s)", "/loop/timing/period", "/loop/timing/cycle")
+
+
+def _series(name: str, *paths: str, legend: bool = True) -> rrb.TimeSeriesView:
+    place = rrb.PlotLegend(corner=rrb.Corner2D.LeftTop, visible=legend)
+    return rrb.TimeSeriesView(name=name, contents=list(paths), plot_legend=place)
 
 
 def _stack(name: str, views: list[rrb.TimeSeriesView]) -> rrb.Container:

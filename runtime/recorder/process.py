@@ -17,6 +17,7 @@ from runtime.recorder.merge import covers, merge, remove
 from runtime.recorder.stream import Stream
 from runtime.recorder.tail import Batch, Tail
 from runtime.recorder.viewer import Viewer
+from runtime.recorder.viewer_server import ViewerServer
 from runtime.recording.framing import HEADER, strip
 from runtime.recording.reader import check_run
 from runtime.recording.segments import Segments, check_target, folder_of, listed
@@ -30,8 +31,10 @@ WELL, INCOMPLETE = 0, 1
 class Recorder:
     """One run's recorder."""
 
-    def __init__(self, run: RunFolder, target: Path, view: bool, ending: Ending | None = None) -> None:
-        """Opens the rings and finds where to begin or to continue.
+    def __init__(
+        self, run: RunFolder, target: Path, server: ViewerServer | None = None, ending: Ending | None = None
+    ) -> None:
+        """Opens the rings and finds where to begin or to continue. With a `server` the run is also shown live.
 
         Raises:
             RecordingError: there is no run, or a recording of another run exists at the target.
@@ -50,7 +53,9 @@ class Recorder:
         self._stream.prologue(self._ring.newest())
         head = self._binary.read()
         self._segments = Segments(folder_of(target), head[:HEADER] + strip(head))
-        self._viewer = start_viewer(self._tail) if view else None
+        self._viewer = start_viewer(self._tail, server) if server is not None else None
+        for problem in self._stream.problems:
+            say(problem)
         self._stuck = False
         self._lost = 0
 
@@ -133,14 +138,16 @@ class Recorder:
         return WELL
 
 
-def watch(run: RunFolder, ending: Ending | None = None) -> int:
+def watch(run: RunFolder, server: ViewerServer, ending: Ending | None = None) -> int:
     """Shows a run live until it ends and saves nothing. Returns the exit code: a missing viewer fails no run.
 
     Raises:
         RecordingError: there is no run.
     """
     tail = Tail(run, recorder=False, ending=ending)
-    viewer = start_viewer(tail)
+    viewer = start_viewer(tail, server)
+    for problem in viewer.problems if viewer is not None else ():
+        say(problem)
     over = False
     while viewer is not None and viewer.alive and not over:
         batch, over = tail.next()
@@ -152,15 +159,14 @@ def watch(run: RunFolder, ending: Ending | None = None) -> int:
     return WELL
 
 
-def start_viewer(tail: Tail) -> Viewer | None:
-    """Starts a viewer. If it doesn't start, prints the reason and returns None: the recording goes on without it."""
+def start_viewer(tail: Tail, server: ViewerServer) -> Viewer | None:
+    """Sends the run to a server. If that doesn't start, says why and returns None: the recording goes on without it."""
     try:
-        viewer = Viewer(tail.text, tail.ring.newest())
+        server.await_start()
     except RecordingError as error:
         say(str(error))
         return None
-    say(f"viewer: {viewer.url}")
-    return viewer
+    return Viewer(tail.text, tail.ring.newest(), server)
 
 
 def say(text: str) -> None:

@@ -13,14 +13,16 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from runtime.contracts import rotation
 from runtime.contracts.field import Field
 from runtime.contracts.frames import as_pose
+from runtime.contracts.linkage import Solid
 from runtime.contracts.rotation import homogeneous
 from runtime.ipc.layout import Words
 from runtime.ipc.words import Cause, State
 from runtime.profile.plots import Plot, command_plots, joint_plots, profile_plots, series_names
 from runtime.recorder.capsules import capsule_columns, capsule_look
+from runtime.recorder.robots import ROOT, Moves, RobotShapes
+from runtime.recorder.solid_shapes import solid_shapes
 from runtime.recording.columns import Columns, entity
 from runtime.recording.shapes import PALETTE, Color, Placing, color_numbers, colors, visuals
 
@@ -48,7 +50,6 @@ ELBOW, LIMB, ARROW, TRAIL = 0.03, 0.02, 0.012, 0.006  # m, radii for objects of 
 TRAILING = 150  # points of a path that are kept: 5 s
 NEWTON = 0.02  # m, length of an arrow for each newton
 AXES = 0.03  # m, length of a frame's axes
-ROOT = "tf#/"  # rerun's own name of the frame of "/"
 
 
 class Scene:
@@ -60,6 +61,7 @@ class Scene:
         self._frames = Placing(layout).frames
         self._plots = [*command_plots(layout), *joint_plots(layout), *profile_plots(layout)]
         self._visuals = visuals(layout)
+        self.robots = RobotShapes(layout)
         self._state: dict[str, int] = {}
         self._wake = 0
         self._trails: dict[str, NDArray[np.float64]] = {}  # the newest positions of each path
@@ -94,7 +96,10 @@ class Scene:
             log(rr.new_entity_path(["frames", child]), fixed)
             path = rr.new_entity_path(["axes", name])
             log(path, rr.CoordinateFrame(name), rr.TransformAxes3D(AXES))
-        for kind, shape in _scenery(self._layout.meta.get("scenery", [])):
+        self.robots.statics(recording, self._frames)
+        drawn = {robot.name for robot in self.robots.robots}
+        scenery = [s for s in self._layout.meta.get("scenery", []) if s.get("part") not in drawn]
+        for kind, shape in _scenery(scenery):
             log(f"/scenery/{kind}", shape)
         numbers = color_numbers(self._visuals)
         for field in self._visuals:
@@ -129,7 +134,10 @@ class Scene:
             values = self._layout.value(thin, field.name)
             shape = self._trail(field.name, values[:, :3]) if field.visual == "path" else _shape(field, values)
             columns(entity(field.name), thin, *shape)
-        self._measured_frames(thin, columns)
+        moves = Moves()
+        self._measured_frames(moves, thin)
+        self.robots.move(moves, thin)
+        moves.send(thin, columns)
         self._states(rows, columns)
 
     def _timing(self, rows: Words) -> dict[str, NDArray[np.float64]]:
@@ -160,21 +168,11 @@ class Scene:
         strips = [strip[strip.any(axis=1)] for strip in strips]  # a position before the first sample is all zeros
         return [rr.LineStrips3D.columns(strips=strips).partition(np.ones(len(strips), int))]
 
-    def _measured_frames(self, thin: Words, columns: Any) -> None:
+    def _measured_frames(self, moves: Moves, thin: Words) -> None:
         for name, frame in self._frames.items():
-            if frame.pose is None or frame.pose not in self._layout.fields:
-                continue
-            poses = np.array([as_pose(pose) for pose in self._layout.value(thin, frame.pose)])
-            known = np.isfinite(poses).all(axis=1)  # a pose before the first sample is all zeros
-            if known.any():
-                p = poses[known]
-                measured = rr.Transform3D.columns(
-                    translation=p[:, :3],
-                    quaternion=p[:, [4, 5, 6, 3]],
-                    parent_frame=[f"{name} mount"] * len(p),
-                    child_frame=[name] * len(p),
-                )
-                columns(rr.new_entity_path(["frames", name]), thin[known], measured)
+            if frame.pose in self._layout.fields:
+                poses = np.array([as_pose(pose) for pose in self._layout.value(thin, str(frame.pose))])
+                moves.add(poses, f"{name} mount", name)  # a pose before the first sample isn't finite
 
     def _states(self, rows: Words, columns: Any) -> None:
         for word, names in (("state", State), ("cause", Cause)):
@@ -196,25 +194,7 @@ def plot_path(plot: Plot) -> str:
 
 def _scenery(shapes: Sequence[Mapping[str, Any]]) -> list[tuple[str, Any]]:
     """The fixed objects of the simulated world, by kind."""
-    found: list[tuple[str, Any]] = []
-    for kind in dict.fromkeys(s["kind"] for s in shapes):
-        chosen = [s for s in shapes if s["kind"] == kind]
-        size, at = np.array([s["size"] for s in chosen]), np.array([s["position"] for s in chosen])
-        w, x, y, z = np.array([s["quaternion"] for s in chosen]).T
-        place = {"quaternions": np.stack([x, y, z, w], axis=1), "colors": [s["colour"] for s in chosen]}
-        solid = rr.components.FillMode.Solid
-        if kind == "box":
-            found.append((kind, rr.Boxes3D(half_sizes=size, centers=at, fill_mode=solid, **place)))
-        elif kind == "cylinder":
-            found.append((kind, rr.Cylinders3D(lengths=2 * size[:, 1], radii=size[:, 0], centers=at, **place)))
-        elif kind == "capsule":
-            # The viewer's capsules begin at the given point and extend along z.
-            along = np.stack([row[2] for row in rotation.rows(w, x, y, z)], axis=1)
-            start = at - along * size[:, 1:2]
-            found.append((kind, rr.Capsules3D(lengths=2 * size[:, 1], radii=size[:, 0], translations=start, **place)))
-        else:
-            found.append((kind, rr.Ellipsoids3D(centers=at, radii=size[:, 0], colors=place["colors"])))
-    return found
+    return solid_shapes([Solid(s["kind"], s["size"], (*s["position"], *s["quaternion"]), s["colour"]) for s in shapes])
 
 
 def _looks(field: Field, color: list[Color]) -> list[Any]:

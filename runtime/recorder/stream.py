@@ -41,6 +41,11 @@ class Stream:
         self._newest = np.zeros((1, self.layout.width), np.int64)
         self.recording = rr.RecordingStream(APPLICATION, recording_id=recording_id(text), send_properties=False)
 
+    @property
+    def problems(self) -> list[str]:
+        """What couldn't be drawn as it was asked for, a line each; known after `prologue`."""
+        return self._scene.robots.problems
+
     def prologue(self, row: Words | None, live: bool = False) -> None:
         """Sends the data at the head of every file: layout, profile, names, blueprint.
 

@@ -236,8 +236,10 @@ def _scenery(model: Any, data: Any) -> list[dict[str, Any]]:
         turn = np.zeros(4)
         mujoco.mju_mat2Quat(turn, data.geom_xmat[geom])
         values = {"size": model.geom_size[geom], "position": data.geom_xpos[geom], "quaternion": turn}
+        part = model.body(model.geom_bodyid[geom]).name.partition("/")[0]
         found.append(
-            {"kind": kind, "colour": model.geom_rgba[geom].tolist()} | {k: v.tolist() for k, v in values.items()}
+            {"kind": kind, "part": part, "colour": model.geom_rgba[geom].tolist()}
+            | {k: v.tolist() for k, v in values.items()}
         )
     return found
 

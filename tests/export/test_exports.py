@@ -16,11 +16,11 @@ from helpers.recording import make_layout, make_rows
 from runtime.contracts.errors import RecordingError, RequestError
 from runtime.contracts.field import Field
 from runtime.export import formats, parquet_file, report
-from runtime.export.elements import elements
 from runtime.ipc.events import Event, Level
 from runtime.ipc.layout import Layout
 from runtime.ipc.words import LINK_CONNECTED
 from runtime.profile import profile, wiring
+from runtime.recording.elements import elements
 from runtime.recording.reader import Recording
 
 

@@ -16,7 +16,7 @@ from runtime.contracts.errors import RecordingError, WiringError
 from runtime.ipc.layout import Layout
 from runtime.ipc.words import Cause, State
 from runtime.profile import profile, wiring
-from runtime.profile.plots import Plot, command_plots, series_names
+from runtime.profile.plots import Plot, command_plots, joint_plots, series_names
 from runtime.recorder import figure
 from runtime.recorder.eye import look
 from runtime.recording.reader import Recording
@@ -177,6 +177,18 @@ def test_a_command_has_the_limits_of_its_own_quantity(
     assert drawn == expected
     monkeypatch.undo()
     figure.plt.close("all")
+
+
+def test_an_axis_has_the_unit_of_its_own_element() -> None:
+    base = wiring.build(*profile.load("moca-man"), []).layout
+    assert {p.title: p.unit for p in command_plots(base) if "base" in p.title} == {
+        "base.twist vx": "m/s",
+        "base.twist vy": "m/s",
+        "base.twist wz": "rad/s",
+    }
+    assert "base.twist (m/s, rad/s)" in {f"{p.title} ({p.unit})" for p in joint_plots(base)}
+    arm = {p.title: p.unit for p in command_plots(wiring.build(*profile.load("human-srl"), []).layout)}
+    assert (arm["arm.position J4"], arm["arm.position J5"]) == ("rad", "m")  # J5 slides
 
 
 @pytest.mark.parametrize("profile_name", ["moca-man", "kairos-man"])

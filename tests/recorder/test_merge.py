@@ -142,7 +142,7 @@ def test_an_existing_recording_is_never_overwritten(tmp_path: Path) -> None:
     run, ring, _ = make_run(tmp_path / "run", make_layout())
     ring.finish()
     with pytest.raises(RecordingError, match="already"):
-        Recorder(run, out, view=False).run()
+        Recorder(run, out).run()
     assert out.read_bytes() == b"precious"
     folder_of(tmp_path / "new.rrd").mkdir()
     (folder_of(tmp_path / "new.rrd") / "000001.rrd").write_bytes(b"")
@@ -185,6 +185,6 @@ def test_a_merge_killed_while_tidying_up_is_finished_by_the_next(tmp_path: Path)
     folder_of(out).mkdir()
     (folder_of(out) / "000001.rrd").write_bytes(kept)
     before = out.read_bytes()
-    assert Recorder(run, out, view=False).run() == 0
+    assert Recorder(run, out).run() == 0
     assert not folder_of(out).exists()
     assert out.read_bytes() == before

@@ -20,7 +20,7 @@ from helpers.wait import until
 from runtime.contracts.errors import RecordingError
 from runtime.ipc.ring import RingReader
 from runtime.recorder import __main__ as command
-from runtime.recorder import viewer
+from runtime.recorder import viewer_server
 from runtime.recorder.process import Recorder, watch
 from runtime.recording.reader import read
 from runtime.recording.segments import folder_of
@@ -179,7 +179,7 @@ def test_segments_of_another_run_are_not_continued(tmp_path: Path) -> None:
     make_segments(folder_of(out), make_layout(rate=500), 100)
     run, _, _ = make_run(tmp_path / "run", make_layout())
     with pytest.raises(RecordingError, match="another run"):
-        Recorder(run, out, view=False)
+        Recorder(run, out)
 
 
 def test_a_restart_goes_on_from_the_ring_without_reading_the_segments(tmp_path: Path) -> None:
@@ -190,7 +190,7 @@ def test_a_restart_goes_on_from_the_ring_without_reading_the_segments(tmp_path: 
     make_segments(folder_of(out), layout, 300)
     RingReader(run.rows, marks=True).set_consumed(250)  # killed after a write, before it counted as taken
     ring.finish()
-    assert Recorder(run, out, view=False).run() == 0
+    assert Recorder(run, out).run() == 0
     recording = read(out)
     assert np.array_equal(recording.sequence, np.arange(1, 401))
     assert np.array_equal(recording.rows, expected(layout, 400))
@@ -201,10 +201,26 @@ def test_a_viewer_that_does_not_start_costs_no_recording(tmp_path: Path, monkeyp
     run, ring, _ = make_run(tmp_path / "run", layout)
     ring.append(expected(layout, 1)[0])
     ring.finish()
-    monkeypatch.setattr(viewer, "find_spec", lambda _: None)
-    assert Recorder(run, out, view=True).run() == 0
+    arguments = ["runtime.recorder", str(run.path), "--view"]
+    monkeypatch.setattr(command, "Ending", lambda **_: None)  # it would be this process's
+    monkeypatch.setattr(viewer_server, "find_spec", lambda _: None)  # nothing to start
+    monkeypatch.setattr(sys, "argv", [*arguments, "--out", str(out)])
+    assert command.main() == 0
     assert len(read(out).rows) == 1
-    assert watch(run) == 0
+    monkeypatch.setattr(sys, "argv", arguments)
+    assert command.main() == 0
+
+
+def test_a_viewer_that_dies_at_once_costs_no_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    layout, out = make_layout(), tmp_path / "out.rrd"
+    run, ring, _ = make_run(tmp_path / "run", layout)
+    ring.append(expected(layout, 1)[0])
+    ring.finish()
+    monkeypatch.setattr(viewer_server, "_executable", lambda: "/bin/false")
+    server = viewer_server.ViewerServer()
+    assert Recorder(run, out, server).run() == 0
+    assert len(read(out).rows) == 1
+    assert watch(run, server) == 0
 
 
 def test_watching_keeps_nothing_and_leaves_the_recorders_mark(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The elements of a layout's signals by name, with a unit for each: what files of other programs call them.
+"""The elements of a layout's signals by name, with a unit for each: what plots and other programs' files call them.
 
 A name is the reference that plots use: `finger.position[mcp]`, `hand.tips[thumb,x]`; a signal of one unnamed number
 is called as the signal. Rows without names (slots) have indices.

@@ -1,0 +1,249 @@
+"""Reads of a URDF what a picture needs: links, joints, and which files its meshes are.
+
+URDF is described at https://wiki.ros.org/urdf/XML. No xacro: a file that has it must be expanded first.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isfinite
+from pathlib import Path
+from typing import Final
+from urllib.parse import unquote, urlsplit
+from xml.etree.ElementTree import Element, ParseError, fromstring
+
+import numpy as np
+
+from runtime.contracts import rotation
+from runtime.contracts.errors import OptionError, nearest
+from runtime.contracts.frames import IDENTITY
+from runtime.contracts.linkage import DARK, Link, Linkage, Solid
+from runtime.contracts.rotation import Pose, Vector
+
+FORMATS: Final = (".dae", ".stl", ".obj", ".glb", ".gltf")  # meshes that the viewer reads
+MOST: Final = 1000  # links
+_MOVES: Final = ("revolute", "continuous", "prismatic")
+_EXPAND: Final = "Expand xacro first (`xacro FILE.xacro > FILE.urdf`), and name a URDF"
+
+
+@dataclass(frozen=True)
+class Urdf:
+    """What was read.
+
+    Attributes:
+        linkage: all its links, with rods for shapes; link 0 is the file's root, and hangs on the robot's own frame.
+        packages: folders in which `package://` begins.
+        lacking: meshes of links that aren't there, or aren't of a form that is drawn.
+    """
+
+    linkage: Linkage
+    packages: tuple[Path, ...]
+    lacking: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Joint:
+    name: str
+    kind: str
+    parent: str
+    child: str
+    pose: Pose
+    axis: Vector
+    mimic: tuple[str, float, float] | None
+
+
+def read(content: bytes, file: Path, names: Sequence[str], base: str | None = None, tip: str | None = None) -> Urdf:
+    """Reads a URDF.
+
+    Args:
+        content: of the file.
+        file: where it is, for errors and its meshes.
+        names: (n) of the elements that move it. They are its joints' names, or stand for the joints from `base` to
+            `tip` in their order.
+        base: the link whose frame is the robot's own; None: the root.
+        tip: the link at the end of the chain; None: all joints that move.
+    Raises:
+        OptionError: it can't be used.
+    """
+    try:
+        root = fromstring(content)
+    except (ParseError, UnicodeDecodeError, LookupError, ValueError) as error:
+        raise OptionError(f"{file} isn't XML: {error}", "Name a URDF") from None
+    if root.tag != "robot":
+        raise OptionError(f"{file} isn't a URDF: it begins with <{root.tag}>", "Name a URDF")
+    links = {_name(e, file): e for e in root.findall("link")}
+    if not 0 < len(links) <= MOST:
+        raise OptionError(f"{file} has {len(links)} links; 1 to {MOST} are read", _EXPAND)
+    joints = [_joint(e, file) for e in root.findall("joint")]
+    before = _tree(joints, links, file)
+    for what, link in (("base", base), ("tip", tip)):
+        if link is not None and link not in links:
+            raise OptionError(f"{file} has no link '{link}' for '{what}'", nearest(link, links))
+    moved = _moved(joints, before, names, base, tip, file)
+    order = _ordered(links, before, joints)
+    number = {link: i for i, link in enumerate(order)}
+    made = []
+    for link in order:
+        joint = before.get(link)
+        rods = _rods(link, joints)
+        if joint is None:
+            made.append(Link(link, -1, _above(base, before, file), solids=rods))
+            continue
+        element, factor, offset = moved.get(joint.name, ("", 1.0, 0.0))
+        made.append(Link(link, number[joint.parent], joint.pose, element, joint.axis, joint.kind == "prismatic",
+                         factor, offset, rods))  # fmt: skip
+    packages = tuple(Path(p) for p in os.environ.get("ROS_PACKAGE_PATH", "").split(":") if p) + tuple(file.parents)
+    lacking = tuple(text for link in links.values() for text in _lacking(link, file, packages))
+    return Urdf(Linkage(tuple(made)), packages, lacking)
+
+
+def _name(element: Element, file: Path) -> str:
+    name = element.get("name")
+    if not name:
+        raise OptionError(f"{file}: a {element.tag} has no name", "Correct the URDF")
+    return name
+
+
+def _numbers(text: str | None, count: int, default: tuple[float, ...], place: str) -> tuple[float, ...]:
+    if text is None:
+        return default
+    try:
+        values = tuple(map(float, text.split()))
+    except ValueError:
+        values = ()
+    if len(values) != count or not all(map(isfinite, values)):
+        raise OptionError(f"{place}: '{text}' isn't {count} numbers", _EXPAND)
+    return values
+
+
+def _joint(element: Element, file: Path) -> _Joint:
+    name, kind = _name(element, file), element.get("type", "")
+    place = f"{file}: joint {name}"
+    ends = [(e.get("link") if (e := element.find(tag)) is not None else None) for tag in ("parent", "child")]
+    if ends[0] is None or ends[1] is None:
+        raise OptionError(f"{place} doesn't say which links it joins", "Correct the URDF")
+    if kind not in (*_MOVES, "fixed", "floating", "planar"):
+        raise OptionError(f"{place}: '{kind}' is no type of joint", "Correct the URDF")
+    origin = element.find("origin")
+    xyz = _numbers(origin.get("xyz") if origin is not None else None, 3, (0.0, 0.0, 0.0), place)
+    rpy = _numbers(origin.get("rpy") if origin is not None else None, 3, (0.0, 0.0, 0.0), place)
+    found = element.find("axis")
+    axis = np.array(_numbers(found.get("xyz") if found is not None else None, 3, (1.0, 0.0, 0.0), place))
+    length = float(np.linalg.norm(axis))
+    if kind in _MOVES and length < 1e-9:
+        raise OptionError(f"{place}: its axis has no direction", "Correct the URDF")
+    x, y, z = (axis / (length or 1.0)).tolist()
+    mimic = element.find("mimic")
+    follows = None
+    if mimic is not None:
+        (factor,), (offset,) = (
+            _numbers(mimic.get(key), 1, (plain,), place) for key, plain in (("multiplier", 1.0), ("offset", 0.0))
+        )
+        follows = (str(mimic.get("joint")), factor, offset)
+    pose = (*xyz, *rotation.from_rpy(*rpy))
+    return _Joint(name, kind, ends[0], ends[1], pose, (x, y, z), follows)  # type: ignore[arg-type]
+
+
+def _tree(joints: list[_Joint], links: dict[str, Element], file: Path) -> dict[str, _Joint]:
+    """The joint before each link but the root. Raises OptionError: they are no tree."""
+    before: dict[str, _Joint] = {}
+    for joint in joints:
+        for link in (joint.parent, joint.child):
+            if link not in links:
+                raise OptionError(f"{file}: joint {joint.name}: there is no link '{link}'", nearest(link, links))
+        if joint.child in before:
+            raise OptionError(f"{file}: two joints move the link '{joint.child}'", "Correct the URDF")
+        before[joint.child] = joint
+    roots = [link for link in links if link not in before]
+    if len(roots) != 1:
+        raise OptionError(f"{file} has {len(roots)} roots ({', '.join(roots[:3])}), not one", "Correct the URDF")
+    for link in links:
+        _way(link, before, file, len(links))
+    return before
+
+
+def _way(link: str, before: dict[str, _Joint], file: Path, most: int) -> list[_Joint]:
+    """The joints from the root to a link."""
+    way: list[_Joint] = []
+    while link in before:
+        way.append(before[link])
+        link = before[link].parent
+        if len(way) > most:
+            raise OptionError(f"{file}: its joints form a circle at '{link}'", "Correct the URDF")
+    return way[::-1]
+
+
+def _above(base: str | None, before: dict[str, _Joint], file: Path) -> Pose:
+    """The root's pose in the frame of `base`."""
+    pose = IDENTITY
+    for joint in _way(base, before, file, MOST) if base is not None else ():
+        if joint.kind != "fixed":
+            raise OptionError(f"{file}: its root moves in '{base}', by joint {joint.name}", "Name a 'base' before it")
+        pose = rotation.composed(pose, joint.pose)
+    return rotation.inverted(pose)
+
+
+def _moved(
+    joints: list[_Joint], before: dict[str, _Joint], names: Sequence[str], base: str | None, tip: str | None, file: Path
+) -> dict[str, tuple[str, float, float]]:
+    """By joint: the element that moves it, and how."""
+    free = [j for j in joints if j.kind in _MOVES and j.mimic is None]
+    if set(names) <= {j.name for j in free} and tip is None:
+        moved = {name: (name, 1.0, 0.0) for name in names}
+    else:
+        if tip is not None:
+            above = {j.name for j in _way(base, before, file, MOST)} if base is not None else set()
+            free = [j for j in _way(tip, before, file, MOST) if j in free and j.name not in above]
+        if len(free) != len(names):
+            what = f"{len(free)} joints move{f' up to {tip}' if tip else ''}, and the robot has {len(names)}"
+            raise OptionError(f"{file}: {what}", "Name the 'base' and the 'tip' between which the robot's joints are")
+        moved = {joint.name: (name, 1.0, 0.0) for joint, name in zip(free, names, strict=True)}
+    for joint in joints:
+        if joint.mimic is not None and joint.mimic[0] in moved:
+            moved[joint.name] = (moved[joint.mimic[0]][0], *joint.mimic[1:])
+    return moved
+
+
+def _ordered(links: dict[str, Element], before: dict[str, _Joint], joints: list[_Joint]) -> list[str]:
+    """The links, each after the one that it hangs on."""
+    order = [link for link in links if link not in before]
+    for link in order:
+        order += [j.child for j in joints if j.parent == link]
+    return order
+
+
+def _rods(link: str, joints: list[_Joint]) -> tuple[Solid, ...]:
+    """Rods from a link's frame to the joints behind it: its shape where its meshes can't be drawn."""
+    made = []
+    for joint in (j for j in joints if j.parent == link):
+        end = np.array(joint.pose[:3])
+        length = float(np.linalg.norm(end))
+        if length > 1e-3:
+            w, i, j, k = rotation.from_z(end[None])[0].tolist()
+            x, y, z = (end / 2).tolist()
+            made.append(Solid("capsule", (min(max(0.12 * length, 0.004), 0.05), length / 2), (x, y, z, w, i, j, k)))
+        elif joint.kind in _MOVES:
+            made.append(Solid("sphere", (0.01,), color=DARK))
+    return tuple(made)
+
+
+def _lacking(link: Element, file: Path, packages: Sequence[Path]) -> list[str]:
+    found = []
+    for mesh in link.iterfind("visual/geometry/mesh"):
+        given = mesh.get("filename", "")
+        path = _resolved(given, file, packages)
+        if path is None or not path.is_file():
+            found.append(f"mesh {given} of link {link.get('name')} isn't there")
+        elif path.suffix.lower() not in FORMATS:
+            found.append(f"mesh {given} of link {link.get('name')} isn't one of {', '.join(FORMATS)}")
+    return found
+
+
+def _resolved(given: str, file: Path, packages: Sequence[Path]) -> Path | None:
+    parts = urlsplit(given)
+    if parts.scheme == "package":
+        inner = unquote(f"{parts.netloc}{parts.path}")
+        return next((folder / inner for folder in packages if (folder / inner).is_file()), None)
+    return file.parent / unquote(parts.path if parts.scheme == "file" else given)

@@ -1,0 +1,169 @@
+"""Which robots a picture of a run shows, and with which links: what the layout's `meta` says of them.
+
+A device's robot is what its driver says, or `robot:` of its entry: a description, a finger of `models:`, or a URDF.
+Nothing here keeps a run from beginning: what can't be used is told, and the picture has the shapes of the description,
+or none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from importlib import metadata
+from pathlib import Path
+from typing import Any, Final
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from runtime.contracts.driver import Driver
+from runtime.contracts.errors import OptionError, nearest
+from runtime.contracts.files import Files, KeptFile
+from runtime.contracts.frames import FrameEntry
+from runtime.contracts.linkage import Linkage
+from runtime.contracts.signals import Signal
+from runtime.contracts.terms import PLANAR
+from runtime.control.models import FingerModel, Model
+from runtime.control.robots import ARMS, SUMMIT_XL, linkages, urdf
+
+MESHES: Final = "example-robot-data"  # the package of the extra `meshes`
+_SHARED: Final = Path("cmeel.prefix/share/example-robot-data/robots")
+# By description, its file in that package, and the links of its base and its flange.
+_FILES: Final = {"panda": ("panda_description/urdf/panda.urdf", "panda_link0", "panda_link8")}
+
+
+class RobotFile(BaseModel):
+    """`robot: {urdf: FILE, base: LINK, tip: LINK}`: a robot as a file describes it."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    urdf: str = Field(min_length=1, description="the file, from the profile's folder on")
+    base: str | None = Field(None, description="link whose frame is the device's own; left out: the root")
+    tip: str | None = Field(None, description="link at the chain's end; left out: all joints that move")
+
+
+def pictured(
+    robots: Mapping[str, str | RobotFile | None],
+    models: Mapping[str, Model],
+    frames: Mapping[str, FrameEntry],
+    files: Files,
+    signals: Mapping[str, Signal],
+    devices: list[Driver],
+) -> tuple[list[dict[str, Any]], dict[str, dict[str, Any]], list[tuple[str, str]]]:
+    """The robots of a profile.
+
+    Args:
+        robots: by device, what its entry says.
+        models, frames, files: the profile's.
+        signals: all of the row.
+        devices: in the profile's order.
+    Returns:
+        The robots and the frames that they need beside the profile's, of JSON types; and what is doubted, with its key.
+    """
+    found: list[dict[str, Any]] = []
+    doubts: list[tuple[str, str]] = []
+    for device in devices:
+        entry = robots.get(device.name)
+        signal = _angles(device, signals)
+        names = signal[1].labels if signal is not None else ()
+        linkage, file = None, None
+        told = device.pictured_as.format_map(vars(device.config)).lower()
+        try:
+            if isinstance(entry, str) or (entry is None and told):
+                linkage = _described(entry if isinstance(entry, str) else told, models, entry is not None)
+            elif isinstance(entry, RobotFile):
+                linkage = _described(told, models, False)
+            if linkage is not None and not {link.joint for link in linkage.links if link.joint} <= set(names):
+                linkage = None
+                if isinstance(entry, str):
+                    raise OptionError(f"the joints of '{entry}' aren't those of '{device.name}'", "Correct one of them")
+            if isinstance(entry, RobotFile):
+                kept = _kept(entry.urdf, files)
+                read = urdf.read(kept.content, kept.path, names, entry.base, entry.tip)
+                if linkage is None or not read.lacking:
+                    linkage = read.linkage
+                if read.lacking:
+                    more = f" (and {len(read.lacking) - 1} more)" if len(read.lacking) > 1 else ""
+                    raise OptionError(
+                        f"{read.lacking[0]}{more}: drawn without meshes", "Correct the URDF, or set ROS_PACKAGE_PATH"
+                    )
+                file = {"path": str(kept.path), "packages": [str(p) for p in read.packages]}
+            elif linkage is not None and entry is None and told in _FILES and (whole := _installed(told, names)):
+                linkage, file = whole
+        except OptionError as error:
+            doubts.append((f"devices.{device.name}.robot", f"{error.problem}. {error.remedy}"))
+        if linkage is None:
+            continue
+        found.append({
+            "name": device.name,
+            "angles": signal[0] if signal is not None and linkage.moving else "",
+            "links": [asdict(link) for link in linkage.links],
+            "urdf": file,
+        })  # fmt: skip
+    return _placed(found, frames, signals, doubts)
+
+
+def _kept(given: str, files: Files) -> KeptFile:
+    """The URDF. The loop and a replay have what was read at the run's start, and read nothing themselves."""
+    try:
+        return files.keep(given, "Name an existing URDF, from the profile's folder on")
+    except OptionError:
+        if files.recorded is None:
+            raise
+        raise OptionError(f"{given} couldn't be read when the run was begun", "`srl check` says why") from None
+
+
+def _angles(device: Driver, signals: Mapping[str, Signal]) -> tuple[str, Signal] | None:
+    """What says where a device's joints are: its own state, else the simulation's truth, else what was applied."""
+    name = device.name
+    for candidate in (f"{name}.position", f"world.{name}_position"):
+        if candidate in signals and len(signals[candidate].shape) == 1:
+            return candidate, signals[candidate]
+    command = next((c for c in device.commands if c.name == "position_command" and len(c.shape) == 1), None)
+    return (f"{name}.position_command.applied", command) if command is not None else None
+
+
+def _described(name: str, models: Mapping[str, Model], asked: bool) -> Linkage | None:
+    """The links of a description. Raises OptionError if it was asked for and isn't there."""
+    model = models.get(name) or (FingerModel() if name == "finger" else None)
+    if isinstance(model, FingerModel):
+        return linkages.finger(model)
+    if name in ARMS:
+        return linkages.arm(ARMS[name])
+    if name == SUMMIT_XL.name:
+        return linkages.base(SUMMIT_XL)
+    if asked:
+        known = [*ARMS, SUMMIT_XL.name, "finger", *(n for n, m in models.items() if isinstance(m, FingerModel))]
+        raise OptionError(f"no robot is called '{name}'", nearest(name, known))
+    return None
+
+
+def _installed(name: str, names: tuple[str, ...]) -> tuple[Linkage, dict[str, Any]] | None:
+    """A robot with the meshes of the extra, where it is installed and whole."""
+    relative, first, last = _FILES[name]
+    try:
+        file = Path(str(metadata.distribution(MESHES).locate_file(_SHARED / relative)))
+        read = urdf.read(file.read_bytes(), file, names, first, last)
+        chain = next(i for i, link in enumerate(read.linkage.links) if link.name == last)
+        # What hangs on the flange there, the maker's own gripper, needn't be on this one.
+        bare = Linkage(read.linkage.links[: chain + 1])
+    except (metadata.PackageNotFoundError, OSError, OptionError):
+        return None
+    return None if read.lacking else (bare, {"path": str(file), "packages": [str(p) for p in read.packages]})
+
+
+def _placed(
+    found: list[dict[str, Any]], frames: Mapping[str, FrameEntry], signals: Mapping[str, Signal],
+    doubts: list[tuple[str, str]],
+) -> tuple[list[dict[str, Any]], dict[str, dict[str, Any]], list[tuple[str, str]]]:  # fmt: skip
+    """Keeps the robots whose place is known: a frame's; else, without any frames, what it measures, or the root."""
+    if frames:
+        return [robot for robot in found if robot["name"] in frames], {}, doubts
+    made = {}
+    for robot in found:
+        name = robot["name"]
+        pose = next((n for n, s in signals.items() if s.of == name and s.labels == PLANAR), None)
+        if pose is not None:
+            made[name] = FrameEntry(pose=pose).model_dump()
+    still = [robot for robot in found if robot["name"] not in made]
+    # Two robots at the root would stand in each other.
+    return [r for r in found if r["name"] in made or len(still) == 1], made, doubts

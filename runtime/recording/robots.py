@@ -1,0 +1,76 @@
+"""The robots of a recording: their links, and which of its signals moves them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.contracts.linkage import Linkage
+from runtime.contracts.signals import Array
+from runtime.ipc.layout import Layout
+
+
+@dataclass(frozen=True)
+class Robot:
+    """One robot.
+
+    Attributes:
+        name: the device's, which is that of its frame, too.
+        linkage: its links.
+        angles: the signal that moves them; "" where nothing does.
+        file: of the URDF with its meshes, or "".
+        packages: folders in which the URDF's `package://` begins.
+    """
+
+    name: str
+    linkage: Linkage
+    angles: str
+    file: str
+    packages: tuple[str, ...]
+
+    @property
+    def entity(self) -> str:
+        """The entity under which its shapes are. One name, as rerun's loader of URDFs takes no path."""
+        return f"robot-{self.name}"
+
+    def frame(self, number: int) -> str:
+        """The name of a link's frame. Those of the profile have no colon."""
+        return f"{self.name}:{self.linkage.links[number].name}"
+
+    def moved(self, layout: Layout, rows: NDArray[np.int64]) -> Array:
+        """(k, m, 7): the poses of the moving links in rows (k, width), each in the link before: `Linkage.moved`."""
+        if not self.angles:
+            return np.empty((len(rows), 0, 7))
+        return self.linkage.moved(layout.fields[self.angles].labels, layout.value(rows, self.angles))
+
+    def origins(self, layout: Layout, row: NDArray[np.int64]) -> Array:
+        """(n, 3): the links' origins in the device's own frame, m, in a row (width,)."""
+        if not self.angles:
+            return self.linkage.placed((), np.empty(0))[:, :3, 3]
+        field = layout.fields[self.angles]
+        return self.linkage.placed(field.labels, layout.value(row, self.angles))[:, :3, 3]
+
+
+def robots(layout: Layout) -> list[Robot]:
+    """The robots of a layout; none in a recording of an earlier version. One that is damaged is left out.
+
+    A picture is never worth a recording, so this raises nothing.
+    """
+    found = []
+    for given in layout.meta.get("robots", ()):
+        try:
+            file: dict[str, Any] = given["urdf"] or {"path": "", "packages": ()}
+            linkage = Linkage.of(given["links"])
+            robot = Robot(given["name"], linkage, given["angles"], file["path"], tuple(file["packages"]))
+            if linkage.moving:
+                names = layout.fields[robot.angles].labels
+                if not {linkage.links[i].joint for i in linkage.moving} <= set(names):
+                    continue
+        except (KeyError, TypeError, ValueError, AttributeError):
+            continue
+        if linkage.links:
+            found.append(robot)
+    return found
