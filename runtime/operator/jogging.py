@@ -14,7 +14,7 @@ WAY: Final = "terminal.way"
 
 
 def joints(layout: Layout) -> list[dict[str, Any]]:
-    """Name, unit and bounds (None: none) of each joint; empty where the run isn't that of `srl jog`."""
+    """Name, unit, bounds (None: none) and whether it is measured, of each joint; empty where `srl jog` doesn't run."""
     laws = [entry["use"] for entry in layout.meta.get("controllers", [])]
     commands = list(layout.meta.get("commands", {}))
     if laws != [LAW] or WAY not in layout.fields or len(commands) != 1:
@@ -23,9 +23,9 @@ def joints(layout: Layout) -> list[dict[str, Any]]:
     field = layout.fields[commands[0]]
     limits = layout.meta.get("limits", {}).get(commands[0], {})
     bounds = [_padded(limits.get(key), len(names)) for key in ("lower", "upper")]
-    unit = field.unit.removesuffix("/s")
+    unit, measured = field.unit.removesuffix("/s"), _measured(layout, commands[0])
     return [
-        {"name": name, "unit": unit, "lower": lower, "upper": upper}
+        {"name": name, "unit": unit, "lower": lower, "upper": upper, "measured": measured}
         for name, lower, upper in zip(names, *bounds, strict=True)
     ]
 
@@ -33,16 +33,24 @@ def joints(layout: Layout) -> list[dict[str, Any]]:
 def places(layout: Layout, row: Words) -> list[float | None]:
     """Where each joint is in a row (width,): as measured, else as commanded; None where nobody knows."""
     (command,) = layout.meta["commands"]
-    device = command.partition(".")[0]
     names = layout.fields[WAY].labels
-    measured = layout.fields.get(f"{device}.position")
-    source = f"{device}.position" if measured is not None and measured.size else f"{command}.applied"
-    if source not in layout.fields or (source != f"{device}.position" and layout.fields[command].unit.endswith("/s")):
-        return [None] * len(names)
+    source = f"{command}.applied"
+    if _measured(layout, command):
+        source = _position(command)
+    elif layout.fields[command].unit.endswith("/s"):
+        return [None] * len(names)  # a velocity says nothing of where it is
     values, labels = layout.value(row, source).ravel().tolist(), layout.fields[source].labels
-    found = dict(zip(labels, values, strict=False)) if labels else dict(zip(names, values, strict=False))
+    found = dict(zip(labels or names, values, strict=False))
     given = [found.get(name, found.get(POSITION_OF.get(name, ""), math.nan)) for name in names]
     return [value if math.isfinite(value) else None for value in given]
+
+
+def _position(command: str) -> str:
+    return f"{command.partition('.')[0]}.position"
+
+
+def _measured(layout: Layout, command: str) -> bool:
+    return _position(command) in layout.fields
 
 
 def takes_presses(run_folder: RunFolder) -> bool:

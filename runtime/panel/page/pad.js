@@ -30,7 +30,7 @@ export class Pad {
       const row = made("div", "joint"), name = button(joint.name, () => this.choose(i));
       const place = made("output"), range = made("span", "quiet");
       const bounds = joint.lower === null || joint.upper === null ? "" : `${measure(joint.lower, "")} to ${measure(joint.upper, joint.unit)}`;
-      range.textContent = bounds;
+      range.textContent = [joint.measured ? "measured" : "commanded: nothing measures it", bounds].filter(Boolean).join(" · ");
       const ways = [-1, 1].map((way) => {
         const held = button(way < 0 ? "◀" : "▶");
         held.setAttribute("aria-label", `${joint.name} to ${way < 0 ? "lower" : "higher"} values`);
@@ -87,7 +87,8 @@ export class Pad {
     if (!this.allowed || document.hidden || !document.hasFocus()) this.release();
     if (this.way) this.say({ kind: "jog", joint: this.joint, way: this.way, heard: message.told });
     this.rows.forEach(({ place, ways }, i) => {
-      text(place, measure(message.places[i] ?? null, this.joints[i].unit));
+      const at = message.places[i] ?? null;
+      text(place, at === null ? "-" : `${at.toFixed(3)} ${this.joints[i].unit === "1" ? "" : this.joints[i].unit}`.trim());
       for (const way of ways) way.disabled = !this.allowed;
     });
   }

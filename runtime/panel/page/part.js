@@ -19,7 +19,8 @@ export function button(words, pressed) {
   return element;
 }
 
-// A number with its unit; the unit 1 isn't said.
+// A number with its unit: the unit 1 isn't said, and 1/m is "per m".
 export function measure(value, unit, digits = 3) {
-  return value === null ? "-" : `${Number(value.toFixed(digits))}${unit && unit !== "1" ? ` ${unit}` : ""}`;
+  if (value === null) return "-";
+  return `${Number(value.toFixed(digits))} ${unit === "1" ? "" : unit.replace(/^1\//, "per ")}`.trim();
 }
