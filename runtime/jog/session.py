@@ -71,6 +71,7 @@ class Session:
         terminal = Presses(where, len(self._cut.speed), self._hold) if self._panel else Terminal()
         with EndSignals() as signals:
             where.claim()
+            where.press_socket.unlink(missing_ok=True)  # of a run that was killed: the panel would believe it
             kept: Standing | None = None
             supervisor: Supervisor | None = None
             well = False

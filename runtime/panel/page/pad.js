@@ -4,6 +4,7 @@
 import { button, made, measure, text } from "/part.js";
 
 const WAYS = { ArrowLeft: -1, ArrowRight: 1 };
+const GAP = 150; // ms without a picture after which a held key must be pressed anew
 
 export class Pad {
   constructor(box, say) {
@@ -13,7 +14,7 @@ export class Pad {
     this.joint = 0;
     this.way = 0; // the sense in which the held key or button moves; 0: none is held
     this.key = ""; // the key that is held
-    this.told = 0;
+    this.told = this.came = 0; // the newest picture's own time; when it came
     this.allowed = false;
     addEventListener("keydown", (event) => this.pressed(event));
     addEventListener("keyup", (event) => { if (event.key === this.key) this.release(); });
@@ -82,7 +83,9 @@ export class Pad {
 
   // A picture has come; allowed: whether this page may move a joint now.
   frame(message, allowed) {
-    this.told = message.told;
+    const now = performance.now(), gap = now - this.came > GAP;
+    [this.told, this.came] = [message.told, now];
+    if (gap) this.release();
     this.allowed = allowed && this.joints.length > 0 && message.takes;
     if (!this.allowed || document.hidden || !document.hasFocus()) this.release();
     if (this.way) this.say({ kind: "jog", joint: this.joint, way: this.way, heard: message.told });
