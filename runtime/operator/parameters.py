@@ -6,6 +6,8 @@ import math
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+import zenoh
+
 from runtime.bus.client import Client, connect
 from runtime.contracts.errors import RequestError
 from runtime.ipc.layout import Layout, Words
@@ -49,6 +51,9 @@ class Parameters:
         except RequestError:
             self.close()  # the next one finds a bus that was started again
             raise
+        except zenoh.ZError as error:
+            self.close()
+            raise RequestError(f"parameter '{name}'", f"the bus fails: {error}", "Try again") from None
 
     def close(self) -> None:
         """Ends the session with the bus: a process that leaves one open hangs at its end."""

@@ -49,6 +49,7 @@ class OperatorServer(PictureServer):
         self._tasks: set[asyncio.Task[None]] = set()
         self._busy: set[str] = set()  # requests that are under way: one of each kind
         self._newest: tuple[Peer, str, float] | None = None  # a parameter that waits for the one before
+        self._of: Layout | None = None  # the layout that was told last
         self._joints: list[dict[str, Any]] = []
         self._takes, self._looked = False, 0.0
         self._events: EventReader | None = None
@@ -57,6 +58,9 @@ class OperatorServer(PictureServer):
     # What is told
 
     def scene_beside(self, layout: Layout) -> dict[str, Any]:
+        if layout is not self._of:
+            self._of = layout
+            self._parameters.thread.submit(self._parameters.close)  # the next one is for this run's bus
         self._open_events()
         self._joints = jogging.joints(layout)
         return {"parameters": Parameters.told(layout), "joints": self._joints}
@@ -140,7 +144,8 @@ class OperatorServer(PictureServer):
             raise BadMessageError("there is no such parameter")
         lower, upper = (known[name][key] for key in ("lower", "upper"))
         if (lower is not None and value < lower) or (upper is not None and value > upper):
-            _answer(peer, "set", f"{name}: {value:g} is out of bounds ({lower:g} to {upper:g})")
+            bounds = " to ".join("any" if bound is None else f"{bound:g}" for bound in (lower, upper))
+            _answer(peer, "set", f"{name}: {value:g} is out of bounds ({bounds})")
         elif peer is not self._holder:
             _answer(peer, "set", f"{name}: {_NO_CONTROL}")
         else:

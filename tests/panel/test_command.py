@@ -35,7 +35,8 @@ def test_the_demonstrations_curves_can_be_shown_and_begin_flat() -> None:
         (["--signal", "x"], "no instance"), (["--signal", "x", "--span", "1", "1"], "--span"),
         (["--signal", "x", "--span", "nan", "1"], "--span"), (["--signal", "x", "--port", "70000"], "--port"),
         (["--signal", "x", "--out", "here"], "--demo"), ([], "no instance"), (["--port", "-1"], "--port"),
-        (["--demo"], "Add --signal"), (["--signal", "x", "--recordings", "."], "--recordings"), (["--span", "0", "1"], "Add --signal"), (["--held", "x"], "Add --signal"),
+        (["--demo"], "Add --signal"), (["--span", "0", "1"], "Add --signal"), (["--held", "x"], "Add --signal"),
+        (["--signal", "x", "--recordings", "."], "--recordings"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_said(

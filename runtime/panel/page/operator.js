@@ -124,14 +124,16 @@ export class Operator {
     part.desk.classList.toggle("old", !linked);
     text(part.control, this.yours ? "Give up control" : this.held ? "Take control from another tab" : "Take control");
     part.control.classList.toggle("yours", this.yours);
-    text(part.control_words, this.yours ? "This tab has control." : "Without control this tab can only stop.");
+    const words = this.yours ? "This tab has control." : "Without control this tab can only stop.";
+    text(part.control_words, linked ? words : "No data: what stands here is old.");
+    part.control.disabled = !linked;
     text(part.answer, now < this.answered[0] ? this.answered[1] : "");
     part.answer.className = this.answered[2] ? "well" : "bad";
     if (!newest) return;
     const { health, devices } = newest, may = linked && this.yours;
     text(part.means, health.means);
     text(part.why, health.why);
-    text(part.stands, health.stands && `Until a reset or start it stands: ${health.stands}.`);
+    text(part.stands, health.stands && `Still standing: ${health.stands}.`);
     text(part.todo, health.todo);
     for (const what of ["start", "reset"]) {
       part[what].disabled = !(may && ALLOWED[health.now] === what);

@@ -31,7 +31,7 @@ export class Pad {
       const row = made("div", "joint"), name = button(joint.name, () => this.choose(i));
       const place = made("output"), range = made("span", "quiet");
       const bounds = joint.lower === null || joint.upper === null ? "" : `${measure(joint.lower, "")} to ${measure(joint.upper, joint.unit)}`;
-      range.textContent = [joint.measured ? "measured" : "commanded: nothing measures it", bounds].filter(Boolean).join(" · ");
+      range.textContent = [joint.measured ? "measured" : "not measured", bounds].filter(Boolean).join(" · ");
       const ways = [-1, 1].map((way) => {
         const held = button(way < 0 ? "◀" : "▶");
         held.setAttribute("aria-label", `${joint.name} to ${way < 0 ? "lower" : "higher"} values`);
@@ -61,7 +61,7 @@ export class Pad {
 
   pressed(event) {
     if (!this.allowed || event.repeat) return;
-    const typing = event.target instanceof HTMLInputElement; // arrows belong to the slider that has the focus
+    const typing = event.target instanceof HTMLInputElement && event.target.type !== "checkbox"; // a slider's own arrows
     if (event.altKey || event.ctrlKey || event.metaKey || typing) { this.release(); return; }
     const way = WAYS[event.key], step = { ArrowUp: -1, ArrowDown: 1 }[event.key];
     if (way) this.hold(way, event.key);

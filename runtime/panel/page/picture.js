@@ -81,7 +81,7 @@ function frame() {
     space.draw(scene.things, newest.things, isNow);
     curves.draw(current ? Math.max(now, newest.t) : newest.t);
     text(part.state, newest.state);
-    part.state.className = newest.state;
+    part.state.className = current ? newest.state : ""; // a state that may be over has no colour
     const simulated = scene.simulated.length ? "simulated · " : "";
     text(part.facts, `${simulated}${Number(scene.rate.toFixed(1))} Hz · cycle ${newest.cycle}`);
   }
