@@ -1,24 +1,18 @@
-"""The panel's server: who is let in, who may command, what reaches the loop, and what never does."""
+"""The panel's server: who may command, what reaches the loop, and what never does."""
 
 from __future__ import annotations
 
-import asyncio
-import http.client
-import json
 import os
-import subprocess
-import sys
 import time
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
 
-import aiohttp
 import numpy as np
 import pytest
 from helpers.bus import Instance
 from helpers.operated import OperatedLoop
+from helpers.operator_page import Socket, closed, cookie, get, heard, place, ponged, take, talk
 from helpers.recording import make_layout, make_rows
 from helpers.wait import until
 
@@ -28,146 +22,6 @@ from runtime.ipc.words import State
 from runtime.operator.client import OperatorPage
 from runtime.operator.server import FLOOD, OperatorServer
 from runtime.recorder.stream import Stream
-
-Socket = aiohttp.ClientWebSocketResponse
-UPGRADE = {
-    "Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13",
-    "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
-}  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def loop(tmp_path_factory: pytest.TempPathFactory) -> Iterator[OperatedLoop]:
-    with OperatedLoop(tmp_path_factory.mktemp("o") / "made-up").running() as made:
-        yield made
-
-
-@pytest.fixture(scope="module")
-def process(loop: OperatedLoop, tmp_path_factory: pytest.TempPathFactory) -> Iterator[OperatorPage]:
-    with OperatorPage(loop.folder, tmp_path_factory.mktemp("recordings")) as made:
-        yield made
-
-
-@pytest.fixture
-def page(loop: OperatedLoop, process: OperatorPage) -> OperatorPage:
-    """A panel that nobody has opened yet, of an active run."""
-    loop.state, loop.refuses = State.ACTIVE, ""
-    loop.asked.clear()
-    loop.presses.clear()
-    process.new_address()
-    return process
-
-
-def place(page: OperatorPage) -> str:
-    return urlsplit(page.address).netloc
-
-
-def get(page: OperatorPage, path: str, method: str = "GET", **headers: str) -> http.client.HTTPResponse:
-    connection = http.client.HTTPConnection(place(page), timeout=20)
-    connection.putrequest(method, path, skip_host=True, skip_accept_encoding=True)
-    for name, value in ({"Host": place(page)} | headers).items():
-        connection.putheader(name, value)
-    connection.endheaders()
-    answer = connection.getresponse()
-    connection.close()
-    return answer
-
-
-def cookie(page: OperatorPage) -> str:
-    answer = get(page, f"/?{urlsplit(page.address).query}")
-    assert answer.status == 303
-    return str(answer.headers["Set-Cookie"]).partition(";")[0]
-
-
-def talk(page: OperatorPage, *parts: Callable[..., Awaitable[Any]], kept: str = "") -> Any:
-    """Opens as many tabs as the function takes, and hands them to it."""
-    (what,) = parts
-    headers = {"Cookie": kept or cookie(page), "Origin": f"http://{place(page)}"}
-    count = what.__code__.co_argcount  # type: ignore[attr-defined]
-
-    async def run() -> Any:
-        async with aiohttp.ClientSession(headers=headers) as session:
-            tabs = [await session.ws_connect(f"ws://{place(page)}/socket") for _ in range(count)]
-            try:
-                return await what(*tabs)
-            finally:
-                for tab in tabs:
-                    await tab.close()
-
-    return asyncio.run(asyncio.wait_for(run(), 60))
-
-
-async def heard(tab: Socket, kind: str, **content: object) -> dict[str, Any]:
-    """The next message of a kind with this content."""
-    while True:
-        message: dict[str, Any] = await tab.receive_json()
-        if message["kind"] == kind and content.items() <= message.items():
-            return message
-
-
-async def take(tab: Socket) -> None:
-    await tab.send_json({"kind": "control", "take": True})
-    await heard(tab, "control", yours=True)
-
-
-async def ponged(tab: Socket) -> None:
-    """What was said before is handled."""
-    await tab.send_json({"kind": "ping", "at": 1})
-    await heard(tab, "pong")
-
-
-async def closed(tab: Socket) -> int | None:
-    while not tab.closed:
-        await tab.receive()
-    return tab.close_code
-
-
-# Who is let in
-
-
-@pytest.mark.parametrize("path", ["/", "/operator.js", "/pad.js", "/part.js", "/operator.css", "/socket", "/?token=x"])
-def test_without_the_token_nothing_is_served(page: OperatorPage, path: str) -> None:
-    assert get(page, path).status == 403
-
-
-@pytest.mark.parametrize("origin", [None, "null", "http://example.org", "http://localhost", "https://127.0.0.1"])
-def test_a_foreign_page_can_neither_listen_nor_stop(loop: OperatedLoop, page: OperatorPage, origin: str | None) -> None:
-    headers = {"Cookie": cookie(page)} | ({"Origin": origin} if origin else {})
-    stops = loop.stops
-    assert get(page, "/socket", **headers, **UPGRADE).status == 403
-    assert get(page, "/stop", "POST", **headers).status == 403
-    assert loop.stops == stops
-
-
-@pytest.mark.parametrize("host", ["rebound.example.org", "localhost", "127.0.0.1", "[::1]"])
-def test_another_name_for_this_host_is_refused(page: OperatorPage, host: str) -> None:
-    kept, origin = cookie(page), f"http://{place(page)}"
-    assert get(page, "/", Cookie=kept, Host=host).status in (400, 421)
-    assert get(page, "/socket", Cookie=kept, Host=host, Origin=origin, **UPGRADE).status in (400, 421)
-    assert get(page, "/stop", "POST", Cookie=kept, Host=host, Origin=origin).status in (400, 421)
-
-
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root can become another user")
-def test_another_users_process_is_refused(loop: OperatedLoop, page: OperatorPage) -> None:
-    cookie(page)  # a browser is in
-    script = """
-import encodings.idna, http.client, json, os, sys
-os.setgid(65534), os.setuid(65534)
-place, upgrade = sys.argv[1], json.loads(sys.argv[2])
-found = []
-for method, path, more in (("GET", "/", {}), ("GET", "/socket", upgrade), ("POST", "/stop", {})):
-    connection = http.client.HTTPConnection(place, timeout=20)
-    connection.request(method, path, headers={"Origin": "http://" + place} | more)
-    found.append(connection.getresponse().status)
-print(found)
-for path in (sys.argv[3], sys.argv[3] + "/press.sock", sys.argv[3] + "/loop.sock"):
-    print(os.access(path, os.W_OK))
-"""
-    os.chmod(loop.folder.path, 0o750)  # as a run claims it
-    command = [sys.executable, "-c", script, place(page), json.dumps(UPGRADE), str(loop.folder.path)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
-    assert done.stdout.split("\n")[:4] == ["[403, 403, 403]", "False", "False", "False"]
-
 
 # What a page may say
 
