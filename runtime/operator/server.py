@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import json
+import sys
 import time
 from collections import deque
 from collections.abc import Coroutine
@@ -23,7 +25,6 @@ from runtime.ipc.run_folder import RunFolder
 from runtime.ipc.words import CYCLE
 from runtime.operator import health, jogging
 from runtime.operator.parameters import Parameters
-from runtime.operator.shelf import shelf
 from runtime.panel.peer import BadMessageError, Peer, number
 from runtime.panel.picture import PictureServer
 
@@ -156,6 +157,8 @@ class OperatorServer(PictureServer):
         loop = asyncio.get_running_loop()
         while self._newest is not None:
             (peer, name, value), self._newest = self._newest, None
+            if peer is not self._holder:
+                continue  # it has lost the control meanwhile
             try:
                 made = await loop.run_in_executor(self._parameters.thread, self._parameters.change, name, value)
                 _answer(peer, "set", "", f"{name}: {made:g}")
@@ -175,7 +178,20 @@ class OperatorServer(PictureServer):
 
     async def _list(self, peer: Peer) -> None:
         name = str(self._view.layout.meta.get("name", ""))
-        peer.tell({"kind": "recordings"} | await asyncio.to_thread(shelf, self._recordings, name))
+        # In a process of its own: reading hours of rows here could keep a stop waiting.
+        reader = await asyncio.create_subprocess_exec(
+            sys.executable, "-m", "runtime.operator.shelf", str(self._recordings), name,
+            stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE,
+        )  # fmt: skip
+        try:
+            said, _ = await reader.communicate()
+            found = json.loads(said)
+        except ValueError:
+            found = {"rows": [], "more": 0, "words": "They can't be read here. Try `srl recordings`"}
+        finally:
+            if reader.returncode is None:
+                reader.kill()
+        peer.tell({"kind": "recordings"} | found)
 
     def _once(self, what: str, work: Coroutine[Any, Any, None]) -> bool:
         """Begins work unless some of this kind is under way. Returns whether it begins."""

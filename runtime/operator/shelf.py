@@ -1,7 +1,13 @@
-"""The recordings of a profile, as `srl recordings` lists them. Nothing here changes one."""
+"""`python -m runtime.operator.shelf FOLDER PROFILE`: the recordings of a profile as JSON, as `srl recordings` has them.
+
+Nothing here changes one. The panel's server runs it as a process of its own, behind everything else.
+"""
 
 from __future__ import annotations
 
+import json
+import os
+import sys
 from pathlib import Path
 from typing import Any, Final
 
@@ -35,3 +41,8 @@ def shelf(folder: Path, profile: str) -> dict[str, Any]:
     if not rows:
         words = words or f"No recordings of {profile} in {folder}. `srl run --record FILE` makes one."
     return {"rows": rows[:MOST], "more": max(len(rows) - MOST, 0), "words": words}
+
+
+if __name__ == "__main__":
+    os.nice(10)
+    print(json.dumps(shelf(Path(sys.argv[1]), sys.argv[2])))
