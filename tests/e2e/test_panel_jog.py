@@ -83,6 +83,7 @@ def jogged(folder: Path, browser: Chromium) -> Iterator[Jogged]:
             page = browser.open(panel.address)
             page.ask("Emulation.setFocusEmulationEnabled", enabled=True)
             until(lambda: page.value("pictureNow.takes"))
+            until(lambda: not page.value("document.getElementById('control').disabled"))
             page.value("document.getElementById('control').click()")
             until(lambda: "Hold" in str(page.value("document.getElementById('jog_words').innerText")))
             yield Jogged(folder, run, panel, page)

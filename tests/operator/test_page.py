@@ -49,6 +49,7 @@ class Seen:
         return bool(self.page.value(f"!document.getElementById('{part}').disabled"))
 
     def control(self) -> None:
+        until(lambda: self.able("control"))
         self.click("control")
         until(lambda: self.now("control"))
 
@@ -244,8 +245,9 @@ def test_a_stop_lets_go_and_a_held_key_begins_nothing_after_it(seen: Seen) -> No
 def test_another_tab_takes_the_control_and_says_so(seen: Seen, browser: Chromium) -> None:
     seen.control()
     other = browser.open(seen.page.value("location.href"))
-    until(lambda: "another tab" in str(other.value("document.getElementById('control').innerText")))
-    other.value("document.getElementById('control').click()")
+    button = "document.getElementById('control')"
+    until(lambda: "another tab" in str(other.value(f"{button}.innerText")) and not other.value(f"{button}.disabled"))
+    other.value(f"{button}.click()")
     until(lambda: seen.now("control") is False)
     assert "another tab" in seen.text("control")
     other.close()

@@ -126,7 +126,7 @@ export class Operator {
     part.control.classList.toggle("yours", this.yours);
     const words = this.yours ? "This tab has control." : "Without control this tab can only stop.";
     text(part.control_words, linked ? words : "No data: what stands here is old.");
-    part.control.disabled = !linked;
+    part.control.disabled = !linked && !this.yours;
     text(part.answer, now < this.answered[0] ? this.answered[1] : "");
     part.answer.className = this.answered[2] ? "well" : "bad";
     if (!newest) return;
