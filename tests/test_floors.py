@@ -37,10 +37,11 @@ ROOMS: dict[str, set[str]] = {
     "runtime.service": LOOP,
     "runtime.calibration": LOOP | {"runtime.recorder", "runtime.service"},
     "runtime.jog": LOOP | {"runtime.service"},
+    "runtime.operator": LOOP | {"runtime.bus", "runtime.panel"},
     "runtime.export": LOOP,
     "runtime.cli": LOOP
     | {"runtime.bus", "runtime.recorder", "runtime.panel", "runtime.service", "runtime.calibration"}
-    | {"runtime.export", "runtime.jog"},
+    | {"runtime.export", "runtime.jog", "runtime.operator"},
     "drivers": GROUND | {"runtime.messages", "runtime.recording"},
     "sim.world": GROUND | {"runtime.messages"} | DESCRIPTIONS,
     "sim.wearer": GROUND | {"sim.world", "drivers"} | DESCRIPTIONS,

@@ -26,6 +26,9 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "--confirm", action="store_true",
         help="devices without feedback stand where the profile says (home), nothing is in their way",
     )  # fmt: skip
+    parser.add_argument(
+        "--panel", action="store_true", help="presses come from the page of `srl panel`, not from this terminal"
+    )
     parser.set_defaults(run=run)
 
 
@@ -42,7 +45,9 @@ def run(args: argparse.Namespace) -> int:
     from runtime.service import arming
 
     check_names()
-    made = cut(*profile.load(args.profile, args.set), args.device, args.speed, args.sim)
+    if args.panel and args.step:
+        raise RequestError("--step", "it is for a terminal's keys", "Leave out --step, or --panel")
+    made = cut(*profile.load(args.profile, args.set), args.device, args.speed, args.sim, args.panel)
     check_guards(made.graph)
     check_certificates(made.graph)
     name = args.instance or made.profile.name
@@ -53,4 +58,7 @@ def run(args: argparse.Namespace) -> int:
     def say(text: str) -> None:
         console.say(text, Level.INFO)
 
-    return Session(made, name, args.sim, arming.automatic(made.graph, args.confirm), args.step, say).run()
+    if args.panel:
+        say(f"{name}: jogged on the page of `srl panel {name}`; Ctrl-C ends")
+    arm = arming.automatic(made.graph, args.confirm)
+    return Session(made, name, args.sim, arm, args.step, say, args.panel).run()

@@ -1,4 +1,4 @@
-"""`srl panel`: a page in the browser of a running instance: its live picture, or the participant's screen."""
+"""`srl panel`: a page in the browser of a running instance: the operator's panel, or the participant's screen."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from runtime.cli import add_command
 from runtime.cli.instance import choose
 from runtime.contracts.errors import HostError, RequestError
+from runtime.operator.client import OperatorPage
 from runtime.panel.client import PageProcess
 from runtime.panel.screen import Screen
 from runtime.panel.trial import ScreenTrial, Trial
@@ -35,6 +36,9 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )  # fmt: skip
     parser.add_argument("--held", metavar="SIGNAL", help="a signal that isn't zero while the value is held")
     parser.add_argument("--port", type=int, default=0, help="on 127.0.0.1 (default: any free one)")
+    parser.add_argument(
+        "--recordings", type=Path, metavar="FOLDER", help="whose recordings the panel lists (default: this one)"
+    )
     parser.add_argument("--demo", action="store_true", help=f"{TRIALS} trials to try the screen")
     parser.add_argument("--out", type=Path, metavar="FOLDER", help="with --demo: stores the trials there")
     parser.set_defaults(run=run)
@@ -46,7 +50,9 @@ def run(args: argparse.Namespace) -> int:
         for option, given in _of_the_screen(args):
             if given:
                 problem = "it is for the participant's screen"
-                raise RequestError(option, problem, "Add --signal, or leave it out for the live picture")
+                raise RequestError(option, problem, "Add --signal, or leave it out for the panel")
+    elif args.recordings is not None:
+        raise RequestError("--recordings", "the participant's screen lists none", "Leave it out, or --signal")
     low, high = args.span or (0.0, 1.0)
     if not np.isfinite([low, high]).all() or low == high:
         raise RequestError("--span", "it needs two different numbers", "For example: --span 0 1")
@@ -55,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
     if args.out is not None and not args.demo:
         raise RequestError("--out", "there are no trials to store", "Add --demo")
     if args.signal is None:
-        with PageProcess(choose(args.instance), port=args.port) as page:
+        with OperatorPage(choose(args.instance), args.recordings, args.port) as page:
             print(f"Open this once, in a browser on this machine (Ctrl-C ends):\n  {page.address}", flush=True)
             return _wait(page)
     with Screen(choose(args.instance), args.signal, (low, high), args.held, args.port) as screen:

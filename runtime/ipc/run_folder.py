@@ -32,6 +32,7 @@ class RunFolder:
         self.loop_socket = path / "loop.sock"
         self.stop_socket = path / "stop.sock"
         self.bus_socket = path / "zenoh.sock"
+        self.press_socket = path / "press.sock"  # of a run of `srl jog --panel`
         self.stops = path / "stops.slots"
         self.result = path / "result.json"  # the loop's own figures, written at its end
         self.lock: int | None = None  # of a claimed folder; what inherits it keeps the claim

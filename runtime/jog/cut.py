@@ -17,6 +17,7 @@ from runtime.contracts.errors import ProfileError, RequestError, WiringError, ne
 from runtime.contracts.signals import Command, Kind, Stop
 from runtime.contracts.terms import PLANAR_TWIST
 from runtime.control.setpoint.jog import HOLD
+from runtime.ipc import presses
 from runtime.profile import profile, wiring
 from runtime.profile.builder import Builder
 from runtime.profile.graph import Actuator, Graph
@@ -59,7 +60,7 @@ class Cut:
     left_out: tuple[str, ...]
 
 
-def cut(checked: Profile, source: Source, device: str | None, speed: float, sim: bool) -> Cut:
+def cut(checked: Profile, source: Source, device: str | None, speed: float, sim: bool, panel: bool = False) -> Cut:
     """Cuts a profile to one device.
 
     Args:
@@ -67,6 +68,7 @@ def cut(checked: Profile, source: Source, device: str | None, speed: float, sim:
         device: its name; None: the only one that takes commands.
         speed: rad/s; joints that slide move at a fifth of it, in m/s. The guard's own limit holds, too.
         sim: all is simulated.
+        panel: the presses come from the operator's panel, which tells of a key that is let go: each moves for less.
     Raises:
         RequestError: there is no such device, several, or the speed is out of bounds.
         SrlError: it can't be moved by a position or a velocity, or the profile is wrong.
@@ -75,9 +77,10 @@ def cut(checked: Profile, source: Source, device: str | None, speed: float, sim:
         problem = f"{speed:g} rad/s is out of bounds"
         remedy = f"Give more than 0 and at most {FASTEST:g}; joints that slide move at a fifth of it, in m/s"
         raise RequestError("--speed", problem, remedy)
-    if checked.rate < SLOWEST:
+    slowest = presses.SLOWEST if panel else SLOWEST
+    if checked.rate < slowest:
         problem = f"at {float(checked.rate):g} Hz a key's press can't be timed"
-        raise RequestError(source.place("rate"), problem, f"Jog at {SLOWEST:g} Hz or more: --set rate={SLOWEST:g}")
+        raise RequestError(source.place("rate"), problem, f"Jog at {slowest:g} Hz or more: --set rate={slowest:g}")
     parts = Builder(checked, source, [] if sim else None)
     name = device if device is not None else _only(parts)
     if name not in checked.devices:
@@ -95,6 +98,7 @@ def cut(checked: Profile, source: Source, device: str | None, speed: float, sim:
     stays = [i for i, owner in enumerate(owners) if owner == name or _measures(parts, owner)]
     left_out = tuple(entry.signal for i, entry in enumerate(checked.emergency) if i not in stays)
     speeds, law = _law(checked, source, full, command, speed)
+    law["hold"] = presses.MOVES if panel else HOLD
     made, own = _part(checked, source, {name, *(owners[i] for i in stays)}, name, stays, law, sim)
     graph = wiring.build(made, own, [] if sim else None)
     (actuator,) = graph.actuators
@@ -209,7 +213,7 @@ def _law(
         outputs = {"q": name, "q_velocity": f"{name}.velocity"}
     law: dict[str, Any] = {
         "use": LAW, "speed": speeds, "acceleration": ramps, "command": str(command.kind), "unit": command.unit,
-        "hold": HOLD, "in": {"way": WAY, "press": PRESS}, "out": outputs,
+        "in": {"way": WAY, "press": PRESS}, "out": outputs,
     }  # fmt: skip
     if command.slides is not None:
         law["slides"] = list(command.slides)

@@ -36,7 +36,7 @@ class Hold:
         self.joint = 0
         self.moving = 0.0
         self._number = 0
-        self._pressed = self._last = -inf  # s: the press that is told; the newest key that moves
+        self._until = self._last = -inf  # s: until when the press is told; the newest key that moves
 
     def key(self, key: str, now: float) -> None:
         """Takes a key. Every key but left and right lets the joint brake."""
@@ -52,14 +52,19 @@ class Hold:
             self.joint = (int(key) - 1) % 10
         self.moving = way
         self._number += 1
-        self._pressed = now
+        self._until = now + self._fresh
+
+    def press(self, joint: int, way: float, until: float) -> None:
+        """Takes a press on the panel that is worth something until `until`, s. Way 0 lets the joint brake."""
+        self.joint, self.moving, self._until = joint, way, until
+        self._number += 1
 
     def told(self, now: float) -> tuple[Array, Array]:
         """`way` (n,) and `press` (1,) of the law at `now`, s: the newest press as long as it is fresh, then 0."""
         way = np.zeros(self._count)
         way[self.joint] = self.moving
-        return way, np.array([float(self._number) if now - self._pressed <= self._fresh else 0.0])
+        return way, np.array([float(self._number) if now <= self._until else 0.0])
 
     def expires(self, now: float) -> float:
         """s until when what is told now may be taken."""
-        return min(now, self._pressed) + self._fresh if now - self._pressed <= self._fresh else now + self._fresh
+        return self._until if now <= self._until else now + self._fresh

@@ -19,6 +19,7 @@ from runtime.ipc.words import CYCLE, LINK_ACTIVE, Cause, Latch, State
 from runtime.jog.cut import PRESS, WAY, Cut
 from runtime.jog.hold import Hold
 from runtime.jog.panel import Panel
+from runtime.jog.presses import Presses
 from runtime.jog.screen import lines
 from runtime.jog.terminal import Terminal
 from runtime.service.end_signals import EndSignals
@@ -37,7 +38,10 @@ _KEPT: Final = 6  # messages on the screen
 class Session:
     """The run; see the module's docstring."""
 
-    def __init__(self, cut: Cut, name: str, sim: bool, arm: tuple[bool, str], step: bool, say: Callable[[str], None]):
+    def __init__(
+        self, cut: Cut, name: str, sim: bool, arm: tuple[bool, str], step: bool, say: Callable[[str], None],
+        panel: bool = False,
+    ) -> None:  # fmt: skip
         """
         Args:
             cut: the profile.
@@ -46,7 +50,9 @@ class Session:
             arm: whether motion may begin without a start, and what is said if not.
             step: a held key moves once.
             say: takes a line of text while the terminal isn't taken.
+            panel: presses on the operator's panel in place of the terminal's keys.
         """
+        self._panel = panel
         self._cut, self._name, self._sim, self._say = cut, name, sim, say
         # Somebody has to read that a switch can't stop this run.
         self._automatic, self._advice = arm[0] and not cut.left_out, arm[1]
@@ -61,9 +67,11 @@ class Session:
         Raises:
             SrlError: it can't begin.
         """
-        where, terminal, state = RunFolder.of(self._name), Terminal(), state_dir(self._name)
+        where, state = RunFolder.of(self._name), state_dir(self._name)
+        terminal = Presses(where, len(self._cut.speed), self._hold) if self._panel else Terminal()
         with EndSignals() as signals:
             where.claim()
+            where.press_socket.unlink(missing_ok=True)  # of a run that was killed: the panel would believe it
             kept: Standing | None = None
             supervisor: Supervisor | None = None
             well = False
@@ -93,9 +101,12 @@ class Session:
         self._why = "it was about to be suspended"
 
     def _report(self, text: str) -> None:
-        self._said.append(text)
+        if self._panel:
+            self._say(text)
+        else:
+            self._said.append(text)
 
-    def _supervised(self, supervisor: Supervisor, kept: Standing | None, terminal: Terminal) -> bool:
+    def _supervised(self, supervisor: Supervisor, kept: Standing | None, terminal: Terminal | Presses) -> bool:
         """Starts the supervisor and runs it until the end. Returns whether the run ended well."""
         row = None
         supervisor.start()
@@ -130,15 +141,16 @@ class Session:
             self._say(f"the next run of '{self._name}' begins stopped ({', '.join(left)}), until `srl reset`")
         return Cause(int(row[CYCLE.cause])) in WELL
 
-    def _moved(self, supervisor: Supervisor, kept: Standing | None, terminal: Terminal) -> Any:
+    def _moved(self, supervisor: Supervisor, kept: Standing | None, terminal: Terminal | Presses) -> Any:
         """Takes the terminal until the run is over. Returns the newest row."""
         assert supervisor.layout is not None
         assert supervisor.rows is not None
         desk = Desk(supervisor, self._hold)
         panel = Panel(self._cut, supervisor.layout, self._name)
         if self._advice:
-            self._said.append(self._advice)
-        self._said.extend(f"left out: the emergency input '{name}' can't stop this run" for name in self._cut.left_out)
+            self._report(self._advice)
+        for name in self._cut.left_out:
+            self._report(f"left out: the emergency input '{name}' can't stop this run")
         drawn, row = 0.0, None
         try:
             with terminal:
@@ -153,8 +165,9 @@ class Session:
                         desk.end()
                     desk.tell(row)
                     if supervisor.events is not None:
-                        self._said.extend(event.text for event in supervisor.events.take())
-                    if row is not None and time.monotonic() >= drawn + _DRAW:
+                        for event in supervisor.events.take():
+                            self._report(event.text)
+                    if row is not None and not self._panel and time.monotonic() >= drawn + _DRAW:
                         drawn = time.monotonic()
                         terminal.show(lines(panel.view(row, self._hold.joint, tuple(self._said)), *terminal.size))
         finally:

@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Sequence
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from runtime.contracts.errors import HostError
 from runtime.ipc.run_folder import RunFolder
@@ -25,19 +25,20 @@ class PageProcess:
         address: what a browser opens. It is good for one browser, once; `new_address` gives another.
     """
 
-    called = "the page"
+    called: ClassVar = "the page"
+    module: ClassVar = "runtime.panel"
 
     def __init__(self, run_folder: RunFolder, options: Sequence[str] = (), port: int = 0) -> None:
         """Starts the process.
 
         Args:
             run_folder: the instance's folder.
-            options: of `python -m runtime.panel`.
+            options: of `python -m MODULE`.
             port: on 127.0.0.1; 0: any free one.
         Raises:
             HostError: the port can't be had, or the process can't begin.
         """
-        command = [sys.executable, "-m", "runtime.panel", str(run_folder.path), *options, "--port", str(port)]
+        command = [sys.executable, "-m", self.module, str(run_folder.path), *options, "--port", str(port)]
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
         )

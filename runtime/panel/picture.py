@@ -1,4 +1,4 @@
-"""The server of the live picture: nodes, links and capsules in space, curves, and how the loop is."""
+"""The live picture's part of the operator's panel: nodes, links and capsules in space, curves, how the loop is."""
 
 from __future__ import annotations
 
@@ -24,28 +24,40 @@ TIMING: Final = Plot(title="Loop", unit="ms", lines={"period": "loop.period", "c
 
 
 class PictureServer(PageServer):
-    """Shows one instance to all its pages alike."""
+    """Shows one instance to all its pages alike. `runtime.operator` adds what is beside the picture, and commands."""
 
     files: ClassVar = {
         "/": ("picture.html", "text/html"),
         "/picture.js": ("picture.js", "text/javascript"),
         "/space.js": ("space.js", "text/javascript"),
         "/curves.js": ("curves.js", "text/javascript"),
+        "/operator.js": ("operator.js", "text/javascript"),
+        "/pad.js": ("pad.js", "text/javascript"),
+        "/part.js": ("part.js", "text/javascript"),
         "/link.js": ("link.js", "text/javascript"),
         "/picture.css": ("picture.css", "text/css"),
+        "/operator.css": ("operator.css", "text/css"),
     }
 
     def __init__(self, run_folder: RunFolder) -> None:
         """Raises RecordingError: there is no run here."""
         super().__init__(run_folder)
         self._rows = Rows(run_folder)
-        self._view = View(self._rows.layout)
+        self._view: View = View(self._rows.layout)
         self._shown, self._due = (0.0, ""), 0.0
         self._period = self._cycle = 0.0  # ms, the largest since the last picture
         self._wake = 0
 
+    def scene_beside(self, layout: Layout) -> dict[str, Any]:
+        """What a page is told of a run once, beside the picture's scene."""
+        return {}
+
+    def frame_beside(self, layout: Layout, row: Words, now: float) -> dict[str, Any]:
+        """What a page is told of a row (width,), beside the picture. `now`: CLOCK_MONOTONIC s."""
+        return {}
+
     def joined(self, peer: Peer) -> None:
-        peer.tell(self._view.scene)
+        peer.tell(self._scene())
 
     def heard(self, peer: Peer, message: dict[str, Any]) -> None:
         if message.get("kind") != "ping":
@@ -63,8 +75,9 @@ class PictureServer(PageServer):
         rows = self._rows.take(now)
         if self._rows.layout is not self._view.layout:
             self._view, self._wake = View(self._rows.layout), 0
+            scene = self._scene()
             for peer in self.peers:
-                peer.tell(self._view.scene)
+                peer.tell(scene)
         if len(rows):
             self._time(rows)
         row = self._rows.last
@@ -76,6 +89,7 @@ class PictureServer(PageServer):
         self._shown, self._due = (self._rows.stamp, words), now + 1.0 / RATE
         frame = self._view.frame(row, [self._period, self._cycle])
         frame |= {"kind": "frame", "t": self._rows.stamp * 1e3, "condition": condition, "words": words}
+        frame |= self.frame_beside(self._view.layout, row, now)
         self._period = self._cycle = 0.0
         text = json.dumps(frame)
         for peer in self.peers:
@@ -83,6 +97,9 @@ class PictureServer(PageServer):
 
     def close(self) -> None:
         self._rows.close()
+
+    def _scene(self) -> dict[str, Any]:
+        return self._view.scene | self.scene_beside(self._view.layout)
 
     def _time(self, rows: Words) -> None:
         wake, write = (self._view.layout.word(rows, name) for name in ("wake", "write"))

@@ -36,6 +36,7 @@ def test_the_demonstrations_curves_can_be_shown_and_begin_flat() -> None:
         (["--signal", "x", "--span", "nan", "1"], "--span"), (["--signal", "x", "--port", "70000"], "--port"),
         (["--signal", "x", "--out", "here"], "--demo"), ([], "no instance"), (["--port", "-1"], "--port"),
         (["--demo"], "Add --signal"), (["--span", "0", "1"], "Add --signal"), (["--held", "x"], "Add --signal"),
+        (["--signal", "x", "--recordings", "."], "--recordings"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_said(
@@ -54,7 +55,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
 
 
 @pytest.mark.slow
-def test_without_a_signal_the_page_is_the_live_picture(run: Running) -> None:
+def test_without_a_signal_the_page_is_the_panel_with_the_live_picture(run: Running) -> None:
     with ended(srl("panel"), env=environment(run.folder)) as panel:
         assert panel.stdout is not None
         panel.stdout.readline()
@@ -116,7 +117,11 @@ async def _scene_and_frames(address: str, count: int) -> tuple[dict[str, Any], l
         async with session.ws_connect(f"{place}/socket") as socket:
             scene = await socket.receive_json()
             assert scene["kind"] == "scene"
-            return scene, [await socket.receive_json() for _ in range(count)]
+            frames: list[dict[str, Any]] = []
+            while len(frames) < count:
+                message = await socket.receive_json()
+                frames += [message] if message["kind"] == "frame" else []
+            return scene, frames
 
 
 async def _values_then_stop(address: str, count: int) -> list[tuple[float, float]]:

@@ -18,7 +18,7 @@ from helpers.wait import until
 
 from runtime.contracts.errors import HostError
 from runtime.ipc.words import LINK_CONNECTED, LINK_STALE, State
-from runtime.panel.client import PageProcess
+from runtime.operator.client import OperatorPage as PageProcess
 from runtime.panel.picture import View
 from runtime.recording.shapes import distance_colors
 

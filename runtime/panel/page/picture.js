@@ -1,6 +1,8 @@
 // The live picture: what the server says, drawn at the screen's rate.
 import { Curves } from "/curves.js";
 import { Link, stop as askStop } from "/link.js";
+import { Operator } from "/operator.js";
+import { text } from "/part.js";
 import { Space } from "/space.js";
 
 const OLD = 250; // ms of a row's age from which it isn't shown as if it were now
@@ -9,9 +11,11 @@ const part = Object.fromEntries([...document.querySelectorAll("[id]")].map((e) =
 const space = new Space(part.space), curves = new Curves(part.curves);
 let scene = null, newest = null, stopWords = "", frames = 0;
 
-const link = new Link(hear, () => {});
+const operator = new Operator(part, (message) => link.say(message));
+const link = new Link(hear, () => operator.lost());
 
 function hear(message) {
+  operator.hear(message);
   if (message.kind === "scene") show(message);
   else if (message.kind === "frame") {
     newest = message;
@@ -23,6 +27,7 @@ function show(given) {
   [scene, newest, stopWords] = [given, null, ""];
   document.title = part.name.textContent = given.name;
   curves.show(given.plots, given.palette);
+  operator.show(given);
   const seen = new Map();
   for (const thing of [...given.things].sort((a, b) => (b.groups.length > 0) - (a.groups.length > 0))) {
     if (thing.groups.length) thing.groups.forEach((name, i) => seen.set(name, thing.colors[i]));
@@ -49,7 +54,7 @@ async function stop() {
   stopWords = await askStop();
 }
 
-addEventListener("keydown", (event) => { if (event.key === "Escape" && !event.repeat) stop(); });
+addEventListener("keydown", (event) => { if (event.key === "Escape" && !event.repeat) stop(); }, true);
 part.stop.addEventListener("click", stop);
 part.front.addEventListener("click", () => space.look(0, 0.1));
 part.side.addEventListener("click", () => space.look(-Math.PI / 2, 0.1));
@@ -65,11 +70,6 @@ function condition(now) {
   return [newest.condition, newest.words];
 }
 
-function text(element, words) {
-  if (element.textContent !== words) element.textContent = words;
-  element.hidden = !words;
-}
-
 function frame() {
   const now = link.time(performance.now());
   const [kind, words] = condition(now);
@@ -81,17 +81,17 @@ function frame() {
     space.draw(scene.things, newest.things, isNow);
     curves.draw(current ? Math.max(now, newest.t) : newest.t);
     text(part.state, newest.state);
-    part.state.className = newest.state;
-    const ages = Object.entries(newest.ages).map(([name, ms]) => `${name} ${ms === null ? "never" : `${ms.toFixed(0)} ms`}`);
+    part.state.className = current ? newest.state : ""; // a state that may be over has no colour
     const simulated = scene.simulated.length ? "simulated · " : "";
-    text(part.facts, `${simulated}${Number(scene.rate.toFixed(1))} Hz · cycle ${newest.cycle} · age of ${ages.join(", ")}`);
+    text(part.facts, `${simulated}${Number(scene.rate.toFixed(1))} Hz · cycle ${newest.cycle}`);
   }
   text(part.warning, stopWords || (words && words + asItWas));
   part.warning.className = kind === "held" && !stopWords ? "mild" : "";
+  operator.draw(current, performance.now());
   frames++;
   globalThis.pictureNow = { // for whoever looks from outside: what this frame shows
     condition: kind, words, cycle: newest && newest.cycle, current, frames, drawn: space.drawn, age: newest && now - newest.t,
-    turn: space.turn, distance: space.distance, plots: curves.plots.map((p) => [p.title, p.labels, p.samples.length]),
+    control: operator.yours, jogging: operator.pad.way, takes: newest && newest.takes, turn: space.turn, distance: space.distance, plots: curves.plots.map((p) => [p.title, p.labels, p.samples.length]),
     things: scene && newest && scene.things.map((thing, i) => [thing.name, newest.things[i], isNow(thing)]),
   };
   requestAnimationFrame(frame);

@@ -1,0 +1,28 @@
+"""The way of a press on the operator's panel to a run of `srl jog --panel`: one datagram in the run folder.
+
+A datagram is JSON: {"joint": index, "way": -1, 0 or 1, "expires": CLOCK_MONOTONIC ns}. Nobody answers: what came of it
+is in the rows. The press lives until `expires`, which the sender counts from when the page was last known to be alive.
+"""
+
+from __future__ import annotations
+
+import json
+import socket
+from typing import Final
+
+from runtime.ipc.run_folder import RunFolder
+
+FRESH: Final = 0.04  # s that a press lives, from the server's word that the page answered with it
+MOVES: Final = 0.05  # s of motion that it gives: with `FRESH` and a cycle of 10 ms, 0.1 s
+SLOWEST: Final = 100.0  # Hz of the loop, below which that is more
+
+
+def send(run_folder: RunFolder, joint: int, way: int, expires: int) -> bool:
+    """Sends a press; never waits. Returns whether it left: False where no run takes presses from the panel."""
+    content = json.dumps({"joint": joint, "way": way, "expires": expires}).encode()
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC | socket.SOCK_NONBLOCK) as sender:
+        try:
+            sender.sendto(content, str(run_folder.press_socket))
+        except OSError:
+            return False
+    return True

@@ -1,0 +1,231 @@
+"""The server of the operator's panel: the live picture, the run's health, and requests with the rights of `srl`.
+
+Any page that is let in may stop. Everything else takes control, which one page has at a time, and which a person takes
+on it. Every request goes the way that the command of its name goes: the loop checks it again, and its answer is told.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import sys
+import time
+from collections import deque
+from collections.abc import Coroutine
+from pathlib import Path
+from typing import Any, Final
+
+from runtime.contracts.errors import SrlError
+from runtime.ipc import presses
+from runtime.ipc.control_socket import send_request
+from runtime.ipc.events import EventReader
+from runtime.ipc.layout import Layout, Words
+from runtime.ipc.run_folder import RunFolder
+from runtime.ipc.words import CYCLE
+from runtime.operator import health, jogging
+from runtime.operator.parameters import Parameters
+from runtime.panel.peer import BadMessageError, Peer, number
+from runtime.panel.picture import PictureServer
+
+MOVES: Final = ("start", "reset")
+FLOOD: Final = 400  # messages of a page within a second, above which it is let go; a held jog makes 60
+LOOK: Final = 0.5  # s between looks whether the run takes presses
+EVENTS: Final = 5  # events that are shown
+_SECOND: Final = 1_000_000_000  # ns
+_NO_ANSWER: Final = "the loop didn't answer within 2 s. Use the hardware stop; then look at `srl top`"
+_NO_CONTROL: Final = "this page doesn't have control. Take it first"
+
+
+class OperatorServer(PictureServer):
+    """Serves one instance's panel."""
+
+    def __init__(self, run_folder: RunFolder, recordings: Path) -> None:
+        """`recordings`: the folder whose recordings are shown. Raises RecordingError: there is no run here."""
+        super().__init__(run_folder)
+        self._recordings = recordings
+        self._parameters = Parameters(run_folder)
+        self._holder: Peer | None = None
+        self._counts: dict[Peer, deque[float]] = {}
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._busy: set[str] = set()  # requests that are under way: one of each kind
+        self._newest: tuple[Peer, str, float] | None = None  # a parameter that waits for the one before
+        self._of: Layout | None = None  # the layout that was told last
+        self._joints: list[dict[str, Any]] = []
+        self._takes, self._looked = False, 0.0
+        self._events: EventReader | None = None
+        self._said: deque[str] = deque(maxlen=EVENTS)
+
+    # What is told
+
+    def scene_beside(self, layout: Layout) -> dict[str, Any]:
+        if layout is not self._of:
+            self._of = layout
+            self._parameters.thread.submit(self._parameters.close)  # the next one is for this run's bus
+        self._open_events()
+        self._joints = jogging.joints(layout)
+        return {"parameters": Parameters.told(layout), "joints": self._joints}
+
+    def frame_beside(self, layout: Layout, row: Words, now: float) -> dict[str, Any]:
+        if now >= self._looked:
+            self._looked, self._takes = now + LOOK, jogging.takes_presses(self._folder)
+            for event in self._events.take() if self._events is not None else ():
+                self._said.append(event.text)
+        return {
+            "health": health.state(layout, row), "devices": health.devices(layout, row),
+            "values": Parameters.values(layout, row), "events": list(self._said),
+            "places": jogging.places(layout, row) if self._joints else [], "takes": bool(self._joints) and self._takes,
+            "seen": int(row[CYCLE.wake]) // 1000, "told": now * 1e3,
+        }  # fmt: skip
+
+    # What a page says
+
+    def joined(self, peer: Peer) -> None:
+        super().joined(peer)
+        self._counts[peer] = deque(maxlen=FLOOD)
+        peer.tell({"kind": "control", "yours": False, "held": self._holder is not None})
+
+    def left(self, peer: Peer) -> None:
+        self._counts.pop(peer, None)
+        if peer is self._holder:
+            self._give(None)
+
+    def heard(self, peer: Peer, message: dict[str, Any]) -> None:
+        now = time.monotonic()
+        times = self._counts[peer]
+        if len(times) == FLOOD and now - times[0] < 1.0:
+            raise BadMessageError("too many messages")
+        times.append(now)
+        match message.get("kind"):
+            case "control":
+                if not isinstance(message.get("take"), bool):
+                    raise BadMessageError("'take' must be true or false")
+                if message["take"]:
+                    self._give(peer)
+                elif peer is self._holder:
+                    self._give(None)
+            case "ask":
+                self._ask(peer, message, now)
+            case "set":
+                self._set(peer, message)
+            case "jog":
+                self._jog(peer, message, now)
+            case "recordings":
+                self._once("recordings", self._list(peer))
+            case _:
+                super().heard(peer, message)
+
+    def _give(self, holder: Peer | None) -> None:
+        self._holder = holder
+        for peer in self.peers:
+            peer.tell({"kind": "control", "yours": peer is holder, "held": holder is not None})
+
+    def _ask(self, peer: Peer, message: dict[str, Any], now: float) -> None:
+        what, seen = message.get("what"), number(message, "seen") * 1e3
+        if what not in MOVES:
+            raise BadMessageError("'what' must be start or reset")
+        if peer is not self._holder:
+            _answer(peer, what, f"{what} refused: {_NO_CONTROL}")
+        elif not self._once(what, self._asked(peer, what, min(int(seen), int(now * _SECOND)))):
+            _answer(peer, what, f"{what}: one is under way")
+
+    async def _asked(self, peer: Peer, what: str, since: int) -> None:
+        found = await asyncio.to_thread(send_request, self._folder, what, since=since)
+        if found is None:
+            _answer(peer, what, f"{what}: {_NO_ANSWER}")
+        elif found["ok"]:
+            _answer(peer, what, "", f"{what}: done, {found['state']}")
+        else:
+            _answer(peer, what, f"{what} refused, {found['state']}: {found.get('error', '')}")
+
+    def _set(self, peer: Peer, message: dict[str, Any]) -> None:
+        name, value = message.get("name"), number(message, "value")
+        known = {p["name"]: p for p in Parameters.told(self._view.layout)}
+        if not isinstance(name, str) or name not in known:
+            raise BadMessageError("there is no such parameter")
+        lower, upper = (known[name][key] for key in ("lower", "upper"))
+        if (lower is not None and value < lower) or (upper is not None and value > upper):
+            bounds = " to ".join("any" if bound is None else f"{bound:g}" for bound in (lower, upper))
+            _answer(peer, "set", f"{name}: {value:g} is out of bounds ({bounds})")
+        elif peer is not self._holder:
+            _answer(peer, "set", f"{name}: {_NO_CONTROL}")
+        else:
+            self._newest = peer, name, value  # one at a time; of those that wait the newest
+            self._once("set", self._change())
+
+    async def _change(self) -> None:
+        loop = asyncio.get_running_loop()
+        while self._newest is not None:
+            (peer, name, value), self._newest = self._newest, None
+            if peer is not self._holder:
+                continue  # it has lost the control meanwhile
+            try:
+                made = await loop.run_in_executor(self._parameters.thread, self._parameters.change, name, value)
+                _answer(peer, "set", "", f"{name}: {made:g}")
+            except SrlError as error:
+                _answer(peer, "set", str(error))
+
+    def _jog(self, peer: Peer, message: dict[str, Any], now: float) -> None:
+        joint, way, heard = message.get("joint"), message.get("way"), number(message, "heard")
+        count = len(self._joints)
+        if type(joint) is not int or type(way) is not int or way not in (-1, 0, 1) or not 0 <= joint < max(count, 1):
+            raise BadMessageError("no joint, or no way")
+        # The page answers each picture with a press. So a page, a line or a server that stalls makes no press, and
+        # what waited somewhere is too old when it comes.
+        age = now - heard / 1e3
+        if peer is self._holder and count and 0.0 <= age <= presses.FRESH:
+            presses.send(self._folder, joint, way, round((heard / 1e3 + presses.FRESH) * _SECOND))
+
+    async def _list(self, peer: Peer) -> None:
+        name = str(self._view.layout.meta.get("name", ""))
+        # In a process of its own: reading hours of rows here could keep a stop waiting.
+        reader = await asyncio.create_subprocess_exec(
+            sys.executable, "-m", "runtime.operator.shelf", str(self._recordings), name,
+            stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE,
+        )  # fmt: skip
+        try:
+            said, _ = await reader.communicate()
+            found = json.loads(said)
+        except ValueError:
+            found = {"rows": [], "more": 0, "words": "They can't be read here. Try `srl recordings`"}
+        finally:
+            if reader.returncode is None:
+                reader.kill()
+        peer.tell({"kind": "recordings"} | found)
+
+    def _once(self, what: str, work: Coroutine[Any, Any, None]) -> bool:
+        """Begins work unless some of this kind is under way. Returns whether it begins."""
+        if what in self._busy:
+            work.close()
+            return False
+        self._busy.add(what)
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+
+        def over(ended: asyncio.Task[None]) -> None:
+            self._tasks.discard(ended)
+            self._busy.discard(what)
+            if not ended.cancelled():
+                ended.result()
+
+        task.add_done_callback(over)
+        return True
+
+    def _open_events(self) -> None:
+        with contextlib.suppress(OSError, SrlError):
+            opened = EventReader(self._folder.events)
+            if self._events is not None:
+                self._events.close()
+            self._events = opened
+            self._said.clear()
+
+    def close(self) -> None:
+        self._parameters.thread.submit(self._parameters.close)
+        self._parameters.thread.shutdown()
+        if self._events is not None:
+            self._events.close()
+        super().close()
+
+
+def _answer(peer: Peer, what: str, problem: str, done: str = "") -> None:
+    peer.tell({"kind": "answer", "what": what, "ok": not problem, "words": problem or done})

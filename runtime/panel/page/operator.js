@@ -1,0 +1,181 @@
+// What is beside the picture: how the run is and what to do, start and reset, devices, parameters, jog, recordings.
+import { Pad } from "/pad.js";
+import { button, made, measure, text } from "/part.js";
+
+const WAIT = 3000; // ms that an answer may take, before a slider goes back to what the loop has
+const SHOWN = 8000; // ms that an answer is shown
+const MEANS = {
+  start: "The limb begins to move. One that measures nothing begins at its home: put it there first. Is everybody clear?",
+  reset: "This ends the stop, and the limb may move at once. It begins where it is measured; one that measures nothing goes slowly to its home. Is everybody clear?",
+};
+const ALLOWED = { ready: "start", stopped: "reset" };
+
+export class Operator {
+  constructor(part, say) {
+    [this.part, this.say] = [part, say];
+    this.yours = this.held = false;
+    this.newest = null;
+    this.pad = new Pad(part.joints, say);
+    this.sliders = [];
+    this.answered = [0, "", true]; // until when it is shown, words, whether it is well
+    this.doubt = ""; // what waits for a second word
+    part.control.addEventListener("click", () => this.say({ kind: "control", take: !this.yours }));
+    for (const what of ["start", "reset"]) part[what].addEventListener("click", () => this.sure(what));
+    part.yes.addEventListener("click", () => {
+      if (this.doubt && this.newest) this.say({ kind: "ask", what: this.doubt, seen: this.newest.seen });
+      this.sure("");
+    });
+    part.no.addEventListener("click", () => this.sure(""));
+    part.list.addEventListener("click", () => {
+      text(part.shelf_words, "They are read …");
+      this.say({ kind: "recordings" });
+    });
+  }
+
+  hear(message) {
+    if (message.kind === "control") [this.yours, this.held] = [message.yours, message.held];
+    else if (message.kind === "answer") this.answer(message);
+    else if (message.kind === "recordings") this.shelf(message);
+    else if (message.kind === "frame") {
+      this.newest = message;
+      this.pad.frame(message, this.yours && message.health.now === "active");
+    }
+  }
+
+  lost() {
+    this.pad.release();
+    this.pad.allowed = this.yours = this.held = false;
+    this.sure("");
+  }
+
+  show(scene) {
+    this.pad.show(scene.joints);
+    this.part.jog.hidden = !scene.joints.length;
+    this.sliders = scene.parameters.map((given, i) => this.slider(given, i));
+    this.part.sliders.replaceChildren(...this.sliders.map(({ row }) => row));
+    this.part.parameters.hidden = !scene.parameters.length;
+    this.sure("");
+  }
+
+  sure(what) {
+    this.doubt = what;
+    this.part.sure.hidden = !what;
+    if (!what) return;
+    text(this.part.sure_words, MEANS[what]);
+    text(this.part.yes, what === "start" ? "Start now" : "Reset now");
+  }
+
+  answer({ what, ok, words }) {
+    this.answered = [performance.now() + SHOWN * (ok ? 0.5 : 2), words, ok];
+    if (what === "set") for (const slider of this.sliders) slider.until = 0;
+  }
+
+  slider(given, i) {
+    const row = made("label", "slider"), input = made("input"), value = made("output"), asked = made("span", "asked");
+    const bounded = given.lower !== null && given.upper !== null, unit = given.unit;
+    const made_ = { row, input, value, asked, until: 0, active: false };
+    input.type = bounded ? "range" : "number";
+    input.step = "any";
+    if (bounded) [input.min, input.max] = [given.lower, given.upper];
+    input.addEventListener("input", () => { made_.active = true; });
+    input.addEventListener("change", () => {
+      made_.active = false;
+      const span = bounded ? given.upper - given.lower : 1, step = 10 ** Math.floor(Math.log10(span / 50));
+      let wanted = Math.round(Number(input.value) / step) * step;
+      if (bounded) wanted = Math.min(Math.max(wanted, given.lower), given.upper);
+      if (!Number.isFinite(wanted)) return;
+      input.value = wanted;
+      made_.until = performance.now() + WAIT;
+      this.say({ kind: "set", name: given.name, value: Number(wanted.toPrecision(12)) });
+    });
+    input.addEventListener("blur", () => { made_.active = false; });
+    const head = made("span", "head"), ends = made("span", "quiet ends");
+    head.append(made("b", "", given.name), asked, value);
+    if (bounded) ends.append(made("span", "", measure(given.lower, unit)), made("span", "", measure(given.upper, unit)));
+    row.append(head, input, ends, made("span", "quiet", `${given.text} · ${measure(given.default, unit)} at first`));
+    made_.frame = (values, may, now) => {
+      const has = values[i] ?? null;
+      text(value, measure(has, unit));
+      input.disabled = !may;
+      const waits = made_.active || now < made_.until;
+      text(asked, waits && Math.abs(Number(input.value) - has) > 1e-9 ? `asked ${measure(Number(input.value), unit)}` : "");
+      if (!waits && has !== null && document.activeElement !== input) input.value = has;
+      else if (!waits && has !== null && Number(input.value) !== has) input.value = has;
+    };
+    return made_;
+  }
+
+  shelf({ rows, more, words }) {
+    this.part.shelf.replaceChildren(...rows.map((r) => {
+      const line = made("li"), head = made("span", "head"), minutes = Math.floor(r.seconds / 60);
+      const stop = r.fault ? `FAULT: ${r.stop}` : r.stop || "no stop";
+      head.append(made("b", "", r.date || "no date"), made("span", r.fault ? "bad" : "quiet", stop));
+      const length = `${minutes}:${(r.seconds - 60 * minutes).toFixed(1).padStart(4, "0")}`;
+      line.append(head, made("span", "quiet", `${length} · ${size(r.bytes)}${r.simulated ? " · simulated" : ""} · ${r.name}`));
+      if (r.problem) line.append(made("span", "bad", `${r.problem}. ${r.remedy}.`));
+      return line;
+    }));
+    text(this.part.shelf_words, [words, more ? `${more} older ones: srl recordings` : ""].filter(Boolean).join(". "));
+  }
+
+  // Draws it all. current: whether rows come, so that what is shown is of now.
+  draw(current, now) {
+    const { part, newest } = this, linked = current && newest;
+    part.desk.classList.toggle("old", !linked);
+    text(part.control, this.yours ? "Give up control" : this.held ? "Take control from another tab" : "Take control");
+    part.control.classList.toggle("yours", this.yours);
+    const words = this.yours ? "This tab has control." : "Without control this tab can only stop.";
+    text(part.control_words, linked ? words : "No data: what stands here is old.");
+    part.control.disabled = !linked && !this.yours;
+    text(part.answer, now < this.answered[0] ? this.answered[1] : "");
+    part.answer.className = this.answered[2] ? "well" : "bad";
+    if (!newest) return;
+    const { health, devices } = newest, may = linked && this.yours;
+    text(part.means, health.means);
+    text(part.why, health.why);
+    text(part.stands, health.stands && `Still standing: ${health.stands}.`);
+    text(part.todo, health.todo);
+    for (const what of ["start", "reset"]) {
+      part[what].disabled = !(may && ALLOWED[health.now] === what);
+      part[what].hidden = (what === "start") !== (health.now === "ready" || health.now === "starting");
+    }
+    if (this.doubt && (!may || ALLOWED[health.now] !== this.doubt)) this.sure("");
+    this.list(devices);
+    for (const slider of this.sliders) slider.frame(newest.values, may, now);
+    text(part.jog_words, jogWords(newest, may));
+    if (part.events_lines.textContent !== newest.events.join("")) part.events_lines.replaceChildren(...newest.events.map((words) => made("li", "", words)));
+    part.events.hidden = !newest.events.length;
+  }
+
+  list(devices) {
+    const list = this.part.devices;
+    while (list.children.length > devices.length) list.lastChild.remove();
+    devices.forEach((device, i) => {
+      let line = list.children[i];
+      if (!line) {
+        line = made("li");
+        const head = made("span", "head");
+        head.append(made("b"), made("span", "words"), made("span", "quiet"));
+        line.append(head, made("span", "remedy"));
+        list.append(line);
+      }
+      line.className = device.level;
+      const [name, words, age] = line.firstChild.children;
+      text(name, device.name);
+      text(words, device.words);
+      text(age, device.age === null || device.level === "bad" ? "" : `${device.age.toFixed(0)} ms`);
+      text(line.lastChild, device.remedy && `${device.remedy}.`);
+    });
+  }
+}
+
+function jogWords(newest, may) {
+  if (!newest.takes) return "This run is jogged on its terminal. To jog here, begin it with: srl jog PROFILE DEVICE --panel";
+  if (!may) return "Take control to jog.";
+  if (newest.health.now !== "active") return "A joint moves only while the run is active.";
+  return "Hold ◀ or ▶, or the keys ← and →. Keys ↑ ↓ and 1 to 0 choose a joint; any other key brakes. After a start or reset, wait a moment with no key held.";
+}
+
+function size(bytes) {
+  return bytes < 1e6 ? `${(bytes / 1e3).toFixed(0)} kB` : bytes < 1e9 ? `${(bytes / 1e6).toFixed(1)} MB` : `${(bytes / 1e9).toFixed(2)} GB`;
+}

@@ -1,0 +1,98 @@
+// Joints that move while a key or a button is held. The page answers each picture of the server with a press, and the
+// press counts from when that picture was made: whatever stalls or dies on the way, no press follows, and the loop's
+// law brakes by itself. So letting go needs no message; one is sent all the same, to brake at once.
+import { button, made, measure, text } from "/part.js";
+
+const WAYS = { ArrowLeft: -1, ArrowRight: 1 };
+const GAP = 150; // ms without a picture after which a held key must be pressed anew
+
+export class Pad {
+  constructor(box, say) {
+    [this.box, this.say] = [box, say];
+    this.joints = [];
+    this.rows = [];
+    this.joint = 0;
+    this.way = 0; // the sense in which the held key or button moves; 0: none is held
+    this.key = ""; // the key that is held
+    this.told = this.came = 0; // the newest picture's own time; when it came
+    this.allowed = false;
+    addEventListener("keydown", (event) => this.pressed(event));
+    addEventListener("keyup", (event) => { if (event.key === this.key) this.release(); });
+    for (const name of ["blur", "pagehide"]) addEventListener(name, () => this.release());
+    for (const name of ["pointerup", "pointercancel"]) addEventListener(name, () => this.release());
+    document.addEventListener("visibilitychange", () => this.release());
+    addEventListener("contextmenu", () => this.release());
+  }
+
+  show(joints) {
+    this.release();
+    [this.joints, this.joint] = [joints, 0];
+    this.rows = joints.map((joint, i) => {
+      const row = made("div", "joint"), name = button(joint.name, () => this.choose(i));
+      const place = made("output"), range = made("span", "quiet");
+      const bounds = joint.lower === null || joint.upper === null ? "" : `${measure(joint.lower, "")} to ${measure(joint.upper, joint.unit)}`;
+      range.textContent = [joint.measured ? "measured" : "not measured", bounds].filter(Boolean).join(" · ");
+      const ways = [-1, 1].map((way) => {
+        const held = button(way < 0 ? "◀" : "▶");
+        held.setAttribute("aria-label", `${joint.name} to ${way < 0 ? "lower" : "higher"} values`);
+        held.addEventListener("pointerdown", (event) => {
+          if (event.button) return;
+          this.choose(i);
+          this.hold(way, "");
+        });
+        held.addEventListener("pointerleave", () => this.release());
+        return held;
+      });
+      row.append(name, ways[0], ways[1], place, range);
+      return { row, name, place, ways };
+    });
+    this.box.replaceChildren(...this.rows.map(({ row }) => row));
+    this.mark();
+  }
+
+  choose(i) {
+    if (i === this.joint || !(i >= 0 && i < this.joints.length)) return;
+    this.release();
+    this.joint = i;
+    this.mark();
+  }
+
+  mark() { this.rows.forEach(({ row }, i) => row.classList.toggle("chosen", i === this.joint)); }
+
+  pressed(event) {
+    if (!this.allowed || event.repeat) return;
+    const typing = event.target instanceof HTMLInputElement && event.target.type !== "checkbox"; // a slider's own arrows
+    if (event.altKey || event.ctrlKey || event.metaKey || typing) { this.release(); return; }
+    const way = WAYS[event.key], step = { ArrowUp: -1, ArrowDown: 1 }[event.key];
+    if (way) this.hold(way, event.key);
+    else this.release(); // any other key brakes
+    if (step) this.choose((this.joint + step + this.joints.length) % this.joints.length);
+    if (/^[0-9]$/.test(event.key)) this.choose((Number(event.key) + 9) % 10);
+    if (way || step) event.preventDefault();
+  }
+
+  hold(way, key) {
+    if (!this.allowed) return;
+    [this.way, this.key] = [way, key];
+  }
+
+  release() {
+    if (this.way) this.say({ kind: "jog", joint: this.joint, way: 0, heard: this.told });
+    [this.way, this.key] = [0, ""];
+  }
+
+  // A picture has come; allowed: whether this page may move a joint now.
+  frame(message, allowed) {
+    const now = performance.now(), gap = now - this.came > GAP;
+    [this.told, this.came] = [message.told, now];
+    if (gap) this.release();
+    this.allowed = allowed && this.joints.length > 0 && message.takes;
+    if (!this.allowed || document.hidden || !document.hasFocus()) this.release();
+    if (this.way) this.say({ kind: "jog", joint: this.joint, way: this.way, heard: message.told });
+    this.rows.forEach(({ place, ways }, i) => {
+      const at = message.places[i] ?? null;
+      text(place, at === null ? "-" : `${at.toFixed(3)} ${this.joints[i].unit === "1" ? "" : this.joints[i].unit}`.trim());
+      for (const way of ways) way.disabled = !this.allowed;
+    });
+  }
+}

@@ -1,0 +1,83 @@
+"""Speaks to the operator's panel as its page does, or as somebody who isn't."""
+
+from __future__ import annotations
+
+import asyncio
+import http.client
+from collections.abc import Awaitable, Callable
+from typing import Any
+from urllib.parse import urlsplit
+
+import aiohttp
+
+from runtime.operator.client import OperatorPage
+
+Socket = aiohttp.ClientWebSocketResponse
+UPGRADE = {
+    "Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13",
+    "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
+}  # fmt: skip
+
+
+def place(page: OperatorPage) -> str:
+    return urlsplit(page.address).netloc
+
+
+def get(page: OperatorPage, path: str, method: str = "GET", **headers: str) -> http.client.HTTPResponse:
+    connection = http.client.HTTPConnection(place(page), timeout=20)
+    connection.putrequest(method, path, skip_host=True, skip_accept_encoding=True)
+    for name, value in ({"Host": place(page)} | headers).items():
+        connection.putheader(name, value)
+    connection.endheaders()
+    answer = connection.getresponse()
+    connection.close()
+    return answer
+
+
+def cookie(page: OperatorPage) -> str:
+    answer = get(page, f"/?{urlsplit(page.address).query}")
+    assert answer.status == 303
+    return str(answer.headers["Set-Cookie"]).partition(";")[0]
+
+
+def talk(page: OperatorPage, *parts: Callable[..., Awaitable[Any]], kept: str = "") -> Any:
+    """Opens as many tabs as the function takes, and hands them to it."""
+    (what,) = parts
+    headers = {"Cookie": kept or cookie(page), "Origin": f"http://{place(page)}"}
+    count = what.__code__.co_argcount  # type: ignore[attr-defined]
+
+    async def run() -> Any:
+        async with aiohttp.ClientSession(headers=headers) as session:
+            tabs = [await session.ws_connect(f"ws://{place(page)}/socket") for _ in range(count)]
+            try:
+                return await what(*tabs)
+            finally:
+                for tab in tabs:
+                    await tab.close()
+
+    return asyncio.run(asyncio.wait_for(run(), 60))
+
+
+async def heard(tab: Socket, kind: str, **content: object) -> dict[str, Any]:
+    """The next message of a kind with this content."""
+    while True:
+        message: dict[str, Any] = await tab.receive_json()
+        if message["kind"] == kind and content.items() <= message.items():
+            return message
+
+
+async def take(tab: Socket) -> None:
+    await tab.send_json({"kind": "control", "take": True})
+    await heard(tab, "control", yours=True)
+
+
+async def ponged(tab: Socket) -> None:
+    """What was said before is handled."""
+    await tab.send_json({"kind": "ping", "at": 1})
+    await heard(tab, "pong")
+
+
+async def closed(tab: Socket) -> int | None:
+    while not tab.closed:
+        await tab.receive()
+    return tab.close_code

@@ -1,0 +1,287 @@
+"""The panel in a real browser: what it says of the run, and what a person can do on it."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from helpers.chromium import Chromium, Page
+from helpers.operated import OperatedLoop
+from helpers.wait import until
+
+from runtime.ipc.words import LINK_ACTIVE, LINK_CONNECTED, Cause, Latch, State
+from runtime.operator.client import OperatorPage
+
+RIGHT = {"key": "ArrowRight", "code": "ArrowRight", "windowsVirtualKeyCode": 39}
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chromium]:
+    with Chromium(tmp_path_factory.mktemp("chromium")) as made:
+        yield made
+
+
+class Seen:
+    """A loop that runs, and its panel in the browser."""
+
+    def __init__(self, loop: OperatedLoop, process: OperatorPage, page: Page) -> None:
+        self.loop, self.process, self.page = loop, process, page
+
+    def now(self, key: str) -> Any:
+        """What the newest frame shows."""
+        return self.page.value(f"globalThis.pictureNow && pictureNow.{key}")
+
+    def text(self, part: str) -> str:
+        """What a part of the page says; nothing if it isn't shown."""
+        return str(self.page.value(f"document.getElementById('{part}').checkVisibility() ? "
+                                   f"document.getElementById('{part}').innerText : ''"))  # fmt: skip
+
+    def says(self, part: str, words: str) -> None:
+        """Waits until a part of the page says it."""
+        until(lambda: words in self.text(part), what=lambda: f"{part} says '{words}': {self.text(part)}")
+
+    def click(self, part: str) -> None:
+        self.page.value(f"document.getElementById('{part}').click()")
+
+    def able(self, part: str) -> bool:
+        return bool(self.page.value(f"!document.getElementById('{part}').disabled"))
+
+    def control(self) -> None:
+        until(lambda: self.able("control"))
+        self.click("control")
+        until(lambda: self.now("control"))
+
+    def key(self, kind: str, **key: object) -> None:
+        self.page.ask("Input.dispatchKeyEvent", type=kind, **key)
+
+    def held(self) -> None:
+        """Waits until a key that is held makes presses."""
+        before = len(self.loop.presses)
+        until(lambda: sum(p["way"] == 1 for _, p in self.loop.presses[before:]) > 5)
+
+    def let_go(self) -> None:
+        """Waits until nothing is held, and checks that no press follows."""
+        until(lambda: self.now("jogging") == 0)
+        # What is on its way arrives before a picture that is made afterwards is answered.
+        frames = self.now("frames")
+        until(lambda: self.now("frames") > frames + 10)
+        before = len(self.loop.presses)
+        until(lambda: self.now("frames") > frames + 25)
+        assert [p for _, p in self.loop.presses[before:] if p["way"]] == []
+
+
+@pytest.fixture(scope="module")
+def process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[OperatedLoop, OperatorPage]]:
+    loop = OperatedLoop(tmp_path_factory.mktemp("o") / "run")
+    with loop.running(), OperatorPage(loop.folder, tmp_path_factory.mktemp("recordings")) as made:
+        yield loop, made
+
+
+@pytest.fixture
+def seen(process: tuple[OperatedLoop, OperatorPage], browser: Chromium) -> Iterator[Seen]:
+    """A tab of its own, of a run that is active and well."""
+    loop, panel = process
+    loop.state, loop.cause, loop.latches, loop.refuses = State.ACTIVE, Cause.NONE, Latch(0), ""
+    loop.link, loop.stops = LINK_CONNECTED | LINK_ACTIVE, 0
+    loop.asked.clear()
+    loop.presses.clear()
+    page = browser.open(panel.new_address())
+    page.ask("Emulation.setFocusEmulationEnabled", enabled=True)
+    made = Seen(loop, panel, page)
+    until(lambda: made.now("condition") == "live" and made.now("takes"))
+    yield made
+    page.close()
+
+
+def test_what_stopped_it_and_what_to_do_stand_there_and_a_reset_needs_a_second_word(seen: Seen) -> None:
+    assert not seen.able("reset")
+    seen.loop.state, seen.loop.cause, seen.loop.latches = State.STOPPED, Cause.INTENT_LOSS, Latch.FAULT
+    seen.says("why", "Loss of intent")
+    seen.says("todo", "vicon gives new data again")
+    seen.says("stands", "a fault stopped it")
+    assert not seen.able("reset")  # without control
+    seen.control()
+    until(lambda: seen.able("reset"))
+    seen.click("reset")
+    seen.says("sure", "the limb may move at once")
+    assert not seen.loop.asked
+    seen.click("no")
+    until(lambda: not seen.text("sure"))
+    seen.loop.refuses = "what caused the stop is still there"
+    seen.click("reset")
+    seen.click("yes")
+    seen.says("answer", "reset refused, stopped: what caused the stop is still there")
+    seen.loop.refuses = ""
+    seen.click("reset")
+    seen.click("yes")
+    seen.says("answer", "done, active")
+    assert [asked["ask"] for asked in seen.loop.asked] == ["reset", "reset"]
+    until(lambda: not seen.able("reset"))
+
+
+def test_a_waiting_run_is_started(seen: Seen) -> None:
+    seen.loop.state, seen.loop.latches = State.READY, Latch.START
+    seen.control()
+    until(lambda: seen.able("start"))
+    assert not seen.text("reset")
+    seen.click("start")
+    seen.click("yes")
+    seen.says("answer", "start: done")
+    assert [asked["ask"] for asked in seen.loop.asked] == ["start"]
+
+
+def test_a_question_is_withdrawn_when_the_state_changes(seen: Seen) -> None:
+    seen.control()
+    seen.loop.state = State.STOPPED
+    until(lambda: seen.able("reset"))
+    seen.click("reset")
+    seen.says("sure", "Reset now")
+    seen.loop.state = State.ACTIVE
+    until(lambda: not seen.text("sure"))
+
+
+def test_a_lost_device_has_words_and_a_remedy(seen: Seen) -> None:
+    seen.says("devices", "well, takes commands")
+    seen.loop.link = 0
+    seen.says("devices", "lost")
+    seen.says("devices", "Look at cable and power")
+    seen.loop.link = LINK_CONNECTED | LINK_ACTIVE
+    seen.says("devices", "well")
+
+
+@pytest.mark.parametrize("where", ["document.body", "document.querySelector('#sliders input')"])
+def test_escape_stops_from_anywhere_also_without_control(seen: Seen, where: str) -> None:
+    if "input" in where:
+        seen.control()
+        until(lambda: seen.page.value(f"!{where}.disabled"))
+    seen.page.value(f"{where}.focus()")
+    seen.page.key("Escape", "Escape", 27)
+    until(lambda: seen.loop.stops == 1)
+
+
+def test_a_slider_shows_what_the_loop_has_and_not_what_was_asked(seen: Seen) -> None:
+    seen.says("sliders", "1.25 per m")
+    slider = "document.querySelector('#sliders input')"
+    assert seen.page.value(f"{slider}.disabled")
+    seen.control()
+    until(lambda: seen.page.value(f"!{slider}.disabled"))
+    assert [seen.page.value(f"Number({slider}.{end})") for end in ("min", "max")] == [0.5, 2.0]
+    seen.page.value(f"(() => {{ const s = {slider}; s.value = 2; "
+                    "for (const n of ['input', 'change']) s.dispatchEvent(new Event(n)); })()")  # fmt: skip
+    seen.says("answer", "has no bus")
+    until(lambda: seen.page.value(f"Number({slider}.value)") == 1.25)
+    assert "1.25 per m" in seen.text("sliders")
+
+
+def test_a_joint_moves_while_a_key_is_held(seen: Seen) -> None:
+    seen.key("rawKeyDown", **RIGHT)
+    seen.key("keyUp", **RIGHT)
+    assert not seen.loop.presses  # without control
+    seen.control()
+    seen.says("jog_words", "Hold")
+    seen.key("rawKeyDown", **RIGHT)
+    seen.held()
+    seen.key("keyUp", **RIGHT)
+    seen.let_go()
+    assert seen.loop.presses[-1][1]["way"] == 0
+    assert {p["joint"] for _, p in seen.loop.presses} == {0}
+    seen.page.key("2", "Digit2", 50)
+    seen.key("rawKeyDown", **RIGHT)
+    seen.held()
+    assert seen.loop.presses[-1][1]["joint"] == 1
+    seen.page.key("x", "KeyX", 88)  # any other key brakes
+    seen.let_go()
+    seen.key("keyUp", **RIGHT)
+
+
+@pytest.mark.parametrize(
+    "end",
+    [
+        "dispatchEvent(new Event('blur'))",
+        "document.dispatchEvent(new Event('visibilitychange'))",
+        "document.getElementById('control').click()",
+    ],
+)
+def test_a_held_joint_is_let_go_with_the_focus_the_page_or_the_control(seen: Seen, end: str) -> None:
+    seen.control()
+    seen.says("jog_words", "Hold")
+    seen.key("rawKeyDown", **RIGHT)
+    seen.held()
+    seen.page.value(end)
+    seen.let_go()
+    seen.key("rawKeyDown", **RIGHT, autoRepeat=True)  # the key is still down: it must be pressed anew
+    seen.let_go()
+    seen.key("keyUp", **RIGHT)
+
+
+def test_a_button_is_held_with_the_mouse(seen: Seen) -> None:
+    seen.control()
+    seen.says("jog_words", "Hold")
+    higher = "document.querySelectorAll('.joint')[1].children[2]"
+    box = seen.page.value(f"(() => {{ const b = {higher}.getBoundingClientRect();"
+                          " return [b.x + b.width / 2, b.y + b.height / 2]; })()")  # fmt: skip
+    mouse = {"x": box[0], "y": box[1], "button": "left", "clickCount": 1}
+    seen.page.ask("Input.dispatchMouseEvent", type="mousePressed", buttons=1, **mouse)
+    seen.held()
+    assert seen.loop.presses[-1][1]["joint"] == 1
+    seen.page.ask("Input.dispatchMouseEvent", type="mouseReleased", **mouse)
+    seen.let_go()
+
+
+def test_a_stop_lets_go_and_a_held_key_begins_nothing_after_it(seen: Seen) -> None:
+    seen.control()
+    seen.says("jog_words", "Hold")
+    seen.key("rawKeyDown", **RIGHT)
+    seen.held()
+    seen.page.key("Escape", "Escape", 27)
+    until(lambda: seen.loop.stops == 1)
+    seen.let_go()
+    seen.loop.state = State.ACTIVE
+    seen.let_go()
+
+
+def test_another_tab_takes_the_control_and_says_so(seen: Seen, browser: Chromium) -> None:
+    seen.control()
+    other = browser.open(seen.page.value("location.href"))
+    button = "document.getElementById('control')"
+    until(lambda: "another tab" in str(other.value(f"{button}.innerText")) and not other.value(f"{button}.disabled"))
+    other.value(f"{button}.click()")
+    until(lambda: seen.now("control") is False)
+    assert "another tab" in seen.text("control")
+    other.close()
+    seen.says("control", "Take control")
+
+
+def test_names_from_elsewhere_are_text(seen: Seen) -> None:
+    meta = copy.deepcopy(seen.loop.layout.meta)
+    seen.loop.layout.meta |= {"name": "<img src=x onerror=alert(1)>"}
+    seen.loop.layout.meta["parameters"][0]["text"] = "<b id=evil>bold</b>"
+    seen.loop.begin()
+    seen.says("name", "<img")
+    seen.says("sliders", "<b id=evil>")
+    assert seen.page.value("document.getElementById('evil') === null && !document.querySelector('img')")
+    seen.loop.layout.meta = meta
+    seen.loop.begin()
+    seen.says("name", "made-up")
+
+
+def test_recordings_that_are_not_there_are_said(seen: Seen) -> None:
+    seen.click("list")
+    seen.says("shelf_words", "No recordings of made-up")
+
+
+@pytest.mark.parametrize("width", [1600, 1000, 420])
+def test_stop_is_in_sight_at_every_width_and_nothing_is_cut_off(seen: Seen, width: int) -> None:
+    seen.page.ask(
+        "Emulation.setDeviceMetricsOverride", width=width, height=700, deviceScaleFactor=1, mobile=False,
+    )  # fmt: skip
+    for down in (0, 10_000):
+        box = seen.page.value(f"(() => {{ document.querySelector('main').scrollTo(0, {down}); "
+                              "const b = document.getElementById('stop').getBoundingClientRect(); "
+                              "return [b.left, b.top, b.right, b.bottom]; })()")  # fmt: skip
+        assert 0 <= box[0] < box[2] <= width
+        assert 0 <= box[1] < box[3] <= 700
+    assert seen.page.value("document.documentElement.scrollWidth") <= width
+    assert seen.page.value("(d => d.scrollWidth <= d.clientWidth)(document.getElementById('desk'))")
