@@ -93,7 +93,18 @@ class Turn:
     again: int = 0
 
 
-Instruction = Rest | Explore | Hold | Follow | Perform | Walk | Turn
+@dataclass(frozen=True)
+class Lead:
+    """Lead the arm by hand to a posture unlike those before, and let go. Done when it is there.
+
+    Attributes:
+        number: of the posture, from 1; told again, it is another one.
+    """
+
+    number: int
+
+
+Instruction = Rest | Explore | Hold | Follow | Perform | Walk | Turn | Lead
 
 
 class Wearer(Protocol):
