@@ -21,6 +21,7 @@ from runtime.calibration.pose_signals import pose_signals
 from runtime.calibration.run_taps import RunTaps, marks_law, words
 from runtime.contracts import registry
 from runtime.contracts.errors import ProfileError, RecordingError, RequestError, WiringError, nearest
+from runtime.contracts.files import KeptFile
 from runtime.contracts.frames import IDENTITY
 from runtime.contracts.options import Options
 from runtime.control.mount.fit import MountError, Thresholds, fit, refusals
@@ -79,7 +80,8 @@ class FrameMethod(Method[Taps, Result]):
     @classmethod
     def names_file(cls, order: Order, checked: Profile, source: Source) -> tuple[str, Any]:
         frame = _frame(order, checked, source)
-        return f"frames.{frame}.calibration", checked.frames[frame].calibration
+        given = checked.frames[frame].calibration
+        return f"frames.{frame}.calibration", str(given.path) if isinstance(given, KeptFile) else given
 
     def __init__(self, order: Order, checked: Profile, source: Source, target: Path, say: Say) -> None:
         super().__init__(order, checked, source, target, say)

@@ -14,9 +14,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Final, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
@@ -27,10 +29,11 @@ from runtime.contracts.options import Options
 from runtime.contracts.signals import Array
 
 What = Literal["points", "poses"]
+Indices = NDArray[np.intp]
 FEWEST: Final[dict[What, int]] = {"points": 4, "poses": 6}
 _AGAIN: Final = "Do it again: r N, or --redo N --from FILE.rrd"
 _SCALE: Final = 0.02
-_MIRROR: Final = 0.25  # a mirror image that leaves less than this share of what the turned set leaves is one
+_MUCH: Final = 0.25  # what leaves less than this share of the sum of squares fits much better
 
 
 class MountError(SrlError):
@@ -109,7 +112,8 @@ def refusals(found: Mount, limits: Thresholds) -> tuple[MountError, ...]:
     made = []
     if bad.any():
         made += _outlier(found, limits) or [
-            MountError(f"{found.what[:-1]} {found.numbers[i]}", _leaves(found, i), _AGAIN) for i in np.flatnonzero(bad)
+            MountError(f"{found.what[:-1]} {found.numbers[i]}", _leaves(found, i), _AGAIN)
+            for i in np.flatnonzero(bad).tolist()
         ]
     for value, most, unit, of in (
         (found.uncertain[0], limits.uncertain, "m", "place"), (found.uncertain[1], limits.askew, "rad", "rotation"),
@@ -152,9 +156,8 @@ def axes(poses: Array) -> float:
 
 def _of_points(numbers: tuple[int, ...], p: Array, q: Array, noise: float, limits: Thresholds) -> Mount:
     n = len(p)
-    P, Q = p - p.mean(axis=0), q - q.mean(axis=0)
-    _same_size(P, Q)
-    values = np.linalg.svd(Q, compute_uv=False)
+    _same_size(p, q)
+    values = np.linalg.svd(q - q.mean(axis=0), compute_uv=False)
     spread = float(np.sqrt(np.sum(values[1:] ** 2) / n))
     if spread < limits.spread:
         problem = f"they lie near a line: {1000 * spread:.0f} mm from it, {1000 * limits.spread:.0f} mm are needed"
@@ -163,7 +166,7 @@ def _of_points(numbers: tuple[int, ...], p: Array, q: Array, noise: float, limit
     left = np.linalg.norm(p - q @ R.T - t, axis=1)
     turned, mirrored = rigid(p, -q)
     other = np.linalg.norm(p + q @ turned.T - mirrored, axis=1)
-    if left.max() > limits.position and np.sum(other**2) < _MIRROR * np.sum(left**2):
+    if left.max() > limits.position and np.sum(other**2) < _MUCH * np.sum(left**2):
         problem = "the one set is the other's mirror image"
         raise MountError(
             "points", problem, "One of them has a left-handed frame: an axis' sign, or two axes, are wrong"
@@ -189,10 +192,6 @@ def _of_poses(numbers: tuple[int, ...], parent: Array, frame: Array, noise: floa
         raise MountError("poses", problem, "Turn the flange about another axis, too, by 30 degrees and more")
     A, B = (np.array([rotation.homogeneous(pose) for pose in poses]) for poses in (parent, frame))
 
-    def solved(keep: Sequence[int]) -> tuple[Array, Array]:
-        X, Y, _ = _refined(A[keep], B[keep], limits.lever)
-        return X, Y
-
     def off(found: tuple[Array, Array], i: int) -> Array:
         seen: Array = (found[1] @ B[i] - A[i] @ found[0])[:3, 3]
         return seen
@@ -205,7 +204,7 @@ def _of_poses(numbers: tuple[int, ...], parent: Array, frame: Array, noise: floa
     sigma = max(float(np.sqrt(np.sum(weighted**2) / (6 * n - 12))), noise)
     variance = sigma**2 * np.diag(np.linalg.inv(J.T @ J))[6:]
     uncertain = float(np.sqrt(variance[:3].sum())), float(np.sqrt(variance[3:].sum()))
-    without = _each_without(solved, off, n)
+    without = _each_without(lambda keep: hand_eye(A[keep], B[keep]), off, n)
     pose, mount = (np.array([*T[:3, 3], *rotation.from_matrix(T[:3, :3])]) for T in (Y, X))
     body = np.array(rotation.inverted(tuple(mount.tolist())))
     return Mount("poses", numbers, pose, body, parent, frame, left, askew, without, spread, uncertain)
@@ -224,7 +223,8 @@ def _refined(A: Array, B: Array, lever: float) -> tuple[Array, Array, Array]:
         return found.ravel()
 
     solved = least_squares(off, np.zeros(12), method="lm")
-    return (*at(solved.x), solved.jac)
+    X, Y = at(solved.x)
+    return X, Y, np.asarray(solved.jac)
 
 
 def _moved(T: Array, by: Array) -> Array:
@@ -244,7 +244,7 @@ def _errors(A: Array, B: Array, X: Array, Y: Array) -> Array:
 
 def _differ(what: What, numbers: Sequence[int], parent: Array, frame: Array, limits: Thresholds) -> None:
     """Raises MountError: two points or poses are alike, so one of them says nothing."""
-    for i, j in ((i, j) for j in range(len(numbers)) for i in range(j)):
+    for i, j in combinations(range(len(numbers)), 2):
         if gap := like(what, parent[i], parent[j], limits):
             name = what[:-1]
             raise MountError(
@@ -261,14 +261,17 @@ def like(what: What, one: Array, other: Array, limits: Thresholds) -> str:
     return f"turned by {turn:.2f} rad" if turn < limits.turned else ""
 
 
-def _same_size(P: Array, Q: Array) -> None:
-    """Raises MountError: points (n, 3) about their middles aren't of one size."""
+def _same_size(p: Array, q: Array) -> None:
+    """Raises MountError: points (n, 3) aren't of one size, and scaled they would fit each other."""
+    P, Q = p - p.mean(axis=0), q - q.mean(axis=0)
     size = float(np.sqrt(np.sum(P**2))) / max(float(np.sqrt(np.sum(Q**2))), 1e-12)
     for factor, whose in ((1000.0, "parent"), (0.001, "frame")):
         if abs(size / factor - 1.0) < 0.1:
             problem = f"the points in the {whose} are 1000 times larger: that looks like millimetres"
             raise MountError("points", problem, "Give all in m")
-    if abs(size - 1.0) > _SCALE:
+    plain, scaled = (np.sum((P - c * Q @ rigid(P, Q)[0].T) ** 2) for c in (1.0, size))
+    # One point that is wrong changes the size, too, but then the scaled set fits no better.
+    if abs(size - 1.0) > _SCALE and scaled < _MUCH * plain:
         problem = f"the points as measured in the parent are {100 * (size - 1.0):+.1f} % larger than in the frame"
         remedy = "Check the points' coordinates, the tip's length and the motion capture's own calibration"
         raise MountError("points", problem, remedy)
@@ -299,7 +302,7 @@ def _leaves(found: Mount, i: int) -> str:
 
 
 def _each_without(
-    solve: Callable[[Array], tuple[Array, Array]], off: Callable[[tuple[Array, Array], int], Array], n: int
+    solve: Callable[[Indices], tuple[Array, Array]], off: Callable[[tuple[Array, Array], int], Array], n: int
 ) -> Array:
     """(n,) m: how far each is from where the others say."""
     found = []

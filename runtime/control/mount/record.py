@@ -1,4 +1,4 @@
-"""Where a frame is in its parent, as `srl calibrate PROFILE frames` found it: `frames.NAME.calibration` names the file."""
+"""Where a frame is in its parent, as `srl calibrate PROFILE frames` found it. `frames.NAME.calibration` names it."""
 
 from __future__ import annotations
 
