@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import ClassVar
+from typing import ClassVar, Final
 
 import numpy as np
 
@@ -14,6 +14,8 @@ from runtime.control.mount import samples as marks
 from runtime.control.mount.fit import FEWEST, Thresholds, like
 from runtime.control.mount.samples import Plan, Samples, mean, steady, tip
 from runtime.control.shared.guided import Bar
+
+_PATIENCE: Final = 10.0  # s at a place that is like one before
 
 
 class Kind(Enum):
@@ -77,7 +79,7 @@ class Procedure:
         self._begin(Step(Kind.GO, self._open[0]) if self._open else Step(Kind.DONE, 0))
 
     def _begin(self, step: Step) -> None:
-        self.step = step
+        self.step, self._since = step, 0.0
         self._times, self._parent, self._frame = np.empty(0), np.empty((0, 7)), np.empty((0, 7))
 
     @property
@@ -90,6 +92,8 @@ class Procedure:
         own = samples.marks == self.step.mark
         if not own.any() or self.done:
             return
+        if not len(self._times):
+            self._since = float(samples.times[own][0])
         if self.step.kind is Kind.LEAVE:
             self._next()
             return
@@ -98,12 +102,20 @@ class Procedure:
         self._frame = np.concatenate([self._frame, samples.frame[own]])
         if self.step.kind is Kind.GO:
             self._drop_old()
-            if self._still() <= self._thresholds.steady and self._like() is None:
-                self._begin(Step(Kind.HOLD, self.step.number))
+            self._look()
         elif self._elapsed() >= self.plan.settle and self._still() > self._thresholds.steady:
             self._begin(Step(Kind.GO, self.step.number))  # it was moved: its samples are too few, so they don't count
         elif self._elapsed() >= self.plan.hold:
             self._take()
+
+    def _look(self) -> None:
+        """Begins to hold it once all is still and unlike in all before; who stays where it is like one is told anew."""
+        if self._still() > self._thresholds.steady:
+            return
+        if self._like() is None:
+            self._begin(Step(Kind.HOLD, self.step.number))
+        elif self._times[-1] > self._since + _PATIENCE:
+            self._begin(Step(Kind.GO, self.step.number))
 
     def _drop_old(self) -> None:
         """Of a way of minutes only the end is looked at."""

@@ -38,7 +38,7 @@ class Guided:
             raise ValueError(f"who leads an arm isn't told to {type(instruction).__name__}: Lead or Rest")
         self._from, self._since = self.at(self._now), self._now
         self._told += 1
-        random = np.random.default_rng((self._seed, self._told))
+        random = np.random.default_rng((self._seed, instruction.number, self._told))
         q = self._home + random.uniform(-_REACH, _REACH, self._robot.n)
         self._to = np.clip(q, self._robot.q_lower + _ROOM, self._robot.q_upper - _ROOM)
 
