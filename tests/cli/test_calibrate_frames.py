@@ -285,7 +285,7 @@ def test_a_pose_left_out_counts_for_nothing() -> None:
 
 def test_the_screen_shows_what_to_do_and_what_is_measured() -> None:
     actor, procedure = Leader(), Procedure(Plan(), Thresholds())
-    feed(actor, procedure, 1.0)
+    feed(actor, procedure, 0.6)
     console = Console(file=io.StringIO(), width=110, force_terminal=False)
     console.print(picture("calibrate", procedure.view()))
     shown = console.file.getvalue()  # type: ignore[attr-defined]
