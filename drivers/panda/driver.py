@@ -340,7 +340,11 @@ class Panda(Driver):
             words = _WORDS[RobotMode.AUTOMATIC_ERROR_RECOVERY]  # it shows no errors any more, but hasn't replied yet
         if words:
             motion.outcome = ""  # the robot's own reason for ending the motion is better
-        self.health.fault = ", ".join(filter(None, (words, self._trouble, motion.outcome)))
+        found = ", ".join(filter(None, (words, self._trouble, motion.outcome)))
+        if self.commands:
+            self.health.fault = found
+        else:  # what keeps it from moving keeps nobody from reading it
+            self.health.message = found or f"{BY_VERSION[self._version].name}, only read"
         self._judged = self._tail, self._trouble, motion.outcome, self._recovering
 
     def _session(self) -> tuple[Channel, Datagrams]:

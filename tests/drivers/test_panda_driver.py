@@ -33,13 +33,15 @@ def test_an_arm_that_is_only_read_gets_no_motion_no_setting_and_no_recovery(vers
         driver.open()
     for count in range(50):
         if count == 20:
-            robot.abort("joint_reflex")
+            robot.abort(mode=RobotMode.GUIDING)
         robot.tick()
         driver.read(time.monotonic_ns())
         driver.write(time.monotonic_ns())
         driver.stop(Stop.HOLD)
         driver.recover(time.monotonic_ns())
         robot.serve()
+        assert driver.health.fault == ""  # a fault would stop the run
+    assert "guided by a person" in driver.health.message
     assert {type(body) for body in robot.requests} == {Connect}
     assert robot.commands == []
     np.testing.assert_allclose(state["position"], HOME)

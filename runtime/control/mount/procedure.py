@@ -185,7 +185,7 @@ class Procedure:
 
     def _task(self) -> str:
         if self.plan.what == "poses":
-            return "Bring both bodies to another pose, turned about another axis, too; then let go"
+            return "Bring both bodies to another pose, turned about another axis, too, and hold them still"
         if not self.plan.known:
             return "Touch another point with the tip, far from those before and not on a line with them"
         x, y, z = self.plan.known[self.step.number - 1] if self.step.number else (0.0, 0.0, 0.0)

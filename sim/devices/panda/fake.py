@@ -172,7 +172,8 @@ class FakePanda(Fake):
             words = f"reflex: {', '.join(modes.reasons or modes.errors) or 'no reason given'}"
         if words and self._trouble.startswith("motion "):
             self._trouble = ""  # the robot's own words say better why the motion ended
-        self.health.fault = ", ".join(filter(None, (words, self._trouble)))
+        if self.commands:
+            self.health.fault = ", ".join(filter(None, (words, self._trouble)))
 
     def _check(self) -> None:
         if self.health.connected and not inside(self._options.loss, self.world.time):
