@@ -21,6 +21,7 @@ from runtime.calibration import frame_report, session
 from runtime.calibration.screen import picture
 from runtime.calibration.sources import RowFile
 from runtime.cli import main
+from runtime.contracts.files import Files, decoded
 from runtime.control.mount.fit import Thresholds
 from runtime.control.mount.procedure import Kind, Procedure
 from runtime.control.mount.record import FrameRecord, Pose
@@ -113,8 +114,12 @@ def test_points_that_are_known_need_no_robot(command: Command, folder: Path) -> 
         known.append(pose[:3] + Rotation.from_quat(pose[3:], scalar_first=True).apply([0.03, 0.02, 0.05]))
     text = ";".join(",".join(f"{v:.9f}" for v in p) for p in known)
     given = ("what=points", f"known={text}")
-    again = Leader(given)
-    assert [d for d in again.graph.layout.devices if d == "arm"] == []
+    again = Leader(given)  # it goes to the same places
+    assert [device.name for device in again.graph.devices] == ["mocap"]
+    assert command("--sim", "-o", "known.json", *options(given), actor=again) == 0
+    made = read(folder / "known.json")
+    assert apart(made.pose, BASE) < (0.0005, 0.001)
+    assert (made.signals, made.drivers) == (("mocap.tool.pose",), {"mocap": "vicon"})
 
 
 @pytest.mark.parametrize(
@@ -234,6 +239,25 @@ def test_nothing_is_commanded_and_an_arm_that_takes_the_command_over_is_refused(
     graph = Leader().graph
     assert graph.actuators == []
     assert [device.commands for device in graph.devices] == [(), ()]
+    assert main(["calibrate", "cell.yaml", "frames", "--set", "devices.arm={driver: ur, port: tcp://10.0.0.1}"]) == 2
+    said = capsys.readouterr().err
+    assert "its driver 'ur' can't be opened without taking the command over" in said
+    assert "--option known=x,y,z" in said
+
+
+def test_a_replay_has_the_file_and_a_typed_one_is_looked_for_here(command: Command, folder: Path) -> None:
+    assert command("--sim") == 0
+    (folder / "elsewhere").mkdir()
+    (folder / "arm.json").rename(folder / "elsewhere" / "typed.json")
+    checked, source = profile.load("cell.yaml", ["frames.arm.calibration=elsewhere/typed.json"])
+    graph = wiring.build(checked, source, None)
+    (folder / "elsewhere" / "typed.json").unlink()
+    meta = graph.layout.meta
+    assert list(meta["files"]) == ["--set elsewhere/typed.json"]
+    again = wiring.build(
+        *profile.parse(meta["label"], meta["profile"], meta["overrides"], Files(recorded=decoded(meta["files"], "run")))
+    )
+    assert again.frames.entries["arm"] == graph.frames.entries["arm"]
 
 
 def test_a_pose_like_another_or_that_moves_isnt_taken() -> None:

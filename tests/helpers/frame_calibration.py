@@ -119,7 +119,8 @@ class Leader(RowSource):
         for device in names:
             there = not (device == "mocap" and self._number in self.lost)
             row.devices[names.index(device), DEVICE.link] = LINK_CONNECTED if there else 0
-        row.views["arm.pose"][:] = flange
+        if "arm" in names:
+            row.views["arm.pose"][:] = flange
         if self._number not in self.lost:
             tracker = rotation.composed(self.base, rotation.composed(flange, TRACKER))
             seen = np.array(tracker)
