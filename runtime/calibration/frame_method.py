@@ -65,8 +65,8 @@ class Taps(RunTaps):
     def samples(self, rows: NDArray[np.int64]) -> Samples:
         rows = rows[self.active(rows)]
         floats = self.floats(rows)
-        own = np.tile(IDENTITY, (len(rows), 1)) if self.own is None else floats[:, self.own]
-        return Samples(self.times(rows), floats[:, self.parent], own, self.marks(floats))
+        own = np.tile(IDENTITY, (len(rows), 1)) if self.own is None else _seen(floats[:, self.own])
+        return Samples(self.times(rows), _seen(floats[:, self.parent]), own, self.marks(floats))
 
 
 class FrameMethod(Method[Taps, Result]):
@@ -191,6 +191,12 @@ class FrameMethod(Method[Taps, Result]):
                 "left": (float(mount.left.max()), float(mount.askew.max())), "uncertain": mount.uncertain,
             }
         )  # fmt: skip
+
+
+def _seen(poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Poses (T, 7), NaN where there is no rotation: a device that has lost sight gives a quaternion of zeros, or NaN."""
+    length = np.sum(poses[:, 3:] ** 2, axis=1)
+    return np.where(((0.95 < length) & (length < 1.05))[:, None], poses, np.nan)
 
 
 def _pose(pose: NDArray[np.float64]) -> dict[str, list[float]]:

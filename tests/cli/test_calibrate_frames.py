@@ -275,8 +275,9 @@ def test_a_pose_like_another_or_that_moves_isnt_taken() -> None:
     assert (procedure.step.kind, procedure.step.number) == (Kind.GO, 1)
 
 
-def test_the_last_pose_of_lost_cameras_counts_for_nothing() -> None:
-    actor = Leader(lost=(2,))
+@pytest.mark.parametrize("gone", [{"lost": (2,)}, {"blind": (2,)}])
+def test_the_last_pose_of_lost_cameras_counts_for_nothing(gone: dict[str, Any]) -> None:
+    actor = Leader(**gone)
     procedure = Procedure(Plan(), Thresholds())
     feed(actor, procedure, 20.0)
     assert (procedure.step.kind, procedure.step.number) == (Kind.GO, 2)
@@ -284,7 +285,7 @@ def test_the_last_pose_of_lost_cameras_counts_for_nothing() -> None:
     assert procedure.go_on() == ""
     feed(actor, procedure, 5.0)
     assert procedure.step.number == 2
-    actor.lost = ()
+    actor.lost = actor.blind = ()
     feed(actor, procedure, 60.0)
     assert procedure.done
 

@@ -59,6 +59,7 @@ class Leader(RowSource):
 
     Attributes:
         pushed: m, along x of the room: what the cameras see is off in these.
+        blind: in these the cameras show zeros.
         lost: in these the cameras' link is gone, so that their last pose stays.
         flat: the arm turns about one axis alone; line: it goes along a line.
         scale: of the room's places.
@@ -70,6 +71,7 @@ class Leader(RowSource):
 
     def __init__(
         self, option: Sequence[str] = (), pushed: dict[int, float] | None = None, lost: Sequence[int] = (),
+        blind: Sequence[int] = (),
         flat: bool = False, line: bool = False, scale: float = 1.0, noise: float = 0.0001, base: Pose = BASE,
     ) -> None:  # fmt: skip
         checked, source = profile.parse("cell.yaml", PROFILE)
@@ -80,6 +82,7 @@ class Leader(RowSource):
         self.graph.layout.meta["wall"] = 1_700_000_000_000_000_000
         self.graph.layout.meta["simulated"] = list(self.graph.layout.devices)
         self.taps = method.taps(self.graph.layout, "cell.yaml")
+        self.blind = blind
         self.pushed, self.lost, self.flat, self.line = pushed or {}, lost, flat, line
         self.scale, self.noise, self.base = scale, noise, base
         self.rows, self.closed, self.led = list[Rows](), False, 0
@@ -128,7 +131,7 @@ class Leader(RowSource):
             seen[0] += self.pushed.get(self._number, 0.0)
             turned = Rotation.from_rotvec(10.0 * self.noise * self._random.normal(size=3))
             seen[3:] = (Rotation.from_quat(seen[3:], scalar_first=True) * turned).as_quat(scalar_first=True)
-            row.views["mocap.tool.pose"][:] = seen
+            row.views["mocap.tool.pose"][:] = 0.0 if self._number in self.blind else seen
         row.ints[CYCLE.cycle], row.ints[CYCLE.now] = self.count, self.count * 20_000_000
         row.ints[CYCLE.state] = State.ACTIVE
         return row.words.copy()
