@@ -194,9 +194,9 @@ class FrameMethod(Method[Taps, Result]):
 
 
 def _seen(poses: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Poses (T, 7), NaN where there is no rotation: a device that has lost sight gives a quaternion of zeros, or NaN."""
+    """Poses (T, 7), NaN where there is no rotation: who has lost sight gives a quaternion of zeros, or NaN."""
     length = np.sum(poses[:, 3:] ** 2, axis=1)
-    return np.where(((0.95 < length) & (length < 1.05))[:, None], poses, np.nan)
+    return np.where(((length > 0.95) & (length < 1.05))[:, None], poses, np.nan)
 
 
 def _pose(pose: NDArray[np.float64]) -> dict[str, list[float]]:
