@@ -60,7 +60,7 @@ class Placement(Options):
 
 def _named(given: Any) -> Any:
     """A file's path, which is read where the tree is made: a profile whose frame isn't calibrated yet can be read."""
-    if given is not None and not (isinstance(given, str | KeptFile) and given):
+    if not (isinstance(given, str | KeptFile) and given):
         raise ValueError("must be the path of a file")
     return given
 
@@ -93,7 +93,8 @@ class FrameEntry(Placement):
     @classmethod
     def recorded(cls, values: Mapping[str, Any]) -> FrameEntry:
         """The frame of a recording's metadata; older recordings say `xyz` and `rpy`."""
-        return cls.model_validate({"position" if key == "xyz" else key: value for key, value in values.items()})
+        given = {key: value for key, value in values.items() if value is not None}
+        return cls.model_validate({"position" if key == "xyz" else key: value for key, value in given.items()})
 
 
 class FrameError(OptionError):

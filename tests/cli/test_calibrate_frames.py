@@ -189,6 +189,7 @@ def test_a_recording_gives_the_same_file_and_a_pose_is_done_again(command: Comma
         (["--set", "frames.arm.position=[1,0,0]"], "`calibration` says where it is: leave `position` out"),
         (["--set", "frames.arm.pose=mocap.tool.pose"], "`calibration` says where it is: leave `pose` out"),
         (["--set", "frames.arm.calibration=3"], "must be the path of a file"),
+        (["--set", "frames.arm.calibration="], "must be the path of a file"),
         (["--set", "frames.arm={calibration: arm.json}"], "name it, `parent: FRAME`"),
     ],
 )
