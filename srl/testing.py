@@ -91,7 +91,9 @@ def check_driver(driver: Driver) -> None:
     bound(driver)
     driver.close()
     driver.stop(Stop.HOLD)
-    assert isinstance(driver.stop_frame(Stop.HOLD), bytes), f"{name}.stop_frame must give bytes"
+    frames = driver.stop_frames(Stop.HOLD)
+    whole = isinstance(frames, tuple) and all(isinstance(frame, bytes) for frame in frames)
+    assert whole, f"{name}.stop_frames must give a tuple of bytes"
     assert driver.fileno() in (None, -1), f"{name} isn't open and has a descriptor"
     for what in (driver.read, driver.write) if driver.commands else (driver.read,):
         try:

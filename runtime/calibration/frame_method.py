@@ -20,7 +20,7 @@ from runtime.calibration.order import Order
 from runtime.calibration.pose_signals import pose_signals
 from runtime.calibration.run_taps import RunTaps, marks_law, words
 from runtime.contracts import registry
-from runtime.contracts.errors import ProfileError, RecordingError, RequestError, WiringError, nearest
+from runtime.contracts.errors import OptionError, ProfileError, RecordingError, RequestError, WiringError, nearest
 from runtime.contracts.files import KeptFile
 from runtime.contracts.frames import IDENTITY
 from runtime.contracts.options import Options
@@ -78,10 +78,15 @@ class FrameMethod(Method[Taps, Result]):
     report: ClassVar[ModuleType] = frame_report
 
     @classmethod
-    def names_file(cls, order: Order, checked: Profile, source: Source) -> tuple[str, Any]:
+    def named(cls, order: Order, checked: Profile, source: Source) -> Path | None:
         frame = _frame(order, checked, source)
         given = checked.frames[frame].calibration
-        return f"frames.{frame}.calibration", str(given.path) if isinstance(given, KeptFile) else given
+        if isinstance(given, KeptFile):
+            return given.path
+        try:
+            return source.files.find(given)
+        except OptionError as error:
+            raise ProfileError(source.place(f"frames.{frame}.calibration"), error.problem, error.remedy) from None
 
     def __init__(self, order: Order, checked: Profile, source: Source, target: Path, say: Say) -> None:
         super().__init__(order, checked, source, target, say)

@@ -48,7 +48,7 @@ class IknsMethod(Method[Taps, Result]):
             if name not in get_args(Dof):
                 problem = f"the simulated wearer knows no motion '{name}'"
                 raise RequestError("--dofs", problem, nearest(name, get_args(Dof)))
-        file = named(order, checked, source, type(self))
+        file = named(checked, source, type(self))
         self._senses = Senses(order.sense, [target, *([] if file is None else [file])])
 
     def cut(self, person: str) -> tuple[Profile, Source]:

@@ -42,8 +42,8 @@ class Method(ABC, Generic[T, R]):
 
     Attributes:
         name: what `srl calibrate PROFILE` calls it; by default that of the law.
-        law: the law that uses the file; "" if a part of the profile does that is no law.
-        option: of the law, or of that part, that names the file.
+        law: the law that uses the file.
+        option: of the law, that names the file.
         kind: what the file holds.
         error: what `compute` raises where nothing can be computed.
         own: options of the command line that are only this method's.
@@ -72,10 +72,9 @@ class Method(ABC, Generic[T, R]):
         self.order, self.checked, self.source, self.target, self.say = order, checked, source, target, say
 
     @classmethod
-    def names_file(cls, order: Order, checked: Profile, source: Source) -> tuple[str, Any]:
-        """Key path and value of the option that names the file. Raises ProfileError, RequestError."""
-        law = find(checked, source, cls.law)
-        return f"controllers.{law}.{cls.option}", checked.controllers[law].options.get(cls.option)
+    def named(cls, order: Order, checked: Profile, source: Source) -> Path | None:
+        """The file that the profile names, if it names one. Raises ProfileError."""
+        return named(checked, source, cls)
 
     @abstractmethod
     def cut(self, person: str) -> tuple[Profile, Source]:
@@ -166,15 +165,16 @@ def names(option: str, given: str | None, things: str) -> tuple[str, ...]:
     return found
 
 
-def named(order: Order, checked: Profile, source: Source, kind: type[Method[Any, Any]]) -> Path | None:
+def named(checked: Profile, source: Source, kind: type[Method[Any, Any]]) -> Path | None:
     """The calibration file that the profile names, if it names one. Raises ProfileError."""
-    place, given = kind.names_file(order, checked, source)
+    law = find(checked, source, kind.law)
+    given = checked.controllers[law].options.get(kind.option)
     if not isinstance(given, str):
         return None
     try:
         return source.files.find(given)
     except OptionError as error:
-        raise ProfileError(source.place(place), error.problem, error.remedy) from None
+        raise ProfileError(source.place(f"controllers.{law}.{kind.option}"), error.problem, error.remedy) from None
 
 
 def kept(own: M, typed: M) -> M:

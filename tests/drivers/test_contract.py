@@ -67,7 +67,9 @@ def test_what_isnt_open_can_be_stopped_and_closed_and_is_lost(name: str) -> None
     made = driver(name)
     made.close()
     made.stop(Stop.HOLD)
-    assert isinstance(made.stop_frame(Stop.HOLD), bytes)
+    frames = made.stop_frames(Stop.HOLD)
+    assert isinstance(frames, tuple)
+    assert all(isinstance(frame, bytes) for frame in frames)
     assert made.fileno() in (None, -1)
     with pytest.raises(DeviceLostError):
         made.read(time.monotonic_ns())
