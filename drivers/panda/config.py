@@ -65,8 +65,8 @@ class PandaConfig(DeviceConfig):
     gone: ClassVar[Mapping[str, str]] = {"frame": "the frame of an arm's base has the device's name"}
 
     port: str = Field(description="tcp://HOST:1337 of the controller")
-    interface: Literal["torque", "velocity", "position"] = Field(
-        "torque", description="what the joints are commanded in; only one at a time"
+    interface: Literal["torque", "velocity", "position", "none"] = Field(
+        "torque", description="what the joints are commanded in; none: the arm is only read, and nothing is set in it"
     )
     collision: Collision | None = Field(None, description="thresholds of contact and reflex; as set before if left out")
     joint_impedance: Annotated[tuple[_Stiffness, ...], PerElement(JOINTS, single=True)] | None = Field(
@@ -83,12 +83,14 @@ class PandaConfig(DeviceConfig):
 
     @property
     def kind(self) -> Kind:
-        """The quantity that the interface commands."""
-        return Kind(self.interface)
+        """The quantity that the interface commands; of `none`, that of a motion which never begins."""
+        return Kind.TORQUE if self.interface == "none" else Kind(self.interface)
 
     def settings(self) -> tuple[Body, ...]:
         """Returns the requests that apply the options; the robot accepts them only while idle."""
         found: list[Body] = []
+        if self.interface == "none":
+            return ()
         if self.collision is not None:
             found.append(self.collision.request())
         if self.joint_impedance is not None:
@@ -118,11 +120,13 @@ def states(config: PandaConfig, name: str) -> tuple[Signal, ...]:
     )
 
 
-def command(config: PandaConfig) -> Command:
-    """Returns the arm's command, selected by its interface."""
+def commands(config: PandaConfig) -> tuple[Command, ...]:
+    """Returns the arm's command, selected by its interface; none of `none`."""
+    if config.interface == "none":
+        return ()
     unit = {Kind.TORQUE: "N m", Kind.VELOCITY: "rad/s", Kind.POSITION: "rad"}[config.kind]
     stops = (Stop.HOLD, Stop.DAMP, Stop.LIMP) if config.kind is Kind.TORQUE else (Stop.HOLD,)
-    return Command(
+    made = Command(
         name=f"{config.interface}_command",
         shape=(7,),
         unit=unit,
@@ -135,3 +139,4 @@ def command(config: PandaConfig) -> Command:
         resolution=RESOLUTION[config.kind],
         ordered=True,
     )
+    return (made,)

@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 from drivers.datagram import Datagrams, open_datagrams
 from drivers.devicetime import DeviceTime
 from drivers.panda.channel import Channel, open_channel
-from drivers.panda.config import COMMANDS, STATES, PandaConfig, command, states
+from drivers.panda.config import COMMANDS, STATES, PandaConfig, commands, states
 from drivers.panda.limits import BY_VERSION
 from drivers.panda.motion import Motion, Phase
 from drivers.panda.packets import RobotMode
@@ -45,6 +45,8 @@ class Panda(Driver):
     (6,) at the stiffness frame and `pose` of the end effector, both in the base frame; `success_rate` (1,), share of
     the last 100 commands that came in time.
 
+    With `interface: none` it is only read: no motion begins, nothing is set and no error is cleared.
+
     A motion begins with the first `write`. It ends with `stop`, with `close` or when no more writes come. The robot
     stops by itself 20 ms after the last command, so no stop frame is needed. `health.errors` counts states that were
     malformed or never came. Source: protocol sheet franka-fci.
@@ -62,8 +64,7 @@ class Panda(Driver):
         super().__init__(name, config)
         self.config: PandaConfig = config
         self.states = states(config, name)
-        self._command = command(config)
-        self.commands = (self._command,)
+        self.commands = commands(config)
         self._place = f"{name} ({config.port})"
         self._channel: Channel | None = None
         self._states: Datagrams | None = None
@@ -115,7 +116,7 @@ class Panda(Driver):
             if channel is not None:
                 channel.close()
             raise
-        self.limits[self._command.name] = BY_VERSION[version].of(self._command.kind)
+        self.limits.update({c.name: BY_VERSION[version].of(c.kind) for c in self.commands})
         self.health.opened()
         self.health.message = f"{BY_VERSION[version].name}, FCI protocol {version}"
         self._gone = False
@@ -222,6 +223,8 @@ class Panda(Driver):
     def write(self, now: int) -> None:
         """See `Driver.write`. Sends one command for the newest state, or requests a motion if there is none."""
         channel, _ = self._session()
+        if not self.commands:
+            return
         self._unwritten = 0
         motion = self._motion
         if motion.phase is Phase.RUNNING:
@@ -236,6 +239,8 @@ class Panda(Driver):
     def recover(self, now: int) -> None:
         """See `Driver.recover`: runs automatic error recovery if the robot has errors, and clears other messages."""
         channel, _ = self._session()
+        if not self.commands:
+            return
         self._trouble = self._motion.outcome = ""
         if (self._modes.mode is RobotMode.REFLEX or self._modes.errors) and not self._recovering:
             self._recovering = True
@@ -291,7 +296,7 @@ class Panda(Driver):
         if self._id == self._answered or link is None or not self._motion.shown(self._modes):
             return
         arrays = self.command_arrays
-        wanted = arrays[self._command.name].tolist() if arrays else [0.0] * 7
+        wanted = arrays[self.commands[0].name].tolist() if arrays else [0.0] * 7
         packet = self._motion.packet(self._newest, wanted)
         try:
             sent = link.write(packet)
@@ -300,7 +305,7 @@ class Panda(Driver):
             raise
         self.health.unsent = 0 if sent else len(packet)
         if sent and arrays:
-            self.sent_arrays[self._command.name][:] = self._motion.values
+            self.sent_arrays[self.commands[0].name][:] = self._motion.values
         self._answered = self._id
 
     def _may_move(self, channel: Channel) -> bool:
@@ -336,7 +341,11 @@ class Panda(Driver):
             words = _WORDS[RobotMode.AUTOMATIC_ERROR_RECOVERY]  # it shows no errors any more, but hasn't replied yet
         if words:
             motion.outcome = ""  # the robot's own reason for ending the motion is better
-        self.health.fault = ", ".join(filter(None, (words, self._trouble, motion.outcome)))
+        found = ", ".join(filter(None, (words, self._trouble, motion.outcome)))
+        if self.commands:
+            self.health.fault = found
+        else:  # what keeps it from moving keeps nobody from reading it
+            self.health.message = found or f"{BY_VERSION[self._version].name}, only read"
         self._judged = self._tail, self._trouble, motion.outcome, self._recovering
 
     def _session(self) -> tuple[Channel, Datagrams]:

@@ -83,6 +83,20 @@ def cut_to(
             )
     kept, devices = _needed(checked, source, law, only)
     _still(checked, source, kept, devices)
+    return cut_devices(checked, source, devices, lambda before: marks(before, entry), sim, scene, kept)
+
+
+def cut_devices(
+    checked: Profile, source: Source, devices: set[str], marks: Callable[[Graph], dict[str, Any]], sim: bool,
+    scene: Scene | None = None, kept: Sequence[int] = (),
+) -> tuple[Profile, Source]:  # fmt: skip
+    """Returns the profile with these devices and laws alone, and the marks' law at its end; as in `cut_to`.
+
+    Args:
+        devices: that are kept. Raises WiringError: one of them takes commands.
+        kept: the places of the laws that are kept.
+    """
+    kept = list(kept)
     plain, _ = profile.tree(source.label, source.text, source.overrides, source.files)
     for key in DROPPED:
         plain.pop(key, None)
@@ -103,7 +117,7 @@ def cut_to(
     if scene is not None:
         scene(plain)
     before = _build(plain, source, kept, sim)
-    plain["controllers"].append(marks(before, entry))
+    plain["controllers"].append(marks(before))
     return parsed(plain, source, kept)
 
 

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from runtime.calibration.frame_method import FrameMethod
 from runtime.calibration.ft_method import FtMethod
 from runtime.calibration.glove_method import GloveMethod
 from runtime.calibration.guide import Guide, QuitError
@@ -35,7 +36,7 @@ from runtime.recording.segments import check_target as check_recording
 from runtime.service.end_signals import EndSignals
 
 METHODS: Final[dict[str, type[Method[Any, Any]]]] = {
-    made.name: made for made in (IknsMethod, IntentionMethod, TaskMethod, FtMethod, GloveMethod)
+    made.name: made for made in (IknsMethod, IntentionMethod, TaskMethod, FtMethod, GloveMethod, FrameMethod)
 }
 _AGAIN: Final = "r N redo number N   q quit"
 Computed = Outcome | SrlError

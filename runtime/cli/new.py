@@ -168,15 +168,15 @@ def _jogs(graph: Graph, name: str) -> Iterator[str]:
 
 def _calibrations(graph: Graph, file: str) -> Iterator[str]:
     """The commands that make the calibration files which the profile names."""
-    from runtime.calibration.method import named
+    from runtime.calibration.order import Order
     from runtime.calibration.session import METHODS
 
     used = {entry.use for entry in graph.profile.controllers}
     for kind in METHODS.values():
-        if kind.law in used:
+        if not kind.law or kind.law in used:
             try:
-                if named(graph.profile, graph.source, kind) is None:
+                if kind.named(Order(file, kind.name), graph.profile, graph.source) is None:
                     continue
             except SrlError:
-                continue  # several laws of the kind: the user says which
+                continue  # several laws, devices or frames of the kind, or none: the user says which
             yield f"srl calibrate {file} {kind.name}{' --person P07' * kind.personal} --yes"

@@ -10,13 +10,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from math import isfinite, nan
-from typing import Any, ClassVar, Final
+from typing import Annotated, Any, ClassVar, Final
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, PlainValidator, WithJsonSchema, model_validator
 
 from runtime.contracts import rotation
 from runtime.contracts.errors import OptionError, nearest
+from runtime.contracts.files import KeptFile
 from runtime.contracts.options import Options
 from runtime.contracts.rotation import Pose, Quaternion, Vector
 from runtime.contracts.signals import Array
@@ -57,6 +58,13 @@ class Placement(Options):
         return (*self.position, *(turn if self.quaternion is None else rotation.normalised(self.quaternion)))
 
 
+def _named(given: Any) -> Any:
+    """A file's path, which is read where the tree is made: a profile whose frame isn't calibrated yet can be read."""
+    if not (isinstance(given, str | KeptFile) and given):
+        raise ValueError("must be the path of a file")
+    return given
+
+
 class FrameEntry(Placement):
     """One frame of the profile, `frames.<name>`: fixed in its parent, or measured by a signal."""
 
@@ -65,14 +73,28 @@ class FrameEntry(Placement):
         None,
         description="signal that measures it: a pose, or x, y, yaw of a mobile base; position and rotation come first",
     )
+    calibration: Annotated[Any, PlainValidator(_named), WithJsonSchema({"type": "string", "format": "path"})] = Field(
+        None, description="file of `srl calibrate PROFILE frames` that says where it is; then no position or rotation"
+    )
     speed: float = Field(
         FASTEST, gt=0, description="m/s: a measured frame that moves faster is lost; .inf: it may jump"
     )
 
+    @model_validator(mode="after")
+    def _one_place(self) -> FrameEntry:
+        if self.calibration is None:
+            return self
+        if given := {"position", "quaternion", "rpy", "pose"} & self.model_fields_set:
+            raise ValueError(f"`calibration` says where it is: leave `{min(given)}` out, or `calibration`")
+        if self.parent is None:
+            raise ValueError("`calibration` says where it is in its parent: name it, `parent: FRAME`")
+        return self
+
     @classmethod
     def recorded(cls, values: Mapping[str, Any]) -> FrameEntry:
         """The frame of a recording's metadata; older recordings say `xyz` and `rpy`."""
-        return cls.model_validate({"position" if key == "xyz" else key: value for key, value in values.items()})
+        given = {key: value for key, value in values.items() if value is not None}
+        return cls.model_validate({"position" if key == "xyz" else key: value for key, value in given.items()})
 
 
 class FrameError(OptionError):

@@ -94,6 +94,17 @@ class Turn:
 
 
 @dataclass(frozen=True)
+class Lead:
+    """Lead the arm by hand to a posture unlike those before, and let go. Done when it is there.
+
+    Attributes:
+        number: of the posture, from 1; told again, it is another one.
+    """
+
+    number: int
+
+
+@dataclass(frozen=True)
 class Shape:
     """Take the hand to a shape and hold it. Done when it is there.
 
@@ -104,7 +115,7 @@ class Shape:
     angles: Mapping[str, float]
 
 
-Instruction = Rest | Explore | Hold | Follow | Perform | Walk | Turn | Shape
+Instruction = Rest | Explore | Hold | Follow | Perform | Walk | Turn | Shape | Lead
 
 
 class Wearer(Protocol):

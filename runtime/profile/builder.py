@@ -15,6 +15,7 @@ from runtime.contracts.frames import FrameError, Frames
 from runtime.contracts.signals import Signal
 from runtime.control.models import context
 from runtime.ipc.layout import Layout
+from runtime.profile.calibrated_frames import placed
 from runtime.profile.profile import Profile
 from runtime.profile.source import Source, first_error
 
@@ -23,7 +24,9 @@ class Builder:
     """Collects the signals of one profile; each step adds its own and checks them against those before."""
 
     def __init__(self, profile: Profile, source: Source, sim: Iterable[str] | None) -> None:
-        self.profile, self.source = profile, source
+        frames, files, self.from_simulation = placed(profile, source)
+        read = {name: entry.model_copy(update={"calibration": files.get(name)}) for name, entry in frames.items()}
+        self.profile, self.source = profile.model_copy(update={"frames": read}), source
         self.layout = Layout()
         self.signals: dict[str, Signal] = {}
         self.writers: dict[str, str] = {}
@@ -31,7 +34,7 @@ class Builder:
         parts = profile.sim.options.get("parts") if profile.sim is not None else None
         self.parts: list[str] = list(parts) if isinstance(parts, dict) else []  # of the simulated world
         try:
-            self.frames = Frames(profile.frames, [*profile.devices, *self.parts])
+            self.frames = Frames(frames, [*profile.devices, *self.parts])
         except FrameError as error:
             raise ProfileError(source.place("frames"), error.problem, error.remedy) from None
 

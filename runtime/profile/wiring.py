@@ -22,7 +22,7 @@ from runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSITION_OF
 from runtime.contracts.world import World
 from runtime.ipc.row import Row
 from runtime.ipc.stop_slots import SLOTS
-from runtime.profile import clearances, controllers, keys, measured_frames
+from runtime.profile import calibrated_frames, clearances, controllers, keys, measured_frames
 from runtime.profile.builder import Builder
 from runtime.profile.doubts import doubts
 from runtime.profile.graph import Actuator, Cleared, Copy, Graph, Law
@@ -85,12 +85,13 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
     reads: list[Copy] = []
     fed = {name.partition(".")[0] for name in measured_frames.relied_on(laws)}
     graph = Graph(
-        profile, source, layout, row, devices, laws, _actuators(b, devices, row, reads, cleared), world, b.frames,
+        b.profile, source, layout, row, devices, laws, _actuators(b, devices, row, reads, cleared), world, b.frames,
         b.simulated, [_is_intent(name, devices, fed) for name in names],
         measured_frames.sights(b, laws, names, row),
         doubts(profile, source, devices, laws, world, b.simulated,
                {name: each.clearance for name, each in cleared.items()})
-        + [f"{b.source.place(place)}: {text}" for place, text in unpictured],
+        + [f"{b.source.place(place)}: {text}" for place, text in unpictured]
+        + calibrated_frames.doubts(source, b.from_simulation, b.simulated),
         [f"{b.source.place(f'sim.{key}')}: {text}" for key, text in (world.remarks if world is not None else ())],
         reads,
     )  # fmt: skip

@@ -17,8 +17,37 @@ from drivers.panda.packets import RobotMode
 from drivers.panda.protocol import Status
 from drivers.panda.requests import Connect, Move, SetCollisionBehavior, SetJointImpedance, SetLoad
 from runtime.contracts.errors import DeviceError
+from runtime.contracts.signals import Stop
 
 # -- opening
+
+
+@VERSIONS
+def test_an_arm_that_is_only_read_gets_no_motion_no_setting_and_no_recovery(version):
+    robot = Robot(version)
+    driver = Panda("arm", PandaConfig(port=robot.address, interface="none", collision={"torque": 20.0, "force": 20.0}))
+    assert driver.commands == ()
+    state = {s.name: np.zeros(s.shape) for s in driver.states}
+    driver.bind(state, {})
+    with robot.running():
+        driver.open()
+    for count in range(50):
+        if count == 20:
+            robot.abort(mode=RobotMode.GUIDING)
+        robot.tick()
+        driver.read(time.monotonic_ns())
+        driver.write(time.monotonic_ns())
+        driver.stop(Stop.HOLD)
+        driver.recover(time.monotonic_ns())
+        robot.serve()
+        assert driver.health.fault == ""  # a fault would stop the run
+    assert "guided by a person" in driver.health.message
+    assert {type(body) for body in robot.requests} == {Connect}
+    assert robot.commands == []
+    np.testing.assert_allclose(state["position"], HOME)
+    with robot.running():
+        driver.close()
+    robot.close()
 
 
 @VERSIONS

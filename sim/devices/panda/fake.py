@@ -47,7 +47,6 @@ class FakePanda(Fake):
         self._config, self._options = config, options
         self._reader = StateReader(self.robot.version)
         self._motion = Motion(self.robot.version, config.kind, self._reader)
-        self._command = self.commands[0].name
         self._data = self._tail = b""
         self._forget()
 
@@ -63,7 +62,7 @@ class FakePanda(Fake):
                 if status is not Status.SUCCESS:
                     problem = f"the robot refuses {type(request).__name__}: {status}"
                     raise DeviceError(self.name, problem, "Correct the option in the profile")
-        self.limits[self._command] = known.of(self._config.kind)
+        self.limits.update({c.name: known.of(c.kind) for c in self.commands})
         self.health.opened()
         self.health.message = f"simulated {known.name}, FCI protocol {robot.version}"
         self._judge()
@@ -93,6 +92,8 @@ class FakePanda(Fake):
 
     def write(self, now: int) -> None:
         self._check()
+        if not self.commands:
+            return
         self._unwritten = 0
         motion, modes = self._motion, self._modes
         if motion.phase is Phase.RUNNING:
@@ -108,6 +109,8 @@ class FakePanda(Fake):
     def recover(self, now: int) -> None:
         """Starts automatic error recovery if the robot has errors."""
         self._check()
+        if not self.commands:
+            return
         self._trouble = ""
         modes = self._modes
         if (modes.mode is RobotMode.REFLEX or modes.errors) and (status := self.robot.controller.recover()) is not None:
@@ -151,10 +154,10 @@ class FakePanda(Fake):
         """Sends the command for the newest state, once."""
         if self._answered or not self._motion.shown(self._modes):
             return
-        wanted = self.command_arrays[self._command].tolist()
+        wanted = self.command_arrays[self.commands[0].name].tolist()
         # The packet is one object that is refilled; packets in transit must not change.
         self.robot.receive(bytes(self._motion.packet(self._data, wanted)))
-        self.sent_arrays[self._command][:] = self._motion.values
+        self.sent_arrays[self.commands[0].name][:] = self._motion.values
         self._answered = True
 
     def _reply(self, status: Status) -> None:
@@ -169,7 +172,8 @@ class FakePanda(Fake):
             words = f"reflex: {', '.join(modes.reasons or modes.errors) or 'no reason given'}"
         if words and self._trouble.startswith("motion "):
             self._trouble = ""  # the robot's own words say better why the motion ended
-        self.health.fault = ", ".join(filter(None, (words, self._trouble)))
+        if self.commands:
+            self.health.fault = ", ".join(filter(None, (words, self._trouble)))
 
     def _check(self) -> None:
         if self.health.connected and not inside(self._options.loss, self.world.time):

@@ -17,6 +17,7 @@ from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import POINT
 from runtime.control.robots import Payload, RobotDescription
 from runtime.control.robots.pinocchio_model import pinocchio_model
+from sim.parts.robots.guided import Guided
 from sim.world.mjcf import add
 from sim.world.part import Mjcf, Part, PartConfig
 from sim.world.robot_mjcf import SPECK, add_arm
@@ -58,6 +59,7 @@ class ArmConfig(PartConfig):
     friction: float = Field(
         default=0.0, ge=0, le=1, description="share of the joints' friction that the robot doesn't compensate"
     )
+    guided: bool = Field(default=False, description="a person leads it by hand, as a calibration says")
     drives: float = Field(
         default=1.0, gt=0, le=100, description="stiffness in velocity and position mode, times the robot's own"
     )
@@ -111,6 +113,7 @@ class ArmPart(Part):
             ),
         )
         self.every = 1
+        self.wearer = Guided(self.robot, self.home, seed) if config.guided else None
         self.mode: Mode = "brake"
         self._gain = config.drives * np.array(self.robot.stiffness)
         self._damping = 2 * np.sqrt(self._gain * self.robot.inertia)
@@ -160,6 +163,8 @@ class ArmPart(Part):
         self._engage()
 
     def drive(self, step: int) -> None:
+        if self.wearer is not None:
+            self.command("position", self.wearer.at((step + 1) * self._timestep))
         if self._sliding is not None:
             # As damping of this step's speed: MuJoCo integrates damping implicitly, so that it never drives.
             np.multiply(self._config.friction, self._sliding.damping(self._dq), out=self._drag)
@@ -304,11 +309,14 @@ class ArmPart(Part):
     def save(self) -> Array:
         told = (self.told.mass, *self.told.com)
         head = np.array([float(_MODES.index(self.mode)), *told])
-        return np.concatenate([head, self._reference, self._rate, self._measure()])
+        own = self.wearer.save() if self.wearer is not None else np.empty(0)
+        return np.concatenate([head, self._reference, self._rate, self._measure(), own])
 
     def restore(self, state: Array) -> None:
         n = self.n
-        head, reference, rate, measured = np.split(state, [5, 5 + n, 5 + 2 * n])
+        head, reference, rate, measured, own = np.split(state, [5, 5 + n, 5 + 2 * n, 11 + 4 * n])
+        if self.wearer is not None:
+            self.wearer.restore(own)
         self.mode = _MODES[int(head[0])]
         self.tell_payload(float(head[1]), head[2:])
         self._reference[:], self._rate[:], self._measured[:] = reference, rate, measured

@@ -1,0 +1,244 @@
+"""How a frame is calibrated: where it is in its parent, from points or poses that are measured in both."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any, ClassVar, Final, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.calibration import frame_report
+from runtime.calibration.cut import cut_devices
+from runtime.calibration.frame_report import Result
+from runtime.calibration.method import Method, Say, kept, settings
+from runtime.calibration.order import Order
+from runtime.calibration.pose_signals import pose_signals
+from runtime.calibration.run_taps import RunTaps, marks_law, words
+from runtime.contracts import registry
+from runtime.contracts.errors import OptionError, ProfileError, RecordingError, RequestError, WiringError, nearest
+from runtime.contracts.files import KeptFile
+from runtime.contracts.frames import IDENTITY
+from runtime.contracts.options import Options
+from runtime.control.mount.fit import MountError, Thresholds, fit, refusals
+from runtime.control.mount.procedure import Procedure
+from runtime.control.mount.record import FORMAT, FrameRecord
+from runtime.control.mount.samples import LEFT_OUT, FrameMarksConfig, Plan, Samples, held, joined, pairs
+from runtime.control.shared.marks import stretch_of
+from runtime.ipc.layout import Layout
+from runtime.profile.graph import Graph
+from runtime.profile.profile import Profile
+from runtime.profile.source import Source
+
+MARKS: Final = "frame-marks"
+_PEOPLE: Final = ("person", "hands")  # parts of whoever would lead another thing meanwhile
+
+
+class Between(Options):
+    """Which frame, and what measures it."""
+
+    frame: str | None = None
+    parent_signal: str | None = None
+    frame_signal: str | None = None
+
+
+@dataclass(frozen=True)
+class Taps(RunTaps):
+    """What is read. Attributes: `options` of the marks' law; `parent`, `own` (7,): the poses in parent and frame."""
+
+    options: FrameMarksConfig
+    parent: NDArray[np.intp]
+    own: NDArray[np.intp] | None
+
+    @property
+    def person(self) -> str:
+        return ""
+
+    @property
+    def parameter(self) -> str:
+        return f"{MARKS}.mark"
+
+    def samples(self, rows: NDArray[np.int64]) -> Samples:
+        rows = rows[self.active(rows)]
+        floats = self.floats(rows)
+        own = np.tile(IDENTITY, (len(rows), 1)) if self.own is None else _seen(floats[:, self.own])
+        return Samples(self.times(rows), _seen(floats[:, self.parent]), own, self.marks(floats))
+
+
+class FrameMethod(Method[Taps, Result]):
+    """See the module's docstring."""
+
+    name, law, option, kind, error = "frames", "", "calibration", FrameRecord, MountError
+    personal = False
+    thing = "points or poses"
+    report: ClassVar[ModuleType] = frame_report
+
+    @classmethod
+    def named(cls, order: Order, checked: Profile, source: Source) -> Path | None:
+        frame = _frame(order, checked, source)
+        given = checked.frames[frame].calibration
+        if isinstance(given, KeptFile):
+            return given.path
+        try:
+            return source.files.find(given)
+        except OptionError as error:
+            raise ProfileError(source.place(f"frames.{frame}.calibration"), error.problem, error.remedy) from None
+
+    def __init__(self, order: Order, checked: Profile, source: Source, target: Path, say: Say) -> None:
+        super().__init__(order, checked, source, target, say)
+        found = settings(order, {"plan": Plan, "thresholds": Thresholds, "between": Between})
+        self._plan, self._thresholds, between = found["plan"], found["thresholds"], found["between"]
+        self._frame = _frame(order, checked, source)
+        parent = checked.frames[self._frame].parent
+        assert parent is not None  # a frame with `calibration` has one
+        self._parent = parent
+        poses = pose_signals(checked, source)
+        self._signals = [_signal(poses, parent, between.parent_signal, "parent_signal")]
+        if not self._plan.known:
+            self._signals.append(_signal(poses, self._frame, between.frame_signal, "frame_signal"))
+        elif between.frame_signal is not None:
+            raise RequestError("--option frame_signal", "with known points nothing measures them", "Leave it out")
+        self._devices = {signal.partition(".")[0]: "" for signal in self._signals}
+        self._devices = {device: checked.devices[device].driver for device in self._devices}
+
+    def cut(self, person: str) -> tuple[Profile, Source]:
+        return cut_devices(
+            self.checked, self.source, set(self._devices), self._marks, self.order.sim, self._silent
+        )  # fmt: skip
+
+    def _marks(self, graph: Graph) -> dict[str, Any]:
+        """The entry of the marks' law."""
+        return {
+            "use": MARKS, "name": MARKS, "frame": self._frame, "parent": self._parent, "drivers": self._devices,
+            "parent_signal": self._signals[0], "frame_signal": (*self._signals, None)[1],
+            "plan": self._plan.model_dump(mode="json"), "thresholds": self._thresholds.model_dump(),
+        }  # fmt: skip
+
+    def _silent(self, plain: dict[str, Any]) -> None:
+        """Nothing is commanded: an arm is only read. What a calibration says isn't known yet."""
+        arms = []
+        for name, entry in plain["devices"].items():
+            config = registry.load("drivers", entry["driver"], self.source.place(f"devices.{name}")).Config
+            interface = config.model_fields.get("interface")
+            if interface is not None:
+                if "none" not in get_args(interface.annotation):
+                    problem = f"its driver '{entry['driver']}' can't be opened without taking the command over"
+                    remedy = "Touch known points with what the parent's signal shows: --option known=x,y,z;..."
+                    raise WiringError(self.source.place(f"devices.{name}"), problem, remedy)
+                entry["interface"] = "none"
+                arms.append(name)
+        for name, frame in plain["frames"].items():
+            if frame and frame.get("calibration") is not None:
+                plain["frames"][name] = {"parent": frame["parent"]}
+        if self.order.sim and plain.get("sim"):
+            parts = plain["sim"].get("parts") or {}
+            plain["sim"]["parts"] = {n: dict(part) for n, part in parts.items() if part.get("part") not in _PEOPLE}
+            for name in arms:
+                part = (plain["sim"].get("devices") or {}).get(name, {}).get("part", name)
+                if part in plain["sim"]["parts"]:
+                    plain["sim"]["parts"][part]["guided"] = True
+
+    def taps(self, layout: Layout, place: str) -> Taps:
+        _, entry = marks_law(layout, place, MARKS)
+        if entry is None:
+            problem = "it has no marks, so which samples belong together isn't known"
+            raise RecordingError(place, problem, "Use a recording of `srl calibrate PROFILE frames`")
+        options = FrameMarksConfig.model_validate(entry.options)
+        own = None if options.frame_signal is None else words(layout, [options.frame_signal], place)
+        mark = layout.fields[f"{MARKS}.mark"].offset
+        return Taps(layout, mark, options, words(layout, [options.parent_signal], place), own)
+
+    def same(self, one: Taps, other: Taps) -> bool:
+        return one.options.model_copy(update={"thresholds": other.options.thresholds}) == other.options
+
+    def ready(self, taps: Taps) -> None:
+        theirs, ours = taps.options, (self._frame, self._parent)
+        if (theirs.frame, theirs.parent) != ours:
+            problem = f"it is of '{theirs.frame}' in '{theirs.parent}', not of '{ours[0]}' in '{ours[1]}'"
+            raise RequestError("--recording", problem, "Name a recording of this frame: --option frame=NAME")
+
+    def take(self, older: Taps) -> Taps:
+        self.ready(older)
+        self._plan = older.options.plan
+        self._thresholds = kept(older.options.thresholds, self._thresholds)
+        return replace(older, options=older.options.model_copy(update={"thresholds": self._thresholds}))
+
+    def ended(self, samples: Samples) -> Samples:
+        marks = samples.marks.copy()
+        if len(marks) and 0 < marks[-1] < LEFT_OUT:
+            marks[stretch_of(marks, marks[-1])] = 0
+        return replace(samples, marks=marks)
+
+    def procedure(self, before: Sequence[Any]) -> Procedure:
+        done = None
+        if before:
+            done = {n: poses[0] for n, poses in held(joined(before), self._plan, self._thresholds)[0].items()}
+        return Procedure(self._plan, self._thresholds, done)
+
+    def compute(self, taps: Taps, parts: Sequence[Any], date: datetime.date) -> Result:
+        plan, thresholds = taps.options.plan, taps.options.thresholds
+        found, noise = held(joined(parts), plan, thresholds)
+        mount = fit(plan.what, *pairs(found, plan), noise, thresholds)
+        return Result(taps.options, taps.simulated, mount, date, refusals(mount, thresholds))
+
+    def record(self, result: Result) -> FrameRecord:
+        mount, options = result.mount, result.options
+        return FrameRecord.model_validate(
+            {
+                "format": FORMAT, "date": result.date, "simulated": result.simulated, "frame": options.frame,
+                "parent": options.parent, "drivers": options.drivers, "signals": self._signals,
+                "what": mount.what, "count": len(mount.numbers), "pose": _pose(mount.pose),
+                "body": None if mount.body is None else _pose(mount.body),
+                "left": (float(mount.left.max()), float(mount.askew.max())), "uncertain": mount.uncertain,
+            }
+        )  # fmt: skip
+
+
+def _seen(poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Poses (T, 7), NaN where there is no rotation: who has lost sight gives a quaternion of zeros, or NaN."""
+    length = np.sum(poses[:, 3:] ** 2, axis=1)
+    return np.where(((length > 0.95) & (length < 1.05))[:, None], poses, np.nan)
+
+
+def _pose(pose: NDArray[np.float64]) -> dict[str, list[float]]:
+    return {"position": pose[:3].round(7).tolist(), "quaternion": pose[3:].round(9).tolist()}
+
+
+def _frame(order: Order, checked: Profile, source: Source) -> str:
+    """The frame that is meant. Raises RequestError, ProfileError."""
+    calibrated = [name for name, entry in checked.frames.items() if entry.calibration is not None]
+    for text in order.option:
+        key, _, value = text.partition("=")
+        if key == "frame":
+            if value not in calibrated:
+                problem = f"frames.{value} has no `calibration:`" if value in checked.frames else f"no frame '{value}'"
+                raise RequestError("--option frame", problem, nearest(value, calibrated))
+            return value
+    if not calibrated:
+        remedy = "Write what is looked for: frames: {arm: {parent: room, calibration: arm.json}}"
+        raise ProfileError(source.place("frames"), "no frame has `calibration:`", remedy)
+    if len(calibrated) > 1:
+        remedy = f"Name one: --option frame={calibrated[0]}"
+        raise RequestError("--option frame", f"{len(calibrated)} frames have `calibration:`", remedy)
+    return calibrated[0]
+
+
+def _signal(poses: dict[str, str | None], frame: str, given: str | None, option: str) -> str:
+    """The pose that is measured in a frame. Raises RequestError."""
+    fitting = [signal for signal, into in poses.items() if into == frame]
+    if given is not None:
+        if given not in fitting:
+            into = (
+                f"it is in {poses[given] or 'no frame'}, not in '{frame}'" if given in poses else "no pose of a device"
+            )
+            raise RequestError(f"--option {option}", f"'{given}': {into}", nearest(given, fitting))
+        return given
+    if len(fitting) != 1:
+        problem = f"{len(fitting)} devices' poses are measured in '{frame}'"
+        remedy = f"Name one: {option}={fitting[0]}" if fitting else f"Give the device that sees it `frame: {frame}`"
+        raise RequestError(f"--option {option}", problem, remedy)
+    return fitting[0]

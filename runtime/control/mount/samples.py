@@ -1,0 +1,177 @@
+"""What the guided calibration of a frame gave: poses in the parent and in the frame, with marks.
+
+A mark is 0 where nothing counts, n while point or pose n is held, and 100 + n says that it is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Final, Literal
+
+import numpy as np
+from pydantic import BeforeValidator, Field, FiniteFloat, model_validator
+from scipy.spatial.transform import Rotation
+
+from runtime.contracts.controller import ControllerConfig
+from runtime.contracts.options import Options
+from runtime.contracts.rotation import Vector
+from runtime.contracts.signals import Array
+from runtime.control.mount.fit import FEWEST, MountError, Thresholds
+from runtime.control.shared.marks import Indices, MarkLaw, stretch_of
+
+IDLE: Final = 0
+LEFT_OUT: Final = 100
+MOST: Final = 30  # points or poses
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Samples in the order of time.
+
+    Attributes:
+        times: (T,) s.
+        parent: (T, 7) m, w x y z: pose of what is seen in the parent; NaN where it wasn't measured.
+        frame: (T, 7) the same in the frame; of known points, nothing that counts.
+        marks: (T,).
+    """
+
+    times: Array
+    parent: Array
+    frame: Array
+    marks: Indices
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+
+def joined(parts: Sequence[Samples]) -> Samples:
+    """One after another."""
+    found = (np.concatenate([getattr(p, k) for p in parts]) for k in ("times", "parent", "frame", "marks"))
+    return Samples(*found)
+
+
+def _typed_vector(given: object) -> object:
+    return given.split(",") if isinstance(given, str) else given
+
+
+def _typed_points(given: object) -> object:
+    return [point.split(",") for point in given.split(";") if point.strip()] if isinstance(given, str) else given
+
+
+Typed = Annotated[Vector, BeforeValidator(_typed_vector)]
+_Point = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+
+
+class Plan(Options):
+    """What is measured, and how long the steps take."""
+
+    what: Literal["points", "poses"] = Field(
+        "poses", description="points: a tip touches them; poses: two bodies that are fixed to each other"
+    )
+    count: int = Field(8, ge=4, le=MOST, description="how many")
+    parent_tip: Typed = Field((0.0, 0.0, 0.0), description="m, x,y,z: the tip in what is seen in the parent; points")
+    frame_tip: Typed = Field((0.0, 0.0, 0.0), description="m, x,y,z: the tip in what is seen in the frame; points")
+    known: Annotated[tuple[_Point, ...], BeforeValidator(_typed_points)] = Field(
+        (), description="m, x,y,z;x,y,z: the points' places in the frame, if nothing measures them there"
+    )
+    settle: float = Field(0.5, ge=0.2, description="s for which it must be still before it is taken")
+    hold: float = Field(1.0, ge=0.5, description="s of it that count")
+
+    @model_validator(mode="after")
+    def _fits(self) -> Plan:
+        if not all(map(np.isfinite, (*self.parent_tip, *self.frame_tip))):
+            raise ValueError("a tip needs finite numbers")
+        if self.known and self.what != "points":
+            raise ValueError("known points go with what=points")
+        if self.what == "poses" and any((*self.parent_tip, *self.frame_tip)):
+            raise ValueError("a tip goes with what=points")
+        if self.known and len(self.known) != self.count:
+            raise ValueError(f"there are {len(self.known)} known points: write count={len(self.known)}, too")
+        if self.count < FEWEST[self.what]:
+            raise ValueError(f"{self.count} {self.what} don't find a frame: {FEWEST[self.what]} are needed")
+        return self
+
+
+def steady(poses: Array, blocks: int = 5) -> float:
+    """m: how far the means of consecutive blocks of places are apart at most; infinite where one isn't measured.
+
+    Args:
+        poses: (T, 7) m, w x y z.
+        blocks: number of blocks; means are compared, so that noise doesn't look like motion.
+    """
+    if len(poses) < blocks or not np.isfinite(poses).all():
+        return float("inf")
+    means = np.array([part[:, :3].mean(axis=0) for part in np.array_split(poses, blocks)])
+    return float(np.linalg.norm(means[:, None] - means, axis=2).max())
+
+
+def mean(poses: Array) -> Array:
+    """(7,) m, w x y z: the mean of poses (T, 7)."""
+    turn = Rotation.from_quat(poses[:, 3:], scalar_first=True).mean()
+    return np.array([*poses[:, :3].mean(axis=0), *turn.as_quat(canonical=True, scalar_first=True)])
+
+
+def held(samples: Samples, plan: Plan, thresholds: Thresholds) -> tuple[dict[int, tuple[Array, Array]], float]:
+    """The mean poses (7,) in parent and frame of each that was held to its end and not left out; and the noise, m.
+
+    Raises MountError: none was, or one that counts wasn't still.
+    """
+    found: dict[int, tuple[Array, Array]] = {}
+    spread = []
+    for number in range(1, plan.count + 1):
+        at = stretch_of(samples.marks, number)
+        out = np.flatnonzero(samples.marks == LEFT_OUT + number)
+        if at.stop == at.start or (len(out) and out[-1] >= at.stop):
+            continue
+        times, both = samples.times[at], (samples.parent[at], samples.frame[at])
+        if times[-1] - times[0] < 0.9 * plan.hold:
+            continue  # broken off
+        if (moved := max(map(steady, both))) > thresholds.steady:
+            problem = "some of its samples are missing" if moved == np.inf else f"it moved by {1000 * moved:.1f} mm"
+            place = f"{plan.what[:-1]} {number}"
+            raise MountError(place, problem, "Do it again, still: r N, or --redo N --from FILE.rrd")
+        found[number] = mean(both[0]), mean(both[1])
+        spread += [poses[:, :3].std(axis=0).max() / np.sqrt(len(poses)) for poses in both]
+    if not found:
+        raise MountError(plan.what, "none was held to its end", "Hold still in each")
+    return found, float(np.sqrt(np.mean(np.square(spread))))
+
+
+def pairs(found: dict[int, tuple[Array, Array]], plan: Plan) -> tuple[tuple[int, ...], Array, Array]:
+    """The numbers, and what is compared: (n, 3) m of points, (n, 7) of poses, in the parent and in the frame."""
+    numbers = tuple(found)
+    parent, frame = (np.array([found[n][k] for n in numbers]) for k in (0, 1))
+    if plan.what == "poses":
+        return numbers, parent, frame
+    known = np.array([plan.known[n - 1] for n in numbers]) if plan.known else tip(frame, plan.frame_tip)
+    return numbers, tip(parent, plan.parent_tip), known
+
+
+def tip(poses: Array, offset: Vector) -> Array:
+    """(n, 3) m: where a tip is that is `offset` (m) away from bodies (n, 7), in their axes."""
+    turned: Array = Rotation.from_quat(poses[:, 3:], scalar_first=True).apply(offset)
+    return poses[:, :3] + turned
+
+
+class FrameMarksConfig(ControllerConfig):
+    """Options of `frame-marks`."""
+
+    frame: str = Field(description="the frame that is calibrated")
+    parent: str = Field(description="its parent")
+    drivers: dict[str, str] = Field(description="the devices that measured, and their drivers")
+    parent_signal: str = Field(description="the pose that is measured in the parent")
+    frame_signal: str | None = Field(None, description="the pose that is measured in the frame; null: known points")
+    plan: Plan = Plan()
+    thresholds: Thresholds = Thresholds()
+
+
+class FrameMarks(MarkLaw):
+    """See `MarkLaw`."""
+
+    Config = FrameMarksConfig
+    summary = "marks in the rows when a frame is calibrated (srl calibrate PROFILE frames)"
+
+    def __init__(self, name: str, config: FrameMarksConfig) -> None:
+        super().__init__(name, config)
+        self.marks(LEFT_OUT + MOST)

@@ -1,0 +1,343 @@
+"""`srl calibrate PROFILE frames`: a hidden base and tracker are found, or what can't work is refused."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.edited import edited
+from helpers.frame_calibration import BASE, PROFILE, TRACKER, Leader
+from helpers.run import call, summary
+from rich.console import Console
+from scipy.spatial.transform import Rotation
+
+from runtime.calibration import frame_report, session
+from runtime.calibration.screen import picture
+from runtime.calibration.sources import RowFile
+from runtime.cli import main
+from runtime.contracts.files import Files, decoded
+from runtime.control.mount.fit import Thresholds
+from runtime.control.mount.procedure import Kind, Procedure
+from runtime.control.mount.record import FrameRecord, Pose
+from runtime.control.mount.samples import Plan
+from runtime.control.shared import record_file
+from runtime.profile import profile, wiring
+
+Command = Callable[..., int]
+drawn = frame_report.draw
+POINTS = ("what=points", "frame_tip=0.03,0.02,0.05")
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    (tmp_path / "cell.yaml").write_text(PROFILE)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def command(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
+    """`srl calibrate cell.yaml frames ...` without physics; the picture is drawn only if asked for."""
+
+    def run(*arguments: str, actor: Leader | None = None, picture: bool = False) -> int:
+        monkeypatch.setattr(frame_report, "draw", drawn if picture else lambda _, png: png.touch())
+        monkeypatch.setattr(session, "Simulated", lambda *_: actor or Leader())
+        return main(["calibrate", "cell.yaml", "frames", *arguments])
+
+    return run
+
+
+def options(given: tuple[str, ...]) -> list[str]:
+    return [word for each in given for word in ("--option", each)]
+
+
+def read(path: Path) -> FrameRecord:
+    return record_file.read(FrameRecord, path)
+
+
+def apart(found: Pose, true: tuple[float, ...]) -> tuple[float, float]:
+    """m, rad."""
+    turns = [Rotation.from_quat(q, scalar_first=True) for q in (found.quaternion, true[3:])]
+    away = np.linalg.norm(np.subtract(found.position, true[:3]))
+    return float(away), float((turns[0].inv() * turns[1]).magnitude())
+
+
+def test_a_hidden_base_and_tracker_are_found_and_the_profile_reads_them(
+    command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["check", "cell.yaml"]) == 2
+    assert "Make it with `srl calibrate PROFILE frames`" in capsys.readouterr().err
+    actor = Leader()
+    assert command("--sim", actor=actor, picture=True) == 0
+    assert actor.closed
+    made = read(folder / "arm.json")
+    assert apart(made.pose, BASE) < (0.0005, 0.0005)
+    assert made.body is not None
+    assert apart(made.body, TRACKER) < (0.0005, 0.001)
+    assert (made.frame, made.parent, made.what, made.count) == ("arm", "room", "poses", 8)
+    assert (made.drivers, made.simulated) == ({"mocap": "vicon", "arm": "panda"}, True)
+    said = capsys.readouterr()
+    assert "Bring both bodies to another pose" in said.err
+    assert [Path(line).name for line in said.out.splitlines()[-2:]] == ["arm.json", "arm.json.report.png"]
+    assert (folder / "arm.json.report.png").read_bytes()[:4] == b"\x89PNG"
+    assert main(["check", "cell.yaml"]) == 0
+    told = capsys.readouterr().out
+    assert "file frames.arm.calibration: " in told
+    assert "frames.arm.calibration: it was made in simulation, and 'mocap' is real" in told
+    graph = wiring.build(*profile.load("cell.yaml"), None)
+    assert graph.frames.entries["arm"].placed() == pytest.approx((*made.pose.position, *made.pose.quaternion), abs=1e-9)
+    assert graph.layout.meta["frames"]["arm"]["position"] == pytest.approx(made.pose.position)
+
+
+def test_points_that_a_tip_touches_find_it_too(command: Command, folder: Path) -> None:
+    assert command("--sim", *options(POINTS), actor=Leader(POINTS)) == 0
+    made = read(folder / "arm.json")
+    assert apart(made.pose, BASE) < (0.0005, 0.001)
+    assert (made.what, made.body) == ("points", None)
+
+
+def test_points_that_are_known_need_no_robot(command: Command, folder: Path) -> None:
+    actor = Leader(POINTS)
+    assert command("--sim", *options(POINTS), actor=actor) == 0
+    # What the arm measured is now given as known.
+    rows = np.concatenate(actor.rows)
+    seen = actor.taps.samples(rows)
+    known = []
+    for number in range(1, 9):
+        pose = seen.frame[np.flatnonzero(seen.marks == number)[-1]]
+        known.append(pose[:3] + Rotation.from_quat(pose[3:], scalar_first=True).apply([0.03, 0.02, 0.05]))
+    text = ";".join(",".join(f"{v:.9f}" for v in p) for p in known)
+    given = ("what=points", f"known={text}")
+    again = Leader(given)  # it goes to the same places
+    assert [device.name for device in again.graph.devices] == ["mocap"]
+    assert command("--sim", "-o", "known.json", *options(given), actor=again) == 0
+    made = read(folder / "known.json")
+    assert apart(made.pose, BASE) < (0.0005, 0.001)
+    assert (made.signals, made.drivers) == (("mocap.tool.pose",), {"mocap": "vicon"})
+
+
+@pytest.mark.parametrize(
+    ("actor", "option", "words"),
+    [
+        ({"pushed": {3: 0.03}}, (), r"pose 3: it is \d+ mm off where the other 7 say, which fit each other"),
+        ({"flat": True}, ("turned=0.01",), r"poses: they turn about one axis: about others by 0\.0\d rad"),
+        ({"line": True}, (*POINTS, "apart=0.001", "frame_tip=0,0,0", "parent_tip=0,0,0"), r"they lie near a line"),
+        ({"scale": 1.05}, POINTS, r"\+5\.0 % larger than in the frame"),
+        ({"scale": 1000.0, "noise": 1e-6}, (*POINTS, "steady=0.01"), r"looks like millimetres"),
+        ({"pushed": {2: 0.05}}, POINTS, r"point 2: it is \d+ mm off"),
+    ],
+)  # fmt: skip
+def test_what_cant_work_is_refused_with_its_reason(
+    actor: dict[str, Any], option: tuple[str, ...], words: str, command: Command, folder: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    before = sorted(folder.iterdir())
+    assert command("--sim", *options(option), actor=Leader(option, **actor)) == 2
+    assert re.search(words, capsys.readouterr().err)
+    assert sorted(folder.iterdir()) == before
+
+
+def test_the_old_file_is_kept(command: Command, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert command("--sim") == 0
+    first = (folder / "arm.json").read_bytes()
+    assert command("--sim") == 2
+    assert "a calibration is there already" in capsys.readouterr().err
+    moved = (0.0, *BASE[1:])
+    assert command("--sim", "--yes", actor=Leader(base=moved)) == 0
+    assert (folder / "arm.json.old").read_bytes() == first
+    assert read(folder / "arm.json").pose.position[0] == pytest.approx(0.0, abs=5e-4)
+
+
+def test_a_recording_gives_the_same_file_and_a_pose_is_done_again(command: Command, folder: Path) -> None:
+    bad = Leader(pushed={3: 0.03})
+    assert command("--sim", actor=bad) == 2
+    recorded(bad, folder / "bad.rrd")
+    assert command("--recording", "bad.rrd") == 2
+    again = Leader()
+    assert command("--sim", "--redo", "3", "--from", "bad.rrd", actor=again) == 0
+    assert again.led == 1
+    recorded(again, folder / "again.rrd")
+    assert command("--recording", "bad.rrd", "again.rrd", "-o", "both.json") == 0
+    assert (folder / "both.json").read_bytes() == (folder / "arm.json").read_bytes()
+    assert apart(read(folder / "both.json").pose, BASE) < (0.001, 0.001)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--person", "P07"], "--person: 'frames' is no person's"),
+        (["--option", "count=4"], "4 poses don't find a frame: 6 are needed"),
+        (["--option", "counts=4"], "there is no such option. Did you mean 'count'"),
+        (["--option", "parent_tip=0,0,0.1"], "a tip goes with what=points"),
+        (["--option", "what=points", "--option", "parent_tip=0,nan,0.1"], "a tip needs finite numbers"),
+        (["--option", "known=0,0,0;1,0,0;0,1,0;0,0,1"], "known points go with what=points"),
+        (["--option", "what=points", "--option", "known=0,0,0;1,0;0,1,0;0,0,1"], "--option known.1.2"),
+        (["--option", "what=points", "--option", "known=0,0,0;1,0,0;0,1,0;0,0,1"], "there are 4 known points"),
+        (["--option", "frame=arn"], "no frame 'arn'. Did you mean 'arm'"),
+        (["--option", "frame=room"], "frames.room has no `calibration:`"),
+        (["--option", "parent_signal=arm.pose"], "'arm.pose': it is in arm, not in 'room'"),
+        (["--option", "frame_signal=arm.position"], "'arm.position': no pose of a device"),
+        (["--set", "frames.arm={parent: room}"], "no frame has `calibration:`"),
+        (["--set", "frames.tool={parent: arm/flange, calibration: tool.json}"], "Name one: --option frame=arm"),
+        (["--set", "devices.mocap.frame=null"], "Give the device that sees it `frame: room`"),
+        (["--set", "frames.arm.position=[1,0,0]"], "`calibration` says where it is: leave `position` out"),
+        (["--set", "frames.arm.pose=mocap.tool.pose"], "`calibration` says where it is: leave `pose` out"),
+        (["--set", "frames.arm.calibration=3"], "must be the path of a file"),
+        (["--set", "frames.arm.calibration="], "must be the path of a file"),
+        (["--set", "frames.arm={calibration: arm.json}"], "name it, `parent: FRAME`"),
+    ],
+)
+def test_wrong_arguments_are_named(
+    arguments: list[str], words: str, command: Command, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert command("--sim", *arguments) == 2
+    said = capsys.readouterr().err
+    assert words in said
+    assert "Traceback" not in said
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"frame": "base"}, "it says where 'base' is in 'room', not 'arm' in 'room'"),
+        ({"parent": "cell"}, "it says where 'arm' is in 'cell', not 'arm' in 'room'"),
+        ({"drivers": {"arm": "ur"}}, "it was measured with 'arm' by the driver 'ur', now it is 'panda'"),
+        ({"drivers": {"cameras": "vicon"}}, "the device 'cameras', which the profile doesn't have"),
+        ({"pose": {"position": [0, 0, 0], "quaternion": [0, 0, 0, 0]}}, "the quaternion's length isn't 1"),
+        ({"format": "srl-ft-1"}, "srl-frame-1"),
+    ],
+)
+def test_a_calibration_of_something_else_is_refused(
+    change: dict[str, Any], words: str, command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert command("--sim") == 0
+    edited(folder / "arm.json", lambda made: made.update(change))
+    capsys.readouterr()
+    assert main(["check", "cell.yaml"]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_a_file_that_was_changed_by_hand_is_refused(
+    command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert command("--sim") == 0
+    plain = json.loads((folder / "arm.json").read_text())
+    plain["pose"]["position"][0] += 0.1
+    (folder / "arm.json").write_text(json.dumps(plain))
+    assert main(["check", "cell.yaml"]) == 2
+    assert "it was changed after it was written" in capsys.readouterr().err
+
+
+def test_nothing_is_commanded_and_an_arm_that_takes_the_command_over_is_refused(
+    command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    graph = Leader().graph
+    assert graph.actuators == []
+    assert [device.commands for device in graph.devices] == [(), ()]
+    assert main(["calibrate", "cell.yaml", "frames", "--set", "devices.arm={driver: ur, port: tcp://10.0.0.1}"]) == 2
+    said = capsys.readouterr().err
+    assert "its driver 'ur' can't be opened without taking the command over" in said
+    assert "--option known=x,y,z" in said
+
+
+def test_a_replay_has_the_file_and_a_typed_one_is_looked_for_here(command: Command, folder: Path) -> None:
+    assert command("--sim") == 0
+    (folder / "elsewhere").mkdir()
+    (folder / "arm.json").rename(folder / "elsewhere" / "typed.json")
+    checked, source = profile.load("cell.yaml", ["frames.arm.calibration=elsewhere/typed.json"])
+    graph = wiring.build(checked, source, None)
+    (folder / "elsewhere" / "typed.json").unlink()
+    meta = graph.layout.meta
+    assert list(meta["files"]) == ["--set elsewhere/typed.json"]
+    again = wiring.build(
+        *profile.parse(meta["label"], meta["profile"], meta["overrides"], Files(recorded=decoded(meta["files"], "run")))
+    )
+    assert again.frames.entries["arm"] == graph.frames.entries["arm"]
+
+
+def test_a_pose_like_another_or_that_moves_isnt_taken() -> None:
+    actor = Leader()
+    procedure = Procedure(Plan(), Thresholds(turned=3.0))
+    feed(actor, procedure, 10.0)
+    assert (procedure.step.kind, procedure.step.number) == (Kind.GO, 2)
+    assert "it is like pose 1 (turned by" in procedure.view().lack
+    procedure = Procedure(Plan(), Thresholds())
+    while procedure.step.kind is not Kind.HOLD:
+        feed(actor, procedure, 0.1)
+    feed(actor, procedure, 0.3)
+    actor.pushed = {1: 0.02}
+    feed(actor, procedure, 0.8)
+    assert (procedure.step.kind, procedure.step.number) == (Kind.GO, 1)
+
+
+@pytest.mark.parametrize("gone", [{"lost": (2,)}, {"blind": (2,)}])
+def test_the_last_pose_of_lost_cameras_counts_for_nothing(gone: dict[str, Any]) -> None:
+    actor = Leader(**gone)
+    procedure = Procedure(Plan(), Thresholds())
+    feed(actor, procedure, 20.0)
+    assert (procedure.step.kind, procedure.step.number) == (Kind.GO, 2)
+    assert procedure.view().missing == "what is measured in the parent isn't seen"
+    assert procedure.go_on() == ""
+    feed(actor, procedure, 5.0)
+    assert procedure.step.number == 2
+    actor.lost = actor.blind = ()
+    feed(actor, procedure, 60.0)
+    assert procedure.done
+
+
+def test_a_pose_left_out_counts_for_nothing() -> None:
+    procedure, actor = Procedure(Plan(count=7), Thresholds()), Leader(("count=7",))
+    while procedure.step.number != 3:
+        feed(actor, procedure, 0.1)
+    assert procedure.skip() == ""
+    feed(actor, procedure, 60.0)
+    assert procedure.done
+    assert procedure.view().states[2] == "left out"
+    found = session.FrameMethod.compute(
+        object.__new__(session.FrameMethod), actor.taps, [actor.taps.samples(np.concatenate(actor.rows))],
+        actor.taps.date(actor.rows[0]),
+    )  # fmt: skip
+    assert found.mount.numbers == (1, 2, 4, 5, 6, 7)
+    assert procedure.redo(1) == ""
+    assert procedure.skip() == "6 poses must remain"
+    assert procedure.redo(9) == "the poses are 1 to 7"
+
+
+def test_the_screen_shows_what_to_do_and_what_is_measured() -> None:
+    actor, procedure = Leader(), Procedure(Plan(), Thresholds())
+    feed(actor, procedure, 0.6)
+    console = Console(file=io.StringIO(), width=110, force_terminal=False)
+    console.print(picture("calibrate", procedure.view()))
+    shown = console.file.getvalue()  # type: ignore[attr-defined]
+    for words in ("Bring both bodies to another pose", "in parent", "in frame", "poses ", "q quit"):
+        assert words in shown
+
+
+def feed(actor: Leader, procedure: Procedure, seconds: float) -> None:
+    """Goes on for so long, or until it is done."""
+    end = actor.count + 50 * seconds
+    while actor.count < end and not procedure.done:
+        if procedure.step is not actor.step:
+            actor.begin(procedure)
+        procedure.feed(actor.taps.samples(actor.take()))
+
+
+def recorded(actor: Leader, path: Path) -> None:
+    file = RowFile(actor.graph.layout, path)
+    for rows in actor.rows:
+        file.add(rows)
+    file.close()
+
+
+@pytest.mark.slow
+def test_the_simulated_arm_is_found_where_it_stands(folder: Path) -> None:
+    told: dict[str, Any] = summary(call(folder, "calibrate", "cell.yaml", "frames", "--sim", "--json"))
+    assert told["refusals"] == []
+    assert apart(read(folder / "arm.json").pose, BASE) < (0.0002, 0.0005)
+    assert [each["number"] for each in told["each"]] == list(range(1, 9))
