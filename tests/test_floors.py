@@ -38,6 +38,7 @@ ROOMS: dict[str, set[str]] = {
     "runtime.calibration": LOOP | {"runtime.recorder", "runtime.service"},
     "runtime.jog": LOOP | {"runtime.service"},
     "runtime.export": LOOP,
+    "runtime.testing": LOOP,
     "runtime.cli": LOOP
     | {"runtime.bus", "runtime.recorder", "runtime.panel", "runtime.service", "runtime.calibration"}
     | {"runtime.export", "runtime.jog"},
@@ -46,7 +47,7 @@ ROOMS: dict[str, set[str]] = {
     "sim.wearer": GROUND | {"sim.world", "drivers"} | DESCRIPTIONS,
     "sim.parts": GROUND | {"sim.world", "sim.wearer", "drivers", "runtime.messages"} | DESCRIPTIONS,
     "sim.devices": GROUND | {"sim.world", "sim.wearer", "sim.parts", "drivers", "runtime.messages"} | DESCRIPTIONS,
-    "srl": LOOP | {"runtime.bus", "drivers", "sim.world", "sim.parts.hand", "sim.devices.shared"} | DESCRIPTIONS,
+    "srl": LOOP | {"runtime.bus", "runtime.testing", "drivers", "sim.world", "sim.parts.hand", "sim.devices.shared"} | DESCRIPTIONS,
 }
 
 

@@ -1,0 +1,103 @@
+"""The conformance tests of drivers: a class to derive from, in one's own tests.
+
+class TestPlate(DriverConformance):
+    profile, device = "plate.yaml", "plate"
+
+The profile says all that is needed: the driver, its options, the fake's, and the world. pytest runs each method
+`test_...` of the class; a rule that doesn't concern this device is skipped.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+from unittest import SkipTest
+
+from runtime.contracts import registry
+from runtime.contracts.driver import Driver
+from runtime.contracts.world import Fake, World
+from runtime.profile import wiring
+from runtime.testing import driver_rules, fake_rules
+from runtime.testing.bound import bound
+from runtime.testing.given import Given, read
+
+
+class DriverConformance:
+    """Every rule for a driver and its fake, put to one device of a profile.
+
+    Attributes:
+        profile: a path, the name of a profile that comes with srl, YAML text, or its keys.
+        device: its name there.
+        nowhere: a port on which nobody answers; "" for a driver that has no port.
+    """
+
+    profile: ClassVar[Given] = ""
+    device: ClassVar[str] = ""
+    nowhere: ClassVar[str] = "/dev/srl-nobody"
+
+    # -- what is tested; a class may make them in another way
+
+    def driver(self) -> Driver:
+        """A new driver with the profile's options, bound, at the port `nowhere`."""
+        checked, source = read(self.profile)
+        entry, place = checked.devices[self.device], source.place(f"devices.{self.device}")
+        cls = registry.load("drivers", entry.driver, place)
+        options = entry.options | ({"port": self.nowhere} if "port" in cls.Config.model_fields else {})
+        made: Driver = cls(self.device, cls.Config.model_validate(options))
+        return bound(made)
+
+    def simulated(self) -> tuple[World, Fake]:
+        """A new world, and in it the fake, bound."""
+        graph = wiring.build(*read(self.profile), [])
+        (fake,) = [d for d in graph.devices if d.name == self.device]
+        assert graph.world is not None
+        assert isinstance(fake, Fake)
+        return graph.world, bound(fake)
+
+    # -- the driver
+
+    def test_it_describes_itself(self) -> None:
+        driver_rules.describes_itself(self.driver())
+
+    def test_it_declares_its_signals(self) -> None:
+        driver_rules.declares_signals(self.driver())
+
+    def test_it_says_what_it_gives_and_takes(self) -> None:
+        driver_rules.says_what_it_gives_and_takes(self.driver())
+
+    def test_each_command_can_be_stopped(self) -> None:
+        self._moves(self.driver())
+        driver_rules.can_be_stopped(self.driver())
+
+    def test_it_is_harmless_while_closed(self) -> None:
+        driver_rules.is_harmless_while_closed(self.driver())
+
+    def test_it_is_lost_while_closed(self) -> None:
+        driver_rules.is_lost_while_closed(self.driver())
+
+    def test_nobody_there_is_an_error_with_place_and_remedy(self) -> None:
+        driver = self.driver()
+        if "port" not in type(driver).Config.model_fields:
+            raise SkipTest("the driver has no port")
+        driver_rules.says_who_is_missing(driver)
+
+    # -- the fake
+
+    def test_the_fake_is_the_same_device(self) -> None:
+        fake_rules.is_the_same_device(self.simulated()[1], self.driver())
+
+    def test_the_fakes_samples_are_fresh(self) -> None:
+        fake_rules.samples_are_fresh(self.simulated)
+
+    def test_the_fake_repeats_exactly(self) -> None:
+        fake_rules.repeats_exactly(self.simulated)
+
+    def test_the_fake_can_be_closed_and_opened_again(self) -> None:
+        fake_rules.can_be_closed_and_opened_again(self.simulated)
+
+    def test_the_fake_says_what_was_sent(self) -> None:
+        self._moves(self.driver())
+        fake_rules.says_what_was_sent(self.simulated)
+
+    def _moves(self, driver: Driver) -> None:
+        if not driver.commands:
+            raise SkipTest("the device takes no commands")
