@@ -15,7 +15,7 @@ from runtime.contracts.errors import RequestError, nearest
 from runtime.contracts.signals import Array
 from runtime.ipc.layout import Layout
 from runtime.ipc.requests import RequestKind
-from runtime.ipc.words import CYCLE, Cause, State
+from runtime.ipc.words import CYCLE, LINK_CONNECTED, LINK_STALE, Cause, State
 from runtime.loop.lockstep import Lockstep
 from runtime.profile import wiring
 from runtime.profile.plots import element_names, pick, split
@@ -192,6 +192,18 @@ class Lab:
     def culprit(self) -> str:
         """The device, law or emergency input that it stopped for; "" for none."""
         return self.layout.culprit(Cause(self._word("cause")), self._word("culprit"))
+
+    def connected(self, device: str) -> bool:
+        """Whether its link was up in the newest cycle. Raises RequestError: there is no such device."""
+        return bool(self._link(device) & LINK_CONNECTED)
+
+    def stale(self, device: str) -> bool:
+        """Whether its newest sample was older than `max_age` in the newest cycle. Raises RequestError."""
+        return bool(self._link(device) & LINK_STALE)
+
+    def _link(self, device: str) -> int:
+        self._device(device)
+        return int(self.layout.word(self._newest(), f"{device}.link"))
 
     @property
     def rows(self) -> NDArray[np.int64]:
