@@ -10,16 +10,20 @@ Nothing here needs pytest but the fixture.
 """
 
 from runtime.testing.bound import bound
-from runtime.testing.conformance import DriverConformance
+from runtime.testing.controller_conformance import ControllerConformance
 from runtime.testing.controller_rules import check_controller
+from runtime.testing.driver_conformance import DriverConformance
 from runtime.testing.driver_rules import check_driver
 from runtime.testing.lab import Lab
+from runtime.testing.part_conformance import PartConformance
 from runtime.testing.simulated import Simulated, simulate
 from runtime.testing.twin_bench import TwinBench
 
 __all__ = [
+    "ControllerConformance",
     "DriverConformance",
     "Lab",
+    "PartConformance",
     "Simulated",
     "TwinBench",
     "bound",

@@ -47,7 +47,9 @@ ROOMS: dict[str, set[str]] = {
     "sim.wearer": GROUND | {"sim.world", "drivers"} | DESCRIPTIONS,
     "sim.parts": GROUND | {"sim.world", "sim.wearer", "drivers", "runtime.messages"} | DESCRIPTIONS,
     "sim.devices": GROUND | {"sim.world", "sim.wearer", "sim.parts", "drivers", "runtime.messages"} | DESCRIPTIONS,
-    "srl": LOOP | {"runtime.bus", "runtime.testing", "drivers", "sim.world", "sim.parts.hand", "sim.devices.shared"} | DESCRIPTIONS,
+    "srl": LOOP
+    | {"runtime.bus", "runtime.testing", "drivers", "sim.world", "sim.parts.hand", "sim.devices.shared"}
+    | DESCRIPTIONS,
 }
 
 

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from typing import Self
 
 from runtime.contracts import registry
+from runtime.contracts.errors import ProfileError, nearest
 from runtime.contracts.world import Twin
 from runtime.profile import wiring
 from runtime.testing.given import Given, read
@@ -34,11 +35,21 @@ class TwinBench:
         """
         checked, source = read(given)
         graph = wiring.build(checked, source, [])
-        (fake,) = [d for d in graph.devices if d.name == device]
-        assert graph.world is not None
-        self._world, self.now = graph.world, 0
+        if device not in checked.devices:
+            raise ProfileError(source.place("devices"), f"there is no '{device}'", nearest(device, checked.devices))
+        fake = next(d for d in graph.devices if d.name == device)
         cls = registry.load("twins", checked.devices[device].driver, source.place(f"devices.{device}"))
-        self.twin: Twin = cls(fake)
+        self._take(cls(fake))
+
+    @classmethod
+    def of(cls, twin: Twin) -> Self:
+        """The bench of a twin that is there already; its fake's world hasn't moved yet."""
+        made = cls.__new__(cls)
+        made._take(twin)
+        return made
+
+    def _take(self, twin: Twin) -> None:
+        self.twin, self._world, self.now, self.address = twin, twin.fake.world, 0, ""
 
     def __enter__(self) -> Self:
         self.twin.open()

@@ -9,16 +9,16 @@ The profile says all that is needed: the driver, its options, the fake's, and th
 
 from __future__ import annotations
 
-from typing import ClassVar
 from unittest import SkipTest
 
 from runtime.contracts import registry
 from runtime.contracts.driver import Driver
 from runtime.contracts.world import Fake, World
 from runtime.profile import wiring
-from runtime.testing import driver_rules, fake_rules
+from runtime.testing import driver_rules, fake_rules, twin_rules
 from runtime.testing.bound import bound
 from runtime.testing.given import Given, read
+from runtime.testing.twin_bench import TwinBench
 
 
 class DriverConformance:
@@ -27,21 +27,23 @@ class DriverConformance:
     Attributes:
         profile: a path, the name of a profile that comes with srl, YAML text, or its keys.
         device: its name there.
-        nowhere: a port on which nobody answers; "" for a driver that has no port.
+        nowhere: a port on which nobody answers.
+        only_changes: the device tells what has changed and nothing else, as a keyboard: its silence says nothing.
     """
 
-    profile: ClassVar[Given] = ""
-    device: ClassVar[str] = ""
-    nowhere: ClassVar[str] = "/dev/srl-nobody"
+    profile: Given = ""
+    device: str = ""
+    nowhere: str = "/dev/srl-nobody"
+    only_changes: bool = False
 
     # -- what is tested; a class may make them in another way
 
-    def driver(self) -> Driver:
-        """A new driver with the profile's options, bound, at the port `nowhere`."""
+    def driver(self, port: str = "") -> Driver:
+        """A new driver with the profile's options, bound, at this port or `nowhere`."""
         checked, source = read(self.profile)
         entry, place = checked.devices[self.device], source.place(f"devices.{self.device}")
         cls = registry.load("drivers", entry.driver, place)
-        options = entry.options | ({"port": self.nowhere} if "port" in cls.Config.model_fields else {})
+        options = entry.options | ({"port": port or self.nowhere} if "port" in cls.Config.model_fields else {})
         made: Driver = cls(self.device, cls.Config.model_validate(options))
         return bound(made)
 
@@ -52,6 +54,13 @@ class DriverConformance:
         assert graph.world is not None
         assert isinstance(fake, Fake)
         return graph.world, bound(fake)
+
+    def bench(self) -> TwinBench:
+        """The twin in a world of its own."""
+        checked, _ = read(self.profile)
+        if checked.devices[self.device].driver not in registry.names("twins"):
+            raise SkipTest("the device has no twin")
+        return TwinBench(self.profile, self.device)
 
     # -- the driver
 
@@ -97,6 +106,22 @@ class DriverConformance:
     def test_the_fake_says_what_was_sent(self) -> None:
         self._moves(self.driver())
         fake_rules.says_what_was_sent(self.simulated)
+
+    # -- the driver in front of its twin
+
+    def test_it_reads_its_twin(self) -> None:
+        twin_rules.reads_its_twin(self.bench(), self.driver)
+
+    def test_a_pulled_cable_is_a_loss(self) -> None:
+        twin_rules.a_pulled_cable_is_a_loss(self.bench(), self.driver)
+
+    def test_a_hang_makes_its_samples_old(self) -> None:
+        if self.only_changes:
+            raise SkipTest("the device tells only changes")
+        twin_rules.a_hang_makes_samples_old(self.bench(), self.driver)
+
+    def test_noise_on_the_line_is_counted(self) -> None:
+        twin_rules.noise_is_counted(self.bench(), self.driver)
 
     def _moves(self, driver: Driver) -> None:
         if not driver.commands:
