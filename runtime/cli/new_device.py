@@ -6,6 +6,7 @@ The package is that in the folder `device` beside this file, with another name.
 from __future__ import annotations
 
 import argparse
+import ast
 import importlib.util
 import os
 import re
@@ -79,8 +80,7 @@ def check_name(name: str) -> None:
                 problem = f"there is a device '{other}' already, and a profile couldn't tell them apart"
                 raise RequestError("NAME", problem, f"Choose another, such as my-{name}; `srl list` shows all")
     made = _class(name)
-    words = {w for _, t in _templates(resources.files("runtime.cli") / "device", PurePosixPath()) for w in _words(t)}
-    if taken := sorted({made, f"{made}Config", f"{made}Twin", f"Fake{made}"} & words):
+    if taken := sorted({made, f"{made}Config", f"{made}Twin", f"Fake{made}"} & _imported()):
         problem = f"its class would be called '{taken[0]}', and srl has one of that name"
         raise RequestError("NAME", problem, f"Choose another, such as my-{name}")
     if importlib.util.find_spec(module(name)) is not None:
@@ -88,8 +88,14 @@ def check_name(name: str) -> None:
         raise RequestError("NAME", problem, "Choose another name, or uninstall that package")
 
 
-def _words(text: str) -> set[str]:
-    return {word for word in re.findall(r"\b[A-Z]\w*", text) if "Gadget" not in word}
+def _imported() -> set[str]:
+    """The names that the package's modules import, which none of its classes may have."""
+    found: set[str] = set()
+    for path, text in _templates(resources.files("runtime.cli") / "device", PurePosixPath()):
+        if path.name.endswith(".py.txt"):
+            imports = (node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Import | ast.ImportFrom))
+            found |= {name.name for node in imports for name in node.names}
+    return found
 
 
 def _plain(name: str) -> str:

@@ -6,6 +6,7 @@ No socket, no thread, no process, and no clock: time is the world's, so a run gi
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from math import isfinite, isnan
 from typing import Self
 
 import numpy as np
@@ -87,12 +88,14 @@ class Lab:
 
     def step(self, cycles: int = 1) -> None:
         """Runs so many cycles."""
+        if cycles < 0:
+            raise RequestError("step", f"{cycles} cycles can't be run", "Time doesn't go back: give 0 or more")
         for _ in range(cycles):
             self._cycle(RequestKind.NONE)
 
     def run(self, seconds: float) -> None:
         """Runs so much of the world's time, to the nearest cycle."""
-        self.step(round(seconds * 1e9 / self._lockstep.period))
+        self.step(self._cycles_of(seconds))
 
     def until(
         self,
@@ -113,16 +116,21 @@ class Lab:
             RequestError: there is no such state or signal.
         """
         holds, said = self._condition(what, above, below)
-        end = self.cycles + round(most * 1e9 / self._lockstep.period)
+        end = self.cycles + self._cycles_of(most)
         while not holds():
             if self.cycles >= end:
                 raise AssertionError(f"not in {most:g} s: {said()}. {self.situation()}")
             self.step()
 
+    def _cycles_of(self, seconds: float) -> int:
+        if not isfinite(seconds):
+            raise RequestError("run", f"{seconds} s is no time", "Give a number of seconds")
+        return round(seconds * 1e9 / self._lockstep.period)
+
     def _condition(
         self, what: str | Callable[[], object], above: float | None, below: float | None
     ) -> tuple[Callable[[], object], Callable[[], str]]:
-        limits = [f"{w} {v:g}" for w, v in (("above", above), ("below", below)) if v is not None]
+        limits = [f"{word} {value:g}" for word, value in _bounds(above, below)]
         if callable(what):
             return what, lambda: f"{getattr(what, '__name__', what)} is true"
         if not limits:
@@ -247,15 +255,21 @@ class Lab:
         wrong, expected = ~np.isfinite(values), ["a number"]
         with np.errstate(invalid="ignore"):
             if near is not None:
-                wanted = np.broadcast_to(np.asarray(near, float), values.shape)
+                wanted = self._wanted(signal, near, values)
                 wrong, expected = wrong | ~(abs(values - wanted) <= within), [f"{near} ± {within:g} {unit}"]
-            for bound, beyond, word in ((above, np.less_equal, "above"), (below, np.greater_equal, "below")):
-                if bound is not None:
-                    wrong = wrong | beyond(values, bound)
-                    expected.append(f"{word} {bound:g} {unit}")
+            for word, bound in _bounds(above, below):
+                wrong = wrong | ((values <= bound) if word == "above" else (values >= bound))
+                expected.append(f"{word} {bound:g} {unit}")
         if wrong.any():
             text = ", ".join(expected[1:] if len(expected) > 1 and near is None else expected)
             raise AssertionError(f"{signal} should be {text}; it is {self._words(signal, wrong)}. {self.situation()}")
+
+    def _wanted(self, signal: str, near: float | Sequence[float] | Array, values: Array) -> Array:
+        wanted = np.asarray(near, float)
+        if wanted.ndim and wanted.shape != values.shape:
+            problem = f"`near` is shaped {wanted.shape}, the signal {values.shape}"
+            raise RequestError(f"check '{signal}'", problem, "Give one number, or one for each element")
+        return np.broadcast_to(wanted, values.shape)
 
     def situation(self) -> str:
         """What the run is doing, in a sentence or two, for messages."""
@@ -290,3 +304,12 @@ class Lab:
             raise RequestError("step", "the run has ended", "Make a new one")
         self._lockstep.step(kind)
         self._rows.append(self._graph.row.words.copy())
+
+
+def _bounds(above: float | None, below: float | None) -> list[tuple[str, float]]:
+    """Those that are given. Raises RequestError: one is NaN, beyond which nothing lies."""
+    found = [(word, value) for word, value in (("above", above), ("below", below)) if value is not None]
+    for word, value in found:
+        if isnan(value):
+            raise RequestError(f"`{word}`", "it is NaN", "Give a number in the signal's unit")
+    return found
