@@ -49,14 +49,10 @@ def write(args: argparse.Namespace) -> int:
 
 def package(name: str) -> dict[str, str]:
     """The package's files: text by path, as "srl_force_plate/driver.py"."""
-    names = {"srl_gadget": module(name), "srl-gadget": f"srl-{name}", "Gadget": _class(name), "gadget": name}
+    names = {"_gadget": f"_{_plain(name)}", "Gadget": _class(name), "gadget": name}  # in an identifier, a class, a text
     found = {}
     for path, text in _templates(resources.files("runtime.cli") / "device", PurePosixPath()):
         target, content = str(path).removesuffix(".txt"), text
-        target = target.replace("srl_gadget", names["srl_gadget"]).replace("test_gadget", f"test_{_plain(name)}")
-        content = content.replace("test_gadget", f"test_{_plain(name)}").replace(
-            "self._gadget", f"self._{_plain(name)}"
-        )
         for word, own in names.items():
             target, content = target.replace(word, own), content.replace(word, own)
         found[target] = content
@@ -83,6 +79,10 @@ def check_name(name: str) -> None:
     if taken := sorted({made, f"{made}Config", f"{made}Twin", f"Fake{made}"} & _imported()):
         problem = f"its class would be called '{taken[0]}', and srl has one of that name"
         raise RequestError("NAME", problem, f"Choose another, such as my-{name}")
+    if len(package(name)) < len(package("gadget")):
+        raise RequestError(
+            "NAME", f"'{name}' is the name of another file of the package", f"Choose another, such as my-{name}"
+        )
     if importlib.util.find_spec(module(name)) is not None:
         problem = f"there is a package '{module(name)}' in this environment already"
         raise RequestError("NAME", problem, "Choose another name, or uninstall that package")

@@ -56,7 +56,7 @@ def test_it_is_installed_and_its_tests_pass_as_written(folder: Path, capsys: pyt
 
 def test_the_written_code_is_in_order(folder: Path) -> None:
     """Ruff's rules for the package as its author would run them; no word of the pattern is left."""
-    for name in ("force-plate", "a", "x2_and-more"):
+    for name in ("force-plate", "a", "next", "x2_and-more"):
         assert main(["new", "device", name]) == 0
         package = folder / f"srl-{name}"
         subprocess.run(
@@ -119,6 +119,7 @@ def test_what_cant_be_written_leaves_nothing(folder: Path, monkeypatch: pytest.M
         ("sensor", "would be called 'Sensor'"),
         ("signal", "would be called 'Signal'"),
         ("serial", "would be called 'SerialTwin'"),
+        ("protocol", "is the name of another file"),
         ("device", "would be called 'DeviceConfig'"),
     ],
 )
