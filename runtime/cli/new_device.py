@@ -134,6 +134,10 @@ def _write_whole(target: Path, files: dict[str, str]) -> None:
             path = scratch / name
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text, encoding="utf-8")
+        if target.is_dir():  # it stays the folder that it is: a shell may stand in it
+            for entry in scratch.iterdir():
+                entry.rename(target / entry.name)
+            return
         mask = os.umask(0)
         os.umask(mask)
         scratch.chmod(0o777 & ~mask)  # as `mkdir` would have made it

@@ -215,7 +215,7 @@ class Lab:
 
     @property
     def rows(self) -> NDArray[np.int64]:
-        """(cycles, width): every row so far, as a recording holds them."""
+        """`(cycles, width)`: every row so far, as a recording holds them."""
         return np.array(self._rows).reshape(-1, self.layout.width)
 
     def __getitem__(self, signal: str) -> Array:
@@ -223,7 +223,7 @@ class Lab:
         return self._pick(signal)[-1]
 
     def history(self, signal: str) -> Array:
-        """The values of a signal in every cycle so far, (cycles, *shape)."""
+        """The values of a signal in every cycle so far, `(cycles, *shape)`."""
         self._pick(signal)
         return pick(self.layout, self.rows, signal, "history")
 
@@ -287,7 +287,7 @@ class Lab:
         return f"{', '.join(found[:8])}{more} {self.unit(signal)}"
 
     def _pick(self, signal: str) -> Array:
-        """(1, *shape): of the newest row."""
+        """`(1, *shape)`: of the newest row."""
         name = split(signal)[0]
         if name not in self.layout.fields:
             raise RequestError(f"signal '{signal}'", "it isn't there", nearest(name, self.layout.fields))

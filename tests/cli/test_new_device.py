@@ -87,6 +87,11 @@ def test_an_empty_folder_is_filled_and_one_with_something_is_left(folder: Path) 
     (folder / "empty").mkdir()
     assert main(["new", "device", "plate", "--out", "empty"]) == 0
     (folder / "empty" / "mine").write_text("mine")
+    (folder / "here").mkdir()
+    os.chdir(folder / "here")
+    assert main(["new", "device", "plate", "--out", "."]) == 0
+    assert files(folder / "here") == files(Path.cwd()) == set(new_device.package("plate"))
+    os.chdir(folder)
     (folder / "dangling").symlink_to(folder / "nowhere")
     for there in ("empty", "dangling", "empty/mine"):
         assert "there is something already" in refused("new", "device", "plate", "-o", there)
