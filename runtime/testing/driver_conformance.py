@@ -9,15 +9,20 @@ The profile says all that is needed: the driver, its options, the fake's, and th
 
 from __future__ import annotations
 
+import json
 from unittest import SkipTest
 
 from runtime.contracts import registry
 from runtime.contracts.driver import Driver
+from runtime.contracts.errors import RequestError
 from runtime.contracts.world import Fake, World
 from runtime.profile import wiring
+from runtime.profile.graph import Graph
+from runtime.profile.profile import Profile
+from runtime.profile.source import Source
 from runtime.testing import driver_rules, fake_rules, twin_rules
 from runtime.testing.bound import bound
-from runtime.testing.given import Given, read
+from runtime.testing.given import Given, driver_of, read
 from runtime.testing.twin_bench import TwinBench
 
 
@@ -40,27 +45,37 @@ class DriverConformance:
 
     def driver(self, port: str = "") -> Driver:
         """A new driver with the profile's options, bound, at this port or `nowhere`."""
-        checked, source = read(self.profile)
-        entry, place = checked.devices[self.device], source.place(f"devices.{self.device}")
-        cls = registry.load("drivers", entry.driver, place)
-        options = entry.options | ({"port": port or self.nowhere} if "port" in cls.Config.model_fields else {})
-        made: Driver = cls(self.device, cls.Config.model_validate(options))
-        return bound(made)
+        checked, source = self._read()
+        cls = registry.load("drivers", driver_of(checked, source, self.device), source.place(f"devices.{self.device}"))
+        if "port" in cls.Config.model_fields:
+            checked, source = self._read(f"devices.{self.device}.port={json.dumps(port or self.nowhere)}")
+        return self._of(wiring.build(checked, source, None))
 
     def simulated(self) -> tuple[World, Fake]:
         """A new world, and in it the fake, bound."""
-        graph = wiring.build(*read(self.profile), [])
-        (fake,) = [d for d in graph.devices if d.name == self.device]
+        graph = wiring.build(*self._read(), [])
+        fake = self._of(graph)
         assert graph.world is not None
         assert isinstance(fake, Fake)
-        return graph.world, bound(fake)
+        return graph.world, fake
 
     def bench(self) -> TwinBench:
         """The twin in a world of its own."""
-        checked, _ = read(self.profile)
-        if checked.devices[self.device].driver not in registry.names("twins"):
+        if driver_of(*self._read(), self.device) not in registry.names("twins"):
             raise SkipTest("the device has no twin")
         return TwinBench(self.profile, self.device)
+
+    def _read(self, *overrides: str) -> tuple[Profile, Source]:
+        if not self.profile or not self.device:
+            problem = "it doesn't say what is tested"
+            raise RequestError(
+                type(self).__name__, problem, "Set its `profile` and its `device`, as docs/testing.md shows"
+            )
+        return read(self.profile, overrides)
+
+    def _of(self, graph: Graph) -> Driver:
+        driver_of(graph.profile, graph.source, self.device)
+        return bound(next(each for each in graph.devices if each.name == self.device))
 
     # -- the driver
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from runtime.contracts.errors import ProfileError, nearest
 from runtime.profile import profile
 from runtime.profile.profile import Profile
 from runtime.profile.source import Source
@@ -30,3 +31,10 @@ def read(given: Given, overrides: Sequence[str] = ()) -> tuple[Profile, Source]:
     if "\n" in given:
         return profile.parse("profile.yaml", given, overrides)
     return profile.load(given, overrides)
+
+
+def driver_of(checked: Profile, source: Source, device: str) -> str:
+    """The registered name of a device's driver. Raises ProfileError: the profile has no such device."""
+    if device not in checked.devices:
+        raise ProfileError(source.place("devices"), f"there is no '{device}'", nearest(device, checked.devices))
+    return checked.devices[device].driver

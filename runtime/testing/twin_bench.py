@@ -8,10 +8,9 @@ from contextlib import contextmanager
 from typing import Self
 
 from runtime.contracts import registry
-from runtime.contracts.errors import ProfileError, nearest
 from runtime.contracts.world import Twin
 from runtime.profile import wiring
-from runtime.testing.given import Given, read
+from runtime.testing.given import Given, driver_of, read
 
 
 class TwinBench:
@@ -34,11 +33,10 @@ class TwinBench:
             ProfileError, WiringError: as `srl check` says it; also where the device has no twin.
         """
         checked, source = read(given)
+        driver = driver_of(checked, source, device)
         graph = wiring.build(checked, source, [])
-        if device not in checked.devices:
-            raise ProfileError(source.place("devices"), f"there is no '{device}'", nearest(device, checked.devices))
         fake = next(d for d in graph.devices if d.name == device)
-        cls = registry.load("twins", checked.devices[device].driver, source.place(f"devices.{device}"))
+        cls = registry.load("twins", driver, source.place(f"devices.{device}"))
         self._take(cls(fake))
 
     @classmethod
