@@ -16,7 +16,7 @@ from runtime.contracts.errors import RequestError, nearest
 from runtime.contracts.signals import Array
 from runtime.ipc.layout import Layout
 from runtime.ipc.requests import RequestKind
-from runtime.ipc.words import CYCLE, LINK_CONNECTED, LINK_STALE, Cause, State
+from runtime.ipc.words import CYCLE, DEVICE, LINK_CONNECTED, LINK_STALE, Cause, State
 from runtime.loop.lockstep import Lockstep
 from runtime.profile import wiring
 from runtime.profile.plots import element_names, pick, split
@@ -51,6 +51,7 @@ class Lab:
         self.events: list[str] = []
         self._rows: list[NDArray[np.int64]] = []
         self._faults = {driver.name: FaultyDevice(driver) for driver in self._graph.devices}
+        self._sent: dict[str, Array] = {}  # setpoints that a client sends, by name
         self._closed = False
         try:
             self._lockstep = Lockstep(self._graph, self.events.append)
@@ -160,6 +161,42 @@ class Lab:
     def reset(self) -> None:
         """Runs a cycle with a person's reset (`srl reset`)."""
         self._cycle(RequestKind.RESET)
+
+    def setpoint(self, name: str, values: float | Sequence[float] | Array | None) -> None:
+        """From the next cycle on, a client sends this setpoint in every cycle; None: it falls silent.
+
+        Raises:
+            RequestError: there is no such setpoint, or the values haven't its shape.
+        """
+        known = [entry["name"] for entry in self.layout.meta["setpoints"]]
+        if name not in known:
+            raise RequestError(f"setpoint '{name}'", "the profile has none of this name", nearest(name, known))
+        if values is None:
+            self._sent.pop(name, None)
+            return
+        given, shape = np.array(values, float), self.layout.fields[name].shape
+        if given.ndim == 0 and len(shape) == 1:
+            given = np.full(shape, given)
+        if given.size != self.layout.fields[name].size:
+            raise RequestError(
+                f"setpoint '{name}'", f"the values are shaped {given.shape}", f"Give them shaped {shape}"
+            )
+        if not np.isfinite(given).all():
+            raise RequestError(
+                f"setpoint '{name}'", "the values aren't finite", "The runtime refuses such, too: give numbers"
+            )
+        self._sent[name] = given.reshape(shape)
+
+    def set(self, parameter: str, value: float) -> None:
+        """Changes a live parameter, as `srl set` does. Raises RequestError: it isn't there, or out of its bounds."""
+        known = {entry["name"]: entry for entry in self.layout.meta["parameters"]}
+        if parameter not in known:
+            raise RequestError(f"parameter '{parameter}'", "it isn't there", nearest(parameter, known))
+        lower, upper = known[parameter]["lower"], known[parameter]["upper"]
+        if not lower <= value <= upper:
+            problem = f"{value:g} is out of its bounds"
+            raise RequestError(f"parameter '{parameter}'", problem, f"Give a number from {lower:g} to {upper:g}")
+        self._graph.row.views[parameter][()] = value
 
     # -- faults
 
@@ -302,7 +339,14 @@ class Lab:
     def _cycle(self, kind: RequestKind) -> None:
         if self._closed:
             raise RequestError("step", "the run has ended", "Make a new one")
-        self._lockstep.step(kind)
+        self._lockstep.sense()
+        for name, values in self._sent.items():
+            self._graph.row.views[name][...] = values
+            words = self._graph.row.devices[self.layout.devices.index(name.partition(".")[0])]
+            words[DEVICE.stamp] = self._graph.row.ints[CYCLE.now]
+            words[DEVICE.link] |= LINK_CONNECTED
+            words[DEVICE.frames] += 1
+        self._lockstep.act(kind)
         self._rows.append(self._graph.row.words.copy())
 
 

@@ -217,6 +217,49 @@ def test_a_fake_that_cant_open_is_told() -> None:
         Lab(wrong)
 
 
+# Clients
+
+TARGET = [0.2, 0.6, 0.4, 0.4]  # rad
+
+
+def test_a_clients_setpoint_is_followed_and_its_silence_stops() -> None:
+    with Lab("finger-jog") as lab:
+        lab.run(0.5)
+        assert lab.state == "ready"  # it waits for its client
+        lab.setpoint("client.position", 0.0)
+        lab.until("active", most=1.0)
+        lab.setpoint("client.position", TARGET)  # a new one: the law follows no target from before its reset
+        lab.run(5.0)
+        lab.check("finger.position_command.applied", near=TARGET, within=0.01)
+        lab.setpoint("client.position", None)
+        lab.until("stopped", most=2.0)
+        assert (lab.cause, lab.culprit) == ("intent_loss", "client")
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "words"),
+    [
+        ("client.positon", TARGET, r"Did you mean 'client\.position'"),
+        ("client.position", [0.1, 0.2], r"shaped \(2,\)"),
+        ("client.position", [0.1, 0.2, 0.3, float("nan")], "aren't finite"),
+    ],
+)
+def test_a_setpoint_that_cant_be_is_refused(name: str, values: list[float], words: str) -> None:
+    with Lab("finger-jog") as lab, pytest.raises(RequestError, match=words):
+        lab.setpoint(name, values)
+
+
+def test_a_parameter_is_changed_within_its_bounds(lab: Lab) -> None:
+    lab.set("mapping.drift_pull", 1.5)
+    lab.step()
+    lab.check("mapping.drift_pull", near=1.5)
+    for wrong in (1e9, float("nan")):
+        with pytest.raises(RequestError, match="out of its bounds"):
+            lab.set("mapping.drift_pull", wrong)
+    with pytest.raises(RequestError, match="Did you mean"):
+        lab.set("mapping.drift_pul", 1.0)
+
+
 # What is said
 
 
