@@ -228,6 +228,7 @@ def test_a_clients_setpoint_is_followed_and_its_silence_stops() -> None:
         assert lab.state == "ready"  # it waits for its client
         lab.setpoint("client.position", 0.0)
         lab.until("active", most=1.0)
+        lab.step()  # the laws begin in the cycle after
         lab.setpoint("client.position", TARGET)  # a new one: the law follows no target from before its reset
         lab.run(5.0)
         lab.check("finger.position_command.applied", near=TARGET, within=0.01)
