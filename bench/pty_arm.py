@@ -79,6 +79,6 @@ class PtyArm(Driver):
         """See `Driver.fileno`."""
         return self._descriptor
 
-    def stop_frame(self, category: Stop) -> bytes:
-        """See `Driver.stop_frame`."""
-        return STOP
+    def stop_frames(self, category: Stop) -> tuple[bytes, ...]:
+        """See `Driver.stop_frames`."""
+        return (STOP,)

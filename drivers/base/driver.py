@@ -192,9 +192,9 @@ class MobileBase(Driver):
         """See `Driver.fileno`: the socket to the zenoh process."""
         return self._link.fileno()
 
-    def stop_frame(self, category: Stop) -> bytes:
-        """See `Driver.stop_frame`: requests zero velocity from the zenoh process."""
-        return self._link.stop_frame
+    def stop_frames(self, category: Stop) -> tuple[bytes, ...]:
+        """See `Driver.stop_frames`: requests zero velocity from the zenoh process."""
+        return self._link.stop_frames
 
     def figures(self) -> dict[str, object]:
         """Returns commands handed over, the odometry's frame, and the newest sample's delay over the fastest's (ns)."""

@@ -16,6 +16,8 @@ neighbours (or the thumb and the palm) are apart.
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from datetime import date
 from pathlib import Path
 from typing import Annotated, Final, Literal
@@ -29,6 +31,8 @@ from ruamel.yaml.error import YAMLError
 from drivers.cyberglove.protocol import LABELS
 from runtime.contracts.errors import ProfileError, nearest
 from runtime.contracts.files import KeptFile
+from runtime.contracts.glove_record import GloveRecord
+from runtime.contracts.sealed import HASH, ChangedError, opened
 from runtime.contracts.signals import Array
 
 _RAW: Final = np.arange(256, dtype=float)
@@ -97,15 +101,18 @@ class Calibration:
         note: a message for the user ("uncalibrated: ..."); empty for a calibrated glove.
         hand: "right" or "left"; None if the source doesn't say.
         person: anonymous id; empty if the source doesn't say.
+        simulated: of a simulated glove.
     """
 
     def __init__(
-        self, table: Array, *, note: str = "", hand: Literal["right", "left"] | None = None, person: str = ""
-    ) -> None:
+        self, table: Array, *, note: str = "", hand: Literal["right", "left"] | None = None, person: str = "",
+        simulated: bool = False,
+    ) -> None:  # fmt: skip
         self.table = table
         self.note = note
         self.hand = hand
         self.person = person
+        self.simulated = simulated
         rows = np.arange(len(table))
         self._angles = table.ravel()
         self._rows = rows * 256
@@ -144,7 +151,8 @@ class Calibration:
 
 
 def load(file: KeptFile, sensors: int) -> Calibration:
-    """Reads a calibration: the project's YAML, or a vendor's file, recognised by its ending `.cal`.
+    """Reads a calibration: the project's YAML, what `srl calibrate` wrote (it begins with a brace), or a vendor's file,
+    recognised by its ending `.cal`.
 
     Raises:
         ProfileError: with file, key and what was expected.
@@ -154,7 +162,9 @@ def load(file: KeptFile, sensors: int) -> Calibration:
     except UnicodeDecodeError:
         problem = "the calibration can't be read: it isn't UTF-8 text"
         raise ProfileError(str(file.path), problem, "Name a calibration") from None
-    return _vendor(path, text, sensors) if path.suffix == ".cal" else _own(path, text, sensors)
+    if path.suffix == ".cal":
+        return _vendor(path, text, sensors)
+    return _guided(path, text, sensors) if text.lstrip().startswith("{") else _own(path, text, sensors)
 
 
 def default(sensors: int) -> Calibration:
@@ -176,16 +186,14 @@ def _own(path: Path, text: str, sensors: int) -> Calibration:
     try:
         file = _File.model_validate(tree)
     except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"])
-        message = first["msg"].removeprefix("Value error, ")
-        raise ProfileError(
-            f"{path}: {key}" if key else str(path),
-            f"{message[0].lower()}{message[1:]}",
-            "docs/devices/cyberglove.md has an example",
-        ) from None
+        raise _refused(path, error, "docs/devices/cyberglove.md has an example") from None
+    return Calibration(_table(path, file.sensors, sensors), hand=file.hand, person=file.person)
+
+
+def _table(path: Path, fits: Mapping[str, Fit], sensors: int) -> Array:
+    """(n, 256) rad, of lines by name. Raises ProfileError: one is missing, or is of no sensor."""
     labels = LABELS[sensors]
-    for name in file.sensors:
+    for name in fits:
         if name not in labels:
             raise ProfileError(
                 f"{path}: sensors.{name}",
@@ -193,10 +201,38 @@ def _own(path: Path, text: str, sensors: int) -> Calibration:
                 nearest(name, labels),
             )
     for name in labels:
-        if name not in file.sensors:
+        if name not in fits:
             raise ProfileError(f"{path}: sensors.{name}", "the sensor is missing", f"Give all {sensors} sensors a line")
-    table = np.array([file.sensors[name].angles() for name in labels])
-    return Calibration(table, hand=file.hand, person=file.person)
+    return np.array([fits[name].angles() for name in labels])
+
+
+def _guided(path: Path, text: str, sensors: int) -> Calibration:
+    """Reads what `srl calibrate PROFILE glove` wrote. Raises ProfileError: it was changed, or is something else."""
+    again = "Calibrate again: `srl calibrate PROFILE glove`"
+    try:
+        made = GloveRecord.model_validate_json(json.dumps(opened(text)))
+    except ChangedError as error:
+        remedy = f'{again}; if you changed it on purpose, take "{HASH}" out'
+        raise ProfileError(str(path), str(error), remedy) from None
+    except ValidationError as error:
+        raise _refused(path, error, again) from None
+    except (ValueError, RecursionError) as error:
+        problem = f"it is no JSON: {error}" if isinstance(error, ValueError) else "it is nested too deeply"
+        raise ProfileError(str(path), problem, again) from None
+    fits = {name: Fit(gain=line.gain, offset=line.offset) for name, line in made.sensors.items()}
+    known = [name for name in made.average if name in LABELS[sensors]]
+    table = _table(path, fits | {name: _typical(name) for name in known}, sensors)
+    told = ["calibrated in simulation, which says nothing about a real glove"] if made.simulated else []
+    told += [f"{', '.join(known)}: of an average hand"] if known else []
+    return Calibration(table, note="; ".join(told), hand=made.hand, person=made.person, simulated=made.simulated)
+
+
+def _refused(path: Path, error: ValidationError, remedy: str) -> ProfileError:
+    """The error of a file whose values don't fit."""
+    first = error.errors()[0]
+    key = ".".join(str(part) for part in first["loc"])
+    message = first["msg"].removeprefix("Value error, ")
+    return ProfileError(f"{path}: {key}" if key else str(path), f"{message[0].lower()}{message[1:]}", remedy)
 
 
 # The lines of the sensors in the vendor's file, counted from 0, in the record's order (§6).

@@ -6,6 +6,7 @@ import contextlib
 import time
 from typing import Annotated, Final, Literal
 
+import numpy as np
 from pydantic import Field
 
 from drivers.cyberglove import calibration
@@ -20,6 +21,7 @@ TRIES: Final = 3  # after power-up the first answer can fail (§7)
 ANSWER: Final = 1.0  # s for an answer or the first record; the sheet's drivers wait 0.1 to 2 s
 QUIET: Final = 0.15  # s without a byte after which the stream has stopped
 RESTART: Final = 1_000_000_000  # ns without a record after which streaming is requested again
+_MISSING: Final = "Make it with `srl calibrate PROFILE glove`, or name an existing file"
 _REMEDY = "Check the port, that it is an 8-bit CyberGlove II or III, and its power; switch it off and on"
 
 
@@ -28,16 +30,18 @@ class CyberGloveConfig(DeviceConfig):
 
     port: str = Field(description="link: a serial port's path, tcp://HOST:PORT, spy:FILE:URL")
     sensors: Literal[18, 22] = 22
-    calibration: Annotated[KeptFile, FileOption()] | None = Field(
-        None, description="YAML, or the vendor's .cal; None: an average hand's"
+    calibration: Annotated[KeptFile, FileOption(_MISSING)] | None = Field(
+        None, description="file of `srl calibrate`, YAML, or the vendor's .cal; None: an average hand's"
     )
+    raw: bool = Field(False, description="give the sensors' own counts, 1 to 255, instead of angles: to calibrate it")
     hand: Literal["right", "left"] = "right"
 
 
 class CyberGlove(Sensor):
     """A CyberGlove data glove.
 
-    States: `position` (n,), rad, joint angles by sensor name; `buttons` (1,), the wrist switch, 0 or 1.
+    States: `position` (n,), rad, joint angles by sensor name; `buttons` (1,), the wrist switch, 0 or 1. With the option
+    `raw`, `raw` (n,), counts of 1 to 255, instead of `position`: a law that expects angles finds none.
 
     Angles are anatomical (flexion and spreading positive), so both hands give the same values. A sample's `stamp` is
     the time when the loop found it. The glove's own time stamp stays off, because its unit and byte order aren't known
@@ -47,7 +51,8 @@ class CyberGlove(Sensor):
     Config = CyberGloveConfig
     summary = "CyberGlove II/III data glove, 18 or 22 joint angles"
     usb = ("0403:6001",)  # FTDI, in its adapter
-    gives = ("position", "buttons")
+    gives = ("position", "raw", "buttons")
+    calibrated = "glove"
     max_age = 0.1
 
     def __init__(self, name: str, config: CyberGloveConfig) -> None:
@@ -56,12 +61,15 @@ class CyberGlove(Sensor):
         self.sensors: int = config.sensors
         self.hand = config.hand
         labels = LABELS[config.sensors]
+        self._raw = config.raw
+        given, unit = ("raw", "1") if config.raw else ("position", "rad")
         self.states = (
-            Signal(name="position", shape=(config.sensors,), unit="rad", labels=labels),
+            Signal(name=given, shape=(config.sensors,), unit=unit, labels=labels),
             Signal(name="buttons", shape=(1,), unit="1", labels=("wrist_switch",)),
         )
         self._calibration_file = config.calibration
         self._calibration = self._load_calibration()  # here, so that `srl check` refuses what a run would
+        self.simulated = "calibration" if self._calibration.simulated else ""
         self._parser = Parser(config.sensors)
         self._link: Transport | None = None
         # A glove forgets these settings when it is switched off, so a request to restart the stream repeats them.
@@ -84,7 +92,7 @@ class CyberGlove(Sensor):
             raise
         self._since = -1
         self.health.opened()
-        self.health.message = self._calibration.note
+        self.health.message = "" if self._raw else self._calibration.note
 
     def read(self, now: int) -> None:
         if self._link is None:
@@ -133,10 +141,13 @@ class CyberGlove(Sensor):
         if record.unplugged:
             self.health.message = "the glove isn't plugged into its interface"
             return
-        self._calibration.angles(record.sensors, self.state_arrays["position"])
+        if self._raw:
+            self.state_arrays["raw"][:] = np.frombuffer(record.sensors, np.uint8)
+        else:
+            self._calibration.angles(record.sensors, self.state_arrays["position"])
         self.state_arrays["buttons"][0] = record.switch
         self.health.stamp = now
-        self.health.message = self._calibration.note
+        self.health.message = "" if self._raw else self._calibration.note
 
     # -- opening
 

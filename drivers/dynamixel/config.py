@@ -5,12 +5,14 @@ from __future__ import annotations
 from math import pi
 from typing import Annotated, Literal, Self
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from drivers.dynamixel.models import MODELS, Model
 from drivers.dynamixel.packets import HIGHEST_ID
 from drivers.dynamixel.table import baud_code
 from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.signals import Limits
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Mode = Literal["position", "extended", "velocity", "effort"]
@@ -106,3 +108,12 @@ class DynamixelConfig(DeviceConfig):
     def command(self) -> str:
         """The name of the command signal."""
         return "position_command" if self.mode in ("position", "extended") else f"{self.mode}_command"
+
+    @property
+    def limits(self) -> Limits:
+        """The bounds that the profile gives the motors' positions; the servos' own are known once they answer."""
+        lower = np.array([-np.inf if motor.lower is None else motor.lower for motor in self.motors.values()])
+        upper = np.array([np.inf if motor.upper is None else motor.upper for motor in self.motors.values()])
+        return Limits(
+            lower=lower if np.isfinite(lower).any() else None, upper=upper if np.isfinite(upper).any() else None
+        )

@@ -54,6 +54,7 @@ class Dynamixel(Driver):
         self._family = family(config)
         self.states, self.commands = declare.states(config), (declare.command(config, self._family.unit.tolist()),)
         self._kind = self.commands[0].kind
+        self.limits[config.command] = config.limits
         motors = config.motors
         homes = [motor.home for motor in motors.values() if motor.home is not None]
         if homes and self._kind is not Kind.TORQUE:
@@ -85,9 +86,9 @@ class Dynamixel(Driver):
         self._sampling = False
         self._plan = Plan(self._family)
         self._exchanges = self._unanswered = 0
-        self._hold = b"", b""  # goals, and the stop frame made of them
+        self._hold: tuple[bytes, tuple[bytes, ...]] = b"", ()  # goals, and the stop frame made of them
         filler = self._family.filler
-        self._limp_frame, self._zero_frame = filler + self._limp * 2, filler + self._zero * 2
+        self._limp_frames, self._zero_frames = (filler + self._limp * 2,), (filler + self._zero * 2,)
 
     def open(self) -> None:
         """See `Driver.open`. Blocks about 0.1 s, some seconds if servos are missing.
@@ -183,23 +184,23 @@ class Dynamixel(Driver):
         """See `Driver.fileno`."""
         return self._link.fileno() if self._link is not None else None
 
-    def stop_frame(self, category: Stop) -> bytes:
-        """See `Driver.stop_frame`: LIMP switches the torque off; others repeat the last positions, or set goals to 0.
+    def stop_frames(self, category: Stop) -> tuple[bytes, ...]:
+        """See `Driver.stop_frames`: LIMP switches the torque off; others repeat the last positions, or set goals to 0.
 
         Velocity and effort goals are those set to 0. The packet is sent twice, because the first may collide with a
         servo's answer on the bus. Filler bytes in front complete a packet that was cut short; servos refuse it for its
         checksum.
         """
         if category is Stop.LIMP:
-            return self._limp_frame
+            return self._limp_frames
         if self._zero:
-            return self._zero_frame
-        goals, frame = self._hold
+            return self._zero_frames
+        goals, frames = self._hold
         if goals is not self._goals.newest:
             goals = self._goals.newest
-            frame = self._family.filler + goals + goals if goals else b""
-            self._hold = goals, frame
-        return frame
+            frames = (self._family.filler + goals + goals,) if goals else ()
+            self._hold = goals, frames
+        return frames
 
     def recover(self, now: int) -> None:
         """See `Driver.recover`: restarts servos with hardware errors and rearms tripped watchdogs.

@@ -99,7 +99,8 @@ class Firmata(Driver):
         self._limp_frame = protocol.END_SYSEX + b"".join(
             protocol.set_pin_mode(pin, Mode.OUTPUT) + protocol.digital_pin_write(pin, False) for pin in self._pins
         )
-        self._hold_frame: bytes | None = None
+        self._limp_frames = (self._limp_frame,)
+        self._hold_frames: tuple[bytes, ...] | None = None
         self._forget()
 
     def open(self) -> None:
@@ -167,7 +168,7 @@ class Firmata(Driver):
             self._publish(angles)
             self._sent = wanted
             self._was_limp = False
-            self._hold_frame = None
+            self._hold_frames = None
         elif frame:
             self.health.unsent = len(frame)
 
@@ -200,20 +201,19 @@ class Firmata(Driver):
         """See `Driver.fileno`; None for a board without servos."""
         return self._link.fileno() if self._link is not None and self.commands else None
 
-    def stop_frame(self, category: Stop) -> bytes:
-        """See `Driver.stop_frame`: LIMP detaches; others repeat the last pulses of the attached servos.
+    def stop_frames(self, category: Stop) -> tuple[bytes, ...]:
+        """See `Driver.stop_frames`: LIMP detaches; others repeat the last pulses of the attached servos.
 
         F7 in front ends a system-exclusive message that was cut short. A shorter message that was cut is dropped
         by the board at the next command byte.
         """
         if category is Stop.LIMP:
-            return self._limp_frame
-        if self._hold_frame is None:
+            return self._limp_frames
+        if self._hold_frames is None:
             pulses = zip(self._pins, self._sent, strict=True)
-            self._hold_frame = protocol.END_SYSEX + b"".join(
-                protocol.analog_write(pin, pulse) for pin, pulse in pulses if pulse is not None
-            )
-        return self._hold_frame
+            again = [protocol.analog_write(pin, pulse) for pin, pulse in pulses if pulse is not None]
+            self._hold_frames = (protocol.END_SYSEX + b"".join(again),)
+        return self._hold_frames
 
     @property
     def calibrations(self) -> tuple[Calibration, ...]:
@@ -310,11 +310,11 @@ class Firmata(Driver):
             self._limp = False
             self._was_limp = True
             self._sent = [None] * len(self._pins)
-            self._hold_frame = None
+            self._hold_frames = None
 
     def _forget(self) -> None:
         self._sent = [None] * len(self._pins)
-        self._hold_frame = None
+        self._hold_frames = None
         self._in_flight = 0
         self._asked = None
         self._waiting = False

@@ -84,8 +84,8 @@ class SoftHand(Driver):
         self._armed = False  # whether the watchdog is armed
         self._on = protocol.activate(config.id, True)
         self._off = protocol.activate(config.id, False)
-        self._limp_frame = protocol.FLUSH + self._off + self._off
-        self._hold_frame: bytes | None = None
+        self._limp_frames = (protocol.FLUSH + self._off + self._off,)
+        self._hold_frames: tuple[bytes, ...] | None = None
         self._motor = Motor.OFF
         self._sent: int | None = None  # reference, ticks
         self._waiting: Cmd | None = None  # the query whose answer hasn't come yet
@@ -170,7 +170,7 @@ class SoftHand(Driver):
             self._switched = now
         elif frame:
             if reference != self._sent:
-                self._hold_frame = None
+                self._hold_frames = None
             self._sent, self._sent_at = reference, now
             self.sent_arrays[COMMAND][0] = min(max(float(self.command_arrays[COMMAND][0]), 0.0), 1.0)
 
@@ -193,7 +193,7 @@ class SoftHand(Driver):
         self.health.fault = ""
         self.health.message = self._told
         self._motor = Motor.OFF
-        self._sent = self._hold_frame = None
+        self._sent = self._hold_frames = None
 
     def close(self) -> None:
         """See `Driver.close`. Switches the motor off."""
@@ -210,17 +210,14 @@ class SoftHand(Driver):
         """See `Driver.fileno`."""
         return self._link.fileno() if self._link is not None else None
 
-    def stop_frame(self, category: Stop) -> bytes:
-        """See `Driver.stop_frame`. HOLD disables the watchdog (it would release the hand) and repeats the reference."""
+    def stop_frames(self, category: Stop) -> tuple[bytes, ...]:
+        """See `Driver.stop_frames`. HOLD disables the watchdog, which would release the hand, and repeats the goal."""
         if category is Stop.LIMP or self._sent is None:
-            return self._limp_frame
-        if self._hold_frame is None:
-            self._hold_frame = (
-                protocol.FLUSH
-                + protocol.set_watchdog(self.config.id, 0)
-                + protocol.set_inputs(self.config.id, self._sent)
-            )
-        return self._hold_frame
+            return self._limp_frames
+        if self._hold_frames is None:
+            watchdog, inputs = protocol.set_watchdog(self.config.id, 0), protocol.set_inputs(self.config.id, self._sent)
+            self._hold_frames = (protocol.FLUSH + watchdog + inputs,)
+        return self._hold_frames
 
     def figures(self) -> dict[str, object]:
         """Returns range (ticks), last reference sent (ticks), serial number, times the motor switched itself off."""
@@ -316,7 +313,7 @@ class SoftHand(Driver):
     def _forget(self) -> None:
         """Resets everything known about the hand before it was opened."""
         self._motor = Motor.OFF
-        self._sent = self._waiting = self._hold_frame = None
+        self._sent = self._waiting = self._hold_frames = None
         self._heard, self._switched, self._doubts = -1, -1, 0
         self._last_query = self._repeated = self._written = self._sent_at = self._checked = self._since = _LONG_AGO
         self._asks.clear()

@@ -191,13 +191,13 @@ class Ur(Driver):
         """See `Driver.fileno`: the socket of RTDE."""
         return self._link.fileno() if self._link is not None else None
 
-    def stop_frame(self, category: Stop) -> bytes:
-        """See `Driver.stop_frame`: the STAY command.
+    def stop_frames(self, category: Stop) -> tuple[bytes, ...]:
+        """See `Driver.stop_frames`: the STAY command.
 
         After an incomplete frame it is garbage, which ends the connection. Then the newest command's time runs out,
         and this stops the arm.
         """
-        return self._numbers.stop_frame
+        return self._numbers.stop_frames
 
     def figures(self) -> dict[str, object]:
         """Returns the arm's identity and software, and the commands not sent because earlier ones were unanswered."""

@@ -21,7 +21,7 @@ class Numbering:
     Attributes:
         nonce: number of the program that obeys; 0 before there is one.
         sequence: number of the newest command.
-        stop_frame: a STAY command that the program takes whatever came before it; empty before there is a program.
+        stop_frames: a STAY command that the program takes whatever came before it; empty before there is a program.
     """
 
     def __init__(self, recipe: int, cycles: int) -> None:
@@ -29,14 +29,14 @@ class Numbering:
         self._recipe, self._cycles = recipe, cycles
         self.nonce = 0
         self.sequence = 1
-        self.stop_frame = b""
+        self.stop_frames: tuple[bytes, ...] = ()
 
     def renew(self) -> int:
         """Begins anew, for a new program. Returns its nonce."""
         self.nonce = secrets.randbelow(registers.LAST) + 1
         self.sequence = secrets.randbelow(registers.LAST) + 1
         # No command has number 0, so the program takes this one whatever came before it.
-        self.stop_frame = registers.command(self._recipe, self.nonce, Mode.STAY, 0, 0, REST)
+        self.stop_frames = (registers.command(self._recipe, self.nonce, Mode.STAY, 0, 0, REST),)
         return self.nonce
 
     def adopt(self, nonce: int, sequence: int) -> None:

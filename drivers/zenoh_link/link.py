@@ -53,7 +53,7 @@ class Link:
         self._open = False
         self._where = ""
         self._sent = self._taken = 0
-        self._stop_frame = b""
+        self._stop_frames: tuple[bytes, ...] = ()
         # The newest message of each subscription that came during the wait for an answer.
         self._kept: dict[tuple[bool, int], wire.Sample | wire.Token] = {}
 
@@ -94,7 +94,7 @@ class Link:
         self._ensure_process()
         self._kept.clear()
         self._sent = self._taken = 0
-        self._stop_frame = wire.simple(b"S", self._session)
+        self._stop_frames = (wire.simple(b"S", self._session),)
         self._open = True
         try:
             self._tell(wire.simple(b"O", self._session, order))
@@ -147,13 +147,13 @@ class Link:
         return self._open
 
     def fileno(self) -> int | None:
-        """Returns the socket's descriptor; only a whole message, `stop_frame`, may be written to it."""
+        """Returns the socket's descriptor; only a whole message, of `stop_frames`, may be written to it."""
         return self._end.fileno() if self._end is not None and self._open else None
 
     @property
-    def stop_frame(self) -> bytes:
+    def stop_frames(self) -> tuple[bytes, ...]:
         """The message that stops every outlet; another process may write it, too."""
-        return self._stop_frame
+        return self._stop_frames
 
     @property
     def untaken(self) -> bool:
@@ -257,7 +257,7 @@ class Link:
         """Stops every outlet; never blocks, never raises."""
         if self._open:
             with contextlib.suppress(DeviceLostError):
-                self._give(self._stop_frame)
+                self._give(self._stop_frames[0])
 
     def close(self) -> None:
         """Ends the session; publishes the stop first if a command was in force. Always succeeds."""

@@ -24,7 +24,7 @@ ANGLES: Final = "arm-angles"
 MARKS: Final = "calibration-marks"
 Marks = Callable[[Graph, ControllerEntry], dict[str, Any]]
 Scene = Callable[[dict[str, Any]], None]
-_DROPPED: Final = ("setpoints", "guard", "stop", "faults", "emergency", "reset", "record", "start")
+DROPPED: Final = ("setpoints", "guard", "stop", "faults", "emergency", "reset", "record", "start")
 
 
 def find(checked: Profile, source: Source, use: str = LAW) -> int:
@@ -84,7 +84,7 @@ def cut_to(
     kept, devices = _needed(checked, source, law, only)
     _still(checked, source, kept, devices)
     plain, _ = profile.tree(source.label, source.text, source.overrides, source.files)
-    for key in _DROPPED:
+    for key in DROPPED:
         plain.pop(key, None)
     plain["devices"] = {name: plain["devices"][name] for name in plain["devices"] if name in devices}
     plain["bus"] = None

@@ -71,6 +71,11 @@ class Method(ABC, Generic[T, R]):
         """Reads what the command line says. Raises RequestError."""
         self.order, self.checked, self.source, self.target, self.say = order, checked, source, target, say
 
+    @classmethod
+    def named(cls, order: Order, checked: Profile, source: Source) -> Path | None:
+        """The file that the profile names, if it names one. Raises ProfileError."""
+        return named(checked, source, cls)
+
     @abstractmethod
     def cut(self, person: str) -> tuple[Profile, Source]:
         """The part of the profile that the calibration needs. Raises ProfileError, WiringError."""

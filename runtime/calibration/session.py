@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from runtime.calibration.ft_method import FtMethod
+from runtime.calibration.glove_method import GloveMethod
 from runtime.calibration.guide import Guide, QuitError
 from runtime.calibration.ikns_method import IknsMethod
 from runtime.calibration.intention_method import IntentionMethod
 from runtime.calibration.live import Live
-from runtime.calibration.method import Method, Outcome, named
+from runtime.calibration.method import Method, Outcome
 from runtime.calibration.order import Order
 from runtime.calibration.run_taps import RunTaps
 from runtime.calibration.screen import Screen
@@ -34,7 +35,7 @@ from runtime.recording.segments import check_target as check_recording
 from runtime.service.end_signals import EndSignals
 
 METHODS: Final[dict[str, type[Method[Any, Any]]]] = {
-    made.name: made for made in (IknsMethod, IntentionMethod, TaskMethod, FtMethod)
+    made.name: made for made in (IknsMethod, IntentionMethod, TaskMethod, FtMethod, GloveMethod)
 }
 _AGAIN: Final = "r N redo number N   q quit"
 Computed = Outcome | SrlError
@@ -231,7 +232,7 @@ def _differs(was: dict[str, Any] | None, now: dict[str, Any] | None) -> str:
 
 
 def _target(order: Order, checked: Profile, source: Source, kind: type[Method[Any, Any]]) -> Path:
-    file = named(checked, source, kind)
+    file = kind.named(order, checked, source)
     if order.person is not None and not re.fullmatch(ANONYMOUS, order.person):
         problem = f"'{order.person}' isn't anonymous: up to four letters, then a number"
         raise RequestError("--person", problem, "Number the persons, P07, and keep their names elsewhere")

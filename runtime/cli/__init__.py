@@ -30,6 +30,7 @@ COMMANDS = {
     "study": "runs a paper's experiment",
     "top": "live view of a running instance",
     "panel": "a running instance in the browser: its live picture, or the participant's screen",
+    "lsl": "sends a running instance's signals to a lab's recorder (Lab Streaming Layer)",
     "find-port": "lists the serial ports, what each may be, and whether you may open it",
     "doctor": "says whether this host is fit, and what mends it",
 }

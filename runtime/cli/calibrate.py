@@ -32,7 +32,11 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     parser.add_argument("--from", dest="before", type=Path, nargs="+", metavar="FILE.rrd", help="with --redo")
     parser.add_argument(
-        "--redo", type=int, nargs="+", metavar="N", help="do only these points, actions or poses again; needs --from"
+        "--redo",
+        type=int,
+        nargs="+",
+        metavar="N",
+        help="do only these points, actions, poses or shapes again; needs --from",
     )
     parser.add_argument("--dofs", metavar="NAMES", help="degrees of freedom; default: swivel")
     parser.add_argument("--points", type=int, metavar="N", help="number of points; default: 10")

@@ -12,7 +12,7 @@ from runtime.cli import add_command
 from runtime.contracts import registry
 from runtime.contracts.errors import WiringError
 from runtime.guard import GUARDS
-from runtime.profile import profile, shelf, wiring
+from runtime.profile import beginning, profile, shelf, wiring
 from runtime.profile.connections import connections, transforms, untaken
 from runtime.profile.graph import Graph
 from runtime.profile.option_tree import files, listed
@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(content))
         return 0
     print(f"{checked.name}: {checked.summary}".rstrip(": "))
-    print(f"  rate {float(checked.rate):g} Hz, clock {checked.clock}, start {checked.start}")
+    print(f"  rate {float(checked.rate):g} Hz, clock {checked.clock}, start {beginning.start(graph)}")
     for choice, word in source.chosen.items():
         print(f"  choice {choice}: {word}")
     for device in graph.devices:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict
 
 from runtime.cli import add_command
+from runtime.cli.printable import printable
 from runtime.service import serial_ports
 from runtime.service.serial_ports import SerialPort
 
@@ -78,15 +79,18 @@ def described(port: SerialPort, there: bool = True) -> list[str]:
     serial = f", serial number {port.serial}" if port.serial else ""
     if port.usb is not None:
         lines.append(f"  USB {port.usb}{f' {said}' * bool(said)}{serial}")
-    if port.by_id is not None:
+    if port.path != port.device:
         lines.append(f"  now {port.device}: another order of plugging in changes that")
-    elif port.usb is not None:
-        lines.append("  it has no name that stays with the device: deploy/99-srl.rules says how to give it one")
+    if port.usb is not None and port.by_id is None:
+        if port.by_path is not None:
+            lines.append("  this name is the USB socket's, as the device has none for sure: always plug it in there")
+        else:
+            lines.append("  it has no name that stays with the device: deploy/99-srl.rules says how to give it one")
     if there and port.obstacle is not None:
         lines.append(f"  you can't open it: {port.obstacle.problem}. {port.obstacle.remedy}")
     elif there:
         lines.append("  you may open it" + (f", but {port.holder} has it open" if port.holder else ""))
-    return lines
+    return [printable(line) for line in lines]
 
 
 def likely(port: SerialPort) -> str:

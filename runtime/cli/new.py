@@ -7,14 +7,16 @@ profile's name like any other, where `--from` says what it begins as.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import os
 import shlex
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from runtime.cli import add_command
+from runtime.cli import add_command, new_ports
 from runtime.cli.check import examine
+from runtime.cli.printable import printable
 from runtime.contracts import registry, whole_file
 from runtime.contracts.errors import RequestError, SrlError, nearest
 from runtime.contracts.files import KeptFile
@@ -24,7 +26,6 @@ from runtime.profile.begun import begin, check_name
 from runtime.profile.graph import Graph
 from runtime.profile.option_tree import options
 from runtime.profile.overrides import split
-from runtime.service.serial_ports import obstacle
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -68,16 +69,28 @@ def run(args: argparse.Namespace) -> int:
     examine(template, overrides)  # what `--set` says wrong is told before a file is written
     simulated, _ = examine(template, overrides, sim=[])
     kept = older.keep(target)
-    for name, content in begun.beside.items():
-        beside = target.with_name(name)
-        if beside.exists():
-            print(f"{beside}: was there already, and is used as it is")
-        else:
-            whole_file.write(beside, content, RequestError)
-            print(f"{beside}: what it needs of {template}")
-    whole_file.write(target, begun.text.encode(), RequestError)
+    made: list[Path] = []
+    try:
+        for name, content in begun.beside.items():
+            beside = target.with_name(name)
+            if beside.exists():
+                print(f"{beside}: was there already, and is used as it is")
+            else:
+                whole_file.write(beside, content, RequestError)
+                made.append(beside)
+        whole_file.write(target, begun.text.encode(), RequestError)
+        made.append(target)
+        graph, _ = examine(str(target))
+    except BaseException:  # what is beside may not fit; Ctrl-C
+        for path in made:
+            path.unlink(missing_ok=True)
+        if kept is not None:
+            kept.replace(target)
+        raise
+    for path in made[:-1]:
+        print(f"{path}: what it needs of {template}")
     print(f"{target}: begun as {template}" + f"; the one before is {kept}" * (kept is not None))
-    _check(target, simulated)
+    _tell(str(target), template, graph, simulated)
     return 0
 
 
@@ -92,9 +105,9 @@ def _device(args: argparse.Namespace) -> int:
 
 def _target(args: argparse.Namespace) -> Path:
     path = args.out or Path(f"{args.name}.yaml")
-    if path.suffix not in (".yaml", ".yml") and not path.is_dir():
+    if path.suffix not in (".yaml", ".yml") and not os.path.isdir(path):
         raise RequestError("-o", f"'{path}' doesn't end in .yaml", f"Name it like {path.with_suffix('.yaml')}")
-    if path.is_symlink():
+    if os.path.islink(path):
         path = Path(os.path.realpath(path))  # the link stays
     older.check(path, "a file", args.yes, f"{path}/{args.name}.yaml")
     return Path(path)
@@ -140,22 +153,38 @@ def _from_there(template: str, overrides: Sequence[str], folder: Path) -> list[s
     return made
 
 
-def _check(target: Path, simulated: Graph) -> None:
-    """Checks the file as `srl check` does, then says what comes next."""
-    name = str(target)
-    graph, _ = examine(name)
+def _tell(name: str, template: str, graph: Graph, simulated: Graph) -> None:
+    """Says what the check found, and what comes next."""
     print(f"checked: {len(graph.devices)} devices, {len(graph.controllers)} controllers, as `srl check {name}` shows")
     for doubt in dict.fromkeys([*graph.doubts, *simulated.doubts]):
-        print(f"  doubted: {doubt}")
-    for device, entry in graph.profile.devices.items():
-        if (port := entry.options.get("port")) is not None and (lack := obstacle(str(port))) is not None:
-            print(f"  not yet: port of {device}: {lack.problem}. {lack.remedy}")
+        print(printable(f"  doubted: {doubt}"))
+    for remark in new_ports.remarks(graph):
+        print(printable(f"  {remark}"))
+    if graph.actuators:
+        words = f"{template}'s limb: compare them with yours before it moves (srl show)"
+        print(f"  its limits, directions and ids are those of {words}")
     print("Next:")
     file = shlex.quote(name)
     for line in (
-        f"srl run {file} --sim", *_calibrations(graph, file), f"srl doctor {file}", f"srl run {file} --set start=manual"
+        f"srl run {file} --sim", *_calibrations(graph, file), f"srl doctor {file}", *_jogs(graph, name),
+        f"srl run {file} --set start=manual",
     ):  # fmt: skip
         print(f"  {line}")
+
+
+def _jogs(graph: Graph, name: str) -> Iterator[str]:
+    """The commands that move each limb alone, which shows what no check can know: which joint is which, which way."""
+    from runtime.jog.cut import SPEED, cut
+
+    names = {actuator.name: graph.devices[actuator.device].name for actuator in graph.actuators}
+    several = len(set(names.values())) > 1
+    for command, device in names.items():
+        limits = graph.profile.guard.get(command)
+        alone = [f"guard.{command}.clear=null"] if limits is not None and limits.clear is not None else []
+        with contextlib.suppress(SrlError):  # such as one of torques
+            cut(*profile.load(name, alone), device, SPEED, sim=False)
+            line = f"srl jog {shlex.quote(name)}" + f" {device}" * several
+            yield line + "".join(f" --set {each}  # nobody wears it or is near it" for each in alone)
 
 
 def _calibrations(graph: Graph, file: str) -> Iterator[str]:

@@ -6,8 +6,11 @@ import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+from runtime.cli.printable import printable
+
 Item = Mapping[str, Any]
 WIDTH = 100  # columns
+DEEPEST = 20  # steps down the tree of frames that are indented; each line names its parent
 SECTIONS = {
     "devices": "the devices and their signals",
     "wiring": "the laws, the guard's limits and what stops the limb",
@@ -28,7 +31,7 @@ def text(overview: Item, sections: Sequence[str]) -> list[str]:
     makers = {"devices": _devices, "wiring": _wiring, "frames": _frames}
     lines = [
         *_wrapped(0, f"{overview['profile']}: {overview['summary']}".rstrip(": ")),
-        f"rate {overview['rate_hz']:g} Hz, clock {overview['clock']}, start {overview['start']}",
+        *_wrapped(0, f"rate {overview['rate_hz']:g} Hz, clock {overview['clock']}, start {_start(overview)}"),
     ]
     for choice, word in overview["chosen"].items():
         lines += _wrapped(0, f"choice {choice}: {word}")
@@ -36,7 +39,13 @@ def text(overview: Item, sections: Sequence[str]) -> list[str]:
         lines += ["", section.upper(), *makers[section](overview)]
     for key, begin in (("doubts", "doubted: "), ("remarks", "")):
         lines += [line for each in overview[key] for line in _wrapped(0, begin + each)]
-    return lines
+    return [printable(line) for line in lines]
+
+
+def _start(overview: Item) -> str:
+    if overview["start"] == "manual" or not overview["unseen"]:
+        return str(overview["start"])
+    return f"auto, but {', '.join(overview['unseen'])} has no position feedback: it waits for `srl start`"
 
 
 def _wrapped(indent: int, line: str, more: int = 2) -> list[str]:
@@ -75,7 +84,7 @@ def _signal(role: str, signal: Item, named: dict[tuple[str, ...], str], *facts: 
     yield from _wrapped(4, f"{role} {signal['name']}: {', '.join([_form(signal), *filter(None, facts)])}")
     elements = tuple(signal["elements"])
     if elements in named:
-        yield f"      elements as those of {named[elements]}"
+        yield from _wrapped(6, f"elements as those of {named[elements]}")
     elif elements:
         named[elements] = signal["name"]
         yield from _wrapped(6, ", ".join(elements), 0)
@@ -145,7 +154,7 @@ def _guard(command: Item) -> Iterator[str]:
     if command["limits"]:
         yield from _table(command["limits"])
     if not {"lower", "upper"} & set(command["limits"]):
-        yield "    no bound of the position"
+        yield "    no bound of the position before the device is open"
     if (clear := command["clear"]) is not None:
         lag = f"lag {clear['lag']:g} s, tracking {_short(clear['tracking'])}"
         yield from _wrapped(4, f"keeps clear ({clear['use']}): {clear['summary']}; {lag}")
@@ -205,7 +214,7 @@ def _frames(overview: Item) -> Iterator[str]:
     if not overview["frames"]:
         yield "  no frame"
     for frame in overview["frames"]:
-        column = 2 + 2 * frame["depth"]
+        column = 2 + 2 * min(frame["depth"], DEEPEST)
         yield from _wrapped(column, f"{frame['name']}: {_place(frame)}", 4)
         for line in _attached(frame):
             yield from _wrapped(column + 4, line)

@@ -93,12 +93,15 @@ class Driver(ABC):
     max_age: float = 0.0
     # Its links that move with its joints; frames of the profile may hang on `DEVICE/LINK`. Its base has its own name.
     links: tuple[str, ...] = ()
+    # What `srl calibrate PROFILE` calls its calibration; "" for none.
+    calibrated: str = ""
     # Whether its signals are given by what stands here, now. A button of anything else releases no person's stop.
     here: bool = True
 
     def __init__(self, name: str, config: DeviceConfig) -> None:
         self.name = name
         self.config = config
+        self.simulated = ""  # the option whose file was made in simulation
         self.states: tuple[Signal, ...] = ()
         self.commands: tuple[Command, ...] = ()
         self.health = Health()
@@ -165,15 +168,16 @@ class Driver(ABC):
         """The file descriptor of an actuator, which the supervisor duplicates; None for sensors and fakes."""
         return None
 
-    def stop_frame(self, category: Stop) -> bytes:
-        """Bytes that put the device into its stop when another process writes them to `fileno()` at any instant.
+    def stop_frames(self, category: Stop) -> tuple[bytes, ...]:
+        """Frames that put the device into its stop when another process writes them to `fileno()` at any instant.
 
-        They begin with the bytes that end an incomplete frame, and are written twice: once when the loop's death is
+        Each is given to a write of its own, in this order: a stream takes one, a CAN socket one for each motor. They
+        begin with the bytes that end an incomplete frame, and are written twice: once when the loop's death is
         found, and once when nothing of it can follow any more. The second time they change nothing. The loop calls
         this after each `write`: it must be cheap and return the same object while nothing has changed. Empty where
         the device's own watchdog stops it.
         """
-        return b""
+        return ()
 
     def figures(self) -> dict[str, object]:
         """Returns the driver's own figures for the run's summary."""

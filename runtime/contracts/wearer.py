@@ -5,7 +5,7 @@ Pure data. Whoever instructs gives one at a time to `Wearer.instruct`, and asks 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -93,7 +93,18 @@ class Turn:
     again: int = 0
 
 
-Instruction = Rest | Explore | Hold | Follow | Perform | Walk | Turn
+@dataclass(frozen=True)
+class Shape:
+    """Take the hand to a shape and hold it. Done when it is there.
+
+    Attributes:
+        angles: rad, by the name of a glove's sensor; all others 0, as of a flat hand.
+    """
+
+    angles: Mapping[str, float]
+
+
+Instruction = Rest | Explore | Hold | Follow | Perform | Walk | Turn | Shape
 
 
 class Wearer(Protocol):

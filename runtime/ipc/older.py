@@ -6,6 +6,7 @@ import os
 from itertools import chain, count
 from pathlib import Path
 
+from runtime.contracts import whole_file
 from runtime.contracts.errors import RequestError, SrlError
 
 
@@ -19,6 +20,12 @@ def check(path: Path, what: str, replacing: bool, example: str, error: type[SrlE
     Raises:
         `error`: it can't, or one is there.
     """
+    try:
+        os.stat(path)
+    except FileNotFoundError:
+        pass
+    except OSError as reason:
+        raise error(str(path), f"it can't be written: {reason.strerror}", "Choose another name or folder") from None
     if path.is_dir():
         raise error(str(path), "it is a folder", f"Name a file in it: -o {example}")
     if path.exists() and not replacing:
@@ -40,7 +47,7 @@ def keep(path: Path, error: type[SrlError] = RequestError) -> Path | None:
     try:
         if not path.exists():
             return None
-        older.write_bytes(path.read_bytes())
+        whole_file.write(older, path.read_bytes(), error)
     except OSError as reason:
         raise error(str(older), f"it can't be written: {reason.strerror}", "Choose another folder") from None
     return older

@@ -1,7 +1,8 @@
-"""The newest stop frame of each actuator. The loop stores it where the supervisor finds it after the loop's death.
+"""The newest stop frames of each actuator. The loop stores them where the supervisor finds them after its death.
 
 A slot has two buffers. The loop fills the idle one and then marks it as valid, so a death in between leaves the
-older frame whole. Slot: int64 valid (0: none, 1 or 2), then twice (int64 length, `FRAME` bytes).
+older frames whole. Slot: int64 valid (0: none, 1 or 2), then twice (int64 length, `FRAMES` bytes). In these each
+frame has its length in front, two bytes.
 """
 
 from __future__ import annotations
@@ -14,8 +15,9 @@ from runtime.contracts.errors import HostError
 from runtime.ipc import private_file
 
 SLOTS = 64  # devices with commands; fixed, so that the supervisor can make and map the file before the loop starts
-FRAME = 496
-_BUFFER = 8 + FRAME
+FRAMES = 2040  # bytes of all frames of a slot with their lengths; every buffer begins at a multiple of 8
+_LENGTH = 2
+_BUFFER = 8 + FRAMES
 _SLOT = 8 + 2 * _BUFFER
 
 
@@ -41,7 +43,7 @@ class StopSlots:
             self._map = mmap.mmap(descriptor, size)
         finally:
             os.close(descriptor)
-        self._newest: list[bytes | None] = [None] * SLOTS
+        self._newest: list[tuple[bytes, ...] | None] = [None] * SLOTS
 
     @classmethod
     def create(cls, path: Path) -> StopSlots:
@@ -53,36 +55,53 @@ class StopSlots:
             raise HostError(str(path), problem, "Make room there, or set SRL_RUNTIME_DIR") from None
         return cls(path)
 
-    def write(self, slot: int, frame: bytes) -> None:
-        """Stores a frame. This costs nothing if it is the same object as before."""
-        if frame is self._newest[slot]:
-            return
-        self._newest[slot] = frame
-        if len(frame) > FRAME:  # half a frame would be worse than the one before
-            return
+    def write(self, slot: int, frames: tuple[bytes, ...]) -> bool:
+        """Stores the frames of an actuator. This costs nothing if they are the same object as before.
+
+        Returns False if they are too long: those before stay in force.
+        """
+        if frames is self._newest[slot]:
+            return True
+        self._newest[slot] = frames
+        packed = b"".join(len(frame).to_bytes(_LENGTH, "little") + frame for frame in frames)
+        if len(packed) > FRAMES:  # half of them would be worse than those before
+            return False
         start = slot * _SLOT
         other = 2 if self._map[start] == 1 else 1
         at = start + 8 + (other - 1) * _BUFFER
-        self._map[at : at + 8 + len(frame)] = len(frame).to_bytes(8, "little") + frame
+        self._map[at : at + 8 + len(packed)] = len(packed).to_bytes(8, "little") + packed
         self._map[start] = other
+        return True
 
     def clear(self, slot: int) -> None:
-        """Removes the frame, which was made for a lost connection."""
+        """Removes the frames, which were made for a lost connection."""
         self._newest[slot] = None
         self._map[slot * _SLOT] = 0
 
-    def read(self, slot: int) -> bytes:
-        """Returns the newest whole frame; empty if there is none."""
+    def read(self, slot: int) -> list[bytes]:
+        """Returns the newest whole frames; empty if there are none."""
         start = slot * _SLOT
         valid = self._map[start]
         if valid not in (1, 2):
-            return b""
+            return []
         at = start + 8 + (valid - 1) * _BUFFER
         length = int.from_bytes(self._map[at : at + 8], "little")
-        if length > FRAME:  # damaged
-            return b""
-        return self._map[at + 8 : at + 8 + length]
+        if length > FRAMES:  # damaged
+            return []
+        return _frames(self._map[at + 8 : at + 8 + length])
 
     def close(self) -> None:
         """Unmaps the file."""
         self._map.close()
+
+
+def _frames(packed: bytes) -> list[bytes]:
+    """The frames of a buffer; none of a damaged one."""
+    found = []
+    while packed:
+        length = int.from_bytes(packed[:_LENGTH], "little")
+        frame, packed = packed[_LENGTH : _LENGTH + length], packed[_LENGTH + length :]
+        if len(frame) < length:
+            return []
+        found.append(frame)
+    return found

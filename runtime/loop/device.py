@@ -135,15 +135,15 @@ class Device:
         if not self.lost:
             self._call("stop", lambda _: self.driver.stop(category), now)
 
-    def stop_frame(self, category: Stop, now: int) -> bytes | None:
-        """The device's stop frame; None if its driver fails to make one: the frame before it stays in force."""
-        found: bytes | None = None
+    def stop_frames(self, category: Stop, now: int) -> tuple[bytes, ...] | None:
+        """The device's stop frames; None if its driver fails to make them: those before stay in force."""
+        found: tuple[bytes, ...] | None = None
 
         def ask(_: int) -> None:
             nonlocal found
-            found = self.driver.stop_frame(category)
+            found = self.driver.stop_frames(category)
 
-        self._call("give its stop frame", ask, now)
+        self._call("give its stop frames", ask, now)
         return found
 
     def fileno(self, now: int) -> int | None:

@@ -213,9 +213,10 @@ class Process:
             self.channel.send({"say": "lost", "slot": numbers[device]})
 
         def after_write(device: Device) -> None:
-            frame = device.stop_frame(self._category(loop, device), now())
-            if frame is not None:
-                slots.write(numbers[device], frame)
+            frames = device.stop_frames(self._category(loop, device), now())
+            if frames is not None and not slots.write(numbers[device], frames):
+                name, size = device.driver.name, sum(map(len, frames))
+                self.report(f"'{name}' has stop frames of {size} bytes, too long for the supervisor", Level.WARNING)
 
         for device in loop.commanded:
             hand_over(device)

@@ -10,11 +10,11 @@ import numpy as np
 
 from runtime.contracts.signals import Array
 from runtime.ipc.layout import Layout, Words
+from runtime.ipc.rows import Rows
 from runtime.ipc.run_folder import RunFolder
 from runtime.ipc.words import State
 from runtime.panel.pages import KEEP, PageServer
 from runtime.panel.peer import BadMessageError, Peer, number
-from runtime.panel.rows import Rows
 from runtime.profile.plots import Plot, joint_plots, profile_plots
 from runtime.recording.shapes import PALETTE, RAMP, colors, distance_colors
 from runtime.recording.solids import Solids

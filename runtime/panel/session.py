@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from runtime.contracts.signals import Array
-from runtime.panel.rows import Condition
+from runtime.ipc.rows import Condition
 from runtime.panel.source import Reading
 from runtime.panel.trial import ScreenTrial, Trial, table
 

@@ -9,8 +9,8 @@ import numpy as np
 from runtime.contracts.errors import RecordingError
 from runtime.contracts.signals import Array
 from runtime.ipc.layout import Layout, Words
+from runtime.ipc.rows import Condition, Rows
 from runtime.ipc.run_folder import RunFolder
-from runtime.panel.rows import Condition, Rows
 from runtime.profile.plots import pick
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -41,7 +42,7 @@ def begin(template: str, name: str, overrides: Sequence[str]) -> Begun:
     """
     check_name(name)
     if template not in shelf.shipped():
-        raise ProfileError(template, "no profile that comes with srl has this name", nearest(template, shelf.shipped()))
+        raise _no_template(template)
     label, text, folder = profile.find(template)
     tree = edited(label, text, overrides)
     beside = {}
@@ -53,10 +54,19 @@ def begin(template: str, name: str, overrides: Sequence[str]) -> Begun:
     return Begun(f"# Begun as {template} of srl {__version__}.\n{tree}", beside)
 
 
+def _no_template(given: str) -> ProfileError:
+    stem = given.removesuffix(".yaml").removesuffix(".yml")
+    own = next((file for file in (given, f"{stem}.yaml") if os.path.isfile(file)), None)
+    if own is not None:
+        problem = "only a profile that comes with srl can be begun as"
+        return ProfileError(given, problem, f"Copy {own}, and change its `name`")
+    return ProfileError(given, "no profile that comes with srl has this name", nearest(stem, shelf.shipped()))
+
+
 def check_name(name: str) -> None:
     """Raises RequestError if no profile can have this name, or a shipped one has it."""
     if not re.fullmatch(profile.SLUG, name):
-        proposed = re.sub(r"[^a-z0-9_]+", "-", name.lower()).strip("-_0123456789") or "my-limb"
+        proposed = re.sub(r"[^a-z0-9_]+", "-", re.sub(r"\.ya?ml$", "", name.lower())).strip("-_0123456789") or "my-limb"
         problem = f"'{name}' is no name: lower-case letters, digits, - and _ only, beginning with a letter"
         raise RequestError("NAME", problem, f"For example {proposed}; -o says where the file goes")
     if name in shelf.shipped():

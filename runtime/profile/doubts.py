@@ -7,6 +7,8 @@ A file of the simulated wearer where real devices feed the law, and one of anoth
 
 What the simulated world doubts of its options, such as a recording that doesn't fit its hand.
 
+Two devices at one port of this machine.
+
 A worn arm that nothing keeps clear of its wearer, though a suit says where the wearer is.
 """
 
@@ -26,6 +28,7 @@ from runtime.contracts.world import World
 from runtime.control.models import ArmsModel, bodies
 from runtime.profile.graph import Law
 from runtime.profile.option_tree import items, options
+from runtime.profile.ports import shared
 from runtime.profile.profile import Profile
 from runtime.profile.source import Source
 
@@ -64,8 +67,15 @@ def doubts(
                 asked = "Are these degrees? " if unit == "rad" else "Are these millimetres? "
                 found.append((place, f"{value:g} {unit}/s is faster than any limb. {asked}"))
     found += _of_simulation(profile, laws, simulated)
+    found += [
+        (f"devices.{d.name}.{d.simulated}", "it was made in simulation, and the device is real: calibrate")
+        for d in devices
+        if d.simulated and d.name not in simulated
+    ]
     found += _of_bodies(profile, laws)
     found += _of_rows(profile)
+    for name, other in shared([device for device in devices if device.name not in simulated]):
+        found.append((f"devices.{name}.port", f"{other} is at this port, too, and only one can have it open"))
     found += [(f"sim.{key}", text) for key, text in (world.doubts if world is not None else ())]
     found += _of_worn(profile, laws)
     found += [(f"guard.{name}.clear", text) for name, each in clearances.items() for text in each.unmet]

@@ -15,6 +15,7 @@ from runtime.contracts.driver import Driver
 from runtime.contracts.signals import Command, Kind, Limits, Signal
 from runtime.contracts.terms import FORCE, POINT, TWIST
 from runtime.guard.limits import NAMES
+from runtime.profile import beginning
 from runtime.profile.connections import Connection, reading, transforms, untaken, writing
 from runtime.profile.graph import Actuator, Graph, Law
 from runtime.profile.names import Link
@@ -39,7 +40,8 @@ def overview(graph: Graph, limits: Mapping[str, Limits]) -> Item:
         "summary": profile.summary,
         "rate_hz": float(profile.rate),
         "clock": profile.clock,
-        "start": profile.start,
+        "start": beginning.start(graph),
+        "unseen": beginning.unseen(graph),
         "chosen": dict(graph.source.chosen),
         "simulated": list(graph.simulated),
         "devices": [_device(graph, device) for device in graph.devices],

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import replace
@@ -222,6 +223,8 @@ def find(name: str) -> tuple[str, str, Path]:
             raise ProfileError(name, f"the profile can't be read: {reason}", "Give an existing YAML file") from None
     known = shelf.files()
     if name not in known:
+        if os.path.isfile(f"{name}.yaml"):
+            raise ProfileError(name, "no profile has this name", f"Did you mean {name}.yaml, which is here?")
         raise ProfileError(name, "no profile has this name", nearest(name, known) + ". A path must end in .yaml")
     with resources.as_file(known[name]) as path:
         return f"{name}.yaml", path.read_text(encoding="utf-8"), path.absolute().parent

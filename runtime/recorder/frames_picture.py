@@ -5,8 +5,8 @@ What hangs on a link that moves, or on a body of a simulated part, is drawn by i
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from itertools import combinations, product
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ EYES = list(product((-60.0, -35.0, -115.0, 35.0), (22.0, 35.0)))  # azimuth and 
 ALONE = 0.1  # m, the axes of a frame without others
 OF_SPAN, OF_NEAREST, SHORT = 0.2, 0.6, 0.06  # the axes' length: of the largest distance, of the least; at least
 NEAR = 0.004  # of the largest distance: nearer frames are drawn as at one place
+MOST, LETTERS = 5, 32  # lines of names at one place; letters of a name
 SHORTER = 0.62  # each further triad at the same place, of the one before
 
 
@@ -97,8 +98,8 @@ def paint(axis: Any, caption: str, triads: Sequence[tuple[str, Pose, int]], size
     firsts = [i for i, before in enumerate(same) if not before]
     within = ["", " (shorter axes)", " (shortest axes)"]
     names = [
-        "\n".join(
-            triads[j][0] + within[0 if like[j] else min(len(same[j]), 2)]
+        _listed(
+            _short(triads[j][0]) + within[0 if like[j] else min(len(same[j]), 2)]
             for j in range(len(triads))
             if j == i or i in same[j]
         )
@@ -110,12 +111,26 @@ def paint(axis: Any, caption: str, triads: Sequence[tuple[str, Pose, int]], size
     write_names(axis, names, at[firsts], lines)
 
 
+def _listed(names: Iterable[str]) -> str:
+    """A line for each name, as far as there is room: the text of `srl show` has all."""
+    lines = list(names)
+    if len(lines) > MOST:
+        lines[MOST - 1 :] = [f"and {len(lines) - MOST + 1} more"]
+    return "\n".join(lines)
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= LETTERS else f"{name[: LETTERS - 3]}..."
+
+
 def _eye(places: Array, span: float) -> Any:
     """The parallel projection (..., 3) -> (..., 2) in which the frames are farthest apart."""
-    pairs = [(a, b) for a, b in combinations(places, 2) if np.linalg.norm(a - b) > NEAR * span]
+    one, other = np.triu_indices(len(places), 1)
+    apart = places[one] - places[other]
+    apart = apart[np.linalg.norm(apart, axis=1) > NEAR * span]
 
     def least(eye: tuple[float, float]) -> float:
-        return min((float(np.linalg.norm((a - b) @ _plane(*eye))) for a, b in pairs), default=0.0)
+        return float(np.linalg.norm(apart @ _plane(*eye), axis=1).min(initial=np.inf))
 
     plane = _plane(*max(EYES, key=least))
     return lambda points: points @ plane

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ mpl.use("Agg")
 
 import matplotlib.pyplot as plt
 
+from runtime.contracts import whole_file
 from runtime.contracts.errors import RequestError
 from runtime.recorder import frames_picture, wiring_picture
 
@@ -25,6 +27,13 @@ STROKE = 0.05  # inches that a box's edge needs
 
 def draw_overview(overview: Mapping[str, Any], png: Path) -> None:
     """Draws `runtime.profile.overview.overview`. Raises RequestError: the file can't be written."""
+    drawn = BytesIO()
+    with mpl.rc_context({"text.parse_math": False}):  # a name with dollars is no formula
+        _draw(overview, drawn)
+    whole_file.write(png, drawn.getvalue(), RequestError)
+
+
+def _draw(overview: Mapping[str, Any], png: BytesIO) -> None:
     wiring = wiring_picture.laid_out(overview)
     groups, alone = frames_picture.groups(overview)
     right = FRAMES if groups else 0.0
@@ -52,9 +61,6 @@ def draw_overview(overview: Mapping[str, Any], png: Path) -> None:
             figure.text(1.0 - EDGE / whole[0], 0.08 / whole[1], lines, fontsize=6.5, ha="right", color="0.4")
         figure.text(EDGE / whole[0], 1.0 - 0.2 / whole[1], title, fontsize=FONT, va="center")
         figure.savefig(png, dpi=130, format="png")
-    except OSError as error:
-        problem = f"the picture can't be written: {error.strerror}"
-        raise RequestError(str(png), problem, "Choose another place") from None
     finally:
         plt.close(figure)
 

@@ -162,23 +162,34 @@ def _limits(command: Item) -> list[str]:
     """A line for each limit: the least and the largest; "by joint" where not all elements have the same."""
     found = []
     limits = command["limits"]
+    if command["kind"] == "position" and not {"lower", "upper"} & set(limits):
+        found.append("no bound of the position yet")  # the device may give one once it is open
     for name, limit in limits.items():
         if name == "upper" and "lower" in limits:
             continue
-        by_unit: dict[str, list[float]] = {}
+        both = name == "lower" and "upper" in limits
+        by_unit: dict[str, list[float | None]] = {}
         for element, unit in limit["units"].items():
             values = [limit["values"][element]]
-            values += [limits["upper"]["values"][element]] if name == "lower" and "upper" in limits else []
-            by_unit.setdefault(unit, []).extend(value for value in values if value is not None)
-        both = name == "lower" and "upper" in limits
+            values += [limits["upper"]["values"][element]] if both else []
+            by_unit.setdefault(unit, []).extend(values)
         for unit, values in by_unit.items():
-            if values:
-                low, high = min(values), max(values)
-                span = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
-                each = ", by joint" if len(set(values)) > 1 + both else ""
-                found.append(f"{'position' if both else name.replace('_', ' ')} {span} {unit}{each}")
+            what = "position" if both else name.replace("_", " ")
+            found.append(f"{what} {_span(values, unit, 1 + both)}")
     clear = [f"keeps clear: {command['clear']['use']}"] if command["clear"] else []
     return [*found, *clear, f"stop: {command['stop']}"]
+
+
+def _span(values: Sequence[float | None], unit: str, alike: int) -> str:
+    """The least and the largest of some elements' values; `alike`: how many differ where the elements don't."""
+    known = [value for value in values if value is not None]
+    if not known:
+        return f"unbounded yet ({unit})"
+    low, high = min(known), max(known)
+    span = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
+    if len(known) < len(values):
+        return f"{span} {unit}, some unbounded"
+    return f"{span} {unit}" + ", by joint" * (len(set(known)) > alike)
 
 
 def _lines(begin: str, names: Sequence[str]) -> list[str]:

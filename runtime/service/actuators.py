@@ -1,10 +1,11 @@
 """The supervisor's hold on the actuators: duplicates of their descriptors, and their stop frames, mapped.
 
-After the loop's death nothing has to be opened: a frame is read from memory and written to what is held.
+After the loop's death nothing has to be opened: frames are read from memory and written to what is held.
 """
 
 from __future__ import annotations
 
+import errno
 import os
 import select
 import time
@@ -44,10 +45,10 @@ class Actuators:
             os.close(self._held.pop(slot).descriptor)
 
     def stop(self) -> None:
-        """Writes every actuator's stop frame.
+        """Writes every actuator's stop frames, each by a write of its own.
 
         Each is tried once before any is waited for: one that takes nothing delays no other. Those with a rest are
-        then tried in turn. May be called again: a frame that was written twice is the same stop. What went wrong is
+        then tried in turn. May be called again: frames that were written twice are the same stop. What went wrong is
         reported at the end, once for each actuator; the second frame of one that has taken the first may be refused.
         """
         deadline = time.monotonic() + PATIENCE
@@ -67,22 +68,34 @@ class Actuators:
             self._report(f"'{self._held[slot].name}' can't be reached for its stop: {why}")
         self._settled = set(self._held)
 
-    def _give(self, frames: dict[int, bytes], failures: dict[int, str]) -> dict[int, bytes]:
-        """Writes what can be written at once. Returns the rest of each frame that has one."""
+    def _give(self, frames: dict[int, list[bytes]], failures: dict[int, str]) -> dict[int, list[bytes]]:
+        """Writes what can be written at once. Returns what is left of each actuator's frames, if anything is."""
         rest = {}
-        for slot, frame in frames.items():
+        for slot, waiting in frames.items():
             try:
-                written = os.write(self._held[slot].descriptor, frame) if frame else 0
-            except BlockingIOError:
-                written = 0
+                left = _written(self._held[slot].descriptor, waiting)
             except OSError as error:
                 failures[slot] = error.strerror or str(error)
                 continue
-            if written < len(frame):
-                rest[slot] = frame[written:]
+            if left:
+                rest[slot] = left
         return rest
 
     def close(self) -> None:
         """Closes all descriptors."""
         for slot in list(self._held):
             self.drop(slot)
+
+
+def _written(descriptor: int, frames: list[bytes]) -> list[bytes]:
+    """Writes frames until the descriptor takes no more. Returns the rest, from where it was cut."""
+    for i, frame in enumerate(frames):
+        try:
+            count = os.write(descriptor, frame) if frame else 0
+        except OSError as error:
+            if error.errno in (errno.EAGAIN, errno.ENOBUFS):  # the second is a CAN interface whose queue is full
+                return frames[i:]
+            raise
+        if count < len(frame):
+            return [frame[count:], *frames[i + 1 :]]
+    return []

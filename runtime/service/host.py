@@ -18,7 +18,8 @@ import numpy as np
 from runtime.ipc.run_folder import base, free_bytes
 from runtime.loop.clock import MonotonicClock
 from runtime.loop.realtime import PRIORITY
-from runtime.service.serial_ports import obstacle
+from runtime.profile.ports import local_path
+from runtime.service.serial_ports import holder, obstacle
 
 Verdict = Literal["good", "doubtful", "bad"]
 
@@ -160,13 +161,16 @@ def _disk() -> Finding:
 
 
 def _port(name: str, port: str) -> Iterator[Finding]:
-    if not port.startswith("/dev/"):
+    path = local_path(port)
+    if path is None:
         return
     what = f"port of {name}"
     lack = obstacle(port)
-    if lack is None:
-        yield Finding(what, "good", f"{port} may be opened")
-    elif os.path.exists(port):
+    if lack is None and (program := holder(path)) is not None:
+        yield Finding(what, "doubtful", f"{path}: {program} has it open", "End that program, if it isn't this run")
+    elif lack is None:
+        yield Finding(what, "good", f"{path} may be opened")
+    elif os.path.exists(path):
         yield Finding(what, "bad", *lack)
     else:
         yield Finding(what, "bad", lack.problem, f"{lack.remedy}; set it with --set devices.{name}.port=...")

@@ -16,9 +16,11 @@ from typing import NamedTuple
 
 from runtime.contracts import registry
 from runtime.contracts.errors import SrlError
+from runtime.profile.ports import local_path
 
-BY_ID = "/dev/serial/by-id"
+BY_ID, BY_PATH = "/dev/serial/by-id", "/dev/serial/by-path"
 LOCKS = Path("/proc/locks")  # of every process
+_OWN = 5  # letters of a serial number, at least, that is a device's own: adapters of a kind may all be 0001
 
 
 class Obstacle(NamedTuple):
@@ -48,7 +50,9 @@ class SerialPort:
 
     Attributes:
         device: its path, which another order of plugging in may change.
-        by_id: the path that stays with the device; None where it has none.
+        by_id: the path that stays with the device; None where it has none. The link of an adapter without a serial
+            number of its own is none: another one of its kind would get it.
+        by_path: the path that stays with the USB socket; None where there is none.
         usb: vendor and product, "2341:0043"; None if it isn't on USB.
         maker, product, serial: what the device says of itself; None where it says nothing.
         guesses: what it may be, the likeliest first; none if it is unknown.
@@ -58,6 +62,7 @@ class SerialPort:
 
     device: str
     by_id: str | None
+    by_path: str | None
     usb: str | None
     maker: str | None
     product: str | None
@@ -68,22 +73,25 @@ class SerialPort:
 
     @property
     def path(self) -> str:
-        """The path for a profile: the one that stays, if there is one."""
-        return self.by_id or self.device
+        """The path for a profile: one that stays, if there is one."""
+        return self.by_id or self.by_path or self.device
 
 
 def ports() -> list[SerialPort]:
     """The serial ports, sorted by device."""
     from serial.tools import list_ports
 
-    stay = _by_id()
+    by_id, by_path = _links(BY_ID), _links(BY_PATH)
     known = usb_numbers()
+    there = sorted(list_ports.comports(), key=lambda p: p.device)
+    numbers = [(port.vid, port.pid, port.serial_number) for port in there]
     found = []
-    for port in sorted(list_ports.comports(), key=lambda p: p.device):
+    for port, number in zip(there, numbers, strict=True):
         usb = None if port.vid is None else f"{port.vid:04x}:{port.pid or 0:04x}"
+        node, own = os.path.realpath(port.device), len(port.serial_number or "") >= _OWN and numbers.count(number) == 1
         found.append(
             SerialPort(
-                port.device, stay.get(os.path.realpath(port.device)), usb, port.manufacturer or None,
+                port.device, by_id.get(node) if own else None, by_path.get(node), usb, port.manufacturer or None,
                 port.product or None, port.serial_number or None, guesses(usb, known), obstacle(port.device),
                 holder(port.device),
             )
@@ -112,22 +120,23 @@ def guesses(usb: str | None, known: dict[str, tuple[str, tuple[str, ...]]]) -> t
 
 
 def obstacle(port: str) -> Obstacle | None:
-    """Why this user can't open a serial port; None if they may, or if it is none of this machine (tcp://...)."""
-    if not port.startswith("/dev/"):
-        return None
-    if not os.path.exists(port):
-        there = sorted(glob.glob("/dev/ttyUSB*") + glob.glob("/dev/ttyACM*"))
-        listed = f"There are: {', '.join(there)}" if there else "No USB serial port is there: check cable and power"
-        return Obstacle(f"{port} isn't there", listed)
-    if os.access(port, os.R_OK | os.W_OK):
+    """Why this user can't open a port; None if they may, or if it is no path of this machine (`local_path`)."""
+    path = local_path(port)
+    if path is None or os.access(path, os.R_OK | os.W_OK):
         return None
     try:
-        owner = grp.getgrgid(os.stat(port).st_gid).gr_name
+        group = os.stat(path).st_gid
+    except OSError:  # it may have gone just now
+        there = sorted(glob.glob("/dev/ttyUSB*") + glob.glob("/dev/ttyACM*"))
+        listed = f"There are: {', '.join(there)}" if there else "No USB serial port is there: check cable and power"
+        return Obstacle(f"{path} isn't there", listed)
+    try:
+        owner = grp.getgrgid(group).gr_name
     except KeyError:
         owner = "dialout"
     if owner == "root":  # joining it would give far more than the port
-        return Obstacle(f"{port} may not be opened", "Install deploy/99-srl.rules, which gives it to the group dialout")
-    return Obstacle(f"{port} may not be opened", f"sudo usermod -aG {owner} $USER, then log in again")
+        return Obstacle(f"{path} may not be opened", "Install deploy/99-srl.rules, which gives it to the group dialout")
+    return Obstacle(f"{path} may not be opened", f"sudo usermod -aG {owner} $USER, then log in again")
 
 
 def holder(port: str) -> str | None:
@@ -144,8 +153,9 @@ def holder(port: str) -> str | None:
         return f"process {pid}"
 
 
-def _by_id() -> dict[str, str]:
-    return {os.path.realpath(link): link for link in sorted(glob.glob(f"{BY_ID}/*"))}
+def _links(folder: str) -> dict[str, str]:
+    """The links of a folder by what they lead to."""
+    return {os.path.realpath(link): link for link in sorted(glob.glob(f"{folder}/*"))}
 
 
 def _openers(port: str) -> Iterator[int]:

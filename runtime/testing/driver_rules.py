@@ -65,7 +65,9 @@ def is_harmless_while_closed(driver: Driver) -> None:
     name = _name(driver)
     driver.close()
     driver.stop(Stop.HOLD)
-    assert isinstance(driver.stop_frame(Stop.HOLD), bytes), f"{name}.stop_frame must give bytes"
+    frames = driver.stop_frames(Stop.HOLD)
+    whole = isinstance(frames, tuple) and all(isinstance(frame, bytes) for frame in frames)
+    assert whole, f"{name}.stop_frames must give a tuple of bytes"
     assert driver.fileno() in (None, -1), f"{name} isn't open and has a descriptor"
     driver.close()
     assert not driver.health.connected, f"{name} is closed and says that it is connected"

@@ -10,8 +10,9 @@ from runtime.control.hand.human_hand import RANGES
 from sim.wearer.motion import Wearer
 from sim.wearer.recording import load_wearer
 from sim.wearer.scripted import ScriptedWearer
+from sim.wearer.told import ToldWearer
 
-__all__ = ["ScriptedWearer", "Wearer", "WearerConfig", "load_wearer", "make_wearer"]
+__all__ = ["ScriptedWearer", "ToldWearer", "Wearer", "WearerConfig", "load_wearer", "make_wearer"]
 
 
 class WearerConfig(BaseModel):
@@ -25,6 +26,10 @@ class WearerConfig(BaseModel):
     episode: int | None = Field(default=None, ge=0, description="one episode of a recording that has several")
     speed: float = Field(default=1.0, gt=0, le=10, description="1 is the person's own pace")
     loop: bool = Field(default=False, description="start again at the end instead of standing still")
+    told: bool = Field(default=False, description="does what a calibration says, instead of a script or a recording")
+    miss: float = Field(
+        default=0.0, ge=0, le=0.5, description="rad, standard deviation by which a joint misses what it is told; ours"
+    )
     period: float = Field(default=4.0, ge=1.0, description="s, the script's time from one grasp to the next")
 
 
@@ -34,6 +39,8 @@ def make_wearer(config: WearerConfig, seed: int, ranges: Array = RANGES) -> Wear
     Raises:
         RecordingError: the recording can't be read, or doesn't fit into the ranges.
     """
+    if config.told:
+        return ToldWearer(seed, ranges=ranges, miss=config.miss)
     if config.recording is None:
         return ScriptedWearer(seed, ranges=ranges, period=config.period, speed=config.speed)
     return load_wearer(config.recording, ranges=ranges, episode=config.episode, speed=config.speed, loop=config.loop)

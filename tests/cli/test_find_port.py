@@ -16,6 +16,7 @@ from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
 from runtime.cli import find_port, main
+from runtime.profile.ports import local_path
 from runtime.service import host, serial_ports
 
 ROOT = Path(__file__).parents[2]
@@ -35,6 +36,7 @@ def plugged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[ListPortInf
     there: list[ListPortInfo] = []
     monkeypatch.setattr(list_ports, "comports", lambda: list(there))
     monkeypatch.setattr(serial_ports, "BY_ID", str(tmp_path / "by-id"))
+    monkeypatch.setattr(serial_ports, "BY_PATH", str(tmp_path / "by-path"), raising=False)
     return there
 
 
@@ -130,6 +132,9 @@ def test_who_holds_a_port_is_named(
     assert "has it open" not in said(capsys)
     descriptor = os.open(pty, os.O_RDWR | os.O_NOCTTY)
     assert f"({os.getpid()}) has it open" in said(capsys)
+    (finding,) = host._port("finger", pty)  # `srl doctor` says the same
+    assert finding.verdict == "doubtful"
+    assert f"({os.getpid()}) has it open" in finding.found
     os.close(descriptor)
 
 
@@ -171,7 +176,7 @@ def test_the_port_that_came_is_named_once_it_has_settled(
         stays.parent.mkdir()
         stays.symlink_to(pty)
 
-    plays = iter([lambda: None, lambda: plugged.append(info(pty, "2341:0043")), link, lambda: None])
+    plays = iter([lambda: None, lambda: plugged.append(info(pty, "2341:0043", serial="75735")), link, lambda: None])
     monkeypatch.setattr(find_port.time, "sleep", lambda _: next(plays)())
     text = said(capsys, "--wait")
     assert text.startswith(f"came: {stays}\n  perhaps firmata")
@@ -202,3 +207,79 @@ def test_the_process_lists_this_machines_ports(tmp_path: Path) -> None:
         srl("find-port", "--json"), cwd=tmp_path, capture_output=True, text=True, timeout=100, check=True
     )
     assert isinstance(json.loads(done.stdout)["ports"], list)
+
+
+# What may be mistaken
+
+
+def test_an_adapter_without_a_serial_number_has_no_name_that_stays(
+    plugged: list[ListPortInfo], pty: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its link by id is that of its kind: another one of the kind gets the same."""
+    plugged.append(info(pty, "1a86:7523", product="USB Serial"))
+    kind = tmp_path / "by-id" / "usb-1a86_USB_Serial-if00-port0"
+    kind.parent.mkdir()
+    kind.symlink_to(pty)
+    text = said(capsys)
+    assert text.startswith(f"{pty}\n")
+    assert "it has no name that stays with the device" in text
+    socket = tmp_path / "by-path" / "pci-0000:00:14.0-usb-0:2:1.0-port0"
+    socket.parent.mkdir()
+    socket.symlink_to(pty)
+    text = said(capsys)
+    assert text.startswith(f"{socket}\n")
+    assert "this name is the USB socket's" in text
+    assert json.loads(said(capsys, "--json"))["ports"][0]["path"] == str(socket)
+
+
+def test_two_adapters_with_one_serial_number_have_no_name_that_stays(
+    plugged: list[ListPortInfo], pty: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Many CP2102 are all numbered 0001; udev gives the link to the one that came last."""
+    plugged.extend([info(pty, "10c4:ea60", serial="0001"), info("/dev/ttyUSB7", "10c4:ea60", serial="0001")])
+    kind = tmp_path / "by-id" / "usb-Silicon_Labs_0001-if00-port0"
+    kind.parent.mkdir()
+    kind.symlink_to(pty)
+    assert str(kind) not in said(capsys)
+
+
+def test_a_port_that_goes_while_it_is_looked_at_is_told_as_gone(
+    plugged: list[ListPortInfo], pty: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plugged.append(info(pty, "2341:0043"))
+    monkeypatch.setattr(os, "access", lambda *_: False)
+
+    def gone(_: str) -> os.stat_result:
+        raise FileNotFoundError(2, "No such file or directory")
+
+    monkeypatch.setattr(serial_ports.os, "stat", gone)
+    monkeypatch.setattr(serial_ports.os.path, "exists", lambda _: True)
+    assert f"you can't open it: {pty} isn't there" in said(capsys)
+
+
+def test_what_a_device_says_of_itself_does_nothing_to_the_terminal(
+    plugged: list[ListPortInfo], pty: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plugged.append(info(pty, "2341:0043", "Evil\x1b[2J", "you may\nopen it", "7\x07"))
+    text = said(capsys)
+    assert "USB 2341:0043 Evil\\x1b[2J you may\\nopen it, serial number 7\\x07\n" in text
+
+
+@pytest.mark.parametrize(
+    ("port", "path"),
+    [
+        ("/dev/ttyUSB0", "/dev/ttyUSB0"),
+        ("ports/finger", "ports/finger"),
+        ("spy:a.log:/dev/ttyUSB0", "/dev/ttyUSB0"),
+        ("spy:a.log:tcp://host:5", None),
+        ("tcp://host:5", None),
+        ("can://socketcan/can0", None),
+        ("auto", None),
+        ("input", None),
+    ],
+)
+def test_which_ports_are_paths_of_this_machine(port: str, path: str | None) -> None:
+    assert local_path(port) == path
+    lack = serial_ports.obstacle(port)
+    assert (lack is not None and lack.problem == f"{path} isn't there") == (path is not None)
+    assert len(list(host._port("finger", port))) == (path is not None)

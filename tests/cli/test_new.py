@@ -9,6 +9,7 @@ import re
 import shutil
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import pytest
 from helpers.run import call, environment, refused, srl
@@ -16,9 +17,12 @@ from helpers.wait import until
 from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
-from runtime.cli import main, new_questions
+from runtime.cli import main, new, new_questions
+from runtime.cli.check import examine
+from runtime.jog.cut import cut
 from runtime.profile import profile, shelf
 from runtime.profile.edit import content
+from runtime.service import serial_ports
 
 
 @pytest.fixture(autouse=True)
@@ -109,6 +113,8 @@ def test_another_folder_and_a_file_that_was_typed_from_here(folder: Path) -> Non
     ("arguments", "words"),
     [
         (["My Limb", "--from", "servo-jog"], "'My Limb' is no name.*For example my-limb"),
+        (["my-limb.yaml", "--from", "servo-jog"], "'my-limb.yaml' is no name.*For example my-limb;"),
+        (["a", "--from", "servo-jug.yaml"], "servo-jug.yaml: no profile that comes.*Did you mean 'servo-jog'"),
         (["7", "--from", "servo-jog"], "'7' is no name.*For example my-limb"),
         (["servo-jog", "--from", "servo-jog"], "a profile that comes with srl.*such as my-servo-jog"),
         (["a", "--from", "servo-jug"], "servo-jug: no profile that comes with srl.*Did you mean 'servo-jog'"),
@@ -123,6 +129,7 @@ def test_another_folder_and_a_file_that_was_typed_from_here(folder: Path) -> Non
         (["a", "--from", "servo-jog", "-o", "a.txt"], "doesn't end in .yaml. Name it like a.yaml"),
         (["a", "--from", "servo-jog", "-o", "no/a.yaml"], "no: the folder can't be written"),
         (["a", "--from", "servo-jog", "-o", "."], "it is a folder. Name a file in it: -o ./a.yaml"),
+        (["a" * 300, "--from", "servo-jog"], "a.yaml: it can't be written: File name too long. Choose"),
         (["a"], "--from: it isn't said what the new profile begins as. For example srl new a --from"),
     ],
 )
@@ -140,9 +147,9 @@ def test_a_disk_that_is_full_leaves_the_old_file(folder: Path, monkeypatch: pyte
 
     monkeypatch.setattr(os, "fsync", full)
     said = refused("new", "mine", "--from", "servo-jog", "--yes")
-    assert "mine.yaml: it can't be written: No space left on device" in said
+    assert "mine.yaml.old: it can't be written: No space left on device" in said
     assert (folder / "mine.yaml").read_text() == "mine before\n"
-    assert {path.name for path in folder.iterdir()} == {"mine.yaml", "mine.yaml.old"}
+    assert [path.name for path in folder.iterdir()] == ["mine.yaml"]
 
 
 def test_what_is_asked(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
@@ -209,3 +216,141 @@ def test_the_commands_it_tells_work_in_that_folder(folder: Path) -> None:
     assert subprocess.run(
         srl("doctor", "mine.yaml"), env=environment(folder), cwd=folder, capture_output=True, timeout=100, check=False
     ).returncode in (0, 1)
+
+
+# What may be mistaken
+
+
+@pytest.fixture
+def plugged(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An Arduino at a path that exists, with a name that stays; gives the folder of the ports."""
+    ports = tmp_path_factory.mktemp("ports")
+    (ports / "ttyACM0").touch()
+    (ports / "by-id").mkdir()
+    (ports / "by-id" / "usb-Arduino_75735-if00").symlink_to(ports / "ttyACM0")
+    uno = ListPortInfo(str(ports / "ttyACM0"))
+    uno.vid, uno.pid, uno.serial_number = 0x2341, 0x43, "75735"
+    monkeypatch.setattr(list_ports, "comports", lambda: [uno])
+    monkeypatch.setattr(serial_ports, "BY_ID", str(ports / "by-id"))
+    monkeypatch.setattr(serial_ports, "BY_PATH", str(ports / "by-path"))
+    return ports
+
+
+def test_two_devices_at_one_port_are_doubted(folder: Path, plugged: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """By whatever names they are given."""
+    one, other = plugged / "ttyACM0", plugged / "by-id" / "usb-Arduino_75735-if00"
+    arguments = ["new", "mine", "--from", "sixth-finger", "--port", f"glove={one}", "--port", f"finger={other}"]
+    assert main(arguments) == 0
+    doubt = "devices.finger.port: glove is at this port, too, and only one can have it open"
+    assert doubt in capsys.readouterr().out
+    assert main(["check", "mine.yaml"]) == 0
+    assert doubt in capsys.readouterr().out
+    assert main(["check", "mine.yaml", "--sim"]) == 0
+    assert "is at this port" not in capsys.readouterr().out
+
+
+def test_addresses_may_be_alike(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", "moca-man", "--set", "devices.sensor.port=udp://172.16.0.2"]) == 0
+    assert "is at this port" not in capsys.readouterr().out
+
+
+def test_a_port_that_changes_and_one_of_another_device_are_told(
+    plugged: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stays = plugged / "by-id" / "usb-Arduino_75735-if00"
+    assert main(["new", "a", "--from", "finger-jog", "--port", f"finger={plugged / 'ttyACM0'}"]) == 0
+    assert f"another order of plugging in changes {plugged / 'ttyACM0'}; {stays} stays" in capsys.readouterr().out
+    assert main(["new", "b", "--from", "finger-jog", "--port", f"finger={stays}"]) == 0
+    assert "port of finger" not in capsys.readouterr().out
+    assert main(["new", "c", "--from", "servo-jog", "--port", f"finger={stays}"]) == 0
+    assert "port of finger: perhaps firmata (Arduino" in (said := capsys.readouterr().out)
+    assert "Is it dynamixel's?" in said
+
+
+def test_a_port_that_another_program_has_open_is_told(plugged: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with open(plugged / "ttyACM0"):
+        assert main(["new", "a", "--from", "finger-jog", "--port", f"finger={plugged / 'ttyACM0'}"]) == 0
+    assert f"({os.getpid()}) has it open" in capsys.readouterr().out
+
+
+def test_a_relative_port_that_isnt_there_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["new", "a", "--from", "finger-jog", "--port", "finger=ports/finger"]) == 0
+    assert "not yet: port of finger: ports/finger isn't there" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("yes", [[], ["--yes"]])
+def test_what_is_beside_and_spoilt_leaves_all_as_it_was(yes: list[str], folder: Path) -> None:
+    (folder / "mine.calibration.json").write_text("{}")
+    if yes:
+        (folder / "mine.yaml").write_text("mine before\n")
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    assert "mine.calibration.json" in refused("new", "mine", "--from", "ikns-finger", *yes)
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_ctrl_c_in_the_check_leaves_nothing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(name: str, *given: Any, **more: Any) -> Any:
+        if name.endswith(".yaml"):
+            raise KeyboardInterrupt
+        return examine(name, *given, **more)
+
+    monkeypatch.setattr(new, "examine", interrupted)
+    assert main(["new", "mine", "--from", "ikns-finger"]) == 130
+    assert not list(folder.iterdir())
+
+
+def test_the_limb_is_jogged_before_it_follows_anybody(capsys: pytest.CaptureFixture[str]) -> None:
+    """The sense of a joint, and which is which, no check can know."""
+    assert main(["new", "mine", "--from", "kairos-man"]) == 0
+    lines = [line.strip() for line in capsys.readouterr().out.splitlines()]
+    jogs = [f"srl jog mine.yaml {device}" for device in ("arm", "base", "hand")]
+    assert sorted(line for line in lines if line.startswith("srl jog")) == jogs
+    assert (
+        lines.index("srl doctor mine.yaml") < lines.index(jogs[0]) < lines.index("srl run mine.yaml --set start=manual")
+    )
+    assert main(["new", "seen", "--from", "suit-station"]) == 0
+    assert "srl jog" not in capsys.readouterr().out
+    assert main(["new", "worn", "--from", "human-srl"]) == 0  # it keeps clear of what isn't there while it is jogged
+    line = "srl jog worn.yaml --set guard.arm.position_command.clear=null  # nobody wears it or is near it"
+    assert f"  {line}\n" in capsys.readouterr().out
+    cut(*profile.load("worn.yaml", ["guard.arm.position_command.clear=null"]), None, 0.1, sim=False)
+
+
+def test_answers_that_are_odd(
+    folder: Path, plugged: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(new_questions, "_terminal", lambda: True)
+    answers = iter(["²", "\udcff\x1b[2J", "sixth-finger", "²", "1", "1", "no", "\x1b[A/dev/x", "/dev/sixth finger"])
+    monkeypatch.setattr("builtins.input", lambda _: next(answers))
+    assert main(["new", "mine"]) == 0
+    checked, _ = profile.load("mine.yaml")
+    assert checked.devices["glove"].options["port"] == str(plugged / "by-id" / "usb-Arduino_75735-if00")
+    assert checked.devices["finger"].options["port"] == "/dev/sixth finger"
+    said = capsys.readouterr().out
+    assert "'²' is none of them" in said
+    assert "'\\udcff\\x1b[2J' is none of them" in said
+    assert "it is glove's already" in said
+    assert "'no' is no path" in said
+
+
+def test_its_name_alone_names_the_file_that_is_meant(folder: Path) -> None:
+    """Not another limb whose name is alike."""
+    assert main(["new", "moca-fingers", "--from", "servo-jog"]) == 0
+    for command in ("check", "show", "run"):
+        assert "no profile has this name. Did you mean moca-fingers.yaml, which is here?" in refused(
+            command, "moca-fingers"
+        )
+    assert "Copy moca-fingers.yaml" in refused("new", "b", "--from", "moca-fingers")
+
+
+def test_what_only_a_person_can_compare_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    told = "its limits, directions and ids are those of finger-jog's limb: compare them with yours before it moves"
+    assert main(["new", "mine", "--from", "finger-jog"]) == 0
+    assert told in capsys.readouterr().out
+    assert main(["new", "seen", "--from", "suit-station"]) == 0
+    assert "compare them" not in capsys.readouterr().out
+
+
+def test_a_port_does_nothing_to_the_terminal(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["new", "mine", "--from", "finger-jog", "--port", "finger=/dev/x\x1b[2J\nchecked: all is well"]) == 0
+    assert "port of finger: /dev/x\\x1b[2J\\nchecked: all is well isn't there" in capsys.readouterr().out

@@ -71,7 +71,8 @@ def test_the_text_has_each_device_law_frame_and_limit(name: str, capsys: pytest.
         for limit in NAMES:
             values = getattr(limits_of(graph)[actuator.name], limit)
             for element, value in zip(actuator.command.names, np.ravel([] if values is None else values), strict=False):
-                assert f" {value:.6g}" in rows[element], (actuator.name, limit, element)
+                told = f" {value:.6g}" if math.isfinite(value) else " none"
+                assert told in rows[element], (actuator.name, limit, element)
 
 
 @pytest.mark.parametrize("name", shelf.shipped())
@@ -160,7 +161,8 @@ def test_json_has_all_that_is_wired(name: str) -> None:
         assert (item["name"], item["stop"]) == (actuator.name, actuator.category)
         assert list(item["limits"]) == [limit for limit in NAMES if getattr(limits, limit) is not None]
         for limit, values in item["limits"].items():
-            assert list(values["values"].values()) == np.ravel(getattr(limits, limit)).tolist()
+            wanted = np.ravel(getattr(limits, limit)).tolist()
+            assert list(values["values"].values()) == [v if math.isfinite(v) else None for v in wanted]
     names = [frame["name"] for frame in found["frames"]]
     assert len(set(names)) == len(names)
     parents = {entry.parent for entry in graph.profile.frames.values()} - {None}
@@ -273,3 +275,49 @@ def test_options_that_cant_be(
     assert words in told.err
     assert told.out == ""
     assert not list(tmp_path.iterdir())
+
+
+# What is true
+
+
+def test_it_says_how_a_run_begins(capsys: pytest.CaptureFixture[str]) -> None:
+    """As `srl run` decides it: not the profile's word alone."""
+    assert "start manual\n" in shown(capsys, "human-srl")
+    assert "start auto\n" in shown(capsys, "human-srl", "--sim")  # of `sim.start`
+    said = " ".join(shown(capsys, "sixth-finger").split())
+    assert "start auto, but finger.position_command has no position feedback: it waits for `srl start`" in said
+    assert "no position feedback" not in shown(capsys, "sixth-finger", "--sim")
+    assert main(["check", "human-srl", "--sim"]) == 0
+    assert "start auto\n" in capsys.readouterr().out
+
+
+def test_bounds_of_motors_are_shown_before_the_device_is_open(capsys: pytest.CaptureFixture[str]) -> None:
+    for simulated in ([], ["--sim"]):
+        said = shown(capsys, "servo-jog", "--wiring", *simulated)
+        assert "    proximal  -1.2   1.2    1         5\n" in said
+        assert "no bound of the position" not in said
+    said = shown(capsys, "servo-jog", "--set", "devices.finger.motors.distal={id: 2, model: MX-28, upper: 0.5}")
+    assert "    distal    none   0.5    1         5\n" in said
+    said = shown(capsys, "servo-jog", "--set", "devices.finger.motors={proximal: {id: 1, model: MX-28}, "
+                 "distal: {id: 2, model: MX-28}}")  # fmt: skip
+    assert "no bound of the position before the device is open" in said
+
+
+def test_what_a_text_hides_from_a_terminal_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
+    said = shown(capsys, "servo-jog", "--set", 'summary="bring-up\\e[2K\\e[1A\\x07 of \\u202ea finger"')
+    assert said.startswith("servo-jog: bring-up\\x1b[2K\\x1b[1A\\x07 of \\u202ea finger\n")
+    assert "sechster Finger für Zoë" in shown(capsys, "servo-jog", "--set", "summary=sechster Finger für Zoë")
+
+
+def test_a_deep_tree_and_long_names_stay_readable(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    text, device = profile.find("servo-jog")[1], "d" * 110
+    chain = "".join(f"  f{i}: {{parent: {f'f{i - 1}' if i else 'null'}}}\n" for i in range(60))
+    for old in ("finger:\n    driver", "finger.", "{finger:"):
+        text = text.replace(old, old.replace("finger", device))
+    (tmp_path / "deep.yaml").write_text(text.partition("sim:")[0] + f"frames:\n{chain}")
+    said = shown(capsys, "deep.yaml")
+    assert max(map(len, said.splitlines())) <= 100
+    assert f"\n{' ' * 42}f59: in f58, fixed: position 0, 0, 0 m, not turned\n" in said

@@ -74,6 +74,7 @@ def law_of(name: str, folder: Path) -> Controller:
             "hand": "arm.hand",
         },
         "ft-marks": {"signal": "sensor.wrench", "wrench": {name: f"sensor.wrench[{name}]" for name in WRENCH}},
+        "glove-marks": {"person": "P1", "signal": "glove.raw", "hand": "right", "sensors": ["thumb_roll"]},
         "intention-marks": {"person": "P1", "actions": ["wave", "point"], "trunk": ["Spine"], **seen},
         "task-marks": {
             "person": "P1", "teach": True, **seen,

@@ -59,7 +59,7 @@ def test_a_loop_that_dies_leaves_a_stop_frame() -> None:
         duplicate = os.dup(fileno)
         r.drive()
         before = r.served.do(lambda: len(r.twin.taken))
-        os.write(duplicate, r.base.stop_frame(Stop.BRAKE))
+        os.write(duplicate, *r.base.stop_frames(Stop.BRAKE))
         cycles(r.base, lambda: r.speed() < 0.01, "the stop")
         assert r.served.do(lambda: r.twin.taken[before + 1 :])[0][1] == (0.0, 0.0, 0.0)
         os.close(duplicate)

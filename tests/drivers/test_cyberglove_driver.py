@@ -200,6 +200,16 @@ def test_a_persons_calibration_is_used(make_glove, tmp_path):
     device.close()
 
 
+def test_raw_gives_the_counts_and_no_angles(make_glove):
+    device = driver_of(make_glove(), raw=True)
+    assert [(s.name, s.unit) for s in device.states] == [("raw", "1"), ("buttons", "1")]
+    device.open()
+    read_until(device, lambda: device.health.stamp > 0, now=MS)
+    assert device.state_arrays["raw"].tolist() == list(RAW)
+    assert device.health.message == ""
+    device.close()
+
+
 def test_a_calibration_of_the_other_hand_or_none_is_refused_before_the_port_is_touched(tmp_path):
     file = tmp_path / "left.yaml"
     lines = "\n".join(f"  {name}: {{gain: 0.02, offset: 100}}" for name in driver.LABELS[22])

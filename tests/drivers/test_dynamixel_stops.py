@@ -154,10 +154,10 @@ def test_stop_frames_work_behind_a_packet_cut_short(protocol, mode, cut):
         driver = rig.driver
         moving = {"position": where, "velocity": np.array([0.5, 0.5]), "effort": np.array([0.6, 0.3])}[mode]
         rig.run(10, moving)
-        frame = driver.stop_frame(Stop.HOLD)
+        (frame,) = driver.stop_frames(Stop.HOLD)
         if mode == "position":
             rig.run(1, moving)
-            assert driver.stop_frame(Stop.RETRACT) == frame
+            assert driver.stop_frames(Stop.RETRACT) == (frame,)
         fd = driver.fileno()
         rig.run(1)
         os.write(fd, driver._goals.newest[:cut] + frame)
@@ -169,17 +169,17 @@ def test_stop_frames_work_behind_a_packet_cut_short(protocol, mode, cut):
             assert not rig.twin.bus.chain.motors.goal_current.any()
         else:
             assert torque(rig) == [True, True]
-        os.write(fd, driver._goals.newest[:cut] + driver.stop_frame(Stop.LIMP))
+        os.write(fd, driver._goals.newest[:cut] + driver.stop_frames(Stop.LIMP)[0])
         rig.bench.run(0.02)
         assert torque(rig) == [False, False]
 
 
 def test_stop_frame_is_the_same_object_while_nothing_is_sent():
     with Rig(make_twin()) as rig:
-        assert rig.driver.stop_frame(Stop.HOLD) == b""  # no torque: nothing to stop
+        assert rig.driver.stop_frames(Stop.HOLD) == ()  # no torque: nothing to stop
         rig.hold()
-        assert rig.driver.stop_frame(Stop.HOLD) is rig.driver.stop_frame(Stop.HOLD)
-        assert rig.driver.stop_frame(Stop.LIMP) is rig.driver.stop_frame(Stop.LIMP)
+        assert rig.driver.stop_frames(Stop.HOLD) is rig.driver.stop_frames(Stop.HOLD)
+        assert rig.driver.stop_frames(Stop.LIMP) is rig.driver.stop_frames(Stop.LIMP)
 
 
 def test_a_pulled_cable_is_a_loss_and_the_bus_opens_again():
@@ -205,7 +205,7 @@ def test_calls_on_a_bus_that_is_not_open():
     bus.close()
     bus.recover(0)
     assert bus.fileno() is None
-    assert bus.stop_frame(Stop.HOLD) == b""
+    assert bus.stop_frames(Stop.HOLD) == ()
     with pytest.raises(DeviceLostError):
         bus.read(0)
 

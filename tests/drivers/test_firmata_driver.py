@@ -116,7 +116,7 @@ def test_limp_detaches_and_the_next_command_attaches_again(board, opened):
     opened.stop(Stop.LIMP)
     loop.until(lambda: board.seen[-1:] == [bytes.fromhex("f5 0a 00")])
     assert b"".join(board.seen) == bytes.fromhex("f7 f4 09 01 f5 09 00 f4 0a 01 f5 0a 00")
-    assert opened.stop_frame(Stop.HOLD) == b"\xf7"
+    assert opened.stop_frames(Stop.HOLD) == (b"\xf7",)
     board.seen.clear()
     loop.until(lambda: any(message[0] == 0xEA for message in board.seen), 1.0, 1.0)
     assert board.seen[0] == b"\xff"
@@ -137,16 +137,16 @@ def test_hold_sends_nothing(board, opened):
 
 
 def test_stop_frames_repeat_the_last_pulses_or_detach(board, opened):
-    assert opened.stop_frame(Stop.HOLD) == b"\xf7"
+    assert opened.stop_frames(Stop.HOLD) == (b"\xf7",)
     loop = Loop(opened)
     loop.until(lambda: any(message[0] == 0xEA for message in board.seen), 0.0, 3.0)
-    hold = opened.stop_frame(Stop.HOLD)
-    assert hold == bytes.fromhex("f7 e9 20 04 ea 60 12")
+    hold = opened.stop_frames(Stop.HOLD)
+    assert hold == (bytes.fromhex("f7 e9 20 04 ea 60 12"),)
     loop.cycle(0.0, 3.0)
-    assert opened.stop_frame(Stop.HOLD) is hold
-    assert opened.stop_frame(Stop.RETRACT) is hold
-    assert opened.stop_frame(Stop.LIMP) == bytes.fromhex("f7 f4 09 01 f5 09 00 f4 0a 01 f5 0a 00")
-    os.write(opened.fileno(), opened.stop_frame(Stop.LIMP))
+    assert opened.stop_frames(Stop.HOLD) is hold
+    assert opened.stop_frames(Stop.RETRACT) is hold
+    assert opened.stop_frames(Stop.LIMP) == (bytes.fromhex("f7 f4 09 01 f5 09 00 f4 0a 01 f5 0a 00"),)
+    os.write(opened.fileno(), *opened.stop_frames(Stop.LIMP))
     board.wait_for(bytes.fromhex("f5 0a 00"))
 
 
@@ -315,6 +315,6 @@ def test_calls_on_a_board_that_is_not_open():
     driver.stop(Stop.LIMP)
     driver.close()
     assert driver.fileno() is None
-    assert driver.stop_frame(Stop.HOLD) == b"\xf7"
+    assert driver.stop_frames(Stop.HOLD) == (b"\xf7",)
     with pytest.raises(DeviceLostError):
         driver.read(0)

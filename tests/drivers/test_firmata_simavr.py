@@ -174,7 +174,7 @@ def test_the_stop_frame_is_obeyed_after_any_message_that_was_cut_short(board, dr
         cycles(driver, board, 0.07, np.array([1.0, 2.0, 1.5, 0.5]))
         sent = list(driver.figures()["pulses_us"].values())
         assert None not in sent
-        os.write(driver.fileno(), cut + driver.stop_frame(category))
+        os.write(driver.fileno(), cut + driver.stop_frames(category)[0])
         expected = [0.0] * 4 if category is Stop.LIMP else sent
         board.wait(0.02)
         assert pulses(board) == pytest.approx(expected, abs=TOLERANCE), cut.hex(" ")

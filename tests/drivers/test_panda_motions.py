@@ -155,6 +155,6 @@ def test_close_stops_a_motion_that_does_not_end(pair):
 
 def test_no_stop_frame_is_needed(pair):
     p = pair(10)
-    assert p.driver.stop_frame(Stop.HOLD) == b""
+    assert p.driver.stop_frames(Stop.HOLD) == ()
     (command,) = p.driver.commands
     assert (command.kind, command.feedback, command.stops[0]) == (Kind.TORQUE, "position", Stop.HOLD)

@@ -258,18 +258,18 @@ def test_closing_switches_the_motor_off(server, opened):
 @pytest.mark.parametrize("cut", [0, 1, 3, 5, 8])
 def test_the_limp_frame_stops_it_whatever_was_cut_short(server, opened, cut):
     until(lambda: opened._motor is Motor.ON and opened._sent is not None, to(opened, 0.2))
-    assert len(opened.stop_frame(Stop.LIMP)) <= 496
+    assert sum(map(len, opened.stop_frames(Stop.LIMP))) <= 496
     os.write(opened.fileno(), protocol.set_inputs(1, 9000)[:cut])
-    os.write(opened.fileno(), opened.stop_frame(Stop.LIMP))
+    os.write(opened.fileno(), *opened.stop_frames(Stop.LIMP))
     until(lambda: not server.twin.figures()["active"])
     assert server.twin.figures()["watchdog_trips"] == 0
 
 
 def test_the_hold_frame_keeps_the_grip_of_a_hand_whose_host_died(server, guarded):
     until(lambda: position(guarded) > 0.3, to(guarded, 0.4))
-    frame = guarded.stop_frame(Stop.HOLD)
-    assert guarded.stop_frame(Stop.HOLD) is frame
-    os.write(guarded.fileno(), frame)
+    frames = guarded.stop_frames(Stop.HOLD)
+    assert guarded.stop_frames(Stop.HOLD) is frames
+    os.write(guarded.fileno(), *frames)
     until(lambda: server.twin.figures()["watchdog_ms"] == 0)
     time.sleep(0.4)  # longer than the watchdog was
     assert server.twin.figures()["active"]
@@ -278,7 +278,7 @@ def test_the_hold_frame_keeps_the_grip_of_a_hand_whose_host_died(server, guarded
 
 def test_a_service_that_starts_again_doesn_t_let_go_what_the_hand_holds(server, guarded):
     until(lambda: position(guarded) > 0.3, to(guarded, 0.4))
-    os.write(guarded.fileno(), guarded.stop_frame(Stop.HOLD))
+    os.write(guarded.fileno(), *guarded.stop_frames(Stop.HOLD))
     until(lambda: server.twin.figures()["watchdog_ms"] == 0)
     link, guarded._link = guarded._link, None  # the loop died
     link.close()
@@ -296,7 +296,7 @@ def test_a_service_that_starts_again_doesn_t_let_go_what_the_hand_holds(server, 
 
 
 def test_before_any_command_the_hold_frame_is_off_too(opened):
-    assert opened.stop_frame(Stop.HOLD) == opened.stop_frame(Stop.LIMP)
+    assert opened.stop_frames(Stop.HOLD) == opened.stop_frames(Stop.LIMP)
 
 
 def test_an_adapter_s_echo_isn_t_taken_for_answers():
@@ -349,7 +349,7 @@ def test_wrong_options_are_said(config):
 
 def test_limp_lets_go_of_a_hand_that_was_found_switched_on(server, guarded):
     until(lambda: position(guarded) > 0.3, to(guarded, 0.4))
-    os.write(guarded.fileno(), guarded.stop_frame(Stop.HOLD))
+    os.write(guarded.fileno(), *guarded.stop_frames(Stop.HOLD))
     until(lambda: server.twin.figures()["watchdog_ms"] == 0)
     link, guarded._link = guarded._link, None  # the loop died, its supervisor had the hand hold on
     link.close()

@@ -335,10 +335,10 @@ def test_stop_ramps_down_and_holds(rig):
 def test_the_stop_frame_stops_the_arm_from_another_process(rig):
     driver = rig.open()
     rig.follow(V, 200)
-    frame = driver.stop_frame(Stop.HOLD)
-    assert frame is driver.stop_frame(Stop.BRAKE)
+    frames = driver.stop_frames(Stop.HOLD)
+    assert frames is driver.stop_frames(Stop.BRAKE)
     copy = os.dup(driver.fileno())
-    os.write(copy, frame)
+    os.write(copy, *frames)
     os.close(copy)
     rig.settle()
     rig.bench.run(0.15)
@@ -350,7 +350,7 @@ def test_a_stop_frame_behind_half_a_command_ends_the_connection_and_the_arm_stop
     driver = rig.open()
     rig.follow(V, 200)
     os.write(driver.fileno(), registers.command(1, 5, 1, 9, 25, V.tolist())[:30])
-    os.write(driver.fileno(), driver.stop_frame(Stop.HOLD))
+    os.write(driver.fileno(), *driver.stop_frames(Stop.HOLD))
     rig.bench.run(0.3)
     assert speed(rig.fake) < 0.005
 

@@ -60,7 +60,7 @@ class LoopDouble:
         """As the loop does when an actuator is open, and after its first command."""
         self.channel.send({"say": "actuator", "slot": slot, "name": f"servo {slot}"}, descriptor)
         assert self.supervisor.step()
-        self.slots.write(slot, frame)
+        self.slots.write(slot, (frame,))
 
     def run(self, rows: int = 3) -> None:
         """Makes the run's files, and says that the loop runs."""

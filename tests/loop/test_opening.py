@@ -167,7 +167,7 @@ def test_closing_a_device_ends_its_idle_thread() -> None:
 
 def test_a_driver_that_fails_to_give_its_stop_frame_or_its_descriptor_ends_no_loop() -> None:
     class Defective(Counted):
-        def stop_frame(self, category: Stop) -> bytes:
+        def stop_frames(self, category: Stop) -> tuple[bytes, ...]:
             raise ZeroDivisionError
 
         def fileno(self) -> int | None:
@@ -175,7 +175,7 @@ def test_a_driver_that_fails_to_give_its_stop_frame_or_its_descriptor_ends_no_lo
 
     events: list[str] = []
     found = device(Defective(), events)
-    assert found.stop_frame(Stop.HOLD, 0) is None
+    assert found.stop_frames(Stop.HOLD, 0) is None
     assert found.fileno(0) is None
     assert ["failed to give its" in event for event in events] == [True, True]
     found.read(time.monotonic_ns())

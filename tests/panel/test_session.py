@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from runtime.panel.rows import Condition
+from runtime.ipc.rows import Condition
 from runtime.panel.session import GRACE, LATE, LEAD, Phase, Session
 from runtime.panel.source import Reading
 from runtime.panel.trial import ScreenTrial, Trial

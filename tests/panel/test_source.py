@@ -9,8 +9,8 @@ import pytest
 from helpers.panel import SIGNAL, MadeUpLoop
 
 from runtime.contracts.errors import RecordingError
+from runtime.ipc.rows import LOOK, SILENCE, Condition
 from runtime.ipc.words import LINK_CONNECTED, LINK_STALE, State
-from runtime.panel.rows import LOOK, SILENCE, Condition
 from runtime.panel.source import Source
 
 

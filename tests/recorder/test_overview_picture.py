@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -47,6 +48,51 @@ def test_a_picture_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert plt.imread(png).std() > 0.02  # something is drawn
     assert capsys.readouterr().out.splitlines()[-1] == f"{png}: the wiring and the frames"
     assert not plt.get_fignums()
+
+
+def test_words_are_drawn_as_they_are(tmp_path: Path) -> None:
+    """Two dollars are no formula."""
+    png = tmp_path / "it.png"
+    summary = "summary=a $\\frac{1$ b of $5"
+    frames = "frames={hand: {}, finger: {parent: hand}, 'tip$x^{$': {parent: hand, position: [0.1, 0, 0]}}"
+    assert main(["show", "sixth-finger", "--set", summary, "--set", frames, "--png", str(png)]) == 0
+
+
+def test_a_picture_that_cant_be_written_leaves_the_one_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "mine.yaml").write_text("mine\n")
+    png = tmp_path / "it.png"
+    png.symlink_to(tmp_path / "mine.yaml")
+    assert main(["show", "servo-jog", "--png", str(png)]) == 0
+    assert (tmp_path / "mine.yaml").read_text() == "mine\n"  # a link is replaced, not followed
+    before = png.read_bytes()
+
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    assert main(["show", "sixth-finger", "--png", str(png)]) == 2
+    assert "it.png: it can't be written: No space left on device" in capsys.readouterr().err
+    assert png.read_bytes() == before
+    assert {path.name for path in tmp_path.iterdir()} == {"mine.yaml", "it.png"}
+
+
+def test_a_range_that_not_all_joints_have_says_so() -> None:
+    assert notes_of("strap-jog")[:2] == ["position unbounded yet (rad)", "position -0.03 to 0.03 m"]
+    motors = (
+        "devices.finger.motors={proximal: {id: 1, model: MX-28}, distal: {id: 2, model: MX-28, lower: -1, upper: 1}}"
+    )
+    assert notes_of("servo-jog", motors)[0] == "position -1 to 1 rad, some unbounded"
+    motors = "devices.finger.motors={proximal: {id: 1, model: MX-28}, distal: {id: 2, model: MX-28}}"
+    assert notes_of("servo-jog", motors)[0] == "no bound of the position yet"
+
+
+def notes_of(name: str, *overrides: str) -> list[str]:
+    graph = wiring.build(*profile.load(name, overrides))
+    made = laid_out(overview(graph, limits_of(graph)))
+    (notes,) = (box.notes for column in made.made for box in column if box.kind == "guard")
+    return notes
 
 
 @pytest.mark.parametrize("name", shelf.shipped())
@@ -135,3 +181,47 @@ def test_axes_point_where_the_frame_is_turned() -> None:
         assert ways[5] == pytest.approx(ways[2])
     finally:
         plt.close(figure)
+
+
+SIZE = (4.2, 2.6)  # inches
+
+
+def names_of(caption: str, triads: list[tuple[str, Pose, int]]) -> Any:
+    figure = plt.figure(figsize=SIZE)
+    axis = figure.add_axes((0.0, 0.0, 1.0, 0.85))
+    frames_picture.paint(axis, caption, triads, (SIZE[0], 0.85 * SIZE[1]))
+    return axis
+
+
+@pytest.mark.parametrize("name", shelf.shipped())
+def test_no_name_of_a_frame_is_cut_off_or_lies_on_another(name: str) -> None:
+    graph = wiring.build(*profile.load(name), [])
+    drawn, _ = frames_picture.groups(overview(graph, limits_of(graph)))
+    for caption, triads in drawn:
+        axis = names_of(caption, triads)
+        try:
+            renderer = axis.figure.canvas.get_renderer()
+            names = [text for text in axis.texts if text.get_text() not in frames_picture.AXES]
+            extents = [text.get_window_extent(renderer) for text in names]
+            for i, extent in enumerate(extents):
+                assert extent.x0 >= 0.0, names[i].get_text()
+                assert extent.x1 <= axis.figure.bbox.width, names[i].get_text()
+                for other in extents[i + 1 :]:
+                    assert not extent.overlaps(other), names[i].get_text()
+        finally:
+            plt.close(axis.figure)
+
+
+def test_many_frames_at_one_place_and_long_names_are_cut_short_and_say_so() -> None:
+    place: Pose = (0.1, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    root: Pose = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    many = [("root", root, -1), *((f"f{i}", place, 0) for i in range(40)), ("l" * 200, (0.0, 0.1, *place[2:]), 0)]
+    axis = names_of("in root", many)
+    try:
+        texts = [text.get_text() for text in axis.texts]
+        assert "f0\nf1\nf2\nf3\nand 36 more" in texts
+        (long,) = (text for text in texts if text.startswith("lll"))
+        assert long.endswith("...")
+        assert len(long) <= 40
+    finally:
+        plt.close(axis.figure)

@@ -31,6 +31,7 @@ from runtime.service import supervisor
 
 DEPLOY = ROOT / "deploy"
 UNIT = DEPLOY / "srl@.service"
+LSL_UNIT = DEPLOY / "srl-lsl@.service"
 RULES = DEPLOY / "99-srl.rules"
 LONGEST_EXPOSURE = 2.5
 WATCHDOG = 1.0  # s
@@ -65,9 +66,24 @@ def test_systemd_accepts_the_unit(tmp_path: Path) -> None:
 
 
 @needs_analyze
-def test_the_unit_is_exposed_no_more_than_it_must(tmp_path: Path) -> None:
-    copy = tmp_path / UNIT.name
-    shutil.copy(UNIT, copy)
+def test_systemd_accepts_the_unit_of_lsl(tmp_path: Path) -> None:
+    command = tmp_path / "srl"
+    command.symlink_to(sys.executable)
+    for unit in (UNIT, LSL_UNIT):
+        (tmp_path / unit.name).write_text(unit.read_text().replace("/opt/srl/bin/srl", str(command)))
+    copy = tmp_path / LSL_UNIT.name
+    done = subprocess.run(["systemd-analyze", "verify", str(copy)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert LSL_UNIT.name not in done.stderr, done.stderr
+    # liblsl listens everywhere: without these two lines the signals are in the network.
+    assert {"IPAddressDeny=any", "IPAddressAllow=localhost"} <= set(copy.read_text().splitlines())
+
+
+@needs_analyze
+@pytest.mark.parametrize("unit", [UNIT, LSL_UNIT], ids=lambda unit: unit.name)
+def test_the_unit_is_exposed_no_more_than_it_must(unit: Path, tmp_path: Path) -> None:
+    copy = tmp_path / unit.name
+    shutil.copy(unit, copy)
     done = subprocess.run(
         ["systemd-analyze", "security", "--offline=true", "--no-pager", str(copy)],
         capture_output=True, text=True, check=False,
@@ -289,7 +305,7 @@ def test_a_run_lives_within_the_units_syscall_rules(tmp_path: Path) -> None:
 def test_udev_rules_are_well_formed() -> None:
     """`udevadm verify` isn't everywhere; the shape of a rule is: KEY OP "value", at least one of them an assignment."""
     item = re.compile(
-        r'^(ACTION|SUBSYSTEMS?|KERNEL|DRIVERS|ATTRS?\{\w+\}|ENV\{\w+\}|GROUP|MODE|SYMLINK)(==|\+=|=)"([^"]+)"$'
+        r'^(ACTION|SUBSYSTEMS?|KERNELS?|DRIVERS|ATTRS?\{\w+\}|ENV\{\w+\}|GROUP|MODE|SYMLINK)(==|\+=|=)"([^"]+)"$'
     )
     text = RULES.read_text()
     rules = [line for line in text.splitlines() if line and not line.startswith("#")]

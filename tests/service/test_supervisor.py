@@ -98,7 +98,7 @@ def test_an_actuator_that_was_handed_over_just_before_the_death_is_stopped(loop:
     ours, theirs = pipe()
     loop.run()
     until(lambda: loop.supervisor.step() and loop.supervisor.running)
-    loop.slots.write(3, b"stop")
+    loop.slots.write(3, (b"stop",))
     loop.supervisor._dying.seen = loop_handing_over(loop, theirs)  # type: ignore[method-assign]
     assert not loop.supervisor.step()
     assert taken(ours) == b"stopstop"

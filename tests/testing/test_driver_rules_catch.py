@@ -81,6 +81,9 @@ def sensor(probe: SimpleNamespace, change: str) -> Case:
             if change == "connected before it is open":
                 self.health.connected = connected
 
+        def stop_frames(self, category: Any) -> Any:
+            return [b"stop"] if change == "no frames" else super().stop_frames(category)
+
         def read(self, now: int) -> None:
             if change == "silent while closed" and self._link is None:
                 return
@@ -188,6 +191,7 @@ SENSOR_FAULTS = [
     ("test_it_says_what_it_gives_and_takes", "not in gives", "`gives` lacks 'force'"),
     ("test_it_is_harmless_while_closed", "can't be closed twice", "it is closed"),
     ("test_it_is_harmless_while_closed", "connected before it is open", "says that it is connected"),
+    ("test_it_is_harmless_while_closed", "no frames", "must give a tuple of bytes"),
     ("test_it_is_lost_while_closed", "silent while closed", "read must raise DeviceLostError"),
     ("test_nobody_there_is_an_error_with_place_and_remedy", "bare error", "lacks 'probe'"),
     ("test_nobody_there_is_an_error_with_place_and_remedy", "opens nothing", "must raise DeviceError"),

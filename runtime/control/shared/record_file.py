@@ -6,20 +6,19 @@ refused; who changes a file on purpose takes the hash out. A file without one is
 
 from __future__ import annotations
 
-import hashlib
 import json
 from pathlib import Path
-from typing import Annotated, Any, Final, TypeVar
+from typing import Annotated, TypeVar
 
 from pydantic import BaseModel, Field, FiniteFloat, ValidationError
 
 from runtime.contracts import whole_file
 from runtime.contracts.errors import SrlError
+from runtime.contracts.sealed import HASH, ChangedError, opened, sealed
 
 NAME = r"^[A-Za-z0-9_.-]{1,64}$"
 Name = Annotated[str, Field(pattern=NAME)]
 Row = tuple[FiniteFloat, ...]
-HASH: Final = "sha256"
 M = TypeVar("M", bound=BaseModel)
 
 
@@ -39,10 +38,10 @@ def read(kind: type[M], path: Path) -> M:
 def parse(kind: type[M], content: bytes, place: str) -> M:
     """Makes the record of a file's content; `place` names the file. Raises RecordError."""
     try:
-        plain = json.loads(content, object_pairs_hook=_once)
-        if isinstance(plain, dict) and plain.pop(HASH, None) not in (None, _hash(plain)):
-            problem = "it was changed after it was written"
-            raise RecordError(place, problem, f'Calibrate again; if you changed it on purpose, take "{HASH}" out')
+        plain = opened(content)
+    except ChangedError as error:
+        remedy = f'Calibrate again; if you changed it on purpose, take "{HASH}" out'
+        raise RecordError(place, str(error), remedy) from None
     except (ValueError, RecursionError) as error:
         problem = f"it is no JSON: {error}" if isinstance(error, ValueError) else "it is nested too deeply"
         raise RecordError(place, problem, "Calibrate again, or name another file") from None
@@ -55,21 +54,8 @@ def parse(kind: type[M], content: bytes, place: str) -> M:
 def write(path: Path, record: BaseModel) -> None:
     """Writes a file whole or not at all, in place of an older one. Raises RecordError."""
     plain = json.loads(record.model_dump_json())
-    text = json.dumps({**plain, HASH: _hash(plain)}, indent=1, ensure_ascii=False) + "\n"
+    text = json.dumps(sealed(plain), indent=1, ensure_ascii=False) + "\n"
     whole_file.write(path, text.encode(), RecordError)
-
-
-def _hash(plain: Any) -> str:
-    return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
-
-
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """An object of a file. Raises ValueError: it has a key twice, of which a reader would take the last."""
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        twice = next(key for i, (key, _) in enumerate(pairs) if key in dict(pairs[:i]))
-        raise ValueError(f"'{twice}' is there twice")
-    return found
 
 
 def refused(place: str, error: ValidationError, remedy: str) -> RecordError:

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
 from drivers.cyberglove import CyberGlove, calibration
+from drivers.cyberglove.calibration import Calibration
 from drivers.cyberglove.driver import CyberGloveConfig
 from drivers.cyberglove.protocol import LABELS, LABELS_22
 from runtime.contracts.driver import DeviceConfig, Sensor
-from runtime.contracts.errors import DeviceLostError
+from runtime.contracts.errors import DeviceLostError, ProfileError, nearest
 from runtime.contracts.signals import Array
 from runtime.contracts.world import Fake, FakeConfig, World
 from sim.devices.shared.noise import SampleNoise
@@ -33,6 +34,9 @@ class FakeCyberGloveConfig(FakeConfig):
     noise: float = Field(default=0.004, ge=0, description="rad, standard deviation of each sensor, before quantisation")
     delay: float = Field(default=0.008, ge=0, le=0.5, description="s, from sampling to arrival")
     quantise: bool = Field(default=True, description="angles as raw bytes give them, as the real glove's")
+    characteristic: dict[str, calibration.Fit] = Field(
+        default={}, description="how sensors of the glove truly bend, by name; others: as its calibration says"
+    )
     dropout: float = Field(default=0.0, ge=0, le=1, description="probability that a sample is lost on its way")
     loss: Annotated[Windows, AfterValidator(rising)] = Field(
         default=(), description="s, [from, to] pairs in world time during which the glove is gone"
@@ -63,7 +67,14 @@ class FakeCyberGlove(Sensor, Fake):
         self._delay = round(options.delay * 1e9)
         self.set_period(Fraction(10**9) / Fraction(options.rate).limit_denominator(10**6))
         self._noise = SampleNoise(world.seed, name, config.sensors, options.noise)
+        self._raw = config.raw
         self._calibration: calibration.Calibration | None = None
+        self._truth: Calibration | None = None
+        for sensor in options.characteristic:
+            if sensor not in LABELS[config.sensors]:
+                place = f"sim.devices.{name}.characteristic.{sensor}"
+                problem = f"a glove of {config.sensors} sensors has none of this name"
+                raise ProfileError(place, problem, nearest(sensor, LABELS[config.sensors]))
 
     def open(self) -> None:
         self.close()
@@ -71,7 +82,7 @@ class FakeCyberGlove(Sensor, Fake):
         self.calibration()
         self._last = self.newest() - 1
         self.health.opened()
-        self.health.message = self.calibration().note
+        self.health.message = "" if self._raw else self.calibration().note
 
     def read(self, now: int) -> None:
         if not self.health.connected or inside(self._options.loss, self.world.time):
@@ -93,7 +104,11 @@ class FakeCyberGlove(Sensor, Fake):
         if arrived < 0:
             return
         angles, taken = self._measured(arrived), self.taken_at(arrived)
-        if self._options.quantise:
+        if self._raw:
+            self.state_arrays["raw"][:] = self.raw(angles)
+        elif self._options.characteristic:
+            self.calibration().angles(self.raw(angles).tobytes(), self.state_arrays["position"])
+        elif self._options.quantise:
             self.calibration().quantise(angles, self.state_arrays["position"])
         else:
             self.state_arrays["position"][:] = angles
@@ -128,8 +143,8 @@ class FakeCyberGlove(Sensor, Fake):
         return None if number < 0 or self._is_lost(number) else self._measured(number)
 
     def raw(self, angles: Array) -> NDArray[np.uint8]:
-        """(n,) bytes 1..255, converted with the calibration; beyond its ends a sensor saturates."""
-        return self.calibration().raw(angles)
+        """(n,) bytes 1..255, as the glove truly bends; beyond its ends a sensor saturates."""
+        return self._true().raw(angles)
 
     def switch(self, at: int) -> bool:
         """Whether the wrist switch is on at world time `at` (ns)."""
@@ -145,6 +160,15 @@ class FakeCyberGlove(Sensor, Fake):
             file, sensors = self._config.calibration, self._config.sensors
             self._calibration = calibration.load(file, sensors) if file else calibration.default(sensors)
         return self._calibration
+
+    def _true(self) -> Calibration:
+        """How the glove truly bends. Raises ProfileError: the calibration's file is wrong."""
+        if self._truth is None:
+            own, known = self._options.characteristic, self.calibration()
+            labels = LABELS[self._config.sensors]
+            rows = [own[name].angles() if name in own else known.table[i] for i, name in enumerate(labels)]
+            self._truth = Calibration(np.array(rows)) if own else known
+        return self._truth
 
     def _is_lost(self, number: int) -> bool:
         dropout = self._options.dropout

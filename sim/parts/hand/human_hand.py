@@ -14,7 +14,7 @@ from runtime.contracts.terms import POINT, POSE
 from runtime.control.hand.human_hand import FINGERS
 from runtime.control.models import HandOption, named
 from sim.parts.hand.hand import add_hand
-from sim.wearer import Wearer, WearerConfig, make_wearer
+from sim.wearer import ToldWearer, Wearer, WearerConfig, make_wearer
 from sim.world.part import Mjcf, Part, PartConfig
 
 _TICK: Final = 10_000_000  # ns; period at which the wearer's intention is read and the hand's motion is stored
@@ -111,10 +111,13 @@ class HumanHandPart(Part):
         truth[f"{self.name}_pose"][:3], truth[f"{self.name}_pose"][3:] = self._origin, self._turn
 
     def save(self) -> Array:
-        return self._past.ravel().copy()
+        told = self.wearer.save() if isinstance(self.wearer, ToldWearer) else np.empty(0)
+        return np.concatenate([self._past.ravel(), told])
 
     def restore(self, state: Array) -> None:
-        self._past[...] = state.reshape(self._past.shape)
+        self._past[...] = state[: self._past.size].reshape(self._past.shape)
+        if isinstance(self.wearer, ToldWearer):
+            self.wearer.restore(state[self._past.size :])
 
     def position(self, at: int | None = None) -> Array:
         """Joint angles of the hand (20,), rad.

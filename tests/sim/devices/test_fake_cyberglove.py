@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from drivers.cyberglove import CyberGlove, calibration
 from drivers.cyberglove.protocol import LABELS
-from runtime.contracts.errors import DeviceError, DeviceLostError, WiringError
+from runtime.contracts.errors import DeviceError, DeviceLostError, ProfileError, WiringError
 from runtime.control.hand.human_hand import RANGES
 from sim.devices.cyberglove.fake import FakeCyberGlove
 from sim.wearer.joints import to_glove, to_model
@@ -45,6 +45,39 @@ def test_it_declares_what_the_driver_declares(sensors):
     assert fake.max_age == real.max_age
     assert FakeCyberGlove.Config is CyberGlove.Config
     assert fake.fileno() is None
+
+
+def test_raw_gives_the_counts_and_no_angles():
+    w = world()
+    config = FakeCyberGlove.Config(port="/dev/ttyUSB0", raw=True)
+    fake = bind(FakeCyberGlove("glove", config, w, FakeCyberGlove.Options(noise=0.0, delay=0.0)))
+    assert fake.states == CyberGlove("glove", config).states
+    fake.open()
+    w.advance(1000 * MS)
+    fake.read(w.time)
+    counts = calibration.default(22).raw(to_glove(w.truth_arrays["hand_position"]))
+    assert set(fake.state_arrays) == {"raw", "buttons"}
+    np.testing.assert_array_equal(fake.state_arrays["raw"], counts)
+    assert fake.health.message == ""
+
+
+def test_a_hidden_characteristic_is_read_with_the_calibration_that_the_profile_names():
+    w = world()
+    index = LABELS[22].index("index_mpj")
+    own, plain = (
+        glove(w, noise=0.0, delay=0.0, characteristic={"index_mpj": {"gain": -0.02, "offset": 190}}),
+        glove(w, noise=0.0, delay=0.0),
+    )
+    w.advance(1000 * MS)
+    for fake in (own, plain):
+        fake.read(w.time)
+    true = to_glove(w.truth_arrays["hand_position"])[index]
+    count = round(190 - true / 0.02)
+    assert own.state_arrays["position"][index] == calibration.default(22).table[index, count]
+    others = np.arange(22) != index
+    np.testing.assert_array_equal(own.state_arrays["position"][others], plain.state_arrays["position"][others])
+    with pytest.raises(ProfileError, match="a glove of 22 sensors has none of this name"):
+        glove(world(), characteristic={"toe": {"gain": 1.0, "offset": 0.0}})
 
 
 @given(arrays(float, 20, elements=st.floats(0, 1)))

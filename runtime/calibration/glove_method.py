@@ -1,0 +1,192 @@
+"""How a data glove is calibrated: the hand takes known shapes, and each sensor's characteristic is found."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any, ClassVar, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.calibration import device_cut, glove_report
+from runtime.calibration.device_cut import cut_to_device
+from runtime.calibration.glove_report import Result
+from runtime.calibration.method import Method, Say, kept, settings
+from runtime.calibration.order import Order
+from runtime.calibration.run_taps import RunTaps, marks_law, words
+from runtime.contracts.errors import ProfileError, RecordingError, RequestError, WiringError, nearest
+from runtime.contracts.glove_record import FORMAT, GloveRecord
+from runtime.control.glove.fit import GloveError, Thresholds, fit, refusals
+from runtime.control.glove.procedure import Procedure
+from runtime.control.glove.samples import GloveMarksConfig, Plan, Samples, held, joined
+from runtime.control.glove.shapes import LAST, Angles
+from runtime.control.shared.marks import stretch_of
+from runtime.ipc.layout import Layout
+from runtime.profile.graph import Graph
+from runtime.profile.profile import Profile
+from runtime.profile.source import Source
+
+NAME: Final = "glove"
+MARKS: Final = "glove-marks"
+_HAND: Final = "human-hand"
+
+
+@dataclass(frozen=True)
+class Taps(RunTaps):
+    """What is read of a glove. Attributes: `options` of the marks' law; `raw` (n,), of all sensors."""
+
+    options: GloveMarksConfig
+    raw: NDArray[np.intp]
+
+    @property
+    def person(self) -> str:
+        return self.options.person
+
+    @property
+    def parameter(self) -> str:
+        return f"{MARKS}.mark"
+
+    def samples(self, rows: NDArray[np.int64]) -> Samples:
+        rows = rows[self.active(rows)]
+        floats = self.floats(rows)
+        return Samples(self.times(rows), floats[:, self.raw], self.marks(floats))
+
+
+class GloveMethod(Method[Taps, Result]):
+    """See the module's docstring."""
+
+    name, law, option, kind, error = NAME, "", "calibration", GloveRecord, GloveError
+    thing = "shapes"
+    report: ClassVar[ModuleType] = glove_report
+
+    def __init__(self, order: Order, checked: Profile, source: Source, target: Path, say: Say) -> None:
+        super().__init__(order, checked, source, target, say)
+        found = _settings(order)
+        self._plan, self._angles, self._thresholds = found["plan"], found["angles"], found["thresholds"]
+        self._device = device_cut.device(checked, source, NAME, self._plan.device)
+
+    @classmethod
+    def named(cls, order: Order, checked: Profile, source: Source) -> Path | None:
+        chosen = _settings(order)["plan"].device
+        return device_cut.named(checked, source, device_cut.device(checked, source, NAME, chosen))
+
+    def cut(self, person: str) -> tuple[Profile, Source]:
+        def marks(graph: Graph) -> dict[str, Any]:
+            return self._marks(person, graph)
+
+        return cut_to_device(self.checked, self.source, self._device, self._bare, marks, self.order.sim)
+
+    def _bare(self, plain: dict[str, Any]) -> None:
+        """The glove gives its counts, and a simulated hand does what it is told; nothing else is there."""
+        entry = plain["devices"][self._device]
+        entry.pop("calibration", None)
+        entry["raw"] = True
+        if not self.order.sim:
+            plain.pop("sim", None)
+            return
+        sim = plain.get("sim") or {}
+        parts: dict[str, Any] = sim.get("parts") or {}
+        hands = [name for name, part in parts.items() if part.get("part") == _HAND]
+        named = (sim.get("devices") or {}).get(self._device, {}).get("part", self._device)
+        hand = named if named in hands else hands[0] if len(hands) == 1 else None
+        if hand is None:
+            problem = f"the simulated world has {len(hands)} parts '{_HAND}', and none is called '{self._device}'"
+            remedy = f"Add one, or name it: sim.devices.{self._device}.part"
+            raise ProfileError(self.source.place("sim.parts"), problem, remedy)
+        part = {key: value for key, value in parts[hand].items() if key != "at"}
+        part["wearer"] = {"told": True, "miss": (part.get("wearer") or {}).get("miss", 0.0)}
+        sim["parts"] = {hand: part}
+        sim.pop("floor", None)  # the hand's origin lies in it, with the arm left out
+
+    def _marks(self, person: str, graph: Graph) -> dict[str, Any]:
+        """The entry of the marks' law. Raises WiringError: it doesn't give its sensors' counts."""
+        signal = f"{self._device}.raw"
+        field = graph.layout.fields.get(signal)
+        if field is None or not field.labels:
+            place = self.source.place(f"devices.{self._device}")
+            raise WiringError(place, f"there is no '{signal}' of named sensors", "Use a driver of srl's for the glove")
+        self._check_left(field.labels)
+        (driver,) = graph.devices
+        return {
+            "use": MARKS, "name": MARKS, "person": person, "signal": signal,
+            "hand": getattr(driver.config, "hand", "right"), "sensors": list(field.labels),
+            "plan": self._plan.model_dump(), "angles": self._angles.model_dump(),
+            "thresholds": self._thresholds.model_dump(),
+        }  # fmt: skip
+
+    def _check_left(self, sensors: Sequence[str]) -> None:
+        """Raises RequestError: what is left to an average hand is no sensor, or all are."""
+        for name in self._plan.left:
+            if name not in sensors:
+                raise RequestError("--option average", f"the glove has no sensor '{name}'", nearest(name, sensors))
+        if set(sensors) <= set(self._plan.left):
+            raise RequestError("--option average", "no sensor is left to calibrate", "Name fewer")
+
+    def taps(self, layout: Layout, place: str) -> Taps:
+        _, entry = marks_law(layout, place, MARKS)
+        if entry is None:
+            problem = "it has no marks, so which samples belong to which shape isn't known"
+            raise RecordingError(place, problem, f"Use a recording of `srl calibrate PROFILE {NAME}`")
+        options = GloveMarksConfig.model_validate(entry.options)
+        raw = words(layout, [f"{options.signal}[{name}]" for name in options.sensors], place)
+        return Taps(layout, layout.fields[f"{MARKS}.mark"].offset, options, raw)
+
+    def ready(self, taps: Taps) -> None:
+        if taps.options.hand != (ours := self.checked.devices[self._device].options.get("hand", "right")):
+            problem = f"it is of a {taps.options.hand} hand, the profile's glove of a {ours} one"
+            raise RequestError("--recording", problem, "Name a recording of this glove")
+
+    def same(self, one: Taps, other: Taps) -> bool:
+        keys = ("signal", "hand", "sensors", "angles", "plan")
+        return all(getattr(one.options, key) == getattr(other.options, key) for key in keys)
+
+    def take(self, older: Taps) -> Taps:
+        self._plan, self._angles = kept(older.options.plan, self._plan), kept(older.options.angles, self._angles)
+        self._thresholds = kept(older.options.thresholds, self._thresholds)
+        self._check_left(older.options.sensors)
+        update = {"plan": self._plan, "thresholds": self._thresholds, "angles": self._angles}
+        return replace(older, options=older.options.model_copy(update=update))
+
+    def ended(self, samples: Samples) -> Samples:
+        marks = samples.marks.copy()
+        if len(marks) and 0 < marks[-1] <= LAST:
+            marks[stretch_of(marks, marks[-1])] = 0
+        return replace(samples, marks=marks)
+
+    def procedure(self, before: Sequence[Any]) -> Procedure:
+        return Procedure(self._sensors(), self._plan, self._angles, self._thresholds, bool(before))
+
+    def _sensors(self) -> tuple[str, ...]:
+        made, _ = self.cut(self.order.person or "P0")
+        (entry,) = made.controllers
+        return tuple(entry.options["sensors"])
+
+    def compute(self, taps: Taps, parts: Sequence[Any], date: datetime.date) -> Result:
+        options = taps.options
+        found = held(joined(parts), options.own, options.angles, options.plan, options.thresholds)
+        glove = fit([options.sensors[i] for i in options.own], found, options.angles)
+        refused = refusals(glove, options.angles, options.thresholds)
+        return Result(options, taps.simulated, glove, date, refused)
+
+    def record(self, result: Result) -> GloveRecord:
+        glove, options = result.glove, result.options
+        lines = {
+            name: {"gain": float(f"{gain:.8g}"), "offset": round(float(offset), 4), "noise": round(float(noise), 3)}
+            for name, gain, offset, noise in zip(glove.sensors, glove.gain, glove.offset, glove.noise, strict=True)
+        }
+        return GloveRecord.model_validate(
+            {
+                "format": FORMAT, "person": options.person, "date": result.date, "hand": options.hand,
+                "simulated": result.simulated, "signal": options.signal, "sensors": lines,
+                "average": [name for name in options.sensors if name in options.plan.left],
+                "uncertain": round(float(glove.uncertain.max()), 6), "again": round(float(glove.again.max()), 6),
+            }
+        )  # fmt: skip
+
+
+def _settings(order: Order) -> dict[str, Any]:
+    return settings(order, {"plan": Plan, "angles": Angles, "thresholds": Thresholds})

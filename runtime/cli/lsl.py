@@ -1,0 +1,60 @@
+"""`srl lsl`: an instance's signals as streams of the Lab Streaming Layer, for a lab's recorder."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import time
+
+from runtime.cli import add_command
+from runtime.cli.instance import choose
+
+POLL = 0.005  # s between looks for new rows
+NEWS = 1.0  # s between looks for what to tell
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Registers the command."""
+    parser = add_command(
+        subparsers, "lsl", "srl lsl sixth-finger --signals glove.position finger.position_command.sent"
+    )
+    parser.add_argument("instance", nargs="?", help="its name; not needed where only one runs")
+    parser.add_argument(
+        "--signals", nargs="+", required=True, metavar="SIGNAL", help="signals, or elements as in glove.position[0]"
+    )
+    parser.add_argument(
+        "--exposed", action="store_true", help="also in the network; everyone there may read it, without a password"
+    )
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Sends until Ctrl-C or SIGTERM, over restarts of the loop too."""
+    from runtime.export.lsl_outlet import Outlet, library
+    from runtime.export.lsl_reach import refuse_strangers
+
+    ended: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda got, _: ended.append(got))
+    lsl = library(args.exposed)
+    if not args.exposed:
+        refuse_strangers()
+    outlet = Outlet(lsl, choose(args.instance), args.signals)
+    told, lost, due = "", 0, 0.0
+    try:
+        while not ended:
+            now = time.monotonic()
+            outlet.follow(now)
+            if now >= due:
+                due = now + NEWS
+                if outlet.description != told:
+                    told = outlet.description
+                    print(f"{told} (Ctrl-C ends)", flush=True)
+                if outlet.lost > lost:
+                    print(f"{outlet.lost - lost} rows were lost: this process had no time", flush=True)
+                    lost = outlet.lost
+            time.sleep(POLL)
+    finally:
+        outlet.close()
+    print(f"{outlet.sent} rows were sent, {outlet.lost} lost", flush=True)
+    return 0

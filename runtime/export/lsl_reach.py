@@ -1,0 +1,52 @@
+"""Whether another machine could read what this process serves on every address: tried, not believed."""
+
+from __future__ import annotations
+
+import re
+import socket
+from pathlib import Path
+from typing import Final
+
+from runtime.contracts.errors import RequestError
+
+PATIENCE: Final = 0.3  # s for a connection of this machine to itself
+PORTS: Final = "16571 to 16603"
+ADDRESSES: Final = Path("/proc/net/fib_trie")  # those of all interfaces, in this network namespace
+
+
+def reachable() -> list[str]:
+    """The addresses, other than loopback, at which a listener of this process answers.
+
+    A process in a network namespace of its own has no such address. Where the service manager filters addresses
+    (`IPAddressDeny=`), none answers. A firewall isn't seen: the machine's connections to itself don't pass it.
+    """
+    found = []
+    for address in _addresses():
+        with socket.socket() as listener, socket.socket() as caller:
+            try:
+                listener.bind((address, 0))
+                listener.listen(1)
+                caller.settimeout(PATIENCE)
+                caller.connect(listener.getsockname())
+            except OSError:
+                continue
+        found.append(address)
+    return found
+
+
+def refuse_strangers() -> None:
+    """Raises RequestError: other machines could read the streams."""
+    addresses = reachable()
+    if addresses:
+        problem = f"LSL has no password, and other machines could read it at {', '.join(addresses)}"
+        remedy = (
+            f"Start it as the service srl-lsl@ (docs/lsl.md), or say --exposed if all in the network may, "
+            f"or if a firewall closes the ports {PORTS}"
+        )
+        raise RequestError("the network", problem, remedy)
+
+
+def _addresses() -> list[str]:
+    """This machine's IPv4 addresses but for loopback; liblsl's IPv6 is off where this counts."""
+    found = re.findall(r"-- ([0-9.]+)\n\s*/32 host LOCAL", ADDRESSES.read_text())
+    return sorted({address for address in found if not address.startswith("127.")})
