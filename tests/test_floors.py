@@ -39,6 +39,7 @@ ROOMS: dict[str, set[str]] = {
     "runtime.jog": LOOP | {"runtime.service"},
     "runtime.operator": LOOP | {"runtime.bus", "runtime.panel"},
     "runtime.export": LOOP,
+    "runtime.testing": LOOP,
     "runtime.cli": LOOP
     | {"runtime.bus", "runtime.recorder", "runtime.panel", "runtime.service", "runtime.calibration"}
     | {"runtime.export", "runtime.jog", "runtime.operator"},
@@ -47,7 +48,9 @@ ROOMS: dict[str, set[str]] = {
     "sim.wearer": GROUND | {"sim.world", "drivers"} | DESCRIPTIONS,
     "sim.parts": GROUND | {"sim.world", "sim.wearer", "drivers", "runtime.messages"} | DESCRIPTIONS,
     "sim.devices": GROUND | {"sim.world", "sim.wearer", "sim.parts", "drivers", "runtime.messages"} | DESCRIPTIONS,
-    "srl": LOOP | {"runtime.bus", "drivers", "sim.world", "sim.parts.hand", "sim.devices.shared"} | DESCRIPTIONS,
+    "srl": LOOP
+    | {"runtime.bus", "runtime.testing", "drivers", "sim.world", "sim.parts.hand", "sim.devices.shared"}
+    | DESCRIPTIONS,
 }
 
 

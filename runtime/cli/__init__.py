@@ -13,7 +13,7 @@ from runtime.contracts.errors import SrlError
 
 COMMANDS = {
     "list": "lists drivers, controllers and profiles",
-    "new": "writes a profile of your own, begun as one of these",
+    "new": "writes a profile of your own, or a package for a device of your own",
     "check": "checks a profile and prints its wiring",
     "show": "shows a profile's devices, wiring and frames, as text or as a picture",
     "run": "runs a profile",

@@ -1,4 +1,8 @@
-"""`srl new`: writes a user's own profile, begun as one that comes with the runtime, and checks it."""
+"""`srl new`: writes a user's own profile, begun as one that comes with the runtime, and checks it.
+
+`srl new device NAME` writes a package for a device instead (`runtime.cli.new_device`). The word `device` alone is a
+profile's name like any other, where `--from` says what it begins as.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +31,8 @@ from runtime.profile.overrides import split
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Registers the command."""
     parser = add_command(subparsers, "new", "srl new my-finger --from sixth-finger --port finger=/dev/ttyACM1")
-    parser.add_argument("name", metavar="NAME", help="the profile's own name: a-z, 0-9, - and _")
+    parser.add_argument("name", metavar="NAME", help="the profile's own name: a-z, 0-9, - and _; or the word device")
+    parser.add_argument("device", nargs="?", metavar="DEVICE", help="after the word device: that one's own name")
     parser.add_argument(
         "--from", dest="template", metavar="PROFILE", help="begin as this one (srl list); left out: asks, on a terminal"
     )
@@ -35,7 +40,9 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument(
         "--port", action="append", default=[], metavar="DEVICE=PORT", help="a device's port (srl find-port lists them)"
     )
-    parser.add_argument("-o", "--out", type=Path, metavar="FILE", help="default: NAME.yaml, here")
+    parser.add_argument(
+        "-o", "--out", type=Path, metavar="FILE", help="default: NAME.yaml, here; a device's folder: srl-DEVICE"
+    )
     parser.add_argument(
         "--yes", action="store_true", help="replace a file that is there; it is kept as FILE.old, FILE.old.2, ..."
     )
@@ -44,6 +51,11 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> int:
     """Writes the file, checks it and says what comes next. Returns 0; what is wrong is raised, and nothing written."""
+    if args.device is not None:
+        return _device(args)
+    if args.name == "device" and args.template is None:
+        problem = "it isn't said which device"
+        raise RequestError("srl new device", problem, "Give its name; for a profile called device, say --from PROFILE")
     check_name(args.name)
     target = _target(args)
     template, ports = args.template, list(args.port)
@@ -80,6 +92,15 @@ def run(args: argparse.Namespace) -> int:
     print(f"{target}: begun as {template}" + f"; the one before is {kept}" * (kept is not None))
     _tell(str(target), template, graph, simulated)
     return 0
+
+
+def _device(args: argparse.Namespace) -> int:
+    if args.name != "device":
+        problem = f"'{args.device}' is one name too many"
+        raise RequestError("NAME", problem, "A name has no blanks; for a device's package: srl new device NAME")
+    from runtime.cli import new_device
+
+    return new_device.write(args)
 
 
 def _target(args: argparse.Namespace) -> Path:

@@ -69,6 +69,7 @@ class FakeBase(SampledFake):
         self.state_arrays["pose"][:] = protocol.carried(self._pose, self._twist, age)
 
     def write(self, now: int) -> None:
+        self.check_there()
         values = self.command_arrays[COMMAND]
         if np.isfinite(values).all():
             self.obey(*np.clip(values, -self._top, self._top).tolist())

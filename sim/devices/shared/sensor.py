@@ -93,11 +93,7 @@ class SampledFake(Fake):
         self.health.opened()
 
     def read(self, now: int) -> None:
-        if not self.health.connected or inside(self._sensor_options.loss, self.world.time):
-            self.health.connected = False
-            raise DeviceLostError(
-                self.name, "the simulated device is gone", "It comes back at the end of its 'loss' window"
-            )
+        self.check_there()
         newest = self.newest()
         if newest < self._last:  # the world was restored to an earlier state
             self._last = newest - 1
@@ -118,6 +114,14 @@ class SampledFake(Fake):
 
     def close(self) -> None:
         self.health.connected = False
+
+    def check_there(self) -> None:
+        """Raises DeviceLostError while the device isn't open, or is gone; `read` does it, and `write` must."""
+        if not self.health.connected or inside(self._sensor_options.loss, self.world.time):
+            self.health.connected = False
+            raise DeviceLostError(
+                self.name, "the simulated device is gone", "It comes back at the end of its 'loss' window"
+            )
 
     # -- the sensor itself, used by the fake and the twin
 

@@ -11,11 +11,9 @@ from drivers.softhand import SoftHand
 from drivers.softhand.config import USUAL, SoftHandConfig
 from drivers.softhand.driver import COMMAND
 from runtime.contracts.driver import DeviceConfig
-from runtime.contracts.errors import DeviceLostError
 from runtime.contracts.signals import Array, Stop
 from runtime.contracts.world import FakeConfig, World
 from sim.devices.shared.sensor import SampledFake, SensorOptions
-from sim.devices.shared.windows import inside
 from sim.parts.robots.softhand import CLOSED, SoftHandPart
 
 CURRENT_NOISE: Final = 0.005  # A per encoder tick of noise
@@ -51,11 +49,7 @@ class FakeSoftHand(SampledFake):
 
     def write(self, now: int) -> None:
         """See `Driver.write`."""
-        if not self.health.connected or inside(self._sensor_options.loss, self.world.time):
-            self.health.connected = False
-            raise DeviceLostError(
-                self.name, "the simulated hand is gone", "It comes back at the end of its 'loss' window"
-            )
+        self.check_there()
         if not self.active:
             self.activate(True)
         closure = float(self.command_arrays[COMMAND][0])

@@ -185,6 +185,7 @@ class FakeUr(SampledFake):
             arrays["buttons"][:] = [bits >> number & 1 for number in config.buttons.values()]
 
     def write(self, now: int) -> None:
+        self.check_there()
         values = self.command_arrays[self._command].tolist()
         if self._program is not None and not self.health.fault and isfinite(sum(values)):
             self._program.follow(values)

@@ -1,0 +1,108 @@
+"""What every control law must do: one rule a function. Each raises AssertionError, which says what is wrong.
+
+Each takes a bound law, values for its inputs, and where the commanded outputs are at the reset.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from runtime.contracts.controller import Controller
+from runtime.contracts.signals import Array
+
+Values = Mapping[str, Array]
+STEPS = 100
+PERIOD = 0.01  # s
+JUMP = 1e-6  # the largest difference from where the limb is, in the output's unit
+
+
+def names_its_elements(law: Controller) -> None:
+    """Wiring goes by names, so each element of each port has one."""
+    for signal in (*law.inputs, *law.outputs):
+        assert not (fault := signal.naming_fault()), f"{_name(law)}.{signal.name}: {fault}"
+
+
+def starts_where_the_limb_is(law: Controller, inputs: Values, start: Values) -> None:
+    """The first output after a reset is what was applied: nothing jumps."""
+    _begin(law, inputs, start)
+    law.update(1e-9)
+    for key, value in start.items():
+        jump = float(np.max(np.abs(law.output[key] - value), initial=0.0))
+        assert jump < JUMP, f"{_name(law)}.{key} jumps by {jump:g} at its reset"
+
+
+def stays_finite(law: Controller, inputs: Values, start: Values) -> None:
+    """Finite inputs give finite outputs, in every cycle."""
+    for made in _run(law, inputs, start):
+        for key, values in made.items():
+            assert np.isfinite(values).all(), f"{_name(law)}.{key} isn't finite for finite inputs"
+
+
+def repeats_exactly(law: Controller, inputs: Values, start: Values, other: Controller | None = None) -> None:
+    """The same inputs give the same bits after a reset, and in `other`, which is as new: so a replay repeats a run."""
+    one = _bits(law, inputs, start)
+    assert one == _bits(law, inputs, start), (
+        f"{_name(law)} isn't pure: the same inputs gave other outputs after a reset"
+    )
+    if other is not None:
+        again = _bits(other, inputs, start)
+        assert one == again, f"{_name(law)} isn't pure: a second one, with the same inputs, gave other outputs"
+
+
+def writes_only_its_outputs(law: Controller, inputs: Values, start: Values) -> None:
+    """Inputs, what was applied, parameters and transforms are the row's: other parts read them, too."""
+    _begin(law, inputs, start)
+    given = {"input": law.input, "applied": law.applied, "param": law.param, "transform": law.transform}
+    before = {(what, key): array.tobytes() for what, arrays in given.items() for key, array in arrays.items()}
+    law.update(PERIOD)
+    for (what, key), content in before.items():
+        assert given[what][key].tobytes() == content, (
+            f"{_name(law)} has changed its {what} '{key}', which it may only read"
+        )
+
+
+def check_controller(controller: Controller, inputs: Values, start: Values) -> None:
+    """Puts all rules to a law; `ControllerConformance` has them as single tests.
+
+    Args:
+        controller: a bound controller, see `bound`.
+        inputs: values for its inputs, by name.
+        start: values of the commanded outputs at the reset, by output name.
+    Raises:
+        AssertionError: its text says what is wrong.
+    """
+    names_its_elements(controller)
+    for rule in (starts_where_the_limb_is, stays_finite, repeats_exactly, writes_only_its_outputs):
+        rule(controller, inputs, start)
+
+
+def _begin(law: Controller, inputs: Values, start: Values) -> None:
+    for key, value in inputs.items():
+        law.input[key][...] = value
+    for key, value in start.items():
+        law.applied[key][...] = value
+    law.reset()
+
+
+def _run(law: Controller, inputs: Values, start: Values) -> list[dict[str, Array]]:
+    """The outputs of each cycle. What was commanded is what is applied in the next one."""
+    _begin(law, inputs, start)
+    law.update(1e-9)
+    made = []
+    for _ in range(STEPS):
+        law.update(PERIOD)
+        made.append({key: np.array(output) for key, output in law.output.items()})
+        for key, output in law.output.items():
+            if key in law.applied:
+                law.applied[key][...] = output
+    return made
+
+
+def _bits(law: Controller, inputs: Values, start: Values) -> list[bytes]:
+    return [values.tobytes() for made in _run(law, inputs, start) for values in made.values()]
+
+
+def _name(law: Controller) -> str:
+    return type(law).__name__
