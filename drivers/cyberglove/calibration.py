@@ -208,8 +208,9 @@ def _table(path: Path, fits: Mapping[str, Fit], sensors: int) -> Array:
 
 def _one_line(place: str, fit: Fit) -> Array:
     """(256,) rad. Raises ProfileError: numbers so great or small that neighbouring counts have the same angle."""
-    angles = fit.angles()
-    steps = np.diff(angles)
+    with np.errstate(over="ignore", invalid="ignore"):
+        angles = fit.angles()
+        steps = np.diff(angles)
     if not np.isfinite(angles).all() or not ((steps > 0).all() or (steps < 0).all()):
         raise ProfileError(place, "not every count has an angle of its own", "Correct its numbers")
     return angles
