@@ -120,3 +120,14 @@ def test_a_flat_hand_has_a_count(offset: float, made: Path) -> None:
     edited(made, lambda plain: plain["sensors"]["index_mpj"].update(offset=offset))
     with pytest.raises(ProfileError, match=r"index_mpj\.offset"):
         calibration.load(KeptFile.read(made), 22)
+
+
+def test_counts_are_no_control_value(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """1 to 255 would be a stick that is pushed to its end."""
+    (folder / "counts.yaml").write_text(
+        "name: counts\nrate: 100\n"
+        "devices: {glove: {driver: cyberglove, port: /dev/none, raw: true}}\n"
+        "controllers: [{use: axis-position, in: {axis: {from: glove.raw, map: {axis: index_mpj}}}}]\n"
+    )
+    assert main(["check", "counts.yaml"]) == 2
+    assert "units differ: glove.raw has 'count'" in capsys.readouterr().err
