@@ -207,6 +207,7 @@ class Feetech(Driver):
             self._goals.powered[i] = False
             self._goals.stored[i] = np.nan
         faults.clear()
+        self._watch.forget()
         self._unsure = True
         self._name_faults()
 

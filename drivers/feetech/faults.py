@@ -84,6 +84,10 @@ class Watch:
         self._low, self._high = np.array(voltages).T
         self._since: dict[int, int] = {}  # ns, by motor: beyond a limit since then
 
+    def forget(self) -> None:
+        """Begins to count anew, after a reset."""
+        self._since.clear()
+
     def judge(self, temperature: Array, voltage: Array, now: int, faults: FeetechFaults) -> str:
         """Adds to the faults what has been beyond a limit for some time; returns a warning, "" for none."""
         hot = temperature >= self._hottest

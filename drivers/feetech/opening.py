@@ -10,7 +10,7 @@ from drivers.dynamixel.asking import Asker
 from drivers.dynamixel.table import Register
 from drivers.feetech import protocol
 from drivers.feetech.models import STRANGERS, called
-from drivers.feetech.table import BAUDS, POSITION, SEVERAL_TURNS, TABLE
+from drivers.feetech.table import POSITION, SEVERAL_TURNS, TABLE
 from drivers.feetech.units import RETURN_DELAY, FeetechUnits, own_range
 from drivers.transport import Transport, open_transport
 from runtime.contracts.errors import DeviceError
@@ -19,6 +19,7 @@ from runtime.contracts.signals import Limits
 SCAN: Final = 0.1  # s of listening for a broadcast's answers
 _PARTS: Final = ((0, 40), (40, 31))  # (address, size) of the reads that give a servo's registers
 _TRIES: Final = 3
+_RATES: Final = (1_000_000, 115_200, 500_000, 250_000, 128_000)  # the likelier ones first
 _TOOL: Final = "Set it with the vendor's debug tool (FD)"
 
 
@@ -215,7 +216,7 @@ def _silence(asker: Asker, units: FeetechUnits, scan: bool) -> DeviceError:
     if not scan or "://" in config.port or config.port.startswith("spy:"):
         return DeviceError(place, problem, power)
     asker.link.close()
-    rates = [config.baudrate, *(rate for rate in BAUDS if rate != config.baudrate)]
+    rates = [config.baudrate, *(rate for rate in _RATES if rate != config.baudrate)]
     for rate in rates:
         link = open_transport(config.port, place=place, baudrate=rate)
         try:

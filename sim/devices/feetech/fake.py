@@ -152,6 +152,7 @@ class FakeFeetech(Fake):
         for k in set(self._faults.errors):
             self.motors.switch(self.numbers[k], False)
         self._faults.clear()
+        self._watch.forget()
         self._find_faults()
 
     # -- an exchange
