@@ -43,7 +43,7 @@ class Feetech(Driver):
 
     Config = FeetechConfig
     summary = "Feetech STS bus servos (STS3215 of the SO-100/101, STS3250)"
-    usb = ("1a86:55d3", "1a86:7523")  # the adapters of Waveshare and Feetech
+    usb = ("1a86:55d3",)  # CH343, in the adapters that come with the SO-101
     gives = declare.STATES
     takes: tuple[str, ...] = (_COMMAND,)
     max_age = 0.1
