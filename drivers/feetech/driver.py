@@ -64,7 +64,6 @@ class Feetech(Driver):
         self._number = {id: i for i, id in enumerate(config.ids)}
         self._counted = [0, 0, 0]  # frames, errors, resyncs of earlier connections
         self._limp = self._units.frame("torque_enable", 0)
-        self._limp_frame = protocol.filler(config.ids) + self._limp * 2
         self._forget()
 
     def _forget(self) -> None:
@@ -77,7 +76,7 @@ class Feetech(Driver):
         self._sampled = False  # since opening
         self._unsure = False  # a servo was silent: it may have lost its power, so it is looked at before it gets a goal
         self._exchanges = self._unanswered = 0
-        self._hold = b"", b""  # goals, and the stop frame made of them
+        self._frames: tuple[bytes | None, bytes, bytes] = None, b"", b""  # goals; the frames of a hold and of LIMP
 
     def open(self) -> None:
         """See `Driver.open`. Blocks about 0.1 s, some seconds if servos are missing.
@@ -180,14 +179,13 @@ class Feetech(Driver):
         The packet is there twice, because the first may collide with a servo's answer. The filler in front completes a
         packet that was cut short, so that the servos refuse it.
         """
-        if category is Stop.LIMP:
-            return self._limp_frame
-        goals, frame = self._hold
+        goals, hold, limp = self._frames
         if goals is not self._goals.held:
             goals = self._goals.held
-            frame = protocol.filler(self.config.ids, goals) + goals * 2 if goals else b""
-            self._hold = goals, frame
-        return frame
+            filler = protocol.filler(self.config.ids, goals)
+            hold, limp = filler + goals * 2 if goals else b"", filler + self._limp * 2
+            self._frames = goals, hold, limp
+        return limp if category is Stop.LIMP else hold
 
     def recover(self, now: int) -> None:
         """See `Driver.recover`: switches the torque of the servos concerned off, which ends an overload.
@@ -203,9 +201,7 @@ class Feetech(Driver):
             self._prefix += units.frame("torque_enable", 0, ids)
             for key, value in settings(units).items():  # a servo whose power dipped has forgotten them
                 self._prefix += units.frame(key, value, ids)
-        for i in concerned:
-            self._goals.powered[i] = False
-            self._goals.stored[i] = np.nan
+        self._goals.drop(sorted(concerned))
         faults.clear()
         self._watch.forget()
         self._unsure = True
@@ -280,7 +276,7 @@ class Feetech(Driver):
             return  # moved by hand past the end of its encoder
         self._faults.turned[i] = self._faults.turned.get(i, 0) + turns
         self._prefix += units.frame("torque_enable", 0, [units.ids[i]])
-        self._goals.powered[i] = False
+        self._goals.drop([i])
 
     def _check(self, i: int, data: bytes) -> None:
         """Takes a motor's torque and stored goal."""

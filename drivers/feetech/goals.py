@@ -6,6 +6,8 @@ an older one, anywhere. So a motor first gets its goal without torque, and the n
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from drivers.dynamixel.faults import Faults
@@ -52,6 +54,15 @@ class StoredGoals(Goals):
         if ready:
             goals += units.frame("torque_enable", 1, [units.ids[i] for i in ready])
         return goals, ready
+
+    def drop(self, motors: Sequence[int]) -> None:
+        """These motors lose their torque: no stop frame repeats their goals, which may be turns away by now."""
+        for i in motors:
+            self.powered[i] = False
+            self.stored[i] = np.nan
+        if self.held:
+            powered = np.array(self.powered)
+            self.held = self._units.again(powered) if powered.any() else b""
 
     def left(self, goals: bytes, waking: list[int], command: Array, sent: Array) -> None:
         """See `Goals.left`."""

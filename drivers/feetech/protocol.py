@@ -34,7 +34,7 @@ RESET: Final = 0x06
 # Bits of a status' error byte, and of the register `status`.
 VOLTAGE, SENSOR, HEAT, CURRENT, OVERLOAD = 1, 2, 4, 8, 32
 
-_FILLERS: Final = (0x7E, 0x7D, 0x7C, 0x7B, 0x7A, 0x79, 0x77, 0x76, 0x75, 0x73)
+_FILLERS: Final = range(0x7E, 0x1F, -1)  # no instruction among them
 LONGEST: Final = 0x7E + 4  # bytes of a packet whose length is itself a filler byte
 
 __all__ = [
@@ -62,7 +62,7 @@ def filler(ids: Sequence[int], frame: bytes = b"") -> bytes:
         ids: the servos on the bus; the filler is no id of theirs.
         frame: the packet that may have been cut; b"" for none.
     """
-    free = [byte for byte in _FILLERS if byte not in ids]
+    free = [byte for byte in _FILLERS if byte not in ids] or [_FILLERS[0]]
     sums = list(accumulate(frame[2:]))
     for byte in free:
         # `sums[k]` is the sum up to byte k + 2; the rest of the packet would be filler. A right sum ends in FF.

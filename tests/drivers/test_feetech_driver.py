@@ -315,3 +315,56 @@ def test_garbage_on_the_line_does_no_harm():
         assert rig.fault == ""
         assert rig.torque == [True, True]
         np.testing.assert_allclose(rig.truth(), where, atol=0.01)
+
+
+def test_a_stop_frame_never_repeats_a_goal_from_before_a_jump():
+    twin = make_twin({"one": {"model": "STS3215"}, "two": {"model": "STS3215"}})
+    chain = twin.bus.chain
+    chain._data.qpos[chain._q[0]] = np.pi - 0.02
+    with FeetechRig(twin) as rig:
+        where = rig.hold()
+        assert b"\x01" + int(rig.goals[0]).to_bytes(2, "little") in rig.driver.stop_frame(Stop.HOLD)
+        chain._data.qpos[chain._q[0]] = np.pi + 0.03
+        while not rig.fault:
+            rig.driver.read(rig.now)
+            rig.bench.run(0.01)
+        frame = rig.driver.stop_frame(Stop.HOLD)
+        end = protocol.sync_write(42, 2, {2: int(rig.goals[1]).to_bytes(2, "little")})
+        assert frame.endswith(end + end)
+        rig.run(3, where)
+        assert rig.torque == [False, True]
+
+
+@pytest.mark.slow
+def test_turns_that_are_lost_while_the_bus_is_gone_are_taken_up():
+    twin = make_twin({"drum": {"model": "STS3215"}}, mode="extended")
+    with FeetechRig(twin) as rig:
+        where, here = rig.hold(), 0.0
+        while here < 2.3 * np.pi:
+            here += 0.03
+            rig.cycle(where + here)
+        rig.run(30, where + here)
+        before = rig.truth()[0]
+        rig.driver.close()
+        twin.servos[0].restart()
+        rig.open()
+        rig.run(10, "here")
+        assert rig.state["position"][0] == pytest.approx(before, abs=0.02)
+        rig.run(40, rig.state["position"].copy())
+        assert rig.truth()[0] == pytest.approx(before, abs=0.03)
+        assert rig.torque == [True]
+
+
+def test_a_limb_that_was_limp_starts_again_where_it_is():
+    with FeetechRig(make_twin()) as rig:
+        rig.hold()
+        rig.driver.stop(Stop.LIMP)
+        rig.run(5)
+        chain = rig.twin.bus.chain
+        chain._data.qpos[chain._q] = [0.7, -0.6]  # it has sunk
+        rig.run(5)
+        where = rig.hold(10)
+        assert where == pytest.approx([0.7, -0.6], abs=0.01)
+        assert rig.torque == [True, True]
+        rig.run(30, where)
+        np.testing.assert_allclose(rig.truth(), where, atol=0.01)

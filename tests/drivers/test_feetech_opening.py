@@ -177,3 +177,10 @@ def test_error_bits_at_opening_are_told():
     twin.bus.chain.motors.errors[1] = 32
     with FeetechRig(twin) as rig:
         assert "elbow: overload" in rig.fault
+
+
+def test_mixed_firmware_is_told():
+    twin = make_twin()
+    twin.servos[0].keep("firmware_minor", 9)
+    with FeetechRig(twin) as rig:
+        assert "firmware 3.10, 3.9 (mixed" in rig.driver.health.message
