@@ -119,11 +119,11 @@ def _find(asker: Asker, units: FeetechUnits, scan: bool) -> None:
         if number != motor.facts.number:
             swapped = int.from_bytes(status.data, "big")
             number = swapped if swapped in STRANGERS else number
-            more = " This driver doesn't drive the SCS series: it has no sync read" if number in STRANGERS else ""
+            more = ". This driver doesn't drive the SCS series: it has no sync read" if number in STRANGERS else ""
             raise DeviceError(
                 place,
                 f"'{name}' (id {motor.id}) is {called(number)}, the profile says {motor.model}",
-                f"Correct 'model' or 'id' in the profile, or swap the servos' ids.{more}",
+                f"Correct 'model' or 'id' in the profile, or swap the servos' ids{more}",
             )
     if not missing:
         return
