@@ -71,10 +71,20 @@ def set_up(asker: Asker, units: FeetechUnits, scan: bool) -> Bus:
     def of(key: str) -> list[int]:
         return [TABLE[key].decode(memory) for memory in memories]
 
+    limits = units.set_limits(memories)
+    assert limits.lower is not None
+    assert limits.upper is not None
+    for name, low, high in zip(config.motors, limits.lower, limits.upper, strict=True):
+        if not low < high:
+            raise DeviceError(
+                asker.place,
+                f"the limits of '{name}' leave no room: {low:g} to {high:g}, of its own and of the profile",
+                "Correct 'lower', 'upper', 'zero' or 'reversed'",
+            )
     volts = zip(of("min_voltage_limit"), of("max_voltage_limit"), strict=True)
     return Bus(
         tuple(f"{a}.{b}" for a, b in zip(of("firmware_major"), of("firmware_minor"), strict=True)),
-        units.set_limits(memories),
+        limits,
         tuple(torque == 1 for torque in of("torque_enable")),
         tuple(errors),
         tuple(map(float, of("temperature_limit"))),

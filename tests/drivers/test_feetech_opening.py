@@ -184,3 +184,8 @@ def test_mixed_firmware_is_told():
     twin.servos[0].keep("firmware_minor", 9)
     with FeetechRig(twin) as rig:
         assert "firmware 3.10, 3.9 (mixed" in rig.driver.health.message
+
+
+def test_limits_without_room_are_refused():
+    error = refusal(make_twin({"one": {"model": "STS3215", "lower": 4.0, "upper": 5.0}}))
+    assert "the limits of 'one' leave no room: 4 to 3.14" in error.problem
