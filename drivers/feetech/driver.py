@@ -76,7 +76,7 @@ class Feetech(Driver):
         self._sampled = False  # since opening
         self._unsure = False  # a servo was silent: it may have lost its power, so it is looked at before it gets a goal
         self._exchanges = self._unanswered = 0
-        self._frames: tuple[bytes | None, bytes, bytes] = None, b"", b""  # goals; the frames of a hold and of LIMP
+        self._frames: tuple[bytes | None, tuple[bytes, ...], tuple[bytes, ...]] = None, (), ()  # goals; hold; LIMP
 
     def open(self) -> None:
         """See `Driver.open`. Blocks about 0.1 s, some seconds if servos are missing.
@@ -173,8 +173,8 @@ class Feetech(Driver):
         """See `Driver.fileno`."""
         return self._link.fileno() if self._link is not None else None
 
-    def stop_frame(self, category: Stop) -> bytes:
-        """See `Driver.stop_frame`: LIMP switches the torque off; others repeat the last goals.
+    def stop_frames(self, category: Stop) -> tuple[bytes, ...]:
+        """See `Driver.stop_frames`: LIMP switches the torque off; others repeat the last goals.
 
         The packet is there twice, because the first may collide with a servo's answer. The filler in front completes a
         packet that was cut short, so that the servos refuse it.
@@ -183,7 +183,7 @@ class Feetech(Driver):
         if goals is not self._goals.held:
             goals = self._goals.held
             filler = protocol.filler(self.config.ids, goals)
-            hold, limp = filler + goals * 2 if goals else b"", filler + self._limp * 2
+            hold, limp = (filler + goals * 2,) if goals else (), (filler + self._limp * 2,)
             self._frames = goals, hold, limp
         return limp if category is Stop.LIMP else hold
 

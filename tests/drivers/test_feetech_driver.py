@@ -132,8 +132,9 @@ def test_the_stop_frame_works_behind_a_cut_packet(category):
     with FeetechRig(make_twin()) as rig:
         where = rig.hold()
         rig.run(3, where + 0.01)
-        goals, frame = rig.goals, rig.driver.stop_frame(category)
-        assert frame is rig.driver.stop_frame(category)
+        goals, frames = rig.goals, rig.driver.stop_frames(category)
+        assert frames is rig.driver.stop_frames(category)
+        (frame,) = frames
         cut = protocol.sync_write(42, 2, {1: b"\x00\x0f", 2: b"\x00\x0f"})
         for at in range(len(cut)):
             rig.twin.receive(cut[:at] + frame, rig.now)
@@ -143,8 +144,8 @@ def test_the_stop_frame_works_behind_a_cut_packet(category):
 
 def test_before_the_first_goal_the_stop_frame_of_a_hold_is_empty():
     with FeetechRig(make_twin()) as rig:
-        assert rig.driver.stop_frame(Stop.HOLD) == b""
-        assert rig.driver.stop_frame(Stop.LIMP)
+        assert rig.driver.stop_frames(Stop.HOLD) == ()
+        assert rig.driver.stop_frames(Stop.LIMP)
 
 
 def test_an_overload_is_told_its_data_taken_and_reset_offers_a_way_back():
@@ -323,12 +324,12 @@ def test_a_stop_frame_never_repeats_a_goal_from_before_a_jump():
     chain._data.qpos[chain._q[0]] = np.pi - 0.02
     with FeetechRig(twin) as rig:
         where = rig.hold()
-        assert b"\x01" + int(rig.goals[0]).to_bytes(2, "little") in rig.driver.stop_frame(Stop.HOLD)
+        assert b"\x01" + int(rig.goals[0]).to_bytes(2, "little") in rig.driver.stop_frames(Stop.HOLD)[0]
         chain._data.qpos[chain._q[0]] = np.pi + 0.03
         while not rig.fault:
             rig.driver.read(rig.now)
             rig.bench.run(0.01)
-        frame = rig.driver.stop_frame(Stop.HOLD)
+        (frame,) = rig.driver.stop_frames(Stop.HOLD)
         end = protocol.sync_write(42, 2, {2: int(rig.goals[1]).to_bytes(2, "little")})
         assert frame.endswith(end + end)
         rig.run(3, where)
