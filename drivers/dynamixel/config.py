@@ -76,6 +76,13 @@ def check_axes(axes: Mapping[str, AxisConfig]) -> None:
         raise ValueError(f"{missing} has no home, others have; give it to all motors or to none")
 
 
+def bounds(axes: Mapping[str, AxisConfig]) -> Limits:
+    """Returns the bounds that the profile gives the axes' positions."""
+    lower = np.array([-np.inf if axis.lower is None else axis.lower for axis in axes.values()])
+    upper = np.array([np.inf if axis.upper is None else axis.upper for axis in axes.values()])
+    return Limits(lower=lower if np.isfinite(lower).any() else None, upper=upper if np.isfinite(upper).any() else None)
+
+
 class MotorConfig(AxisConfig):
     """One axis and its MX servo."""
 
@@ -129,8 +136,4 @@ class DynamixelConfig(DeviceConfig):
     @property
     def limits(self) -> Limits:
         """The bounds that the profile gives the motors' positions; the servos' own are known once they answer."""
-        lower = np.array([-np.inf if motor.lower is None else motor.lower for motor in self.motors.values()])
-        upper = np.array([np.inf if motor.upper is None else motor.upper for motor in self.motors.values()])
-        return Limits(
-            lower=lower if np.isfinite(lower).any() else None, upper=upper if np.isfinite(upper).any() else None
-        )
+        return bounds(self.motors)

@@ -14,6 +14,7 @@ import numpy as np
 
 from drivers.dynamixel import declare
 from drivers.dynamixel.asking import Asker
+from drivers.dynamixel.config import bounds
 from drivers.dynamixel.faults import who_is_silent
 from drivers.dynamixel.line import Line, Request
 from drivers.dynamixel.plan import Plan
@@ -57,6 +58,7 @@ class Feetech(Driver):
         homes = [motor.home for motor in config.motors.values() if motor.home is not None]
         if homes:
             self.home[_COMMAND] = np.array(homes)
+        self.limits[_COMMAND] = bounds(config.motors)  # the servos' own are known once they answer
         self._faults = FeetechFaults(tuple(config.motors))
         self._link: Transport | None = None
         self._line: Line | None = None
