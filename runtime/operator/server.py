@@ -34,6 +34,7 @@ LOOK: Final = 0.5  # s between looks whether the run takes presses
 EVENTS: Final = 5  # events that are shown
 _SECOND: Final = 1_000_000_000  # ns
 _NO_ANSWER: Final = "the loop didn't answer within 2 s. Use the hardware stop; then look at `srl top`"
+_ON_TERMINAL: Final = "this run is jogged on its terminal. Reset it there, with the key r"
 _NO_CONTROL: Final = "this page doesn't have control. Take it first"
 
 
@@ -130,7 +131,14 @@ class OperatorServer(PictureServer):
             _answer(peer, what, f"{what}: one is under way")
 
     async def _asked(self, peer: Peer, what: str, since: int) -> None:
-        found = await asyncio.to_thread(send_request, self._folder, what, since=since)
+        if what == "reset" and self._joints:
+            # `srl jog` refuses it where nothing measures the limb. Without its socket its terminal has the reset.
+            if not jogging.takes_presses(self._folder):
+                _answer(peer, what, f"{what} refused: {_ON_TERMINAL}")
+                return
+            found = await asyncio.to_thread(presses.reset, self._folder, since)
+        else:
+            found = await asyncio.to_thread(send_request, self._folder, what, since=since)
         if found is None:
             _answer(peer, what, f"{what}: {_NO_ANSWER}")
         elif found["ok"]:

@@ -121,6 +121,28 @@ def test_a_reset_is_that_of_srl_reset_as_of_what_the_page_saw(loop: OperatedLoop
     assert loop.asked == [{"ask": "reset", "expires": seen * 1000 + LIFETIME}]
 
 
+def test_a_run_of_srl_jog_judges_its_resets_itself(loop: OperatedLoop, page: OperatorPage) -> None:
+    async def reset(tab: Socket) -> dict[str, Any]:
+        await take(tab)
+        await tab.send_json({"kind": "ask", "what": "reset", "seen": (await heard(tab, "frame"))["seen"]})
+        return await heard(tab, "answer")
+
+    loop.state = State.STOPPED
+    kept = cookie(page)
+    assert talk(page, reset, kept=kept)["ok"]
+    assert [asked["ask"] for asked in loop.judged] == ["reset"]
+    # The keys, and so the reset, are a terminal's.
+    loop.state, socket = State.STOPPED, loop.folder.press_socket
+    away = socket.rename(socket.with_name("away"))
+    try:
+        answer = talk(page, reset, kept=kept)
+    finally:
+        away.rename(socket)
+    assert not answer["ok"]
+    assert "on its terminal" in answer["words"]
+    assert len(loop.asked) == 1
+
+
 def test_what_a_refusal_said_is_told(loop: OperatedLoop, page: OperatorPage) -> None:
     loop.state, loop.refuses = State.STOPPED, "what caused the stop is still there"
 
