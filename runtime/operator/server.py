@@ -1,7 +1,7 @@
 """The server of the operator's panel: the live picture, the run's health, and requests with the rights of `srl`.
 
-Any page that is let in may stop. Everything else takes control, which one page has at a time, and which a person takes
-on it. Every request goes the way that the command of its name goes: the loop checks it again, and its answer is told.
+Any page that is let in may stop. Everything else takes control, which one page of all panels of the run has at a time,
+and which a person takes on it. Every request goes the way that the command of its name goes: the loop checks it again, and its answer is told.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from runtime.ipc.layout import Layout, Words
 from runtime.ipc.run_folder import RunFolder
 from runtime.ipc.words import CYCLE
 from runtime.operator import health, jogging
+from runtime.operator.control import Control
 from runtime.operator.parameters import Parameters
 from runtime.panel.peer import BadMessageError, Peer, number
 from runtime.panel.picture import PictureServer
@@ -47,6 +48,7 @@ class OperatorServer(PictureServer):
         self._recordings = recordings
         self._parameters = Parameters(run_folder)
         self._holder: Peer | None = None
+        self._control = Control(run_folder)
         self._counts: dict[Peer, deque[float]] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._busy: set[str] = set()  # requests that are under way: one of each kind
@@ -102,7 +104,10 @@ class OperatorServer(PictureServer):
                 if not isinstance(message.get("take"), bool):
                     raise BadMessageError("'take' must be true or false")
                 if message["take"]:
-                    self._give(peer)
+                    if why := self._control.take():
+                        _answer(peer, "control", why)
+                    else:
+                        self._give(peer)
                 elif peer is self._holder:
                     self._give(None)
             case "ask":
@@ -118,6 +123,8 @@ class OperatorServer(PictureServer):
 
     def _give(self, holder: Peer | None) -> None:
         self._holder = holder
+        if holder is None:
+            self._control.release()
         for peer in self.peers:
             peer.tell({"kind": "control", "yours": peer is holder, "held": holder is not None})
 
@@ -228,6 +235,7 @@ class OperatorServer(PictureServer):
             self._said.clear()
 
     def close(self) -> None:
+        self._control.release()
         self._parameters.thread.submit(self._parameters.close)
         self._parameters.thread.shutdown()
         if self._events is not None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
+import signal
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -105,6 +107,43 @@ def test_control_goes_to_the_tab_that_takes_it_and_ends_with_it(page: OperatorPa
         await heard(first, "control", yours=False, held=False)
 
     talk(page, both)
+
+
+def test_of_several_panels_of_a_run_one_has_control(loop: OperatedLoop, page: OperatorPage, tmp_path: Path) -> None:
+    refused: list[str] = []
+
+    with OperatorPage(loop.folder, tmp_path) as other:
+        kept, others = cookie(page), cookie(other)
+
+        async def second(tab: Socket) -> bool:
+            await tab.send_json({"kind": "control", "take": True})
+            while (message := await tab.receive_json())["kind"] != "answer":
+                if message["kind"] == "control" and message["yours"]:
+                    return True
+            refused.append(message["words"])
+            await tab.send_json({"kind": "jog", "joint": 0, "way": 1, "heard": (await heard(tab, "frame"))["told"]})
+            await ponged(tab)
+            return False
+
+        async def first(tab: Socket) -> None:
+            await take(tab)
+            assert not await asyncio.to_thread(talk, other, second, kept=others)
+            await tab.send_json({"kind": "control", "take": False})
+            await heard(tab, "control", yours=False, held=False)
+            assert await asyncio.to_thread(talk, other, second, kept=others)
+            await take(tab)
+
+        talk(page, first, kept=kept)
+        assert not loop.presses
+        assert "another `srl panel`" in refused[0]
+
+        async def killed(tab: Socket) -> None:
+            await take(tab)
+            os.kill(other.pid, signal.SIGKILL)
+
+        talk(other, killed, kept=others)
+        until(lambda: not other.alive)
+    assert talk(page, second, kept=kept)
 
 
 def test_a_reset_is_that_of_srl_reset_as_of_what_the_page_saw(loop: OperatedLoop, page: OperatorPage) -> None:
