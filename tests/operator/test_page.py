@@ -56,6 +56,18 @@ class Seen:
     def key(self, kind: str, **key: object) -> None:
         self.page.ask("Input.dispatchKeyEvent", type=kind, **key)
 
+    def higher(self, joint: int) -> dict[str, Any]:
+        """A mouse on the button that moves a joint to higher values."""
+        button = f"document.querySelectorAll('.joint')[{joint}].children[2]"
+        x, y = self.page.value(f"(() => {{ {button}.scrollIntoView(); const b = {button}.getBoundingClientRect();"
+                               " return [b.x + b.width / 2, b.y + b.height / 2]; })()")  # fmt: skip
+        return {"x": x, "y": y, "clickCount": 1}
+
+    def passed(self, frames: int = 25) -> None:
+        """Waits until the page was drawn so often again."""
+        seen = self.now("frames")
+        until(lambda: self.now("frames") > seen + frames)
+
     def held(self) -> None:
         """Waits until a key that is held makes presses."""
         before = len(self.loop.presses)
@@ -142,6 +154,20 @@ def test_a_question_is_withdrawn_when_the_state_changes(seen: Seen) -> None:
     until(lambda: not seen.text("sure"))
 
 
+def test_a_question_is_withdrawn_when_something_else_stops_it_too(seen: Seen) -> None:
+    seen.control()
+    seen.loop.state, seen.loop.cause, seen.loop.latches = State.STOPPED, Cause.REQUEST, Latch.PERSON
+    until(lambda: seen.able("reset"))
+    seen.click("reset")
+    seen.says("sure", "Reset now")
+    seen.passed()
+    assert seen.text("sure")
+    seen.loop.latches |= Latch.EMERGENCY
+    until(lambda: not seen.text("sure"))
+    seen.says("answer", "has changed")
+    assert not seen.loop.asked
+
+
 def test_a_lost_device_has_words_and_a_remedy(seen: Seen) -> None:
     seen.says("devices", "well, takes commands")
     seen.loop.link = 0
@@ -173,6 +199,62 @@ def test_a_slider_shows_what_the_loop_has_and_not_what_was_asked(seen: Seen) -> 
     seen.says("answer", "has no bus")
     until(lambda: seen.page.value(f"Number({slider}.value)") == 1.25)
     assert "1.25 per m" in seen.text("sliders")
+
+
+@pytest.fixture
+def free(seen: Seen) -> Iterator[Seen]:
+    """Its parameter has no bounds, and so a field for a number."""
+    meta = copy.deepcopy(seen.loop.layout.meta)
+    seen.loop.layout.meta["parameters"][0] |= {"lower": float("-inf"), "upper": float("inf")}
+    seen.loop.begin()
+    until(lambda: seen.page.value("document.querySelector('#sliders input').type") == "number")
+    yield seen
+    seen.loop.layout.meta = meta
+    seen.loop.begin()
+    until(lambda: seen.page.value("document.querySelector('#sliders input').type") == "range")
+
+
+def typed(seen: Seen, words: str) -> None:
+    field = "document.querySelector('#sliders input')"
+    until(lambda: seen.page.value(f"!{field}.disabled"))
+    seen.page.value(f"{field}.focus(), {field}.select()")
+    seen.page.ask("Input.insertText", text=words) if words else seen.page.key("Backspace", "Backspace", 8)
+    seen.page.value(f"{field}.blur()")
+
+
+@pytest.mark.parametrize("words", ["", "-", "1,5e", "e"])
+def test_what_is_no_number_is_not_sent_as_one(free: Seen, words: str) -> None:
+    free.control()
+    typed(free, words)
+    free.passed()
+    assert free.text("answer") == ""
+    field = "document.querySelector('#sliders input')"
+    assert free.page.value(f"Number({field}.value)") == 1.25  # what the loop has is back
+
+
+def test_a_number_is_sent_and_shown_as_it_was_typed(free: Seen) -> None:
+    free.control()
+    sent = "globalThis.sent = []; const send = WebSocket.prototype.send; "
+    sent += "WebSocket.prototype.send = function (m) { sent.push(JSON.parse(m)); return send.call(this, m); }"
+    free.page.value(f"(() => {{ {sent} }})()")
+    typed(free, "0.0004321")
+    free.says("answer", "has no bus")
+    assert free.page.value("sent.filter((m) => m.kind === 'set').map((m) => m.value)") == [0.0004321]
+
+
+@pytest.mark.parametrize("bounds", [(0.0, 0.005), (0.0, 4e-6), (0.5, 2.0), (0.0, 3e5)])
+def test_a_sliders_value_is_shown_as_it_is_sent(seen: Seen, bounds: tuple[float, float]) -> None:
+    given = '{"name": "g", "lower": %r, "upper": %r, "default": %r, "unit": "1", "text": "t"}' % (*bounds, bounds[0])
+    found = seen.page.value(
+        "import('/slider.js').then(({ Slider }) => { const sent = [], s = new Slider("
+        f"{given}, (v) => sent.push(v)); s.input.value = {bounds[0] + 0.3217 * (bounds[1] - bounds[0])}; "
+        "s.input.dispatchEvent(new Event('input')); s.frame(%r, true, 0); const before = s.asked.textContent; "
+        "s.input.dispatchEvent(new Event('change')); s.frame(%r, true, 0); "
+        "return [sent[0], before, s.asked.textContent, s.input.value]; })" % (bounds[0], bounds[0])
+    )
+    assert found[1] == found[2]  # while it is dragged, and once it is sent
+    assert float(found[1].removeprefix("asked ")) == found[0]
+    assert float(found[3]) == found[0]
 
 
 def test_a_joint_moves_while_a_key_is_held(seen: Seen) -> None:
@@ -219,15 +301,43 @@ def test_a_held_joint_is_let_go_with_the_focus_the_page_or_the_control(seen: See
 def test_a_button_is_held_with_the_mouse(seen: Seen) -> None:
     seen.control()
     seen.says("jog_words", "Hold")
-    higher = "document.querySelectorAll('.joint')[1].children[2]"
-    box = seen.page.value(f"(() => {{ const b = {higher}.getBoundingClientRect();"
-                          " return [b.x + b.width / 2, b.y + b.height / 2]; })()")  # fmt: skip
-    mouse = {"x": box[0], "y": box[1], "button": "left", "clickCount": 1}
+    mouse = seen.higher(1) | {"button": "left"}
     seen.page.ask("Input.dispatchMouseEvent", type="mousePressed", buttons=1, **mouse)
     seen.held()
     assert seen.loop.presses[-1][1]["joint"] == 1
     seen.page.ask("Input.dispatchMouseEvent", type="mouseReleased", **mouse)
     seen.let_go()
+
+
+def test_the_end_of_a_key_counts_also_when_it_means_another_by_then(seen: Seen) -> None:
+    seen.control()
+    seen.says("jog_words", "Hold")
+    # With Shift the keypad's 6 is an arrow. Shift is let go first, and then it is a 6.
+    arrow, six = RIGHT | {"code": "Numpad6"}, {"key": "6", "code": "Numpad6", "windowsVirtualKeyCode": 102}
+    for end in ({"type": "rawKeyDown", "autoRepeat": True}, {"type": "keyUp"}):
+        seen.page.ask("Input.dispatchKeyEvent", type="rawKeyDown", **arrow)
+        seen.held()
+        seen.page.ask("Input.dispatchKeyEvent", **end, **six)
+        seen.let_go()
+        seen.page.ask("Input.dispatchKeyEvent", type="keyUp", **six)
+
+
+def test_the_first_mouse_button_lets_go_while_another_is_held(seen: Seen) -> None:
+    seen.control()
+    seen.says("jog_words", "Hold")
+    mouse = seen.higher(0)
+    seen.page.ask("Input.dispatchMouseEvent", type="mousePressed", button="left", buttons=1, **mouse)
+    seen.held()
+    seen.page.ask("Input.dispatchMouseEvent", type="mousePressed", button="middle", buttons=5, **mouse)
+    seen.page.ask("Input.dispatchMouseEvent", type="mouseReleased", button="left", buttons=4, **mouse)
+    seen.let_go()
+    seen.page.ask("Input.dispatchMouseEvent", type="mouseReleased", button="middle", buttons=0, **mouse)
+    # The end of a click that another window has taken: the mouse comes back without a button.
+    seen.page.ask("Input.dispatchMouseEvent", type="mousePressed", button="left", buttons=1, **mouse)
+    seen.held()
+    seen.page.value("dispatchEvent(new PointerEvent('pointermove', {buttons: 0}))")
+    seen.let_go()
+    seen.page.ask("Input.dispatchMouseEvent", type="mouseReleased", button="left", buttons=0, **mouse)
 
 
 def test_a_stop_lets_go_and_a_held_key_begins_nothing_after_it(seen: Seen) -> None:
