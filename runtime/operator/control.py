@@ -11,7 +11,7 @@ from typing import Final
 
 from runtime.ipc.run_folder import RunFolder
 
-_TAKEN: Final = "another `srl panel` of this run has control. Give it up on its page, or end that `srl panel`"
+_TAKEN: Final = "Another `srl panel` of this run has control. Give it up on its page, or end that `srl panel`"
 
 
 class Control:
@@ -29,12 +29,12 @@ class Control:
             # Only to read: who may send requests may not always write the folder.
             lock = os.open(self._path, os.O_RDONLY | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o640)
         except OSError as error:
-            return f"control can't be taken: {error.strerror}: {self._path.name}"
+            return f"Control can't be taken: {error.strerror}: {self._path.name}"
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
             os.close(lock)
-            return _TAKEN if isinstance(error, BlockingIOError) else f"control can't be taken: {error.strerror}"
+            return _TAKEN if isinstance(error, BlockingIOError) else f"Control can't be taken: {error.strerror}"
         self._lock = lock
         return ""
 

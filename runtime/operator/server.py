@@ -1,7 +1,8 @@
 """The server of the operator's panel: the live picture, the run's health, and requests with the rights of `srl`.
 
 Any page that is let in may stop. Everything else takes control, which one page of all panels of the run has at a time,
-and which a person takes on it. Every request goes the way that the command of its name goes: the loop checks it again, and its answer is told.
+and which a person takes on it. Every request goes the way that the command of its name goes: the loop checks it again,
+and its answer is told.
 """
 
 from __future__ import annotations

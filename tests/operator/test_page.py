@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import json
 from collections.abc import Iterator
 from typing import Any
 
@@ -244,13 +245,14 @@ def test_a_number_is_sent_and_shown_as_it_was_typed(free: Seen) -> None:
 
 @pytest.mark.parametrize("bounds", [(0.0, 0.005), (0.0, 4e-6), (0.5, 2.0), (0.0, 3e5)])
 def test_a_sliders_value_is_shown_as_it_is_sent(seen: Seen, bounds: tuple[float, float]) -> None:
-    given = '{"name": "g", "lower": %r, "upper": %r, "default": %r, "unit": "1", "text": "t"}' % (*bounds, bounds[0])
+    lower, upper = bounds
+    given = {"name": "g", "lower": lower, "upper": upper, "default": lower, "unit": "1", "text": "t"}
     found = seen.page.value(
         "import('/slider.js').then(({ Slider }) => { const sent = [], s = new Slider("
-        f"{given}, (v) => sent.push(v)); s.input.value = {bounds[0] + 0.3217 * (bounds[1] - bounds[0])}; "
-        "s.input.dispatchEvent(new Event('input')); s.frame(%r, true, 0); const before = s.asked.textContent; "
-        "s.input.dispatchEvent(new Event('change')); s.frame(%r, true, 0); "
-        "return [sent[0], before, s.asked.textContent, s.input.value]; })" % (bounds[0], bounds[0])
+        f"{json.dumps(given)}, (v) => sent.push(v)); s.input.value = {lower + 0.3217 * (upper - lower)}; "
+        f"s.input.dispatchEvent(new Event('input')); s.frame({lower}, true, 0); const before = s.asked.textContent; "
+        f"s.input.dispatchEvent(new Event('change')); s.frame({lower}, true, 0); "
+        "return [sent[0], before, s.asked.textContent, s.input.value]; })"
     )
     assert found[1] == found[2]  # while it is dragged, and once it is sent
     assert float(found[1].removeprefix("asked ")) == found[0]
@@ -387,11 +389,15 @@ def test_stop_is_in_sight_at_every_width_and_nothing_is_cut_off(seen: Seen, widt
     seen.page.ask(
         "Emulation.setDeviceMetricsOverride", width=width, height=700, deviceScaleFactor=1, mobile=False,
     )  # fmt: skip
+    seen.loop.state, seen.loop.cause = State.STOPPED, Cause.REQUEST
+    seen.says("warning", "stopped")
     for down in (0, 10_000):
         box = seen.page.value(f"(() => {{ document.querySelector('main').scrollTo(0, {down}); "
                               "const b = document.getElementById('stop').getBoundingClientRect(); "
                               "return [b.left, b.top, b.right, b.bottom]; })()")  # fmt: skip
         assert 0 <= box[0] < box[2] <= width
         assert 0 <= box[1] < box[3] <= 700
+        warning = seen.page.value("(b => [b.top, b.bottom])(document.getElementById('warning').getBoundingClientRect())")
+        assert 0 <= warning[0] < warning[1] <= box[1]  # it covers no button
     assert seen.page.value("document.documentElement.scrollWidth") <= width
     assert seen.page.value("(d => d.scrollWidth <= d.clientWidth)(document.getElementById('desk'))")

@@ -135,7 +135,7 @@ def test_of_several_panels_of_a_run_one_has_control(loop: OperatedLoop, page: Op
 
         talk(page, first, kept=kept)
         assert not loop.presses
-        assert "another `srl panel`" in refused[0]
+        assert "Another `srl panel`" in refused[0]
 
         async def killed(tab: Socket) -> None:
             await take(tab)

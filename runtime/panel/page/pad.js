@@ -36,7 +36,7 @@ export class Pad {
       const row = made("div", "joint"), name = button(joint.name, () => this.choose(i));
       const place = made("output"), range = made("span", "quiet");
       const bounds = joint.lower === null || joint.upper === null ? "" : `${measure(joint.lower, "")} to ${measure(joint.upper, joint.unit)}`;
-      range.textContent = [joint.measured ? "measured" : "not measured", bounds].filter(Boolean).join(" · ");
+      range.textContent = [joint.measured ? "measured" : "as commanded, not measured", bounds].filter(Boolean).join(" · ");
       const ways = [-1, 1].map((way) => {
         const held = button(way < 0 ? "◀" : "▶");
         held.setAttribute("aria-label", `${joint.name} to ${way < 0 ? "lower" : "higher"} values`);
