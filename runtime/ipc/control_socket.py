@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 import socket
 import time
+from pathlib import Path
 from typing import Any
 
 from runtime.ipc.run_folder import RunFolder
@@ -22,8 +23,9 @@ STOPS = ("stop", "exit", "fault")
 
 
 def send_request(
-    run_folder: RunFolder, what: str, cause: str | None = None, timeout: float = 2.0, since: int | None = None
-) -> dict[str, object] | None:
+    run_folder: RunFolder, what: str, cause: str | None = None, timeout: float = 2.0, since: int | None = None,
+    through: Path | None = None,
+) -> dict[str, object] | None:  # fmt: skip
     """Sends a request to a running loop. A stop waits for one that is about to begin, and until then is tried again.
 
     Args:
@@ -33,6 +35,7 @@ def send_request(
         timeout: s.
         since: CLOCK_MONOTONIC ns of what the sender has seen: a stop after that refuses the start or reset. Default:
             now.
+        through: the socket of somebody who looks at a start or reset before the loop does.
     Returns:
         The loop's answer; None if there was none in time.
     """
@@ -45,7 +48,7 @@ def send_request(
         try:
             # Connected before it has an address: the kernel then refuses answers from anybody but the loop. Any
             # local user could send one to an abstract address and claim that the limb has stopped.
-            _connect(sender, run_folder, what, deadline)
+            _connect(sender, through or _end(run_folder, what), what, deadline)
             sender.bind("")  # an abstract address of its own, for the answer
             sender.send(json.dumps(message).encode())
             answer: dict[str, object] = json.loads(sender.recv(2048))
@@ -54,11 +57,15 @@ def send_request(
         return answer
 
 
-def _connect(sender: socket.socket, run_folder: RunFolder, what: str, deadline: float) -> None:
+def _end(run_folder: RunFolder, what: str) -> Path:
+    return run_folder.stop_socket if what in STOPS else run_folder.loop_socket
+
+
+def _connect(sender: socket.socket, end: Path, what: str, deadline: float) -> None:
     """Raises OSError: there is no loop; for a stop, not until `deadline` (CLOCK_MONOTONIC s) either."""
     while True:
         try:
-            sender.connect(str(run_folder.stop_socket if what in STOPS else run_folder.loop_socket))
+            sender.connect(str(end))
             return
         except (FileNotFoundError, ConnectionRefusedError):
             if what not in STOPS or time.monotonic() >= deadline:

@@ -2,6 +2,9 @@
 
 A datagram is JSON: {"joint": index, "way": -1, 0 or 1, "expires": CLOCK_MONOTONIC ns}. Nobody answers: what came of it
 is in the rows. The press lives until `expires`, which the sender counts from when the page was last known to be alive.
+
+A reset goes the same way, as `runtime.ipc.control_socket` writes it to the loop, and is answered as there: the run of
+`srl jog` refuses it where nothing knows where the limb is, before the loop is asked.
 """
 
 from __future__ import annotations
@@ -10,6 +13,7 @@ import json
 import socket
 from typing import Final
 
+from runtime.ipc.control_socket import send_request
 from runtime.ipc.run_folder import RunFolder
 
 FRESH: Final = 0.04  # s that a press lives, from the server's word that the page answered with it
@@ -26,3 +30,8 @@ def send(run_folder: RunFolder, joint: int, way: int, expires: int) -> bool:
         except OSError:
             return False
     return True
+
+
+def reset(run_folder: RunFolder, since: int) -> dict[str, object] | None:
+    """Asks the run of `srl jog --panel` for a reset; as `send_request`."""
+    return send_request(run_folder, "reset", since=since, through=run_folder.press_socket)

@@ -33,6 +33,7 @@ class RunFolder:
         self.stop_socket = path / "stop.sock"
         self.bus_socket = path / "zenoh.sock"
         self.press_socket = path / "press.sock"  # of a run of `srl jog --panel`
+        self.panel_lock = path / "panel.lock"  # of the `srl panel` that has control
         self.stops = path / "stops.slots"
         self.result = path / "result.json"  # the loop's own figures, written at its end
         self.lock: int | None = None  # of a claimed folder; what inherits it keeps the claim
@@ -65,6 +66,8 @@ class RunFolder:
             _check_owners(self.path)
             os.chmod(self.path, MODE)  # an older one may let others in
             self.lock = os.open(self.path / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
+            # The group's panels can lock it, and not make it.
+            os.close(os.open(self.panel_lock, os.O_RDONLY | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o640))
         except OSError as error:
             raise HostError(
                 str(self.path),

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
-from typing import Final, Self
+from collections.abc import Callable
+from typing import Any, Final, Self
 
 from runtime.ipc.presses import FRESH
 from runtime.ipc.run_folder import RunFolder
 from runtime.jog.hold import Hold
-from runtime.loop.control_end import ControlEnd
+from runtime.loop.control_end import ControlEnd, Datagram
 
 _MOST: Final = 16  # datagrams taken at once: a flood must not keep the run's own process busy
 
@@ -27,6 +28,7 @@ class Presses:
     def __init__(self, run_folder: RunFolder, joints: int, hold: Hold) -> None:
         self._folder, self._joints, self._hold = run_folder, joints, hold
         self._end: ControlEnd | None = None
+        self._resets: list[Datagram] = []
 
     def __enter__(self) -> Self:
         self._end = ControlEnd(self._folder.press_socket)
@@ -42,6 +44,9 @@ class Presses:
             datagram = self._end.take() if self._end is not None else None
             if datagram is None:
                 break
+            if datagram.content.get("ask") == "reset":
+                self._resets.append(datagram)
+                continue
             joint, way, expires = (datagram.content.get(key) for key in ("joint", "way", "expires"))
             # The types first: True is no joint, and 1.0 no index.
             if type(joint) is int and type(way) is int and type(expires) is int:
@@ -49,6 +54,15 @@ class Presses:
                 if 0 <= joint < self._joints and way in (-1, 0, 1) and 0.0 < rest <= FRESH:
                     self._hold.press(joint, float(way), time.monotonic() + rest)
         return []
+
+    def resets(self, asked: Callable[[int], dict[str, Any] | None]) -> None:
+        """Answers the resets that came with what `asked` says; it is given their `expires`, CLOCK_MONOTONIC ns."""
+        came, self._resets = self._resets, []
+        for datagram in came:
+            expires = datagram.content.get("expires")
+            answer = asked(expires) if type(expires) is int else None
+            if answer is not None and datagram.sender is not None and self._end is not None:
+                self._end.answer(datagram.sender, answer)
 
     def show(self, lines: list[str]) -> None:
         """The panel shows the run."""

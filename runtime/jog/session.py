@@ -6,12 +6,13 @@ import signal
 import time
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Final
 
 from runtime.contracts.files import encoded
 from runtime.contracts.signals import Stop
 from runtime.ipc import latches
-from runtime.ipc.control_socket import send_request
+from runtime.ipc.control_socket import LIFETIME, send_request
 from runtime.ipc.launch import Launch
 from runtime.ipc.requests import RequestKind, RequestWriter
 from runtime.ipc.run_folder import RunFolder
@@ -160,6 +161,8 @@ class Session:
                     row = supervisor.rows.newest() if row is None else self._newer(supervisor, row)
                     for key in terminal.pressed():
                         self._take(key, desk, row)
+                    if isinstance(terminal, Presses):
+                        terminal.resets(partial(self._reset, desk, row))
                     self._why = self._why or terminal.gone
                     if self._why:
                         desk.end()
@@ -190,13 +193,28 @@ class Session:
         elif key in ("s", "r") and row is not None:
             state = State(int(row[CYCLE.state]))
             if (key, state) in (("s", State.READY), ("r", State.STOPPED)):
-                refusal = self._reset_refused(row) if key == "r" else ""
-                self._said.append(refusal or desk.begin("start" if key == "s" else "reset", row))
+                what = "start" if key == "s" else "reset"
+                answer = self._reset(desk, row) if key == "r" else desk.begin(what, int(row[CYCLE.wake]))
+                if answer is None:
+                    self._said.append(f"{what}: no answer in time")
+                else:
+                    self._said.append(f"{what}: done" if answer["ok"] else f"{what} refused: {answer.get('error', '')}")
+
+    def _reset(self, desk: Desk, row: Any, expires: int | None = None) -> dict[str, Any] | None:
+        """Asks the loop for a reset, unless it is refused here. Returns the answer; None: none in time.
+
+        `expires`, CLOCK_MONOTONIC ns: of a reset on the panel, which counts from the picture that was seen there.
+        """
+        if row is None:
+            return None
+        if refusal := self._reset_refused(row):
+            return {"ok": False, "state": State(int(row[CYCLE.state])).name.lower(), "error": refusal}
+        return desk.begin("reset", int(row[CYCLE.wake]) if expires is None else expires - LIFETIME)
 
     def _reset_refused(self, row: Any) -> str:
         """Why a reset can't be asked for here; "" if it can."""
         if self._cut.left_out and int(row[CYCLE.latches]) & Latch.EMERGENCY:
-            return f"reset refused: the emergency input '{self._cut.left_out[0]}' isn't read here; use `srl run`"
+            return f"the emergency input '{self._cut.left_out[0]}' isn't read here; use `srl run`"
         actuator = self._cut.actuator
         if actuator.command.feedback is not None:
             return ""
@@ -204,7 +222,7 @@ class Session:
         limp = self._cut.profile.stop.get(device) == Stop.LIMP
         # It would go home by itself, or at once: nothing knows where it is.
         if limp or not int(self._cut.graph.layout.word(row, f"{device}.link")) & LINK_ACTIVE:
-            return "reset refused: nothing measures where the limb is now. End (q), put it near its home, jog again"
+            return "nothing measures where the limb is now. End the run, put it near its home, jog again"
         return ""
 
 
@@ -244,12 +262,12 @@ class Desk:
         """A person's stop: it is asked for until a row says that it stands."""
         self._stop, self._asked = True, 0.0
 
-    def begin(self, what: str, row: Any) -> str:
-        """Asks for a start or reset, and returns what came of it. A stop after `row` refuses it."""
-        answer = send_request(self._folder, what, timeout=_ANSWER, since=int(row[CYCLE.wake]))
-        if answer is None:
-            return f"{what}: no answer in time"
-        return f"{what}: done" if answer["ok"] else f"{what} refused: {answer.get('error', '')}"
+    def begin(self, what: str, since: int) -> dict[str, Any] | None:
+        """Asks for a start or reset. Returns the answer, None if none came in time.
+
+        `since`, CLOCK_MONOTONIC ns: of the row that was seen; a stop after it refuses.
+        """
+        return send_request(self._folder, what, timeout=_ANSWER, since=since)
 
     def end(self) -> None:
         """The limb brakes and the run ends."""

@@ -1,7 +1,8 @@
 """The server of the operator's panel: the live picture, the run's health, and requests with the rights of `srl`.
 
-Any page that is let in may stop. Everything else takes control, which one page has at a time, and which a person takes
-on it. Every request goes the way that the command of its name goes: the loop checks it again, and its answer is told.
+Any page that is let in may stop. Everything else takes control, which one page of all panels of the run has at a time,
+and which a person takes on it. Every request goes the way that the command of its name goes: the loop checks it again,
+and its answer is told.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from runtime.ipc.layout import Layout, Words
 from runtime.ipc.run_folder import RunFolder
 from runtime.ipc.words import CYCLE
 from runtime.operator import health, jogging
+from runtime.operator.control import Control
 from runtime.operator.parameters import Parameters
 from runtime.panel.peer import BadMessageError, Peer, number
 from runtime.panel.picture import PictureServer
@@ -34,6 +36,7 @@ LOOK: Final = 0.5  # s between looks whether the run takes presses
 EVENTS: Final = 5  # events that are shown
 _SECOND: Final = 1_000_000_000  # ns
 _NO_ANSWER: Final = "the loop didn't answer within 2 s. Use the hardware stop; then look at `srl top`"
+_ON_TERMINAL: Final = "this run is jogged on its terminal. Reset it there, with the key r"
 _NO_CONTROL: Final = "this page doesn't have control. Take it first"
 
 
@@ -46,6 +49,7 @@ class OperatorServer(PictureServer):
         self._recordings = recordings
         self._parameters = Parameters(run_folder)
         self._holder: Peer | None = None
+        self._control = Control(run_folder)
         self._counts: dict[Peer, deque[float]] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._busy: set[str] = set()  # requests that are under way: one of each kind
@@ -101,7 +105,10 @@ class OperatorServer(PictureServer):
                 if not isinstance(message.get("take"), bool):
                     raise BadMessageError("'take' must be true or false")
                 if message["take"]:
-                    self._give(peer)
+                    if why := self._control.take():
+                        _answer(peer, "control", why)
+                    else:
+                        self._give(peer)
                 elif peer is self._holder:
                     self._give(None)
             case "ask":
@@ -117,6 +124,8 @@ class OperatorServer(PictureServer):
 
     def _give(self, holder: Peer | None) -> None:
         self._holder = holder
+        if holder is None:
+            self._control.release()
         for peer in self.peers:
             peer.tell({"kind": "control", "yours": peer is holder, "held": holder is not None})
 
@@ -130,7 +139,14 @@ class OperatorServer(PictureServer):
             _answer(peer, what, f"{what}: one is under way")
 
     async def _asked(self, peer: Peer, what: str, since: int) -> None:
-        found = await asyncio.to_thread(send_request, self._folder, what, since=since)
+        if what == "reset" and self._joints:
+            # `srl jog` refuses it where nothing measures the limb. Without its socket its terminal has the reset.
+            if not jogging.takes_presses(self._folder):
+                _answer(peer, what, f"{what} refused: {_ON_TERMINAL}")
+                return
+            found = await asyncio.to_thread(presses.reset, self._folder, since)
+        else:
+            found = await asyncio.to_thread(send_request, self._folder, what, since=since)
         if found is None:
             _answer(peer, what, f"{what}: {_NO_ANSWER}")
         elif found["ok"]:
@@ -220,6 +236,7 @@ class OperatorServer(PictureServer):
             self._said.clear()
 
     def close(self) -> None:
+        self._control.release()
         self._parameters.thread.submit(self._parameters.close)
         self._parameters.thread.shutdown()
         if self._events is not None:

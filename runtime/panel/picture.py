@@ -33,6 +33,7 @@ class PictureServer(PageServer):
         "/curves.js": ("curves.js", "text/javascript"),
         "/operator.js": ("operator.js", "text/javascript"),
         "/pad.js": ("pad.js", "text/javascript"),
+        "/slider.js": ("slider.js", "text/javascript"),
         "/part.js": ("part.js", "text/javascript"),
         "/link.js": ("link.js", "text/javascript"),
         "/picture.css": ("picture.css", "text/css"),

@@ -24,6 +24,7 @@ class OperatedLoop(MadeUpLoop):
 
     Attributes:
         asked: datagrams that asked for a start or reset.
+        judged: those of them that came as to a run of `srl jog --panel`.
         refuses: what it says to them; "" lets them pass.
         presses: datagrams of the jog, with the CLOCK_MONOTONIC ns at which they came.
         cause, latches: words of the rows.
@@ -32,6 +33,7 @@ class OperatedLoop(MadeUpLoop):
     def __init__(self, path: Path) -> None:
         self.asked: list[dict[str, Any]] = []
         self.presses: list[tuple[int, dict[str, Any]]] = []
+        self.judged: list[dict[str, Any]] = []
         self.refuses = ""
         self.cause, self.latches = Cause.NONE, Latch(0)
         super().__init__(path)
@@ -75,21 +77,29 @@ class OperatedLoop(MadeUpLoop):
         ends = {path: _bound(path) for path in (self.folder.loop_socket, self.folder.press_socket)}
         asks, presses = ends.values()
 
+        def answered(asked: dict[str, Any]) -> bytes:
+            self.asked.append(asked)
+            if not self.refuses:
+                self.state, self.cause, self.latches = State.ACTIVE, Cause.NONE, Latch(0)
+            answer = {"ok": not self.refuses, "state": self.state.name.lower(), "error": self.refuses}
+            return json.dumps(answer).encode()
+
         def run() -> None:
             while not over.is_set():
                 with contextlib.suppress(TimeoutError):
                     data, sender = asks.recvfrom(2048)
-                    self.asked.append(json.loads(data))
-                    if not self.refuses:
-                        self.state, self.cause, self.latches = State.ACTIVE, Cause.NONE, Latch(0)
-                    answer = {"ok": not self.refuses, "state": self.state.name.lower(), "error": self.refuses}
-                    asks.sendto(json.dumps(answer).encode(), sender)
+                    asks.sendto(answered(json.loads(data)), sender)
 
         def listen() -> None:
             while not over.is_set():
                 with contextlib.suppress(TimeoutError):
-                    data = presses.recv(2048)
-                    self.presses.append((time.monotonic_ns(), json.loads(data)))
+                    data, sender = presses.recvfrom(2048)
+                    content = json.loads(data)
+                    if "ask" in content:
+                        self.judged.append(content)
+                        presses.sendto(answered(content), sender)
+                    else:
+                        self.presses.append((time.monotonic_ns(), content))
 
         threads = [threading.Thread(target=run), threading.Thread(target=listen)]
         for thread in threads:

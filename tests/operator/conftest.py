@@ -28,6 +28,7 @@ def page(loop: OperatedLoop, process: OperatorPage) -> OperatorPage:
     """A panel that nobody has opened yet, of an active run."""
     loop.state, loop.refuses = State.ACTIVE, ""
     loop.asked.clear()
+    loop.judged.clear()
     loop.presses.clear()
     process.new_address()
     return process

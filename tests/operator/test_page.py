@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import copy
+import json
 from collections.abc import Iterator
-from typing import Any
 
 import pytest
-from helpers.chromium import Chromium, Page
+from helpers.chromium import Chromium
 from helpers.operated import OperatedLoop
+from helpers.operator_seen import Seen
 from helpers.wait import until
 
 from runtime.ipc.words import LINK_ACTIVE, LINK_CONNECTED, Cause, Latch, State
@@ -21,55 +22,6 @@ RIGHT = {"key": "ArrowRight", "code": "ArrowRight", "windowsVirtualKeyCode": 39}
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chromium]:
     with Chromium(tmp_path_factory.mktemp("chromium")) as made:
         yield made
-
-
-class Seen:
-    """A loop that runs, and its panel in the browser."""
-
-    def __init__(self, loop: OperatedLoop, process: OperatorPage, page: Page) -> None:
-        self.loop, self.process, self.page = loop, process, page
-
-    def now(self, key: str) -> Any:
-        """What the newest frame shows."""
-        return self.page.value(f"globalThis.pictureNow && pictureNow.{key}")
-
-    def text(self, part: str) -> str:
-        """What a part of the page says; nothing if it isn't shown."""
-        return str(self.page.value(f"document.getElementById('{part}').checkVisibility() ? "
-                                   f"document.getElementById('{part}').innerText : ''"))  # fmt: skip
-
-    def says(self, part: str, words: str) -> None:
-        """Waits until a part of the page says it."""
-        until(lambda: words in self.text(part), what=lambda: f"{part} says '{words}': {self.text(part)}")
-
-    def click(self, part: str) -> None:
-        self.page.value(f"document.getElementById('{part}').click()")
-
-    def able(self, part: str) -> bool:
-        return bool(self.page.value(f"!document.getElementById('{part}').disabled"))
-
-    def control(self) -> None:
-        until(lambda: self.able("control"))
-        self.click("control")
-        until(lambda: self.now("control"))
-
-    def key(self, kind: str, **key: object) -> None:
-        self.page.ask("Input.dispatchKeyEvent", type=kind, **key)
-
-    def held(self) -> None:
-        """Waits until a key that is held makes presses."""
-        before = len(self.loop.presses)
-        until(lambda: sum(p["way"] == 1 for _, p in self.loop.presses[before:]) > 5)
-
-    def let_go(self) -> None:
-        """Waits until nothing is held, and checks that no press follows."""
-        until(lambda: self.now("jogging") == 0)
-        # What is on its way arrives before a picture that is made afterwards is answered.
-        frames = self.now("frames")
-        until(lambda: self.now("frames") > frames + 10)
-        before = len(self.loop.presses)
-        until(lambda: self.now("frames") > frames + 25)
-        assert [p for _, p in self.loop.presses[before:] if p["way"]] == []
 
 
 @pytest.fixture(scope="module")
@@ -142,6 +94,20 @@ def test_a_question_is_withdrawn_when_the_state_changes(seen: Seen) -> None:
     until(lambda: not seen.text("sure"))
 
 
+def test_a_question_is_withdrawn_when_something_else_stops_it_too(seen: Seen) -> None:
+    seen.control()
+    seen.loop.state, seen.loop.cause, seen.loop.latches = State.STOPPED, Cause.REQUEST, Latch.PERSON
+    until(lambda: seen.able("reset"))
+    seen.click("reset")
+    seen.says("sure", "Reset now")
+    seen.passed()
+    assert seen.text("sure")
+    seen.loop.latches |= Latch.EMERGENCY
+    until(lambda: not seen.text("sure"))
+    seen.says("answer", "has changed")
+    assert not seen.loop.asked
+
+
 def test_a_lost_device_has_words_and_a_remedy(seen: Seen) -> None:
     seen.says("devices", "well, takes commands")
     seen.loop.link = 0
@@ -173,6 +139,63 @@ def test_a_slider_shows_what_the_loop_has_and_not_what_was_asked(seen: Seen) -> 
     seen.says("answer", "has no bus")
     until(lambda: seen.page.value(f"Number({slider}.value)") == 1.25)
     assert "1.25 per m" in seen.text("sliders")
+
+
+@pytest.fixture
+def free(seen: Seen) -> Iterator[Seen]:
+    """Its parameter has no bounds, and so a field for a number."""
+    meta = copy.deepcopy(seen.loop.layout.meta)
+    seen.loop.layout.meta["parameters"][0] |= {"lower": float("-inf"), "upper": float("inf")}
+    seen.loop.begin()
+    until(lambda: seen.page.value("document.querySelector('#sliders input').type") == "number")
+    yield seen
+    seen.loop.layout.meta = meta
+    seen.loop.begin()
+    until(lambda: seen.page.value("document.querySelector('#sliders input').type") == "range")
+
+
+def typed(seen: Seen, words: str) -> None:
+    field = "document.querySelector('#sliders input')"
+    until(lambda: seen.page.value(f"!{field}.disabled"))
+    seen.page.value(f"{field}.focus(), {field}.select()")
+    seen.page.ask("Input.insertText", text=words) if words else seen.page.key("Backspace", "Backspace", 8)
+    seen.page.value(f"{field}.blur()")
+
+
+@pytest.mark.parametrize("words", ["", "-", "1,5e", "e"])
+def test_what_is_no_number_is_not_sent_as_one(free: Seen, words: str) -> None:
+    free.control()
+    typed(free, words)
+    free.passed()
+    assert free.text("answer") == ""
+    field = "document.querySelector('#sliders input')"
+    assert free.page.value(f"Number({field}.value)") == 1.25  # what the loop has is back
+
+
+def test_a_number_is_sent_and_shown_as_it_was_typed(free: Seen) -> None:
+    free.control()
+    sent = "globalThis.sent = []; const send = WebSocket.prototype.send; "
+    sent += "WebSocket.prototype.send = function (m) { sent.push(JSON.parse(m)); return send.call(this, m); }"
+    free.page.value(f"(() => {{ {sent} }})()")
+    typed(free, "0.0004321")
+    free.says("answer", "has no bus")
+    assert free.page.value("sent.filter((m) => m.kind === 'set').map((m) => m.value)") == [0.0004321]
+
+
+@pytest.mark.parametrize("bounds", [(0.0, 0.005), (0.0, 4e-6), (0.5, 2.0), (0.0, 3e5)])
+def test_a_sliders_value_is_shown_as_it_is_sent(seen: Seen, bounds: tuple[float, float]) -> None:
+    lower, upper = bounds
+    given = {"name": "g", "lower": lower, "upper": upper, "default": lower, "unit": "1", "text": "t"}
+    found = seen.page.value(
+        "import('/slider.js').then(({ Slider }) => { const sent = [], s = new Slider("
+        f"{json.dumps(given)}, (v) => sent.push(v)); s.input.value = {lower + 0.3217 * (upper - lower)}; "
+        f"s.input.dispatchEvent(new Event('input')); s.frame({lower}, true, 0); const before = s.asked.textContent; "
+        f"s.input.dispatchEvent(new Event('change')); s.frame({lower}, true, 0); "
+        "return [sent[0], before, s.asked.textContent, s.input.value]; })"
+    )
+    assert found[1] == found[2]  # while it is dragged, and once it is sent
+    assert float(found[1].removeprefix("asked ")) == found[0]
+    assert float(found[3]) == found[0]
 
 
 def test_a_joint_moves_while_a_key_is_held(seen: Seen) -> None:
@@ -219,15 +242,43 @@ def test_a_held_joint_is_let_go_with_the_focus_the_page_or_the_control(seen: See
 def test_a_button_is_held_with_the_mouse(seen: Seen) -> None:
     seen.control()
     seen.says("jog_words", "Hold")
-    higher = "document.querySelectorAll('.joint')[1].children[2]"
-    box = seen.page.value(f"(() => {{ const b = {higher}.getBoundingClientRect();"
-                          " return [b.x + b.width / 2, b.y + b.height / 2]; })()")  # fmt: skip
-    mouse = {"x": box[0], "y": box[1], "button": "left", "clickCount": 1}
+    mouse = seen.higher(1) | {"button": "left"}
     seen.page.ask("Input.dispatchMouseEvent", type="mousePressed", buttons=1, **mouse)
     seen.held()
     assert seen.loop.presses[-1][1]["joint"] == 1
     seen.page.ask("Input.dispatchMouseEvent", type="mouseReleased", **mouse)
     seen.let_go()
+
+
+def test_the_end_of_a_key_counts_also_when_it_means_another_by_then(seen: Seen) -> None:
+    seen.control()
+    seen.says("jog_words", "Hold")
+    # With Shift the keypad's 6 is an arrow. Shift is let go first, and then it is a 6.
+    arrow, six = RIGHT | {"code": "Numpad6"}, {"key": "6", "code": "Numpad6", "windowsVirtualKeyCode": 102}
+    for end in ({"type": "rawKeyDown", "autoRepeat": True}, {"type": "keyUp"}):
+        seen.page.ask("Input.dispatchKeyEvent", type="rawKeyDown", **arrow)
+        seen.held()
+        seen.page.ask("Input.dispatchKeyEvent", **end, **six)
+        seen.let_go()
+        seen.page.ask("Input.dispatchKeyEvent", type="keyUp", **six)
+
+
+def test_the_first_mouse_button_lets_go_while_another_is_held(seen: Seen) -> None:
+    seen.control()
+    seen.says("jog_words", "Hold")
+    mouse = seen.higher(0)
+    seen.page.ask("Input.dispatchMouseEvent", type="mousePressed", button="left", buttons=1, **mouse)
+    seen.held()
+    seen.page.ask("Input.dispatchMouseEvent", type="mousePressed", button="middle", buttons=5, **mouse)
+    seen.page.ask("Input.dispatchMouseEvent", type="mouseReleased", button="left", buttons=4, **mouse)
+    seen.let_go()
+    seen.page.ask("Input.dispatchMouseEvent", type="mouseReleased", button="middle", buttons=0, **mouse)
+    # The end of a click that another window has taken: the mouse comes back without a button.
+    seen.page.ask("Input.dispatchMouseEvent", type="mousePressed", button="left", buttons=1, **mouse)
+    seen.held()
+    seen.page.value("dispatchEvent(new PointerEvent('pointermove', {buttons: 0}))")
+    seen.let_go()
+    seen.page.ask("Input.dispatchMouseEvent", type="mouseReleased", button="left", buttons=0, **mouse)
 
 
 def test_a_stop_lets_go_and_a_held_key_begins_nothing_after_it(seen: Seen) -> None:
@@ -277,11 +328,16 @@ def test_stop_is_in_sight_at_every_width_and_nothing_is_cut_off(seen: Seen, widt
     seen.page.ask(
         "Emulation.setDeviceMetricsOverride", width=width, height=700, deviceScaleFactor=1, mobile=False,
     )  # fmt: skip
+    seen.loop.state, seen.loop.cause = State.STOPPED, Cause.REQUEST
+    seen.says("warning", "stopped")
     for down in (0, 10_000):
         box = seen.page.value(f"(() => {{ document.querySelector('main').scrollTo(0, {down}); "
                               "const b = document.getElementById('stop').getBoundingClientRect(); "
                               "return [b.left, b.top, b.right, b.bottom]; })()")  # fmt: skip
         assert 0 <= box[0] < box[2] <= width
         assert 0 <= box[1] < box[3] <= 700
+        warning = seen.page.value("(b => [b.top, b.bottom])"
+                                  "(document.getElementById('warning').getBoundingClientRect())")  # fmt: skip
+        assert 0 <= warning[0] < warning[1] <= box[1]  # it covers no button
     assert seen.page.value("document.documentElement.scrollWidth") <= width
     assert seen.page.value("(d => d.scrollWidth <= d.clientWidth)(document.getElementById('desk'))")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
+import signal
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -107,6 +109,43 @@ def test_control_goes_to_the_tab_that_takes_it_and_ends_with_it(page: OperatorPa
     talk(page, both)
 
 
+def test_of_several_panels_of_a_run_one_has_control(loop: OperatedLoop, page: OperatorPage, tmp_path: Path) -> None:
+    refused: list[str] = []
+
+    with OperatorPage(loop.folder, tmp_path) as other:
+        kept, others = cookie(page), cookie(other)
+
+        async def second(tab: Socket) -> bool:
+            await tab.send_json({"kind": "control", "take": True})
+            while (message := await tab.receive_json())["kind"] != "answer":
+                if message["kind"] == "control" and message["yours"]:
+                    return True
+            refused.append(message["words"])
+            await tab.send_json({"kind": "jog", "joint": 0, "way": 1, "heard": (await heard(tab, "frame"))["told"]})
+            await ponged(tab)
+            return False
+
+        async def first(tab: Socket) -> None:
+            await take(tab)
+            assert not await asyncio.to_thread(talk, other, second, kept=others)
+            await tab.send_json({"kind": "control", "take": False})
+            await heard(tab, "control", yours=False, held=False)
+            assert await asyncio.to_thread(talk, other, second, kept=others)
+            await take(tab)
+
+        talk(page, first, kept=kept)
+        assert not loop.presses
+        assert "Another `srl panel`" in refused[0]
+
+        async def killed(tab: Socket) -> None:
+            await take(tab)
+            os.kill(other.pid, signal.SIGKILL)
+
+        talk(other, killed, kept=others)
+        until(lambda: not other.alive)
+    assert talk(page, second, kept=kept)
+
+
 def test_a_reset_is_that_of_srl_reset_as_of_what_the_page_saw(loop: OperatedLoop, page: OperatorPage) -> None:
     loop.state = State.STOPPED
 
@@ -119,6 +158,28 @@ def test_a_reset_is_that_of_srl_reset_as_of_what_the_page_saw(loop: OperatedLoop
     answer, seen = talk(page, reset)
     assert answer == {"kind": "answer", "what": "reset", "ok": True, "words": "reset: done, active"}
     assert loop.asked == [{"ask": "reset", "expires": seen * 1000 + LIFETIME}]
+
+
+def test_a_run_of_srl_jog_judges_its_resets_itself(loop: OperatedLoop, page: OperatorPage) -> None:
+    async def reset(tab: Socket) -> dict[str, Any]:
+        await take(tab)
+        await tab.send_json({"kind": "ask", "what": "reset", "seen": (await heard(tab, "frame"))["seen"]})
+        return await heard(tab, "answer")
+
+    loop.state = State.STOPPED
+    kept = cookie(page)
+    assert talk(page, reset, kept=kept)["ok"]
+    assert [asked["ask"] for asked in loop.judged] == ["reset"]
+    # The keys, and so the reset, are a terminal's.
+    loop.state, socket = State.STOPPED, loop.folder.press_socket
+    away = socket.rename(socket.with_name("away"))
+    try:
+        answer = talk(page, reset, kept=kept)
+    finally:
+        away.rename(socket)
+    assert not answer["ok"]
+    assert "on its terminal" in answer["words"]
+    assert len(loop.asked) == 1
 
 
 def test_what_a_refusal_said_is_told(loop: OperatedLoop, page: OperatorPage) -> None:

@@ -1,8 +1,8 @@
 // What is beside the picture: how the run is and what to do, start and reset, devices, parameters, jog, recordings.
 import { Pad } from "/pad.js";
-import { button, made, measure, text } from "/part.js";
+import { made, text } from "/part.js";
+import { Slider } from "/slider.js";
 
-const WAIT = 3000; // ms that an answer may take, before a slider goes back to what the loop has
 const SHOWN = 8000; // ms that an answer is shown
 const MEANS = {
   start: "The limb begins to move. One that measures nothing begins at its home: put it there first. Is everybody clear?",
@@ -19,10 +19,12 @@ export class Operator {
     this.sliders = [];
     this.answered = [0, "", true]; // until when it is shown, words, whether it is well
     this.doubt = ""; // what waits for a second word
+    this.about = ""; // what was shown of the stop when it was asked for
+    this.shown = null; // the newest picture that was drawn
     part.control.addEventListener("click", () => this.say({ kind: "control", take: !this.yours }));
     for (const what of ["start", "reset"]) part[what].addEventListener("click", () => this.sure(what));
     part.yes.addEventListener("click", () => {
-      if (this.doubt && this.newest) this.say({ kind: "ask", what: this.doubt, seen: this.newest.seen });
+      if (this.doubt && this.shown) this.say({ kind: "ask", what: this.doubt, seen: this.shown.seen });
       this.sure("");
     });
     part.no.addEventListener("click", () => this.sure(""));
@@ -51,7 +53,7 @@ export class Operator {
   show(scene) {
     this.pad.show(scene.joints);
     this.part.jog.hidden = !scene.joints.length;
-    this.sliders = scene.parameters.map((given, i) => this.slider(given, i));
+    this.sliders = scene.parameters.map((given) => new Slider(given, (value) => this.say({ kind: "set", name: given.name, value })));
     this.part.sliders.replaceChildren(...this.sliders.map(({ row }) => row));
     this.part.parameters.hidden = !scene.parameters.length;
     this.sure("");
@@ -60,7 +62,8 @@ export class Operator {
   sure(what) {
     this.doubt = what;
     this.part.sure.hidden = !what;
-    if (!what) return;
+    if (!what || !this.shown) return;
+    this.about = about(this.shown);
     text(this.part.sure_words, MEANS[what]);
     text(this.part.yes, what === "start" ? "Start now" : "Reset now");
   }
@@ -68,41 +71,6 @@ export class Operator {
   answer({ what, ok, words }) {
     this.answered = [performance.now() + SHOWN * (ok ? 0.5 : 2), words, ok];
     if (what === "set") for (const slider of this.sliders) slider.until = 0;
-  }
-
-  slider(given, i) {
-    const row = made("label", "slider"), input = made("input"), value = made("output"), asked = made("span", "asked");
-    const bounded = given.lower !== null && given.upper !== null, unit = given.unit;
-    const made_ = { row, input, value, asked, until: 0, active: false };
-    input.type = bounded ? "range" : "number";
-    input.step = "any";
-    if (bounded) [input.min, input.max] = [given.lower, given.upper];
-    input.addEventListener("input", () => { made_.active = true; });
-    input.addEventListener("change", () => {
-      made_.active = false;
-      const span = bounded ? given.upper - given.lower : 1, step = 10 ** Math.floor(Math.log10(span / 50));
-      let wanted = Math.round(Number(input.value) / step) * step;
-      if (bounded) wanted = Math.min(Math.max(wanted, given.lower), given.upper);
-      if (!Number.isFinite(wanted)) return;
-      input.value = wanted;
-      made_.until = performance.now() + WAIT;
-      this.say({ kind: "set", name: given.name, value: Number(wanted.toPrecision(12)) });
-    });
-    input.addEventListener("blur", () => { made_.active = false; });
-    const head = made("span", "head"), ends = made("span", "quiet ends");
-    head.append(made("b", "", given.name), asked, value);
-    if (bounded) ends.append(made("span", "", measure(given.lower, unit)), made("span", "", measure(given.upper, unit)));
-    row.append(head, input, ends, made("span", "quiet", `${given.text} · ${measure(given.default, unit)} at first`));
-    made_.frame = (values, may, now) => {
-      const has = values[i] ?? null;
-      text(value, measure(has, unit));
-      input.disabled = !may;
-      const waits = made_.active || now < made_.until;
-      text(asked, waits && Math.abs(Number(input.value) - has) > 1e-9 ? `asked ${measure(Number(input.value), unit)}` : "");
-      if (!waits && has !== null && document.activeElement !== input) input.value = has;
-      else if (!waits && has !== null && Number(input.value) !== has) input.value = has;
-    };
-    return made_;
   }
 
   shelf({ rows, more, words }) {
@@ -139,9 +107,14 @@ export class Operator {
       part[what].disabled = !(may && ALLOWED[health.now] === what);
       part[what].hidden = (what === "start") !== (health.now === "ready" || health.now === "starting");
     }
+    this.shown = newest;
     if (this.doubt && (!may || ALLOWED[health.now] !== this.doubt)) this.sure("");
+    else if (this.doubt && about(newest) !== this.about) { // a person said yes to something else
+      this.answered = [now + SHOWN, "What stopped it has changed. Read it, then ask again.", false];
+      this.sure("");
+    }
     this.list(devices);
-    for (const slider of this.sliders) slider.frame(newest.values, may, now);
+    this.sliders.forEach((slider, i) => slider.frame(newest.values[i] ?? null, may, now));
     text(part.jog_words, jogWords(newest, may));
     if (part.events_lines.textContent !== newest.events.join("")) part.events_lines.replaceChildren(...newest.events.map((words) => made("li", "", words)));
     part.events.hidden = !newest.events.length;
@@ -168,6 +141,8 @@ export class Operator {
     });
   }
 }
+
+function about({ health }) { return [health.now, health.why, health.stands, health.todo].join("\n"); }
 
 function jogWords(newest, may) {
   if (!newest.takes) return "This run is jogged on its terminal. To jog here, begin it with: srl jog PROFILE DEVICE --panel";

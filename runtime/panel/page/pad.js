@@ -13,13 +13,18 @@ export class Pad {
     this.rows = [];
     this.joint = 0;
     this.way = 0; // the sense in which the held key or button moves; 0: none is held
-    this.key = ""; // the key that is held
+    this.key = this.code = ""; // the key that is held, as it means and as it lies; "": a button is held
     this.told = this.came = 0; // the newest picture's own time; when it came
     this.allowed = false;
     addEventListener("keydown", (event) => this.pressed(event));
-    addEventListener("keyup", (event) => { if (event.key === this.key) this.release(); });
+    // Shift or Num Lock can change what a key means while it is held. One without a place may be any.
+    addEventListener("keyup", (event) => {
+      if (!event.code || event.code === this.code || event.key === this.key) this.release();
+    });
     for (const name of ["blur", "pagehide"]) addEventListener(name, () => this.release());
-    for (const name of ["pointerup", "pointercancel"]) addEventListener(name, () => this.release());
+    // A pointer is up once all its buttons are; the mouse tells of each. A lost end shows when it moves again.
+    addEventListener("pointermove", (event) => { if (this.way && !this.key && !(event.buttons & 1)) this.release(); });
+    for (const name of ["pointerup", "pointercancel", "mouseup"]) addEventListener(name, () => this.release());
     document.addEventListener("visibilitychange", () => this.release());
     addEventListener("contextmenu", () => this.release());
   }
@@ -31,14 +36,14 @@ export class Pad {
       const row = made("div", "joint"), name = button(joint.name, () => this.choose(i));
       const place = made("output"), range = made("span", "quiet");
       const bounds = joint.lower === null || joint.upper === null ? "" : `${measure(joint.lower, "")} to ${measure(joint.upper, joint.unit)}`;
-      range.textContent = [joint.measured ? "measured" : "not measured", bounds].filter(Boolean).join(" · ");
+      range.textContent = [joint.measured ? "measured" : "as commanded, not measured", bounds].filter(Boolean).join(" · ");
       const ways = [-1, 1].map((way) => {
         const held = button(way < 0 ? "◀" : "▶");
         held.setAttribute("aria-label", `${joint.name} to ${way < 0 ? "lower" : "higher"} values`);
         held.addEventListener("pointerdown", (event) => {
           if (event.button) return;
           this.choose(i);
-          this.hold(way, "");
+          this.hold(way, "", "");
         });
         held.addEventListener("pointerleave", () => this.release());
         return held;
@@ -60,25 +65,26 @@ export class Pad {
   mark() { this.rows.forEach(({ row }, i) => row.classList.toggle("chosen", i === this.joint)); }
 
   pressed(event) {
+    if (event.repeat && this.key && event.key !== this.key) this.release();
     if (!this.allowed || event.repeat) return;
     const typing = event.target instanceof HTMLInputElement && event.target.type !== "checkbox"; // a slider's own arrows
     if (event.altKey || event.ctrlKey || event.metaKey || typing) { this.release(); return; }
     const way = WAYS[event.key], step = { ArrowUp: -1, ArrowDown: 1 }[event.key];
-    if (way) this.hold(way, event.key);
+    if (way) this.hold(way, event.key, event.code);
     else this.release(); // any other key brakes
     if (step) this.choose((this.joint + step + this.joints.length) % this.joints.length);
     if (/^[0-9]$/.test(event.key)) this.choose((Number(event.key) + 9) % 10);
     if (way || step) event.preventDefault();
   }
 
-  hold(way, key) {
+  hold(way, key, code) {
     if (!this.allowed) return;
-    [this.way, this.key] = [way, key];
+    [this.way, this.key, this.code] = [way, key, code];
   }
 
   release() {
     if (this.way) this.say({ kind: "jog", joint: this.joint, way: 0, heard: this.told });
-    [this.way, this.key] = [0, ""];
+    [this.way, this.key, this.code] = [0, "", ""];
   }
 
   // A picture has come; allowed: whether this page may move a joint now.

@@ -1,0 +1,71 @@
+"""The operator's panel in a browser, as a person sees it and acts on it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from helpers.chromium import Page
+from helpers.operated import OperatedLoop
+from helpers.wait import until
+from runtime.operator.client import OperatorPage
+
+
+class Seen:
+    """A loop that runs, and its panel in the browser."""
+
+    def __init__(self, loop: OperatedLoop, process: OperatorPage, page: Page) -> None:
+        self.loop, self.process, self.page = loop, process, page
+
+    def now(self, key: str) -> Any:
+        """What the newest frame shows."""
+        return self.page.value(f"globalThis.pictureNow && pictureNow.{key}")
+
+    def text(self, part: str) -> str:
+        """What a part of the page says; nothing if it isn't shown."""
+        return str(self.page.value(f"document.getElementById('{part}').checkVisibility() ? "
+                                   f"document.getElementById('{part}').innerText : ''"))  # fmt: skip
+
+    def says(self, part: str, words: str) -> None:
+        """Waits until a part of the page says it."""
+        until(lambda: words in self.text(part), what=lambda: f"{part} says '{words}': {self.text(part)}")
+
+    def click(self, part: str) -> None:
+        self.page.value(f"document.getElementById('{part}').click()")
+
+    def able(self, part: str) -> bool:
+        return bool(self.page.value(f"!document.getElementById('{part}').disabled"))
+
+    def control(self) -> None:
+        until(lambda: self.able("control"))
+        self.click("control")
+        until(lambda: self.now("control"))
+
+    def key(self, kind: str, **key: object) -> None:
+        self.page.ask("Input.dispatchKeyEvent", type=kind, **key)
+
+    def higher(self, joint: int) -> dict[str, Any]:
+        """A mouse on the button that moves a joint to higher values."""
+        button = f"document.querySelectorAll('.joint')[{joint}].children[2]"
+        x, y = self.page.value(f"(() => {{ {button}.scrollIntoView(); const b = {button}.getBoundingClientRect();"
+                               " return [b.x + b.width / 2, b.y + b.height / 2]; })()")  # fmt: skip
+        return {"x": x, "y": y, "clickCount": 1}
+
+    def passed(self, frames: int = 25) -> None:
+        """Waits until the page was drawn so often again."""
+        seen = self.now("frames")
+        until(lambda: self.now("frames") > seen + frames)
+
+    def held(self) -> None:
+        """Waits until a key that is held makes presses."""
+        before = len(self.loop.presses)
+        until(lambda: sum(p["way"] == 1 for _, p in self.loop.presses[before:]) > 5)
+
+    def let_go(self) -> None:
+        """Waits until nothing is held, and checks that no press follows."""
+        until(lambda: self.now("jogging") == 0)
+        # What is on its way arrives before a picture that is made afterwards is answered.
+        frames = self.now("frames")
+        until(lambda: self.now("frames") > frames + 10)
+        before = len(self.loop.presses)
+        until(lambda: self.now("frames") > frames + 25)
+        assert [p for _, p in self.loop.presses[before:] if p["way"]] == []
