@@ -232,3 +232,20 @@ def test_too_few_like_each_other_or_unseen_are_refused() -> None:
         of_points(np.vstack([seen, seen[:1]]), np.vstack([own, own[:1]]))
     with pytest.raises(MountError, match="some aren't measured"):
         of_points(np.where(seen == seen[0, 0], np.nan, seen), own)
+
+
+@pytest.mark.parametrize(("place", "turn"), [(1e-3, 1e-5), (1e-4, 5e-3)], ids=["places", "rotations"])
+def test_the_stated_deviation_holds_whichever_error_is_the_larger(place: float, turn: float) -> None:
+    random = np.random.default_rng(4)
+    off, stated = [], []
+    for seed in range(40):
+        Y, _, A, B = poses(seed)
+        B[:, :3] += place * random.normal(size=(8, 3))
+        turned = Rotation.from_rotvec(turn * random.normal(size=(8, 3)))
+        B[:, 3:] = (Rotation.from_quat(B[:, 3:], scalar_first=True) * turned).as_quat(scalar_first=True)
+        found = fit("poses", range(1, 9), A, B, 0.0, Thresholds(turned=0.01, axes=0.01))
+        off.append(apart(found.pose, Y))
+        stated.append(found.uncertain)
+    ratio = np.sqrt(np.mean(np.square(off), axis=0) / np.mean(np.square(stated), axis=0))
+    np.testing.assert_allclose(ratio, 1.0, atol=0.2)
+    assert np.mean(np.less(off, 2.0 * np.array(stated)), axis=0).min() >= 0.9
