@@ -179,6 +179,10 @@ def test_a_recording_gives_the_same_file_and_a_pose_is_done_again(command: Comma
         (["--option", "known=0,0,0;1,0,0;0,1,0;0,0,1"], "known points go with what=points"),
         (["--option", "what=points", "--option", "known=0,0,0;1,0;0,1,0;0,0,1"], "--option known.1.2"),
         (["--option", "what=points", "--option", "known=0,0,0;1,0,0;0,1,0;0,0,1"], "there are 4 known points"),
+        (
+            ["--option", "what=points", "--option", "count=4", "--option", "known=0,0,0;.2,0,0;.2,.2,0;0,.2,0"],
+            "touched in the order ",
+        ),
         (["--option", "frame=arn"], "no frame 'arn'. Did you mean 'arm'"),
         (["--option", "frame=room"], "frames.room has no `calibration:`"),
         (["--option", "parent_signal=arm.pose"], "'arm.pose': it is in arm, not in 'room'"),

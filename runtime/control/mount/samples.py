@@ -17,6 +17,7 @@ from runtime.contracts.controller import ControllerConfig
 from runtime.contracts.options import Options
 from runtime.contracts.rotation import Vector
 from runtime.contracts.signals import Array
+from runtime.control.mount.exchanged import exchanged
 from runtime.control.mount.fit import FEWEST, MountError, Thresholds
 from runtime.control.shared.marks import Indices, MarkLaw, stretch_of
 
@@ -90,6 +91,12 @@ class Plan(Options):
             raise ValueError(f"there are {len(self.known)} known points: write count={len(self.known)}, too")
         if self.count < FEWEST[self.what]:
             raise ValueError(f"{self.count} {self.what} don't find a frame: {FEWEST[self.what]} are needed")
+        if self.known and (order := exchanged(np.array(self.known))):
+            told = ", ".join(map(str, order))
+            raise ValueError(
+                f"touched in the order {told} the known points fit as well, and the frame is turned: "
+                "take points whose distances differ by 20 mm"
+            )
         return self
 
     def levers(self, thresholds: Thresholds) -> tuple[float, float]:
