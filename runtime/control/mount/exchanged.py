@@ -1,4 +1,4 @@
-"""Known points that could be touched in a wrong order, and nobody would see it: the sets would fit each other as well."""
+"""Known points that fit each other in another order, too: whoever touched them so would see nothing of it."""
 
 from __future__ import annotations
 

@@ -248,7 +248,7 @@ def test_the_stated_deviation_holds_whichever_error_is_the_larger(place: float, 
         off.append(apart(found.pose, Y))
         stated.append(found.uncertain)
     ratio = np.sqrt(np.mean(np.square(off), axis=0) / np.mean(np.square(stated), axis=0))
-    np.testing.assert_allclose(ratio, 1.0, atol=0.22)
+    np.testing.assert_allclose(ratio, 1.0, atol=0.3)
     assert np.mean(np.less(off, 2.0 * np.array(stated)), axis=0).min() >= 0.88
 
 
