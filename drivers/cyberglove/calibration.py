@@ -203,7 +203,17 @@ def _table(path: Path, fits: Mapping[str, Fit], sensors: int) -> Array:
     for name in labels:
         if name not in fits:
             raise ProfileError(f"{path}: sensors.{name}", "the sensor is missing", f"Give all {sensors} sensors a line")
-    return np.array([fits[name].angles() for name in labels])
+    return np.array([_one_line(f"{path}: sensors.{name}", fits[name]) for name in labels])
+
+
+def _one_line(place: str, fit: Fit) -> Array:
+    """(256,) rad. Raises ProfileError: numbers so great or small that neighbouring counts have the same angle."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        angles = fit.angles()
+        steps = np.diff(angles)
+    if not np.isfinite(angles).all() or not ((steps > 0).all() or (steps < 0).all()):
+        raise ProfileError(place, "not every count has an angle of its own", "Correct its numbers")
+    return angles
 
 
 def _guided(path: Path, text: str, sensors: int) -> Calibration:
@@ -267,7 +277,8 @@ def _vendor(path: Path, text: str, sensors: int) -> Calibration:
         gain = number(source, _GAIN, "gain")
         if gain == 0:
             raise ProfileError(f"{path}: line {source + 1}", f"the gain of {label} is 0", "Calibrate the glove again")
-        rows.append(Fit(gain=gain, offset=number(line, _OFFSET, "offset")).angles())
+        fit = Fit(gain=gain, offset=number(line, _OFFSET, "offset"))
+        rows.append(_one_line(f"{path}: line {line + 1}", fit))
     return Calibration(np.array(rows), note="vendor calibration: check each joint's sign before use")
 
 

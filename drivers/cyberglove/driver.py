@@ -62,7 +62,7 @@ class CyberGlove(Sensor):
         self.hand = config.hand
         labels = LABELS[config.sensors]
         self._raw = config.raw
-        given, unit = ("raw", "1") if config.raw else ("position", "rad")
+        given, unit = ("raw", "count") if config.raw else ("position", "rad")
         self.states = (
             Signal(name=given, shape=(config.sensors,), unit=unit, labels=labels),
             Signal(name="buttons", shape=(1,), unit="1", labels=("wrist_switch",)),

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import pi
 from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from drivers.dynamixel.models import MODELS, Model
+from drivers.dynamixel.models import MODELS, Model, Nominal
 from drivers.dynamixel.packets import HIGHEST_ID
 from drivers.dynamixel.table import baud_code
 from runtime.contracts.driver import DeviceConfig
@@ -18,8 +19,8 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 Mode = Literal["position", "extended", "velocity", "effort"]
 
 
-class MotorConfig(BaseModel):
-    """One axis: its servo, and how the servo's shaft moves it.
+class AxisConfig(BaseModel):
+    """One axis of a servo bus of any maker: how the servo's shaft moves it.
 
     With the shaft's angle s (rad, 0 at 2048 counts): axis = ±(s - zero), times `m_per_rad` if it is prismatic.
     """
@@ -27,7 +28,6 @@ class MotorConfig(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     id: int = Field(ge=0, le=HIGHEST_ID, description="on the bus")
-    model: Literal["MX-28", "MX-64", "MX-106"]
     reversed: bool = Field(False, description="the axis grows as the shaft's angle falls")
     zero: Finite = Field(0.0, description="rad, the shaft's angle where the axis is at 0; 0 is 2048 counts")
     m_per_rad: float | None = Field(
@@ -47,9 +47,9 @@ class MotorConfig(BaseModel):
         return self
 
     @property
-    def facts(self) -> Model:
+    def facts(self) -> Nominal:
         """The model's data."""
-        return MODELS[self.model]
+        raise NotImplementedError
 
     @property
     def scale(self) -> float:
@@ -61,6 +61,37 @@ class MotorConfig(BaseModel):
     def newton_metres(self) -> float:
         """N m/A at the shaft."""
         return self.torque_constant if self.torque_constant is not None else self.facts.torque_constant
+
+
+def check_axes(axes: Mapping[str, AxisConfig]) -> None:
+    """Raises ValueError for an id that is used twice, or a home that some axes lack."""
+    taken: dict[int, str] = {}
+    for name, axis in axes.items():
+        if axis.id in taken:
+            raise ValueError(f"id {axis.id} is used twice, by {taken[axis.id]} and {name}")
+        taken[axis.id] = name
+    homes = [name for name, axis in axes.items() if axis.home is not None]
+    if homes and len(homes) < len(axes):
+        missing = next(name for name in axes if name not in homes)
+        raise ValueError(f"{missing} has no home, others have; give it to all motors or to none")
+
+
+def bounds(axes: Mapping[str, AxisConfig]) -> Limits:
+    """Returns the bounds that the profile gives the axes' positions."""
+    lower = np.array([-np.inf if axis.lower is None else axis.lower for axis in axes.values()])
+    upper = np.array([np.inf if axis.upper is None else axis.upper for axis in axes.values()])
+    return Limits(lower=lower if np.isfinite(lower).any() else None, upper=upper if np.isfinite(upper).any() else None)
+
+
+class MotorConfig(AxisConfig):
+    """One axis and its MX servo."""
+
+    model: Literal["MX-28", "MX-64", "MX-106"]
+
+    @property
+    def facts(self) -> Model:
+        """The model's data."""
+        return MODELS[self.model]
 
 
 class DynamixelConfig(DeviceConfig):
@@ -84,17 +115,10 @@ class DynamixelConfig(DeviceConfig):
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
-        taken: dict[int, str] = {}
+        check_axes(self.motors)
         for name, motor in self.motors.items():
-            if motor.id in taken:
-                raise ValueError(f"id {motor.id} is used twice, by {taken[motor.id]} and {name}")
-            taken[motor.id] = name
             if self.mode == "effort" and not motor.facts.senses_current:
                 raise ValueError(f"{name} is an {motor.model}, which has no current control; 'effort' needs it")
-        homes = [name for name, motor in self.motors.items() if motor.home is not None]
-        if homes and len(homes) < len(self.motors):
-            missing = next(name for name in self.motors if name not in homes)
-            raise ValueError(f"{missing} has no home, others have; give it to all motors or to none")
         if baud_code(self.baudrate, self.protocol) is None:
             raise ValueError(f"no servo of protocol {self.protocol} has a baud rate of {self.baudrate}")
         return self
@@ -112,8 +136,4 @@ class DynamixelConfig(DeviceConfig):
     @property
     def limits(self) -> Limits:
         """The bounds that the profile gives the motors' positions; the servos' own are known once they answer."""
-        lower = np.array([-np.inf if motor.lower is None else motor.lower for motor in self.motors.values()])
-        upper = np.array([np.inf if motor.upper is None else motor.upper for motor in self.motors.values()])
-        return Limits(
-            lower=lower if np.isfinite(lower).any() else None, upper=upper if np.isfinite(upper).any() else None
-        )
+        return bounds(self.motors)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
-from drivers.dynamixel.config import DynamixelConfig
+from drivers.dynamixel.config import AxisConfig, DynamixelConfig
 from drivers.dynamixel.family import WATCHDOG
 from drivers.dynamixel.setup import watchdog_code
 from runtime.contracts.signals import Command, Kind, Signal, Stop
@@ -19,20 +19,18 @@ _STOPS: Final = {
     Kind.TORQUE: (Stop.HOLD, Stop.DAMP, Stop.LIMP),
 }
 PERIOD: Final = 0.06  # s: an exchange over USB with a latency timer of 16 ms each way, a second one between samples
-_ROTARY: Final = {"position": "rad", "velocity": "rad/s", "effort": "N m", "temperature": "degC", "voltage": "V"}
-_LINEAR: Final = _ROTARY | {"position": "m", "velocity": "m/s", "effort": "N"}
+ROTARY: Final = {"position": "rad", "velocity": "rad/s", "effort": "N m", "temperature": "degC", "voltage": "V"}
+LINEAR: Final = ROTARY | {"position": "m", "velocity": "m/s", "effort": "N"}
 
 
-def _units(config: DynamixelConfig) -> dict[str, str]:
+def _units(axes: Mapping[str, AxisConfig]) -> dict[str, str]:
     """Returns one unit per signal: that of linear motion only if all axes are prismatic."""
-    linear = all(motor.m_per_rad is not None for motor in config.motors.values())
-    return _LINEAR if linear else _ROTARY
+    return LINEAR if all(axis.m_per_rad is not None for axis in axes.values()) else ROTARY
 
 
-def states(config: DynamixelConfig) -> tuple[Signal, ...]:
+def states(axes: Mapping[str, AxisConfig]) -> tuple[Signal, ...]:
     """The states, each (n,)."""
-    units, labels = _units(config), tuple(config.motors)
-    slides = sliding(config)
+    units, labels, slides = _units(axes), tuple(axes), sliding(axes)
     return tuple(
         Signal(
             name=key, shape=(len(labels),), unit=units[key], labels=labels,
@@ -42,25 +40,31 @@ def states(config: DynamixelConfig) -> tuple[Signal, ...]:
     )  # fmt: skip
 
 
-def sliding(config: DynamixelConfig) -> tuple[str, ...]:
+def sliding(axes: Mapping[str, AxisConfig]) -> tuple[str, ...]:
     """The prismatic axes."""
-    return tuple(name for name, motor in config.motors.items() if motor.m_per_rad is not None)
+    return tuple(name for name, axis in axes.items() if axis.m_per_rad is not None)
 
 
 def command(config: DynamixelConfig, unit: Sequence[float]) -> Command:
     """The command of the profile's `mode`, (n,); `unit` is that of the goal's register, in the command's (n,)."""
-    labels, kind = tuple(config.motors), KINDS[config.command]
-    homed = all(motor.home is not None for motor in config.motors.values())
+    timeout = watchdog_code(config.watchdog) * WATCHDOG if config.protocol == 2 else None
+    return command_of(config.motors, config.command, unit, timeout)
+
+
+def command_of(axes: Mapping[str, AxisConfig], name: str, unit: Sequence[float], timeout: float | None) -> Command:
+    """The command with this name, one of COMMANDS, (n,); `unit` as above."""
+    kind = KINDS[name]
+    homed = all(axis.home is not None for axis in axes.values())
     return Command(
-        name=config.command,
-        shape=(len(labels),),
-        unit=_units(config)[config.command.removesuffix("_command")],
-        labels=labels,
+        name=name,
+        shape=(len(axes),),
+        unit=_units(axes)[name.removesuffix("_command")],
+        labels=tuple(axes),
         kind=kind,
         feedback="position",
         stops=tuple(stop for stop in _STOPS[kind] if stop is not Stop.RETRACT or homed),
-        slides=sliding(config),
+        slides=sliding(axes),
         period=PERIOD,
-        timeout=watchdog_code(config.watchdog) * WATCHDOG if config.protocol == 2 else None,
+        timeout=timeout,
         resolution=tuple(abs(x) for x in unit),
     )

@@ -52,7 +52,10 @@ class Dynamixel(Driver):
         super().__init__(name, config)
         self.config: DynamixelConfig = config
         self._family = family(config)
-        self.states, self.commands = declare.states(config), (declare.command(config, self._family.unit.tolist()),)
+        self.states, self.commands = (
+            declare.states(config.motors),
+            (declare.command(config, self._family.unit.tolist()),),
+        )
         self._kind = self.commands[0].kind
         self.limits[config.command] = config.limits
         motors = config.motors
@@ -366,7 +369,7 @@ class Dynamixel(Driver):
         """Raises DeviceLostError if a servo hasn't answered for a second."""
         if silent := line.silent(now - LOST) - self._away():
             remedy = "Check the bus' cables and the servos' power"
-            raise DeviceLostError(self.name, who_is_silent(self.config, silent), remedy)
+            raise DeviceLostError(self.name, who_is_silent(self.config.motors, silent), remedy)
 
     def _name_faults(self) -> None:
         self.health.fault = self._faults.text()

@@ -5,18 +5,18 @@ Protocol sheet dynamixel, §4 and §5. Everything here is for the whole bus at o
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
 from math import pi
-from typing import Any, ClassVar, Final, Protocol
+from typing import ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.dynamixel import protocol1, protocol2, table
 from drivers.dynamixel.config import DynamixelConfig
-from drivers.dynamixel.models import CENTRE, COUNTS, PER_COUNT
-from drivers.dynamixel.packets import BROADCAST, Status
+from drivers.dynamixel.models import CENTRE, COUNTS
+from drivers.dynamixel.units import Parser, Units, Wire
 from runtime.contracts.signals import Array, Limits
 
 VELOCITY2: Final = 0.229 * 2 * pi / 60  # rad/s per unit
@@ -30,151 +30,39 @@ RETURN_DELAY: Final = 2e-6  # s per unit
 UNITS: Final = {"position": "rad", "velocity": "rad/s", "effort": "N m"}
 
 
-class Parser(Protocol):
-    """The interface of both protocols' parsers."""
-
-    frames: int
-    errors: int
-    resyncs: int
-    skipped: int
-
-    def statuses(self, data: bytes) -> list[Status]: ...
-
-    def forget(self) -> None: ...
-
-
-class Wire(Protocol):
-    """The interface of both protocols' modules."""
-
-    PING_SIZE: int
-    OVERHEAD: int
-
-    def ping(self, id: int) -> bytes: ...
-
-    def read(self, id: int, address: int, size: int) -> bytes: ...
-
-    def write(self, id: int, address: int, data: bytes) -> bytes: ...
-
-    def group_read(self, address: int, size: int, ids: Sequence[int]) -> bytes: ...
-
-    def sync_write(self, address: int, size: int, values: Mapping[int, bytes]) -> bytes: ...
-
-
-class Family(ABC):
+class Family(Units):
     """One firmware family on this bus.
 
     Attributes:
-        wire: the protocol's encoders.
-        tables: each motor's registers.
-        sample: (address, size) read in every cycle: position, velocity, current or load.
-        extra: (address, size) of the same plus voltage and temperature.
-        check: (address, size) of torque enable and of the registers that show a fault.
         velocity_unit: rad/s per unit; current_unit: A per unit.
-        unit: the command of one unit of the goals' register, (n,), negative for a reversed motor.
         filler: bytes that complete any packet that was cut short, without harm.
     """
 
     protocol: ClassVar[int]
     velocity_unit: ClassVar[float]
     current_unit: ClassVar[float]
-    check: ClassVar[tuple[int, int]]
-    sample: tuple[int, int]
-    extra: tuple[int, int]
     filler: bytes
 
     def __init__(self, config: DynamixelConfig) -> None:
         motors = list(config.motors.values())
-        self.config = config
-        self.ids = config.ids
+        self.config: DynamixelConfig = config
         self.wire: Wire = protocol1 if self.protocol == 1 else protocol2
         self.tables = [table.table(motor.facts, self.protocol) for motor in motors]
         self.mode = config.mode
-        self.senses_current = np.array([motor.facts.senses_current for motor in motors])
+        super().__init__(config.ids, motors)
         scale = np.array([motor.scale for motor in motors])
-        zero = np.array([motor.zero for motor in motors])
-        self.per_count = PER_COUNT * scale  # rad or m
-        self.offset = -(CENTRE * PER_COUNT + zero) * scale
+        self.senses_current = np.array([motor.facts.senses_current for motor in motors])
         self.per_velocity = self.velocity_unit * scale
         self.current_effort = np.array([motor.newton_metres for motor in motors]) * self.current_unit / scale
         self.load_effort = np.array([motor.facts.stall_torque for motor in motors]) * LOAD / scale
-        self.unit = {"velocity": self.per_velocity, "effort": self.current_effort}.get(self.mode, self.per_count)
-        self._zero = self.offset if self.unit is self.per_count else np.zeros(len(motors))  # the command of goal 0
-        self.low, self.high = np.zeros(len(motors)), np.zeros(len(motors))  # of the goals, in register units
-        self.last = np.zeros(len(motors), np.int64)  # the newest goals, in register units
-        self.seen: NDArray[np.int16] | NDArray[np.int32] | None = None  # positions of the newest sample, counts
-        goal = self.goal
-        self._body = np.zeros(len(motors), np.dtype([("id", "u1"), ("goal", f"<i{goal.size}")]))
-        self._body["id"] = self.ids
-        self._head = goal.address.to_bytes(self.protocol, "little") + goal.size.to_bytes(self.protocol, "little")
-
-    @abstractmethod
-    def parser(self) -> Parser:
-        """Returns a parser for the servos' answers."""
-
-    @property
-    @abstractmethod
-    def goal(self) -> table.Register:
-        """The register that holds this mode's goals."""
-
-    @abstractmethod
-    def decode(self, data: bytes, size: int, out: Mapping[str, Array]) -> None:
-        """Fills `position`, `velocity`, `effort`, and with `extra`'s size also `temperature` and `voltage`.
-
-        Args:
-            data: all motors' bytes, one motor after another.
-            size: bytes per motor, `sample`'s or `extra`'s.
-            out: arrays (n,) by name.
-        """
-
-    @abstractmethod
-    def _sign(self, goals: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Returns the register values for signed goals."""
-
-    def encode(self, command: Array) -> bytes:
-        """Returns the packet that gives all motors their goals; the goals stay in `last`.
-
-        If a command isn't finite, that motor keeps its last goal.
-        """
-        wanted = (command - self._zero) / self.unit
-        finite = np.isfinite(wanted)
-        np.rint(wanted, out=wanted)
-        np.maximum(wanted, self.low, out=wanted)
-        np.minimum(wanted, self.high, out=wanted)
-        np.copyto(self.last, wanted, casting="unsafe", where=finite)
-        return self.again()
-
-    def bounded(self, command: Array) -> Array:
-        """Returns the commands (n,) that `encode` makes of these, before rounding: within the servos' own limits."""
-        goals = np.clip((command - self._zero) / self.unit, self.low, self.high)
-        found: Array = goals * self.unit + self._zero
-        return found
+        if self.mode in ("velocity", "effort"):
+            self.unit = self.per_velocity if self.mode == "velocity" else self.current_effort
+            self._zero = np.zeros(len(motors))
+        self._begin(self.protocol)
 
     def own_range(self, i: int, memory: bytes) -> tuple[float, float]:
         """Returns the lowest and highest goal position of motor `i`, counts, from its registers (address 0 on)."""
         return self._own_limits(i, memory)[:2]
-
-    def again(self, motors: NDArray[np.bool_] | None = None) -> bytes:
-        """Returns the packet that repeats the last goals, of all motors or of some (n,)."""
-        self._body["goal"] = self._sign(self.last)
-        body = self._body if motors is None else self._body[motors]
-        return self._sync_write(self._head + body.tobytes())
-
-    def take_up_turns(self, i: int, counts: int) -> None:
-        """Corrects for lost turns: motor `i` reports `counts` instead of `seen[i]`, as it has forgotten whole turns.
-
-        A servo counts turns only while it has power. It must not have moved by half a turn in the meantime.
-        """
-        if self.mode == "extended" and self.seen is not None:
-            turns = round((int(self.seen[i]) - counts) / COUNTS)
-            self.offset[i] += turns * COUNTS * self.per_count[i]
-
-    def frame(self, name: str, value: int | Mapping[int, int], ids: Iterable[int] | None = None) -> bytes:
-        """Encodes a write of one register (the same in all tables) to all motors, to some, or by id; unacknowledged."""
-        register = self.tables[0][name]
-        if isinstance(value, int):
-            value = dict.fromkeys(self.ids if ids is None else ids, value)
-        data = {id: register.encode(v) for id, v in value.items()}
-        return self.wire.sync_write(register.address, register.size, data)
 
     def set_limits(self, memory: Sequence[bytes]) -> Limits:
         """Sets the bounds of the goals from the motors' registers; returns the command's limits in SI units.
@@ -209,11 +97,6 @@ class Family(ABC):
     @abstractmethod
     def _own_limits(self, i: int, data: bytes) -> tuple[float, float, float, float]:
         """Returns lowest and highest goal position (counts), greatest velocity, greatest current, in register units."""
-
-    def _sync_write(self, data: bytes) -> bytes:
-        wire: Any = self.wire
-        frame: bytes = wire.packet(BROADCAST, wire.SYNC_WRITE, data)
-        return frame
 
 
 class Family2(Family):

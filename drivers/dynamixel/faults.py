@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final
 
 from drivers.dynamixel import protocol1
-from drivers.dynamixel.config import DynamixelConfig
+from drivers.dynamixel.config import AxisConfig
 
 ERRORS2: Final = {
     0: "input voltage",
@@ -72,9 +73,9 @@ class Faults:
         return "; ".join(parts)
 
 
-def who_is_silent(config: DynamixelConfig, ids: set[int]) -> str:
+def who_is_silent(axes: Mapping[str, AxisConfig], ids: set[int]) -> str:
     """Returns the problem's text if servos haven't answered for a second."""
-    if len(ids) == len(config.motors):
+    if len(ids) == len(axes):
         return "no servo has answered for a second"
-    name, id = next((name, motor.id) for name, motor in config.motors.items() if motor.id in ids)
+    name, id = next((name, motor.id) for name, motor in axes.items() if motor.id in ids)
     return f"'{name}' (id {id}) hasn't answered for a second, others have"

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from drivers.dynamixel.family import Family
 from drivers.dynamixel.faults import BEYOND, FAR, Faults
+from drivers.dynamixel.units import Units
 from runtime.contracts.signals import Array, Kind
 
 
@@ -20,7 +20,7 @@ class Goals:
         newest: the newest goals that were sent, as packets; empty before the first.
     """
 
-    def __init__(self, family: Family, faults: Faults, kind: Kind) -> None:
+    def __init__(self, family: Units, faults: Faults, kind: Kind) -> None:
         """`kind`: what the goals are."""
         config = family.config
         self._family, self._faults, self._kind = family, faults, kind

@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Final
 
-from drivers.dynamixel.family import Family
 from drivers.dynamixel.packets import Status
+from drivers.dynamixel.units import OnLine
 from drivers.transport import Transport
 
 LATENCY: Final = 20_000_000  # ns that adapter and kernel may hold bytes back; an FTDI's timer is 16 ms at worst
@@ -62,22 +62,22 @@ class Line:
         unsent: bytes of the newest command that the servos may not have taken.
     """
 
-    def __init__(self, link: Transport, family: Family) -> None:
+    def __init__(self, link: Transport, bus: OnLine) -> None:
         self.link = link
-        self.parser = family.parser()
+        self.parser = bus.parser()
         self.pending: Request | None = None
         self.in_doubt = False
         self.sent = -1
         self.heard: dict[int, int] = {}
         self.timeouts = 0
         self.unsent = 0
-        self._wire, self._ids = family.wire, family.ids
-        self._pings = [(id, family.wire.ping(id)) for id in family.ids]
+        self._wire, self._ids = bus.wire, bus.ids
+        self._pings = [(id, bus.wire.ping(id)) for id in bus.ids]
         self._turn = 0
         self._pinged: set[int] = set()
         self._next_ping = 0
         self._deadline = 0
-        config = family.config
+        config = bus.config
         self._byte = 10**10 // config.baudrate  # ns
         delay = config.return_delay if config.return_delay is not None else 508e-6
         self._answer = round(delay * 1e9) + self._wire.OVERHEAD * self._byte + 100_000  # ns, without data

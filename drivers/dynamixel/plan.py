@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from drivers.dynamixel.family import Family
 from drivers.dynamixel.line import Request
+from drivers.dynamixel.units import Units
 
 SLOW: Final = 100_000_000  # ns between requests for anything but samples
 
@@ -13,7 +13,7 @@ SLOW: Final = 100_000_000  # ns between requests for anything but samples
 class Plan:
     """Chooses requests: "sample", "extra" (a sample with temperature and voltage), "check", "watchdog"."""
 
-    def __init__(self, family: Family) -> None:
+    def __init__(self, family: Units) -> None:
         self._family = family
         asked = {"sample": family.sample, "extra": family.extra, "check": family.check}
         self._rotation = ["check"]

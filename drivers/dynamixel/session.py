@@ -6,71 +6,24 @@ import time
 from typing import Any, Final
 
 from drivers.dynamixel import protocol1, protocol2
+from drivers.dynamixel.asking import Asker
 from drivers.dynamixel.family import Family
 from drivers.dynamixel.models import called
-from drivers.dynamixel.packets import BROADCAST, Status
+from drivers.dynamixel.packets import BROADCAST
 from drivers.dynamixel.table import BAUDS2, Register
 from drivers.transport import Transport, open_transport
 from runtime.contracts.errors import DeviceError
 
-TRIES: Final = 3
-ANSWER: Final = 0.06  # s; a USB adapter alone may take 16 ms each way
-ECHO_TRIES: Final = 3
 SCAN: Final = 0.08  # s of listening for a broadcast's answers at another baud rate
 _RATES: Final = (57600, 1_000_000, 115200, 2_000_000, 3_000_000, 4_000_000, 9600)
 
 
-class Session:
-    """Requests over one link.
-
-    Attributes:
-        frames, errors, resyncs: of the parser.
-    """
+class Session(Asker):
+    """Requests to the servos of a family over one link."""
 
     def __init__(self, link: Transport, family: Family, place: str) -> None:
-        self.link, self.family, self.place = link, family, place
-        self.parser = family.parser()
-
-    def ask(self, frame: bytes, id: int, size: int | None = None, tries: int = TRIES) -> Status | None:
-        """Returns servo `id`'s answer to a packet; None if there is none.
-
-        Args:
-            frame: one instruction packet.
-            id: the servo that must answer.
-            size: bytes of data it must have, unless it reports an error.
-            tries: number of times the packet is sent.
-        """
-        for _ in range(tries):
-            self.link.flush_input()
-            self.parser.forget()
-            self.link.write_all(frame, 1.0)
-            deadline = time.monotonic() + ANSWER + 10 * len(frame) / self.family.config.baudrate
-            while (left := deadline - time.monotonic()) > 0:
-                for status in self.parser.statuses(self.link.read_wait(left)):
-                    fits = size is None or len(status.data) == size or (status.error and not status.data)
-                    if status.id == id and fits:
-                        return status
-        return None
-
-    def tell(self, frame: bytes) -> None:
-        """Sends a packet that may not be acknowledged, and waits until it has been transmitted."""
-        self.link.write_all(frame, 1.0)
-        time.sleep(0.005 + 20 * len(frame) / self.family.config.baudrate)
-
-    def echoes(self, id: int) -> bool:
-        """Returns whether the adapter echoes the host's own bytes in front of servo `id`'s answer."""
-        ping = self.family.wire.ping(id)
-        for _ in range(ECHO_TRIES):
-            self.link.flush_input()
-            self.link.write_all(ping, 1.0)
-            heard = b""
-            deadline = time.monotonic() + ANSWER
-            while (left := deadline - time.monotonic()) > 0 and len(heard) <= len(ping):
-                heard += self.link.read_wait(left)
-            # A servo with a voltage error answers with exactly the ping's bytes; after an echo the answer may be late.
-            if heard and heard != ping:
-                return len(heard) > len(ping) and heard.startswith(ping)
-        return False
+        super().__init__(link, family, place)
+        self.family = family
 
     def write(self, motor: str, id: int, register: Register, value: int, what: str) -> None:
         """Writes one register and waits for the acknowledgement.

@@ -33,6 +33,7 @@ from runtime.profile.source import Source
 NAME: Final = "glove"
 MARKS: Final = "glove-marks"
 _HAND: Final = "human-hand"
+VENDORS: Final = ".cal"
 
 
 @dataclass(frozen=True)
@@ -68,6 +69,9 @@ class GloveMethod(Method[Taps, Result]):
         found = _settings(order)
         self._plan, self._angles, self._thresholds = found["plan"], found["angles"], found["thresholds"]
         self._device = device_cut.device(checked, source, NAME, self._plan.device)
+        if target.suffix == VENDORS:
+            problem = f"the glove's driver takes what ends in '{VENDORS}' for the vendor's file"
+            raise RequestError("-o", problem, "Name another: -o p07.json")
 
     @classmethod
     def named(cls, order: Order, checked: Profile, source: Source) -> Path | None:
@@ -137,15 +141,23 @@ class GloveMethod(Method[Taps, Result]):
         return Taps(layout, layout.fields[f"{MARKS}.mark"].offset, options, raw)
 
     def ready(self, taps: Taps) -> None:
+        self._is_ours(taps, "--recording")
+
+    def _is_ours(self, taps: Taps, place: str) -> None:
+        """Raises RequestError: it is of another hand's glove, or of one with other sensors, than the profile's."""
         if taps.options.hand != (ours := self.checked.devices[self._device].options.get("hand", "right")):
             problem = f"it is of a {taps.options.hand} hand, the profile's glove of a {ours} one"
-            raise RequestError("--recording", problem, "Name a recording of this glove")
+            raise RequestError(place, problem, "Name a recording of this glove")
+        if taps.options.sensors != (sensors := self._sensors()):
+            problem = f"it is of a glove of {len(taps.options.sensors)} sensors, the profile's has {len(sensors)}"
+            raise RequestError(place, problem, "Name a recording of this glove")
 
     def same(self, one: Taps, other: Taps) -> bool:
         keys = ("signal", "hand", "sensors", "angles", "plan")
         return all(getattr(one.options, key) == getattr(other.options, key) for key in keys)
 
     def take(self, older: Taps) -> Taps:
+        self._is_ours(older, "--from" if self.order.redo else "--recording")  # its samples are joined with ours
         self._plan, self._angles = kept(older.options.plan, self._plan), kept(older.options.angles, self._angles)
         self._thresholds = kept(older.options.thresholds, self._thresholds)
         self._check_left(older.options.sensors)

@@ -203,6 +203,9 @@ def _recorded(method: Method[Any, Any], paths: Sequence[Path]) -> tuple[Any, lis
         if found is not None and not method.same(taps, found):
             problem = "it isn't of the same calibration as the one before"
             raise RequestError(str(path), problem, "Name recordings of one calibration")
+        if found is not None and taps.person != found.person:
+            problem = f"it is of {taps.person}, the one before of {found.person}"
+            raise RequestError(str(path), problem, "Name recordings of one person")
         _check_origin(path, taps, found, method.checked, method.order)
         if method.order.person not in (None, taps.person):
             raise RequestError(str(path), f"it is of {taps.person}", "Name a recording of this person")

@@ -37,19 +37,25 @@ def run(args: argparse.Namespace) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda got, _: ended.append(got))
     lsl = library(args.exposed)
-    if not args.exposed:
-        refuse_strangers()
+    addresses = [] if args.exposed else refuse_strangers()
     outlet = Outlet(lsl, choose(args.instance), args.signals)
-    told, lost, due = "", 0, 0.0
+    told, lack, lost, due = "", "", 0, 0.0
     try:
         while not ended:
             now = time.monotonic()
             outlet.follow(now)
             if now >= due:
                 due = now + NEWS
+                if not args.exposed:
+                    addresses = refuse_strangers(addresses)  # a cable or a radio that comes up later
                 if outlet.description != told:
                     told = outlet.description
                     print(f"{told} (Ctrl-C ends)", flush=True)
+                if outlet.lack != lack:
+                    lack = outlet.lack
+                    print(
+                        f"nothing is sent of the new run: {lack}" if lack else "the signals are there again", flush=True
+                    )
                 if outlet.lost > lost:
                     print(f"{outlet.lost - lost} rows were lost: this process had no time", flush=True)
                     lost = outlet.lost

@@ -16,14 +16,14 @@ class Line(BaseModel):
 
     Attributes:
         gain: rad a count, 0.0001 to 1, of either sign.
-        offset: count of the flat hand.
+        offset: count of the flat hand, 1 to 255.
         noise: counts, standard deviation while the hand was held still.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     gain: FiniteFloat
-    offset: FiniteFloat
+    offset: Annotated[FiniteFloat, Field(ge=1.0, le=255.0)]
     noise: _NotNegative
 
     @field_validator("gain")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -54,7 +55,7 @@ class Channels:
         owners = {split(reference)[0].partition(".")[0] for reference in references}
         devices = tuple(name for name in layout.devices if name in owners)
         names = (*OWN, *(f"{name}.age" for name in devices), *(element.name for element in found))
-        twice = next((name for name in names if names.count(name) > 1), None)
+        twice = next((name for name, number in Counter(names).items() if number > 1), None)
         if twice is not None:
             raise RequestError(PLACE, f"'{twice}' is there twice", "Name each signal or element once")
         units = (*("1" for _ in OWN), *("s" for _ in devices), *(element.unit for element in found))

@@ -7,10 +7,12 @@ There is one stream: of several in a process, a search that comes by 127.0.0.1 f
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from types import ModuleType
 from typing import Any, Final
 
+from runtime.contracts.errors import RecordingError, RequestError
 from runtime.export.lsl_channels import Channels
 from runtime.export.report import needed
 from runtime.ipc.layout import Layout
@@ -56,6 +58,7 @@ class Outlet:
     Attributes:
         sent: rows so far.
         description: the stream for a person; it changes with a new run.
+        lack: why nothing of the present run is sent; empty if it is sent.
     """
 
     def __init__(self, lsl: ModuleType, run_folder: RunFolder, references: Sequence[str]) -> None:
@@ -70,8 +73,8 @@ class Outlet:
             RequestError: an element is asked for twice.
         """
         self._lsl, self._instance, self._references = lsl, run_folder.path.name, references
+        self.sent, self.lack = 0, ""
         self._rows = Rows(run_folder, self._fits)
-        self.sent = 0
         self._stream: Any = None
         self._open()
 
@@ -100,7 +103,12 @@ class Outlet:
         self._rows.close()
 
     def _fits(self, layout: Layout) -> None:
-        Channels.of(layout, self._references)
+        try:
+            Channels.of(layout, self._references)
+        except (RecordingError, RequestError) as error:
+            self.lack = str(error)
+            raise
+        self.lack = ""
 
     def _open(self) -> None:
         """Opens the stream of the rows' present layout."""
@@ -109,7 +117,10 @@ class Outlet:
         self._layout, self._channels = layout, Channels.of(layout, self._references)
         rate = layout.meta["rate"][0] / layout.meta["rate"][1]
         name, count = f"srl {self._instance}", len(self._channels.names)
-        info = lsl.StreamInfo(name, "Robot", count, rate, lsl.cf_double64, f"srl/{self._instance}")
+        # A recorder that lost a stream goes on with one of the same id and number of channels, under the old labels.
+        meant = repr((self._channels.names, self._channels.units))
+        identity = f"srl/{self._instance}/{hashlib.sha256(meant.encode()).hexdigest()[:8]}"
+        info = lsl.StreamInfo(name, "Robot", count, rate, lsl.cf_double64, identity)
         _describe(info, layout, self._channels)
         self._stream = lsl.StreamOutlet(info, max_buffered=BUFFERED)
         self.description = f"the stream '{name}': {count} channels at {rate:g} Hz"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import socket
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -34,9 +35,16 @@ def reachable() -> list[str]:
     return found
 
 
-def refuse_strangers() -> None:
-    """Raises RequestError: other machines could read the streams."""
-    addresses = reachable()
+def refuse_strangers(tried: Sequence[str] | None = None) -> list[str]:
+    """Tries whether other machines could read the streams, and returns the machine's addresses.
+
+    Args:
+        tried: the addresses of the last time; while they are the same, nothing is tried.
+    Raises:
+        RequestError: other machines could.
+    """
+    present = _addresses()
+    addresses = [] if present == tried else reachable()
     if addresses:
         problem = f"LSL has no password, and other machines could read it at {', '.join(addresses)}"
         remedy = (
@@ -44,6 +52,7 @@ def refuse_strangers() -> None:
             f"or if a firewall closes the ports {PORTS}"
         )
         raise RequestError("the network", problem, remedy)
+    return present
 
 
 def _addresses() -> list[str]:

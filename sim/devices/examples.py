@@ -31,6 +31,12 @@ DEVICES: dict[str, tuple[dict[str, Any], dict[str, Any], dict[str, Any], str]] =
         _cell(chain={"part": "dynamixel-chain", "axes": {"one": {"model": "MX-64"}}}),
         "tcp://127.0.0.1:9",
     ),
+    "feetech": (
+        {"motors": {"one": {"id": 1, "model": "STS3215"}}},
+        {},
+        _cell(chain={"part": "feetech-chain", "axes": {"one": {"model": "STS3215"}}}),
+        "tcp://127.0.0.1:9",
+    ),
     "firmata": (
         {"buttons": {"go": {"pin": 2, "debounce": 0.001}}},
         {"presses": {"go": _OFTEN}},

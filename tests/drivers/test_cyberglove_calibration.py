@@ -50,6 +50,14 @@ def test_points_and_gains_give_the_lines_the_sheet_describes(tmp_path):
     assert angles(loaded, raw)[0] == pytest.approx(0.01 * (69 - 80))
 
 
+@pytest.mark.parametrize("numbers", ["gain: 0.01, offset: 1.0e+300", "gain: 1.0e+308, offset: 80"])
+def test_numbers_that_make_no_line_are_refused(numbers, tmp_path):
+    """All counts would have the same angle, or none."""
+    file = write(tmp_path / "p07.yaml", text(index_pij=f"{{{numbers}}}"))
+    with pytest.raises(ProfileError, match=r"sensors\.index_pij: not every count has an angle of its own"):
+        calibration.load(KeptFile.read(file), 22)
+
+
 @st.composite
 def broken_lines(draw):
     raw = sorted(draw(st.sets(st.integers(0, 255), min_size=2, max_size=6)))

@@ -202,7 +202,7 @@ def test_a_persons_calibration_is_used(make_glove, tmp_path):
 
 def test_raw_gives_the_counts_and_no_angles(make_glove):
     device = driver_of(make_glove(), raw=True)
-    assert [(s.name, s.unit) for s in device.states] == [("raw", "1"), ("buttons", "1")]
+    assert [(s.name, s.unit) for s in device.states] == [("raw", "count"), ("buttons", "1")]
     device.open()
     read_until(device, lambda: device.health.stamp > 0, now=MS)
     assert device.state_arrays["raw"].tolist() == list(RAW)

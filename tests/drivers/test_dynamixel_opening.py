@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from drivers.dynamixel import Dynamixel, session
+from drivers.dynamixel import Dynamixel, asking, session
 from drivers.dynamixel.family import family
 from drivers.dynamixel.models import CENTRE, PER_COUNT
 from runtime.contracts.errors import DeviceError
@@ -157,7 +157,7 @@ def test_an_adapter_s_echo_is_skipped_in_protocol_2_and_refused_in_protocol_1():
 
 
 def test_another_baud_rate_and_protocol_are_found(monkeypatch):
-    monkeypatch.setattr(session, "ANSWER", 0.03)
+    monkeypatch.setattr(asking, "ANSWER", 0.03)
     error = refusal(make_twin(), baudrate=57600)
     assert "with 1000000 baud and protocol 2 there are: 1 (MX-106 (model number 321)), 2" in error.problem
     assert error.remedy == "Set 'baudrate: 1000000'"
@@ -168,7 +168,7 @@ def test_another_baud_rate_and_protocol_are_found(monkeypatch):
 
 
 def test_silence_says_what_was_tried(monkeypatch):
-    monkeypatch.setattr(session, "ANSWER", 0.03)
+    monkeypatch.setattr(asking, "ANSWER", 0.03)
     monkeypatch.setattr(session, "SCAN", 0.03)
     twin = make_twin()
     twin.muted = True

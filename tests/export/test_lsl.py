@@ -128,8 +128,39 @@ def test_rows_go_out_over_a_restart_of_the_loop(loop: MadeUpLoop) -> None:
     row[0] = 1
     loop.ring.append(row)
     outlet.follow(10.2 + LOOK)
-    assert [opened[-1] for opened in lsl.opened] == ["srl/lab"] * 2
+    first, second = (opened[-1] for opened in lsl.opened)
+    assert first == second
+    assert first.startswith("srl/lab/")
     assert [row[0] for row in lsl.rows] == [*range(1, 11), 1]
+    outlet.close()
+
+
+def test_streams_with_other_channels_have_another_id(loop: MadeUpLoop) -> None:
+    """Else a recorder would go on under the old labels: it finds a stream again by id and number of channels."""
+    lsl = Library()
+    for name in ("law.one", "law.two"):
+        loop.layout.add(name, "internal", (1,), "1")
+    loop.begin()
+    for name in ("law.one", "law.two"):
+        Outlet(lsl, loop.folder, [name]).close()  # type: ignore[arg-type]
+    (first, second) = lsl.opened
+    assert first[2] == second[2]
+    assert first[-1] != second[-1]
+
+
+def test_a_new_run_without_the_signal_is_told(loop: MadeUpLoop) -> None:
+    loop.layout.add("law.more", "internal", (1,), "1")
+    loop.begin()
+    outlet = Outlet(Library(), loop.folder, ["law.more"])  # type: ignore[arg-type]
+    assert outlet.lack == ""
+    with_it, loop.layout = loop.layout, MadeUpLoop(loop.folder.path.parent / "other").layout
+    loop.begin()
+    outlet.follow(20.0)
+    assert "no signal 'law.more'" in outlet.lack
+    loop.layout = with_it
+    loop.begin()
+    outlet.follow(20.0 + 2 * LOOK)
+    assert outlet.lack == ""
     outlet.close()
 
 
@@ -163,6 +194,35 @@ def test_who_could_read_it_is_tried(tmp_path: Path) -> None:
     done = in_namespace(f"{lab} {' '.join(srl('lsl', '--signals', SIGNAL))}", tmp_path)
     assert done.returncode == 2
     assert "other machines could read it at 10.98.7.6" in done.stderr
+
+
+@needs_namespaces
+def test_an_address_that_comes_up_later_ends_it(tmp_path: Path) -> None:
+    script = tmp_path / "later.py"
+    script.write_text(_LATER)
+    done = in_namespace(f"{sys.executable} {script}", tmp_path)
+    assert done.stdout.splitlines()[-1] == "2", done.stderr
+    assert "other machines could read it at 10.98.7.6" in done.stderr
+
+
+_LATER = """
+import subprocess
+from runtime.cli import lsl, main
+from runtime.export import lsl_outlet
+from runtime.ipc.run_folder import RunFolder
+
+class Outlet:
+    description, lack, lost, sent = "", "", 0, 0
+    def __init__(self, *_):
+        pass
+    def follow(self, now):
+        subprocess.run(["ip", "addr", "replace", "10.98.7.6/32", "dev", "lo"], check=True)
+    def close(self):
+        pass
+
+lsl_outlet.library, lsl_outlet.Outlet, lsl.choose = (lambda exposed: None), Outlet, (lambda name: None)
+print(main(["lsl", "--signals", "law.x"]))
+"""
 
 
 def test_an_address_that_nobody_can_reach_isn_t_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

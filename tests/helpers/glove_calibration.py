@@ -40,6 +40,7 @@ class Gloved(RowSource):
         swapped: pairs of sensors whose cables are exchanged.
         lost, stale: shapes in which the glove is gone, or its last record stays.
         stays: shapes in which the hand stays as it was.
+        settings: KEY=VALUE, of the profile.
         step: the last that was begun.
     """
 
@@ -49,15 +50,16 @@ class Gloved(RowSource):
         self, option: Sequence[str] = (), off: Mapping[int, Mapping[str, float]] | None = None,
         dead: Mapping[str, float] | None = None, swapped: Sequence[tuple[str, str]] = (), lost: Sequence[int] = (),
         stale: Sequence[int] = (), stays: Sequence[int] = (), noise: Mapping[str, float] | None = None,
-        gain: Mapping[str, float] | None = None, person: str = "P07",
+        gain: Mapping[str, float] | None = None, person: str = "P07", settings: Sequence[str] = (),
     ) -> None:  # fmt: skip
-        checked, source = profile.parse("worn.yaml", PROFILE)
+        checked, source = profile.parse("worn.yaml", PROFILE, settings)
         order = Order("worn.yaml", "glove", option=option)
         method = GloveMethod(order, checked, source, Path("p07.json"), lambda _: None)
         self.graph = build(*method.cut(person), sim=False)
         self.graph.layout.meta["wall"] = 1_700_000_000_000_000_000
         self.graph.layout.meta["simulated"] = ["glove"]
         self.taps = method.taps(self.graph.layout, "worn.yaml")
+        self._own = [NAMES.index(name) for name in self.taps.options.sensors]
         self.off, self.dead, self.swapped = off or {}, dead or {}, swapped
         self.lost, self.stale, self.stays, self.noise = lost, stale, stays, noise or {}
         self.gain = np.array([(gain or {}).get(n, g) for n, g in zip(NAMES, GAIN, strict=True)])
@@ -100,6 +102,6 @@ class Gloved(RowSource):
         if self._shape in self.stale:
             row.devices[0, DEVICE.link] |= LINK_STALE
         if self._shape not in (*self.lost, *self.stale):
-            row.views["glove.raw"][:] = np.clip(np.round(counts), 1.0, 255.0)
+            row.views["glove.raw"][:] = np.clip(np.round(counts[self._own]), 1.0, 255.0)
         row.ints[CYCLE.cycle], row.ints[CYCLE.now], row.ints[CYCLE.state] = self._t, self._t * 20_000_000, State.ACTIVE
         return row.words.copy()

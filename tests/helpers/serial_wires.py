@@ -10,17 +10,20 @@ import numpy as np
 import pytest
 
 import drivers.dynamixel.driver
+import drivers.feetech.driver
 import drivers.firmata.driver
 import drivers.softhand.driver
 from drivers.dynamixel import Dynamixel
 from drivers.dynamixel.config import DynamixelConfig
 from drivers.dynamixel.family import Family, signed
+from drivers.feetech import Feetech
+from drivers.feetech.config import FeetechConfig
 from drivers.firmata import Firmata
 from drivers.firmata.config import FirmataConfig
 from drivers.softhand import SoftHand
 from drivers.softhand.config import SoftHandConfig
 from drivers.transport import Transport
-from helpers import dynamixel
+from helpers import dynamixel, feetech
 from helpers.bad_link import Valve
 from helpers.dynamixel import waiting
 from helpers.sim import world
@@ -29,6 +32,7 @@ from helpers.under_guard import Setting, Wire
 from helpers.wait import until
 from runtime.loop.device import Device
 from sim.devices.dynamixel.twin import DynamixelTwin
+from sim.devices.feetech.twin import FeetechTwin
 from sim.devices.firmata.fake import FakeFirmata, FakeFirmataConfig
 from sim.devices.firmata.twin import FirmataTwin
 from sim.devices.shared.serial import SerialTwin
@@ -205,5 +209,46 @@ class DynamixelWire(SerialWire):
                 if name in ("moving_speed", "goal_torque"):
                     value = int(signed(np.uint16(value)))
                 self.got.append((joint, float(value * family.unit[joint] + family._zero[joint])))
+
+        servo.take_effect = take_effect
+
+
+class FeetechWire(SerialWire):
+    """Two STS servos: no watchdog, by position."""
+
+    def __init__(self, patch: pytest.MonkeyPatch, to: Path) -> None:
+        motors = {name: {"id": k} | motor for k, (name, motor) in enumerate(feetech.TWO.items(), 1)}
+        given = {"port": "/dev/null", "motors": motors}
+        twin = feetech.make_twin()
+        driver = Feetech("device", FeetechConfig.model_validate(given))
+        (command,) = driver.commands
+        guard, amplitude, rate = DYNAMIXEL["position"]
+        setting = Setting(
+            "feetech", given, command, guard, np.zeros(2), amplitude, 100.0, rate,
+            0.51 * np.abs(np.array(command.resolution)),
+        )  # fmt: skip
+        super().__init__(setting, twin, drivers.feetech.driver, patch, to)
+        for joint, servo in enumerate(twin.servos):
+            self._listen(joint, servo, driver)
+
+    def come_back(self) -> None:
+        """Other servos in their place: without torque, at other angles."""
+        assert isinstance(self.twin, FeetechTwin)
+        chain = self.twin.bus.chain
+        chain._data.qpos[chain._q] += 0.4
+        chain._data.qvel[chain._v] = 0.0
+        chain.measure()
+        for servo in self.twin.servos:
+            servo.restart()
+        super().come_back()
+
+    def _listen(self, joint: int, servo: Any, driver: Feetech) -> None:
+        effect, units = servo.take_effect, driver._units
+
+        def take_effect(name: str) -> None:
+            effect(name)
+            if name == "goal_position":
+                value = float(servo.get(name) * units.unit[joint] + units._zero[joint])
+                self.got.append((joint, value))
 
         servo.take_effect = take_effect

@@ -15,7 +15,7 @@ import pytest
 from drivers.base import BaseConfig, MobileBase
 from helpers.arm_wires import EXACT, PANDA, UR, PandaWire, UrWire
 from helpers.bad_link import Hang
-from helpers.serial_wires import DYNAMIXEL, DynamixelWire, FirmataWire, SoftHandWire
+from helpers.serial_wires import DYNAMIXEL, DynamixelWire, FeetechWire, FirmataWire, SoftHandWire
 from helpers.twin import bound
 from helpers.under_guard import Setting, Wire
 from helpers.zenoh import Served
@@ -84,6 +84,7 @@ class BaseWire(Wire):
 
 # Devices that stop by themselves wait as long as they can, so that the law goes on during a stall.
 WIRES: dict[str, Callable[[pytest.MonkeyPatch, Path], Wire]] = {
+    "feetech": FeetechWire,
     "firmata": FirmataWire,
     "softhand": SoftHandWire,
     "base": BaseWire,

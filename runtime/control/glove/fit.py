@@ -123,8 +123,8 @@ def fit(sensors: Sequence[str], held: Mapping[int, Held], known: Angles) -> Glov
     with np.errstate(divide="ignore", invalid="ignore"):
         gain = np.where(span == 0.0, np.inf, angle / span)
         of_bent = np.array([held[n].noise[i] ** 2 / held[n].count for i, n in enumerate(number)]) + _ROUNDING
-        of_flat = (first.noise**2 / first.count + last.noise**2 / last.count + 2.0 * _ROUNDING) / 4.0
-        uncertain = np.abs(gain) * np.sqrt(of_bent + of_flat)
+        # An error of the flat count moves nothing there: gain and offset change with it and cancel.
+        uncertain = np.abs(gain) * np.sqrt(of_bent)
         again = np.abs(gain) * np.abs(last.mean - first.mean)
     noise = np.max([each.noise for each in held.values()], axis=0)
     return Glove(tuple(sensors), dict(held), offset, gain, span, noise, uncertain, np.nan_to_num(again, nan=0.0))
@@ -195,6 +195,15 @@ def _places(glove: Glove, known: Angles, thresholds: Thresholds) -> Iterator[Glo
             else:
                 remedy = f"Bend it fully; {_MEND}"
             yield GloveError(glove.sensors[i], problem, remedy)
+        for i in (i for i in own[finger] if i not in stands):
+            joint = glove.sensors[i].partition("_")[2]
+            for j in (j for j in others if glove.sensors[j].endswith(joint) and shares[j] > shares[i]):
+                problem = (
+                    f"while the {finger} finger alone is bent it shows {shares[i]:.0%} of the fist, "
+                    f"{glove.sensors[j]} {shares[j]:.0%}"
+                )
+                remedy = f"Are their cables exchanged? Else bend this finger further than the others; {_MEND}"
+                yield GloveError(glove.sensors[i], problem, remedy)
         if not stands:
             for i in moves:
                 problem = f"it shows {shares[i]:.0%} of the fist while the {finger} finger alone is bent"

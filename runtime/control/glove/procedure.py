@@ -14,7 +14,7 @@ from runtime.contracts.wearer import Instruction, Rest
 from runtime.contracts.wearer import Shape as Told
 from runtime.control.glove.fit import Thresholds
 from runtime.control.glove.samples import IDLE, Plan, Samples, moved
-from runtime.control.glove.shapes import FINGERS, Angles, shapes
+from runtime.control.glove.shapes import AGAIN, FINGERS, Angles, shapes
 from runtime.control.shared.guided import Bar
 
 
@@ -66,7 +66,8 @@ class Procedure:
     def __init__(
         self, sensors: Sequence[str], plan: Plan, known: Angles, thresholds: Thresholds, again: bool = False
     ) -> None:
-        """`sensors`: names of all. `again`: nothing is left to do until `redo` says so."""
+        """`sensors`: names of all. `again`: of an earlier time; nothing is left to do until `redo` says so."""
+        self._earlier = again
         self.plan, self._thresholds, self._shapes = plan, thresholds, shapes(known)
         # A broken sensor that isn't calibrated must not look as if the hand moved.
         self._own = [i for i, name in enumerate(sensors) if name not in plan.left]
@@ -136,6 +137,8 @@ class Procedure:
         if number in self._open:
             self._open.remove(number)
         self._open.insert(0, number)
+        if self._earlier and AGAIN not in self._open:
+            self._open.append(AGAIN)  # the glove may have been taken off since: shape 9 tells whether it sits as it did
         self._before = None
         self._begin(Step(Kind.SHAPE, number))
         return ""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Final
 
 import numpy as np
 from pydantic import AfterValidator, Field
 
 from drivers.dynamixel import Dynamixel
-from drivers.dynamixel.config import DynamixelConfig
+from drivers.dynamixel.config import AxisConfig, DynamixelConfig
 from drivers.dynamixel.family import Family, Family2, family
 from drivers.dynamixel.faults import BEYOND, FAR, Faults
 from drivers.dynamixel.table import CURRENT, EXTENDED, POSITION, VELOCITY, table
@@ -18,7 +19,7 @@ from runtime.contracts.signals import Array, Kind, Stop
 from runtime.contracts.world import Fake, FakeConfig, World
 from sim.devices.shared.noise import SampleNoise
 from sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
-from sim.parts.dynamixel.chain import DynamixelChain
+from sim.parts.dynamixel.chain import DynamixelChain, ServoChain
 from sim.parts.dynamixel.motors import Motors
 from sim.world.cell import Cell
 
@@ -63,7 +64,7 @@ class FakeDynamixel(Fake):
         self._config, self._options = config, options
         self._kind = self.commands[0].kind
         self.chain = world.part(DynamixelChain, name, options.part)
-        self.numbers = _numbers(self.chain, config, name)
+        self.numbers = numbers(self.chain, config.motors, name)
         self._of = np.array(self.numbers)
         self.family: Family = family(config)
         self._fresh = [self._memory(i) for i in range(len(config.motors))]
@@ -266,19 +267,19 @@ class FakeDynamixel(Fake):
             )
 
 
-def _numbers(chain: DynamixelChain, config: DynamixelConfig, name: str) -> tuple[int, ...]:
+def numbers(chain: ServoChain, motors: Mapping[str, AxisConfig], name: str) -> tuple[int, ...]:
     """For each motor of the bus, the number of the chain's axis with its name; both must have the same construction."""
     found = []
-    for axis, motor in config.motors.items():
+    for axis, motor in motors.items():
         if axis not in chain.names:
             raise WiringError(
                 f"sim.devices.{name}", f"the chain '{chain.name}' has no axis '{axis}'", nearest(axis, chain.names)
             )
         i = chain.names.index(axis)
-        if chain.models[i].name != motor.model:
+        if chain.models[i].name != motor.facts.name:
             raise WiringError(
                 f"sim.parts.{chain.name}.axes.{axis}.model",
-                f"it is an {chain.models[i].name}, devices.{name} says {motor.model}",
+                f"it is an {chain.models[i].name}, devices.{name} says {motor.facts.name}",
                 "Make them agree",
             )
         if not np.isclose(abs(chain.scale[i]), abs(motor.scale)):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import termios
 from collections.abc import Callable
 from typing import Final
 
@@ -13,35 +12,22 @@ from drivers.dynamixel.packets import BROADCAST, Instruction
 from drivers.dynamixel.table import baud_code, baudrate
 from runtime.contracts.world import Fake
 from sim.devices.dynamixel.fake import REBOOT, FakeDynamixel
+from sim.devices.dynamixel.twin_line import ServoLine
 from sim.devices.dynamixel.twin_registers import Registers
 from sim.devices.dynamixel.twin_servo1 import Servo1
 from sim.devices.dynamixel.twin_servo2 import Servo2
-from sim.devices.shared.serial import SerialTwin
 
 _KEPT: Final[dict[bytes, tuple[str, ...]]] = {b"\xff": (), b"\x01": ("id",), b"\x02": ("id", "baud_rate")}
-_RATES_AGREE: Final = 0.02  # share by which the two ends of a line may differ
-_SPEEDS: Final = {
-    getattr(termios, f"B{rate}"): rate
-    for rate in (9600, 19200, 38400, 57600, 115200, 230400, 500000, 1000000, 2000000, 2500000, 3000000, 4000000)
-    if hasattr(termios, f"B{rate}")
-}
 
 
-class DynamixelTwin(SerialTwin):
+class DynamixelTwin(ServoLine):
     """Servos obey instructions addressed to them and answer `return_delay` later, one after another.
 
-    Each servo understands a client at its own baud rate only; those of a bus may differ.
     In a group read, servos after a missing one don't answer.
-    A packet that comes while an answer is being sent collides with it: both are lost.
 
     Attributes:
         servos: in the order of the profile's motors.
-        absent: ids of servos that are unplugged.
-        twice: ids shared by two servos, whose answers arrive garbled.
-        corrupt: number of following status packets that are damaged in transit.
-        echo: the adapter returns the host's own bytes.
         fast: whether fast sync reads are answered, as other families do; an MX doesn't answer.
-        collisions: number of packets lost in collisions.
     """
 
     def __init__(self, fake: Fake) -> None:
@@ -60,83 +46,13 @@ class DynamixelTwin(SerialTwin):
         ]
         for servo in self.servos:
             servo.restart()
-        self.absent: set[int] = set()
-        self.twice: set[int] = set()
-        self.corrupt = 0
-        self.echo = False
         self.fast = False
-        self.collisions = 0
-        self.seen: dict[str, int] = {}
-        self.wrong_rate = 0
         self._parser = protocol1.Parser() if self.protocol == 1 else protocol2.Parser()
-        self._deaf_until = [-1] * len(self.servos)
-        self._restarting = [False] * len(self.servos)
         self._registered: dict[int, tuple[int, bytes]] = {}
-        self._answers: list[tuple[int, bytes]] = []  # (due time in ns, packet)
-        self._now = 0
-        self._rate: int | None = None  # bit/s of the client's newest bytes
+        self._begin_with(self.servos)
         self._goals: list[tuple[int, int, int]] = []
 
-    # -- the line
-
-    def receive(self, data: bytes, now: int) -> bytes:
-        self._begin(now)
-        self._rate = self._client_rate()
-        if not any(map(self._understands, self.servos)):
-            self.wrong_rate += len(data)
-            return b""
-        for instruction in self._parser.instructions(data):
-            if self._answers and self._answers[-1][0] > now:
-                self.collisions += 1
-                self._answers.clear()
-                continue
-            for servo in self._awake():
-                servo.instruction_taken()
-            self._obey(instruction)
-        return (data if self.echo else b"") + self._due(now)
-
-    def work(self, now: int) -> bytes:
-        self._begin(now)
-        for k, servo in enumerate(self.servos):
-            if self._restarting[k] and now >= self._deaf_until[k]:
-                self._restarting[k] = False
-                servo.restart()
-            servo.tick()
-        return self._due(now)
-
-    def _begin(self, now: int) -> None:
-        self._now = now
-        self.bus.chain.measure()
-        for servo in self.servos:
-            servo.now = now
-
-    def _due(self, now: int) -> bytes:
-        out = b""
-        while self._answers and self._answers[0][0] <= now:
-            out += self._answers.pop(0)[1]
-        return out
-
-    def _client_rate(self) -> int | None:
-        """The baud rate (bit/s) that the client has set on its end of the pty; None if it is unknown."""
-        try:
-            return _SPEEDS.get(termios.tcgetattr(getattr(self.door, "_fd", -1))[5])
-        except (termios.error, ValueError):  # a socket, or closed
-            return None
-
     # -- instructions
-
-    def _awake(self) -> list[Registers]:
-        return [
-            servo
-            for k, servo in enumerate(self.servos)
-            if not self._restarting[k] and servo.get("id") not in self.absent and self._understands(servo)
-        ]
-
-    def _understands(self, servo: Registers) -> bool:
-        """Whether a servo's baud rate is that of the client; unknown rates are right."""
-        if self._rate is None:
-            return True
-        return abs(baudrate(servo.get("baud_rate"), self.protocol) / self._rate - 1) < _RATES_AGREE
 
     def _obey(self, instruction: Instruction) -> None:
         names = _NAMES1 if self.protocol == 1 else _NAMES2
@@ -159,6 +75,12 @@ class DynamixelTwin(SerialTwin):
                 self._single(servo, name, instruction.data, everyone)
             elif self.protocol == 2 and servo.get("secondary_id") == instruction.id != 255 and name == "write":
                 servo.write(int.from_bytes(instruction.data[:2], "little"), instruction.data[2:], volatile_only=True)
+
+    def _measure(self) -> None:
+        self.bus.chain.measure()
+
+    def _rate_of(self, servo: Registers) -> int:
+        return baudrate(servo.get("baud_rate"), self.protocol)
 
     def _single(self, servo: Registers, name: str, data: bytes, everyone: bool) -> None:
         width = self.protocol  # bytes in an address
@@ -274,16 +196,8 @@ class DynamixelTwin(SerialTwin):
         else:
             alert = protocol2.ALERT if servo.motors.errors[servo.i] else 0
             packet = protocol2.status(servo_id, error | alert, data)
-        if servo_id in self.twice:
-            packet = bytes(a & b for a, b in zip(packet, packet[3:] + packet[:3], strict=True))
-        elif self.corrupt:
-            self.corrupt -= 1
-            packet = packet[:-3] + bytes((packet[-3] ^ 0x10,)) + packet[-2:]
-        self._send(packet, round(servo.get("return_delay_time") * RETURN_DELAY * 1e9))
-
-    def _send(self, packet: bytes, delay: int) -> None:
-        before = self._answers[-1][0] if self._answers else self._now
-        self._answers.append((max(before, self._now) + delay, packet))
+        delay = round(servo.get("return_delay_time") * RETURN_DELAY * 1e9)
+        self._send(self._in_transit(servo_id, packet), delay)
 
     def figures(self) -> dict[str, object]:
         """Adds to the serial twin's figures: instructions by name, lost packets, refused writes, the torque.

@@ -1,7 +1,8 @@
-"""A chain of axes, each driven by an MX servo: fingers, arms, grippers, slides."""
+"""A chain of axes, each driven by a bus servo: fingers, arms, grippers, slides; and that of MX servos."""
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping
 from functools import cached_property
 from typing import Any, ClassVar, Literal, Self, cast
@@ -10,7 +11,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from drivers.dynamixel.models import MODELS
+from drivers.dynamixel.models import MODELS, Nominal
 from runtime.contracts.errors import OptionError
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import POINT
@@ -23,7 +24,7 @@ from sim.world.part import Mjcf, Part, PartConfig
 Vector = tuple[float, float, float]
 
 
-class AxisConfig(BaseModel):
+class ServoAxis(BaseModel):
     """One axis and the link behind it; `reversed`, `zero` and `m_per_rad` describe how its servo is mounted.
 
     In a chain that is one of the profile's `srl-arms`, `axis` and `link` come from there.
@@ -31,7 +32,6 @@ class AxisConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    model: Literal["MX-28", "MX-64", "MX-106"]
     axis: Vector = Field((0.0, 0.0, 1.0), description="in the frame of the link before")
     link: Vector = Field((0.08, 0.0, 0.0), description="m, from this axis to the next, or to the tip")
     radius: float = Field(0.015, gt=0, description="m, of the link")
@@ -50,10 +50,10 @@ class AxisConfig(BaseModel):
         return -size if self.reversed else size
 
 
-class DynamixelChainConfig(PartConfig):
-    """Options of the chain."""
+class ServoChainConfig(PartConfig):
+    """Options of a chain."""
 
-    axes: dict[str, AxisConfig] = Field(min_length=1, description="from the base to the tip")
+    axes: Mapping[str, ServoAxis]
     arms: ArmsOption | None = Field(
         default=None,
         description="supernumerary arms under `models:`: the chain is one of them; it stands at their parent",
@@ -94,7 +94,7 @@ class DynamixelChainConfig(PartConfig):
         return _vector(self.arms.arms.offsets(self.side)[1]) if self.arms is not None else (0.0, 0.0, 0.0)
 
     @cached_property
-    def chain(self) -> dict[str, AxisConfig]:
+    def chain(self) -> Mapping[str, ServoAxis]:
         """The axes with their places."""
         if self.arms is None:
             return self.axes
@@ -111,7 +111,7 @@ def _vector(row: Array) -> Vector:
     return (x, y, z)
 
 
-class DynamixelChain(Part):
+class ServoChain(Part):
     """A chain with the bodies `NAME/base`, `NAME/AXIS` and `NAME/tip`.
 
     Links don't touch each other, but they touch hands and objects.
@@ -126,17 +126,14 @@ class DynamixelChain(Part):
         zero: (n,), rad.
     """
 
-    Config: ClassVar[type[PartConfig]] = DynamixelChainConfig
-    summary = "chain of axes with Dynamixel MX servos"
-
     def __init__(self, name: str, config: PartConfig, seed: int) -> None:
         super().__init__(name, config, seed)
-        self._config = cast(DynamixelChainConfig, config)
+        self._config = cast(ServoChainConfig, config)
         axes = self._config.chain
         self.names, n = tuple(axes), len(axes)
         self.scale = np.array([axis.scale for axis in axes.values()])
         self.zero = np.array([axis.zero for axis in axes.values()])
-        self.models = tuple(MODELS[axis.model] for axis in axes.values())
+        self.models = tuple(self.nominal(axis) for axis in axes.values())
         linear = all(axis.m_per_rad is not None for axis in axes.values())
         units = ("m", "m/s", "N") if linear else ("rad", "rad/s", "N m")
         kinds = zip(("position", "velocity", "effort", "temperature"), (*units, "degC"), strict=True)
@@ -154,6 +151,14 @@ class DynamixelChain(Part):
         )
         self.every = 1
 
+    @abstractmethod
+    def nominal(self, axis: ServoAxis) -> Nominal:
+        """The nominal values of an axis' servo."""
+
+    def servos(self, voltage: float, timestep: float) -> Motors:
+        """The servos, in V and s."""
+        return Motors(self.models, voltage, timestep)
+
     def build(self, mjcf: Mjcf, parent: Element) -> None:
         config, name = self._config, self.name
         body = mjcf.body(parent, f"{name}/base", **self.at((*config.base, 1.0, 0.0, 0.0, 0.0)))
@@ -162,7 +167,7 @@ class DynamixelChain(Part):
         add(body, "geom", name=f"{name}/base", type="box", size=(0.02, 0.02, 0.025), mass=first.mass, **look)
         place = config.first
         carried = [model.mass for model in self.models[1:]] + [0.0]
-        drives = Motors(self.models, config.voltage, 1e-3)
+        drives = self.servos(config.voltage, 1e-3)
         for i, (axis_name, axis) in enumerate(config.chain.items()):
             full = f"{name}/{axis_name}"
             body = mjcf.body(body, full, pos=place)
@@ -184,7 +189,7 @@ class DynamixelChain(Part):
         tip = mjcf.body(body, f"{name}/tip", pos=place)
         add(tip, "site", name=f"{name}/tip", size=0.003)
 
-    def _add_link(self, body: Element, full: str, axis: AxisConfig, carried: float) -> None:
+    def _add_link(self, body: Element, full: str, axis: ServoAxis, carried: float) -> None:
         """Adds the link as a rod, and the next servo at its end."""
         length = float(np.linalg.norm(axis.link))
         if length > 1e-6:
@@ -205,7 +210,7 @@ class DynamixelChain(Part):
         self._u = np.array([int(model.actuator(f"{self.name}/{axis}").id) for axis in self.names])
         self._tip = int(model.site(f"{self.name}/tip").id)
         data.qpos[self._q] = [axis.start for axis in self._config.axes.values()]
-        self.motors = Motors(self.models, self._config.voltage, float(model.opt.timestep))
+        self.motors = self.servos(self._config.voltage, float(model.opt.timestep))
         self.motors.temperature[:] = self._config.ambient
         self.measure()
         for i in range(len(self.names)):
@@ -239,3 +244,26 @@ class DynamixelChain(Part):
     def restore(self, state: Array) -> None:
         self.motors.restore(state)
         self._brake()
+
+
+class AxisConfig(ServoAxis):
+    """An axis with an MX servo."""
+
+    model: Literal["MX-28", "MX-64", "MX-106"]
+
+
+class DynamixelChainConfig(ServoChainConfig):
+    """Options of the chain."""
+
+    axes: dict[str, AxisConfig] = Field(min_length=1, description="from the base to the tip")
+
+
+class DynamixelChain(ServoChain):
+    """A chain of MX servos; see `ServoChain`."""
+
+    Config: ClassVar[type[PartConfig]] = DynamixelChainConfig
+    summary = "chain of axes with Dynamixel MX servos"
+
+    def nominal(self, axis: ServoAxis) -> Nominal:
+        assert isinstance(axis, AxisConfig)
+        return MODELS[axis.model]

@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from drivers.dynamixel.models import CENTRE, COUNTS, PER_COUNT, Model
+from drivers.dynamixel.models import CENTRE, COUNTS, PER_COUNT, Nominal
 from runtime.contracts.signals import Array
 
 CURRENT, VELOCITY, POSITION, EXTENDED, CURRENT_POSITION, PWM = 0, 1, 3, 4, 5, 16
@@ -99,7 +99,7 @@ class Motors:
     shutdown: Array
     temperature_limit: Array
 
-    def __init__(self, models: Sequence[Model], voltage: float, timestep: float) -> None:
+    def __init__(self, models: Sequence[Nominal], voltage: float, timestep: float) -> None:
         self.models, self.n, self.voltage = tuple(models), len(models), voltage
         self._dt = timestep
         self.state = np.zeros((len(_ROWS), self.n))

@@ -93,6 +93,23 @@ def test_no_counts_make_a_number_that_isnt_one_pass(hidden: tuple[np.ndarray, np
         np.testing.assert_allclose(found.gain, hidden[1], rtol=1e-9)
 
 
+def test_the_uncertainty_is_that_of_the_angle_at_the_bent_end() -> None:
+    """Against many calibrations of one glove, each with its own noise and rounding."""
+    offset, gain, random = np.full(len(NAMES), 80.3), np.full(len(NAMES), 0.015), np.random.default_rng(4)
+    exact = given_by(offset, gain)
+    bent = np.array([exact[bent_in(name) or FLAT].mean[i] for i, name in enumerate(NAMES)])
+    found, said = [], []
+    for _ in range(400):
+        told = {}
+        for number, each in exact.items():
+            mean = each.mean + random.uniform(-0.5, 0.5, len(NAMES)) + random.normal(0.0, 2.0, len(NAMES)) / 5.0
+            told[number] = Held(mean, np.full(len(NAMES), 2.0), mean - 5.0, mean + 5.0, 25)
+        glove = fit(NAMES, told, KNOWN)
+        found.append(glove.gain * (bent - glove.offset))
+        said.append(glove.uncertain)
+    np.testing.assert_allclose(np.std(found, axis=0).mean(), np.mean(said), rtol=0.05)
+
+
 def test_a_sensor_that_no_shape_bends_is_refused() -> None:
     with pytest.raises(GloveError, match="no shape bends it by a known angle"):
         fit((*NAMES, "wrist_yaw"), given_by(np.full(len(NAMES), 80.0), np.full(len(NAMES), 0.015)), KNOWN)

@@ -12,6 +12,7 @@ from srl.testing import PartConformance
 OPTIONS: dict[str, dict[str, Any]] = {  # those that a part can't do without
     "box": {"size": [0.1, 0.1, 0.1]},
     "dynamixel-chain": {"axes": {"one": {"model": "MX-64"}}},
+    "feetech-chain": {"axes": {"one": {"model": "STS3215"}}},
     "object": {"shape": "box", "size": [0.1, 0.1, 0.1], "mass": 1},
     "obstacles": {"boxes": [{"position": [1.0, 0.0, 0.5], "size": [0.4, 0.2, 1.0]}]},
     "wall": {"touches": "other_thing/body"},

@@ -1,0 +1,142 @@
+"""What the twins of servo buses share: a half-duplex line with several servos on it."""
+
+from __future__ import annotations
+
+import termios
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import Any, Final
+
+from drivers.dynamixel.packets import Instruction
+from runtime.contracts.world import Fake
+from sim.devices.shared.serial import SerialTwin
+
+_RATES_AGREE: Final = 0.02  # share by which the two ends of a line may differ
+_SPEEDS: Final = {
+    getattr(termios, f"B{rate}"): rate
+    for rate in (9600, 19200, 38400, 57600, 115200, 230400, 500000, 1000000, 2000000, 2500000, 3000000, 4000000)
+    if hasattr(termios, f"B{rate}")
+}
+
+
+class ServoLine(SerialTwin):
+    """Servos obey packets addressed to them and answer some time later, one after another.
+
+    Each servo understands a client at its own baud rate only; those of a bus may differ.
+    A packet that comes while an answer is being sent collides with it: both are lost.
+
+    Attributes:
+        absent: ids of servos that are unplugged.
+        twice: ids shared by two servos, whose answers arrive garbled.
+        corrupt: number of following status packets that are damaged in transit.
+        echo: the adapter returns the host's own bytes.
+        collisions: number of packets lost in collisions.
+        seen: number of instructions, by name.
+        wrong_rate: bytes at a rate that no servo understands.
+    """
+
+    _parser: Any
+
+    def __init__(self, fake: Fake) -> None:
+        super().__init__(fake)
+        self.absent: set[int] = set()
+        self.twice: set[int] = set()
+        self.corrupt = 0
+        self.echo = False
+        self.collisions = 0
+        self.seen: dict[str, int] = {}
+        self.wrong_rate = 0
+        self._answers: list[tuple[int, bytes]] = []  # (due time in ns, packet)
+        self._now = 0
+        self._rate: int | None = None  # bit/s of the client's newest bytes
+        self._begin_with(())
+
+    def _begin_with(self, servos: Sequence[Any]) -> None:
+        """Puts servos on the line. Each has `get`, `restart`, `tick`, `instruction_taken` and `now`."""
+        self._stations: Sequence[Any] = servos
+        self._deaf_until = [-1] * len(servos)
+        self._restarting = [False] * len(servos)
+
+    @abstractmethod
+    def _measure(self) -> None:
+        """Takes the servos' encoders from the world."""
+
+    @abstractmethod
+    def _rate_of(self, servo: Any) -> int:
+        """The baud rate of a servo, bit/s."""
+
+    @abstractmethod
+    def _obey(self, instruction: Instruction) -> None:
+        """Carries out an instruction, on all servos that it is for."""
+
+    # -- the line
+
+    def receive(self, data: bytes, now: int) -> bytes:
+        self._begin(now)
+        self._rate = self._client_rate()
+        if not any(map(self._understands, self._stations)):
+            self.wrong_rate += len(data)
+            return b""
+        for instruction in self._parser.instructions(data):
+            if self._answers and self._answers[-1][0] > now:
+                self.collisions += 1
+                self._answers.clear()
+                continue
+            for servo in self._awake():
+                servo.instruction_taken()
+            self._obey(instruction)
+        return (data if self.echo else b"") + self._due(now)
+
+    def work(self, now: int) -> bytes:
+        self._begin(now)
+        for k, servo in enumerate(self._stations):
+            if self._restarting[k] and now >= self._deaf_until[k]:
+                self._restarting[k] = False
+                servo.restart()
+            servo.tick()
+        return self._due(now)
+
+    def _begin(self, now: int) -> None:
+        self._now = now
+        self._measure()
+        for servo in self._stations:
+            servo.now = now
+
+    def _due(self, now: int) -> bytes:
+        out = b""
+        while self._answers and self._answers[0][0] <= now:
+            out += self._answers.pop(0)[1]
+        return out
+
+    def _client_rate(self) -> int | None:
+        """The baud rate (bit/s) that the client has set on its end of the pty; None if it is unknown."""
+        try:
+            return _SPEEDS.get(termios.tcgetattr(getattr(self.door, "_fd", -1))[5])
+        except (termios.error, ValueError):  # a socket, or closed
+            return None
+
+    def _awake(self) -> list[Any]:
+        return [
+            servo
+            for k, servo in enumerate(self._stations)
+            if not self._restarting[k] and servo.get("id") not in self.absent and self._understands(servo)
+        ]
+
+    def _understands(self, servo: Any) -> bool:
+        """Whether a servo's baud rate is that of the client; unknown rates are right."""
+        if self._rate is None:
+            return True
+        return abs(self._rate_of(servo) / self._rate - 1) < _RATES_AGREE
+
+    def _in_transit(self, id: int, packet: bytes) -> bytes:
+        """What arrives of a servo's packet."""
+        if id in self.twice:
+            return bytes(a & b for a, b in zip(packet, packet[3:] + packet[:3], strict=True))
+        if self.corrupt:
+            self.corrupt -= 1
+            return packet[:-3] + bytes((packet[-3] ^ 0x10,)) + packet[-2:]
+        return packet
+
+    def _send(self, packet: bytes, delay: int) -> None:
+        before = self._answers[-1][0] if self._answers else self._now
+        self._answers.append((max(before, self._now) + delay, packet))

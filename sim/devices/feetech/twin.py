@@ -1,0 +1,135 @@
+"""The twin of a Feetech bus: simulated STS servos with the real protocol on a half-duplex line."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from drivers.dynamixel.packets import Instruction
+from drivers.feetech import protocol
+from drivers.feetech.config import FeetechConfig
+from drivers.feetech.table import BAUDS
+from drivers.feetech.units import RETURN_DELAY
+from runtime.contracts.world import Fake
+from sim.devices.dynamixel.twin_line import ServoLine
+from sim.devices.feetech.fake import FakeFeetech
+from sim.devices.feetech.twin_servo import Servo
+from sim.parts.feetech.motors import FeetechMotors
+
+POWER_UP: Final = 300_000_000  # ns from power to the first answer
+_NAMES: Final = {
+    protocol.PING: "ping",
+    protocol.READ: "read",
+    protocol.WRITE: "write",
+    protocol.REG_WRITE: "reg_write",
+    protocol.ACTION: "action",
+    protocol.SYNC_READ: "sync_read",
+    protocol.SYNC_WRITE: "sync_write",
+}
+
+
+class FeetechTwin(ServoLine):
+    """See `ServoLine`. In a sync read, servos after a missing one don't answer.
+
+    Attributes:
+        servos: in the order of the profile's motors.
+    """
+
+    def __init__(self, fake: Fake) -> None:
+        assert isinstance(fake, FakeFeetech)
+        super().__init__(fake)
+        self.bus = fake
+        config = fake.config
+        assert isinstance(config, FeetechConfig)
+        motors = fake.chain.motors
+        assert isinstance(motors, FeetechMotors)
+        fake.chain.measure()
+        self.servos = [
+            Servo(motors, i, motor.facts, motor.id, BAUDS.index(config.baudrate), config.mode == "extended")
+            for i, motor in zip(fake.numbers, config.motors.values(), strict=True)
+        ]
+        for servo, motor in zip(self.servos, config.motors.values(), strict=True):
+            servo.keep("homing_offset", motor.offset or 0)
+            servo.put("goal_position", servo.position)
+        self._parser = protocol.Parser()
+        self._registered: dict[int, tuple[int, bytes]] = {}
+        self._begin_with(self.servos)
+
+    def brown_out(self, servo: Servo) -> None:
+        """The supply of one servo dips: it starts anew."""
+        k = self.servos.index(servo)
+        self._deaf_until[k], self._restarting[k] = self._now + POWER_UP, True
+        servo.motors.switch(servo.i, False)
+
+    def _measure(self) -> None:
+        self.bus.chain.measure()
+
+    def _rate_of(self, servo: Any) -> int:
+        code = servo.get("baud_rate")
+        return BAUDS[code] if code < len(BAUDS) else 1
+
+    def _obey(self, instruction: Instruction) -> None:
+        name = _NAMES.get(instruction.code, f"{instruction.code:#04x}")
+        self.seen[name] = self.seen.get(name, 0) + 1
+        data, everyone = instruction.data, instruction.id == protocol.BROADCAST
+        if name in ("sync_read", "sync_write"):
+            if everyone and len(data) > 2:
+                (self._sync_read if name == "sync_read" else self._sync_write)(data)
+            return
+        for servo in sorted(self._awake(), key=lambda servo: int(servo.get("id"))):
+            if everyone or servo.get("id") == instruction.id:
+                self._single(servo, name, data, everyone)
+
+    def _single(self, servo: Servo, name: str, data: bytes, everyone: bool) -> None:
+        quiet = everyone or servo.get("status_return_level") == 0
+        match name:
+            case "ping":
+                self._answer(servo)
+            case "read":
+                if len(data) == 2 and not everyone:
+                    self._answer(servo, servo.read(data[0], data[1]))
+            case "write" | "reg_write" if data:
+                if name == "write":
+                    servo.write(data[0], data[1:])
+                else:
+                    self._registered[id(servo)] = data[0], data[1:]
+                if not quiet:
+                    self._answer(servo)
+            case "action":
+                if id(servo) in self._registered:
+                    servo.write(*self._registered.pop(id(servo)))
+                if not quiet:
+                    self._answer(servo)
+            case _:
+                servo.refused[name] = servo.refused.get(name, 0) + 1
+
+    def _sync_read(self, data: bytes) -> None:
+        present = {servo.get("id"): servo for servo in self._awake()}
+        for servo_id in data[2:]:
+            servo = present.get(servo_id)
+            if servo is None:
+                break  # the servos after it wait for its answer
+            self._answer(servo, servo.read(data[0], data[1]))
+
+    def _sync_write(self, data: bytes) -> None:
+        address, size = data[0], data[1]
+        present = {servo.get("id"): servo for servo in self._awake()}
+        for at in range(2, len(data) - size, size + 1):
+            if (servo := present.get(data[at])) is not None:
+                servo.write(address, data[at + 1 : at + 1 + size])
+
+    def _answer(self, servo: Servo, data: bytes = b"") -> None:
+        servo_id = servo.get("id")
+        packet = protocol.status(servo_id, servo.error_bits, data)
+        self._send(self._in_transit(servo_id, packet), round(servo.get("return_delay_time") * RETURN_DELAY * 1e9))
+
+    def figures(self) -> dict[str, object]:
+        """Adds to the serial twin's figures: instructions by name, lost packets, refused writes, the torque."""
+        motors = self.bus.chain.motors
+        return super().figures() | {
+            "instructions": dict(self.seen),
+            "damaged": self._parser.errors,
+            "collisions": self.collisions,
+            "wrong_rate": self.wrong_rate,
+            "refused": {f"{s.get('id')}.{what}": n for s in self.servos for what, n in s.refused.items()},
+            "torque": [bool(motors.torque[i]) for i in self.bus.numbers],
+        }

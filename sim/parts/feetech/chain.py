@@ -1,0 +1,39 @@
+"""A chain of axes with Feetech STS servos, such as the arm SO-101."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+from pydantic import Field
+
+from drivers.dynamixel.models import Nominal
+from drivers.feetech.models import MODELS
+from sim.parts.dynamixel.chain import ServoAxis, ServoChain, ServoChainConfig
+from sim.parts.feetech.motors import FeetechMotors
+from sim.world.part import PartConfig
+
+
+class AxisConfig(ServoAxis):
+    """An axis with an STS servo."""
+
+    model: Literal["STS3215", "STS3250"]
+
+
+class FeetechChainConfig(ServoChainConfig):
+    """Options of the chain."""
+
+    axes: dict[str, AxisConfig] = Field(min_length=1, description="from the base to the tip")
+
+
+class FeetechChain(ServoChain):
+    """A chain of STS servos; see `ServoChain`."""
+
+    Config: ClassVar[type[PartConfig]] = FeetechChainConfig
+    summary = "chain of axes with Feetech STS servos"
+
+    def nominal(self, axis: ServoAxis) -> Nominal:
+        assert isinstance(axis, AxisConfig)
+        return MODELS[axis.model]
+
+    def servos(self, voltage: float, timestep: float) -> FeetechMotors:
+        return FeetechMotors(self.models, voltage, timestep)
