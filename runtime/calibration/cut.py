@@ -24,7 +24,7 @@ ANGLES: Final = "arm-angles"
 MARKS: Final = "calibration-marks"
 Marks = Callable[[Graph, ControllerEntry], dict[str, Any]]
 Scene = Callable[[dict[str, Any]], None]
-DROPPED: Final = ("setpoints", "guard", "stop", "faults", "emergency", "reset", "record", "start")
+_DROPPED: Final = ("setpoints", "guard", "stop", "faults", "emergency", "reset", "record", "start")
 
 
 def find(checked: Profile, source: Source, use: str = LAW) -> int:
@@ -98,7 +98,7 @@ def cut_devices(
     """
     kept = list(kept)
     plain, _ = profile.tree(source.label, source.text, source.overrides, source.files)
-    for key in DROPPED:
+    for key in _DROPPED:
         plain.pop(key, None)
     plain["devices"] = {name: plain["devices"][name] for name in plain["devices"] if name in devices}
     plain["bus"] = None

@@ -1,20 +1,11 @@
-"""A device that is calibrated: which it is, the file that it names, and the part of the profile that it needs.
-
-Nothing moves: the device alone is left, with the law that marks the rows.
-"""
+"""A device that is calibrated: which it is, and the file that it names. `cut_devices` leaves it alone in a profile."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
-from runtime.calibration.cut import DROPPED, build
 from runtime.contracts import registry
 from runtime.contracts.errors import OptionError, ProfileError, RequestError, nearest
-from runtime.profile import profile
-from runtime.profile.graph import Graph
-from runtime.profile.part import parsed
 from runtime.profile.profile import Profile
 from runtime.profile.source import Source
 
@@ -57,34 +48,3 @@ def named(checked: Profile, source: Source, name: str, option: str = "calibratio
         return source.files.find(given)
     except OptionError as error:
         raise ProfileError(source.place(f"devices.{name}.{option}"), error.problem, error.remedy) from None
-
-
-def cut_to_device(
-    checked: Profile, source: Source, name: str, change: Callable[[dict[str, Any]], None],
-    marks: Callable[[Graph], dict[str, Any]], sim: bool,
-) -> tuple[Profile, Source]:  # fmt: skip
-    """The profile of one device, with the marks' law at its end.
-
-    Args:
-        checked, source: the whole profile.
-        name: the device.
-        change: changes what is left of the profile: the device's options, the simulated world.
-        marks: makes the entry of the marks' law.
-        sim: it is simulated.
-    Raises:
-        ProfileError, WiringError: what is left can't be built.
-    """
-    plain, _ = profile.tree(source.label, source.text, source.overrides, source.files)
-    for key in DROPPED:
-        plain.pop(key, None)
-    plain["devices"] = {name: plain["devices"][name]}
-    plain["bus"], plain["frames"], plain["controllers"] = None, {}, []
-    if plain.get("clock") != name:
-        plain.pop("clock", None)
-    if plain.get("sim"):
-        plain["sim"]["devices"] = {n: v for n, v in (plain["sim"].get("devices") or {}).items() if n == name}
-        for key in ("ends_with", "duration"):
-            plain["sim"].pop(key, None)
-    change(plain)
-    plain["controllers"] = [marks(build(*parsed(plain, source, []), sim))]
-    return parsed(plain, source, [])

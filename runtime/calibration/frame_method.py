@@ -160,6 +160,11 @@ class FrameMethod(Method[Taps, Result]):
         if (theirs.frame, theirs.parent) != ours:
             problem = f"it is of '{theirs.frame}' in '{theirs.parent}', not of '{ours[0]}' in '{ours[1]}'"
             raise RequestError("--recording", problem, "Name a recording of this frame: --option frame=NAME")
+        for device, driver in theirs.drivers.items():
+            now = self.checked.devices[device].driver if device in self.checked.devices else None
+            if now != driver:
+                problem = f"it was measured with '{device}' by the driver '{driver}'; now it is {now or 'no device'}"
+                raise RequestError("--recording", problem, "Name the profile with which it was recorded")
 
     def take(self, older: Taps) -> Taps:
         self.ready(older)
@@ -190,7 +195,8 @@ class FrameMethod(Method[Taps, Result]):
         return FrameRecord.model_validate(
             {
                 "format": FORMAT, "date": result.date, "simulated": result.simulated, "frame": options.frame,
-                "parent": options.parent, "drivers": options.drivers, "signals": self._signals,
+                "parent": options.parent, "drivers": options.drivers,
+                "signals": [signal for signal in (options.parent_signal, options.frame_signal) if signal],
                 "what": mount.what, "count": len(mount.numbers), "pose": _pose(mount.pose),
                 "body": None if mount.body is None else _pose(mount.body),
                 "left": (float(mount.left.max()), float(mount.askew.max())), "uncertain": mount.uncertain,

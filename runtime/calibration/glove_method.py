@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.calibration import device_cut, glove_report
-from runtime.calibration.device_cut import cut_to_device
+from runtime.calibration.cut import cut_devices
 from runtime.calibration.glove_report import Result
 from runtime.calibration.method import Method, Say, kept, settings
 from runtime.calibration.order import Order
@@ -82,10 +82,11 @@ class GloveMethod(Method[Taps, Result]):
         def marks(graph: Graph) -> dict[str, Any]:
             return self._marks(person, graph)
 
-        return cut_to_device(self.checked, self.source, self._device, self._bare, marks, self.order.sim)
+        return cut_devices(self.checked, self.source, {self._device}, marks, self.order.sim, self._bare)
 
     def _bare(self, plain: dict[str, Any]) -> None:
         """The glove gives its counts, and a simulated hand does what it is told; nothing else is there."""
+        plain["frames"] = {}  # nothing hangs on a glove that is calibrated
         entry = plain["devices"][self._device]
         entry.pop("calibration", None)
         entry["raw"] = True

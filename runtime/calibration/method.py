@@ -149,8 +149,8 @@ def settings(order: Order, kinds: Mapping[str, type[BaseModel]], given: Sequence
         return {name: kind.model_validate(values[name]) for name, kind in kinds.items()}
     except ValidationError as error:
         first = error.errors()[0]
-        place = f"--option {'.'.join(map(str, first['loc']))}"
-        raise RequestError(place, first["msg"], "Correct the value") from None
+        place = f"--option {'.'.join(map(str, first['loc']))}".strip()
+        raise RequestError(place, first["msg"].removeprefix("Value error, "), "Correct the value") from None
 
 
 def names(option: str, given: str | None, things: str) -> tuple[str, ...]:

@@ -24,7 +24,7 @@ class Builder:
     """Collects the signals of one profile; each step adds its own and checks them against those before."""
 
     def __init__(self, profile: Profile, source: Source, sim: Iterable[str] | None) -> None:
-        frames, files, self.from_simulation = placed(profile, source)
+        frames, files, self.calibrated = placed(profile, source)
         read = {name: entry.model_copy(update={"calibration": files.get(name)}) for name, entry in frames.items()}
         self.profile, self.source = profile.model_copy(update={"frames": read}), source
         self.layout = Layout()

@@ -2,29 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Final
 
-from runtime.contracts.errors import OptionError, ProfileError, SrlError
+from runtime.contracts.errors import OptionError, ProfileError, SrlError, WiringError
 from runtime.contracts.files import KeptFile
 from runtime.contracts.frames import FrameEntry
+from runtime.contracts.signals import Signal
 from runtime.control.mount.record import FrameRecord
 from runtime.control.shared import record_file
 from runtime.profile.profile import Profile
 from runtime.profile.source import Source
 
-Simulated = dict[str, tuple[str, ...]]
-"""By frame, the devices with which it was calibrated in simulation."""
+Records = dict[str, FrameRecord]
+"""By frame, what its file says."""
+_ROOM: Final = 20.0  # m, as in `doubts`, which needs this module
 _OTHERWISE: Final = "Make it with `srl calibrate PROFILE frames`, or name another"
 
 
-def placed(profile: Profile, source: Source) -> tuple[dict[str, FrameEntry], dict[str, KeptFile], Simulated]:
-    """The frames with what their files say, the files, and which of these were made in simulation.
+def placed(profile: Profile, source: Source) -> tuple[dict[str, FrameEntry], dict[str, KeptFile], Records]:
+    """The frames with what their files say, the files, and these as they were read.
 
     Raises:
         ProfileError: a file isn't there, was changed, or is of other frames or devices.
     """
-    frames, files, simulated = dict(profile.frames), dict[str, KeptFile](), Simulated()
+    frames, files, records = dict(profile.frames), dict[str, KeptFile](), Records()
     for name, entry in profile.frames.items():
         if entry.calibration is None:
             continue
@@ -42,9 +44,8 @@ def placed(profile: Profile, source: Source) -> tuple[dict[str, FrameEntry], dic
         pose = {"position": made.pose.position, "quaternion": made.pose.quaternion}
         frames[name] = entry.model_copy(update={**pose, "calibration": None})
         files[name] = file
-        if made.simulated:
-            simulated[name] = tuple(made.drivers)
-    return frames, files, simulated
+        records[name] = made
+    return frames, files, records
 
 
 def _other(made: FrameRecord, name: str, entry: FrameEntry, profile: Profile) -> Iterator[str]:
@@ -58,11 +59,23 @@ def _other(made: FrameRecord, name: str, entry: FrameEntry, profile: Profile) ->
             yield f"it was measured with '{device}' by the driver '{driver}', now it is '{now}'"
 
 
-def doubts(source: Source, found: Simulated, simulated: Iterable[str]) -> list[str]:
-    """Files that the simulation made, of frames between real devices."""
+def as_measured(source: Source, records: Records, signals: Mapping[str, Signal]) -> None:
+    """Raises WiringError: a pose is given in another frame now than when a frame was calibrated with it."""
+    for name, made in records.items():
+        for signal, into in zip(made.signals, (made.parent, made.frame), strict=False):
+            if signal in signals and (now := signals[signal].frame) != into:
+                problem = f"it was measured with '{signal}' when that was given in '{into}'; now it is in '{now}'"
+                raise WiringError(source.place(f"frames.{name}.calibration"), problem, "Calibrate this frame again")
+
+
+def doubts(source: Source, records: Records, frames: Mapping[str, FrameEntry], simulated: Iterable[str]) -> list[str]:
+    """Files that the simulation made, of frames between real devices; and places that no room has."""
     made = []
-    for name, devices in found.items():
-        if real := [device for device in devices if device not in simulated]:
+    for name, record in records.items():
+        place = source.place(f"frames.{name}.calibration")
+        if record.simulated and (real := [device for device in record.drivers if device not in simulated]):
             text = f"it was made in simulation, and '{real[0]}' is real. It says nothing about a real one: calibrate"
-            made.append(f"{source.place(f'frames.{name}.calibration')}: {text}")
+            made.append(f"{place}: {text}")
+        if (far := max(map(abs, frames[name].position))) > _ROOM:
+            made.append(f"{place}: it says that '{name}' is {far:g} m off. Are these millimetres?")
     return made

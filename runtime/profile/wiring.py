@@ -57,6 +57,7 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
             b.add(f"world.{signal.name}", signal, "truth", "the simulated world", "sim")
     measured_frames.check_links(b, devices)
     measured_frames.check_signals(b, of={*b.profile.devices, *owners})
+    calibrated_frames.as_measured(source, b.calibrated, b.signals)
     laws = controllers.build(b, devices)
     parameters = _parameters(b, laws)
     names = [d.name for d in devices] + owners
@@ -91,7 +92,7 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
         doubts(profile, source, devices, laws, world, b.simulated,
                {name: each.clearance for name, each in cleared.items()})
         + [f"{b.source.place(place)}: {text}" for place, text in unpictured]
-        + calibrated_frames.doubts(source, b.from_simulation, b.simulated),
+        + calibrated_frames.doubts(source, b.calibrated, b.profile.frames, b.simulated),
         [f"{b.source.place(f'sim.{key}')}: {text}" for key, text in (world.remarks if world is not None else ())],
         reads,
     )  # fmt: skip

@@ -179,6 +179,10 @@ def test_a_recording_gives_the_same_file_and_a_pose_is_done_again(command: Comma
         (["--option", "known=0,0,0;1,0,0;0,1,0;0,0,1"], "known points go with what=points"),
         (["--option", "what=points", "--option", "known=0,0,0;1,0;0,1,0;0,0,1"], "--option known.1.2"),
         (["--option", "what=points", "--option", "known=0,0,0;1,0,0;0,1,0;0,0,1"], "there are 4 known points"),
+        (
+            ["--option", "what=points", "--option", "count=4", "--option", "known=0,0,0;.2,0,0;.2,.2,0;0,.2,0"],
+            "touched in the order ",
+        ),
         (["--option", "frame=arn"], "no frame 'arn'. Did you mean 'arm'"),
         (["--option", "frame=room"], "frames.room has no `calibration:`"),
         (["--option", "parent_signal=arm.pose"], "'arm.pose': it is in arm, not in 'room'"),
@@ -207,8 +211,17 @@ def test_wrong_arguments_are_named(
     [
         ({"frame": "base"}, "it says where 'base' is in 'room', not 'arm' in 'room'"),
         ({"parent": "cell"}, "it says where 'arm' is in 'cell', not 'arm' in 'room'"),
-        ({"drivers": {"arm": "ur"}}, "it was measured with 'arm' by the driver 'ur', now it is 'panda'"),
-        ({"drivers": {"cameras": "vicon"}}, "the device 'cameras', which the profile doesn't have"),
+        (
+            {"drivers": {"arm": "ur", "mocap": "vicon"}},
+            "it was measured with 'arm' by the driver 'ur', now it is 'panda'",
+        ),
+        ({"drivers": {}}, "drivers: Dictionary should have at least 1 item"),
+        ({"body": None}, "poses have a body, and points have none"),
+        ({"signals": ["mocap.tool.pose"]}, "the signals aren't those of the devices that measured"),
+        (
+            {"drivers": {"cameras": "vicon"}, "signals": ["cameras.tool.pose"]},
+            "the device 'cameras', which the profile doesn't have",
+        ),
         ({"pose": {"position": [0, 0, 0], "quaternion": [0, 0, 0, 0]}}, "the quaternion's length isn't 1"),
         ({"format": "srl-ft-1"}, "srl-frame-1"),
     ],
@@ -221,6 +234,38 @@ def test_a_calibration_of_something_else_is_refused(
     capsys.readouterr()
     assert main(["check", "cell.yaml"]) == 2
     assert words in capsys.readouterr().err
+
+
+def test_a_pose_that_is_given_in_another_frame_now_and_a_place_in_millimetres(
+    command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert command("--sim") == 0
+    capsys.readouterr()
+    moved = ["--set", "frames.lab={}", "--set", "frames.room={parent: lab, position: [1, 0, 0]}"]
+    assert main(["check", "cell.yaml", *moved]) == 0
+    assert "it says that" not in capsys.readouterr().out
+    assert main(["check", "cell.yaml", *moved, "--set", "devices.mocap.frame=lab"]) == 2
+    said = capsys.readouterr().err
+    assert "measured with 'mocap.tool.pose' when that was given in 'room'; now it is in 'lab'" in said
+    edited(folder / "arm.json", lambda made: made["pose"].update(position=[1200.0, -400.0, 800.0]))
+    assert main(["check", "cell.yaml"]) == 0
+    assert "it says that 'arm' is 1200 m off. Are these millimetres?" in capsys.readouterr().out
+
+
+def test_a_recording_of_another_device_is_refused_and_its_signals_are_told(
+    command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    actor = Leader()
+    assert command("--sim", actor=actor) == 0
+    recorded(actor, folder / "run.rrd")
+    other = "devices.arm={driver: ur, port: tcp://10.0.0.1}"
+    assert command("--recording", "run.rrd", "-o", "two.json", "--set", other) == 2
+    said = capsys.readouterr().err
+    assert "it was measured with 'arm' by the driver 'panda'; now it is ur" in said
+    two = ["devices.mocap.segments={tool: tool/tool, wand: wand/wand}"]
+    one = [*options(("parent_signal=mocap.wand.pose",)), "--set", *two]
+    assert command("--recording", "run.rrd", "-o", "two.json", *one) == 0
+    assert read(folder / "two.json").signals == ("mocap.tool.pose", "arm.pose")
 
 
 def test_a_file_that_was_changed_by_hand_is_refused(
@@ -274,6 +319,17 @@ def test_a_pose_like_another_or_that_moves_isnt_taken() -> None:
     actor.pushed = {1: 0.02}
     feed(actor, procedure, 0.8)
     assert (procedure.step.kind, procedure.step.number) == (Kind.GO, 1)
+
+
+@pytest.mark.parametrize(("option", "holds"), [((), False), (POINTS, True), ((*POINTS, "parent_tip=0,0,0.12"), False)])
+def test_what_turns_in_place_isnt_still(option: tuple[str, ...], holds: bool) -> None:
+    actor = Leader(option)
+    procedure = Procedure(actor.taps.options.plan, Thresholds())
+    while procedure.step.kind is not Kind.HOLD:
+        feed(actor, procedure, 0.1)
+    actor.turning = 0.1  # rad/s; its origin stays where it is
+    feed(actor, procedure, 1.2)
+    assert (procedure.step.number == 2) == holds
 
 
 @pytest.mark.parametrize("gone", [{"lost": (2,)}, {"blind": (2,)}])

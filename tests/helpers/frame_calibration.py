@@ -63,6 +63,7 @@ class Leader(RowSource):
         lost: in these the cameras' link is gone, so that their last pose stays.
         flat: the arm turns about one axis alone; line: it goes along a line.
         scale: of the room's places.
+        turning: rad/s, of what the cameras see, about its own origin.
         led: how often it was led elsewhere.
         step: the last that was begun.
     """
@@ -88,7 +89,7 @@ class Leader(RowSource):
         self.rows, self.closed, self.led = list[Rows](), False, 0
         self._random, self.count, self._number = np.random.default_rng(5), 0, 0
         self._from = self._to = np.array([0.5, 0.0, 0.4, 0.0, 0.0, 0.0])
-        self._since = 0.0
+        self._since = self.turning = 0.0
         self.step: Step | None = None
 
     def take(self) -> Rows:
@@ -130,6 +131,7 @@ class Leader(RowSource):
             seen[:3] = self.scale * (seen[:3] + self.noise * self._random.normal(size=3))
             seen[0] += self.pushed.get(self._number, 0.0)
             turned = Rotation.from_rotvec(10.0 * self.noise * self._random.normal(size=3))
+            turned *= Rotation.from_rotvec([0.0, self.turning * self.count / 50.0, 0.0])
             seen[3:] = (Rotation.from_quat(seen[3:], scalar_first=True) * turned).as_quat(scalar_first=True)
             row.views["mocap.tool.pose"][:] = 0.0 if self._number in self.blind else seen
         row.ints[CYCLE.cycle], row.ints[CYCLE.now] = self.count, self.count * 20_000_000

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import rerun as rr
-from helpers.urdf import write_urdf
+from helpers.urdf import URDF, write_urdf
 
 from runtime.contracts.rotation import homogeneous, matrices
 from runtime.contracts.signals import Array
@@ -309,6 +309,30 @@ def test_a_robot_that_cannot_be_used_is_doubted_and_the_profile_stands(tmp_path:
     assert "small.yaml line 8: devices.arm.robot: " in doubt
     assert reason in doubt
     assert not frames.moved
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "reason"),
+    [
+        ("package://small/arm.stl", "http://[::1", "isn't there"),
+        ("package://small/arm.stl", "package://[small/arm.stl", "isn't there"),
+        ("package://small/arm.stl", "a" * 5000 + ".stl", "isn't there"),
+        ("package://small/arm.stl", "%00.stl", "isn't there"),
+        ("package://small/arm.stl", "large.stl", "has more than 100 MiB"),
+        ("0.2 0 0", "1e200 0 0", "'1e200 0 0' is beyond 1e+06"),
+    ],
+)
+def test_names_and_numbers_that_no_robot_has_cost_the_picture_only(
+    tmp_path: Path, old: str, new: str, reason: str
+) -> None:
+    write_urdf(tmp_path, text=URDF.replace(old, new))
+    with (tmp_path / "large.stl").open("wb") as file:
+        file.truncate((100 << 20) + 1)
+    _, problems, doubts, _ = drawn_small(tmp_path)
+    assert problems == []
+    (doubt,) = doubts
+    assert reason in doubt
+    assert len(doubt) < 500
 
 
 @pytest.mark.parametrize(

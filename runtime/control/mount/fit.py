@@ -200,9 +200,7 @@ def _of_poses(numbers: tuple[int, ...], parent: Array, frame: Array, noise: floa
     X, Y, J = _refined(A, B, limits.lever)
     both = _errors(A, B, X, Y)
     left, askew = np.linalg.norm(both[:, :3], axis=1), np.linalg.norm(both[:, 3:], axis=1)
-    weighted = both * [1.0, 1.0, 1.0, limits.lever, limits.lever, limits.lever]
-    sigma = max(float(np.sqrt(np.sum(weighted**2) / (6 * n - 12))), noise)
-    variance = sigma**2 * np.diag(np.linalg.inv(J.T @ J))[6:]
+    variance = _variances(both * [1.0, 1.0, 1.0, limits.lever, limits.lever, limits.lever], J, noise)[6:]
     uncertain = float(np.sqrt(variance[:3].sum())), float(np.sqrt(variance[3:].sum()))
     without = _each_without(lambda keep: hand_eye(A[keep], B[keep]), off, n)
     pose, mount = (np.array([*T[:3, 3], *rotation.from_matrix(T[:3, :3])]) for T in (Y, X))
@@ -225,6 +223,20 @@ def _refined(A: Array, B: Array, lever: float) -> tuple[Array, Array, Array]:
     solved = least_squares(off, np.zeros(12), method="lm")
     X, Y = at(solved.x)
     return X, Y, np.asarray(solved.jac)
+
+
+def _variances(left: Array, J: Array, noise: float) -> Array:
+    """(12,) variances of what was found, of what is left (n, 6) and its derivative (6 n, 12); `noise`: m, of a place.
+
+    Places and rotations have errors of their own: one common to both would be too small for the larger of the two. What
+    is left is M e of the errors e, so each sum of its squares is, on average, so much of one variance and of the other.
+    """
+    places = np.tile(np.repeat([1.0, 0.0], 3), len(left))
+    M = np.square(np.eye(len(J)) - J @ np.linalg.pinv(J))
+    both = np.array([places, 1.0 - places])
+    place, turn = np.maximum(np.linalg.solve(both @ M @ both.T, both @ np.square(left.ravel())), 0.0)
+    found: Array = np.square(np.linalg.pinv(J)) @ (max(place, noise**2) * places + turn * (1.0 - places))
+    return found
 
 
 def _moved(T: Array, by: Array) -> Array:

@@ -229,7 +229,8 @@ class Procedure:
         if self._elapsed() < self.plan.settle:
             return float("inf")
         recent = self._times >= self._times[-1] - self.plan.settle
-        return max(steady(self._parent[recent]), steady(self._frame[recent]))
+        both = (self._parent[recent], self._frame[recent])
+        return max(map(steady, both, self.plan.levers(self._thresholds)))
 
     def _place(self, poses: Array) -> Array:
         """(7,) what is compared with others: the mean of poses (T, 7), of points at the tip."""

@@ -56,11 +56,19 @@ class FrameRecord(BaseModel):
     simulated: bool
     frame: Name
     parent: str
-    drivers: dict[str, str]
-    signals: tuple[str, ...]
+    drivers: Annotated[dict[str, str], Field(min_length=1)]
+    signals: Annotated[tuple[str, ...], Field(min_length=1, max_length=2)]
     what: Literal["points", "poses"]
     count: Annotated[int, Field(ge=4, le=1000)]
     pose: Pose
     body: Pose | None
     left: tuple[_NotNegative, _NotNegative]
     uncertain: tuple[_NotNegative, _NotNegative]
+
+    @model_validator(mode="after")
+    def _is_whole(self) -> FrameRecord:
+        if {signal.partition(".")[0] for signal in self.signals} != set(self.drivers):
+            raise ValueError("the signals aren't those of the devices that measured")
+        if (self.body is not None) != (self.what == "poses"):
+            raise ValueError("poses have a body, and points have none")
+        return self

@@ -17,6 +17,7 @@ from runtime.contracts.controller import ControllerConfig
 from runtime.contracts.options import Options
 from runtime.contracts.rotation import Vector
 from runtime.contracts.signals import Array
+from runtime.control.mount.exchanged import exchanged
 from runtime.control.mount.fit import FEWEST, MountError, Thresholds
 from runtime.control.shared.marks import Indices, MarkLaw, stretch_of
 
@@ -90,19 +91,34 @@ class Plan(Options):
             raise ValueError(f"there are {len(self.known)} known points: write count={len(self.known)}, too")
         if self.count < FEWEST[self.what]:
             raise ValueError(f"{self.count} {self.what} don't find a frame: {FEWEST[self.what]} are needed")
+        if self.known and (order := exchanged(np.array(self.known))):
+            told = ", ".join(map(str, order))
+            raise ValueError(
+                f"touched in the order {told} the known points fit as well, and the frame is turned: "
+                "take points whose distances differ by 20 mm"
+            )
         return self
 
+    def levers(self, thresholds: Thresholds) -> tuple[float, float]:
+        """m: as what a rotation of 1 rad counts while one is held still, of what is seen in parent and frame."""
+        if self.what == "poses":
+            return thresholds.lever, thresholds.lever
+        return float(np.linalg.norm(self.parent_tip)), 0.0 if self.known else float(np.linalg.norm(self.frame_tip))
 
-def steady(poses: Array, blocks: int = 5) -> float:
-    """m: how far the means of consecutive blocks of places are apart at most; infinite where one isn't measured.
+
+def steady(poses: Array, lever: float, blocks: int = 5) -> float:
+    """m: how far the means of consecutive blocks of poses are apart at most; infinite where one isn't measured.
 
     Args:
         poses: (T, 7) m, w x y z.
+        lever: m: a rotation of 1 rad counts as this.
         blocks: number of blocks; means are compared, so that noise doesn't look like motion.
     """
     if len(poses) < blocks or not np.isfinite(poses).all():
         return float("inf")
-    means = np.array([part[:, :3].mean(axis=0) for part in np.array_split(poses, blocks)])
+    turns = Rotation.from_quat(poses[:, 3:], scalar_first=True).as_matrix().reshape(-1, 9)
+    both = np.hstack([poses[:, :3], lever / np.sqrt(2.0) * turns])  # matrices differ by sqrt 2 times a small angle
+    means = np.array([part.mean(axis=0) for part in np.array_split(both, blocks)])
     return float(np.linalg.norm(means[:, None] - means, axis=2).max())
 
 
@@ -127,7 +143,7 @@ def held(samples: Samples, plan: Plan, thresholds: Thresholds) -> tuple[dict[int
         times, both = samples.times[at], (samples.parent[at], samples.frame[at])
         if times[-1] - times[0] < 0.9 * plan.hold:
             continue  # broken off
-        if (moved := max(map(steady, both))) > thresholds.steady:
+        if (moved := max(map(steady, both, plan.levers(thresholds)))) > thresholds.steady:
             problem = "some of its samples are missing" if moved == np.inf else f"it moved by {1000 * moved:.1f} mm"
             place = f"{plan.what[:-1]} {number}"
             raise MountError(place, problem, "Do it again, still: r N, or --redo N --from FILE.rrd")

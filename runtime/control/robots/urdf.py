@@ -24,6 +24,8 @@ from runtime.contracts.rotation import Pose, Vector
 
 FORMATS: Final = (".dae", ".stl", ".obj", ".glb", ".gltf")  # meshes that the viewer reads
 MOST: Final = 1000  # links
+LARGEST: Final = 100 << 20  # bytes of a mesh
+FAR: Final = 1e6  # m or rad; with larger numbers a picture isn't finite any more
 _MOVES: Final = ("revolute", "continuous", "prismatic")
 _EXPAND: Final = "Expand xacro first (`xacro FILE.xacro > FILE.urdf`), and name a URDF"
 
@@ -115,6 +117,8 @@ def _numbers(text: str | None, count: int, default: tuple[float, ...], place: st
         values = ()
     if len(values) != count or not all(map(isfinite, values)):
         raise OptionError(f"{place}: '{text}' isn't {count} numbers", _EXPAND)
+    if max(map(abs, values)) > FAR:
+        raise OptionError(f"{place}: '{text}' is beyond {FAR:g}", "Give it in m and rad")
     return values
 
 
@@ -234,16 +238,24 @@ def _lacking(link: Element, file: Path, packages: Sequence[Path]) -> list[str]:
     for mesh in link.iterfind("visual/geometry/mesh"):
         given = mesh.get("filename", "")
         path = _resolved(given, file, packages)
-        if path is None or not path.is_file():
-            found.append(f"mesh {given} of link {link.get('name')} isn't there")
+        what = f"mesh {given[:200]} of link {link.get('name')}"
+        if path is None:
+            found.append(f"{what} isn't there")
         elif path.suffix.lower() not in FORMATS:
-            found.append(f"mesh {given} of link {link.get('name')} isn't one of {', '.join(FORMATS)}")
+            found.append(f"{what} isn't one of {', '.join(FORMATS)}")
+        elif path.stat().st_size > LARGEST:
+            found.append(f"{what} has more than {LARGEST >> 20} MiB, which each segment of a recording would hold")
     return found
 
 
 def _resolved(given: str, file: Path, packages: Sequence[Path]) -> Path | None:
-    parts = urlsplit(given)
-    if parts.scheme == "package":
-        inner = unquote(f"{parts.netloc}{parts.path}")
-        return next((folder / inner for folder in packages if (folder / inner).is_file()), None)
-    return file.parent / unquote(parts.path if parts.scheme == "file" else given)
+    """The file of a mesh; None: it isn't there, may not be read, or has no name that a file can have."""
+    try:
+        parts = urlsplit(given)
+        if parts.scheme == "package":
+            inner = unquote(f"{parts.netloc}{parts.path}")
+            return next((folder / inner for folder in packages if (folder / inner).is_file()), None)
+        path = file.parent / unquote(parts.path if parts.scheme == "file" else given)
+        return path if path.is_file() and os.access(path, os.R_OK) else None
+    except (OSError, ValueError):
+        return None

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from runtime.contracts.signals import Array
+from runtime.control.mount.exchanged import exchanged
 from runtime.control.mount.fit import Mount, MountError, Thresholds, axes, fit, hand_eye, refusals, rigid
 
 LIMITS = Thresholds()
@@ -232,3 +233,54 @@ def test_too_few_like_each_other_or_unseen_are_refused() -> None:
         of_points(np.vstack([seen, seen[:1]]), np.vstack([own, own[:1]]))
     with pytest.raises(MountError, match="some aren't measured"):
         of_points(np.where(seen == seen[0, 0], np.nan, seen), own)
+
+
+@pytest.mark.parametrize(("place", "turn"), [(1e-3, 1e-5), (1e-4, 5e-3)], ids=["places", "rotations"])
+def test_the_stated_deviation_holds_whichever_error_is_the_larger(place: float, turn: float) -> None:
+    random = np.random.default_rng(4)
+    off, stated = [], []
+    for seed in range(25):
+        Y, _, A, B = poses(seed)
+        B[:, :3] += place * random.normal(size=(8, 3))
+        turned = Rotation.from_rotvec(turn * random.normal(size=(8, 3)))
+        B[:, 3:] = (Rotation.from_quat(B[:, 3:], scalar_first=True) * turned).as_quat(scalar_first=True)
+        found = fit("poses", range(1, 9), A, B, 0.0, Thresholds(turned=0.01, axes=0.01))
+        off.append(apart(found.pose, Y))
+        stated.append(found.uncertain)
+    ratio = np.sqrt(np.mean(np.square(off), axis=0) / np.mean(np.square(stated), axis=0))
+    np.testing.assert_allclose(ratio, 1.0, atol=0.3)
+    assert np.mean(np.less(off, 2.0 * np.array(stated)), axis=0).min() >= 0.88
+
+
+@pytest.mark.parametrize(
+    ("known", "order"),
+    [
+        ([[0, 0, 0], [0.2, 0, 0], [0.2, 0.2, 0], [0, 0.2, 0]], True),
+        ([[0, 0, 0], [0.3, 0, 0], [0.3, 0.2, 0], [0, 0.2, 0]], True),
+        ([[0, 0, 0], [0.2, 0, 0], [0, 0.204, 0], [0.2, 0.2, 0]], True),
+        ([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], True),
+        ([[x, y, 0] for x in np.arange(6) / 5 for y in np.arange(5) / 5], True),
+        ([[0, 0, 0], [0.3, 0, 0], [0, 0.2, 0], [0.25, 0.25, 0]], False),
+        ([[0, 0, 0], [0.2, 0, 0], [0, 0.2, 0], [0.2, 0.2, 0.1]], False),  # only its mirror image, which is refused
+        ([[0, 0, 0]] * 4, False),
+        ([[0, 0, 0], [0.1, 0, 0], [0.2, 0, 0], [0.3, 0, 0]], False),  # on a line, which is refused, too
+    ],
+)
+def test_points_that_fit_in_another_order_are_found(known: list[list[float]], order: bool) -> None:
+    points = np.array(known, float)
+    found = exchanged(points)
+    assert (found is not None) == order
+    if found is not None:
+        moved = points[np.array(found) - 1]
+        R, t = rigid(moved, points)
+        assert np.linalg.norm(points @ R.T + t - moved, axis=1).max() < 0.01
+
+
+@given(seeds, st.integers(4, 30))
+def test_points_at_random_have_one_order(seed: int, n: int) -> None:
+    points = np.random.default_rng(seed).uniform(-0.5, 0.5, (n, 3))
+    found = exchanged(points)
+    if found is not None:
+        moved = points[np.array(found) - 1]
+        R, t = rigid(moved, points)
+        assert np.linalg.norm(points @ R.T + t - moved, axis=1).max() < 0.01
