@@ -66,8 +66,7 @@ class RunFolder:
             _check_owners(self.path)
             os.chmod(self.path, MODE)  # an older one may let others in
             self.lock = os.open(self.path / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
-            # The group's panels can lock it, and not make it.
-            os.close(os.open(self.panel_lock, os.O_RDONLY | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o640))
+            os.close(os.open(self.panel_lock, os.O_RDONLY | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600))
         except OSError as error:
             raise HostError(
                 str(self.path),

@@ -26,8 +26,7 @@ class Control:
         if self._lock is not None:
             return ""
         try:
-            # Only to read: who may send requests may not always write the folder.
-            lock = os.open(self._path, os.O_RDONLY | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o640)
+            lock = os.open(self._path, os.O_RDONLY | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
         except OSError as error:
             return f"Control can't be taken: {error.strerror}: {self._path.name}"
         try:

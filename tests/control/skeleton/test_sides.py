@@ -71,16 +71,17 @@ def test_a_slide_that_the_device_takes_for_a_turn_is_refused():
         wiring.build(*profile.load("human-srl", [slide, "sim=null"]))
 
 
-@pytest.mark.parametrize(
-    "change", ["guard.arm.position_command.upper.J5=0.3", "guard.arm.position_command.lower.J5=-0.21"]
-)
-def test_limits_of_a_slide_beyond_the_stroke_are_refused(change, capsys):
-    assert main(["check", "human-srl"]) == 0
-    assert main(["check", "human-srl", "--set", change]) == 2
+@pytest.mark.parametrize(("bound", "far"), [("upper", "0.3"), ("lower", "-0.21")])
+def test_limits_of_a_slide_beyond_the_stroke_are_refused(bound, far, capsys):
+    guard = ["--set", f"guard.arm.position_command.{bound}.J5={far}"]
+    motor = ["--set", f"devices.arm.motors.J5.{bound}={far}"]
+    stroke = ["--set", "guard.arm.position_command.clear.stroke=0.3"]
+    assert main(["check", "human-srl", *guard]) == 0  # the motor's own bound keeps it nearer
+    assert main(["check", "human-srl", *guard, *motor]) == 2
     said = capsys.readouterr().err
     assert "guard.arm.position_command" in said
     assert "the clearance is right up to 0.2" in said
-    assert main(["check", "human-srl", "--set", change, "--set", "guard.arm.position_command.clear.stroke=0.3"]) == 0
+    assert main(["check", "human-srl", *guard, *motor, *stroke]) == 0
 
 
 def test_in_a_profile_each_arm_has_a_clearance_of_its_own():
