@@ -9,14 +9,35 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import socket
+import struct
 import time
+from collections import deque
 from urllib.parse import parse_qsl, urlsplit
 
 import can
+from can.interfaces.udp_multicast.utils import pack_message
 
 from runtime.contracts.errors import DeviceError, DeviceLostError
 
 MOST = 256  # frames in one read, so that a flood can't block the loop
+_BUS_OFF = 0x40  # in a Linux error frame's identifier
+_STRUCT = struct.Struct("=IB3x8s")  # Linux' can_frame: identifier with its flags, length, data
+_EXTENDED = 0x8000_0000
+
+
+def frame_bits(size: int, extended: bool = False) -> int:
+    """Returns the bits that a data frame of `size` bytes takes of the bus, at worst: stuffed, with its pause.
+
+    From the start to the checksum a bit may be stuffed after every four; the checksum's end to the pause never is.
+    """
+    stuffed = (54 if extended else 34) + 8 * size
+    return stuffed + (stuffed - 1) // 4 + 10 + 3
+
+
+def shared_bus(url: str) -> str:
+    """Returns what two URLs of the same bus have in common: they may differ in options."""
+    return url.partition("?")[0]
 
 
 def open_can(url: str, *, place: str, filters: list[dict[str, int]] | None = None) -> CanLink:
@@ -57,7 +78,7 @@ def open_can(url: str, *, place: str, filters: list[dict[str, int]] | None = Non
     port = getattr(bus, "serialPortOrig", None)
     if port is not None:
         port.flush = lambda: None  # slcan's `send` would wait here until the last byte has left
-    return CanLink(url, place, bus)
+    return CanLink(url, place, bus, parts.netloc)
 
 
 class CanLink:
@@ -66,17 +87,21 @@ class CanLink:
     Attributes:
         url: the URL it was opened with.
         place: the device's name for errors.
+        interface: python-can's name of the interface.
     """
 
-    def __init__(self, url: str, place: str, bus: can.BusABC) -> None:
-        self.url, self.place = url, place
+    def __init__(self, url: str, place: str, bus: can.BusABC, interface: str) -> None:
+        self.url, self.place, self.interface = url, place, interface
         self._bus: can.BusABC | None = bus
+        self._writer: socket.socket | None = None
+        # A multicast bus returns one's own frames; nothing may take them for another's.
+        self._own: deque[tuple[int, bytes]] | None = deque(maxlen=MOST) if interface == "udp_multicast" else None
 
     def read(self) -> list[can.Message]:
-        """Returns all frames that have arrived, oldest first; never blocks. Error frames are left out.
+        """Returns all frames of others that have arrived, oldest first; never blocks. Error frames are left out.
 
         Raises:
-            DeviceLostError: the bus is gone, or closed.
+            DeviceLostError: the bus is gone or closed, or the controller has gone bus-off.
         """
         found: list[can.Message] = []
         for _ in range(MOST):
@@ -88,9 +113,28 @@ class CanLink:
                 self._lost(error)
             if message is None:
                 break
-            if not message.is_error_frame:
+            if message.is_error_frame:
+                if message.arbitration_id & _BUS_OFF and self.interface in ("socketcan", "virtual"):
+                    raise self._off()
+            elif not self._is_own(message):
                 found.append(message)
         return found
+
+    def _is_own(self, message: can.Message) -> bool:
+        own, key = self._own, (message.arbitration_id, bytes(message.data))
+        if not own or key not in own:
+            return False
+        while own.popleft() != key:
+            pass
+        return True
+
+    def _off(self) -> DeviceLostError:
+        return DeviceLostError(
+            self.place,
+            f"the CAN controller of {self.url} is bus-off: too many of its frames failed",
+            "Check the bit rate, the wires and the terminators (120 ohm at both ends), then take the interface down "
+            "and up: 'ip link set IFACE down' and 'up', or set 'restart-ms 100' with it",
+        )
 
     def read_wait(self, timeout_s: float) -> list[can.Message]:
         """Like `read`, but waits up to `timeout_s` for the first. Blocks: for `open` only."""
@@ -113,18 +157,49 @@ class CanLink:
             return False
         except (can.CanError, OSError, ValueError) as error:
             self._lost(error)
+        if self._own is not None:
+            self._own.append((message.arbitration_id, bytes(message.data)))
         return True
 
-    def fileno(self) -> int:
-        """Returns the file descriptor; -1 if the interface has none or the link is closed."""
+    def stop_fileno(self) -> int | None:
+        """Returns the descriptor to which another process writes what `stop_frame` gives, one write a frame.
+
+        None where the interface has no such descriptor: then only the devices' own watchdogs stop them.
+        """
+        bus = self._bus
+        if bus is None or self.interface not in ("socketcan", "slcan", "udp_multicast"):
+            return None
+        if self.interface == "udp_multicast":
+            if self._writer is None:
+                self._writer = _connected(bus)
+            return self._writer.fileno()
         try:
-            return self._open_bus().fileno()
-        except (NotImplementedError, DeviceLostError):
-            return -1
+            descriptor = bus.fileno()
+        except (NotImplementedError, OSError):
+            return None
+        return descriptor if descriptor >= 0 else None
+
+    def stop_frame(self, message: can.Message) -> bytes:
+        """Returns a frame as the bytes that `stop_fileno` takes. Empty where there is none.
+
+        On a serial line it begins with the end of a frame that was cut short; a socket takes frames whole.
+        """
+        data, extended = bytes(message.data), message.is_extended_id
+        if self.interface == "socketcan":
+            return _STRUCT.pack(message.arbitration_id | extended * _EXTENDED, len(data), data)
+        if self.interface == "slcan":
+            head = f"T{message.arbitration_id:08X}" if extended else f"t{message.arbitration_id:03X}"
+            return f"\r{head}{len(data)}{data.hex().upper()}\r".encode()
+        if self.interface == "udp_multicast":
+            return bytes(pack_message(message))
+        return b""
 
     def close(self) -> None:
         """Closes the link. Always succeeds."""
         bus, self._bus = self._bus, None
+        writer, self._writer = self._writer, None
+        if writer is not None:
+            writer.close()
         if bus is not None:
             with contextlib.suppress(Exception):  # interfaces raise any exception type when their device is gone
                 bus.shutdown()
@@ -138,3 +213,15 @@ class CanLink:
         if isinstance(error, DeviceLostError):
             raise error
         raise DeviceLostError(self.place, f"the CAN bus {self.url} is gone ({error})", "Check its cable and its power")
+
+
+def _connected(bus: can.BusABC) -> socket.socket:
+    """A socket that sends to a multicast bus by plain writes, which the bus' own can't: it isn't connected."""
+    multicast = bus._multicast
+    six = multicast.ip_version == 6
+    writer = socket.socket(socket.AF_INET6 if six else socket.AF_INET, socket.SOCK_DGRAM)
+    level = socket.IPPROTO_IPV6 if six else socket.IPPROTO_IP
+    writer.setsockopt(level, socket.IPV6_MULTICAST_HOPS if six else socket.IP_MULTICAST_TTL, multicast.hop_limit)
+    writer.setblocking(False)
+    writer.connect((multicast.group, multicast.port))
+    return writer

@@ -2,52 +2,38 @@
 
 from __future__ import annotations
 
-import socket
 from collections.abc import Callable
 
 import can
 
 from drivers.can_ft.driver import CanFtConfig
 from drivers.can_ft.protocol import AXES, CUTOFFS, FRAME, RATES, Command, Record, record, response
-from drivers.canbus import CanLink, open_can
-from runtime.contracts.errors import DeviceError
-from runtime.contracts.world import Fake, Twin
-from sim.devices.can_ft.fake import FakeCanFt, FakeCanFtOptions
-from sim.devices.shared.windows import inside
+from runtime.contracts.world import Fake
+from sim.devices.can_ft.fake import FakeCanFt
+from sim.devices.shared.can import CanTwin
 
-GROUP = "239.74.163.2"  # python-can's default group for its multicast bus
 _CATCH_UP = 0.5  # s; most records sent at once
 _FIRMWARE = "SIM 1.0"
 _OK, _FAILED = b"\1\0", b"\0\2"  # result; result and "out of range"
 
 
-class CanFtTwin(Twin):
+class CanFtTwin(CanTwin):
     """Answers the sheet's commands and streams the fake's samples when they would arrive.
 
-    During the `loss` windows of the fake's options it is off the bus. Afterwards it has lost what a loss of power
-    clears: the stream, the rate, the filter, the bias. While it streams, it obeys only STOP, READ_RATE and BIAS.
-
-    Attributes:
-        muted: the sensor neither obeys nor sends.
-        bus: the can://... URL of its bus; by default a multicast bus whose frames don't leave this host.
+    A loss of power clears the stream, the rate, the filter, the bias. While it streams, it obeys only STOP, READ_RATE
+    and BIAS.
     """
 
     def __init__(self, fake: Fake) -> None:
         assert isinstance(fake, FakeCanFt)
         super().__init__(fake)
-        options, config = fake.options, fake.config
-        assert isinstance(options, FakeCanFtOptions)
+        config = fake.config
         assert isinstance(config, CanFtConfig)
         self.sensor = fake
-        self.muted = False
-        self.bus = options.bus
         self._ids = config.ids
         self._default_rate = RATES[0]
-        self._loss = options.loss
-        self._link: CanLink | None = None
-        self._gone = False
         self._seen: dict[str, int] = {}
-        self._unknown = self._sent_records = self._unsent = 0
+        self._unknown = self._sent_records = 0
         self._counters = [0] * 6
         self._streaming = False
         self._sent = -1
@@ -69,25 +55,8 @@ class CanFtTwin(Twin):
 
     # -- life cycle
 
-    def open(self) -> None:
-        """See `Twin.open`. Raises DeviceError if the bus isn't available."""
-        self.close()
-        if self.bus is None:
-            # hop_limit 0: the frames stay on this host. A separate port for each twin allows several buses.
-            self.bus = f"can://udp_multicast/{GROUP}?port={_free_port()}&hop_limit=0"
-        self._link = open_can(self.bus, place=f"twin of {self.sensor.name}")
-        self.address = self.bus
-        self.power_up()
-
-    def close(self) -> None:
-        """See `Twin.close`."""
-        link, self._link = self._link, None
-        self.address = ""
-        if link is not None:
-            link.close()
-
     def power_up(self) -> None:
-        """Sets the state after a loss of power: changed ids take effect, everything else is reset."""
+        """See `CanTwin`: changed ids take effect, everything else is reset."""
         self._ids = self._pending
         self._streaming = False
         self._rate_code, self._filter = 0, (0, 0)
@@ -97,34 +66,20 @@ class CanFtTwin(Twin):
         self.sensor.set_rate(self._default_rate)
         self._sent = self.sensor.newest()
 
-    def service(self, now: int) -> None:
-        """See `Twin.service`."""
-        gone = inside(self._loss, self.sensor.world.time)
-        if gone != self._gone:
-            self._gone = gone
-            if not gone:
-                self.power_up()
-        link = self._link
-        if link is None:
-            return
-        messages = link.read()
-        if gone or self.muted:
-            self._sent = self.sensor.newest()
-            return
-        for message in messages:
-            data = bytes(message.data)
-            if message.arbitration_id == self._ids[0] and len(data) == FRAME and not message.is_extended_id:
-                self._obey(data)
-        self._stream()
+    def take(self, message: can.Message, now: int) -> None:
+        """See `CanTwin`."""
+        data = bytes(message.data)
+        if message.arbitration_id == self._ids[0] and len(data) == FRAME and not message.is_extended_id:
+            self._obey(data)
+
+    def idle(self) -> None:
+        """See `CanTwin`: what it doesn't send is lost."""
+        self._sent = self.sensor.newest()
 
     def figures(self) -> dict[str, object]:
-        """Commands by name, unknown frames, records sent, frames for which the bus had no room."""
-        return {
-            "commands": dict(self._seen),
-            "unknown": self._unknown,
-            "records": self._sent_records,
-            "unsent": self._unsent,
-        }
+        """Adds commands by name, unknown frames, records sent."""
+        found = {"commands": dict(self._seen), "unknown": self._unknown, "records": self._sent_records}
+        return found | super().figures()
 
     # -- the sensor
 
@@ -154,7 +109,8 @@ class CanFtTwin(Twin):
         else:
             self._send(response(code, self._answers[code](data[1:])))
 
-    def _stream(self) -> None:
+    def work(self, now: int) -> None:
+        """See `CanTwin`: streams."""
         newest = self.sensor.newest()
         begin = max(self._sent + 1, newest - int(_CATCH_UP * self.sensor.rate))
         self._sent = max(self._sent, newest)
@@ -185,15 +141,8 @@ class CanFtTwin(Twin):
             self._sent_records += 1
 
     def _send(self, halves: tuple[bytes, bytes]) -> None:
-        link = self._link
-        if link is None:
-            return
         for can_id, data in zip(self._ids[1:], halves, strict=True):
-            try:
-                sent = link.write(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
-            except DeviceError:
-                sent = False
-            self._unsent += not sent
+            self.send(can_id, data)
 
     # -- settings
 
@@ -219,9 +168,3 @@ class CanFtTwin(Twin):
         self.sensor.set_rate(RATES[values[0]])
         self._sent = self.sensor.newest()
         return _OK
-
-
-def _free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
