@@ -12,7 +12,7 @@ from runtime import __version__
 from runtime.contracts import transforms
 from runtime.contracts.clearance import Braking, Clearance, ClearanceConfig
 from runtime.contracts.controller import Controller, ControllerConfig, Parameter
-from runtime.contracts.driver import DeviceConfig, Driver, Health, Sensor
+from runtime.contracts.driver import DeviceConfig, Driver, Health, Sensor, Traffic
 from runtime.contracts.errors import (
     DeviceError,
     DeviceLostError,
@@ -56,6 +56,7 @@ __all__ = [
     "Signal",
     "SrlError",
     "Stop",
+    "Traffic",
     "Transform",
     "WiringError",
     "__version__",

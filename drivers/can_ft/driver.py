@@ -23,9 +23,9 @@ from drivers.can_ft.protocol import (
     Response,
     command,
 )
-from drivers.canbus import CanLink, open_can
+from drivers.canbus import CanLink, frame_bits, open_can, shared_bus
 from drivers.devicetime import DeviceTime
-from runtime.contracts.driver import DeviceConfig, Sensor
+from runtime.contracts.driver import DeviceConfig, Sensor, Traffic
 from runtime.contracts.errors import DeviceError, DeviceLostError
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import WRENCH
@@ -100,6 +100,7 @@ class CanFt(Sensor):
         super().__init__(name, config)
         self.config: CanFtConfig = config
         self.states = (Signal(name="wrench", shape=(6,), unit="N, N m", frame=config.frame, labels=WRENCH),)
+        self.traffic = Traffic(shared_bus(config.port), 1e6, 0.0, 2 * frame_bits(8) * config.rate)
         self._place = f"{name} ({config.port})"
         self._parser = Parser(config.ids[1], config.ids[2])
         self._link: CanLink | None = None

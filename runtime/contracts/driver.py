@@ -20,6 +20,23 @@ class DeviceConfig(Options):
     """
 
 
+@dataclass(frozen=True)
+class Traffic:
+    """What a device's frames take of a line that it shares with other devices.
+
+    Attributes:
+        bus: the line, e.g. "can://socketcan/can0"; equal for all devices on it.
+        bitrate: bit/s.
+        per_cycle: bits on the line for each cycle of the loop, in the worst case.
+        per_second: bits/s besides, whatever the loop's rate.
+    """
+
+    bus: str
+    bitrate: float
+    per_cycle: float
+    per_second: float = 0.0
+
+
 @dataclass(slots=True)
 class Health:
     """What a driver reports about its link; the loop copies it into every row.
@@ -80,6 +97,8 @@ class Driver(ABC):
             `write`, or in the next `read` if that sends it). The runtime takes it once a cycle, after all writes, and
             sets it to NaN. Where a device
             stops by itself after a silence, report that, too.
+        traffic: what its frames take of a shared line, known after `__init__`; None where they share none. `srl check`
+            adds up a line's devices and refuses more than it carries.
     """
 
     Config: type[DeviceConfig] = DeviceConfig
@@ -107,6 +126,7 @@ class Driver(ABC):
         self.states: tuple[Signal, ...] = ()
         self.commands: tuple[Command, ...] = ()
         self.health = Health()
+        self.traffic: Traffic | None = None
         self.home: dict[str, Array] = {}
         self.limits: dict[str, Limits] = {}
         self.state_arrays: Mapping[str, Array] = {}

@@ -86,7 +86,7 @@ class Fake(Driver):
 
     Attributes:
         real: the driver whose device it simulates. The fake takes over what this driver declares before `open`
-            (options, summary, `max_age`, states, commands, home, limits). A class
+            (options, summary, `max_age`, states, commands, home, limits, traffic). A class
             that declares one of them itself keeps its own. If None, the fake declares all itself.
     """
 
@@ -107,6 +107,7 @@ class Fake(Driver):
         if self.real is not None:
             real = self.real(name, config)
             self.states, self.commands, self.home, self.limits = real.states, real.commands, real.home, real.limits
+            self.traffic = real.traffic
 
 
 class Twin(ABC):

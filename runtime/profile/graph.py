@@ -128,7 +128,7 @@ class Graph:
     intent: list[bool]  # by device index (setpoint owners included): True if its loss is a loss of intent
     sights: list[Sight]
     doubts: list[str]  # what is probably wrong, a line each
-    remarks: list[str]  # what a person should know of the simulated world, a line each
+    remarks: list[str]  # what a person should know of the simulated world and of the buses, a line each
     reads: list[Copy]  # measured values whose order isn't their command's, taken before the guards look at them
 
     @property

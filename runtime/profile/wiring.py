@@ -22,7 +22,7 @@ from runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSITION_OF
 from runtime.contracts.world import World
 from runtime.ipc.row import Row
 from runtime.ipc.stop_slots import SLOTS
-from runtime.profile import calibrated_frames, clearances, controllers, keys, measured_frames
+from runtime.profile import buses, calibrated_frames, clearances, controllers, keys, measured_frames
 from runtime.profile.builder import Builder
 from runtime.profile.doubts import doubts
 from runtime.profile.graph import Actuator, Cleared, Copy, Graph, Law
@@ -51,6 +51,7 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
     world = _world(b)
     devices = _devices(b, world)
     _check_stops(b, devices)
+    carried = buses.check(b, devices)
     owners = _setpoints(b)
     if world is not None:
         for signal in world.truth:
@@ -93,7 +94,8 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
                {name: each.clearance for name, each in cleared.items()})
         + [f"{b.source.place(place)}: {text}" for place, text in unpictured]
         + calibrated_frames.doubts(source, b.calibrated, b.profile.frames, b.simulated),
-        [f"{b.source.place(f'sim.{key}')}: {text}" for key, text in (world.remarks if world is not None else ())],
+        [f"{b.source.place(f'sim.{key}')}: {text}" for key, text in (world.remarks if world is not None else ())]
+        + carried,
         reads,
     )  # fmt: skip
     _bind(graph)
