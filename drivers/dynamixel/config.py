@@ -20,25 +20,23 @@ Mode = Literal["position", "extended", "velocity", "effort"]
 
 
 class AxisConfig(BaseModel):
-    """One axis of a servo bus of any maker: how the servo's shaft moves it.
+    """One axis of a bus of servos or actuators of any maker: how the shaft moves it.
 
-    With the shaft's angle s (rad, 0 at 2048 counts): axis = ±(s - zero), times `m_per_rad` if it is prismatic.
+    With the shaft's angle s (rad): axis = ±(s - zero), times `m_per_rad` if it is prismatic.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     id: int = Field(ge=0, le=HIGHEST_ID, description="on the bus")
+    model: str = Field(description="the maker's name of the servo or actuator")
     reversed: bool = Field(False, description="the axis grows as the shaft's angle falls")
-    zero: Finite = Field(0.0, description="rad, the shaft's angle where the axis is at 0; 0 is 2048 counts")
+    zero: Finite = Field(0.0, description="rad, the shaft's angle where the axis is at 0")
     m_per_rad: float | None = Field(
         None, gt=0, allow_inf_nan=False, description="m/rad of a prismatic axis; its position is then in m"
     )
     lower: Finite | None = Field(None, description="rad or m, lowest position of the axis; none: the servo's own")
     upper: Finite | None = Field(None, description="rad or m, highest position of the axis; none: the servo's own")
     home: Finite | None = Field(None, description="rad or m, where 'retract' goes; give it to all motors or to none")
-    torque_constant: float | None = Field(
-        None, gt=0, allow_inf_nan=False, description="N m/A at the shaft; none: nominal stall torque over stall current"
-    )
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
@@ -47,15 +45,24 @@ class AxisConfig(BaseModel):
         return self
 
     @property
-    def facts(self) -> Nominal:
-        """The model's data."""
-        raise NotImplementedError
-
-    @property
     def scale(self) -> float:
         """Axis motion per shaft motion, with its sign: 1 or -1, m/rad for a prismatic axis."""
         size = 1.0 if self.m_per_rad is None else self.m_per_rad
         return -size if self.reversed else size
+
+
+class ServoConfig(AxisConfig):
+    """One axis of a bus servo, whose shaft is at 0 at 2048 counts."""
+
+    zero: Finite = Field(0.0, description="rad, the shaft's angle where the axis is at 0; 0 is 2048 counts")
+    torque_constant: float | None = Field(
+        None, gt=0, allow_inf_nan=False, description="N m/A at the shaft; none: nominal stall torque over stall current"
+    )
+
+    @property
+    def facts(self) -> Nominal:
+        """The model's data."""
+        raise NotImplementedError
 
     @property
     def newton_metres(self) -> float:
@@ -83,7 +90,7 @@ def bounds(axes: Mapping[str, AxisConfig]) -> Limits:
     return Limits(lower=lower if np.isfinite(lower).any() else None, upper=upper if np.isfinite(upper).any() else None)
 
 
-class MotorConfig(AxisConfig):
+class MotorConfig(ServoConfig):
     """One axis and its MX servo."""
 
     model: Literal["MX-28", "MX-64", "MX-106"]

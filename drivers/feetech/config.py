@@ -7,7 +7,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from drivers.dynamixel.config import AxisConfig, check_axes
+from drivers.dynamixel.config import ServoConfig, check_axes
 from drivers.feetech.models import MODELS, Model
 from drivers.feetech.table import BAUDS
 from runtime.contracts.driver import DeviceConfig
@@ -15,7 +15,7 @@ from runtime.contracts.driver import DeviceConfig
 Mode = Literal["position", "extended"]
 
 
-class MotorConfig(AxisConfig):
+class MotorConfig(ServoConfig):
     """One axis and its servo."""
 
     model: Literal["STS3215", "STS3250"]

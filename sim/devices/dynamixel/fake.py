@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import numpy as np
 from pydantic import AfterValidator, Field
@@ -267,7 +267,7 @@ class FakeDynamixel(Fake):
             )
 
 
-def numbers(chain: ServoChain, motors: Mapping[str, AxisConfig], name: str) -> tuple[int, ...]:
+def numbers(chain: ServoChain[Any], motors: Mapping[str, AxisConfig], name: str) -> tuple[int, ...]:
     """For each motor of the bus, the number of the chain's axis with its name; both must have the same construction."""
     found = []
     for axis, motor in motors.items():
@@ -276,10 +276,10 @@ def numbers(chain: ServoChain, motors: Mapping[str, AxisConfig], name: str) -> t
                 f"sim.devices.{name}", f"the chain '{chain.name}' has no axis '{axis}'", nearest(axis, chain.names)
             )
         i = chain.names.index(axis)
-        if chain.models[i].name != motor.facts.name:
+        if chain.models[i].name != motor.model:
             raise WiringError(
                 f"sim.parts.{chain.name}.axes.{axis}.model",
-                f"it is an {chain.models[i].name}, devices.{name} says {motor.facts.name}",
+                f"it is an {chain.models[i].name}, devices.{name} says {motor.model}",
                 "Make them agree",
             )
         if not np.isclose(abs(chain.scale[i]), abs(motor.scale)):

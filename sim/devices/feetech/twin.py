@@ -13,7 +13,6 @@ from runtime.contracts.world import Fake
 from sim.devices.dynamixel.twin_line import ServoLine
 from sim.devices.feetech.fake import FakeFeetech
 from sim.devices.feetech.twin_servo import Servo
-from sim.parts.feetech.motors import FeetechMotors
 
 POWER_UP: Final = 300_000_000  # ns from power to the first answer
 _NAMES: Final = {
@@ -41,7 +40,6 @@ class FeetechTwin(ServoLine):
         config = fake.config
         assert isinstance(config, FeetechConfig)
         motors = fake.chain.motors
-        assert isinstance(motors, FeetechMotors)
         fake.chain.measure()
         self.servos = [
             Servo(motors, i, motor.facts, motor.id, BAUDS.index(config.baudrate), config.mode == "extended")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Any, ClassVar, Literal, Self, cast
+from typing import Any, ClassVar, Generic, Literal, Protocol, Self, TypeVar, cast
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -22,6 +22,33 @@ from sim.world.mjcf import CONTACT, add
 from sim.world.part import Mjcf, Part, PartConfig
 
 Vector = tuple[float, float, float]
+
+
+class Drives(Protocol):
+    """The motors of a chain, at their shafts; each array is (n,). See `Motors`."""
+
+    torque: Array
+    temperature: Array
+    current: Array
+    torque_constant: Array
+    inertia: Array
+    friction: Array
+
+    @property
+    def drag(self) -> Array: ...
+
+    def fold(self, i: int) -> None: ...
+
+    def measure(self, position: Array, velocity: Array) -> None: ...
+
+    def step(self) -> Array: ...
+
+    def save(self) -> Array: ...
+
+    def restore(self, state: Array) -> None: ...
+
+
+D = TypeVar("D", bound=Drives)
 
 
 class ServoAxis(BaseModel):
@@ -111,7 +138,7 @@ def _vector(row: Array) -> Vector:
     return (x, y, z)
 
 
-class ServoChain(Part):
+class ServoChain(Part, Generic[D]):
     """A chain with the bodies `NAME/base`, `NAME/AXIS` and `NAME/tip`.
 
     Links don't touch each other, but they touch hands and objects.
@@ -155,9 +182,9 @@ class ServoChain(Part):
     def nominal(self, axis: ServoAxis) -> Nominal:
         """The nominal values of an axis' servo."""
 
-    def servos(self, voltage: float, timestep: float) -> Motors:
+    @abstractmethod
+    def servos(self, voltage: float, timestep: float) -> D:
         """The servos, in V and s."""
-        return Motors(self.models, voltage, timestep)
 
     def build(self, mjcf: Mjcf, parent: Element) -> None:
         config, name = self._config, self.name
@@ -217,7 +244,7 @@ class ServoChain(Part):
             self.motors.fold(i)
         self._powered = self.motors.torque.copy()
 
-    def measure(self) -> Motors:
+    def measure(self) -> D:
         """Returns the servos, with encoders read now."""
         self.motors.measure(self._data.qpos[self._q] / self.scale + self.zero, self._data.qvel[self._v] / self.scale)
         return self.motors
@@ -258,7 +285,7 @@ class DynamixelChainConfig(ServoChainConfig):
     axes: dict[str, AxisConfig] = Field(min_length=1, description="from the base to the tip")
 
 
-class DynamixelChain(ServoChain):
+class DynamixelChain(ServoChain[Motors]):
     """A chain of MX servos; see `ServoChain`."""
 
     Config: ClassVar[type[PartConfig]] = DynamixelChainConfig
@@ -267,3 +294,6 @@ class DynamixelChain(ServoChain):
     def nominal(self, axis: ServoAxis) -> Nominal:
         assert isinstance(axis, AxisConfig)
         return MODELS[axis.model]
+
+    def servos(self, voltage: float, timestep: float) -> Motors:
+        return Motors(self.models, voltage, timestep)

@@ -25,7 +25,7 @@ class FeetechChainConfig(ServoChainConfig):
     axes: dict[str, AxisConfig] = Field(min_length=1, description="from the base to the tip")
 
 
-class FeetechChain(ServoChain):
+class FeetechChain(ServoChain[FeetechMotors]):
     """A chain of STS servos; see `ServoChain`."""
 
     Config: ClassVar[type[PartConfig]] = FeetechChainConfig

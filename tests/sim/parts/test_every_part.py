@@ -10,6 +10,7 @@ from runtime.contracts import registry
 from srl.testing import PartConformance
 
 OPTIONS: dict[str, dict[str, Any]] = {  # those that a part can't do without
+    "actuator-chain": {"axes": {"one": {"model": "DM4310"}}},
     "box": {"size": [0.1, 0.1, 0.1]},
     "dynamixel-chain": {"axes": {"one": {"model": "MX-64"}}},
     "feetech-chain": {"axes": {"one": {"model": "STS3215"}}},

@@ -1,0 +1,51 @@
+"""A chain of axes with quasi-direct-drive actuators on CAN: an arm or a leg of one's own."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from pydantic import Field, field_validator
+
+from runtime.contracts.errors import OptionError, nearest
+from sim.parts.actuators.models import MODELS, ActuatorModel
+from sim.parts.actuators.motors import ActuatorMotors
+from sim.parts.dynamixel.chain import ServoAxis, ServoChain, ServoChainConfig
+from sim.world.part import PartConfig
+
+
+class AxisConfig(ServoAxis):
+    """An axis with an actuator; `reversed` and `zero` speak of its output shaft and the zero that it has stored."""
+
+    model: str = Field(description="the maker's name, e.g. AK80-9, DM4310")
+    radius: float = Field(0.025, gt=0, description="m, of the link")
+    mass: float = Field(0.3, gt=0, description="kg, of the link without the next actuator")
+
+    @field_validator("model")
+    @classmethod
+    def _known(cls, value: str) -> str:
+        if value not in MODELS:
+            raise OptionError(f"no actuator '{value}' is simulated", nearest(value, MODELS))
+        return value
+
+
+class ActuatorChainConfig(ServoChainConfig):
+    """Options of the chain."""
+
+    axes: dict[str, AxisConfig] = Field(min_length=1, description="from the base to the tip")
+    voltage: float = Field(48.0, gt=0, description="V, of the supply")
+
+
+class ActuatorChain(ServoChain[ActuatorMotors]):
+    """A chain of quasi-direct-drive actuators; see `ServoChain`. It hangs limp until a drive is enabled."""
+
+    Config: ClassVar[type[PartConfig]] = ActuatorChainConfig
+    summary = "chain of axes with actuators on CAN: CubeMars AK, Damiao, ODrive"
+
+    def nominal(self, axis: ServoAxis) -> ActuatorModel:
+        assert isinstance(axis, AxisConfig)
+        return MODELS[axis.model]
+
+    def servos(self, voltage: float, timestep: float) -> ActuatorMotors:
+        assert all(isinstance(model, ActuatorModel) for model in self.models)
+        models = [model for model in self.models if isinstance(model, ActuatorModel)]
+        return ActuatorMotors(models, voltage, timestep)

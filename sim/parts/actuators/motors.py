@@ -1,0 +1,212 @@
+"""Quasi-direct-drive actuators at their output shafts: what any drive on CAN makes of its commands.
+
+One law serves every protocol: torque = kp (goal - angle) + kd (speed - velocity) + its integral + feedforward. MIT mode
+is this law itself; position, velocity, current and brake commands are cases of it. It runs once a physics step. A fake
+or a twin sets the rows of the state and calls `feed` for each frame that its firmware takes as a sign of life.
+
+No source gives these assumptions: dry friction is 1.5 % of the peak torque, viscous friction a tenth of it a rad/s.
+Driving torque falls to 0 at the no-load speed, from three times the peak torque at rest, which the drive doesn't give.
+A winding at the peak torque rises by 400 K with 100 s, the power stage by 150 K with 40 s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from runtime.contracts.signals import Array
+from sim.parts.actuators.models import ActuatorModel
+
+AMBIENT: Final = 25.0  # degC
+WINDING_LIMIT, STAGE_LIMIT = 100.0, 90.0  # degC, where the drive switches itself off
+WINDING_BIT, STAGE_BIT, SILENCE_BIT, VOLTAGE_BIT = 1, 2, 4, 8
+NOTHING, OFF, SLACK = 0, 1, 2  # what a drive does when it has heard nothing for its `timeout`
+_FRICTION, _VISCOUS, _STALL = 0.015, 0.1, 3.0
+_WINDING, _STAGE = (100.0, 400.0), (40.0, 150.0)  # s; K at the peak torque, final value
+_BRAKE_SPEED: Final = 0.05  # rad/s, from which on a brake current gives its whole torque
+
+_ROWS: Final = (
+    "torque",  # 0 or 1: the power stage
+    "powered",  # 0 or 1: the supply; without it the drive is silent
+    "kp",  # N m/rad
+    "kd",  # N m s/rad
+    "ki",  # N m/rad: of the integral of the velocity's error
+    "goal",  # rad, in the drive's own angle
+    "speed",  # rad/s
+    "feedforward",  # N m
+    "brake",  # N m against the motion, whichever way it goes
+    "cap",  # N m, the drive's limit
+    "integral",  # N m
+    "timeout",  # s of silence after which `expiry` follows; 0: never
+    "expiry",  # NOTHING, OFF or SLACK
+    "age",  # s since the last sign of life, while the power stage is on
+    "stored",  # rad, the shaft's true angle at the zero that outlasts a power-off
+    "zero",  # rad, the shaft's true angle at which the drive now reads 0
+    "current",  # A
+    "temperature",  # degC, of the winding
+    "stage",  # degC, of the power stage
+    "errors",  # bits
+)
+
+
+class ActuatorMotors:
+    """All actuators of a chain; each row of the state is an attribute, (n,) float64.
+
+    Attributes:
+        n: number of actuators.
+        voltage: V, of the supply.
+        models: of each.
+        inertia: (n,) kg m^2, of the rotors at the output shafts.
+        friction: (n,) N m, dry.
+        position, velocity: (n,) rad, rad/s: the shafts' true motion, as last measured.
+    """
+
+    torque: Array
+    powered: Array
+    kp: Array
+    kd: Array
+    ki: Array
+    goal: Array
+    speed: Array
+    feedforward: Array
+    brake: Array
+    cap: Array
+    integral: Array
+    timeout: Array
+    expiry: Array
+    age: Array
+    stored: Array
+    zero: Array
+    current: Array
+    temperature: Array
+    stage: Array
+    errors: Array
+
+    def __init__(self, models: Sequence[ActuatorModel], voltage: float, timestep: float) -> None:
+        self.models, self.n, self.voltage = tuple(models), len(models), voltage
+        self._dt = timestep
+        self.state = np.zeros((len(_ROWS), self.n))
+        for row, name in zip(self.state, _ROWS, strict=True):
+            setattr(self, name, row)
+        self.peak_torque = np.array([m.peak_torque for m in models])
+        self.torque_constant = np.array([m.torque_constant for m in models])
+        self.inertia = np.array([m.inertia for m in models])
+        self.friction = _FRICTION * self.peak_torque
+        self._no_load = np.array([m.no_load_speed * voltage / m.nominal_voltage for m in models])
+        self.position, self.velocity = np.zeros(self.n), np.zeros(self.n)
+        self.temperature[:] = self.stage[:] = AMBIENT
+        for i in range(self.n):
+            self.power_up(i)
+
+    @property
+    def drag(self) -> Array:
+        """(n,) N m s/rad, of bearings and gears; the same with the power stage on and off."""
+        return _VISCOUS * self.friction
+
+    @property
+    def angle(self) -> Array:
+        """(n,) rad, what the drives take for their angle."""
+        return self.position - self.zero
+
+    @property
+    def effort(self) -> Array:
+        """(n,) N m, what the drives take for their torque: from the current, without friction."""
+        return self.current * self.torque_constant
+
+    def power_up(self, i: int) -> None:
+        """Powers actuator `i` up: off, without commands and errors; the turns that its encoder can't tell are lost."""
+        self.powered[i] = 1.0
+        for row in (self.torque, self.timeout, self.expiry, self.errors):
+            row[i] = 0.0
+        self.slacken(i)
+        self.cap[i] = self.peak_torque[i]
+        turn = self.models[i].ambiguity
+        self.zero[i] = self.stored[i] + turn * np.floor((self.position[i] - self.stored[i]) / turn + 0.5)
+
+    def power_off(self, i: int) -> None:
+        """Takes the supply away: no torque, no answer."""
+        self.powered[i] = self.torque[i] = self.current[i] = 0.0
+
+    def fold(self, i: int) -> None:
+        """Lets actuator `i` know its turns: a world begins with drives that were homed."""
+        self.zero[i] = self.stored[i]
+
+    def set_zero(self, i: int, stored: bool) -> None:
+        """Makes the present angle 0; if `stored`, also after a power-off."""
+        self.zero[i] = self.position[i]
+        if stored:
+            self.stored[i] = self.position[i]
+
+    def switch(self, i: int, on: bool) -> None:
+        """Switches the power stage; it takes a supply, and no error."""
+        on = on and bool(self.powered[i]) and not self.errors[i]
+        if on and not self.torque[i]:
+            self.age[i] = self.integral[i] = 0.0
+        self.torque[i] = float(on)
+
+    def slacken(self, i: int) -> None:
+        """Takes every command away; the power stage stays as it is."""
+        for row in (self.kp, self.kd, self.ki, self.goal, self.speed, self.feedforward, self.brake, self.integral):
+            row[i] = 0.0
+
+    def feed(self, i: int) -> None:
+        """Actuator `i` has heard its host."""
+        self.age[i] = 0.0
+
+    def fail(self, i: int, bits: int) -> None:
+        """Sets errors of actuator `i`, which switch it off."""
+        self.errors[i] = int(self.errors[i]) | bits
+        self.torque[i] = 0.0
+
+    def measure(self, position: Array, velocity: Array) -> None:
+        """Takes the shafts' true angles (rad) and speeds (rad/s)."""
+        self.position[:], self.velocity[:] = position, velocity
+
+    def step(self) -> Array:
+        """Runs all drives once; returns the torques (n,), N m, of which `drag` times speed is still to be taken."""
+        self._watch()
+        slip = self.speed - self.velocity
+        limit = np.minimum(self.cap, self.peak_torque)
+        self.integral += self.ki * slip * self._dt
+        np.clip(self.integral, -limit, limit, out=self.integral)
+        wanted = self.kp * (self.goal - self.angle) + self.kd * slip + self.integral + self.feedforward
+        wanted -= self.brake * np.clip(self.velocity / _BRAKE_SPEED, -1.0, 1.0)
+        pace = self.velocity / self._no_load
+        room = _STALL * self.peak_torque
+        most = np.clip(room * (1.0 - pace), 0.0, limit)
+        least = np.clip(room * (-1.0 - pace), -limit, 0.0)
+        torque: Array = np.clip(wanted, least, most) * (self.torque > 0)
+        self.current[:] = torque / self.torque_constant
+        self._warm(torque)
+        return torque
+
+    def _watch(self) -> None:
+        self.age += self._dt * (self.torque > 0)
+        late = (self.timeout > 0) & (self.age > self.timeout) & (self.torque > 0)
+        if late.any():
+            for i in map(int, np.flatnonzero(late)):
+                if self.expiry[i] == OFF:
+                    self.fail(i, SILENCE_BIT)
+                elif self.expiry[i] == SLACK:
+                    self.slacken(i)
+
+    def _warm(self, torque: Array) -> None:
+        loss = (torque / self.peak_torque) ** 2
+        self.temperature += self._dt / _WINDING[0] * (AMBIENT + _WINDING[1] * loss - self.temperature)
+        self.stage += self._dt / _STAGE[0] * (AMBIENT + _STAGE[1] * loss - self.stage)
+        hot = WINDING_BIT * (self.temperature > WINDING_LIMIT) + STAGE_BIT * (self.stage > STAGE_LIMIT)
+        if hot.any():
+            for i in map(int, np.flatnonzero(hot)):
+                self.fail(i, int(hot[i]))
+
+    def save(self) -> Array:
+        """The whole state, of fixed size."""
+        return np.concatenate([self.state.ravel(), self.position, self.velocity])
+
+    def restore(self, state: Array) -> None:
+        """Restores a state returned by `save`."""
+        size = self.state.size
+        self.state[...] = state[:size].reshape(self.state.shape)
+        self.position[:], self.velocity[:] = state[size : size + self.n], state[size + self.n :]
