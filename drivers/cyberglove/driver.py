@@ -121,6 +121,18 @@ class CyberGlove(Sensor):
                 link.write(STOP)
             link.close()
 
+    @classmethod
+    def who_is_at(cls, port: str) -> str:
+        """See `Driver.who_is_at`."""
+        glove = cls(port, CyberGloveConfig(port=port, raw=True))
+        link = open_transport(port, place=port, baudrate=BAUDRATE)
+        try:
+            glove._silence(link)
+            sensors, right = (glove._ask(link, query(letter))[0] for letter in "SR")
+        finally:
+            link.close()
+        return f"a {'right' if right == 1 else 'left'} glove with {sensors} sensors"
+
     def figures(self) -> dict[str, object]:
         """Returns how often streaming was requested again, and how many records the glove marked as too slow."""
         return {"restarts": self._restarts, "slow_records": self._slow}

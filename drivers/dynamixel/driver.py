@@ -21,7 +21,7 @@ from drivers.dynamixel.goals import Goals
 from drivers.dynamixel.line import Line, Request
 from drivers.dynamixel.plan import Plan
 from drivers.dynamixel.recovery import Recovery
-from drivers.dynamixel.session import Session
+from drivers.dynamixel.session import Session, who
 from drivers.dynamixel.setup import Bus, set_up, watchdog_code
 from drivers.transport import Transport, open_transport
 from runtime.contracts.driver import Driver
@@ -182,6 +182,11 @@ class Dynamixel(Driver):
         self._words = b""
         self._keep(line.parser.frames, line.parser.errors + line.timeouts, line.parser.resyncs)
         link.close()
+
+    @classmethod
+    def who_is_at(cls, port: str) -> str:
+        """See `Driver.who_is_at`."""
+        return who(port)
 
     def fileno(self) -> int | None:
         """See `Driver.fileno`."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from typing import Any, Final
+from collections.abc import Sequence
+from typing import Any, Final, NamedTuple
 
 from drivers.dynamixel import protocol1, protocol2
 from drivers.dynamixel.asking import Asker
@@ -144,20 +145,47 @@ def _silence(session: Session, scan: bool) -> DeviceError:
         return DeviceError(place, problem, power)
     session.link.close()
     rates = [config.baudrate, *(rate for rate in _RATES if rate != config.baudrate)]
-    for rate in rates:
-        link = open_transport(config.port, place=place, baudrate=rate)
-        try:
-            protocol, ids = _heard(link, config.ids[:2])
-        finally:
-            link.close()
-        if ids:
-            named = ", ".join(f"{id} ({called(number)})" if number else str(id) for id, number in ids.items())
-            fix = [f"'baudrate: {rate}'"] if rate != config.baudrate else []
-            fix += [f"'protocol: {protocol}'"] if protocol != config.protocol else []
-            remedy = f"Set {' and '.join(fix)}" if fix else "Correct the ids in the profile"
-            return DeviceError(place, f"{problem}; with {rate} baud and protocol {protocol} there are: {named}", remedy)
+    if found := _scan(config.port, place, rates, config.ids[:2]):
+        fix = [f"'baudrate: {found.rate}'"] if found.rate != config.baudrate else []
+        fix += [f"'protocol: {found.protocol}'"] if found.protocol != config.protocol else []
+        remedy = f"Set {' and '.join(fix)}" if fix else "Correct the ids in the profile"
+        return DeviceError(place, f"{problem}; with {found}", remedy)
     tried = ", ".join(str(rate) for rate in rates if rate in BAUDS2)
     return DeviceError(place, f"{problem}, nor at {tried} baud in either protocol", power)
+
+
+class _Found(NamedTuple):
+    """Servos that answered, by id, with their model numbers; 0 where a ping's answer has none."""
+
+    rate: int
+    protocol: int
+    servos: dict[int, int]
+
+    def __str__(self) -> str:
+        named = ", ".join(f"{id} ({called(number)})" if number else str(id) for id, number in self.servos.items())
+        return f"{self.rate} baud and protocol {self.protocol} there are: {named}"
+
+
+def who(port: str) -> str:
+    """See `Driver.who_is_at`. Servos of protocol 1 can't be asked all at once: those with ids 1 to 4 are."""
+    if found := _scan(port, port, _RATES, (1, 2, 3, 4)):
+        return f"with {found}"
+    rates = ", ".join(map(str, _RATES))
+    problem = f"no servo answers a ping at {rates} baud (in protocol 1: none with an id of 1 to 4)"
+    raise DeviceError(port, problem, "Check the servos' power and the adapter's switch (TTL or RS-485)")
+
+
+def _scan(port: str, place: str, rates: Sequence[int], ids: tuple[int, ...]) -> _Found | None:
+    """Returns who answers, at the first baud rate with any; `ids` are asked in protocol 1."""
+    for rate in rates:
+        link = open_transport(port, place=place, baudrate=rate)
+        try:
+            protocol, servos = _heard(link, ids)
+        finally:
+            link.close()
+        if servos:
+            return _Found(rate, protocol, servos)
+    return None
 
 
 def _heard(link: Transport, ids: tuple[int, ...]) -> tuple[int, dict[int, int]]:

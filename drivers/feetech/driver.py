@@ -22,7 +22,7 @@ from drivers.feetech import protocol
 from drivers.feetech.config import FeetechConfig
 from drivers.feetech.faults import FeetechFaults, Watch
 from drivers.feetech.goals import StoredGoals
-from drivers.feetech.opening import Bus, set_up, settings
+from drivers.feetech.opening import Bus, set_up, settings, who
 from drivers.feetech.table import TABLE
 from drivers.feetech.units import FeetechUnits
 from drivers.transport import Transport, open_transport
@@ -170,6 +170,11 @@ class Feetech(Driver):
         self._words = b""
         self._keep(line.parser.frames, line.parser.errors + line.timeouts, line.parser.resyncs)
         link.close()
+
+    @classmethod
+    def who_is_at(cls, port: str) -> str:
+        """See `Driver.who_is_at`."""
+        return who(port)
 
     def fileno(self) -> int | None:
         """See `Driver.fileno`."""

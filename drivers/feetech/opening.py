@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 from drivers.dynamixel.asking import Asker
+from drivers.dynamixel.packets import Status
 from drivers.dynamixel.table import Register
 from drivers.feetech import protocol
 from drivers.feetech.models import STRANGERS, called
@@ -208,14 +210,19 @@ def _set(asker: Asker, who: str, id: int, register: Register, value: int, what: 
 
 def _heard(link: Transport) -> list[int]:
     """Returns the ids of all servos that answer a broadcast ping."""
+    return sorted({status.id for status in _answers(link, protocol.ping(protocol.BROADCAST))})
+
+
+def _answers(link: Transport, frame: bytes) -> list[Status]:
+    """Returns all that answers a packet within `SCAN`."""
     parser = protocol.Parser()
-    found: set[int] = set()
+    found: list[Status] = []
     link.flush_input()
-    link.write_all(protocol.ping(protocol.BROADCAST), 1.0)
+    link.write_all(frame, 1.0)
     deadline = time.monotonic() + SCAN
     while (left := deadline - time.monotonic()) > 0:
-        found.update(status.id for status in parser.statuses(link.read_wait(left)))
-    return sorted(found)
+        found += parser.statuses(link.read_wait(left))
+    return found
 
 
 def _silence(asker: Asker, units: FeetechUnits, scan: bool) -> DeviceError:
@@ -227,14 +234,37 @@ def _silence(asker: Asker, units: FeetechUnits, scan: bool) -> DeviceError:
         return DeviceError(place, problem, power)
     asker.link.close()
     rates = [config.baudrate, *(rate for rate in _RATES if rate != config.baudrate)]
+    rate, servos = _scan(config.port, place, rates)
+    if servos:
+        there = f"; with {rate} baud there are: {', '.join(map(str, servos))}"
+        fix = f"Set 'baudrate: {rate}'" if rate != config.baudrate else "Correct the ids in the profile"
+        return DeviceError(place, problem + there, fix)
+    return DeviceError(place, f"{problem}, nor at {', '.join(map(str, rates[1:]))}", power)
+
+
+def who(port: str) -> str:
+    """See `Driver.who_is_at`: ids and models of the servos that answer, at the first baud rate with any."""
+    rate, servos = _scan(port, port, _RATES)
+    if not servos:
+        rates = ", ".join(map(str, _RATES))
+        raise DeviceError(port, f"no servo of this kind answers a ping at {rates} baud", "Check the servos' own power")
+    named = (f"id {id}: {called(number) if number is not None else 'gives no model'}" for id, number in servos.items())
+    return f"{rate} baud, {', '.join(named)}"
+
+
+def _scan(port: str, place: str, rates: Sequence[int]) -> tuple[int, dict[int, int | None]]:
+    """Returns the first baud rate at which servos answer a broadcast ping, and their model numbers by id."""
+    model = TABLE["model_number"]
     for rate in rates:
-        link = open_transport(config.port, place=place, baudrate=rate)
+        link = open_transport(port, place=place, baudrate=rate)
         try:
-            ids = _heard(link)
+            found: dict[int, int | None] = {}
+            for id in _heard(link):
+                said = [s.data for s in _answers(link, protocol.read(id, model.address, model.size)) if s.id == id]
+                whole = [data for data in said if len(data) == model.size]
+                found[id] = model.decode(whole[0], model.address) if whole else None
+            if found:
+                return rate, found
         finally:
             link.close()
-        if ids:
-            there = f"; with {rate} baud there are: {', '.join(map(str, ids))}"
-            fix = f"Set 'baudrate: {rate}'" if rate != config.baudrate else "Correct the ids in the profile"
-            return DeviceError(place, problem + there, fix)
-    return DeviceError(place, f"{problem}, nor at {', '.join(map(str, rates[1:]))}", power)
+    return 0, {}

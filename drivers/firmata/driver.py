@@ -15,7 +15,7 @@ import numpy as np
 from drivers.firmata import protocol
 from drivers.firmata.buttons import Buttons
 from drivers.firmata.config import ButtonConfig, Calibration, FirmataConfig
-from drivers.firmata.identify import FLASH, identify, listen, require
+from drivers.firmata.identify import FLASH, identify, listen, require, who
 from drivers.firmata.protocol import Decoder, Mode
 from drivers.transport import Transport, open_transport
 from runtime.contracts.driver import Driver
@@ -196,6 +196,11 @@ class Firmata(Driver):
             if last and not self._was_lost:
                 link.write_all(last, 0.2)
         link.close()
+
+    @classmethod
+    def who_is_at(cls, port: str) -> str:
+        """See `Driver.who_is_at`. Opening the port restarts most boards."""
+        return who(port)
 
     def fileno(self) -> int | None:
         """See `Driver.fileno`; None for a board without servos."""

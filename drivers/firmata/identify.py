@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from drivers.firmata import protocol
 from drivers.firmata.protocol import Decoder, Message, Mode, Version
-from drivers.transport import Transport
+from drivers.transport import Transport, open_transport
 from runtime.contracts.errors import DeviceError
 
 BOOT = 5.0  # s, from opening the port (which resets most boards) to the first message
@@ -56,6 +56,21 @@ def identify(link: Transport, decoder: Decoder, place: str) -> Board:
         elif isinstance(message, protocol.Capabilities):
             return Board(name, message.pins)
     raise DeviceError(place, f"{name} at {link.url} doesn't say what its pins can do", FLASH)
+
+
+def who(port: str) -> str:
+    """See `Driver.who_is_at`: the firmware's name and version. Pins stay as they are."""
+    link = open_transport(port, place=port, baudrate=protocol.BAUDRATE)
+    try:
+        link.flush_input()
+        link.write_all(protocol.END_SYSEX + protocol.FIRMWARE_QUERY, 1.0)
+        heard = bytearray()
+        for message in listen(link, Decoder(), BOOT, heard):
+            if isinstance(message, protocol.Firmware):
+                return f"the firmware '{message.name}' {message.major}.{message.minor}"
+        raise _unknown(link.url, bytes(heard), port)
+    finally:
+        link.close()
 
 
 def require(board: Board, pin: int, mode: Mode, part: str, place: str) -> None:

@@ -206,6 +206,17 @@ class SoftHand(Driver):
                 link.write_all(protocol.FLUSH + self._off, ANSWER)
         link.close()
 
+    @classmethod
+    def who_is_at(cls, port: str) -> str:
+        """See `Driver.who_is_at`: the hand with id 1, as they are delivered."""
+        config = SoftHandConfig(port=port)
+        link = open_transport(port, place=port, baudrate=config.baudrate)
+        try:
+            serial = Opening(link, Parser(), config, port).identify()
+        finally:
+            link.close()
+        return f"a SoftHand with id {config.id}" + (f", serial number {serial}" if serial else "")
+
     def fileno(self) -> int | None:
         """See `Driver.fileno`."""
         return self._link.fileno() if self._link is not None else None

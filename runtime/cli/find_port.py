@@ -1,8 +1,12 @@
-"""`srl find-port`: lists the serial ports, or names the one that comes or goes as a device is plugged. Opens none."""
+"""`srl find-port`: lists the serial ports, names the one that comes or goes as a device is plugged, asks who is there.
+
+Only `--ask` opens a port: opening restarts most Arduino boards, and what is there gets bytes of the driver's protocol.
+"""
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import sys
 import time
@@ -11,6 +15,9 @@ from dataclasses import asdict
 
 from runtime.cli import add_command
 from runtime.cli.printable import printable
+from runtime.contracts import registry
+from runtime.contracts.driver import Driver
+from runtime.contracts.errors import DeviceError, RequestError, SrlError
 from runtime.service import serial_ports
 from runtime.service.serial_ports import SerialPort
 
@@ -23,12 +30,23 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument(
         "--wait", action="store_true", help="wait until a device is plugged in or out, and name its port"
     )
+    parser.add_argument(
+        "--ask",
+        metavar="DRIVER",
+        help="open the ports that may be this driver's (or --port) and ask who is there; nothing is set or moved, but "
+        "opening a port restarts most Arduino boards",
+    )
+    parser.add_argument("--port", metavar="PORT", help="with --ask: this port alone, whatever it may be")
     parser.add_argument("--json", action="store_true", help="one JSON object")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Prints the ports and returns 0; with `--wait`, those that came or went."""
+    """Prints the ports and returns 0; with `--wait`, those that came or went. With `--ask`, 1 if nobody answered."""
+    if args.ask is not None:
+        return _ask(args)
+    if args.port is not None:
+        raise RequestError("--port", "goes with --ask DRIVER", f"E.g. `srl find-port --ask feetech --port {args.port}`")
     if not args.wait:
         found = serial_ports.ports()
         print(json.dumps({"ports": [_plain(port) for port in found]}) if args.json else "\n".join(listed(found)))
@@ -42,6 +60,43 @@ def run(args: argparse.Namespace) -> int:
         for port in found:
             print("\n".join([f"{what}: {port.path}", *described(port, there=what == "came")]))
     return 0
+
+
+def _ask(args: argparse.Namespace) -> int:
+    if args.wait:
+        raise RequestError("--ask", "doesn't go with --wait", "First --wait for the port, then --ask who is there")
+    driver = registry.load("drivers", args.ask, "--ask")
+    if not _can_ask(driver):
+        able = ", ".join(name for name in registry.names("drivers") if _can_ask(_driver(name)))
+        raise RequestError("--ask", f"driver '{args.ask}' can't ask who is at a port", f"These can: {able}")
+    ports = [args.port] if args.port is not None else [
+        port.path for port in serial_ports.ports() if args.ask in (guess.driver for guess in port.guesses)
+    ]  # fmt: skip
+    if not ports:
+        raise RequestError("--ask", f"no port here may be {args.ask}'s by its USB numbers", "Name one with --port PORT")
+    answers: dict[str, str | None] = {}
+    for port in ports:
+        try:
+            answers[port] = printable(driver.who_is_at(port))
+        except DeviceError as error:
+            answers[port] = None
+            print(error, file=sys.stderr)
+        if not args.json and answers[port] is not None:
+            print(f"{port}: {answers[port]}")
+    if args.json:
+        print(json.dumps({"driver": args.ask, "answers": answers}))
+    return 0 if any(answers.values()) else 1
+
+
+def _can_ask(driver: type[Driver] | None) -> bool:
+    return driver is not None and "who_is_at" in vars(driver)
+
+
+def _driver(name: str) -> type[Driver] | None:
+    with contextlib.suppress(SrlError):  # one that can't be imported
+        found: type[Driver] = registry.load("drivers", name, "--ask")
+        return found
+    return None
 
 
 def changed(

@@ -178,6 +178,17 @@ class Driver(ABC):
     def close(self) -> None:
         """Releases the device. Always succeeds; may be called at any time, more than once."""
 
+    @classmethod
+    def who_is_at(cls, port: str) -> str:
+        """Says in one line who answers at a serial port, for `srl find-port --ask`; "" if the driver can't ask.
+
+        It sends requests that only read: nothing is set, nothing moves. May block some seconds.
+
+        Raises:
+            DeviceError: nobody answers, or not in this device's protocol.
+        """
+        return ""
+
     def recover(self, now: int) -> None:
         """Starts the device's own recovery, after a user has requested a start or reset while `health.fault` is set.
 
