@@ -20,6 +20,7 @@ LOOP = GROUND | {f"runtime.{r}" for r in ("messages", "control", "guard", "ipc",
 DESCRIPTIONS = {  # data, not laws
     *("runtime.control.robots", "runtime.control.hand.human_hand", "runtime.control.ikns.body"),
     *("runtime.control.models", "runtime.control.skeleton.arms", "runtime.control.skeleton.bvh"),
+    *("runtime.control.model", "runtime.control.robot_model"),
 }
 ROOMS: dict[str, set[str]] = {
     "runtime": set(),

@@ -30,15 +30,9 @@ from runtime.contracts.per_element import Listed, in_order
 from runtime.contracts.signals import Array
 from runtime.control.hand.human_hand import FINGER_JOINTS, JOINTS, MODEL_LENGTH, RANGES, hand_geometry
 from runtime.control.ikns.body import Body, Marker, Side, Vector, average
+from runtime.control.model import Model, made
+from runtime.control.robot_model import RobotModel
 from runtime.control.skeleton import arms as srl_arms
-
-
-class Model(BaseModel):
-    """A description. Made without options it is the standard one of its kind, which goes by the kind's name."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    kind: str = ""
 
 
 def _still_listed(given: Any, check: ValidatorFunctionWrapHandler) -> tuple[float, ...]:
@@ -308,11 +302,11 @@ class ArmsModel(Model):
 
 KINDS: Final[dict[str, type[Model]]] = {
     **{"finger": FingerModel, "hand": HandModel, "body": BodyModel},
-    "srl-arms": ArmsModel,
+    **{"srl-arms": ArmsModel, "robot": RobotModel},
 }
 
 
-def of_entry(given: Any) -> Model:
+def of_entry(given: Any, info: ValidationInfo) -> Model:
     """Makes the description of an entry of `models:`. Raises ValueError."""
     if isinstance(given, Model):
         return given
@@ -324,7 +318,7 @@ def of_entry(given: Any) -> Model:
     for key in given:
         if key not in keys:
             raise OptionError(f"a {kind} has no key '{key}'", nearest(str(key), keys))
-    return KINDS[kind].model_validate(given)
+    return made(KINDS[kind], given, info)
 
 
 def context(models: Mapping[str, Model]) -> dict[str, Any]:

@@ -9,6 +9,8 @@ What the simulated world doubts of its options, such as a recording that doesn't
 
 Two devices at one port of this machine.
 
+What can't be right in a robot's URDF, and bounds of the guard beyond the URDF's (`runtime.profile.robots`).
+
 A worn arm that nothing keeps clear of its wearer, though a suit says where the wearer is.
 """
 
@@ -26,6 +28,7 @@ from runtime.contracts.driver import Driver
 from runtime.contracts.signals import Command
 from runtime.contracts.world import World
 from runtime.control.models import ArmsModel, bodies
+from runtime.profile import robots
 from runtime.profile.graph import Law
 from runtime.profile.option_tree import items, options
 from runtime.profile.ports import shared
@@ -73,6 +76,9 @@ def doubts(
         if d.simulated and d.name not in simulated
     ]
     found += _of_bodies(profile, laws)
+    found += robots.doubts(
+        profile, devices, options(profile, devices, [law.controller for law in laws], world, clearances)
+    )
     found += _of_rows(profile)
     for name, other in shared([device for device in devices if device.name not in simulated]):
         found.append((f"devices.{name}.port", f"{other} is at this port, too, and only one can have it open"))

@@ -1,6 +1,7 @@
 """Which robots a picture of a run shows, and with which links: what the layout's `meta` says of them.
 
-A device's robot is what its driver says, or `robot:` of its entry: a description, a finger of `models:`, or a URDF.
+A device's robot is what its driver says, or `robot:` of its entry: a description, a finger or a robot of `models:`, or
+a URDF.
 Nothing here keeps a run from beginning: what can't be used is told, and the picture has the shapes of the description,
 or none.
 """
@@ -23,6 +24,7 @@ from runtime.contracts.linkage import Linkage
 from runtime.contracts.signals import Signal
 from runtime.contracts.terms import PLANAR
 from runtime.control.models import FingerModel, Model
+from runtime.control.robot_model import RobotModel
 from runtime.control.robots import ARMS, SUMMIT_XL, linkages, urdf
 
 MESHES: Final = "example-robot-data"  # the package of the extra `meshes`
@@ -68,6 +70,9 @@ def pictured(
         linkage, file = None, None
         told = device.pictured_as.format_map(vars(device.config)).lower()
         try:
+            own = models.get(entry) if isinstance(entry, str) else None
+            if isinstance(own, RobotModel):
+                entry = RobotFile(urdf=str(own.urdf.path), base=own.base, tip=own.tip)
             if isinstance(entry, str) or (entry is None and told):
                 linkage = _described(entry if isinstance(entry, str) else told, models, entry is not None)
             elif isinstance(entry, RobotFile):
@@ -77,7 +82,7 @@ def pictured(
                 if isinstance(entry, str):
                     raise OptionError(f"the joints of '{entry}' aren't those of '{device.name}'", "Correct one of them")
             if isinstance(entry, RobotFile):
-                kept = _kept(entry.urdf, files)
+                kept = own.urdf if isinstance(own, RobotModel) else _kept(entry.urdf, files)
                 read = urdf.read(kept.content, kept.path, names, entry.base, entry.tip)
                 if linkage is None or not read.lacking:
                     linkage = read.linkage
@@ -132,7 +137,8 @@ def _described(name: str, models: Mapping[str, Model], asked: bool) -> Linkage |
     if name == SUMMIT_XL.name:
         return linkages.base(SUMMIT_XL)
     if asked:
-        known = [*ARMS, SUMMIT_XL.name, "finger", *(n for n, m in models.items() if isinstance(m, FingerModel))]
+        own = (n for n, m in models.items() if isinstance(m, FingerModel | RobotModel))
+        known = [*ARMS, SUMMIT_XL.name, "finger", *own]
         raise OptionError(f"no robot is called '{name}'", nearest(name, known))
     return None
 

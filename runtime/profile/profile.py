@@ -57,7 +57,8 @@ class DeviceEntry(BaseModel):
     driver: str
     max_age: float | None = Field(None, gt=0, allow_inf_nan=False, description="s; older than this a sample is stale")
     robot: str | RobotFile | None = Field(
-        None, description="for pictures: a description, a finger of `models:`, or {urdf: FILE, base: LINK, tip: LINK}"
+        None,
+        description="for pictures: a description, a finger or robot of `models:`, or {urdf, base, tip}",
     )
 
     @property
@@ -253,7 +254,7 @@ def parse(label: str, text: str, overrides: Sequence[str] = (), files: Files | N
     """
     plain, source = tree(label, text, overrides, files)
     try:
-        return Profile.model_validate(plain), source
+        return Profile.model_validate(plain, context={"files": source.files}), source
     except ValidationError as error:
         raise first_error(error, source, "", Profile) from None
 

@@ -30,6 +30,7 @@ from runtime.profile.meta import describe
 from runtime.profile.names import Link, link
 from runtime.profile.pictured import pictured
 from runtime.profile.profile import Profile
+from runtime.profile.robots import remarks as robot_remarks
 from runtime.profile.source import Source
 from runtime.profile.transforms import Found
 
@@ -95,7 +96,8 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
         + [f"{b.source.place(place)}: {text}" for place, text in unpictured]
         + calibrated_frames.doubts(source, b.calibrated, b.profile.frames, b.simulated),
         [f"{b.source.place(f'sim.{key}')}: {text}" for key, text in (world.remarks if world is not None else ())]
-        + carried,
+        + carried
+        + [f"{b.source.place(place)}: {text}" for place, text in robot_remarks(profile)],
         reads,
     )  # fmt: skip
     _bind(graph)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Final
 from xml.etree.ElementTree import Element
 
@@ -33,26 +35,19 @@ def add_arm(
         friction: remaining share of the joints' dry friction. Sliding friction is the part's.
         at: attributes that place the base.
     """
-    body = mjcf.body(parent, f"{name}/base", **at)
-    add_inertial(body, robot.base)
-    add_shape(body, robot.base_shape)
+    joints = {
+        joint.name: {
+            "armature": robot.rotor_inertia[i],
+            "damping": damping,
+            "frictionloss": friction * robot.dry_friction[i],
+            "actuatorgravcomp": True,
+            "actuatorfrcrange": (-robot.tau_max[i], robot.tau_max[i]),
+        }
+        for i, joint in enumerate(robot.joints)
+    }
+    flange = add_chain(mjcf, parent, robot, name, joints, at, gravcomp=1)
     for i, joint in enumerate(robot.joints):
         called, effort = f"{name}/{joint.name}", (-robot.tau_max[i], robot.tau_max[i])
-        body = add(body, "body", name=called, gravcomp=1, **placed(joint.placement))
-        add_inertial(body, joint.link)
-        add(
-            body,
-            "joint",
-            name=called,
-            axis=(0, 0, 1),
-            range=(robot.q_lower[i], robot.q_upper[i]),
-            armature=robot.rotor_inertia[i],
-            damping=damping,
-            frictionloss=friction * robot.dry_friction[i],
-            actuatorgravcomp=True,
-            actuatorfrcrange=effort,
-        )
-        add_shape(body, joint.shape)
         add(
             mjcf.actuator,
             "general",
@@ -63,6 +58,40 @@ def add_arm(
             biasprm=(0, 0, 0),
             forcerange=effort,
         )
+    return flange
+
+
+def add_chain(
+    mjcf: Mjcf,
+    parent: Element,
+    robot: RobotDescription,
+    name: str,
+    joints: Mapping[str, Mapping[str, object]],
+    at: Mapping[str, object] = MappingProxyType({}),
+    gravcomp: int = 0,
+) -> Element:
+    """Adds an arm's bodies and joints, without drives; names as those of `add_arm`. Returns its body `<name>/flange`.
+
+    Args:
+        joints: by joint, its own attributes: armature, damping and so on.
+        at: attributes that place the base.
+        gravcomp: 1 if the drives compensate the links' gravity.
+    """
+    body = mjcf.body(parent, f"{name}/base", **at)
+    if robot.base.mass > 0.0:
+        add_inertial(body, robot.base)
+    add_shape(body, robot.base_shape)
+    for i, joint in enumerate(robot.joints):
+        called, bounds = f"{name}/{joint.name}", (robot.q_lower[i], robot.q_upper[i])
+        body = add(body, "body", name=called, gravcomp=gravcomp, **placed(joint.placement))
+        if joint.link.mass > 0.0:
+            add_inertial(body, joint.link)
+        else:  # a link between two joints that meet in it
+            add(body, "inertial", pos=(0, 0, 0), mass=SPECK, diaginertia=(SPECK, SPECK, SPECK))
+        kind = {"type": "slide"} if joint.slides else {}
+        ends = {"range": bounds} if np.isfinite(bounds).all() else {}  # one that turns without end has none
+        add(body, "joint", name=called, axis=(0, 0, 1), **kind, **ends, **joints[joint.name])
+        add_shape(body, joint.shape)
     flange = mjcf.body(body, f"{name}/flange", **placed(robot.flange))
     # If the flange had no mass, MuJoCo would apply external forces at a point other than its origin.
     add(flange, "inertial", pos=(0, 0, 0), mass=SPECK, diaginertia=(SPECK, SPECK, SPECK))

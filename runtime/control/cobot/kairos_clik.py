@@ -21,7 +21,7 @@ from runtime.control.cobot.axes import OnPlanarTwist, OnTwist
 from runtime.control.cobot.contact_compliance import ComplianceConfig, ContactCompliance
 from runtime.control.cobot.guide_buttons import GRIPPER, LOCOMOTION, MODES
 from runtime.control.cobot.whole_body import BASE, RobotName, add_base, jacobian_signal
-from runtime.control.robots import ARMS
+from runtime.control.robot_model import RobotOption, arm_named
 from runtime.control.shared.priority import Priority
 from runtime.control.shared.ramp import Ramps
 from runtime.control.shared.spd6 import Equations
@@ -42,7 +42,7 @@ class KairosPriority(BaseModel):
 class KairosClikConfig(RobotName, ControllerConfig):
     """Options of `kairos-clik`."""
 
-    robot: str = Field("ur16e", description="the arm: " + ", ".join(sorted(ARMS)))
+    robot: RobotOption = arm_named("ur16e")
     gain: OnTwist = Field((0.5, 0.5, 0.5, 0.05, 0.01, 0.01), description="K, 1/s, world axes")
     tracking: OnTwist = Field((1000.0, 1000.0, 1000.0, 500.0, 500.0, 500.0), description="W_1, diagonal")
     damping: float = Field(2.0, ge=0, description="k_0 of eq. 13")
@@ -83,7 +83,7 @@ class KairosClik(Controller):
 
     def __init__(self, name: str, config: KairosClikConfig) -> None:
         super().__init__(name, config)
-        robot = ARMS[config.robot]
+        robot = config.robot
         n = robot.n
         self.inputs = (
             Signal(name="q", shape=(n,), unit="rad", labels=robot.labels),

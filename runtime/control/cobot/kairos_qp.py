@@ -28,7 +28,6 @@ from runtime.control.cobot.whole_body_qp import (
     maker_base_speed,
     turned_base,
 )
-from runtime.control.robots import ARMS
 
 
 class KairosLimitsConfig(LimitsConfig):
@@ -66,7 +65,7 @@ class KairosQp(KairosClik):
 
     def __init__(self, name: str, config: KairosQpConfig) -> None:
         super().__init__(name, config)
-        robot, limits = ARMS[config.robot], config.limits
+        robot, limits = config.robot, config.limits
         self._limits_config = limits
         self._approach = Approach(robot, limits, config.speed)
         self._base_speed = base_speeds(config.base_speed)
@@ -102,7 +101,7 @@ class KairosQp(KairosClik):
         options = self._limits_config.distances
         if options is not None:
             mount = rotation.homogeneous(self.transform["mount"])
-            self._distances = RobotDistances(ARMS[self._config.robot], mount, options)
+            self._distances = RobotDistances(self._config.robot, mount, options)
 
     def reset(self) -> None:
         self._behind[:] = 0.0

@@ -32,7 +32,7 @@ from runtime.control.cobot.whole_body import (
     jacobian_signal,
     mount_of_the_arm,
 )
-from runtime.control.robots import ARMS
+from runtime.control.robot_model import WeighedRobot, arm_named
 from runtime.control.shared.priority import Priority
 from runtime.control.shared.ramp import Ramps
 from runtime.control.shared.spd6 import NEAR, Equations
@@ -63,6 +63,7 @@ class MocaImpedanceConfig(RobotName, ControllerConfig):
 
     gone: ClassVar[Mapping[str, str]] = {"mount_quaternion": "how the arm stands follows from `frames:`"}
 
+    robot: WeighedRobot = arm_named("panda")
     stiffness: OnTwist = Field((500.0, 500.0, 500.0, 30.0, 30.0, 30.0), description="K_d, N/m and N m/rad, world axes")
     damping_ratio: float = Field(
         0.7, gt=0, le=2, description="xi, of each mode of K_d and the moved mass; D_0 = 2 xi sqrt(K_0)"
@@ -183,7 +184,7 @@ class MocaImpedance(Controller):
 
     def __init__(self, name: str, config: MocaImpedanceConfig) -> None:
         super().__init__(name, config)
-        robot = ARMS[config.robot]
+        robot = config.robot
         self._n = n = robot.n
         self.inputs = (
             Signal(name="q", shape=(n,), unit="rad", labels=robot.labels),

@@ -27,7 +27,6 @@ from runtime.control.cobot.whole_body_qp import (
     maker_base_speed,
     turned_base,
 )
-from runtime.control.robots import ARMS
 from runtime.control.shared.spd6 import NEAR
 
 
@@ -64,7 +63,7 @@ class MocaQp(MocaImpedance):
 
     def __init__(self, name: str, config: MocaQpConfig) -> None:
         super().__init__(name, config)
-        robot, limits = ARMS[config.robot], config.limits
+        robot, limits = config.robot, config.limits
         n = robot.n
         self._keep_off = limits.distances
         self._approach = Approach(robot, limits, limits.speed)

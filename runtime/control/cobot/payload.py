@@ -9,6 +9,7 @@ from pydantic import Field
 
 from runtime.contracts import rotation
 from runtime.contracts.controller import Controller, ControllerConfig
+from runtime.contracts.errors import WiringError
 from runtime.contracts.gravity import GRAVITY
 from runtime.contracts.signals import Signal
 from runtime.contracts.terms import PLANAR, POSE, TWIST, WRENCH
@@ -18,7 +19,6 @@ from runtime.control.cobot.guide_buttons import GRIPPER, MODES
 from runtime.control.cobot.load_estimate import Motion
 from runtime.control.cobot.load_watch import LoadWatch, Phase, WatchConfig
 from runtime.control.cobot.whole_body import RobotName
-from runtime.control.robots import ARMS
 from runtime.control.robots.pinocchio_model import FLANGE
 
 LOAD: Final = ("mass", "x", "y", "z")
@@ -57,7 +57,10 @@ class Payload(Controller):
 
     def __init__(self, name: str, config: PayloadConfig) -> None:
         super().__init__(name, config)
-        robot = ARMS[config.robot]
+        robot = config.robot
+        if config.heaviest is None and not isfinite(robot.payload):
+            problem = f"nobody says what {robot.name} may carry"
+            raise WiringError(f"controllers.{name}.heaviest", problem, "Give it, in kg")
         self.inputs = (
             Signal(name="q", shape=(robot.n,), unit="rad", labels=robot.labels),
             Signal(name="base_pose", shape=(3,), unit="m, rad", labels=PLANAR),

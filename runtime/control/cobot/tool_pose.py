@@ -15,7 +15,6 @@ from runtime.contracts.signals import Signal
 from runtime.contracts.terms import PLANAR, PLANAR_TWIST, POSE, TWIST
 from runtime.contracts.transforms import Transform, device, frame
 from runtime.control.cobot.whole_body import BASE, RobotName, WholeBody, jacobian_signal, mount_of_the_arm
-from runtime.control.robots import ARMS
 from runtime.control.robots.pinocchio_model import FLANGE
 
 
@@ -48,7 +47,7 @@ class ToolPose(Controller):
 
     def __init__(self, name: str, config: ToolPoseConfig) -> None:
         super().__init__(name, config)
-        robot = ARMS[config.robot]
+        robot = config.robot
         n = robot.n
         self.inputs = (
             Signal(name="q", shape=(n,), unit="rad", labels=robot.labels),

@@ -13,13 +13,14 @@ import pinocchio as pin
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from runtime.contracts import rotation
-from runtime.contracts.errors import nearest
+from runtime.contracts.errors import OptionError
 from runtime.contracts.gravity import DOWN
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import PLANAR, TWIST
 from runtime.contracts.transforms import Transform, device
 from runtime.control.cobot.axes import Point
-from runtime.control.robots import ARMS, SUMMIT_XL, Payload, RobotDescription
+from runtime.control.robot_model import RobotOption, arm_named
+from runtime.control.robots import SUMMIT_XL, Payload, RobotDescription
 from runtime.control.robots.pinocchio_model import FLANGE, mobile_model, pinocchio_model
 
 BASE: Final = 3  # the base's coordinates
@@ -41,14 +42,15 @@ class LoadConfig(BaseModel):
 class RobotName(BaseModel):
     """A mix-in for the options of controllers that need to know the arm."""
 
-    robot: str = Field("panda", description="the arm: " + ", ".join(sorted(ARMS)))
+    robot: RobotOption = arm_named("panda")
 
     @field_validator("robot")
     @classmethod
-    def _known(cls, value: str) -> str:
-        if value not in ARMS:
-            raise ValueError(f"there is no arm '{value}'. {nearest(value, ARMS)}")
-        return value
+    def _turns(cls, robot: RobotDescription) -> RobotDescription:
+        if robot.slides:
+            problem = f"joint '{robot.slides[0]}' of {robot.name} slides"
+            raise OptionError(problem, "The joints of this law's arms turn")
+        return robot
 
 
 def jacobian_signal(robot: RobotDescription, frame: str, of: str) -> Signal:

@@ -13,6 +13,7 @@ from math import cos, sin
 import numpy as np
 from numpy.typing import ArrayLike
 
+from runtime.contracts.errors import OptionError
 from runtime.contracts.signals import Array
 
 
@@ -49,10 +50,10 @@ class Capsule:
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """A revolute joint and the link behind it.
+    """A joint and the link behind it. It turns about its z, or slides along it.
 
     Attributes:
-        placement: (4, 4), the joint's frame at angle 0 in the frame of the link before it (the base for the first).
+        placement: (4, 4), the joint's frame at 0 in the frame of the link before it (the base for the first).
         link: the link's inertial parameters in its own frame.
         shape: the link's contact shapes.
     """
@@ -61,6 +62,11 @@ class Joint:
     placement: Array
     link: Inertial
     shape: tuple[Capsule, ...] = ()
+    slides: bool = False
+
+    def moved(self, q: float) -> Array:
+        """(4, 4): the link's frame in that of the link before, at q, rad or m."""
+        return self.placement @ (trans(0.0, 0.0, q) if self.slides else rot_z(q))
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +106,9 @@ class SlidingFriction:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RobotDescription:
-    """A serial arm with n revolute joints. Arrays (n,) are read-only. Unpublished limits are inf.
+    """A serial arm with n joints. Arrays (n,) are read-only. Unpublished limits are inf.
+
+    The units are those of joints that turn; of one that slides they are m, N, kg and so on.
 
     Attributes:
         base: the part that doesn't move, in the base frame.
@@ -115,6 +123,8 @@ class RobotDescription:
         inertia: kg m^2, the inertia that each joint usually moves; the position controller's damping is made for it.
         home: rad, a configuration far from limits and singularities.
         payload: kg, the greatest load.
+        doubts: what is probably wrong with the file that it was read from.
+        unseen: links of that file without contact shapes, since these are meshes there.
     """
 
     name: str
@@ -136,6 +146,8 @@ class RobotDescription:
     inertia: Array
     home: Array
     payload: float
+    doubts: tuple[str, ...] = ()
+    unseen: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for value in vars(self).values():
@@ -152,11 +164,33 @@ class RobotDescription:
         """The joints' names."""
         return tuple(joint.name for joint in self.joints)
 
+    @cached_property
+    def slides(self) -> tuple[str, ...]:
+        """The joints that slide."""
+        return tuple(joint.name for joint in self.joints if joint.slides)
+
+    @cached_property
+    def weightless(self) -> tuple[str, ...]:
+        """The joints behind which nothing has a mass: no law of torques and no simulation can move them."""
+        found: list[str] = []
+        for joint in reversed(self.joints):
+            if joint.link.mass > 0.0:
+                break
+            found.append(joint.name)
+        return tuple(reversed(found))
+
+    def with_masses(self) -> RobotDescription:
+        """The arm itself, for what needs its dynamics. Raises OptionError: there are none."""
+        if self.weightless:
+            problem = f"nothing behind the joint '{self.weightless[0]}' of {self.name} has a mass"
+            raise OptionError(problem, "Give the URDF's links their <inertial>")
+        return self
+
     def forward(self, q: Array) -> Array:
-        """The flange (4, 4) in the base frame, m, at joint angles q (n,), rad. Simple and slow: for checks."""
+        """The flange (4, 4) in the base frame, m, at q (n,), rad or m. Simple and slow: for checks."""
         place = np.eye(4)
-        for joint, angle in zip(self.joints, q.tolist(), strict=True):
-            place = place @ joint.placement @ rot_z(angle)
+        for joint, value in zip(self.joints, q.tolist(), strict=True):
+            place = place @ joint.moved(value)
         return place @ self.flange
 
 

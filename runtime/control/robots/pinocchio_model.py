@@ -81,9 +81,8 @@ def add_arm(model: Any, robot: RobotDescription, parent: int, placement: Any, pr
         model.appendBodyToJoint(parent, _inertia(robot.base), placement)
     for i, joint in enumerate(robot.joints):
         limits = [np.array([bound[i]]) for bound in (robot.tau_max, robot.dq_max, robot.q_lower, robot.q_upper)]
-        parent = model.addJoint(
-            parent, pin.JointModelRZ(), placement * pin.SE3(joint.placement), prefix + joint.name, *limits
-        )
+        kind = pin.JointModelPZ() if joint.slides else pin.JointModelRZ()
+        parent = model.addJoint(parent, kind, placement * pin.SE3(joint.placement), prefix + joint.name, *limits)
         model.appendBodyToJoint(parent, _inertia(joint.link), pin.SE3.Identity())
         placement = pin.SE3.Identity()
     model.addFrame(pin.Frame(prefix + FLANGE, parent, 0, pin.SE3(robot.flange), pin.FrameType.OP_FRAME))

@@ -1,4 +1,4 @@
-"""Reads of a URDF what a picture needs: links, joints, and which files its meshes are.
+"""Reads a URDF: its links and joints, and of them what a picture needs. `urdf_arm` makes the laws' model of it.
 
 URDF is described at https://wiki.ros.org/urdf/XML. No xacro: a file that has it must be expanded first.
 """
@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import isfinite
+from math import inf, isfinite
 from pathlib import Path
 from typing import Final
 from urllib.parse import unquote, urlsplit
@@ -46,7 +46,18 @@ class Urdf:
 
 
 @dataclass(frozen=True)
-class _Joint:
+class UrdfJoint:
+    """A joint of the file.
+
+    Attributes:
+        kind: as in the file: revolute, continuous, prismatic, fixed, floating, planar.
+        pose: of its frame at zero in the parent link's.
+        axis: in its own frame, of length 1.
+        mimic: the joint that it follows, factor and offset (rad or m).
+        limits: lower, upper (rad or m), velocity (rad/s or m/s), effort (N m or N), as far as the file has them.
+        friction: N m or N.
+    """
+
     name: str
     kind: str
     parent: str
@@ -54,6 +65,54 @@ class _Joint:
     pose: Pose
     axis: Vector
     mimic: tuple[str, float, float] | None
+    limits: dict[str, float]
+    friction: float
+
+    @property
+    def moves(self) -> bool:
+        """Whether it has one degree of freedom."""
+        return self.kind in _MOVES
+
+
+@dataclass(frozen=True)
+class UrdfTree:
+    """The links and joints of a file.
+
+    Attributes:
+        links: elements by name.
+        before: the joint before each link but the root.
+        place: the file, for errors.
+        name: the robot's.
+    """
+
+    links: dict[str, Element]
+    joints: list[UrdfJoint]
+    before: dict[str, UrdfJoint]
+    place: Path
+    name: str
+
+    def way(self, link: str) -> list[UrdfJoint]:
+        """The joints from the root to a link."""
+        return _way(link, self.before, self.place, len(self.links))
+
+    def ordered(self) -> list[str]:
+        """The links, each after the one that it hangs on."""
+        return _ordered(self.links, self.before, self.joints)
+
+
+def tree(content: bytes, file: Path) -> UrdfTree:
+    """Reads the links and joints of a URDF. Raises OptionError: it can't be used."""
+    try:
+        root = fromstring(content)
+    except (ParseError, UnicodeDecodeError, LookupError, ValueError) as error:
+        raise OptionError(f"{file} isn't XML: {error}", "Name a URDF") from None
+    if root.tag != "robot":
+        raise OptionError(f"{file} isn't a URDF: it begins with <{root.tag}>", "Name a URDF")
+    links = {_name(e, file): e for e in root.findall("link")}
+    if not 0 < len(links) <= MOST:
+        raise OptionError(f"{file} has {len(links)} links; 1 to {MOST} are read", _EXPAND)
+    joints = [_joint(e, file) for e in root.findall("joint")]
+    return UrdfTree(links, joints, _tree(joints, links, file), file, root.get("name") or file.stem)
 
 
 def read(content: bytes, file: Path, names: Sequence[str], base: str | None = None, tip: str | None = None) -> Urdf:
@@ -69,22 +128,13 @@ def read(content: bytes, file: Path, names: Sequence[str], base: str | None = No
     Raises:
         OptionError: it can't be used.
     """
-    try:
-        root = fromstring(content)
-    except (ParseError, UnicodeDecodeError, LookupError, ValueError) as error:
-        raise OptionError(f"{file} isn't XML: {error}", "Name a URDF") from None
-    if root.tag != "robot":
-        raise OptionError(f"{file} isn't a URDF: it begins with <{root.tag}>", "Name a URDF")
-    links = {_name(e, file): e for e in root.findall("link")}
-    if not 0 < len(links) <= MOST:
-        raise OptionError(f"{file} has {len(links)} links; 1 to {MOST} are read", _EXPAND)
-    joints = [_joint(e, file) for e in root.findall("joint")]
-    before = _tree(joints, links, file)
+    found = tree(content, file)
+    links, joints, before = found.links, found.joints, found.before
     for what, link in (("base", base), ("tip", tip)):
         if link is not None and link not in links:
             raise OptionError(f"{file} has no link '{link}' for '{what}'", nearest(link, links))
     moved = _moved(joints, before, names, base, tip, file)
-    order = _ordered(links, before, joints)
+    order = found.ordered()
     number = {link: i for i, link in enumerate(order)}
     made = []
     for link in order:
@@ -108,7 +158,10 @@ def _name(element: Element, file: Path) -> str:
     return name
 
 
-def _numbers(text: str | None, count: int, default: tuple[float, ...], place: str) -> tuple[float, ...]:
+def numbers(
+    text: str | None, count: int, default: tuple[float, ...], place: str, far: float = FAR
+) -> tuple[float, ...]:
+    """The numbers of an attribute, `default` without one. Raises OptionError: they are none, or beyond `far`."""
     if text is None:
         return default
     try:
@@ -117,12 +170,12 @@ def _numbers(text: str | None, count: int, default: tuple[float, ...], place: st
         values = ()
     if len(values) != count or not all(map(isfinite, values)):
         raise OptionError(f"{place}: '{text}' isn't {count} numbers", _EXPAND)
-    if max(map(abs, values)) > FAR:
-        raise OptionError(f"{place}: '{text}' is beyond {FAR:g}", "Give it in m and rad")
+    if max(map(abs, values)) > far:
+        raise OptionError(f"{place}: '{text}' is beyond {far:g}", "Give it in m and rad")
     return values
 
 
-def _joint(element: Element, file: Path) -> _Joint:
+def _joint(element: Element, file: Path) -> UrdfJoint:
     name, kind = _name(element, file), element.get("type", "")
     place = f"{file}: joint {name}"
     ends = [(e.get("link") if (e := element.find(tag)) is not None else None) for tag in ("parent", "child")]
@@ -131,10 +184,10 @@ def _joint(element: Element, file: Path) -> _Joint:
     if kind not in (*_MOVES, "fixed", "floating", "planar"):
         raise OptionError(f"{place}: '{kind}' is no type of joint", "Correct the URDF")
     origin = element.find("origin")
-    xyz = _numbers(origin.get("xyz") if origin is not None else None, 3, (0.0, 0.0, 0.0), place)
-    rpy = _numbers(origin.get("rpy") if origin is not None else None, 3, (0.0, 0.0, 0.0), place)
+    xyz = numbers(origin.get("xyz") if origin is not None else None, 3, (0.0, 0.0, 0.0), place)
+    rpy = numbers(origin.get("rpy") if origin is not None else None, 3, (0.0, 0.0, 0.0), place)
     found = element.find("axis")
-    axis = np.array(_numbers(found.get("xyz") if found is not None else None, 3, (1.0, 0.0, 0.0), place))
+    axis = np.array(numbers(found.get("xyz") if found is not None else None, 3, (1.0, 0.0, 0.0), place))
     length = float(np.linalg.norm(axis))
     if kind in _MOVES and length < 1e-9:
         raise OptionError(f"{place}: its axis has no direction", "Correct the URDF")
@@ -143,16 +196,27 @@ def _joint(element: Element, file: Path) -> _Joint:
     follows = None
     if mimic is not None:
         (factor,), (offset,) = (
-            _numbers(mimic.get(key), 1, (plain,), place) for key, plain in (("multiplier", 1.0), ("offset", 0.0))
+            numbers(mimic.get(key), 1, (plain,), place) for key, plain in (("multiplier", 1.0), ("offset", 0.0))
         )
         follows = (str(mimic.get("joint")), factor, offset)
     pose = (*xyz, *rotation.from_rpy(*rpy))
-    return _Joint(name, kind, ends[0], ends[1], pose, (x, y, z), follows)  # type: ignore[arg-type]
+    limits, friction = _limits(element, place)
+    return UrdfJoint(name, kind, ends[0], ends[1], pose, (x, y, z), follows, limits, friction)  # type: ignore[arg-type]
 
 
-def _tree(joints: list[_Joint], links: dict[str, Element], file: Path) -> dict[str, _Joint]:
+def _limits(element: Element, place: str) -> tuple[dict[str, float], float]:
+    limit, dynamics = element.find("limit"), element.find("dynamics")
+    given = {key: limit.get(key) for key in ("lower", "upper", "velocity", "effort")} if limit is not None else {}
+    found = {
+        key: numbers(text, 1, (), f"{place}: limit {key}", inf)[0] for key, text in given.items() if text is not None
+    }
+    friction = dynamics.get("friction") if dynamics is not None else None
+    return found, numbers(friction, 1, (0.0,), f"{place}: friction", inf)[0]
+
+
+def _tree(joints: list[UrdfJoint], links: dict[str, Element], file: Path) -> dict[str, UrdfJoint]:
     """The joint before each link but the root. Raises OptionError: they are no tree."""
-    before: dict[str, _Joint] = {}
+    before: dict[str, UrdfJoint] = {}
     for joint in joints:
         for link in (joint.parent, joint.child):
             if link not in links:
@@ -168,9 +232,9 @@ def _tree(joints: list[_Joint], links: dict[str, Element], file: Path) -> dict[s
     return before
 
 
-def _way(link: str, before: dict[str, _Joint], file: Path, most: int) -> list[_Joint]:
+def _way(link: str, before: dict[str, UrdfJoint], file: Path, most: int) -> list[UrdfJoint]:
     """The joints from the root to a link."""
-    way: list[_Joint] = []
+    way: list[UrdfJoint] = []
     while link in before:
         way.append(before[link])
         link = before[link].parent
@@ -179,7 +243,7 @@ def _way(link: str, before: dict[str, _Joint], file: Path, most: int) -> list[_J
     return way[::-1]
 
 
-def _above(base: str | None, before: dict[str, _Joint], file: Path) -> Pose:
+def _above(base: str | None, before: dict[str, UrdfJoint], file: Path) -> Pose:
     """The root's pose in the frame of `base`."""
     pose = IDENTITY
     for joint in _way(base, before, file, MOST) if base is not None else ():
@@ -190,7 +254,12 @@ def _above(base: str | None, before: dict[str, _Joint], file: Path) -> Pose:
 
 
 def _moved(
-    joints: list[_Joint], before: dict[str, _Joint], names: Sequence[str], base: str | None, tip: str | None, file: Path
+    joints: list[UrdfJoint],
+    before: dict[str, UrdfJoint],
+    names: Sequence[str],
+    base: str | None,
+    tip: str | None,
+    file: Path,
 ) -> dict[str, tuple[str, float, float]]:
     """By joint: the element that moves it, and how."""
     free = [j for j in joints if j.kind in _MOVES and j.mimic is None]
@@ -210,7 +279,7 @@ def _moved(
     return moved
 
 
-def _ordered(links: dict[str, Element], before: dict[str, _Joint], joints: list[_Joint]) -> list[str]:
+def _ordered(links: dict[str, Element], before: dict[str, UrdfJoint], joints: list[UrdfJoint]) -> list[str]:
     """The links, each after the one that it hangs on."""
     order = [link for link in links if link not in before]
     for link in order:
@@ -218,7 +287,7 @@ def _ordered(links: dict[str, Element], before: dict[str, _Joint], joints: list[
     return order
 
 
-def _rods(link: str, joints: list[_Joint]) -> tuple[Solid, ...]:
+def _rods(link: str, joints: list[UrdfJoint]) -> tuple[Solid, ...]:
     """Rods from a link's frame to the joints behind it: its shape where its meshes can't be drawn."""
     made = []
     for joint in (j for j in joints if j.parent == link):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Any, ClassVar, Generic, Literal, Protocol, Self, TypeVar, cast
+from typing import Any, ClassVar, Final, Generic, Literal, Protocol, Self, TypeVar, cast
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -16,12 +16,16 @@ from runtime.contracts.errors import OptionError
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import POINT
 from runtime.control.models import ArmsOption
+from runtime.control.robot_model import WeighedRobot
+from runtime.control.robots import RobotDescription
 from runtime.control.skeleton.arms import Side
 from sim.parts.dynamixel.motors import AMBIENT, NOMINAL, Motors
 from sim.world.mjcf import CONTACT, add
 from sim.world.part import Mjcf, Part, PartConfig
+from sim.world.robot_mjcf import add_chain
 
 Vector = tuple[float, float, float]
+_OF_LINKS: Final = frozenset({"axis", "link", "radius", "mass", "lower", "upper"})
 
 
 class Drives(Protocol):
@@ -54,7 +58,8 @@ D = TypeVar("D", bound=Drives)
 class ServoAxis(BaseModel):
     """One axis and the link behind it; `reversed`, `zero` and `m_per_rad` describe how its servo is mounted.
 
-    In a chain that is one of the profile's `srl-arms`, `axis` and `link` come from there.
+    In a chain that is one of the profile's `srl-arms`, `axis` and `link` come from there. In one of a robot's
+    description everything about the links comes from there.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -86,14 +91,20 @@ class ServoChainConfig(PartConfig):
         description="supernumerary arms under `models:`: the chain is one of them; it stands at their parent",
     )
     side: Side = Field(default="right", description="which of the arms")
+    robot: WeighedRobot | None = Field(
+        default=None,
+        description="an arm, such as one of `models:` from its URDF: the chain has its links and its joints' names",
+    )
     voltage: float = Field(NOMINAL, gt=0, description="V, of the supply")
     ambient: float = Field(AMBIENT, description="degC, where the servos begin")
 
     @model_validator(mode="after")
     def _names_are_free(self) -> Self:
-        for name in ("base", "tip"):
+        for name in ("base", "tip", "flange"):
             if name in self.axes:
                 raise ValueError(f"no axis can be called '{name}': a body of the chain is")
+        if self.robot is not None:
+            self._fits_robot(self.robot)
         if self.arms is None:
             return self
         joints = self.arms.arms.joints
@@ -110,6 +121,21 @@ class ServoChainConfig(PartConfig):
                 )
         return self
 
+    def _fits_robot(self, robot: RobotDescription) -> None:
+        if self.arms is not None:
+            raise OptionError("'arms' and 'robot' both describe the links", "Give one of them")
+        if set(self.axes) != set(robot.labels):
+            wrong = sorted(set(self.axes) ^ set(robot.labels))[0]
+            raise OptionError(
+                f"the axes aren't the joints of {robot.name}, as '{wrong}' shows", f"Name {', '.join(robot.labels)}"
+            )
+        for name, axis in self.axes.items():
+            if given := _OF_LINKS & axis.model_fields_set:
+                raise OptionError(f"{name}: '{min(given)}' is described by {robot.name}", "Leave it out here")
+            if (name in robot.slides) != (axis.m_per_rad is not None):
+                kind = "slides" if name in robot.slides else "turns"
+                raise OptionError(f"{name} {kind} in {robot.name}", "Correct 'm_per_rad'")
+
     @cached_property
     def base(self) -> Vector:
         """m, of the chain's first axis' base where the part stands."""
@@ -122,7 +148,13 @@ class ServoChainConfig(PartConfig):
 
     @cached_property
     def chain(self) -> Mapping[str, ServoAxis]:
-        """The axes with their places."""
+        """The axes with their places, from the base on."""
+        if self.robot is not None:
+            homes = zip(self.robot.labels, self.robot.home.tolist(), strict=True)
+            return {
+                n: a if "start" in (a := self.axes[n]).model_fields_set else a.model_copy(update={"start": home})
+                for n, home in homes
+            }
         if self.arms is None:
             return self.axes
         arms = self.arms.arms
@@ -141,7 +173,8 @@ def _vector(row: Array) -> Vector:
 class ServoChain(Part, Generic[D]):
     """A chain with the bodies `NAME/base`, `NAME/AXIS` and `NAME/tip`.
 
-    Links don't touch each other, but they touch hands and objects.
+    Links don't touch each other, but they touch hands and objects. A chain of a robot's description also has the body
+    `NAME/flange`, where its tip is; its links' masses have those of the servos in them.
 
     Truth: `NAME_position` (n,) rad (m), `NAME_velocity`, `NAME_effort` (n,) N m (N) of the servos' drives, after
     friction and drag of the motors, `NAME_temperature` (n,) degC, `NAME_tip` (1, 3) m in the world.
@@ -188,13 +221,27 @@ class ServoChain(Part, Generic[D]):
 
     def build(self, mjcf: Mjcf, parent: Element) -> None:
         config, name = self._config, self.name
+        drives = self.servos(config.voltage, 1e-3)
+        if config.robot is not None:
+            joints = {
+                axis_name: {
+                    "armature": drives.inertia[i] / axis.scale**2,
+                    "damping": drives.drag[i] / axis.scale**2,
+                    "frictionloss": drives.friction[i] / abs(axis.scale),
+                }
+                for i, (axis_name, axis) in enumerate(config.chain.items())
+            }
+            flange = add_chain(mjcf, parent, config.robot, name, joints, at=self.at())
+            for axis_name in config.chain:
+                add(mjcf.actuator, "motor", name=f"{name}/{axis_name}", joint=f"{name}/{axis_name}")
+            add(mjcf.body(flange, f"{name}/tip"), "site", name=f"{name}/tip", size=0.003)
+            return
         body = mjcf.body(parent, f"{name}/base", **self.at((*config.base, 1.0, 0.0, 0.0, 0.0)))
         first = self.models[0]
         look = {"rgba": "0.2 0.2 0.22 1", **CONTACT["none"]}
         add(body, "geom", name=f"{name}/base", type="box", size=(0.02, 0.02, 0.025), mass=first.mass, **look)
         place = config.first
         carried = [model.mass for model in self.models[1:]] + [0.0]
-        drives = self.servos(config.voltage, 1e-3)
         for i, (axis_name, axis) in enumerate(config.chain.items()):
             full = f"{name}/{axis_name}"
             body = mjcf.body(body, full, pos=place)
@@ -236,7 +283,7 @@ class ServoChain(Part, Generic[D]):
         self._v = np.array([int(joint.dofadr[0]) for joint in joints])
         self._u = np.array([int(model.actuator(f"{self.name}/{axis}").id) for axis in self.names])
         self._tip = int(model.site(f"{self.name}/tip").id)
-        data.qpos[self._q] = [axis.start for axis in self._config.axes.values()]
+        data.qpos[self._q] = [axis.start for axis in self._config.chain.values()]
         self.motors = self.servos(self._config.voltage, float(model.opt.timestep))
         self.motors.temperature[:] = self._config.ambient
         self.measure()
