@@ -1,0 +1,1 @@
+"""Laws for an arm that a lab built itself, known by its description (`robot:`)."""

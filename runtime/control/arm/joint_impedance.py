@@ -1,0 +1,197 @@
+"""`joint-impedance`: a spring and a damper at each joint, on top of gravity as it is for a base that tilts."""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import Any, Final, Literal, Self
+
+import numpy as np
+import pinocchio as pin
+from pydantic import Field, model_validator
+
+from runtime.contracts.controller import Controller, ControllerConfig, Parameter
+from runtime.contracts.errors import OptionError
+from runtime.contracts.gravity import GRAVITY
+from runtime.contracts.per_element import NotNegative, Positive
+from runtime.contracts.signals import Array, Signal
+from runtime.contracts.terms import QUATERNION
+from runtime.contracts.transforms import Transform, device, frame, measured
+from runtime.control.arm.options import each, joints
+from runtime.control.arm.uprightness import Uprightness, by_frames, by_sensor
+from runtime.control.cobot.whole_body import LoadConfig
+from runtime.control.robot_model import WeighedRobot
+from runtime.control.robots.pinocchio_model import pinocchio_model
+from runtime.control.shared.ramp import Ramps
+
+_QUICKEST: Final = 1.0  # 1/s, of a factor that a client has changed
+_SOFT: Final = 0.25  # of K, below which D goes to zero with K itself, not with its root
+_HELD_BACK: Final = 0.1  # N m: a larger difference of asked and applied torque counts as held back
+
+_PerJoint = dict[str, NotNegative] | NotNegative
+
+
+class JointImpedanceConfig(ControllerConfig):
+    """Options of `joint-impedance`."""
+
+    robot: WeighedRobot = Field(description="the arm: a robot of `models:`, or one of the runtime's")
+    stiffness: _PerJoint = Field(description="N m/rad (N/m where it slides), by joint or one for all")
+    damping_ratio: float = Field(0.7, gt=0, le=2, description="of each joint alone: D = 2 ratio sqrt(K M_ii)")
+    rotor_inertia: _PerJoint = Field(
+        0.0, description="kg m^2 at the joint, through the gear; it counts in the damping only"
+    )
+    most: dict[str, Positive] | Positive | None = Field(
+        None, description="N m, by joint: the spring's greatest torque; null: half of the robot's effort"
+    )
+    leash: Positive = Field(0.5, description="rad or m, by which the desired joints are ahead of the measured at most")
+    speed: dict[str, Positive] | Positive = Field(0.5, description="rad/s, by joint, of the desired joints")
+    follow: bool = Field(True, description="follow the input `wanted`; false: hold where the limb was at the reset")
+    gravity: Literal["here", "robot"] = Field("here", description="who holds the arm's weight; `robot`: its controller")
+    upright: Literal["imu", "frames", "base"] = Field(
+        "base",
+        description="what says where up is: the input `orientation`, the frame `world`, or the base stands upright",
+    )
+    world: str = Field("world", description="with `upright: frames`: a frame with z up, in which the base is known")
+    smooth: float = Field(0.02, ge=0, le=1, description="s, time constant of the low-pass on where up is")
+    patience: float = Field(0.5, gt=0, le=10, description="s without it after which the limb stops")
+    payload: LoadConfig | None = Field(None, description="what the flange always carries, beside the URDF's links")
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        for key in ("stiffness", "rotor_inertia", "speed", *(("most",) if self.most is not None else ())):
+            each(getattr(self, key), self.robot, key)
+        if self.most is None and not np.isfinite(self.robot.tau_max).all():
+            problem = f"most: {self.robot.name} has no effort limit of each joint, so nothing bounds the spring"
+            raise OptionError(problem, "Give `most`, N m, or the limits in `models:`")
+        return self
+
+
+class JointImpedance(Controller):
+    """tau = sat(K (q_d - q)) - D qd + g(q, up): compliant, and passive for a desired position that stands.
+
+    Inputs: `q` (n,) rad and `qd` (n,) rad/s, measured; with `follow` also `wanted` (n,) rad; with `upright: imu` also
+    `orientation` (4,), w x y z, of the sensor that is fixed to the arm's base.
+
+    Outputs: `torque` (n,) N m; `gravity` (n,) N m, its part that holds the weight, which the guard must know
+    (`<device>.torque_command.gravity`); `desired` (n,) rad, q_d. Where a joint slides, the units are m, m/s and N.
+
+    D = 2 ratio sqrt(K M_ii(q)) is never negative, and the spring's torque is bounded, so that the joints give to their
+    surroundings no more than the energy that is in M and K (Ortega and Spong 1989; Albu-Schaeffer et al. 2007,
+    IJRR 26(1), for joint stiffness). q_d moves at most at `speed` towards `wanted`. A limb that is pushed further than
+    the spring's greatest torque or the `leash` takes q_d along: that gives no energy back, and winds nothing up. If
+    K grows, q_d comes nearer, so that the torque stays: stiffening gives the limb no energy either.
+
+    At a reset q_d is where the limb is. While `wanted` isn't a number, q_d stays. While nothing says where up is, it
+    stays as it was, and after `patience` the limb stops.
+    """
+
+    Config = JointImpedanceConfig
+    summary = "spring and damper at each joint, with gravity for a base that tilts (torque)"
+
+    def __init__(self, name: str, config: JointImpedanceConfig) -> None:
+        super().__init__(name, config)
+        robot = config.robot
+        self.inputs = (joints(robot, "q", "rad"), joints(robot, "qd", "rad/s"))
+        if config.follow:
+            self.inputs += (joints(robot, "wanted", "rad"),)
+        if config.upright == "imu":
+            self.inputs += (Signal(name="orientation", shape=(4,), unit="1", labels=QUATERNION),)
+            need = "the sensor in the arm's base"
+            self.transforms = (Transform("mount", measured("orientation"), device("q"), need),)
+        elif config.upright == "frames":
+            need = "the arm's base in a frame with z up"
+            self.transforms = (Transform("base", device("q"), frame(config.world), need, moves=True),)
+        self.outputs = tuple(
+            joints(robot, *what) for what in (("torque", "N m"), ("gravity", "N m"), ("desired", "rad"))
+        )
+        self.parameters = (
+            Parameter(
+                name="stiffness", default=1.0, lower=0.0, upper=1.5, unit="1", text="multiplies K; 0: led by hand"
+            ),
+            Parameter(name="damping", default=1.0, lower=0.5, upper=1.5, unit="1", text="multiplies D"),
+        )
+        self._ramps = Ramps("stiffness", "damping", rate=_QUICKEST)
+        self._config, self._n = config, robot.n
+        self._K = each(config.stiffness, robot, "stiffness")
+        self._rotors = each(config.rotor_inertia, robot, "rotor_inertia")
+        self._speed = each(config.speed, robot, "speed")
+        self._most = 0.5 * robot.tau_max if config.most is None else each(config.most, robot, "most")
+        self._lower, self._upper = robot.q_lower, robot.q_upper
+        payload = config.payload.payload() if config.payload is not None else None
+        self._model: Any = pinocchio_model(robot, payload=payload)
+        self._data: Any = self._model.createData()
+        self._up = Uprightness(config.smooth)
+        self._q_d = np.zeros(robot.n)
+        self._D = np.zeros(robot.n)
+        self._cycles = self._held_back = self._led = 0
+
+    def reset(self) -> None:
+        self._ramps.reset(self.param)
+        self._up.reset(self._found())
+        self.lost = self._up.missing > self._config.patience
+        self._q_d[:] = self.input["q"]
+        self._step()
+
+    def update(self, dt: float) -> None:
+        self._watch()
+        self._up.update(self._found(), dt)
+        self.lost = self._up.missing > self._config.patience
+        before = self._ramps.values["stiffness"]
+        self._ramps.update(self.param, dt)
+        self._desire(before, dt)
+        self._step()
+
+    def figures(self) -> dict[str, object]:
+        """Shares of cycles with torque held back by the guard, and with the desired joints taken along."""
+        cycles = max(self._cycles, 1)
+        return {"held_back": self._held_back / cycles, "led": self._led / cycles}
+
+    # -- parts of a cycle
+
+    def _found(self) -> tuple[float, float, float] | None:
+        """Where up is now in the base."""
+        if self._config.upright == "imu":
+            return by_sensor(self.input["orientation"], self.transform["mount"])
+        if self._config.upright == "frames":
+            return by_frames(self.transform["base"])
+        return (0.0, 0.0, 1.0)
+
+    def _desire(self, before: float, dt: float) -> None:
+        """Moves q_d for dt seconds. `before`: the factor of K in the last cycle."""
+        q, q_d = self.input["q"], self._q_d
+        if not np.isfinite(q).all():
+            return  # the guard refuses the torque of such a cycle; nothing of it may stay
+        k = self._ramps.values["stiffness"]
+        if k > before:
+            q_d[:] = q + before / k * (q_d - q)
+        wanted = self.input["wanted"] if self._config.follow else q_d
+        if np.isfinite(wanted).all():
+            aim = np.clip(wanted, self._lower, self._upper)
+            q_d += np.clip(aim - q_d, -self._speed * dt, self._speed * dt)
+        with np.errstate(divide="ignore"):
+            reach = np.minimum(np.where(k * self._K > 0.0, self._most / (k * self._K), np.inf), self._config.leash)
+        taken = np.clip(q_d, q - reach, q + reach)
+        self._led += bool((taken != q_d).any())
+        q_d[:] = taken
+
+    def _step(self) -> None:
+        config, q, qd, out = self._config, self.input["q"], self.input["qd"], self.output
+        k, d = self._ramps.values["stiffness"], self._ramps.values["damping"]
+        if config.gravity == "here":
+            x, y, z = (-GRAVITY * self._up.up).tolist()
+            self._model.gravity.linear = np.array((x, y, z))
+            out["gravity"][:] = pin.computeGeneralizedGravity(self._model, self._data, q)
+        else:
+            out["gravity"][:] = 0.0
+        K = k * self._K
+        share = sqrt(k) if k > _SOFT else k / sqrt(_SOFT)  # the root has no slope at zero that a ramp could follow
+        inertia: Array = pin.crba(self._model, self._data, q).diagonal() + self._rotors
+        self._D = 2.0 * config.damping_ratio * d * share * np.sqrt(self._K * np.maximum(inertia, 0.0))
+        spring = np.clip(K * (self._q_d - q), -self._most, self._most)
+        out["torque"][:] = out["gravity"] + spring - self._D * qd
+        out["desired"][:] = self._q_d
+
+    def _watch(self) -> None:
+        self._cycles += 1
+        applied = self.applied.get("torque")
+        if applied is not None:
+            self._held_back += bool((np.abs(applied - self.output["torque"]) > _HELD_BACK).any())

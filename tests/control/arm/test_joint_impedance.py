@@ -1,0 +1,242 @@
+"""Joint impedance: gravity of a tilted base, passivity against a wall and a person, changes without a jump."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element, tostring
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+from helpers.arm_urdf import HIP
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from runtime.contracts.files import KeptFile
+from runtime.contracts.rotation import conjugate, exp, matrix, product
+from runtime.control.arm.joint_impedance import JointImpedance, JointImpedanceConfig
+from runtime.control.robot_model import RobotModel
+from runtime.control.robots.pinocchio_model import FLANGE, pinocchio_model
+from sim.world.mjcf import add
+from sim.world.part import Mjcf
+from sim.world.robot_mjcf import add_chain
+from srl.testing import ControllerConformance, bound
+
+ROBOT = RobotModel.model_validate({"urdf": KeptFile(Path("hip.urdf"), HIP.encode()), "tip": "tool"}).robot
+K = {"yaw": 20.0, "shoulder": 25.0, "elbow": 12.0, "wrist": 4.0}
+Q = np.array([0.3, 0.6, -0.8, 0.2])
+TURNED = exp(0.5, -0.3, 0.9)  # how the sensor sits on the base
+
+
+def law(q: Any = Q, transforms: Any = None, **options: Any) -> JointImpedance:
+    given = {"robot": ROBOT, "stiffness": K} | options
+    made = bound(JointImpedance("arm", JointImpedanceConfig.model_validate(given)), transforms)
+    made.input["q"][:] = q
+    if "wanted" in made.input:
+        made.input["wanted"][:] = q
+    if "orientation" in made.input:
+        made.input["orientation"][0] = 1.0
+    return made
+
+
+class TestConformance(ControllerConformance):
+    inputs = {"q": Q, "wanted": Q + 0.3, "qd": np.zeros(4)}  # noqa: RUF012
+    start = {"torque": pin.computeGeneralizedGravity(*(m := pinocchio_model(ROBOT), m.createData()), Q)}  # noqa: RUF012
+
+    def law(self) -> JointImpedance:
+        return law()
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.tuples(*[st.floats(-1.2, 1.2)] * 3), st.tuples(*[st.floats(-1.4, 1.4)] * 4))
+def test_it_holds_the_weight_of_an_arm_whose_base_is_tilted(tilt: Any, q: Any) -> None:
+    base = exp(*tilt)  # of the base in the world; the sensor is turned on it
+    made = law(q, {"mount": (0.1, 0.0, 0.0, *TURNED)}, upright="imu")
+    made.input["orientation"][:] = product(base, TURNED)
+    made.reset()
+    root = Element("mujoco")  # the oracle: the same arm in MuJoCo, on a body that is turned
+    mjcf = Mjcf()
+    add_chain(mjcf, mjcf.worldbody, ROBOT, "arm", {name: {} for name in ROBOT.labels}, {"quat": base})
+    add(root, "compiler", angle="radian", autolimits=True)
+    root.append(mjcf.worldbody)
+    model = mujoco.MjModel.from_xml_string(tostring(root, encoding="unicode"))
+    data = mujoco.MjData(model)
+    data.qpos[:] = q
+    mujoco.mj_forward(model, data)
+    assert made.output["torque"] == pytest.approx(data.qfrc_bias, abs=1e-8)
+    assert made.output["gravity"] == pytest.approx(data.qfrc_bias, abs=1e-8)
+
+
+def test_frames_that_are_measured_say_where_up_is_too() -> None:
+    tilt = exp(0.4, 0.2, 1.0)
+    made = law(upright="frames", transforms={"base": (0.0, 0.0, 1.0, *tilt)})
+    made.reset()
+    model = pinocchio_model(ROBOT, gravity=tuple(-9.81 * np.array(matrix(conjugate(tilt)))[:, 2]))
+    expected = pin.computeGeneralizedGravity(model, model.createData(), Q)
+    assert made.output["torque"] == pytest.approx(expected, abs=1e-9)
+
+
+class Body:
+    """The arm under torques, against a plane that gives way: a wall or a person. Own integration, 0.1 ms."""
+
+    def __init__(self, stiffness: float, damping: float, q: np.ndarray, qd: np.ndarray) -> None:
+        self.model = pinocchio_model(ROBOT)
+        self.data = self.model.createData()
+        self.flange = self.model.getFrameId(FLANGE)
+        self.k, self.d, self.q, self.qd = stiffness, damping, q.copy(), qd.copy()
+        pin.framesForwardKinematics(self.model, self.data, q)
+        self.plane = self.data.oMf[self.flange].translation[2] - 0.03  # below the flange; it pushes up
+        self.given = 0.0  # J that the plane's damper took
+
+    def depth(self) -> float:
+        pin.framesForwardKinematics(self.model, self.data, self.q)
+        return max(self.plane - float(self.data.oMf[self.flange].translation[2]), 0.0)
+
+    def step(self, torque: np.ndarray, dt: float = 1e-4) -> None:
+        deep = self.depth()
+        J = pin.computeFrameJacobian(self.model, self.data, self.q, self.flange, pin.LOCAL_WORLD_ALIGNED)[2]
+        push = self.k * deep - self.d * float(J @ self.qd) * (deep > 0.0)
+        qdd = pin.aba(self.model, self.data, self.q, self.qd, torque + J * max(push, 0.0))
+        self.qd += dt * qdd
+        self.q += dt * self.qd
+
+    def energy(self, made: JointImpedance) -> float:
+        """J, of motion, the law's springs and the plane; gravity is compensated."""
+        M = pin.crba(self.model, self.data, self.q)
+        M = np.triu(M) + np.triu(M, 1).T
+        away = made.output["desired"] - self.q
+        spring = 0.5 * float(np.array(list(K.values())) @ away**2)
+        return 0.5 * float(self.qd @ M @ self.qd) + spring + 0.5 * self.k * self.depth() ** 2
+
+
+@pytest.mark.parametrize(("stiffness", "damping"), [(40_000.0, 0.0), (400.0, 5.0)], ids=["stiff wall", "soft person"])
+def test_it_gives_no_energy_to_what_it_hits(stiffness: float, damping: float) -> None:
+    made = law(follow=False, most=100.0)
+    made.reset()
+    body = Body(stiffness, damping, Q, np.array([0.0, 1.5, 1.5, 0.0]))
+    energies, deepest = [], 0.0
+    for i in range(12_000):
+        if i % 10 == 0:  # the law each ms
+            made.input["q"][:], made.input["qd"][:] = body.q, body.qd
+            made.update(1e-3)
+            energies.append(body.energy(made))
+        body.step(made.output["torque"])
+        deepest = max(deepest, body.depth())
+    assert deepest > 1e-3  # it did hit
+    assert np.diff(energies).max() < 1e-3 * energies[0]
+    assert energies[-1] < 0.01 * energies[0]
+    assert np.abs(body.qd).max() < 0.01
+
+
+def test_stiffening_a_stretched_spring_keeps_the_torque_and_the_energy() -> None:
+    made = law(follow=False, most=100.0)
+    made.reset()
+    made.param["stiffness"][()] = 0.5
+    for _ in range(100):
+        made.update(0.01)
+    made.input["q"][:] = Q + 0.1
+    made.update(0.01)
+    before = made.output["torque"] - made.output["gravity"]
+    away = made.output["desired"] - made.input["q"]
+    stored = 0.5 * 0.5 * np.array(list(K.values())) @ away**2
+    made.param["stiffness"][()] = 1.5
+    for _ in range(200):
+        made.update(0.01)
+    after = made.output["torque"] - made.output["gravity"]
+    away = made.output["desired"] - made.input["q"]
+    assert after == pytest.approx(before, abs=1e-9)
+    assert 0.5 * 1.5 * np.array(list(K.values())) @ away**2 < stored
+
+
+def test_a_parameter_changes_the_torque_gradually() -> None:
+    made = law(follow=False)
+    made.reset()
+    made.input["q"][:], made.input["qd"][:] = Q + 0.05, 0.5
+    made.update(0.001)
+    last = made.output["torque"].copy()
+    made.param["stiffness"][()], made.param["damping"][()] = 0.0, 1.5
+    for _ in range(2000):
+        made.update(0.001)
+        assert np.abs(made.output["torque"] - last).max() < 0.01
+        last = made.output["torque"].copy()
+    assert made.output["torque"] == pytest.approx(made.output["gravity"])
+
+
+def test_what_is_pushed_away_takes_the_desired_joints_along() -> None:
+    made = law(most={"yaw": 2.0, "shoulder": 2.0, "elbow": 2.0, "wrist": 1.0})
+    made.reset()
+    for _ in range(500):
+        made.input["q"][0] += 0.002  # a hand, 1 rad
+        made.update(0.01)
+    assert made.output["torque"][0] - made.output["gravity"][0] == pytest.approx(-2.0)
+    made.input["wanted"][0] = made.input["q"][0]
+    made.update(0.01)
+    assert abs(made.output["desired"][0] - made.input["q"][0]) < 2.0 / 20.0 + 1e-9  # nothing is wound up
+    assert made.figures()["led"] > 0.5
+
+
+def test_the_desired_joints_go_at_their_speed_and_not_beyond_the_limits() -> None:
+    made = law(speed=0.5)
+    made.reset()
+    made.input["wanted"][:] = 9.0
+    for _ in range(100):
+        before = made.output["desired"].copy()
+        made.update(0.01)
+        made.input["q"][:] = made.output["desired"]
+        assert (np.abs(made.output["desired"] - before) <= 0.005 + 1e-12).all()
+    for _ in range(1000):
+        made.update(0.01)
+        made.input["q"][:] = made.output["desired"]
+    assert made.output["desired"] == pytest.approx(ROBOT.q_upper)
+
+
+def test_lost_up_is_held_and_then_stops_the_limb() -> None:
+    made = law(upright="imu", patience=0.3)
+    made.input["orientation"][:] = exp(0.3, 0.0, 0.0)
+    made.reset()
+    held = made.output["gravity"].copy()
+    made.input["orientation"][:] = np.nan
+    for _ in range(29):
+        made.update(0.01)
+        assert not made.lost
+        assert made.output["gravity"] == pytest.approx(held, abs=1e-12)
+    made.update(0.02)
+    assert made.lost
+    made.reset()
+    assert made.lost  # nobody has said where up is since
+    made.input["orientation"][:] = exp(0.3, 0.0, 0.0)
+    made.update(0.01)
+    assert not made.lost
+
+
+@pytest.mark.parametrize("name", ["q", "qd", "wanted"])
+def test_a_number_that_is_none_leaves_nothing_behind(name: str) -> None:
+    clean, made = law(), law()
+    for each in (clean, made):
+        each.reset()
+        each.update(0.01)
+    kept = made.input[name].copy()
+    made.input[name][:] = np.nan
+    made.update(0.01)
+    assert np.isfinite(made.output["torque"]).all() == (name == "wanted")
+    made.input[name][:] = kept
+    made.update(0.01)
+    clean.update(0.01)
+    assert made.output["torque"] == pytest.approx(clean.output["torque"], abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        ({"stiffness": {"yaw": 1.0}}, "stiffness: "),
+        ({"stiffness": {**K, "knee": 1.0}}, "stiffness: .*knee"),
+        ({"speed": {"yaw": 1.0}}, "speed: "),
+        ({"stiffness": -1.0}, "stiffness"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(options: dict[str, Any], reason: str) -> None:
+    with pytest.raises(ValidationError, match=reason):
+        law(**options)
