@@ -313,8 +313,10 @@ class Link:
                 process.wait(1.0)
 
     def __del__(self) -> None:
-        with contextlib.suppress(Exception):
+        try:
             self._let_go()
+        except Exception:  # at the interpreter's end modules may be gone, contextlib among them
+            pass
 
 
 def _check(config: PeerConfig, place: str) -> None:

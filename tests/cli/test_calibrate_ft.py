@@ -270,6 +270,7 @@ def recorded(actor: Turner, path: Path) -> None:
     file.close()
 
 
+@pytest.mark.slow
 def test_the_simulated_handle_of_a_shipped_profile_is_found(tmp_path: Path) -> None:
     """The robot isn't there: the person has the sensor in the hands, and nobody holds the handle."""
     hidden = ["sim.devices.sensor.offset=[3,-2,1,0.1,0.2,-0.3]", "sim.parts.grip.mass=0.4", "rate=100"]

@@ -323,6 +323,7 @@ def test_the_screen_shows_what_to_do_and_what_the_glove_reads() -> None:
         assert words in shown
 
 
+@pytest.mark.slow
 def test_the_simulated_glove_of_a_shipped_profile_is_calibrated(tmp_path: Path) -> None:
     """A hand that misses what it is told a little, a radio that loses records, and a glove of 18 sensors."""
     hidden = "{index_mpj: {gain: -0.02, offset: 190.0}, thumb_ij: {gain: 0.015, offset: 60.0}}"

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
 from helpers.run import Running, call
 
 from runtime.ipc.words import Latch, State
+
+pytestmark = pytest.mark.slow
 
 
 def test_a_stop_during_the_start_is_a_stop(tmp_path: Path) -> None:

@@ -15,6 +15,8 @@ from helpers.wait import until
 
 from runtime.ipc.words import State
 
+pytestmark = pytest.mark.slow
+
 PROFILE = """
 name: bench-servos
 summary: two STS servos that go to and fro
@@ -63,7 +65,6 @@ def torque(twin: FeetechTwin) -> object:
     return twin.figures()["torque"]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("stop", ["hold", "limp"])
 def test_the_loop_is_killed(tmp_path: Path, twin: FeetechTwin, stop: str) -> None:
     profile = write(tmp_path, stop, twin.address)

@@ -15,6 +15,8 @@ from runtime.loop.lockstep import Lockstep
 from runtime.profile import profile, wiring
 from sim.world.cell import Cell
 
+pytestmark = pytest.mark.slow
+
 CALM = [f"sim.parts.wearer.{key}={value}" for key, value in STEADY.items()]
 EXACT = "sim.devices.mocap={noise: 0.0}"
 
@@ -71,7 +73,6 @@ def test_c_is_monotone_in_the_swivel_and_closes_the_finger() -> None:
     assert leak.max() < 1e-4
 
 
-@pytest.mark.slow
 def test_the_wearer_makes_the_finger_follow_with_the_hand_still() -> None:
     run = Run("ikns-finger")
     times = np.linspace(0.0, 16.0, 300)
@@ -94,7 +95,6 @@ def test_the_profiles_have_calibrations_of_their_wearers(name: str, dofs: tuple[
     assert len(record.points) == 10
 
 
-@pytest.mark.slow
 def test_two_dofs_move_two_joints() -> None:
     run = Run("ikns-two", *CALM, EXACT, "sim.parts.wearer.watches={}")
     swung = []

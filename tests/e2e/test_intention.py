@@ -10,6 +10,8 @@ from runtime.ipc.words import CYCLE, Cause, State
 from runtime.loop.lockstep import Lockstep
 from runtime.profile import profile, wiring
 
+pytestmark = pytest.mark.slow
+
 PAUSE, ACTION = 2.5, 3.0  # s, of the simulated wearer's plan
 
 
@@ -18,7 +20,6 @@ def lockstep(**suit: object) -> Lockstep:
     return Lockstep(wiring.build(checked, source, []), lambda text: None)
 
 
-@pytest.mark.slow
 def test_its_wearer_is_recognised_action_by_action() -> None:
     run, held = lockstep(), list[str]()
     layout = run.graph.layout
@@ -32,7 +33,6 @@ def test_its_wearer_is_recognised_action_by_action() -> None:
     assert held == ["overhead", "forward", "reach-left", "reach-right"]
 
 
-@pytest.mark.slow
 def test_a_lost_suit_stops_the_run_and_a_reset_begins_with_an_empty_window() -> None:
     run = lockstep(loss="[[5.0, 5.5]]")  # while the hands are over the head
     views, ints = run.graph.row.views, run.graph.row.ints

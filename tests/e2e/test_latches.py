@@ -22,6 +22,8 @@ from runtime.bus.client import Client, connect
 from runtime.contracts.errors import RequestError
 from runtime.ipc.words import CYCLE, State
 
+pytestmark = pytest.mark.slow
+
 MOVING = (State.HOMING, State.ACTIVE)
 MINUTE = 60.0  # s, as long as the client insists
 
@@ -67,7 +69,6 @@ def assert_still(run: Running, rows: np.ndarray[Any, Any], asked: int, command: 
     assert run.word("refused") >= asked  # every refusal is in the rows
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("what", ["local stop", "fault", "e-stop"])
 def test_no_client_ends_a_stop_that_is_not_its_own(tmp_path: Path, what: str) -> None:
@@ -96,7 +97,6 @@ def test_no_client_ends_a_stop_that_is_not_its_own(tmp_path: Path, what: str) ->
     assert json.loads(call(tmp_path, "replay", "x.rrd", "--json").stdout)["identical"] is True
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_latches_of_real_actuators_outlive_their_run(tmp_path: Path) -> None:
     """A host under load may let the actuator become stale, a fault, at any time: those aren't counted here."""

@@ -19,6 +19,8 @@ from helpers.wait import until
 from runtime.ipc.words import State
 from runtime.recording.reader import read
 
+pytestmark = pytest.mark.slow
+
 SERVOS = 4
 ROOT = Path(__file__).parents[2]
 
@@ -111,7 +113,6 @@ def test_a_recorder_outlives_a_supervisor_that_dies_while_it_starts(tmp_path: Pa
     assert len(recording.rows) == reader.head > 0
 
 
-@pytest.mark.slow
 def test_the_bench_of_stop_latencies_works(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "bench", "stop-latency", "--trials", "1"], env=environment(tmp_path), cwd=ROOT,

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from runtime.ipc.words import DEVICE, LINK_CONNECTED, State
 from runtime.loop.lockstep import Lockstep
 from runtime.profile import profile, wiring
+
+pytestmark = pytest.mark.slow
 
 POSTURE = [0.0, -0.2, 0.1, -0.6, 0.01, 0.1, 0.2]  # rad, m
 

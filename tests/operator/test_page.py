@@ -15,6 +15,8 @@ from helpers.wait import until
 from runtime.ipc.words import LINK_ACTIVE, LINK_CONNECTED, Cause, Latch, State
 from runtime.operator.client import OperatorPage
 
+pytestmark = pytest.mark.slow
+
 RIGHT = {"key": "ArrowRight", "code": "ArrowRight", "windowsVirtualKeyCode": 39}
 
 

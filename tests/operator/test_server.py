@@ -109,6 +109,7 @@ def test_control_goes_to_the_tab_that_takes_it_and_ends_with_it(page: OperatorPa
     talk(page, both)
 
 
+@pytest.mark.slow
 def test_of_several_panels_of_a_run_one_has_control(loop: OperatedLoop, page: OperatorPage, tmp_path: Path) -> None:
     refused: list[str] = []
 

@@ -23,6 +23,8 @@ from runtime.ipc.words import LINK_CONNECTED, LINK_STALE, State
 from runtime.panel.screen import Screen
 from runtime.panel.trial import ScreenTrial, Trial
 
+pytestmark = pytest.mark.slow
+
 TRIAL = Trial((0.3, 0.3, 0.9, 0.1), duration=1.5, settle=0.6, title="Profile T1", number=3, of=9)
 LONG = Trial((0.3, 0.3), duration=600.0, settle=0.2)
 

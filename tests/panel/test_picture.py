@@ -22,6 +22,8 @@ from runtime.operator.client import OperatorPage as PageProcess
 from runtime.panel.picture import View
 from runtime.recording.shapes import distance_colors
 
+pytestmark = pytest.mark.slow
+
 ROWS = body_rows(body_layout(), 400)
 
 

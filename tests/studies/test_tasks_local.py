@@ -63,6 +63,7 @@ def test_a_folder_that_cannot_be_made_is_said(toy: Any, tmp_path: Path) -> None:
         run(toy, tmp_path / "out" / "toy", 1)
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_killed_costs_no_row(toy: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TOY_BOMB", str(tmp_path / "bomb"))
     rows = run(toy, tmp_path / "killed", 2)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 
+import pytest
 from helpers import panda as helpers_panda
 from helpers.fuzz import mutations
 from hypothesis import given
@@ -27,6 +28,7 @@ def test_any_bytes_are_survived(data: bytes) -> None:
     session.close()
 
 
+@pytest.mark.slow
 def test_a_million_damaged_bytes_are_survived() -> None:
     session = Session(ROBOT, SEEN)
     session.receive(encode_request(5, 0, Connect(5, 4)))
