@@ -10,6 +10,8 @@ import struct
 from collections.abc import Mapping
 from typing import Final, NamedTuple
 
+from drivers.capture.names import Marker, Point, Segment, Subject
+
 _U32: Final = struct.Struct("<I")
 _TWO: Final = struct.Struct("<II")
 _I64: Final = struct.Struct("<q")
@@ -22,35 +24,9 @@ SEGMENT: Final = 100  # bytes of u32 segment, f64 t[3], f64 R[9]
 LABELED: Final = 116  # bytes of u32 subject, u32 marker, f64 radius, f64 position[3], f64 covariance[9], u32
 UNLABELED: Final = 108  # the same without subject and marker
 
-Point = tuple[float, float, float]
-
 
 class MalformedError(ValueError):
     """A body is shorter than its fields."""
-
-
-class Segment(NamedTuple):
-    """A segment of a subject; `parent` is 0 for a root."""
-
-    id: int
-    name: str
-    parent: int
-
-
-class Marker(NamedTuple):
-    """A labelled marker of a subject."""
-
-    id: int
-    name: str
-
-
-class Subject(NamedTuple):
-    """A subject's names and numbers."""
-
-    id: int
-    name: str
-    segments: tuple[Segment, ...]
-    markers: tuple[Marker, ...]
 
 
 class Contents(NamedTuple):

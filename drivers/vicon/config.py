@@ -2,36 +2,23 @@
 
 from __future__ import annotations
 
-import re
-from typing import Final, Literal, Self
+from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from runtime.contracts.driver import DeviceConfig
-
-_SLUG: Final = re.compile(r"[a-z][a-z0-9_-]*")
-TAKEN: Final = ("pose", "visible", "markers", "marker_visible", "unlabelled", "unlabelled_visible", "meta")
+from drivers.capture.config import CaptureConfig
 
 
-class ViconConfig(DeviceConfig):
-    """Options of a motion capture server. Names on the left are the profile's, on the right the server's."""
+class ViconConfig(CaptureConfig):
+    """Options of a Vicon server."""
 
     port: str = Field(description="tcp://HOST:801 for DataStream; udp://:51001 for Tracker's object stream")
-    segments: dict[str, str] = Field(
-        default_factory=dict, description="name: SUBJECT/SEGMENT; SUBJECT alone is its root, or Tracker's object"
-    )
-    markers: dict[str, str] = Field(default_factory=dict, description="name: SUBJECT/MARKER")
-    unlabelled: int = Field(default=0, ge=0, le=500, description="unlabelled markers to take, at most")
-    required: tuple[str, ...] = Field(
-        default=(), description="names that must all be seen for a sample to count; none: any one of them"
-    )
     rate: float = Field(
         default=100.0, gt=0, le=2000, description="Hz; DataStream: the least frame rate; object stream: its rate"
     )
     mode: Literal["push", "pull"] = Field(
         default="push", description="DataStream: the server sends each frame, or the driver asks for each"
     )
-    frame: str | None = Field(default=None, description="frame of the profile's tree that the server's origin is")
 
     @property
     def objects_only(self) -> bool:
@@ -40,21 +27,6 @@ class ViconConfig(DeviceConfig):
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
-        if not self.segments and not self.markers and not self.unlabelled:
-            raise ValueError("name at least one of segments, markers, unlabelled")
-        for name in (*self.segments, *self.markers):
-            if not _SLUG.fullmatch(name) or name in TAKEN:
-                raise ValueError(f"'{name}' can't be a name here: lower-case letters, digits, - and _; not a signal's")
-        if twice := self.segments.keys() & self.markers.keys():
-            raise ValueError(f"'{min(twice)}' is a segment and a marker; give them different names")
-        for name, target in (*self.segments.items(), *self.markers.items()):
-            parts = target.split("/")
-            if not all(parts) or len(parts) > 2 or (name in self.markers and len(parts) == 1):
-                form = "SUBJECT/MARKER" if name in self.markers else "SUBJECT/SEGMENT or SUBJECT"
-                raise ValueError(f"'{target}' isn't {form}")
-        for name in self.required:
-            if name not in self.segments and name not in self.markers:
-                raise ValueError(f"'{name}' under required is no segment and no marker of this device")
         if self.objects_only and (self.markers or self.unlabelled):
             raise ValueError("the object stream has no markers; reach the server by tcp://HOST:801 for them")
         if self.objects_only and any("/" in target for target in self.segments.values()):

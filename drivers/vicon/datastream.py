@@ -9,12 +9,14 @@ from fractions import Fraction
 from math import isfinite
 from typing import Final
 
+from drivers.capture import axes
+from drivers.capture.names import Point, Subject
+from drivers.capture.selection import Selection, refuse, select
 from drivers.transport import Transport, open_transport
 from drivers.vicon import blocks, geometry, protocol
-from drivers.vicon.blocks import MalformedError, Point, Subject
+from drivers.vicon.blocks import MalformedError
 from drivers.vicon.config import ViconConfig
 from drivers.vicon.protocol import Block, Packet
-from drivers.vicon.selection import Selection, refuse, select
 from drivers.vicon.source import Frame
 from runtime.contracts.errors import DeviceError
 
@@ -197,7 +199,7 @@ class DataStream:
             q, p = geometry.from_matrix(values[3:]), self._metres(values)
             if q is None or p is None:
                 continue
-            frame.segments.append((row, p, geometry.z_up_quaternion(q) if self._y_up else q))
+            frame.segments.append((row, p, axes.z_up_quaternion(q) if self._y_up else q))
 
     def _metres(self, millimetres: tuple[float, ...]) -> Point | None:
         x, y, z = millimetres[0] * 1e-3, millimetres[1] * 1e-3, millimetres[2] * 1e-3

@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from fractions import Fraction
 from typing import Final
 
+from drivers.capture.view import GIVES, View, signals
 from drivers.devicetime import DeviceTime
 from drivers.pause import Pause
 from drivers.vicon.config import ViconConfig
 from drivers.vicon.datastream import DataStream
 from drivers.vicon.object_stream import ObjectStream
 from drivers.vicon.source import Frame, Source
-from drivers.vicon.view import GIVES, View, signals
 from runtime.contracts.driver import Sensor
 from runtime.contracts.errors import DeviceLostError
 from runtime.contracts.signals import Array
@@ -118,16 +118,8 @@ class Vicon(Sensor):
         if self._pause.over(self._time.delay, now):
             self._time.restart()
             stamp = self._time.stamp(frame.number, exposed)
-        view = self._view
-        view.begin()
-        for row, p, q in frame.segments:
-            view.segment(row, p, q)
-        for row, p in frame.markers:
-            view.marker(row, p)
-        for row, p in enumerate(frame.unlabelled):
-            view.reflection(row, p)
-        view.end(stamp, round(self.max_age * 1e9))
-        if view.seen:
+        self._view.show(frame, stamp, round(self.max_age * 1e9))
+        if self._view.seen:
             self.health.stamp = stamp
         else:
             self._hidden += 1

@@ -27,14 +27,3 @@ def from_euler_xyz(x: float, y: float, z: float) -> Quaternion | None:
     if not (isfinite(x) and isfinite(y) and isfinite(z)):
         return None
     return rotation.from_euler_xyz(x, y, z)
-
-
-def z_up_point(p: Sequence[float]) -> tuple[float, float, float]:
-    """Converts a point of a y-up server (x forward, y up, z right) to x forward, y left, z up (A.4)."""
-    return p[0], -p[2], p[1]
-
-
-def z_up_quaternion(q: Quaternion) -> Quaternion:
-    """Converts a rotation likewise: world and body axes are renamed alike, so an unrotated body stays unrotated."""
-    w, x, y, z = q
-    return w, x, -z, y

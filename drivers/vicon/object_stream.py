@@ -7,12 +7,13 @@ from fractions import Fraction
 from math import isfinite
 from typing import Final
 
+from drivers.capture.names import Segment, Subject
+from drivers.capture.selection import refuse, select
 from drivers.datagram import Datagrams, open_datagrams
 from drivers.vicon import geometry, objects
-from drivers.vicon.blocks import MalformedError, Segment, Subject
+from drivers.vicon.blocks import MalformedError
 from drivers.vicon.config import ViconConfig
 from drivers.vicon.objects import ObjectFrame
-from drivers.vicon.selection import refuse, select
 from drivers.vicon.source import Frame
 from runtime.contracts.errors import DeviceError
 

@@ -44,6 +44,7 @@ DEVICES: dict[str, tuple[dict[str, Any], dict[str, Any], dict[str, Any], str]] =
         "tcp://127.0.0.1:9",
     ),
     "gamepad": ({}, {"axes": {"left_x": [[0.0, 0.0], [100.0, 1.0]]}}, CELL, "/dev/input/event-none"),
+    "natnet": ({"segments": {"wand": "wand"}}, {}, _cell(wand={"part": "mocap-body"}), "udp://127.0.0.1:9"),
     "noitom": ({}, {}, _cell(body={"part": "body"}), "tcp://127.0.0.1:9"),
     "panda": ({}, {}, _cell(arm={"part": "panda"}), "tcp://127.0.0.1:9"),
     "ring": ({}, {}, CELL, "/dev/ttyRING"),
@@ -51,6 +52,7 @@ DEVICES: dict[str, tuple[dict[str, Any], dict[str, Any], dict[str, Any], str]] =
     "trigno": ({"channels": {"biceps": 1}}, {}, CELL, "tcp://127.0.0.1:9"),
     "ur": ({}, {}, _cell(arm={"part": "ur16e"}), "tcp://127.0.0.1:9"),
     "vicon": ({"segments": {"wand": "wand/wand"}}, {}, _cell(wand={"part": "mocap-body"}), "tcp://127.0.0.1:9"),
+    "xsens-mvn": ({}, {}, _cell(body={"part": "body"}), "udp://127.0.0.1:0"),
     "zenoh": (
         {
             "signals": {

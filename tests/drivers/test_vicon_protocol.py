@@ -9,8 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from drivers.capture import axes
+from drivers.capture.names import Marker, Segment, Subject
 from drivers.vicon import blocks, geometry, objects, protocol
-from drivers.vicon.blocks import MalformedError, Marker, Segment, Subject
+from drivers.vicon.blocks import MalformedError
 from drivers.vicon.objects import TrackedObject
 from drivers.vicon.protocol import Block, Parser
 from sim.devices.vicon import twin_blocks as encode
@@ -304,5 +306,5 @@ def test_angles_are_of_rx_ry_rz(angles):
 def test_a_y_up_server_s_axes_are_renamed_of_world_and_body(q):
     C = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
     turned = Rotation.from_quat(q).as_matrix()
-    found = geometry.z_up_quaternion(geometry.from_matrix(turned.ravel().tolist()))
+    found = axes.z_up_quaternion(geometry.from_matrix(turned.ravel().tolist()))
     np.testing.assert_allclose(Rotation.from_quat([*found[1:], found[0]]).as_matrix(), C @ turned @ C.T, atol=1e-12)

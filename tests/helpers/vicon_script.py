@@ -6,9 +6,9 @@ import itertools
 
 import numpy as np
 
+from drivers.capture.names import Marker, Segment, Subject
 from drivers.transport import open_transport
 from drivers.vicon import Vicon, protocol
-from drivers.vicon.blocks import Marker, Segment, Subject
 from drivers.vicon.protocol import Block, packet
 from helpers.twin import bound
 from sim.devices.vicon import twin_blocks as encode

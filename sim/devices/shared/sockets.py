@@ -242,6 +242,7 @@ class UdpDoor:
         link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK | socket.SOCK_CLOEXEC)
         try:
             link.bind((self.host, port or self._port))
+            link.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(self.host))  # loopback only
         except OSError as error:
             link.close()
             raise HostError(

@@ -1,56 +1,25 @@
-"""A Vicon system that observes a simulated cell, with sampling, noise, delay and occlusion."""
+"""A Vicon system that observes a simulated cell."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from statistics import NormalDist
-from typing import Annotated, Final
-
-import numpy as np
-from numpy.typing import NDArray
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from drivers.vicon import Vicon
 from drivers.vicon.config import ViconConfig
-from drivers.vicon.selection import refuse, select
-from drivers.vicon.view import View
-from runtime.contracts.driver import DeviceConfig, Sensor
-from runtime.contracts.errors import DeviceError, WiringError, nearest
-from runtime.contracts.signals import Array
+from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.errors import DeviceError
 from runtime.contracts.world import FakeConfig, World
-from sim.devices.shared.noise import SampleNoise
-from sim.devices.shared.sensor import SampledFake, SensorOptions
-from sim.devices.shared.windows import Windows, inside, rising
-from sim.devices.vicon.scene import Scene
-from sim.parts.body.subject import MocapSubject
-
-_LEVER: Final = 0.05  # m between markers: position noise divided by it is the orientation's noise
-_ENOUGH: Final = 3  # markers needed to find a segment
-Vector = tuple[float, float, float]
+from sim.devices.shared.cameras import Cameras, CamerasConfig
 
 
-class FakeViconConfig(SensorOptions):
+class FakeViconConfig(CamerasConfig):
     """Options of the fake."""
 
-    noise: float = Field(default=0.0001, ge=0, description="m, standard deviation of a position along each axis")
-    delay: float = Field(default=0.006, ge=0, le=0.5, description="s, from exposure to arrival; sent as the latency")
-    bodies: dict[str, dict[str, str]] = Field(
-        default_factory=dict, description="further subjects, SUBJECT: {SEGMENT: PART/BODY}, the root first; no markers"
-    )
-    occlusion: dict[str, Annotated[Windows, AfterValidator(rising)]] = Field(
-        default_factory=dict, description="SUBJECT or SUBJECT/MARKER: [from, to] pairs, s, while it can't be seen"
-    )
-    marker_dropout: float = Field(default=0.0, ge=0, le=1, description="probability that a frame lacks a marker")
-    reflections: tuple[Vector, ...] = Field(default=(), description="m: spots that are seen as unlabelled markers")
     y_up: bool = Field(default=False, description="the twin's server has its y axis up")
 
 
-class FakeVicon(Sensor, SampledFake):
-    """Sees every part of the cell that is a subject, and the bodies in the option `bodies`.
-
-    A segment that has three markers or more is found if three of them are visible. The noise of
-    orientations is that of markers 5 cm apart.
-    """
+class FakeVicon(Cameras):
+    """See `Cameras`; the delay is sent as the server's latency."""
 
     Options = FakeViconConfig
     real = Vicon
@@ -59,106 +28,15 @@ class FakeVicon(Sensor, SampledFake):
         super().__init__(name, config, world, options)
         assert isinstance(config, ViconConfig)
         assert isinstance(options, FakeViconConfig)
-        self.vicon, self.seen_by = config, options
-        place = f"sim.devices.{name}"
-        if options.part is not None:
-            parts = [self.cell.part(MocapSubject, name, options.part)]  # type: ignore[type-abstract]
-        else:
-            parts = [part for part in self.cell.parts.values() if isinstance(part, MocapSubject)]
-        self.scene = scene = Scene(self.cell, parts, options.bodies, place, self.states[0].frame)
-        self.sampled(scene.size, scene.take)
-        per_pose = [1.0] * 3 + [0.5 / _LEVER] * 4
-        self.noise_scale = np.array(per_pose * len(scene.segments) + [1.0] * 3 * len(scene.markers))
-        self._windows = [(self._masks(scene, hidden, place), w) for hidden, w in options.occlusion.items()]
-        dropout = options.marker_dropout
-        self._marker_noise = SampleNoise(world.seed, f"{name}/markers", len(scene.markers), 1.0)
-        self._drop_below = NormalDist().inv_cdf(dropout) if 0.0 < dropout < 1.0 else np.inf  # for a normal draw
-        own = [(row, scene.carriers == row) for row in range(len(scene.segments))]
-        self._enough = [(row, markers) for row, markers in own if int(markers.sum()) >= _ENOUGH]
-        self._view = View(config)
-        self._segments: list[tuple[int, int]] = []  # row of the states, row of the scene
-        self._markers: list[tuple[int, int]] = []
-
-    def bind(self, states: Mapping[str, Array], commands: Mapping[str, Array]) -> None:
-        super().bind(states, commands)
-        self._view.bind(states)
+        self.vicon, self.server = config, options
 
     def open(self) -> None:
         super().open()
-        try:
-            self._select()
-        except DeviceError:
+        rate, needed = self.seen_by.rate, self.vicon.rate
+        if rate < needed * 0.999:
             self.close()
-            raise
-
-    def read(self, now: int) -> None:
-        stamp = self.health.stamp
-        super().read(now)
-        if not self._view.seen:
-            self.health.stamp = stamp
-
-    def fill(self, values: Array, number: int) -> None:
-        view = self._view
-        poses, points = (found.tolist() for found in self.scene.split(values))
-        segments, markers = (seen.tolist() for seen in self.visible(number))
-        view.begin()
-        for row, index in self._segments:
-            if segments[index]:
-                x, y, z, qw, qx, qy, qz = poses[index]
-                view.segment(row, (x, y, z), (qw, qx, qy, qz))
-        for row, index in self._markers:
-            if markers[index]:
-                x, y, z = points[index]
-                view.marker(row, (x, y, z))
-        for row, spot in enumerate(self.seen_by.reflections[: self.vicon.unlabelled]):
-            view.reflection(row, spot)
-        view.end(self.taken_at(number), round(self.max_age * 1e9))
-
-    @property
-    def kept(self) -> int:
-        """Number of the newest samples that are certainly still available."""
-        return max(int(0.4 * self.seen_by.rate), 1)
-
-    def visible(self, number: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Which of the scene's segments and markers the cameras see in sample `number`; also used by the twin."""
-        scene, at = self.scene, self.taken_at(number)
-        segments, markers = np.ones(len(scene.segments), bool), np.ones(len(scene.markers), bool)
-        for (hidden_segments, hidden_markers), windows in self._windows:
-            if inside(windows, at):
-                segments &= ~hidden_segments
-                markers &= ~hidden_markers
-        if self.seen_by.marker_dropout > 0.0:
-            markers &= self._marker_noise.noise(number) >= self._drop_below
-        if not markers.all():
-            for row, own in self._enough:
-                if int((own & markers).sum()) < _ENOUGH:
-                    segments[row] = False
-        return segments, markers
-
-    def _select(self) -> None:
-        config, scene = self.vicon, self.scene
-        found = select(config, scene.subjects)
-        if found.missing:
-            raise refuse(config, scene.subjects, found.missing[0], self.name)
-        if self.seen_by.rate < config.rate * 0.999:
-            rate = self.seen_by.rate
             raise DeviceError(
                 self.name,
-                f"the simulated server captures {rate:g} frames a second, the profile needs {config.rate:g}",
+                f"the simulated server captures {rate:g} frames a second, the profile needs {needed:g}",
                 f"Set 'sim.devices.{self.name}.rate' or the device's 'rate'",
             )
-        self._segments = [
-            (row, scene.segments.index((subject, segment)))
-            for subject, rows in found.segments.items()
-            for segment, row in rows.items()
-        ]
-        self._markers = [(row, scene.markers.index(marker)) for marker, row in found.markers.items()]
-
-    @staticmethod
-    def _masks(scene: Scene, name: str, place: str) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        masks = scene.masks(name)
-        if masks is None:
-            raise WiringError(
-                f"{place}.occlusion.{name}", "no subject or marker has this name", nearest(name, scene.names())
-            )
-        return masks

@@ -9,9 +9,9 @@ from urllib.parse import urlsplit
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.capture.selection import root_of
 from drivers.vicon import objects
 from drivers.vicon.objects import TrackedObject
-from drivers.vicon.selection import root_of
 from runtime.contracts.rotation import euler_angles
 from runtime.contracts.world import Fake
 from sim.devices.shared.sockets import Client, SocketTwin, TcpDoor, UdpDoor

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from drivers.vicon.blocks import Subject
+from drivers.capture.names import Subject
 from drivers.vicon.protocol import CLOCK, Block, block
 from runtime.contracts.signals import Array
 

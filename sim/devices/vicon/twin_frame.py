@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from drivers.vicon.blocks import Subject
+from drivers.capture.names import Subject
 from drivers.vicon.protocol import Block, packet
 from runtime.contracts import rotation
 from runtime.contracts.signals import Array
@@ -59,7 +59,7 @@ class FrameMaker:
         """Segments' t (s, 3), mm, and R (s, 3, 3), and markers' p (m, 3), mm, in the server's axes."""
         poses, points = self.fake.scene.split(values)
         t, p, R = poses[:, :3] * 1e3, points * 1e3, rotation.matrices(poses[:, 3:])
-        if self.fake.seen_by.y_up:
+        if self.fake.server.y_up:
             t, p, R = t @ _Y_UP.T, p @ _Y_UP.T, _Y_UP @ R @ _Y_UP.T
         return t, R, p
 
@@ -99,7 +99,7 @@ class FrameMaker:
                 (Block.SUBJECT_TOPOLOGY, encode.segments(Block.SUBJECT_TOPOLOGY, subject.id, numbers, *rest)),
                 (Block.SUBJECT_SCALE, encode.subject_scale(subject.id, numbers)),
             ]
-        return [*made, (Block.APPLICATION_INFO, encode.application_info(options.y_up))]
+        return [*made, (Block.APPLICATION_INFO, encode.application_info(self.fake.server.y_up))]
 
     def _once(self, number: int) -> list[_Made]:
         """The blocks that a frame has once, whatever the cameras see."""
@@ -132,7 +132,7 @@ class FrameMaker:
         shown = [i for i, (owner, _) in enumerate(scene.markers) if markers[i] and owner in owners]
         made.append((Block.LABELED_RECONS, encode.labeled([scene.markers[i] for i in shown], p[shown], shown)))
         spots = np.array(self.fake.seen_by.reflections).reshape(-1, 3) * 1e3
-        if self.fake.seen_by.y_up:
+        if self.fake.server.y_up:
             spots = spots @ _Y_UP.T
         tracks = range(len(scene.markers), len(scene.markers) + len(spots))
         return [*made, (Block.UNLABELED_RECONS, encode.unlabeled(spots, tracks))]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
-from drivers.vicon.blocks import Segment, Subject
-from drivers.vicon.config import ViconConfig
+from drivers.capture.config import CaptureConfig
+from drivers.capture.names import Segment, Subject
 from runtime.contracts.errors import DeviceError, nearest
 
 _LISTED = 20
@@ -32,7 +32,7 @@ def root_of(subject: Subject) -> Segment | None:
     return next((segment for segment in subject.segments if segment.parent == 0), None)
 
 
-def select(config: ViconConfig, subjects: Iterable[Subject]) -> Selection:
+def select(config: CaptureConfig, subjects: Iterable[Subject]) -> Selection:
     """Resolves the names that the server has; the others go to `missing`."""
     by_name = {subject.name: subject for subject in subjects}
     found = Selection()
@@ -57,7 +57,7 @@ def select(config: ViconConfig, subjects: Iterable[Subject]) -> Selection:
     return found
 
 
-def refuse(config: ViconConfig, subjects: Sequence[Subject], missing: str, place: str) -> DeviceError:
+def refuse(config: CaptureConfig, subjects: Sequence[Subject], missing: str, place: str) -> DeviceError:
     """Returns the error for the first missing name, with the names that exist instead."""
     kind, targets = ("segment", config.segments) if missing in config.segments else ("marker", config.markers)
     owner, _, wanted = targets[missing].partition("/")

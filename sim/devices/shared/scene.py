@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.vicon.blocks import Marker, Segment, Subject
+from drivers.capture.names import Marker, Segment, Subject
 from runtime.contracts.errors import WiringError, nearest
 from runtime.contracts.frames import IDENTITY, as_pose
 from runtime.contracts.rotation import composed, homogeneous, inverted

@@ -1,22 +1,22 @@
-"""The states of a Vicon, the same for the driver over either wire and for the fake."""
+"""The states of a capture system, the same for a driver over any wire and for its fake."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Final
+from collections.abc import Mapping, Sequence
+from typing import Final, Protocol
 
 import numpy as np
 
-from drivers.vicon.blocks import Point
-from drivers.vicon.config import ViconConfig
-from drivers.vicon.geometry import Quaternion
+from drivers.capture.config import CaptureConfig
+from drivers.capture.names import Point
+from runtime.contracts.rotation import Quaternion
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import POINT, POSE
 
 GIVES: Final = ("pose", "<name>.pose", "visible", "markers", "marker_visible", "unlabelled", "unlabelled_visible")
 
 
-def signals(config: ViconConfig) -> tuple[Signal, ...]:
+def signals(config: CaptureConfig) -> tuple[Signal, ...]:
     """Returns the device's states; only those that the profile requests."""
     made: list[Signal] = []
     if config.segments:
@@ -56,6 +56,17 @@ def signals(config: ViconConfig) -> tuple[Signal, ...]:
     return tuple(made)
 
 
+class Seen(Protocol):
+    """The visible part of a frame, m and unit quaternions: row and pose, row and position, position."""
+
+    @property
+    def segments(self) -> Sequence[tuple[int, Point, Quaternion]]: ...
+    @property
+    def markers(self) -> Sequence[tuple[int, Point]]: ...
+    @property
+    def unlabelled(self) -> Sequence[Point]: ...
+
+
 class View:
     """Fills the states frame by frame. An occluded row of `pose` keeps its last pose.
 
@@ -65,7 +76,7 @@ class View:
         seen: whether the frame shows what the profile requires, so that it counts as a sample.
     """
 
-    def __init__(self, config: ViconConfig) -> None:
+    def __init__(self, config: CaptureConfig) -> None:
         segments, markers = list(config.segments), list(config.markers)
         self.seen = False
         self._need_segments = [segments.index(name) for name in config.required if name in config.segments]
@@ -117,6 +128,17 @@ class View:
         """Takes an unlabelled marker, m."""
         self._unlabelled[row] = p
         self._unlabelled_visible[row] = 1.0
+
+    def show(self, seen: Seen, taken: int, hold: int) -> None:
+        """Takes a whole frame; arguments as those of `end`."""
+        self.begin()
+        for row, p, q in seen.segments:
+            self.segment(row, p, q)
+        for row, p in seen.markers:
+            self.marker(row, p)
+        for row, p in enumerate(seen.unlabelled):
+            self.reflection(row, p)
+        self.end(taken, hold)
 
     def end(self, taken: int, hold: int) -> None:
         """Completes the frame, taken at `taken`, ns.

@@ -1,0 +1,1 @@
+"""A simulated Xsens suit and MVN."""
