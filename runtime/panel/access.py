@@ -1,8 +1,10 @@
 """Who may speak to the page's server: one browser, which had the address with the token first.
 
-The token is good for one exchange against a cookie: an address can be read in a process list or in a browser's
-history, and must be worth nothing there. A page of another site can't use the cookie: its Origin is refused, and so is
-a Host that isn't ours (DNS rebinding).
+The token is good for one exchange against two secrets: an address can be read in a process list or in a browser's
+history, and must be worth nothing there. The cookie lets the page be loaded. But a browser shows a cookie to every
+server of this host, whatever its port. So whoever listens, commands or stops shows the key: the page keeps it in the
+browser's storage, which belongs to one origin, port included. It is in no address. A page of another site is refused
+by its Origin, and so is a Host that isn't ours (DNS rebinding).
 """
 
 from __future__ import annotations
@@ -15,6 +17,8 @@ from typing import Final
 from aiohttp import web
 
 HOST: Final = "127.0.0.1"
+KEY: Final = "X-Srl-Key"  # header with the key
+PROTOCOL: Final = "srl"  # of the websocket, which can't have that header: a second protocol offered is the key
 SECONDS: Final = 24 * 3600  # s that a browser keeps the cookie, through a crash of its own; the server's end ends it
 _SPENT = "This address was used already, or it is wrong. Ask for a new one.\n"
 
@@ -29,6 +33,7 @@ class Access:
         self._origin = f"http://{self._authority}"
         self._cookie = f"srl-panel-{port}"  # a cookie counts for all ports of a host: each server has its own
         self._secret = ""
+        self._key = ""
         self._token = ""
 
     def address(self) -> str:
@@ -56,27 +61,31 @@ class Access:
         if (origins or speaks) and origins != [self._origin]:
             raise web.HTTPForbidden(text="A page from elsewhere may not speak to this server.\n")
         if request.path == "/" and "token" in request.query:
-            return self._exchange(request.query["token"])
-        given = request.cookies.get(self._cookie, "")
-        if not self._secret or not hmac.compare_digest(given.encode(), self._secret.encode()):
-            raise web.HTTPForbidden(text="Open the address that `srl panel` printed.\n")
+            return await self._exchange(request, handler)
+        # What speaks shows the key alone: a page of another port can overwrite our cookie, and must not stop a stop.
+        given, secret = (_key(request), self._key) if speaks else (request.cookies.get(self._cookie, ""), self._secret)
+        if not _same(given, secret):
+            raise web.HTTPForbidden(text="Open the address that was printed.\n")
         return await handler(request)
 
-    def _exchange(self, token: str) -> web.StreamResponse:
-        if not self._token or not hmac.compare_digest(token.encode(), self._token.encode()):
+    async def _exchange(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        """Answers with the page, which holds the key this once."""
+        if not _same(request.query["token"], self._token):
             raise web.HTTPForbidden(text=_SPENT)
-        self._token, self._secret = "", secrets.token_urlsafe(24)
-        answer = web.Response(status=303, headers={"Location": "/"})
-        answer.set_cookie(
+        self._token, self._secret, self._key = "", secrets.token_urlsafe(24), secrets.token_urlsafe(24)
+        page = await handler(request)
+        assert isinstance(page, web.Response)
+        page.text = (page.text or "").replace("<head>", f'<head>\n<meta name="key" content="{self._key}">', 1)
+        page.set_cookie(
             self._cookie, self._secret, max_age=SECONDS, path="/", httponly=True, samesite="Strict"
         )  # fmt: skip
-        return answer
+        return page
 
     @property
     def _headers(self) -> dict[str, str]:
         policy = (
-            "default-src 'none'; script-src 'self'; style-src 'self'; base-uri 'none'; form-action 'none'; "
-            f"frame-ancestors 'none'; connect-src 'self' ws://{self._authority}"
+            "default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; base-uri 'none'; "
+            f"form-action 'none'; frame-ancestors 'none'; connect-src 'self' ws://{self._authority}"
         )
         return {
             "Content-Security-Policy": policy,
@@ -87,3 +96,16 @@ class Access:
             "Referrer-Policy": "no-referrer",
             "Cache-Control": "no-store",
         }
+
+
+def _key(request: web.Request) -> str:
+    """The key that a request shows; "" for none."""
+    if "Upgrade" not in request.headers:
+        return request.headers.get(KEY, "")
+    offered = [name.strip() for name in request.headers.get("Sec-WebSocket-Protocol", "").split(",")]
+    return offered[1] if len(offered) == 2 and offered[0] == PROTOCOL else ""
+
+
+def _same(given: str, secret: str) -> bool:
+    """Whether a secret is there, and is the given one."""
+    return bool(secret) and hmac.compare_digest(given.encode(), secret.encode())

@@ -9,6 +9,8 @@ from typing import Any, Final
 
 from aiohttp import WSMsgType, web
 
+from runtime.panel.access import PROTOCOL
+
 LONGEST: Final = 65536  # bytes of a message from a page
 PENDING: Final = 64  # messages that a page may be behind; then it is let go
 HEARTBEAT: Final = 5.0  # s
@@ -27,7 +29,9 @@ class Peer:
     """
 
     def __init__(self) -> None:
-        self.socket = web.WebSocketResponse(max_msg_size=LONGEST, heartbeat=HEARTBEAT, compress=False)
+        self.socket = web.WebSocketResponse(
+            max_msg_size=LONGEST, heartbeat=HEARTBEAT, compress=False, protocols=(PROTOCOL,)
+        )
         self.participant = False
         self._said: list[str] = []
         self._value = ""

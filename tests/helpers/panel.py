@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import re
 import socket
 import threading
 import time
@@ -19,6 +20,12 @@ from runtime.ipc.words import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, State
 
 PERIOD = 0.01  # s
 SIGNAL = "law.c"
+
+
+def shown(page: str) -> dict[str, str]:
+    """The headers with which a page speaks to its server, from its own text: the key that it was given."""
+    (key,) = re.findall(r'<meta name="key" content="([^"]+)">', page)
+    return {"X-Srl-Key": key, "Sec-WebSocket-Protocol": f"srl, {key}"}
 
 
 class MadeUpLoop:

@@ -93,7 +93,7 @@ def test_without_control_a_page_only_stops(loop: OperatedLoop, page: OperatorPag
     talk(page, without, kept=kept)
     assert not loop.asked
     assert not loop.presses
-    assert get(page, "/stop", "POST", Cookie=kept, Origin=f"http://{place(page)}").status == 200
+    assert get(page, "/stop", "POST", **kept, Origin=f"http://{place(page)}").status == 200
     assert loop.stops == stops + 1
 
 

@@ -13,6 +13,7 @@ import aiohttp
 import numpy as np
 import psutil
 import pytest
+from helpers.panel import shown
 from helpers.run import Running, alive, ended, environment, refused, srl
 from helpers.wait import until
 
@@ -113,8 +114,9 @@ async def _scene_and_frames(address: str, count: int) -> tuple[dict[str, Any], l
         async with session.get(f"{place}/") as answer:
             assert answer.status == 403  # without the token
         async with session.get(address) as answer:
-            assert "Live picture" in await answer.text()
-        async with session.ws_connect(f"{place}/socket") as socket:
+            page = await answer.text()
+            assert "Live picture" in page
+        async with session.ws_connect(f"{place}/socket", headers=shown(page)) as socket:
             scene = await socket.receive_json()
             assert scene["kind"] == "scene"
             frames: list[dict[str, Any]] = []
@@ -132,12 +134,13 @@ async def _values_then_stop(address: str, count: int) -> list[tuple[float, float
     async with aiohttp.ClientSession(headers=headers, cookie_jar=jar) as session:
         async with session.get(address) as answer:
             assert answer.status == 200
-            assert "Participant" in await answer.text()
-        async with session.ws_connect(f"{place}/socket") as socket:
+            page = await answer.text()
+            assert "Participant" in page
+        async with session.ws_connect(f"{place}/socket", headers=shown(page)) as socket:
             while len(found) < count:
                 message: dict[str, Any] = await socket.receive_json()
                 if message["kind"] == "value" and message["condition"] == "live":
                     found.append((message["t"], message["y"]))
-        async with session.post(f"{place}/stop") as stopped:
+        async with session.post(f"{place}/stop", headers=shown(page)) as stopped:
             assert (await stopped.json())["ok"]
     return found

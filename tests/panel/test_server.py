@@ -17,7 +17,7 @@ import aiohttp
 import numpy as np
 import psutil
 import pytest
-from helpers.panel import SIGNAL, MadeUpLoop
+from helpers.panel import SIGNAL, MadeUpLoop, shown
 from helpers.run import alive
 from helpers.wait import until
 
@@ -28,6 +28,7 @@ from runtime.panel.peer import LONGEST
 from runtime.panel.screen import Screen
 from runtime.panel.trial import ScreenTrial, Trial
 
+Socket = aiohttp.ClientWebSocketResponse
 SHORT = Trial((0.5, 0.5, 0.6), duration=0.3, settle=0.0, title="Short", number=1, of=2)
 LONG = Trial((0.5, 0.5), duration=600.0, settle=0.0)
 
@@ -57,30 +58,34 @@ def place(screen: Screen) -> str:
 
 
 def get(screen: Screen, path: str, method: str = "GET", **headers: str) -> http.client.HTTPResponse:
-    """One request with exactly these headers; `Host` is the server's own unless given."""
+    return asked(screen, path, method, **headers)[0]
+
+
+def asked(screen: Screen, path: str, method: str, **headers: str) -> tuple[http.client.HTTPResponse, str]:
+    """One request with exactly these headers; `Host` is the server's own unless given. The answer and its text."""
     connection = http.client.HTTPConnection(place(screen), timeout=20)
     connection.putrequest(method, path, skip_host=True, skip_accept_encoding=True)
     for name, value in ({"Host": place(screen)} | headers).items():
         connection.putheader(name, value)
     connection.endheaders()
     answer = connection.getresponse()
-    answer.read()
+    words = answer.read().decode()
     connection.close()
-    return answer
+    return answer, words
 
 
-def cookie(screen: Screen) -> str:
-    """The cookie for the address."""
-    answer = get(screen, f"/?{urlsplit(screen.address).query}")
-    assert answer.status == 303
-    return str(answer.headers["Set-Cookie"]).partition(";")[0]
+def cookie(screen: Screen) -> dict[str, str]:
+    """What the browser that took the address shows from then on: the cookie, and its page's key."""
+    answer, words = asked(screen, f"/?{urlsplit(screen.address).query}", "GET")
+    assert answer.status == 200
+    return {"Cookie": str(answer.headers["Set-Cookie"]).partition(";")[0]} | shown(words)
 
 
-def talk(screen: Screen, kept: str, what: Callable[[aiohttp.ClientWebSocketResponse], Awaitable[Any]]) -> Any:
+def talk(screen: Screen, kept: dict[str, str], what: Callable[[Socket], Awaitable[Any]]) -> Any:
     """Speaks over a websocket as the participant's page does, once the page before it has gone."""
 
     async def run() -> Any:
-        headers = {"Cookie": kept, "Origin": f"http://{place(screen)}"}
+        headers = {**kept, "Origin": f"http://{place(screen)}"}
         async with aiohttp.ClientSession(headers=headers) as session:
             while True:
                 async with session.ws_connect(f"ws://{place(screen)}/socket") as socket:
@@ -98,7 +103,7 @@ async def heard(socket: aiohttp.ClientWebSocketResponse, kind: str, **content: o
             return message
 
 
-async def begin(socket: aiohttp.ClientWebSocketResponse) -> float:
+async def begin(socket: Socket) -> float:
     """Begins the trial that waits, as a person does: again, if the value wasn't live that moment. Returns its begin."""
     await heard(socket, "state", phase="waiting")
     while True:
@@ -124,18 +129,18 @@ def run_aside(screen: Screen, trial: Trial) -> tuple[threading.Thread, list[Scre
 
 def test_the_token_is_good_for_one_browser_once(screen: Screen) -> None:
     first = get(screen, f"/?{urlsplit(screen.address).query}")
-    assert first.status == 303
+    assert first.status == 200
     given = first.headers["Set-Cookie"]
     assert "HttpOnly" in given
     assert "SameSite=Strict" in given
     assert get(screen, f"/?{urlsplit(screen.address).query}").status == 403
-    kept = given.partition(";")[0]
-    assert get(screen, "/", Cookie=kept).status == 200
+    kept = {"Cookie": given.partition(";")[0]}
+    assert get(screen, "/", **kept).status == 200
     screen.new_address()
-    assert get(screen, "/", Cookie=kept).status == 200  # until the new address is opened
+    assert get(screen, "/", **kept).status == 200  # until the new address is opened
     second = cookie(screen)
-    assert get(screen, "/", Cookie=kept).status == 403
-    assert get(screen, "/", Cookie=second).status == 200
+    assert get(screen, "/", **kept).status == 403
+    assert get(screen, "/", **second).status == 200
 
 
 @pytest.mark.parametrize("path", ["/", "/screen.js", "/screen.css", "/socket", "/?token=", "/?token=x"])
@@ -147,14 +152,14 @@ def test_without_a_cookie_nothing_is_served(screen: Screen, path: str) -> None:
 @pytest.mark.parametrize("host", ["example.org", "localhost", "127.0.0.1", "127.0.0.1:1", "[::1]", ""])
 def test_another_host_is_refused(screen: Screen, host: str) -> None:
     kept = cookie(screen)
-    assert get(screen, "/", Cookie=kept, Host=host).status in (400, 421)
-    assert get(screen, "/", Cookie=kept).status == 200
+    assert get(screen, "/", **kept, Host=host).status in (400, 421)
+    assert get(screen, "/", **kept).status == 200
 
 
 @pytest.mark.parametrize("origin", [None, "null", "http://example.org", "http://127.0.0.1:1", "http://localhost"])
 def test_another_origin_moves_nothing_and_hears_nothing(loop: MadeUpLoop, screen: Screen, origin: str | None) -> None:
     kept, stops = cookie(screen), loop.stops
-    foreign = {"Cookie": kept} | ({"Origin": origin} if origin else {})
+    foreign = kept | ({"Origin": origin} if origin else {})
     assert get(screen, "/stop", "POST", **foreign).status == 403
     upgrade = {
         "Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13",
@@ -164,12 +169,12 @@ def test_another_origin_moves_nothing_and_hears_nothing(loop: MadeUpLoop, screen
     if origin:
         assert get(screen, "/", **foreign).status == 403
     assert loop.stops == stops
-    assert get(screen, "/socket", Cookie=kept, Origin=f"http://{place(screen)}", **upgrade).status == 101
+    assert get(screen, "/socket", **kept, Origin=f"http://{place(screen)}", **upgrade).status == 101
 
 
 def test_every_answer_forbids_what_comes_from_elsewhere(screen: Screen) -> None:
     kept = cookie(screen)
-    for answer in (get(screen, "/", Cookie=kept), get(screen, "/"), get(screen, "/none", Cookie=kept)):
+    for answer in (get(screen, "/", **kept), get(screen, "/"), get(screen, "/none", **kept)):
         policy = answer.headers["Content-Security-Policy"]
         assert "default-src 'none'" in policy
         assert "unsafe" not in policy
@@ -179,7 +184,7 @@ def test_every_answer_forbids_what_comes_from_elsewhere(screen: Screen) -> None:
 
 @pytest.mark.parametrize("path", ["/..%2f..%2f__main__.py", "/page/index.html", "/index.html", "//etc/passwd"])
 def test_nothing_but_the_page_is_served(screen: Screen, path: str) -> None:
-    assert get(screen, path, Cookie=cookie(screen)).status in (400, 404)
+    assert get(screen, path, **cookie(screen)).status in (400, 404)
 
 
 def test_it_listens_on_loopback_only(screen: Screen) -> None:
@@ -203,7 +208,7 @@ def test_it_listens_on_loopback_only(screen: Screen) -> None:
 def test_nonsense_ends_the_connection_and_nothing_else(screen: Screen, nonsense: str) -> None:
     kept = cookie(screen)
 
-    async def nonsensical(socket: aiohttp.ClientWebSocketResponse) -> int | None:
+    async def nonsensical(socket: Socket) -> int | None:
         await socket.send_str(nonsense)
         while not socket.closed:
             await socket.receive()
@@ -214,7 +219,7 @@ def test_nonsense_ends_the_connection_and_nothing_else(screen: Screen, nonsense:
 
 
 def test_the_clock_is_told_for_each_ping(screen: Screen) -> None:
-    async def pinged(socket: aiohttp.ClientWebSocketResponse) -> dict[str, Any]:
+    async def pinged(socket: Socket) -> dict[str, Any]:
         await socket.send_json({"kind": "ping", "at": 12.5})
         return await heard(socket, "pong")
 
@@ -225,8 +230,8 @@ def test_a_second_page_only_looks_on(screen: Screen) -> None:
     kept = cookie(screen)
     thread, _ = run_aside(screen, SHORT)
 
-    async def both(first: aiohttp.ClientWebSocketResponse) -> None:
-        headers = {"Cookie": kept, "Origin": f"http://{place(screen)}"}
+    async def both(first: Socket) -> None:
+        headers = {**kept, "Origin": f"http://{place(screen)}"}
         async with (
             aiohttp.ClientSession(headers=headers) as session,
             session.ws_connect(f"ws://{place(screen)}/socket") as second,
@@ -251,7 +256,7 @@ def test_a_second_page_only_looks_on(screen: Screen) -> None:
 def test_a_trial_over_the_wire_gives_the_loops_rows_and_the_pages_frames(screen: Screen, tmp_path: Path) -> None:
     thread, found = run_aside(screen, SHORT)
 
-    async def page(socket: aiohttp.ClientWebSocketResponse) -> None:
+    async def page(socket: Socket) -> None:
         began = await begin(socket)
         while (await heard(socket, "value"))["t"] < began + 1e3 * SHORT.duration:
             pass
@@ -275,11 +280,11 @@ def test_a_trial_over_the_wire_gives_the_loops_rows_and_the_pages_frames(screen:
     assert {p.name for p in tmp_path.iterdir()} == {"one.json", "one-frames.parquet", "one-samples.parquet"}
 
 
-def begun(screen: Screen, kept: str, then: Callable[[], object]) -> ScreenTrial:
+def begun(screen: Screen, kept: dict[str, str], then: Callable[[], object]) -> ScreenTrial:
     """A long trial that has begun, and what came of it after `then`."""
     thread, found = run_aside(screen, LONG)
 
-    async def page(socket: aiohttp.ClientWebSocketResponse) -> None:
+    async def page(socket: Socket) -> None:
         await begin(socket)
         await asyncio.to_thread(then)
 
@@ -296,7 +301,7 @@ def test_a_closed_page_breaks_the_trial_off_and_it_can_be_repeated(screen: Scree
 
 def test_a_stop_on_the_screen_stops_the_limb(loop: MadeUpLoop, screen: Screen) -> None:
     kept, stops = cookie(screen), loop.stops
-    done = begun(screen, kept, lambda: get(screen, "/stop", "POST", Cookie=kept, Origin=f"http://{place(screen)}"))
+    done = begun(screen, kept, lambda: get(screen, "/stop", "POST", **kept, Origin=f"http://{place(screen)}"))
     assert done.aborted == "stopped on the screen"
     assert loop.stops == stops + 1
 

@@ -16,6 +16,7 @@ from urllib.parse import urlsplit
 import aiohttp
 import numpy as np
 import pytest
+from helpers.panel import shown
 from helpers.run import Running, environment, refused, srl
 
 from runtime.ipc.words import State
@@ -141,9 +142,9 @@ async def trials(address: str, count: int) -> list[dict[str, Any]]:
     jar = aiohttp.CookieJar(unsafe=True)  # for an address without a name
     offered: list[dict[str, Any]] = []
     async with aiohttp.ClientSession(headers={"Origin": place}, cookie_jar=jar) as session:
-        async with session.get(address):
-            pass
-        async with session.ws_connect(f"{place}/socket") as socket:
+        async with session.get(address) as answer:
+            page = await answer.text()
+        async with session.ws_connect(f"{place}/socket", headers=shown(page)) as socket:
             waiting, heard = False, 0
             while True:
                 message = await socket.receive_json()

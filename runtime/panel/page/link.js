@@ -4,6 +4,17 @@ const PING = 500, AGAIN = 500; // ms between pings, and between attempts to conn
 const PINGS = 40; // round trips that are remembered
 const ANSWER = 3000; // ms that a stop may take to be confirmed
 
+// The secret that lets this page speak. The page that the printed address gives holds it, once; the browser keeps it for
+// this origin alone, port included, and for all tabs of it.
+const KEY = (() => {
+  const given = document.querySelector("meta[name=key]");
+  if (!given) return localStorage.getItem("key") || "";
+  localStorage.setItem("key", given.content);
+  given.remove();
+  history.replaceState(null, "", "/"); // to be loaded again without the token, which is spent
+  return localStorage.getItem("key");
+})();
+
 export class Link {
   // hear(message): what the server says. lost(): the connection has ended; another attempt follows.
   constructor(hear, lost) {
@@ -16,7 +27,7 @@ export class Link {
   }
 
   connect() {
-    const made = new WebSocket(`ws://${location.host}/socket`);
+    const made = new WebSocket(`ws://${location.host}/socket`, ["srl", ...(KEY ? [KEY] : [])]);
     made.onopen = () => { this.socket = made; this.trips = []; this.ping(); };
     made.onmessage = (event) => this.hear(JSON.parse(event.data));
     made.onclose = () => {
@@ -48,7 +59,7 @@ export class Link {
 // Asks for a stop. Returns what is wrong with it; empty if the loop has confirmed it.
 export async function stop() {
   try {
-    const answer = await fetch("/stop", { method: "POST", keepalive: true, signal: AbortSignal.timeout(ANSWER) });
+    const answer = await fetch("/stop", { method: "POST", headers: { "X-Srl-Key": KEY }, keepalive: true, signal: AbortSignal.timeout(ANSWER) });
     const said = await answer.json();
     return said.ok ? "" : "The stop wasn't confirmed. Use the hardware stop"; // the rows tell that it stands
   } catch {
