@@ -21,7 +21,7 @@ from runtime.contracts.per_element import Positive
 from runtime.contracts.rotation import Vector, matrix
 from runtime.contracts.signals import Array
 from runtime.control.robots import SUMMIT_XL, Capsule, RobotDescription
-from runtime.control.robots.pinocchio_model import FLANGE, mobile_model
+from runtime.control.robots.pinocchio_model import FLANGE, mobile_model, pinocchio_model
 
 _WORLD: Final = 0  # pinocchio's number of what doesn't move
 _BODY: Final = 3  # of the joint that turns the mobile base
@@ -108,6 +108,8 @@ class _Owner(NamedTuple):
 class RobotDistances:
     """Distances and their gradients at a configuration.
 
+    The arm's coordinates follow those of its mobile base; an arm that stands alone has its own only, in its base frame.
+
     Attributes:
         pairs: the pairs' names, such as `elbow/base`.
         left_out: pairs of links that the robot's build joins.
@@ -115,14 +117,16 @@ class RobotDistances:
         nearest: the pair that had it.
     """
 
-    def __init__(self, robot: RobotDescription, mount: Array, config: DistancesConfig) -> None:
+    def __init__(self, robot: RobotDescription, mount: Array | None, config: DistancesConfig) -> None:
         """Args:
-        mount: (4, 4), the arm's base frame in the mobile base's frame, which is on the ground.
+        mount: (4, 4), the arm's base frame in the mobile base's frame, which is on the ground; None: it stands alone.
 
         Raises:
             OptionError: an obstacle has the name of a part of the robot.
         """
-        self._model = mobile_model(SUMMIT_XL, robot, mount)
+        # The joint that carries the arm, and the coordinates before its own.
+        self._body = _WORLD if mount is None else _BODY
+        self._model = pinocchio_model(robot) if mount is None else mobile_model(SUMMIT_XL, robot, mount)
         self._data: Any = self._model.createData()
         self._config = config
         self._owners: list[_Owner] = []
@@ -140,12 +144,14 @@ class RobotDistances:
         """The pairs that are near enough to matter.
 
         Args:
-            q: (3 + n,) x, y m, yaw rad of the base in the world, then the joints, rad.
-            v: (3 + n,) its velocity; the base's axes don't matter.
+            q: (3 + n,) x, y m, yaw rad of the base in the world, then the joints, rad; (n,) of an arm alone.
+            v: its velocity; the base's axes don't matter.
         """
         model, data = self._model, self._data
         pin.computeDistances(model, data, self._shapes, self._results, q)
         found = self._results.distanceResults
+        if not len(found):  # an arm whose links have no shapes, and nothing to hit
+            return Near(np.zeros(0), np.zeros((0, len(q))))
         distance = np.array([r.min_distance for r in found])
         nearest = int(distance.argmin())
         if distance[nearest] < self.least:
@@ -171,18 +177,23 @@ class RobotDistances:
         return {**seen, "not_compared": ", ".join(self.left_out)}
 
     def _longest(self, robot: RobotDescription) -> Array:
-        """(3 + n,) m for 1: how far from each axis the robot reaches at most, found by sampling."""
+        """(3 + n,) or (n,) m for 1: how far from each axis the robot reaches at most, found by sampling."""
         frame, tool = self._model.getFrameId(FLANGE), self._config.tool
         reach = 0.0 if tool is None else float(np.linalg.norm(tool.end)) + tool.radius
         rng = np.random.default_rng(1)
         lower, upper = np.maximum(robot.q_lower, -np.pi), np.minimum(robot.q_upper, np.pi)
         longest = np.zeros(robot.n + 1)
         for _ in range(_SAMPLES):
-            q = np.concatenate([np.zeros(3), rng.uniform(lower, upper)])
+            q = np.concatenate([np.zeros(self._body), rng.uniform(lower, upper)])
             pin.forwardKinematics(self._model, self._data, q)
             end = pin.updateFramePlacement(self._model, self._data, frame).translation
-            joints = np.array([self._data.oMi[_BODY + i].translation for i in range(robot.n + 1)])
+            joints = np.array([self._data.oMi[self._body + i].translation for i in range(robot.n + 1)])
             longest = np.maximum(longest, np.linalg.norm(joints - end, axis=1))
+        slides = [joint.slides for joint in robot.joints]
+        longest[1:][slides] = 1.0 - reach
+        if self._body == _WORLD:
+            found: Array = longest[1:] + reach
+            return found
         half = float(np.hypot(*SUMMIT_XL.size[:2])) / 2
         yaw = max(half, longest[0])  # its height is in it, too
         return np.concatenate([[1.0, 1.0, yaw + reach], longest[1:] + reach])
@@ -200,19 +211,15 @@ class RobotDistances:
     def _joint(self, shape: int) -> int:
         return int(self._shapes.geometryObjects[shape].parentJoint)
 
-    def _build(self, robot: RobotDescription, mount: Array, config: DistancesConfig) -> None:
-        length, width, height = SUMMIT_XL.size
-        middle = pin.SE3(np.eye(3), np.array([0.0, 0.0, SUMMIT_XL.clearance + height / 2]))
-        self._add("base", _NO_LINK, _BODY, middle, coal.Box(length, width, height))
-        for x, y in product((-1.0, 1.0), repeat=2):
-            corner = np.array([x * (length / 2 - _CORNER), y * (width / 2 - _CORNER), 0.0])
-            edge = coal.Capsule(_CORNER, height - 2 * _CORNER)
-            self._add("base", _NO_LINK, _BODY, middle * pin.SE3(np.eye(3), corner), edge, end=True)
+    def _build(self, robot: RobotDescription, mount: Array | None, config: DistancesConfig) -> None:
+        if mount is not None:
+            self._build_base()
+        standing = pin.SE3.Identity() if mount is None else pin.SE3(np.array(mount))
         for shape in robot.base_shape:
-            self._add_capsule("arm's base", _ARM_BASE, _BODY, pin.SE3(np.array(mount)), shape)
+            self._add_capsule("arm's base", _ARM_BASE, self._body, standing, shape)
         for i, joint in enumerate(robot.joints):
             for shape in joint.shape:
-                self._add_capsule(joint.name, i, _BODY + 1 + i, pin.SE3.Identity(), shape)
+                self._add_capsule(joint.name, i, self._body + 1 + i, pin.SE3.Identity(), shape)
         if config.tool is not None:
             flange = self._model.frames[self._model.getFrameId(FLANGE)]
             tool = Capsule(config.tool.start, config.tool.end, config.tool.radius)
@@ -227,6 +234,15 @@ class RobotDistances:
             place = pin.SE3(np.array(matrix((turn[0], turn[1], turn[2], turn[3]))), np.array([x, y, z]))
             shape = coal.Box(*thing.size) if thing.size else coal.Capsule(thing.radius, thing.length)
             self._add(name, _NO_LINK, _WORLD, place, shape)
+
+    def _build_base(self) -> None:
+        length, width, height = SUMMIT_XL.size
+        middle = pin.SE3(np.eye(3), np.array([0.0, 0.0, SUMMIT_XL.clearance + height / 2]))
+        self._add("base", _NO_LINK, _BODY, middle, coal.Box(length, width, height))
+        for x, y in product((-1.0, 1.0), repeat=2):
+            corner = np.array([x * (length / 2 - _CORNER), y * (width / 2 - _CORNER), 0.0])
+            edge = coal.Capsule(_CORNER, height - 2 * _CORNER)
+            self._add("base", _NO_LINK, _BODY, middle * pin.SE3(np.eye(3), corner), edge, end=True)
 
     def _add(self, part: str, place: int, joint: int, placement: Any, shape: Any, *, end: bool = False) -> None:
         name = f"{part}.{len(self._owners)}"
@@ -253,7 +269,7 @@ class RobotDistances:
         for a, first in enumerate(owners):
             for b in range(a + 1, len(owners)):
                 second, joints = owners[b], (self._joint(a), self._joint(b))
-                if joints[0] == joints[1] or (joints == (_BODY, _WORLD) and second.part == _GROUND):
+                if joints[0] == joints[1] or (joints == (self._body, _WORLD) and second.part == _GROUND):
                     continue  # nothing moves the one against the other
                 chained = min(first.place, second.place) >= _ARM_BASE
                 if chained and abs(first.place - second.place) <= 1:
@@ -268,12 +284,13 @@ class RobotDistances:
         farthest = np.zeros(len(candidates))
         lower, upper = np.maximum(robot.q_lower, -np.pi), np.minimum(robot.q_upper, np.pi)
         for _ in range(_SAMPLES):
-            q = np.concatenate([np.zeros(3), rng.uniform(lower, upper)])
+            q = np.concatenate([np.zeros(self._body), rng.uniform(lower, upper)])
             pin.computeDistances(self._model, self._data, shapes, results, q)
             farthest = np.maximum(farthest, [r.min_distance for r in results.distanceResults])
         joined = []
         for pair, distance in zip(candidates, farthest.tolist(), strict=True):
-            standing = {_WORLD} & {self._joint(pair.first), self._joint(pair.second)}
+            ends = pair.first, pair.second
+            standing = any(self._joint(end) == _WORLD and owners[end].place == _NO_LINK for end in ends)
             if distance < _NEIGHBOURS and not standing:
                 shapes.removeCollisionPair(pair)
                 joined.append(f"{owners[pair.first].part}/{owners[pair.second].part}")

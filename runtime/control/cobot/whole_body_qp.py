@@ -32,8 +32,8 @@ _SOFTNESS: Final = 1e-9  # the square of what a soft limit is missed by costs it
 _TOLERANCE: Final = 1e-9
 
 
-class LimitsConfig(BaseModel):
-    """Options under `limits` of the laws that keep limits."""
+class ArmLimitsConfig(BaseModel):
+    """Options under `limits` of the laws that keep an arm's limits."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -47,6 +47,11 @@ class LimitsConfig(BaseModel):
     priority: float = Field(
         1e4, ge=1, le=1e9, description="how much more the tool's motion counts than the weights; 1e8 is all but strict"
     )
+
+
+class LimitsConfig(ArmLimitsConfig):
+    """Options under `limits` of the laws of an arm on a mobile base."""
+
     base_acceleration: OnPlanarTwist = Field((0.6, 0.6, 1.5), description="m/s^2, m/s^2, rad/s^2, the base's own axes")
     distances: DistancesConfig | None = Field(
         None, description="keeps the arm off itself, the base, the ground and obstacles; null: doesn't look"
@@ -99,7 +104,7 @@ class Approach:
     Both directions are computed at once: arrays of 2n hold the upward directions first, then the downward ones.
     """
 
-    def __init__(self, robot: JointLimits, config: LimitsConfig, speed: float | None) -> None:
+    def __init__(self, robot: JointLimits, config: ArmLimitsConfig, speed: float | None) -> None:
         """`speed`: share of the joints' greatest speeds; None: unbounded."""
         self._n = robot.n
         self._ends = np.concatenate([robot.q_upper - config.margin, -robot.q_lower - config.margin])
@@ -171,8 +176,8 @@ class Nearest:
         Soft rows are kept where the other limits allow it, and else missed by as little as possible.
 
         Args:
-            A: (6, m), the task.
-            Q: (6,), weights of the task's residual.
+            A: (k, m), the task: 6 rows of a twist, 3 of a point.
+            Q: (k,), weights of the task's residual.
             W: (m, m), the metric, positive definite.
             lower, upper: (m + r,), limits of each variable and of each row.
             rows: (r, m), the rows.
