@@ -114,5 +114,8 @@ class IknsMethod(Method[Taps, Result]):
         self.say(f"{name} is turned round: what was 0 is 1")
         return result
 
+    def choices(self, result: Result) -> list[tuple[str, str]]:
+        return [(f"f {dof}", f"Flip the sense of {dof}") for dof in result.dofs]
+
     def record(self, result: Result) -> record.Record:
         return result.record()

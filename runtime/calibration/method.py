@@ -111,6 +111,10 @@ class Method(ABC, Generic[T, R]):
         """Does what was typed at the end; None: that is no command. Raises RequestError."""
         return None
 
+    def choices(self, result: R) -> Sequence[tuple[str, str]]:
+        """What `command` knows, whole, each with its words: the buttons of a page that nobody types on."""
+        return ()
+
     def lines(self, result: R) -> list[str]:
         """The report as text."""
         found: list[str] = self.report.lines(result)

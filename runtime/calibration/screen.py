@@ -9,7 +9,9 @@ import termios
 import time
 import tty
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final, Self
 
 from rich.console import Console, Group
@@ -20,11 +22,29 @@ from rich.table import Table
 from rich.text import Text
 
 from runtime.control.shared.guided import Step, View
+from runtime.ipc.run_folder import RunFolder
 
 _PERIOD: Final = 0.1  # s between two pictures
 _BAR: Final = 30
 _STYLES: Final = {"done": "green", "now": "bold cyan", "weak": "yellow", "waiting": "dim", "left out": "dim"}
 KEYS: Final = "Enter go on   s leave it out   r N Enter redo number N   q quit"
+
+
+@dataclass(frozen=True)
+class Report:
+    """The quality report at the end.
+
+    Attributes:
+        lines: as text.
+        refused: why no file can be written; none if one can.
+        draw: draws its picture into a file, and raises RecordError; None: there is none.
+        choices: what else may be typed now, each with its words.
+    """
+
+    lines: Sequence[str]
+    refused: Sequence[str]
+    draw: Callable[[Path], None] | None
+    choices: Sequence[tuple[str, str]] = ()
 
 
 class Screen(ABC):
@@ -48,9 +68,25 @@ class Screen(ABC):
         """The next command that was typed: "", "s", "r 3", "q", ... without a wait; "none" if there is none."""
         return "none"
 
+    def begin(self, run_folder: RunFolder) -> None:
+        """The run is there, whose instance has this folder; called before it is entered, if there is one."""
+
+    def report(self, report: Report) -> None:
+        """Shows the quality report."""
+        for line in report.lines:
+            self.say(line)
+        for reason in report.refused:
+            self.say(f"refused: {reason}")
+
+    def changed(self, report: Report) -> None:
+        """What was typed has changed the report."""
+
     def ask(self, question: str, wait: Callable[[], None]) -> str:
         """Waits for an answer, and calls `wait` meanwhile; "" where nobody can give one."""
         return ""
+
+    def written(self, words: str) -> None:
+        """The file is written; `words` say where."""
 
 
 class Plain(Screen):

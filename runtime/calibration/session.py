@@ -8,6 +8,7 @@ import re
 import sys
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,7 +22,7 @@ from runtime.calibration.live import Live
 from runtime.calibration.method import Method, Outcome
 from runtime.calibration.order import Order
 from runtime.calibration.run_taps import RunTaps
-from runtime.calibration.screen import Screen
+from runtime.calibration.screen import Report, Screen
 from runtime.calibration.sources import RowSource, Simulated, recorded
 from runtime.calibration.target import check_target, write_record
 from runtime.calibration.task_method import TaskMethod
@@ -38,6 +39,7 @@ from runtime.service.end_signals import EndSignals
 METHODS: Final[dict[str, type[Method[Any, Any]]]] = {
     made.name: made for made in (IknsMethod, IntentionMethod, TaskMethod, FtMethod, GloveMethod, FrameMethod)
 }
+_USABLE: Final = "Its recording can be used: --recording"
 _AGAIN: Final = "r N redo number N   q quit"
 Computed = Outcome | SrlError
 
@@ -97,6 +99,7 @@ def _live(
         signals.pass_to(lambda: asked.append(True))
         source = Live(text, method.taps, name, record, order.view, screen.say)
         try:
+            screen.begin(source.folder)
             code = _guided(method, source, procedure, before, screen, lambda: bool(asked))
         except QuitError:
             if asked:
@@ -119,6 +122,12 @@ def _guided(
     """Leads through the procedure until a file is written, or it is given up."""
     method.ready(source.taps)
     guide = Guide(source, procedure, screen, stop)
+
+    def wait() -> None:
+        source.wait()
+        if stop():
+            raise QuitError("calibration", "it was ended without a file", _USABLE)
+
     with screen:
         while True:
             guide.run()
@@ -129,27 +138,30 @@ def _guided(
                 again: Computed = method.compute(source.taps, [*before, *guide.samples], date)
             except method.error as error:
                 again = error
-            answer, result = _decide(method, screen, again, source.wait)
+            answer, result = _decide(method, screen, again, wait)
             word, _, number = answer.partition(" ")
             if word == "r" and number.strip().isdigit():
                 if lack := procedure.redo(int(number)):
                     screen.say(lack)
                 continue
             if word == "q":
-                raise QuitError("calibration", "it was ended without a file", "Its recording can be used: --recording")
+                raise QuitError("calibration", "it was ended without a file", _USABLE)
             break
-    return _finish(method, result)
+        if fine := not isinstance(result, SrlError) and not result.refusals:
+            _write(method, result)
+            screen.written(f"{method.target}, its report {_picture(method)}")
+    if not fine:
+        return _finish(method, result)  # it says why not
+    _tell(method, result)
+    return 0
 
 
 def _decide(
     method: Method[Any, Any], screen: Screen, result: Computed, wait: Callable[[], None]
 ) -> tuple[str, Computed]:
     """Shows the report and asks what to do, until something else than the method's own commands is wanted."""
-    refused: Sequence[SrlError] = (result,) if isinstance(result, SrlError) else result.refusals
-    for line in [] if isinstance(result, SrlError) else method.lines(result):
-        screen.say(line)
-    for reason in refused:
-        screen.say(f"refused: {reason}")
+    screen.report(_report(method, result))
+    refused = isinstance(result, SrlError) or bool(result.refusals)
     keys = _AGAIN if refused else "   ".join(filter(None, ("Enter write it", method.next, _AGAIN)))
     while True:
         answer = screen.ask(keys, wait).strip()
@@ -166,29 +178,49 @@ def _decide(
             screen.say(f"'{answer}' is no command")
         else:
             result = again
+            screen.changed(_report(method, result))
+
+
+def _report(method: Method[Any, Any], result: Computed) -> Report:
+    if isinstance(result, SrlError):
+        return Report((), (str(result),), None)
+    refused = tuple(map(str, result.refusals))
+    return Report(method.lines(result), refused, partial(method.draw, result), method.choices(result))
 
 
 def _finish(method: Method[Any, Any], result: Computed) -> int:
-    """Writes the file and its report; or says why it can't be used."""
-    order, target = method.order, method.target
+    """Writes the file and its report, and says where; or says why it can't be used."""
+    _write(method, result)
+    _tell(method, result)
+    return 0
+
+
+def _write(method: Method[Any, Any], result: Computed) -> None:
+    """Writes the file and its report. Raises why it can't be used."""
+    order = method.order
     if isinstance(result, SrlError):
         raise result
-    told = method.figures(result) | {"file": None, "report": None}
     if result.refusals:
         if order.json:
-            print(json.dumps(told))
+            print(json.dumps(method.figures(result) | {"file": None, "report": None}))
         for reason in result.refusals[:-1]:
             print(f"srl calibrate: {reason}", file=sys.stderr)
         raise result.refusals[-1]
-    picture = target.with_name(f"{target.name}.report.png")
-    method.draw(result, picture)  # first: without its report the file could be taken for a good one
-    write_record(target, method.record(result), order.yes)
-    told |= {"file": str(target), "report": str(picture)}
-    if order.json:
-        print(json.dumps(told))
+    method.draw(result, _picture(method))  # first: without its report the file could be taken for a good one
+    write_record(method.target, method.record(result), order.yes)
+
+
+def _tell(method: Method[Any, Any], result: Computed) -> None:
+    """Says what was written."""
+    target, picture = method.target, _picture(method)
+    if method.order.json:
+        print(json.dumps(method.figures(result) | {"file": str(target), "report": str(picture)}))
     else:
         print(f"{target}\n{picture}")
-    return 0
+
+
+def _picture(method: Method[Any, Any]) -> Path:
+    return method.target.with_name(f"{method.target.name}.report.png")
 
 
 def _recorded(method: Method[Any, Any], paths: Sequence[Path]) -> tuple[Any, list[Samples], Any]:

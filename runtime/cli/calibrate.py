@@ -51,6 +51,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )  # fmt: skip
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of the profile")
     parser.add_argument("--instance", metavar="NAME", help="name of the run's instance; default: the profile's")
+    parser.add_argument("--panel", action="store_true", help="guided on the page of `srl panel`, not on this terminal")
     parser.add_argument("--json", action="store_true", help="print the quality report as one JSON object")
     parser.set_defaults(run=run)
 
@@ -61,7 +62,23 @@ def run(args: argparse.Namespace) -> int:
     from runtime.calibration.screen import Plain, Terminal
 
     screen: Screen = Plain(lambda text: print(text, file=sys.stderr, flush=True))
-    if sys.stderr.isatty() and not args.json:
-        screen = Terminal(f"srl calibrate {args.profile} {args.law}{f': {args.person}' if args.person else ''}")
+    title = f"srl calibrate {args.profile} {args.law}{f': {args.person}' if args.person else ''}"
+    if args.panel:
+        screen = _on_panel(args, title)
+    elif sys.stderr.isatty() and not args.json:
+        screen = Terminal(title)
     given = {name: value for name, value in vars(args).items() if name in Order.__dataclass_fields__}
     return session.run(Order(**given), screen)
+
+
+def _on_panel(args: argparse.Namespace, title: str) -> Screen:
+    """Raises RequestError: nobody does anything that a page could guide."""
+    from runtime.calibration.panel import PanelScreen
+    from runtime.contracts.errors import RequestError
+
+    if args.recording:
+        raise RequestError("--panel", "a calibration from recordings isn't guided", "Leave out one of the two")
+    if args.sim:
+        problem = "the simulated person needs no page, and is as fast as the machine"
+        raise RequestError("--panel", problem, "Leave out one of the two, or calibrate against `srl twin`")
+    return PanelScreen(title, lambda text: print(text, file=sys.stderr, flush=True))

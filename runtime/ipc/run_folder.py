@@ -33,6 +33,7 @@ class RunFolder:
         self.stop_socket = path / "stop.sock"
         self.bus_socket = path / "zenoh.sock"
         self.press_socket = path / "press.sock"  # of a run of `srl jog --panel`
+        self.guide_socket = path / "guide.sock"  # of a run of `srl calibrate --panel`
         self.panel_lock = path / "panel.lock"  # of the `srl panel` that has control
         self.stops = path / "stops.slots"
         self.result = path / "result.json"  # the loop's own figures, written at its end

@@ -25,7 +25,8 @@ from runtime.ipc.layout import Layout, Words
 from runtime.ipc.run_folder import RunFolder
 from runtime.ipc.words import CYCLE
 from runtime.operator import health, jogging
-from runtime.operator.control import Control
+from runtime.operator.control import LAPSE, Control
+from runtime.operator.guiding import Guiding
 from runtime.operator.parameters import Parameters
 from runtime.panel.peer import BadMessageError, Peer, number
 from runtime.panel.picture import PictureServer
@@ -33,6 +34,7 @@ from runtime.panel.picture import PictureServer
 MOVES: Final = ("start", "reset")
 FLOOD: Final = 400  # messages of a page within a second, above which it is let go; a held jog makes 60
 LOOK: Final = 0.5  # s between looks whether the run takes presses
+CHECK: Final = 0.5  # s between looks whether the control still stands
 EVENTS: Final = 5  # events that are shown
 _SECOND: Final = 1_000_000_000  # ns
 _NO_ANSWER: Final = "the loop didn't answer within 2 s. Use the hardware stop; then look at `srl top`"
@@ -49,7 +51,9 @@ class OperatorServer(PictureServer):
         self._recordings = recordings
         self._parameters = Parameters(run_folder)
         self._holder: Peer | None = None
+        self._checked = 0.0
         self._control = Control(run_folder)
+        self._guiding = Guiding(run_folder)
         self._counts: dict[Peer, deque[float]] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._busy: set[str] = set()  # requests that are under way: one of each kind
@@ -66,6 +70,7 @@ class OperatorServer(PictureServer):
         if layout is not self._of:
             self._of = layout
             self._parameters.thread.submit(self._parameters.close)  # the next one is for this run's bus
+            self._tell_all(self._guiding.forget())
         self._open_events()
         self._joints = jogging.joints(layout)
         return {"parameters": Parameters.told(layout), "joints": self._joints}
@@ -82,10 +87,36 @@ class OperatorServer(PictureServer):
             "seen": int(row[CYCLE.wake]) // 1000, "told": now * 1e3,
         }  # fmt: skip
 
+    def look(self) -> None:
+        super().look()
+        now = time.monotonic()
+        self._tell_all(self._guiding.look(now))
+        if self._holder is not None and now >= self._checked:
+            self._checked = now + CHECK
+            self._check_control(now)
+
+    def _check_control(self, now: float) -> None:
+        """Ends the control of a page that is silent, as its browser hangs, and of one that another panel has taken."""
+        assert self._holder is not None
+        silent = now - self._counts[self._holder][-1] > LAPSE
+        if silent or not self._control.held:
+            if silent:
+                _answer(self._holder, "control", f"Control has ended: this page was silent for {LAPSE:g} s")
+            self._give(None)
+        else:
+            self._control.live()
+
+    def _tell_all(self, messages: list[dict[str, Any]]) -> None:
+        for peer in self.peers if messages else ():
+            for message in messages:
+                peer.tell(message)
+
     # What a page says
 
     def joined(self, peer: Peer) -> None:
         super().joined(peer)
+        for message in self._guiding.newest.values():
+            peer.tell(message)
         self._counts[peer] = deque(maxlen=FLOOD)
         peer.tell({"kind": "control", "yours": False, "held": self._holder is not None})
 
@@ -117,10 +148,17 @@ class OperatorServer(PictureServer):
                 self._set(peer, message)
             case "jog":
                 self._jog(peer, message, now)
+            case "guide":
+                why = f"not done: {_NO_CONTROL}" if not self._has_control(peer) else self._guiding.press(message)
+                if why:
+                    _answer(peer, "guide", why)
             case "recordings":
                 self._once("recordings", self._list(peer))
             case _:
                 super().heard(peer, message)
+
+    def _has_control(self, peer: Peer) -> bool:
+        return peer is self._holder and self._control.held
 
     def _give(self, holder: Peer | None) -> None:
         self._holder = holder
@@ -133,7 +171,7 @@ class OperatorServer(PictureServer):
         what, seen = message.get("what"), number(message, "seen") * 1e3
         if what not in MOVES:
             raise BadMessageError("'what' must be start or reset")
-        if peer is not self._holder:
+        if not self._has_control(peer):
             _answer(peer, what, f"{what} refused: {_NO_CONTROL}")
         elif not self._once(what, self._asked(peer, what, min(int(seen), int(now * _SECOND)))):
             _answer(peer, what, f"{what}: one is under way")
@@ -163,7 +201,7 @@ class OperatorServer(PictureServer):
         if (lower is not None and value < lower) or (upper is not None and value > upper):
             bounds = " to ".join("any" if bound is None else f"{bound:g}" for bound in (lower, upper))
             _answer(peer, "set", f"{name}: {value:g} is out of bounds ({bounds})")
-        elif peer is not self._holder:
+        elif not self._has_control(peer):
             _answer(peer, "set", f"{name}: {_NO_CONTROL}")
         else:
             self._newest = peer, name, value  # one at a time; of those that wait the newest
@@ -173,7 +211,7 @@ class OperatorServer(PictureServer):
         loop = asyncio.get_running_loop()
         while self._newest is not None:
             (peer, name, value), self._newest = self._newest, None
-            if peer is not self._holder:
+            if not self._has_control(peer):
                 continue  # it has lost the control meanwhile
             try:
                 made = await loop.run_in_executor(self._parameters.thread, self._parameters.change, name, value)
@@ -189,7 +227,7 @@ class OperatorServer(PictureServer):
         # The page answers each picture with a press. So a page, a line or a server that stalls makes no press, and
         # what waited somewhere is too old when it comes.
         age = now - heard / 1e3
-        if peer is self._holder and count and 0.0 <= age <= presses.FRESH:
+        if count and 0.0 <= age <= presses.FRESH and self._has_control(peer):
             presses.send(self._folder, joint, way, round((heard / 1e3 + presses.FRESH) * _SECOND))
 
     async def _list(self, peer: Peer) -> None:
@@ -237,6 +275,7 @@ class OperatorServer(PictureServer):
 
     def close(self) -> None:
         self._control.release()
+        self._guiding.close()
         self._parameters.thread.submit(self._parameters.close)
         self._parameters.thread.shutdown()
         if self._events is not None:

@@ -32,12 +32,14 @@ class PictureServer(PageServer):
         "/space.js": ("space.js", "text/javascript"),
         "/curves.js": ("curves.js", "text/javascript"),
         "/operator.js": ("operator.js", "text/javascript"),
+        "/guide.js": ("guide.js", "text/javascript"),
         "/pad.js": ("pad.js", "text/javascript"),
         "/slider.js": ("slider.js", "text/javascript"),
         "/part.js": ("part.js", "text/javascript"),
         "/link.js": ("link.js", "text/javascript"),
         "/picture.css": ("picture.css", "text/css"),
         "/operator.css": ("operator.css", "text/css"),
+        "/guide.css": ("guide.css", "text/css"),
     }
 
     def __init__(self, run_folder: RunFolder) -> None:

@@ -40,6 +40,7 @@ class Jogged:
         """Holds a key until the joint has moved at its full speed for a while."""
         seen = self.reader.head
         until(lambda: self.reader.head > seen + 100 * REST + 20, what="time in which no key is held")  # at 100 Hz
+        self.page.value("document.getElementById('jog').focus()")
         self.page.ask("Input.dispatchKeyEvent", type="rawKeyDown", **RIGHT)
         until(lambda: (self.speed(self.rows()[-40:]) > 0.09).sum() > 20, what="motion")
 

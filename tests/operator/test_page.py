@@ -200,12 +200,19 @@ def test_a_sliders_value_is_shown_as_it_is_sent(seen: Seen, bounds: tuple[float,
     assert float(found[3]) == found[0]
 
 
+def jog(seen: Seen) -> None:
+    """Takes control, and gives the jog's area the focus."""
+    seen.control()
+    seen.page.value("document.getElementById('jog').focus()")
+    seen.says("jog_words", "Keys")
+
+
 def test_a_joint_moves_while_a_key_is_held(seen: Seen) -> None:
+    seen.page.value("document.getElementById('jog').focus()")
     seen.key("rawKeyDown", **RIGHT)
     seen.key("keyUp", **RIGHT)
     assert not seen.loop.presses  # without control
-    seen.control()
-    seen.says("jog_words", "Hold")
+    jog(seen)
     seen.key("rawKeyDown", **RIGHT)
     seen.held()
     seen.key("keyUp", **RIGHT)
@@ -227,11 +234,11 @@ def test_a_joint_moves_while_a_key_is_held(seen: Seen) -> None:
         "dispatchEvent(new Event('blur'))",
         "document.dispatchEvent(new Event('visibilitychange'))",
         "document.getElementById('control').click()",
+        "document.getElementById('list').focus()",
     ],
 )
 def test_a_held_joint_is_let_go_with_the_focus_the_page_or_the_control(seen: Seen, end: str) -> None:
-    seen.control()
-    seen.says("jog_words", "Hold")
+    jog(seen)
     seen.key("rawKeyDown", **RIGHT)
     seen.held()
     seen.page.value(end)
@@ -241,9 +248,26 @@ def test_a_held_joint_is_let_go_with_the_focus_the_page_or_the_control(seen: See
     seen.key("keyUp", **RIGHT)
 
 
-def test_a_button_is_held_with_the_mouse(seen: Seen) -> None:
+def test_the_arrows_jog_only_where_the_jog_has_the_focus(seen: Seen) -> None:
     seen.control()
-    seen.says("jog_words", "Hold")
+    seen.says("jog_words", "click here first")
+    for place in ("control", "list"):
+        seen.page.value(f"document.getElementById('{place}').focus()")
+        seen.key("rawKeyDown", **RIGHT)
+        seen.passed()
+        seen.key("keyUp", **RIGHT)
+    assert not seen.loop.presses
+    mouse = seen.higher(0) | {"button": "left"}
+    seen.page.ask("Input.dispatchMouseEvent", type="mousePressed", buttons=1, **mouse)
+    seen.held()
+    seen.page.value("document.getElementById('list').focus()")
+    seen.page.key("x", "KeyX", 88)  # it brakes wherever the focus is
+    seen.let_go()
+    seen.page.ask("Input.dispatchMouseEvent", type="mouseReleased", **mouse)
+
+
+def test_a_button_is_held_with_the_mouse(seen: Seen) -> None:
+    jog(seen)
     mouse = seen.higher(1) | {"button": "left"}
     seen.page.ask("Input.dispatchMouseEvent", type="mousePressed", buttons=1, **mouse)
     seen.held()
@@ -253,8 +277,7 @@ def test_a_button_is_held_with_the_mouse(seen: Seen) -> None:
 
 
 def test_the_end_of_a_key_counts_also_when_it_means_another_by_then(seen: Seen) -> None:
-    seen.control()
-    seen.says("jog_words", "Hold")
+    jog(seen)
     # With Shift the keypad's 6 is an arrow. Shift is let go first, and then it is a 6.
     arrow, six = RIGHT | {"code": "Numpad6"}, {"key": "6", "code": "Numpad6", "windowsVirtualKeyCode": 102}
     for end in ({"type": "rawKeyDown", "autoRepeat": True}, {"type": "keyUp"}):
@@ -266,8 +289,7 @@ def test_the_end_of_a_key_counts_also_when_it_means_another_by_then(seen: Seen) 
 
 
 def test_the_first_mouse_button_lets_go_while_another_is_held(seen: Seen) -> None:
-    seen.control()
-    seen.says("jog_words", "Hold")
+    jog(seen)
     mouse = seen.higher(0)
     seen.page.ask("Input.dispatchMouseEvent", type="mousePressed", button="left", buttons=1, **mouse)
     seen.held()
@@ -284,8 +306,7 @@ def test_the_first_mouse_button_lets_go_while_another_is_held(seen: Seen) -> Non
 
 
 def test_a_stop_lets_go_and_a_held_key_begins_nothing_after_it(seen: Seen) -> None:
-    seen.control()
-    seen.says("jog_words", "Hold")
+    jog(seen)
     seen.key("rawKeyDown", **RIGHT)
     seen.held()
     seen.page.key("Escape", "Escape", 27)

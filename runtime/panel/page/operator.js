@@ -15,7 +15,7 @@ export class Operator {
     [this.part, this.say] = [part, say];
     this.yours = this.held = false;
     this.newest = null;
-    this.pad = new Pad(part.joints, say);
+    this.pad = new Pad(part.jog, part.joints, say);
     this.sliders = [];
     this.answered = [0, "", true]; // until when it is shown, words, whether it is well
     this.doubt = ""; // what waits for a second word
@@ -115,7 +115,7 @@ export class Operator {
     }
     this.list(devices);
     this.sliders.forEach((slider, i) => slider.frame(newest.values[i] ?? null, may, now));
-    text(part.jog_words, jogWords(newest, may));
+    text(part.jog_words, jogWords(newest, may, this.pad.focused()));
     if (part.events_lines.textContent !== newest.events.join("")) part.events_lines.replaceChildren(...newest.events.map((words) => made("li", "", words)));
     part.events.hidden = !newest.events.length;
   }
@@ -144,11 +144,12 @@ export class Operator {
 
 function about({ health }) { return [health.now, health.why, health.stands, health.todo].join("\n"); }
 
-function jogWords(newest, may) {
+function jogWords(newest, may, focused) {
   if (!newest.takes) return "This run is jogged on its terminal. To jog here, begin it with: srl jog PROFILE DEVICE --panel";
   if (!may) return "Take control to jog.";
   if (newest.health.now !== "active") return "A joint moves only while the run is active.";
-  return "Hold ◀ or ▶, or the keys ← and →. Keys ↑ ↓ and 1 to 0 choose a joint; any other key brakes. After a start or reset, wait a moment with no key held.";
+  const keys = focused ? "or the keys ← and →. Keys ↑ ↓ and 1 to 0 choose a joint; any other key brakes." : "or click here first, then hold the keys ← and →.";
+  return `Hold ◀ or ▶, ${keys} After a start or reset, wait a moment with no key held.`;
 }
 
 function size(bytes) {

@@ -1,14 +1,16 @@
 // Joints that move while a key or a button is held. The page answers each picture of the server with a press, and the
 // press counts from when that picture was made: whatever stalls or dies on the way, no press follows, and the loop's
-// law brakes by itself. So letting go needs no message; one is sent all the same, to brake at once.
+// law brakes by itself. So letting go needs no message; one is sent all the same, to brake at once. The keys count only
+// while the focus is in the jog's area: elsewhere an arrow scrolls, or moves a slider.
 import { button, made, measure, text } from "/part.js";
 
 const WAYS = { ArrowLeft: -1, ArrowRight: 1 };
 const GAP = 150; // ms without a picture after which a held key must be pressed anew
 
 export class Pad {
-  constructor(box, say) {
-    [this.box, this.say] = [box, say];
+  // area: what must have the focus; box: in it, where the joints are listed.
+  constructor(area, box, say) {
+    [this.area, this.box, this.say] = [area, box, say];
     this.joints = [];
     this.rows = [];
     this.joint = 0;
@@ -16,7 +18,9 @@ export class Pad {
     this.key = this.code = ""; // the key that is held, as it means and as it lies; "": a button is held
     this.told = this.came = 0; // the newest picture's own time; when it came
     this.allowed = false;
-    addEventListener("keydown", (event) => this.pressed(event));
+    area.addEventListener("keydown", (event) => this.pressed(event));
+    addEventListener("keydown", (event) => { if (!area.contains(event.target)) this.release(); }); // of a held mouse
+    area.addEventListener("focusout", (event) => { if (!area.contains(event.relatedTarget)) this.release(); });
     // Shift or Num Lock can change what a key means while it is held. One without a place may be any.
     addEventListener("keyup", (event) => {
       if (!event.code || event.code === this.code || event.key === this.key) this.release();
@@ -67,8 +71,7 @@ export class Pad {
   pressed(event) {
     if (event.repeat && this.key && event.key !== this.key) this.release();
     if (!this.allowed || event.repeat) return;
-    const typing = event.target instanceof HTMLInputElement && event.target.type !== "checkbox"; // a slider's own arrows
-    if (event.altKey || event.ctrlKey || event.metaKey || typing) { this.release(); return; }
+    if (event.altKey || event.ctrlKey || event.metaKey) { this.release(); return; }
     const way = WAYS[event.key], step = { ArrowUp: -1, ArrowDown: 1 }[event.key];
     if (way) this.hold(way, event.key, event.code);
     else this.release(); // any other key brakes
@@ -82,6 +85,8 @@ export class Pad {
     [this.way, this.key, this.code] = [way, key, code];
   }
 
+  focused() { return this.area.contains(document.activeElement); }
+
   release() {
     if (this.way) this.say({ kind: "jog", joint: this.joint, way: 0, heard: this.told });
     [this.way, this.key, this.code] = [0, "", ""];
@@ -93,7 +98,7 @@ export class Pad {
     [this.told, this.came] = [message.told, now];
     if (gap) this.release();
     this.allowed = allowed && this.joints.length > 0 && message.takes;
-    if (!this.allowed || document.hidden || !document.hasFocus()) this.release();
+    if (!this.allowed || document.hidden || !document.hasFocus() || (this.key && !this.focused())) this.release();
     if (this.way) this.say({ kind: "jog", joint: this.joint, way: this.way, heard: message.told });
     this.rows.forEach(({ place, ways }, i) => {
       const at = message.places[i] ?? null;

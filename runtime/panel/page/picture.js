@@ -1,5 +1,6 @@
 // The live picture: what the server says, drawn at the screen's rate.
 import { Curves } from "/curves.js";
+import { Guide } from "/guide.js";
 import { Link, stop as askStop } from "/link.js";
 import { Operator } from "/operator.js";
 import { text } from "/part.js";
@@ -12,10 +13,12 @@ const space = new Space(part.space), curves = new Curves(part.curves);
 let scene = null, newest = null, stopWords = "", frames = 0;
 
 const operator = new Operator(part, (message) => link.say(message));
+const guide = new Guide(part, (message) => link.say(message));
 const link = new Link(hear, () => operator.lost());
 
 function hear(message) {
   operator.hear(message);
+  guide.hear(message);
   if (message.kind === "scene") show(message);
   else if (message.kind === "frame") {
     newest = message;
@@ -88,6 +91,7 @@ function frame() {
   text(part.warning, stopWords || (words && words + asItWas));
   part.warning.className = kind === "held" && !stopWords ? "mild" : "";
   operator.draw(current, performance.now());
+  guide.draw(Boolean(link.socket), operator.yours, !scene || !scene.things.length);
   frames++;
   globalThis.pictureNow = { // for whoever looks from outside: what this frame shows
     condition: kind, words, cycle: newest && newest.cycle, current, frames, drawn: space.drawn, age: newest && now - newest.t,
