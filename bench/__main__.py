@@ -18,6 +18,7 @@ from bench import (
     noitom,
     object_mapping,
     panda,
+    panel,
     pycgm,
     sibson,
     sixth_finger,
@@ -40,6 +41,7 @@ BENCHES: dict[str, Callable[[], list[Row]]] = {
     "noitom-text": noitom.run,
     "object-mapping": object_mapping.run,
     "panda-cycle": panda.run,
+    "panel": panel.run,
     "ur-rtde-receive": ur.run,
     "pycgm": pycgm.run,
     "sibson": sibson.run,
@@ -77,12 +79,17 @@ def main() -> int:
             rows.append(row)
             if not args.json:
                 judged = "" if row.holds is None else f"  aim {row.aim}: {'met' if row.holds else 'NOT met'}"
-                control = "" if row.control is None else f", A/A {row.control:g}"
-                measured = f"{row.ours:g} {row.unit}, {row.other_name} {row.other:g}, ratio {row.ratio:g}{control}"
+                control = "" if row.control is None else f", A/A {row.control:g}{_between(row.control_interval)}"
+                ratio = f"ratio {row.ratio:g}{_between(row.interval)}"
+                measured = f"{row.ours:g} {row.unit}, {row.other_name} {row.other:g}, {ratio}{control}"
                 print(f"  {row.what}: {measured}{judged}", flush=True)
     if args.json:
         print(json.dumps({"benches": [row.figures() for row in rows]}))
     return 0
+
+
+def _between(interval: tuple[float, float] | None) -> str:
+    return "" if interval is None else " ({:g} to {:g})".format(*interval)
 
 
 if __name__ == "__main__":

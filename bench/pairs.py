@@ -8,6 +8,8 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
+
 PAIRS = 20
 
 
@@ -20,6 +22,7 @@ class Row:
         ours, other: medians, in `unit`.
         ratio: median over pairs of ours / other.
         control: median over pairs of ours / ours again: the effect of noise alone.
+        interval, control_interval: 95 % of the bootstrapped medians of both; None where there are no pairs.
         aim: in words; holds: whether it is met, None if there is none.
     """
 
@@ -33,6 +36,8 @@ class Row:
     unit: str
     aim: str = ""
     holds: bool | None = None
+    interval: tuple[float, float] | None = None
+    control_interval: tuple[float, float] | None = None
 
     def figures(self) -> dict[str, Any]:
         """Returns the row for `--json`."""
@@ -92,10 +97,19 @@ class Pairs:
         """Returns the comparison of one figure with one other; `holds` judges the ratio."""
         ours = [m[figure] for m in self.first]
         theirs = [m[figure] for m in self.others[other]]
-        ratio = statistics.median(a / b for a, b in zip(ours, theirs, strict=True) if b)
-        control = statistics.median(a / m[figure] for a, m in zip(ours, self.again, strict=True) if m[figure])
+        ratios = [a / b for a, b in zip(ours, theirs, strict=True) if b]
+        controls = [a / m[figure] for a, m in zip(ours, self.again, strict=True) if m[figure]]
+        ratio, control = statistics.median(ratios), statistics.median(controls)
         return Row(
             id=id, what=what, ours=round(statistics.median(ours), 3), other=round(statistics.median(theirs), 3),
             other_name=other,
             ratio=round(ratio, 3), control=round(control, 3), unit=unit, aim=aim, holds=holds(ratio) if holds else None,
+            interval=_interval(ratios), control_interval=_interval(controls),
         )  # fmt: skip
+
+
+def _interval(ratios: list[float]) -> tuple[float, float]:
+    """95 % of the medians of samples drawn anew from these."""
+    drawn = np.random.default_rng(1).choice(ratios, (2000, len(ratios)))
+    low, high = np.percentile(np.median(drawn, axis=1), (2.5, 97.5))
+    return round(float(low), 3), round(float(high), 3)
