@@ -15,6 +15,7 @@ class Seen:
 
     def __init__(self, loop: OperatedLoop, process: OperatorPage, page: Page) -> None:
         self.loop, self.process, self.page = loop, process, page
+        self._down: dict[str, object] = {}
 
     def now(self, key: str) -> Any:
         """What the newest frame shows."""
@@ -42,6 +43,7 @@ class Seen:
 
     def key(self, kind: str, **key: object) -> None:
         self.page.ask("Input.dispatchKeyEvent", type=kind, **key)
+        self._down = key if kind == "rawKeyDown" else {}
 
     def higher(self, joint: int) -> dict[str, Any]:
         """A mouse on the button that moves a joint to higher values."""
@@ -56,9 +58,17 @@ class Seen:
         until(lambda: self.now("frames") > seen + frames)
 
     def held(self) -> None:
-        """Waits until a key that is held makes presses."""
+        """Waits until a key that is held makes presses. Where the machine was too slow, it is pressed anew."""
         before = len(self.loop.presses)
-        until(lambda: sum(p["way"] == 1 for _, p in self.loop.presses[before:]) > 5)
+
+        def made() -> bool:
+            if self._down and not self.now("jogging"):
+                down = self._down
+                self.key("keyUp", **down)
+                self.key("rawKeyDown", **down)
+            return sum(p["way"] == 1 for _, p in self.loop.presses[before:]) > 5
+
+        until(made)
 
     def let_go(self) -> None:
         """Waits until nothing is held, and checks that no press follows."""

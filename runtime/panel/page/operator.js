@@ -115,7 +115,7 @@ export class Operator {
     }
     this.list(devices);
     this.sliders.forEach((slider, i) => slider.frame(newest.values[i] ?? null, may, now));
-    text(part.jog_words, jogWords(newest, may, this.pad.focused()));
+    text(part.jog_words, jogWords(newest, may));
     if (part.events_lines.textContent !== newest.events.join("")) part.events_lines.replaceChildren(...newest.events.map((words) => made("li", "", words)));
     part.events.hidden = !newest.events.length;
   }
@@ -144,12 +144,11 @@ export class Operator {
 
 function about({ health }) { return [health.now, health.why, health.stands, health.todo].join("\n"); }
 
-function jogWords(newest, may, focused) {
+function jogWords(newest, may) {
   if (!newest.takes) return "This run is jogged on its terminal. To jog here, begin it with: srl jog PROFILE DEVICE --panel";
   if (!may) return "Take control to jog.";
   if (newest.health.now !== "active") return "A joint moves only while the run is active.";
-  const keys = focused ? "or the keys ← and →. Keys ↑ ↓ and 1 to 0 choose a joint; any other key brakes." : "or click here first, then hold the keys ← and →.";
-  return `Hold ◀ or ▶, ${keys} After a start or reset, wait a moment with no key held.`;
+  return "Hold ◀ or ▶. After a click here, while the blue line stands at the left, also the keys ← and →; ↑ ↓ and 1 to 0 choose a joint. Any other key brakes. After a start or reset, wait a moment with no key held.";
 }
 
 function size(bytes) {
