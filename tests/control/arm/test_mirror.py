@@ -1,0 +1,131 @@
+"""A mirrored arm: its tool is at the other one's image, whatever the plane; what isn't an image is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.arm_urdf import HIP
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from runtime.contracts.errors import WiringError
+from runtime.contracts.files import KeptFile
+from runtime.contracts.rotation import from_matrix
+from runtime.control.arm.mirror import Mirror, MirrorConfig
+from runtime.control.robot_model import RobotModel
+from srl.testing import ControllerConformance, bound
+
+OTHER = RobotModel.model_validate({"urdf": KeptFile(Path("hip.urdf"), HIP.encode()), "tip": "tool"}).robot
+# The led arm has other names, and its shoulder turns the other way round.
+TEXT = HIP.replace('name="yaw"', 'name="turn"').replace('name="elbow"', 'name="bend"')
+TEXT = TEXT.replace('<axis xyz="0 1 0"/>', '<axis xyz="0 -1 0"/>', 1)
+LED = RobotModel.model_validate({"urdf": KeptFile(Path("led.urdf"), TEXT.encode()), "tip": "tool"}).robot
+NAMES = {"turn": "yaw", "bend": "elbow"}
+Q = np.array([0.1, -0.2, 0.3, 0.1])
+BESIDE = (0.0, 0.4, 0.0, 1.0, 0.0, 0.0, 0.0)
+
+
+def law(placed: Any = BESIDE, **options: Any) -> Mirror:
+    given = {"robot": LED, "other": OTHER, "joints": NAMES, "speed": 2.0} | options
+    made = bound(Mirror("mirror", MirrorConfig.model_validate(given)), {"other": placed})
+    made.applied["q"][:] = made.input["q"][:] = Q
+    return made
+
+
+def run(made: Mirror, cycles: int, dt: float = 0.01) -> np.ndarray:
+    found = []
+    for _ in range(cycles):
+        made.update(dt)
+        made.applied["q"][:] = made.output["q"]
+        found.append(made.output["q"].copy())
+    return np.array(found)
+
+
+class TestConformance(ControllerConformance):
+    inputs = {"q": Q, "other": [0.4, 0.1, 0.2, 0.3]}  # noqa: RUF012
+    start = {"q": Q, "q_velocity": np.zeros(4)}  # noqa: RUF012
+
+    def law(self) -> Mirror:
+        return law()
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.tuples(*[st.floats(-1.0, 1.0)] * 3), st.tuples(*[st.floats(-1.4, 1.4)] * 4))
+def test_the_tool_is_at_the_other_ones_image(normal: Any, q: Any) -> None:
+    n = np.array(normal) + (0.0, 2.0, 0.0)  # noqa: RUF005
+    n /= np.linalg.norm(n)
+    reflect = np.eye(3) - 2.0 * np.outer(n, n)
+    placed = np.eye(4)
+    placed[:3, :3] = reflect @ np.diag([1.0, -1.0, 1.0])  # the arm is its own image across its plane y = 0
+    placed[:3, 3] = 0.5 * n
+    made = law((*placed[:3, 3], *from_matrix(placed[:3, :3])))
+    made.reset()
+    made.input["other"][:] = q
+    run(made, 300)
+    tool = (placed @ OTHER.forward(np.array(q)))[:3, 3]
+    image = 0.25 * n + reflect @ (tool - 0.25 * n)
+    assert LED.forward(made.output["q"])[:3, 3] == pytest.approx(image, abs=1e-9)
+
+
+def test_it_starts_where_the_limb_is_and_goes_at_its_speed() -> None:
+    made = law(speed=0.5)
+    made.reset()
+    assert made.output["q"].tolist() == Q.tolist()
+    made.input["other"][:] = 1.0, 1.0, -1.0, 1.0
+    q = run(made, 500)
+    assert np.abs(np.diff(q, axis=0, prepend=Q[None])).max() <= 0.005 + 1e-12
+    made.param["speed"][()] = 0.0
+    made.input["other"][:] = 0.0
+    q = run(made, 200)
+    assert (q[-1] == q[-2]).all()
+
+
+def test_an_arm_that_is_lost_is_waited_for() -> None:
+    made = law()
+    made.reset()
+    run(made, 5)
+    last = made.output["q"].copy()
+    made.input["other"][:] = np.nan
+    assert (run(made, 49) == last).all()
+    assert not made.lost
+    run(made, 2)
+    assert made.lost
+
+
+def test_limits_of_the_led_arm_hold() -> None:
+    made = law()
+    made.reset()
+    made.input["other"][:] = 9.0
+    q = run(made, 500)
+    assert (q[-1] <= LED.q_upper).all()
+    assert (q[-1] >= LED.q_lower).all()
+
+
+@pytest.mark.parametrize(
+    ("placed", "reason"),
+    [
+        ((0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0), "same place"),
+        ((0.4, 0.4, 0.0, 1.0, 0.0, 0.0, 0.0), "axis of shoulder isn't the mirror image of shoulder's: 90 degrees"),
+        ((0.0, 0.4, 0.1, 1.0, 0.0, 0.0, 0.0), "isn't the mirror image"),
+    ],
+)
+def test_arms_that_are_no_images_are_refused(placed: Any, reason: str) -> None:
+    with pytest.raises(WiringError, match=reason):
+        law(placed)
+
+
+@pytest.mark.parametrize(
+    ("joints", "reason"),
+    [
+        ({"turn": "yaw"}, "no joint 'bend'"),
+        ({"turn": "yaw", "bend": "yaw"}, "each joint of one arm needs one"),
+        ({**NAMES, "knee": "elbow"}, "no joint 'knee'"),
+    ],
+)
+def test_names_that_do_not_fit_are_refused(joints: dict[str, str], reason: str) -> None:
+    with pytest.raises(ValidationError, match=reason):
+        law(joints=joints)
