@@ -1,0 +1,1 @@
+"""Surface EMG: processing, a person's calibration, and the law `emg-activation`."""
