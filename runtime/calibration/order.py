@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-LAWS: Final = ("ikns", "intention", "independent-operation", "ft", "glove", "frames")
+LAWS: Final = ("ikns", "intention", "independent-operation", "ft", "glove", "frames", "emg")
 """What can be calibrated: the names of `runtime.calibration.session.METHODS`."""
 
 

@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
+from runtime.calibration.emg_method import EmgMethod
 from runtime.calibration.frame_method import FrameMethod
 from runtime.calibration.ft_method import FtMethod
 from runtime.calibration.glove_method import GloveMethod
@@ -37,7 +38,7 @@ from runtime.recording.segments import check_target as check_recording
 from runtime.service.end_signals import EndSignals
 
 METHODS: Final[dict[str, type[Method[Any, Any]]]] = {
-    made.name: made for made in (IknsMethod, IntentionMethod, TaskMethod, FtMethod, GloveMethod, FrameMethod)
+    made.name: made for made in (IknsMethod, IntentionMethod, TaskMethod, FtMethod, GloveMethod, FrameMethod, EmgMethod)
 }
 _USABLE: Final = "Its recording can be used: --recording"
 _AGAIN: Final = "r N redo number N   q quit"

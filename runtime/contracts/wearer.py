@@ -115,7 +115,18 @@ class Shape:
     angles: Mapping[str, float]
 
 
-Instruction = Rest | Explore | Hold | Follow | Perform | Walk | Turn | Shape | Lead
+@dataclass(frozen=True)
+class Contract:
+    """Contract one muscle as hard as you can, and hold it. Done when it is there; `Rest` relaxes all.
+
+    Attributes:
+        muscle: its name.
+    """
+
+    muscle: str
+
+
+Instruction = Rest | Explore | Hold | Follow | Perform | Walk | Turn | Shape | Lead | Contract
 
 
 class Wearer(Protocol):

@@ -73,6 +73,7 @@ def law_of(name: str, folder: Path) -> Controller:
             "angles": {"elbow": "arm.angles[elbow]"},
             "hand": "arm.hand",
         },
+        "emg-marks": {"person": "P1", "signal": "emg.samples", "count": "emg.count", "muscles": ["biceps"]},
         "ft-marks": {"signal": "sensor.wrench", "wrench": {name: f"sensor.wrench[{name}]" for name in WRENCH}},
         "frame-marks": {"frame": "arm", "parent": "room", "drivers": {"a": "vicon"}, "parent_signal": "a.b.pose"},
         "glove-marks": {"person": "P1", "signal": "glove.raw", "hand": "right", "sensors": ["thumb_roll"]},

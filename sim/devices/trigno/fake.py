@@ -12,7 +12,7 @@ from drivers.trigno import Trigno, TrignoConfig
 from drivers.trigno.envelope import Envelope
 from drivers.trigno.protocol import FRAME, RANGE, RATE, SLOTS
 from runtime.contracts.driver import DeviceConfig, Sensor
-from runtime.contracts.errors import DeviceLostError, WiringError
+from runtime.contracts.errors import DeviceLostError, WiringError, nearest
 from runtime.contracts.signals import Array
 from runtime.contracts.world import Fake, FakeConfig, World
 from sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
@@ -43,6 +43,9 @@ class FakeTrignoConfig(FakeConfig):
         description="by muscle, [s, 0..1] points of world time, straight lines between",
     )
     mvc: float = Field(default=5e-4, gt=0, le=RANGE, description="V, RMS at the greatest voluntary contraction")
+    gains: dict[str, Annotated[float, Field(gt=0, le=RANGE)]] = Field(
+        default_factory=dict, description="V, the same of muscles whose own differs: skin and electrode decide it"
+    )
     noise: float = Field(default=2e-6, ge=0, description="V, RMS of the electronics")
     mains: float = Field(default=0.0, ge=0, description="V, amplitude of a 50 Hz hum")
     delay: float = Field(default=0.02, ge=0, le=0.5, description="s, from the end of a radio frame to its arrival")
@@ -135,7 +138,7 @@ class FakeTrigno(Sensor, Fake):
         for muscle, slot in self.channels.items():
             if inside(self.script.out_of_reach.get(muscle, ()), round(time * 1e9)):
                 continue
-            strength = self.script.mvc * self._activation(muscle, time)
+            strength = self.script.gains.get(muscle, self.script.mvc) * self._activation(muscle, time)
             unit = self._unit(first, slot - 1)
             values = strength * unit[0] + self.script.noise * unit[1] + hum
             out[:, slot - 1] = np.clip(np.round(values / RANGE * 32767), -32768, 32767) * RANGE / 32767
@@ -163,6 +166,9 @@ class FakeTrigno(Sensor, Fake):
         return self._white[block]
 
     def _find(self) -> Muscles | None:
+        if unknown := [muscle for muscle in self.script.gains if muscle not in self.channels]:
+            place = f"sim.devices.{self.name}.gains"
+            raise WiringError(place, f"the device has no channel '{unknown[0]}'", nearest(unknown[0], self.channels))
         named = self.script.part
         if named is None:
             return None

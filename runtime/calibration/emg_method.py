@@ -1,0 +1,219 @@
+"""How surface EMG is calibrated: rest, then each muscle's greatest voluntary contraction, some times."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from math import ceil
+from pathlib import Path
+from types import ModuleType
+from typing import Any, ClassVar, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.calibration import emg_report
+from runtime.calibration.cut import cut_to, find
+from runtime.calibration.emg_report import Result
+from runtime.calibration.method import Method, Say, kept, settings
+from runtime.calibration.order import Order
+from runtime.calibration.run_taps import RunTaps, marks_law, words
+from runtime.contracts.errors import RecordingError, RequestError, WiringError
+from runtime.control.emg.fit import Thresholds, fit, refusals
+from runtime.control.emg.procedure import Procedure
+from runtime.control.emg.processing import EmgError, OnlineEnvelope
+from runtime.control.emg.record import FORMAT, EmgRecord
+from runtime.control.emg.samples import EmgMarksConfig, Plan, Samples, joined, parts
+from runtime.control.shared.marks import stretch_of
+from runtime.ipc.layout import Layout
+from runtime.profile.graph import Graph
+from runtime.profile.profile import ControllerEntry, Profile
+from runtime.profile.source import Source
+
+LAW: Final = "emg-activation"
+MARKS: Final = "emg-marks"
+_PART: Final = "muscles"
+_FRAME: Final = 27  # samples that come at once; a row must hold a cycle's and these
+
+
+@dataclass(frozen=True)
+class Taps(RunTaps):
+    """What is read of the device. Attributes: `options` of the marks' law; `block` (k n,), `count`, `shape` (k, n)."""
+
+    options: EmgMarksConfig
+    block: NDArray[np.intp]
+    count: NDArray[np.intp]
+    shape: tuple[int, ...]
+
+    @property
+    def person(self) -> str:
+        return self.options.person
+
+    @property
+    def parameter(self) -> str:
+        return f"{MARKS}.mark"
+
+    def samples(self, rows: NDArray[np.int64]) -> Samples:
+        rows = rows[self.active(rows)]
+        floats = self.floats(rows)
+        blocks = floats[:, self.block].reshape(-1, *self.shape)
+        return Samples(self.times(rows), blocks, floats[:, self.count[0]], self.marks(floats))
+
+
+class EmgMethod(Method[Taps, Result]):
+    """See the module's docstring."""
+
+    name, law, option, kind, error = "emg", LAW, "calibration", EmgRecord, EmgError
+    thing = "muscles"
+    report: ClassVar[ModuleType] = emg_report
+
+    def __init__(self, order: Order, checked: Profile, source: Source, target: Path, say: Say) -> None:
+        super().__init__(order, checked, source, target, say)
+        found = settings(order, {"plan": Plan, "thresholds": Thresholds})
+        self._plan, self._thresholds = found["plan"], found["thresholds"]
+        self._device = self._emg()
+
+    def _emg(self) -> str:
+        """The device. Raises WiringError: the law doesn't read one."""
+        law = find(self.checked, self.source, LAW)
+        inputs = self.checked.controllers[law].inputs
+        owners = {s.partition(".")[0] for name in ("samples", "count") if name in inputs for s in inputs[name].signals}
+        if len(owners) != 1 or not owners <= set(self.checked.devices):
+            place = self.source.place(f"controllers.{law}.in")
+            problem = "'samples' and 'count' aren't those of one device"
+            raise WiringError(place, problem, "Add `samples: emg.samples` and `count: emg.count`")
+        return owners.pop()
+
+    def cut(self, person: str) -> tuple[Profile, Source]:
+        marks = partial(_marks, person, self._device, self._plan, self._thresholds)
+        return cut_to(
+            self.checked,
+            self.source,
+            LAW,
+            ("samples", "count"),
+            marks,
+            self.order.sim,
+            ("samples", "count"),
+            self._bare,
+        )
+
+    def _bare(self, plain: dict[str, Any]) -> None:
+        """The device alone, with all its samples in each row; and simulated muscles that do what they are told."""
+        plain["frames"] = {}
+        entry = plain["devices"][self._device]
+        needed = ceil(self._plan.rate / float(self.checked.rate)) + _FRAME
+        entry["block"] = max(int(entry.get("block") or 0), needed)
+        if not self.order.sim:
+            plain.pop("sim", None)
+            return
+        sim = plain.get("sim") or {}
+        given: dict[str, Any] = sim.get("parts") or {}
+        own = next(
+            ((name, part) for name, part in given.items() if part.get("part") == _PART), (_PART, {"part": _PART})
+        )
+        sim["parts"] = {own[0]: own[1]}
+        device = dict((sim.get("devices") or {}).get(self._device) or {})
+        device.pop("activation", None)
+        sim["devices"] = {self._device: device | {"part": own[0]}}
+        plain["sim"] = sim | {"world": "cell"}
+
+    def taps(self, layout: Layout, place: str) -> Taps:
+        _, entry = marks_law(layout, place, MARKS)
+        if entry is None:
+            problem = "it has no marks, so which samples belong to which contraction isn't known"
+            raise RecordingError(place, problem, f"Use a recording of `srl calibrate PROFILE {self.name}`")
+        options = EmgMarksConfig.model_validate(entry.options)
+        block, count = (words(layout, [name], place) for name in (options.signal, options.count))
+        shape = layout.fields[options.signal].shape
+        return Taps(layout, layout.fields[f"{MARKS}.mark"].offset, options, block, count, shape)
+
+    def ready(self, taps: Taps) -> None:
+        self._is_ours(taps, "--recording")
+
+    def _is_ours(self, taps: Taps, place: str) -> None:
+        """Raises RequestError: it is of other muscles, or of other slots, than the profile's."""
+        ours = dict(self.checked.devices[self._device].options.get("channels") or {})
+        theirs = _channels(taps.layout, self._device)
+        if tuple(taps.options.muscles) != tuple(ours) or theirs != ours:
+            said = " and ".join(", ".join(f"{k}: {v}" for k, v in each.items()) for each in (theirs, ours))
+            problem = f"it is of other muscles or slots than the profile's: {said}"
+            raise RequestError(place, problem, "Name a recording of these electrodes")
+
+    def same(self, one: Taps, other: Taps) -> bool:
+        mine, theirs = one.options, other.options
+        return (mine.signal, mine.muscles, mine.plan) == (theirs.signal, theirs.muscles, theirs.plan) and (
+            one.shape == other.shape
+        )
+
+    def take(self, older: Taps) -> Taps:
+        self._is_ours(older, "--from" if self.order.redo else "--recording")
+        self._plan = kept(older.options.plan, self._plan)
+        self._thresholds = kept(older.options.thresholds, self._thresholds)
+        update = {"plan": self._plan, "thresholds": self._thresholds}
+        return replace(older, options=older.options.model_copy(update=update))
+
+    def ended(self, samples: Samples) -> Samples:
+        marks = samples.marks.copy()
+        if len(marks) and marks[-1] > 0:
+            marks[stretch_of(marks, marks[-1])] = 0
+        return replace(samples, marks=marks)
+
+    def procedure(self, before: Sequence[Any]) -> Procedure:
+        muscles = tuple(self.checked.devices[self._device].options.get("channels") or {})
+        level = None
+        if before:
+            filters = self._plan.filters()
+            rest, _ = parts(joined(before), (), self._plan)
+            settled = round(filters.rate / filters.cutoff)
+            level = OnlineEnvelope(len(muscles), filters).take(rest)[settled:].mean(axis=0)
+        return Procedure(muscles, self._plan, self._thresholds, level)
+
+    def compute(self, taps: Taps, parts_: Sequence[Any], date: datetime.date) -> Result:
+        options = taps.options
+        rest, contractions = parts(joined(parts_), options.muscles, options.plan)
+        found = fit(options.muscles, rest, contractions, options.plan.filters(), options.plan.window)
+        return Result(options, taps.simulated, found, date, refusals(found, options.thresholds))
+
+    def record(self, result: Result) -> EmgRecord:
+        found, options = result.found, result.options
+        filters = options.plan.filters()
+        muscles = {
+            name: {"rest": _rounded(found.rest[i]), "mvc": _rounded(found.mvc[i]), "repeats": list(map(_rounded, own))}
+            for i, (name, own) in enumerate(zip(found.muscles, found.own, strict=True))
+        }
+        return EmgRecord.model_validate(
+            {
+                "format": FORMAT, "person": options.person, "date": result.date, "simulated": result.simulated,
+                "signal": options.signal, "rate": filters.rate, "band": filters.band, "band_order": filters.band_order,
+                "cutoff": filters.cutoff, "cutoff_order": filters.cutoff_order, "window": options.plan.window,
+                "muscles": muscles,
+            }
+        )  # fmt: skip
+
+
+def _rounded(volts: float) -> float:
+    return float(f"{volts:.6g}")
+
+
+def _channels(layout: Layout, device: str) -> dict[str, int]:
+    """The muscles' slots in a layout's own profile."""
+    checked, _ = marks_law(layout, "recording", MARKS)
+    entry = checked.devices.get(device)
+    return dict(entry.options.get("channels") or {}) if entry is not None else {}
+
+
+def _marks(
+    person: str, device: str, plan: Plan, thresholds: Thresholds, graph: Graph, entry: ControllerEntry
+) -> dict[str, Any]:  # fmt: skip
+    """The entry of the marks' law. Raises WiringError: the device's samples have no muscles' names."""
+    signal, count = f"{device}.samples", f"{device}.count"
+    field = graph.layout.fields.get(signal)
+    if field is None or count not in graph.layout.fields or not field.components:
+        problem = f"there is no '{signal}' of named muscles beside '{count}'"
+        raise WiringError(f"the input 'samples' of {LAW}", problem, "Use the driver `trigno`")
+    return {
+        "use": MARKS, "name": MARKS, "person": person, "signal": signal, "count": count,
+        "muscles": list(field.components[0]), "plan": plan.model_dump(), "thresholds": thresholds.model_dump(),
+    }  # fmt: skip

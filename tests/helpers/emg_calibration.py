@@ -1,0 +1,118 @@
+"""EMG made of formulas: two muscles with hidden gains, and a person who contracts what a calibration says."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import signal
+
+from runtime.calibration.cut import build
+from runtime.calibration.emg_method import EmgMethod, Taps
+from runtime.calibration.order import Order
+from runtime.calibration.sources import Rows, RowSource
+from runtime.contracts.wearer import Contract
+from runtime.control.emg.procedure import Step
+from runtime.ipc.words import CYCLE, DEVICE, LINK_CONNECTED, State
+from runtime.profile import profile
+
+NAMES = ("biceps", "triceps")
+GAINS = {"biceps": 6e-4, "triceps": 1.5e-4}
+"""V, RMS at the greatest contraction."""
+PROFILE = """
+name: worn
+rate: 20
+devices:
+  emg: {driver: trigno, port: tcp://192.168.1.30, channels: {biceps: 3, triceps: 4}, block: 128}
+controllers:
+  - {use: emg-activation, calibration: p07.json, block: 128, in: {samples: emg.samples, count: emg.count}}
+"""
+QUICK = ("read=0.5", "rest=1", "hold=1", "pause=1", "repeats=2", "patience=2")
+_CYCLE = 100  # samples
+
+
+class Electrodes(RowSource):
+    """Rows of a Trigno.
+
+    Attributes:
+        gains: V, by muscle.
+        hum: V, amplitude of 50 Hz, by muscle.
+        limit: V, at which a muscle's samples are cut.
+        dead: muscles whose channel gives one value.
+        contracts: what the person contracts when told a muscle.
+        crossed: pairs of muscles whose electrodes are exchanged.
+        strengths: of the contractions of a muscle, one after another; then 1.
+        tone: of a muscle at rest.
+        hole: numbers of rows that never come.
+        gone: rows in which the device isn't there.
+        step: the last that was begun.
+    """
+
+    taps: Taps
+
+    def __init__(
+        self, option: Sequence[str] = QUICK, gains: Mapping[str, float] = GAINS, hum: Mapping[str, float] | None = None,
+        limit: Mapping[str, float] | None = None, dead: Sequence[str] = (), contracts: Mapping[str, str] | None = None,
+        crossed: bool = False, strengths: Mapping[str, Sequence[float]] | None = None,
+        tone: Mapping[str, float] | None = None, hole: Sequence[int] = (), gone: Sequence[int] = (),
+        person: str = "P07", settings: Sequence[str] = (), seed: int = 5,
+    ) -> None:  # fmt: skip
+        checked, source = profile.parse("worn.yaml", PROFILE, settings)
+        method = EmgMethod(Order("worn.yaml", "emg", option=option), checked, source, Path("p07.json"), lambda _: None)
+        self.graph = build(*method.cut(person), sim=False)
+        self.graph.layout.meta["wall"] = 1_700_000_000_000_000_000
+        self.graph.layout.meta["simulated"] = ["emg"]
+        self.taps = method.taps(self.graph.layout, "worn.yaml")
+        self.gains, self.hum, self.limit, self.dead = gains, hum or {}, limit or {}, dead
+        self.contracts, self.crossed, self.tone = contracts or {}, crossed, tone or {}
+        self.strengths = {name: list(each) for name, each in (strengths or {}).items()}
+        self.hole, self.gone = set(hole), set(gone)
+        self.rows, self.closed, self.told = list[Rows](), False, list[str]()
+        self._random, self._t, self._count = np.random.default_rng(seed), 0, 0
+        self._sections = signal.butter(4, (20, 450), "bandpass", output="sos", fs=2000)
+        self._state = np.zeros((len(self._sections), 2, 2))
+        self._goal, self._active = np.zeros(2), np.zeros(2)
+        self.step: Step | None = None
+
+    def take(self) -> Rows:
+        made = np.array([self._next() for _ in range(4)])
+        self.rows.append(made)
+        return made
+
+    def begin(self, procedure: Any) -> None:
+        self.graph.row.views[self.taps.parameter][()] = procedure.step.mark
+        self.step = procedure.step
+        told = procedure.instruction()
+        self._goal = np.array([self.tone.get(name, 0.002) for name in NAMES])
+        if isinstance(told, Contract):
+            name = self.contracts.get(told.muscle, told.muscle)
+            self.told.append(told.muscle)
+            strength = self.strengths[told.muscle].pop(0) if self.strengths.get(told.muscle) else 1.0
+            self._goal = np.maximum(self._goal, 0.1 * strength)
+            self._goal[NAMES.index(name)] = strength
+
+    def close(self) -> None:
+        self.closed = True
+
+    def _next(self) -> Any:
+        self._t += 1
+        row, slots = self.graph.row, self.graph.row.views["emg.samples"]
+        self._active += 0.4 * (self._goal - self._active)
+        white, self._state = signal.sosfilt(self._sections, self._random.normal(size=(_CYCLE, 2)), 0, self._state)
+        active = self._active[::-1] if self.crossed else self._active
+        made = white / 0.656 * active * [self.gains[name] for name in NAMES]
+        made += 2e-6 * self._random.normal(size=made.shape)
+        when = (self._t * _CYCLE + np.arange(_CYCLE)) / 2000.0
+        for i, name in enumerate(NAMES):
+            made[:, i] += self.hum.get(name, 0.0) * np.sin(2.0 * np.pi * 50.0 * when)
+            most = self.limit.get(name, 0.011)
+            made[:, i] = 3e-6 if name in self.dead else np.clip(made[:, i], -most, most)
+        self._count += _CYCLE
+        if self._t not in self.hole:
+            slots[:] = np.concatenate([slots[_CYCLE:], made])
+            row.views["emg.count"][0] = self._count
+        row.devices[0, DEVICE.link] = 0 if self._t in self.gone else LINK_CONNECTED
+        row.ints[CYCLE.cycle], row.ints[CYCLE.now], row.ints[CYCLE.state] = self._t, self._t * 50_000_000, State.ACTIVE
+        return row.words.copy()
