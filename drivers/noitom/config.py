@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 from pydantic import Field
 
 from drivers.noitom.skeleton import JOINTS, Kind, Skeleton
 from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.files import FileOption, KeptFile
 from runtime.contracts.rotation import Order
 from runtime.contracts.signals import Signal
 from runtime.contracts.terms import POINT, QUATERNION
@@ -19,6 +22,9 @@ class NoitomConfig(DeviceConfig):
     order: Order = Field("YXZ", description="rotation order set in the software; it can't be told from the stream")
     avatar: int = Field(0, ge=0, description="index of the person")
     scale: float = Field(1.0, gt=0.3, lt=3, description="of the default body, where displacements aren't sent")
+    calibration: (
+        Annotated[KeptFile, FileOption("Make it with `srl calibrate PROFILE suit`, or name another")] | None
+    ) = Field(None, description="file of `srl calibrate`: the suit's heading is taken back by it; None: as it is sent")
 
 
 def signals(skeleton: Skeleton) -> tuple[Signal, Signal]:

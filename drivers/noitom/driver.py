@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from math import degrees
 from typing import Final
 
 from drivers.datagram import Datagrams, open_datagrams
@@ -38,6 +39,7 @@ class Noitom(Sensor):
     Config = NoitomConfig
     summary = "Noitom Perception Neuron suit, 59 joints (Axis Neuron, Axis Studio)"
     gives = ("rotation", "translation")
+    calibrated = "suit"
     max_age = 0.1
 
     def __init__(self, name: str, config: NoitomConfig) -> None:
@@ -46,7 +48,10 @@ class Noitom(Sensor):
         self._place = f"{name} ({config.port})"
         self.skeleton = Skeleton(config.skeleton)
         self.states = signals(self.skeleton)
-        self._pose = Pose(config, self.skeleton)
+        self._pose = Pose(config, self.skeleton)  # here, so that `srl check` refuses what a run would
+        made = self._pose.calibration
+        self.simulated = "calibration" if made is not None and made.simulated else ""
+        self._note = "" if made is None else f", heading turned back by {degrees(made.heading):.1f} degrees"
         self._link: Transport | Datagrams | None = None
         self._parser: Parser = BinaryParser()
         self._clock = StreamTime(100.0)
@@ -166,7 +171,7 @@ class Noitom(Sensor):
         self._useless, self._number, self._late = 0, -1, Lateness()
         self._seen = (self._parser.frames, self._parser.errors, self._parser.resyncs)
         kind = "binary" if isinstance(self._parser, BinaryParser) else "text"
-        self.health.message = f"{kind} frames, about {rate:.0f} Hz"
+        self.health.message = f"{kind} frames, about {rate:.0f} Hz{self._note}"
 
     def _refusal(self, heard: bytes, parsers: tuple[Parser, ...]) -> tuple[str, str]:
         others = sum(parser.others for parser in parsers)

@@ -25,6 +25,7 @@ from runtime.calibration.order import Order
 from runtime.calibration.run_taps import RunTaps
 from runtime.calibration.screen import Report, Screen
 from runtime.calibration.sources import RowSource, Simulated, recorded
+from runtime.calibration.suit_method import SuitMethod
 from runtime.calibration.target import check_target, write_record
 from runtime.calibration.task_method import TaskMethod
 from runtime.contracts.errors import RequestError, SrlError
@@ -38,7 +39,8 @@ from runtime.recording.segments import check_target as check_recording
 from runtime.service.end_signals import EndSignals
 
 METHODS: Final[dict[str, type[Method[Any, Any]]]] = {
-    made.name: made for made in (IknsMethod, IntentionMethod, TaskMethod, FtMethod, GloveMethod, FrameMethod, EmgMethod)
+    made.name: made
+    for made in (IknsMethod, IntentionMethod, TaskMethod, FtMethod, GloveMethod, FrameMethod, EmgMethod, SuitMethod)
 }
 _USABLE: Final = "Its recording can be used: --recording"
 _AGAIN: Final = "r N redo number N   q quit"

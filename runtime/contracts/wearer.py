@@ -126,7 +126,15 @@ class Contract:
     muscle: str
 
 
-Instruction = Rest | Explore | Hold | Follow | Perform | Walk | Turn | Shape | Lead | Contract
+@dataclass(frozen=True)
+class Return:
+    """Walk back to where you stood at first, face as you did then, and stand at ease. Done once it stands there.
+
+    Who hasn't walked stands already.
+    """
+
+
+Instruction = Rest | Explore | Hold | Follow | Perform | Walk | Turn | Shape | Lead | Contract | Return
 
 
 class Wearer(Protocol):

@@ -14,9 +14,9 @@ import numpy as np
 from drivers.noitom.skeleton import JOINTS, Skeleton, is_finger
 from runtime.contracts.rotation import EulerQuaternions, exp
 from runtime.contracts.signals import Array
-from runtime.contracts.wearer import Instruction, Perform, Rest, Walk
+from runtime.contracts.wearer import Instruction, Perform, Rest, Return, Walk
 from sim.wearer.actions import at_ease, beyond_ease, waving
-from sim.wearer.gait import add_gait, walked
+from sim.wearer.gait import RADIUS, add_gait, walked
 from sim.wearer.motion import minimum_jerk, quintic
 from sim.wearer.people import Subject, sway
 
@@ -35,6 +35,7 @@ class _Told:
     again: Array
     walked: float  # s of walking before
     gain: float  # of the gait, before
+    late: float  # s, from being told to beginning
 
 
 class Performer:
@@ -56,12 +57,12 @@ class Performer:
         still = np.array([[0.0 if is_finger(name) else 1.0] for name in skeleton.names])
         self._sway = amplitude * still
         self._quaternions = EulerQuaternions("YXZ", JOINTS)
-        self._told = [_Told(-np.inf, Rest(), self._ease, self._ease, np.zeros((JOINTS, 3)), 0.0, 0.0)]
+        self._told = [_Told(-np.inf, Rest(), self._ease, self._ease, np.zeros((JOINTS, 3)), 0.0, 0.0, who.reaction)]
 
     def instruct(self, t: float, given: Instruction) -> None:
-        """From t s on does this: Rest, Walk or Perform. Raises ValueError: it can't; or t isn't after the last."""
-        if not isinstance(given, Rest | Walk | Perform):
-            raise ValueError(f"a whole body isn't told to {type(given).__name__}: Rest, Walk or Perform")
+        """From t s on does this: Rest, Walk, Return or Perform. Raises ValueError: it can't, or it is early."""
+        if not isinstance(given, Rest | Walk | Return | Perform):
+            raise ValueError(f"a whole body isn't told to {type(given).__name__}: Rest, Walk, Return or Perform")
         if t < self._told[-1].since:
             raise ValueError("instructions come in the order of time")
         after, again = self._ease, np.zeros((JOINTS, 3))
@@ -71,7 +72,8 @@ class Performer:
             again = waving(given.action, self._index)
         last = self._told[-1]
         distance, gain = self._gait(last, t)
-        self._told.append(_Told(t, given, self._posture(last, t), after, again, distance, gain))
+        late = self._lap_ends(distance, gain) if isinstance(given, Return) else self.subject.reaction
+        self._told.append(_Told(t, given, self._posture(last, t), after, again, distance, gain, late))
 
     def forget(self, count: int) -> None:
         """Takes back all instructions but the first `count`."""
@@ -86,7 +88,7 @@ class Performer:
         """Whether at t s the person has come where the last instruction leads."""
         who, told = self.subject, self._told[-1]
         takes = _START if isinstance(told.given, Walk) or told.gain > 0.0 else who.move + float(who.stagger.max())
-        return t >= told.since + who.reaction + takes
+        return t >= told.since + told.late + takes
 
     def at(self, t: float) -> tuple[Array, Array]:
         """Hips (3,), m, and unit quaternions (59, 4), w x y z, at t seconds."""
@@ -116,9 +118,24 @@ class Performer:
         """s of walking at full speed until t, and the gain of the gait."""
         change = (1.0 if isinstance(told.given, Walk) else 0.0) - told.gain
         since = t - told.since if np.isfinite(told.since) else 0.0
-        late = max(since - self.subject.reaction, 0.0)
+        late = max(since - told.late, 0.0)
         gain = told.gain + change * float(minimum_jerk(np.array(late / _START)))
         return told.walked + told.gain * since + change * walked(late, _START), gain
+
+    def _lap_ends(self, distance: float, gain: float) -> float:
+        """s after which to begin to stop, so that a whole number of circles has been walked: then all is as at first.
+
+        Args:
+            distance: s of walking so far.
+            gain: of the gait; 0: the person stands.
+        """
+        who = self.subject
+        if gain <= 0.0:
+            return who.reaction
+        lap = 2.0 * np.pi * RADIUS / who.walk
+        # Stopping takes as long as half of it at full speed.
+        least = distance + gain * (who.reaction + 0.5 * _START)
+        return float((np.ceil(least / lap) * lap - distance) / gain - 0.5 * _START)
 
     def _sunk(self, angles: Array) -> float:
         """m, by which the hips are lower than on straight legs: the mean of both legs, from their pitch alone."""

@@ -74,6 +74,7 @@ def law_of(name: str, folder: Path) -> Controller:
             "hand": "arm.hand",
         },
         "emg-marks": {"person": "P1", "signal": "emg.samples", "count": "emg.count", "muscles": ["biceps"]},
+        "suit-marks": {"person": "P1", "signal": "suit.rotation", "segments": ["Hips"], "parents": [-1]},
         "ft-marks": {"signal": "sensor.wrench", "wrench": {name: f"sensor.wrench[{name}]" for name in WRENCH}},
         "frame-marks": {"frame": "arm", "parent": "room", "drivers": {"a": "vicon"}, "parent_signal": "a.b.pose"},
         "glove-marks": {"person": "P1", "signal": "glove.raw", "hand": "right", "sensors": ["thumb_roll"]},

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Final, Literal
+from math import cos, sin
+from typing import Annotated, Final, Literal
 
 import numpy as np
 from pydantic import Field
@@ -12,8 +13,8 @@ from drivers.noitom.pose import Pose
 from drivers.noitom.protocol import Frame
 from drivers.noitom.skeleton import JOINTS, is_finger
 from runtime.contracts.driver import DeviceConfig, Sensor
-from runtime.contracts.errors import WiringError
-from runtime.contracts.rotation import euler_angles, matrices
+from runtime.contracts.errors import WiringError, nearest
+from runtime.contracts.rotation import Quaternion, conjugate, euler_angles, matrices, product, turned
 from runtime.contracts.signals import Array
 from runtime.contracts.world import FakeConfig, World
 from sim.devices.shared.sensor import SampledFake, SensorOptions
@@ -33,6 +34,11 @@ class FakeNoitomConfig(SensorOptions):
     displacement: bool = Field(default=True, description="every joint's translation is sent, not the hips' alone")
     reference: bool = Field(default=False, description="six zeros are sent ahead of the pose")
     gloves: bool = Field(default=True, description="fingers are measured; otherwise they stay as at the start")
+    heading: float = Field(default=0.0, ge=-3.1416, le=3.1416, description="rad, by which its world is turned left")
+    drift: dict[str, Annotated[float, Field(ge=-1, le=1)]] = Field(
+        default_factory=dict,
+        description="rad/s, by joint, by which its segment's heading drifts; fingers with the hand",
+    )
     others: int = Field(default=0, ge=0, le=7, description="further avatars in the stream, in the T-pose")
 
 
@@ -66,6 +72,7 @@ class FakeNoitom(Sensor, SampledFake):
             scale[self._fingers] = 0.0
         self.noise_scale = np.concatenate([np.zeros(3), scale.ravel()])
         self._translations = self.body.offsets.copy()
+        self._drift = self._drifts()
         self.sampled(_SIZE, self._measure)
 
     def quantise(self, values: Array) -> Array:
@@ -103,4 +110,34 @@ class FakeNoitom(Sensor, SampledFake):
         sample = np.concatenate([pose[0, :3], pose[:, 3:].ravel()])
         if not self.broadcast.gloves:
             sample[3:].reshape(JOINTS, 4)[self._fingers] = self._at_start
+        if self.broadcast.heading or self.broadcast.drift:
+            self._turn(sample)
         return sample
+
+    def _drifts(self) -> list[float]:
+        """rad/s of each joint's segment. Raises WiringError: there is no such joint."""
+        skeleton, given = self.body.skeleton, self.broadcast.drift
+        if unknown := [name for name in given if name not in skeleton.names]:
+            place = f"sim.devices.{self.name}.drift"
+            raise WiringError(place, f"there is no joint '{unknown[0]}'", nearest(unknown[0], skeleton.names))
+        found: list[float] = []
+        for joint, up in zip(skeleton.names, skeleton.parents, strict=True):
+            found.append(given.get(joint, found[up] if is_finger(joint) else 0.0))
+        return found
+
+    def _turn(self, sample: Array) -> None:
+        """Turns each segment of a sample about the vertical by its error now, as if each sensor had its own."""
+        t, heading = self.world.time * 1e-9, self.broadcast.heading
+        halves = [0.5 * (heading + rate * t) for rate in self._drift]
+        errors: list[Quaternion] = [(cos(half), 0.0, sin(half), 0.0) for half in halves]
+        true: list[Quaternion] = []  # of each joint in the suit's world
+        rotations = sample[3:].reshape(JOINTS, 4)
+        for i, up in enumerate(self.body.skeleton.parents):
+            w, x, y, z = rotations[i].tolist()
+            true.append((w, x, y, z) if up < 0 else product(true[up], (w, x, y, z)))
+            if up < 0:
+                rotations[i] = product(errors[i], true[i])
+            elif self._drift[i] != self._drift[up]:
+                rotations[i] = product(conjugate(product(errors[up], true[up])), product(errors[i], true[i]))
+        x, y, z = sample[:3].tolist()
+        sample[:3] = turned((cos(0.5 * heading), 0.0, sin(0.5 * heading), 0.0), (x, y, z))

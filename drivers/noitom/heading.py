@@ -1,0 +1,33 @@
+"""Reads a suit's calibration: the heading that is taken back."""
+
+from __future__ import annotations
+
+import json
+
+from pydantic import ValidationError
+
+from runtime.contracts.errors import ProfileError
+from runtime.contracts.files import KeptFile
+from runtime.contracts.sealed import HASH, ChangedError, opened
+from runtime.contracts.suit_record import SuitRecord
+
+_AGAIN = "Calibrate again: `srl calibrate PROFILE suit`"
+
+
+def load(file: KeptFile) -> SuitRecord:
+    """Reads what `srl calibrate PROFILE suit` wrote. Raises ProfileError: it was changed, or is something else."""
+    place = str(file.path)
+    try:
+        return SuitRecord.model_validate_json(json.dumps(opened(file.content)))
+    except ChangedError as error:
+        remedy = f'{_AGAIN}; if you changed it on purpose, take "{HASH}" out'
+        raise ProfileError(place, str(error), remedy) from None
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(map(str, first["loc"]))
+        message = first["msg"].removeprefix("Value error, ")
+        problem = f"{message[0].lower()}{message[1:]}"
+        raise ProfileError(f"{place}: {key}" if key else place, problem, _AGAIN) from None
+    except (ValueError, RecursionError) as error:
+        problem = f"it is no JSON: {error}" if isinstance(error, ValueError) else "it is nested too deeply"
+        raise ProfileError(place, problem, _AGAIN) from None

@@ -1,0 +1,172 @@
+"""How a capture suit is calibrated: the person stands the same way again and again, and walks in between."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any, ClassVar, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.calibration import device_cut, suit_report
+from runtime.calibration.cut import cut_devices
+from runtime.calibration.method import Method, Say, kept, settings
+from runtime.calibration.order import Order
+from runtime.calibration.run_taps import RunTaps, marks_law, words
+from runtime.calibration.suit_report import Result
+from runtime.contracts.errors import ProfileError, RecordingError, RequestError, WiringError
+from runtime.contracts.suit_record import FORMAT, SuitRecord
+from runtime.control.shared.marks import stretch_of
+from runtime.control.suit.fit import Thresholds, fit, refusals
+from runtime.control.suit.procedure import Procedure
+from runtime.control.suit.samples import Plan, Samples, SuitMarksConfig, joined, stands
+from runtime.control.suit.segments import SuitError, segments
+from runtime.ipc.layout import Layout
+from runtime.profile.graph import Graph
+from runtime.profile.profile import Profile
+from runtime.profile.source import Source
+
+NAME: Final = "suit"
+MARKS: Final = "suit-marks"
+_BODY: Final = "body"
+
+
+@dataclass(frozen=True)
+class Taps(RunTaps):
+    """What is read of a suit. Attributes: `options` of the marks' law; `rotation` (4 n,), of its segments."""
+
+    options: SuitMarksConfig
+    rotation: NDArray[np.intp]
+
+    @property
+    def person(self) -> str:
+        return self.options.person
+
+    @property
+    def parameter(self) -> str:
+        return f"{MARKS}.mark"
+
+    def samples(self, rows: NDArray[np.int64]) -> Samples:
+        rows = rows[self.active(rows)]
+        floats = self.floats(rows)
+        rotation = floats[:, self.rotation].reshape(len(rows), -1, 4)
+        return Samples(self.times(rows), rotation, self.marks(floats))
+
+
+class SuitMethod(Method[Taps, Result]):
+    """See the module's docstring."""
+
+    name, law, option, kind, error = NAME, "", "calibration", SuitRecord, SuitError
+    thing = "stands"
+    report: ClassVar[ModuleType] = suit_report
+
+    def __init__(self, order: Order, checked: Profile, source: Source, target: Path, say: Say) -> None:
+        super().__init__(order, checked, source, target, say)
+        found = settings(order, {"plan": Plan, "thresholds": Thresholds})
+        self._plan, self._thresholds = found["plan"], found["thresholds"]
+        self._device = device_cut.device(checked, source, NAME, self._plan.device)
+        if order.redo:
+            problem = "a drift is seen within one session, without a break"
+            raise RequestError("--redo", problem, "Begin anew; within a session, type r N")
+        if order.sim and self._plan.pose != "n":
+            raise RequestError("--option pose", "the simulated person lets the arms hang", "Leave it out")
+
+    @classmethod
+    def named(cls, order: Order, checked: Profile, source: Source) -> Path | None:
+        chosen = settings(order, {"plan": Plan, "thresholds": Thresholds})["plan"].device
+        return device_cut.named(checked, source, device_cut.device(checked, source, NAME, chosen))
+
+    def cut(self, person: str) -> tuple[Profile, Source]:
+        def marks(graph: Graph) -> dict[str, Any]:
+            return self._marks(person, graph)
+
+        return cut_devices(self.checked, self.source, {self._device}, marks, self.order.sim, self._bare)
+
+    def _bare(self, plain: dict[str, Any]) -> None:
+        """The suit gives what it sends, and a simulated person does what it is told; nothing else is there."""
+        plain["frames"] = {}
+        plain["devices"][self._device].pop("calibration", None)
+        if not self.order.sim:
+            plain.pop("sim", None)
+            return
+        sim = plain.get("sim") or {}
+        parts: dict[str, Any] = sim.get("parts") or {}
+        bodies = [name for name, part in parts.items() if part.get("part") == _BODY]
+        named = (sim.get("devices") or {}).get(self._device, {}).get("part", self._device)
+        body = named if named in bodies else bodies[0] if len(bodies) == 1 else None
+        if body is None:
+            problem = f"the simulated world has {len(bodies)} parts '{_BODY}', and none is called '{self._device}'"
+            remedy = f"Add one, or name it: sim.devices.{self._device}.part"
+            raise ProfileError(self.source.place("sim.parts"), problem, remedy)
+        gone = ("at", "script", "recording", "loop")
+        part = {key: value for key, value in parts[body].items() if key not in gone}
+        sim["parts"] = {body: part | {"script": "actions"}}
+
+    def _marks(self, person: str, graph: Graph) -> dict[str, Any]:
+        """The entry of the marks' law. Raises WiringError: the device doesn't give the rotations of a body."""
+        signal = f"{self._device}.rotation"
+        field = graph.layout.fields.get(signal)
+        if field is None or not field.labels:
+            place = self.source.place(f"devices.{self._device}")
+            raise WiringError(place, f"there is no '{signal}' of named joints", "Use a driver of srl's for the suit")
+        found = segments(field.labels)
+        return {
+            "use": MARKS, "name": MARKS, "person": person, "signal": signal,
+            "segments": [name for name, _ in found], "parents": [up for _, up in found],
+            "plan": self._plan.model_dump(), "thresholds": self._thresholds.model_dump(),
+        }  # fmt: skip
+
+    def taps(self, layout: Layout, place: str) -> Taps:
+        _, entry = marks_law(layout, place, MARKS)
+        if entry is None:
+            problem = "it has no marks, so which samples belong to which stand isn't known"
+            raise RecordingError(place, problem, f"Use a recording of `srl calibrate PROFILE {NAME}`")
+        options = SuitMarksConfig.model_validate(entry.options)
+        rotation = words(layout, [f"{options.signal}[{name}]" for name in options.segments], place)
+        return Taps(layout, layout.fields[f"{MARKS}.mark"].offset, options, rotation)
+
+    def same(self, one: Taps, other: Taps) -> bool:
+        return False  # a drift is seen within one session
+
+    def take(self, older: Taps) -> Taps:
+        self._plan = kept(older.options.plan, self._plan)
+        self._thresholds = kept(older.options.thresholds, self._thresholds)
+        update = {"plan": self._plan, "thresholds": self._thresholds}
+        return replace(older, options=older.options.model_copy(update=update))
+
+    def ended(self, samples: Samples) -> Samples:
+        marks = samples.marks.copy()
+        if len(marks) and marks[-1] > 0:
+            marks[stretch_of(marks, marks[-1])] = 0
+        return replace(samples, marks=marks)
+
+    def procedure(self, before: Sequence[Any]) -> Procedure:
+        made, _ = self.cut(self.order.person or "P0")
+        (entry,) = made.controllers
+        return Procedure(entry.options["segments"], entry.options["parents"], self._plan, self._thresholds)
+
+    def compute(self, taps: Taps, parts: Sequence[Any], date: datetime.date) -> Result:
+        options = taps.options
+        found = fit(options.segments, stands(joined(parts), options.parents, options.plan, options.thresholds))
+        refused = refusals(found, options.plan.pose, options.thresholds)
+        return Result(options, taps.simulated, found, date, refused)
+
+    def record(self, result: Result) -> SuitRecord:
+        found, options = result.found, result.options
+        drifts = {
+            name: {"rate": round(float(rate), 8), "uncertain": round(float(sure), 8), "measured": bool(seen)}
+            for name, rate, sure, seen in zip(found.segments, found.rates, found.uncertain, found.measured, strict=True)
+        }
+        times = found.stands.times
+        return SuitRecord.model_validate(
+            {
+                "format": FORMAT, "person": options.person, "date": result.date, "simulated": result.simulated,
+                "signal": options.signal, "pose": options.plan.pose, "heading": round(found.heading, 6),
+                "uncertain": round(found.scatter, 6), "stands": len(times), "seconds": float(times[-1] - times[0]),
+                "drifts": drifts,
+            }
+        )  # fmt: skip

@@ -1,0 +1,1 @@
+"""A capture suit of inertial sensors: its heading, and how fast its segments drift."""
