@@ -298,8 +298,8 @@ class Cycle:
                 guard.stop(Stop.HOLD if self._homed[i] else Stop.RETRACT, dt)
                 self._homed[i] |= guard.at_rest
                 at_rest &= guard.at_rest
-            elif category is Stop.LIMP and actuator.command.kind is Kind.POSITION:
-                # The loop tells the device to go limp; no command follows.
+            elif by_itself(actuator, category):
+                # The loop tells the device to do so; no command follows.
                 self._links[actuator.device] &= ~LINK_ACTIVE
                 self._put_home[i] = actuator.command.feedback is None
                 self._lookouts[i].rest()
@@ -362,6 +362,11 @@ class Cycle:
             cleared = a.cleared
             guard.keep_clear(cleared.clearance, cleared.lag, tracking, cleared.timeout, cleared.least_lag)
         return guard
+
+
+def by_itself(actuator: Actuator, category: Stop) -> bool:
+    """Whether a device does this stop of its positions by itself: torque off, or damping, which no position is."""
+    return category in (Stop.LIMP, Stop.DAMP) and actuator.command.kind is Kind.POSITION
 
 
 def limits_of(graph: Graph) -> dict[str, Limits]:

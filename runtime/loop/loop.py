@@ -14,7 +14,7 @@ from runtime.ipc.requests import STATE_REQUESTS, Answer, RequestKind
 from runtime.ipc.ring import RingWriter
 from runtime.ipc.words import CYCLE, Cause, Origin, State
 from runtime.loop.clock import Clock
-from runtime.loop.cycle import Cycle
+from runtime.loop.cycle import Cycle, by_itself
 from runtime.loop.device import Device
 from runtime.loop.refusals import Refusals, described, refusal
 from runtime.loop.request_queue import PendingRequest, RequestQueue
@@ -139,14 +139,15 @@ class Loop:
         return self.graph.layout.culprit(self.cycle.machine.cause, self.cycle.machine.culprit)
 
     def _release(self, now: int) -> None:
-        """Once a stop has begun, tells the devices that stop by themselves (limp) to do so."""
+        """Once a stop has begun, tells the devices that stop by themselves (limp, damped positions) to do so."""
         if self.cycle.machine.state not in (State.STOPPING, State.STOPPED):
             return
         for device in self.commanded:
             if device.active or device.lost:
                 continue
             for actuator in device.actuators:
-                if self.cycle.category(actuator) is Stop.LIMP:
-                    device.stop(Stop.LIMP, now)
+                category = self.cycle.category(actuator)
+                if category is Stop.LIMP or by_itself(actuator, category):
+                    device.stop(category, now)
                     if not device.lost:
                         self.after_write(device)
