@@ -90,9 +90,9 @@ class CanLink:
         interface: python-can's name of the interface.
     """
 
-    def __init__(self, url: str, place: str, bus: can.BusABC, interface: str) -> None:
+    def __init__(self, url: str, place: str, bus: can.BusABC | None, interface: str) -> None:
         self.url, self.place, self.interface = url, place, interface
-        self._bus: can.BusABC | None = bus
+        self._bus = bus
         self._writer: socket.socket | None = None
         # A multicast bus returns one's own frames; nothing may take them for another's.
         self._own: deque[tuple[int, bytes]] | None = deque(maxlen=MOST) if interface == "udp_multicast" else None

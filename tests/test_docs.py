@@ -341,7 +341,7 @@ def test_every_path_a_page_names_is_there() -> None:
 
 def test_the_guards_page_has_each_commands_period() -> None:
     """docs/guard.md, "What was sent": a row for each device that takes commands, with the period it declares."""
-    rows = re.findall(r"^\| ([\w ]+) \| ([\w, ]+) \| ([^|]+) \| ([^|]+) \|$", (DOCS / "guard.md").read_text(), re.M)
+    rows = re.findall(r"^\| ([\w -]+) \| ([\w, ]+) \| ([^|]+) \| ([^|]+) \|$", (DOCS / "guard.md").read_text(), re.M)
     table = {
         device.lower(): (kinds.split(", "), period) for device, kinds, period, _ in rows if re.search(r"\d", period)
     }

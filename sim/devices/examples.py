@@ -44,6 +44,15 @@ DEVICES: dict[str, tuple[dict[str, Any], dict[str, Any], dict[str, Any], str]] =
         "tcp://127.0.0.1:9",
     ),
     "gamepad": ({}, {"axes": {"left_x": [[0.0, 0.0], [100.0, 1.0]]}}, CELL, "/dev/input/event-none"),
+    "mit-can": (
+        {
+            "maker": "damiao",
+            "motors": {"one": {"id": 1, "model": "DM4340", "lower": -2.0, "upper": 2.0, "kp": 20.0, "kd": 1.0}},
+        },
+        {},
+        _cell(chain={"part": "actuator-chain", "axes": {"one": {"model": "DM4340"}}}),
+        "can://udp_multicast/239.74.163.99?port=43198",
+    ),
     "natnet": ({"segments": {"wand": "wand"}}, {}, _cell(wand={"part": "mocap-body"}), "udp://127.0.0.1:9"),
     "noitom": ({}, {}, _cell(body={"part": "body"}), "tcp://127.0.0.1:9"),
     "panda": ({}, {}, _cell(arm={"part": "panda"}), "tcp://127.0.0.1:9"),

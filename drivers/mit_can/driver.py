@@ -1,0 +1,400 @@
+"""MIT-mode actuators on one CAN bus: a command and a reply each a cycle, without blocking."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import Final
+
+import can
+import numpy as np
+
+from drivers.canbus import CanLink, frame_bits, open_can, shared_bus
+from drivers.mit_can import declare, protocol
+from drivers.mit_can.config import MitCanConfig
+from drivers.mit_can.declare import COMMANDS, KINDS, PERIOD, STATES
+from drivers.mit_can.faults import MitFaults, warnings
+from drivers.mit_can.line import Line, command_ids
+from drivers.mit_can.opening import Opening
+from drivers.mit_can.plausible import Plausible
+from drivers.mit_can.protocol import Impedance, State
+from drivers.mit_can.replies import Replies
+from runtime.contracts.driver import Driver, Traffic
+from runtime.contracts.errors import DeviceError, DeviceLostError
+from runtime.contracts.signals import Array, Kind, Stop
+
+UNANSWERED: Final = 3  # frames without a reply, and
+SILENT: Final = 10_000_000  # ns without one, after which a motor is silent
+STATUS: Final = 100_000_000  # ns, the same of a V3, which may send its status at a slow rate of its own
+LOST: Final = 500_000_000  # ns without a word from any motor
+AGAIN: Final = 20_000_000  # ns between two attempts to enable a motor
+ASLEEP: Final = 500_000_000  # ns after which a motor that doesn't enable is a fault
+CLEARED: Final = 50_000_000  # ns: a drive packs its reply before it obeys
+JUMP: Final = 0.3  # rad of the shaft between two replies that no motion explains
+_OFF, _WAKING, _ARMED = 0, 1, 2
+
+
+class MitCan(Driver):
+    """Axes driven by actuators in MIT mode.
+
+    States, all (n,) in the profile's order of motors: `position` (rad; m of a prismatic axis), `velocity`, `effort`
+    (N m, N: from the current, without friction), `temperature` (degC, the hottest that the drive tells). One command,
+    by `interface`: `position_command`, `velocity_command` or `effort_command`. The drive itself does
+    torque = kp (p - q) + kd (v - dq) + t, with the profile's gains. A stamp is when the oldest of the motors' newest
+    replies arrived. Source: protocol sheet can_actuators, sections 1 and 2.
+    """
+
+    Config = MitCanConfig
+    summary = "MIT-mode actuators on CAN: CubeMars AK (V1 to V3) and Damiao"
+    gives = STATES
+    takes = COMMANDS
+    max_age = 0.05
+    patience = 1.0  # of the opening, for whoever answers slower or at once
+
+    def __init__(self, name: str, config: MitCanConfig) -> None:
+        super().__init__(name, config)
+        self.config: MitCanConfig = config
+        motors = self._motors = list(config.motors.values())
+        self._v3, self._damiao = config.generation == "v3", config.maker == "damiao"
+        self._kind = KINDS[config.interface]
+        self.states = declare.states(config)
+        self.commands = (declare.command(config),)
+        self._name = self.commands[0].name
+        self._place = f"{name} ({config.port})"
+        size = frame_bits(8, self._v3)
+        self.traffic = Traffic(shared_bus(config.port), config.bitrate, 2.0 * size * len(motors))
+        if all(motor.home is not None for motor in motors):
+            self.home[self._name] = np.array([motor.home for motor in motors])
+        self._scale = [motor.scale for motor in motors]
+        self._spans = [motor.span(config.generation) for motor in motors]
+        self.limits[self._name] = declare.limits(config, self._spans)
+        self._faults = MitFaults(config.motors)
+        self._replies = Replies(config, command_ids(config))
+        self._line: Line | None = None
+        self._refused = 0
+        self._forget()
+
+    def _forget(self) -> None:
+        n = len(self.config.motors)
+        self._offset = [0.0] * n
+        self._wire: list[float] = [0.0] * n  # the newest position, as the drive says it
+        self._heard = [-1] * n  # ns, of the newest reply
+        self._on = [False] * n  # a Damiao: it said so
+        self._stage = [_OFF] * n
+        self._since = [0] * n  # ns, of the present stage
+        self._asked = [0] * n  # ns, of the last attempt to enable
+        self._last: list[bytes] = [b""] * n  # the newest commands
+        self._before = [0.0] * n  # the command before, in the axis' unit
+        self._plausible = [Plausible() for _ in range(n)]
+        self._wrote, self._complete = -1, False  # complete: all were armed since the last stop
+        self._cleared = -1  # ns, until which replies may still show errors that were cleared
+        self._writing = self._moved = False
+        self._rest = Stop.DAMP  # what an enabled motor without a command does
+        self._damped: tuple[bytes, ...] = ()  # stop frames
+        self._limp: tuple[bytes, ...] = ()
+        self._frames: tuple[tuple[bytes, ...], tuple[bytes, ...]] = (), ()  # the held commands, and their frames
+
+    # -- life cycle
+
+    def open(self) -> None:
+        """See `Driver.open`. Blocks some 10 ms a motor, up to a second if one is missing.
+
+        A Damiao stays as it is. A CubeMars V1 or V2 is enabled with damping alone, if the profile lets it.
+        """
+        self.close()
+        link = self.connect()
+        try:
+            if not self._damiao and link.stop_fileno() is None and link.interface != "virtual":
+                raise DeviceError(
+                    self._place,
+                    f"no other program can stop these motors over {link.interface} if this one dies, and a CubeMars "
+                    "isn't known to stop by itself",
+                    "Use an adapter of SocketCAN or slcan",
+                )
+            found = Opening(link, self.config, self._place, self.patience).find()
+        except BaseException:
+            link.close()
+            raise
+        self._forget()
+        self._spans = self._replies.spans = found.spans
+        self._offset = found.offset
+        self.limits = {self._name: declare.limits(self.config, self._spans)}
+        self._faults.clear()
+        motors = self.config.motors.values()
+        self._damp = [self._encode(i, Impedance(kd=motor.damping)) for i, motor in enumerate(motors)]
+        self._slack = [self._encode(i, Impedance()) for i in range(len(self._spans))]
+        self._held = list(self._damp)
+        for i, state in enumerate(found.states):
+            self._wire[i] = state.position
+            self._fill(i, state)
+            self._judge(i, state, -1)
+        if not self._damiao:
+            self._on = [True] * len(self._on)
+        line = self._line = Line(link, self.config, self._place)
+        self._damped, self._limp = line.stop_frames(self._damp, off=False), line.stop_frames(self._slack, off=True)
+        self.health.opened()
+        self.health.fault = self._faults.text()
+        self._words = found.words
+        if link.stop_fileno() is None:
+            own = f"only their own watchdog ({self.config.watchdog:g} s)" if self._damiao else "nothing"
+            self._words += f"; over {link.interface} {own} stops them if this program dies"
+        self.health.message = self._words
+
+    def connect(self) -> CanLink:
+        """Opens the bus."""
+        return open_can(self.config.port, place=self._place)
+
+    def read(self, now: int) -> None:
+        """See `Driver.read`."""
+        line = self._open_line()
+        try:
+            if self._heard[0] < 0:
+                self._heard = [now] * len(self._heard)
+            for message in line.link.read():
+                self._take(line, message, now)
+            self.health.errors = self._replies.strange
+            self._look(line, now)
+            if not self._writing:
+                for i in range(len(self._on)):
+                    self._damp_or_ask(line, i, now)
+        except DeviceLostError as error:
+            self.health.lost(error.problem)
+            raise
+        self._writing = False
+        self.health.fault = self._faults.text()
+
+    def write(self, now: int) -> None:
+        """See `Driver.write`. A motor is enabled with damping alone first; then its stiffness rises within `ramp`."""
+        line = self._open_line()
+        self._writing = True
+        command = self.command_arrays[self._name]
+        dt = (now - self._wrote) * 1e-9 if self._wrote >= 0 else 0.0
+        values, faults = command.tolist(), self._faults
+        finite, complete = np.isfinite(command).tolist(), True
+        try:
+            for i, value in enumerate(values):
+                if self._stage[i] != _ARMED and not (finite[i] and self._arm(line, i, value, now)):
+                    complete &= self._complete and faults.concerns(i)  # the others go on without it
+                    continue
+                if finite[i]:
+                    self._last[i] = self._encode(i, self._wanted(i, value, dt, now))
+                complete &= line.send(i, self._last[i] or self._damp[i], now) and finite[i]
+        except DeviceLostError as error:
+            self.health.lost(error.problem)
+            raise
+        self._wrote, self._moved = now, True
+        if complete:
+            self._complete = True
+            self.sent_arrays[self._name][:] = self._bounded(command)
+
+    def stop(self, category: Stop) -> None:
+        """See `Driver.stop`. DAMP: damping alone, again in each call. LIMP: no torque; a Damiao is disabled, too."""
+        line = self._line
+        if line is None or category not in (Stop.DAMP, Stop.LIMP):
+            return
+        self._rest, self._writing, self._complete = category, True, False
+        for i in range(len(self._stage)):
+            self._disarm(i)
+        frames = self._damp if category is Stop.DAMP else self._slack
+        with contextlib.suppress(DeviceError):  # the next read reports a lost link
+            for i, frame in enumerate(frames):
+                if self._damiao and not self._on[i]:
+                    line.ask(i)
+                    continue
+                line.send(i, frame)
+                if category is Stop.LIMP and self._damiao:
+                    line.tell(i, protocol.DISABLE)
+
+    def close(self) -> None:
+        """See `Driver.close`.
+
+        A position command stays with the drive; a velocity or a torque becomes damping. A Damiao lets go when its
+        watchdog has expired; a CubeMars that was never moved is let go here.
+        """
+        line, self._line = self._line, None
+        if line is None:
+            return
+        if self.health.connected:
+            with contextlib.suppress(DeviceError):
+                for i in range(len(self._stage)):
+                    if self._kind is not Kind.POSITION and self._stage[i] == _ARMED:
+                        line.send(i, self._damp[i])
+                    if not self._damiao and not self._moved:
+                        line.send(i, self._slack[i])
+                        line.tell(i, protocol.DISABLE)
+        self._refused += line.refused
+        self.health.connected = False
+        line.link.close()
+
+    def fileno(self) -> int | None:
+        """See `Driver.fileno`."""
+        return self._line.link.stop_fileno() if self._line is not None else None
+
+    def stop_frames(self, category: Stop) -> tuple[bytes, ...]:
+        """See `Driver.stop_frames`: one for each motor.
+
+        HOLD repeats the last positions at rest; without a loop a velocity or a torque can only be damped. LIMP takes
+        the torque away, then disables (an AK V3 has no frame for that).
+        """
+        if category is Stop.LIMP:
+            return self._limp
+        if category is Stop.DAMP or self._kind is not Kind.POSITION or _ARMED not in self._stage:
+            return self._damped
+        held = tuple(self._held)
+        if self._frames[0] != held and self._line is not None:
+            self._frames = held, self._line.stop_frames(held, off=False)
+        return self._frames[1]
+
+    def recover(self, now: int) -> None:
+        """See `Driver.recover`: clears a Damiao's errors. Motors that may stand elsewhere are opened anew."""
+        line, faults = self._line, self._faults
+        if line is None:
+            return
+        if faults.doubtful or (faults.errors and not self._damiao):
+            raise DeviceLostError(self._place, f"it is looked at anew: {faults.text()}", "Wait until it is open again")
+        self._cleared = now + CLEARED
+        for i in list(faults.errors):
+            line.tell(i, protocol.CLEAR)
+            self._on[i] = False
+            self._disarm(i)
+        faults.clear()
+        self.health.fault = ""
+
+    def figures(self) -> dict[str, object]:
+        """Replies taken, and frames for which the bus had no room."""
+        return {"replies": self.health.frames, "refused": self._refused + (self._line.refused if self._line else 0)}
+
+    # -- commands
+
+    def _wanted(self, i: int, value: float, dt: float, now: int) -> Impedance:
+        """The drive's command for a value of the axis."""
+        motor, scale = self._motors[i], self._scale[i]
+        if self._kind is Kind.VELOCITY:
+            return Impedance(velocity=value / scale, kd=motor.kd)
+        if self._kind is Kind.TORQUE:
+            return Impedance(kd=motor.kd, torque=value * scale)
+        value = self._clear(i, value)
+        shaft = value / scale + motor.zero - self._offset[i]
+        speed = (value - self._before[i]) / dt / scale if 0 < dt < PERIOD * 5 and self._last[i] else 0.0
+        self._before[i] = value
+        ramp = self.config.ramp * 1e9
+        share = min(1.0, (now - self._since[i]) / ramp) if ramp > 0 else 1.0
+        self._held[i] = self._encode(i, Impedance(position=shaft, kp=motor.kp, kd=motor.kd))
+        return Impedance(shaft, speed, motor.kp * share, motor.kd)
+
+    def _clear(self, i: int, value: float) -> float:
+        """A position within its joint's travel, whatever the guard was told."""
+        motor = self._motors[i]
+        assert motor.lower is not None
+        assert motor.upper is not None
+        return min(max(value, motor.lower), motor.upper)
+
+    def _bounded(self, command: Array) -> Array:
+        if self._kind is Kind.POSITION:
+            return np.array([self._clear(i, value) for i, value in enumerate(command.tolist())])
+        return command
+
+    def _encode(self, i: int, wanted: Impedance) -> bytes:
+        return protocol.command(wanted, self._spans[i], self._v3)
+
+    def _arm(self, line: Line, i: int, value: float, now: int) -> bool:
+        """Brings a motor to the point from which it may get commands; True once it is there. Sends for it till then."""
+        faults = self._faults
+        if self._stage[i] == _OFF:
+            position = float(self.state_arrays["position"][i])
+            away = abs(value - position) if self._kind is Kind.POSITION else 0.0
+            if away > self.config.start_tolerance * abs(self._scale[i]):
+                faults.far[i] = away
+            if faults.concerns(i):
+                self._damp_or_ask(line, i, now)
+                return False
+            self._stage[i], self._since[i], self._asked[i] = _WAKING, now, -AGAIN
+        if self._on[i]:
+            self._stage[i], self._since[i], self._last[i] = _ARMED, now, b""
+            self._rest = Stop.DAMP
+            return True
+        if now - self._since[i] > ASLEEP:
+            faults.asleep.add(i)
+        if now - self._asked[i] >= AGAIN and i not in faults.asleep:
+            self._asked[i] = now
+            line.tell(i, protocol.ENABLE)
+        line.send(i, self._damp[i], now)  # at once: an enabled drive may act on an older command
+        return False
+
+    def _disarm(self, i: int) -> None:
+        """A motor gets no command before it was armed again; until then no stop frame repeats its last one."""
+        self._stage[i], self._last[i], self._held[i] = _OFF, b"", self._damp[i]
+
+    def _damp_or_ask(self, line: Line, i: int, now: int) -> None:
+        """Keeps a motor's states coming while nobody commands it; if it is enabled it gets damping."""
+        if self._v3 and not self.config.enable_at_open and not self._moved:
+            return  # its status comes by itself
+        if self._damiao and not self._on[i]:
+            line.ask(i)
+            return
+        line.send(i, self._slack[i] if self._rest is Stop.LIMP else self._damp[i], now)
+
+    # -- replies
+
+    def _take(self, line: Line, message: can.Message, now: int) -> None:
+        reply = self._replies.of(message)
+        if reply is None:
+            return
+        i = reply.motor
+        if reply.state is None:
+            self._faults.foreign.add(i)
+            return
+        self.health.frames += 1
+        self._heard[i], line.pending[i] = now, 0
+        self._judge(i, reply.state, now)
+        self._fill(i, reply.state)
+
+    def _judge(self, i: int, state: State, now: int) -> None:
+        """Takes what a reply says of the motor's well-being."""
+        faults, config = self._faults, self.config
+        if (words := protocol.in_words(state.code, self._damiao)) and now >= self._cleared:
+            faults.errors[i] = words
+        if self._damiao:
+            if state.code == 1:
+                self._on[i] = True
+            elif self._on[i]:
+                self._on[i] = False
+                if self._stage[i] == _ARMED:
+                    self._disarm(i)
+                    if state.code == 0:
+                        faults.limp.add(i)
+            faults.judge(i, state.hottest, config.hot, now)
+        by = state.position - self._wire[i]
+        self._wire[i] = state.position
+        self._plausible[i].take(by, state.velocity, now)
+        if abs(by) > JUMP + abs(state.velocity) * 0.1 and i not in faults.jumped:
+            faults.jumped[i] = by
+            self._disarm(i)  # its next command would drive it back by as much
+
+    def _fill(self, i: int, state: State) -> None:
+        motor, scale, span, out = self._motors[i], self._scale[i], self._spans[i], self.state_arrays
+        if not out:
+            return
+        out["position"][i] = (state.position + self._offset[i] - motor.zero) * scale
+        out["velocity"][i] = protocol.dead(state.velocity, span.velocity) * scale
+        out["effort"][i] = protocol.dead(state.torque, span.torque) / scale
+        out["temperature"][i] = state.hottest
+
+    def _look(self, line: Line, now: int) -> None:
+        """Who is silent, who is warm."""
+        faults = self._faults
+        for i, heard in enumerate(self._heard):
+            if line.pending[i] >= UNANSWERED and now - heard > (STATUS if self._v3 else SILENT):
+                faults.silent.add(i)
+        if now - max(self._heard) > LOST:
+            raise DeviceLostError(
+                self._place, f"no motor has answered for {LOST / 1e9:g} s", "Check the bus' cable and the motors' power"
+            )
+        self.health.stamp = min(self._heard)
+        self.health.message = "; ".join(
+            [self._words, *warnings(self.config, self.state_arrays["temperature"], self._plausible)]
+        )
+
+    def _open_line(self) -> Line:
+        if self._line is None:
+            raise DeviceLostError(self._place, "it isn't open", "Open it first")
+        return self._line

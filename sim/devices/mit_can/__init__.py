@@ -1,0 +1,1 @@
+"""MIT-mode actuators, simulated: their drives, the fake and the twin."""
