@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import partial
 from math import ceil
 from pathlib import Path
@@ -35,6 +36,7 @@ from runtime.profile.source import Source
 LAW: Final = "emg-activation"
 MARKS: Final = "emg-marks"
 _PART: Final = "muscles"
+_FASTEST: Final = Fraction(100)  # Hz, of the calibration's rows
 _FRAME: Final = 27  # samples that come at once; a row must hold a cycle's and these
 
 
@@ -103,7 +105,11 @@ class EmgMethod(Method[Taps, Result]):
         """The device alone, with all its samples in each row; and simulated muscles that do what they are told."""
         plain["frames"] = {}
         entry = plain["devices"][self._device]
-        needed = ceil(self._plan.rate / float(self.checked.rate)) + _FRAME
+        rate = self.checked.rate
+        if rate > _FASTEST:  # rows overlap: a fast loop's would fill the memory
+            plain["rate"] = 100
+            rate = _FASTEST
+        needed = ceil(self._plan.rate / float(rate)) + _FRAME
         entry["block"] = max(int(entry.get("block") or 0), needed)
         if not self.order.sim:
             plain.pop("sim", None)

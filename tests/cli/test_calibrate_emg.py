@@ -244,7 +244,7 @@ def test_wrong_arguments_are_named(
     [
         (lambda made: made["muscles"]["biceps"].update(mvc=1e-7), "a contraction must give more"),
         (lambda made: made["muscles"].update(calf=made["muscles"].pop("biceps")), "components differ"),
-        (lambda made: made.update(cutoff=5000.0), "the envelope's cut-off is 5000 Hz"),
+        (lambda made: made.update(band=[20.0, 1500.0]), "a band of 20 to 1500 Hz at 2000 Hz"),
         (lambda made: made.update(format="srl-ft-1"), "format"),
     ],
 )  # fmt: skip

@@ -21,11 +21,13 @@ class Stream:
     Attributes:
         fresh: whether the newest `take` brought samples that follow those before.
         settled: whether so many have followed each other that the filters have forgotten how they began.
+        settles: s, that this takes.
     """
 
     def __init__(self, muscles: int, filters: Filters) -> None:
         self._muscles, self._filters = muscles, filters
         self._least = round(filters.rate / filters.cutoff)
+        self.settles = 1.0 / filters.cutoff
         self.forget()
 
     def forget(self) -> None:

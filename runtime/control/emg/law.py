@@ -18,6 +18,8 @@ from runtime.control.emg import record
 from runtime.control.emg.blocks import GONE, Stream
 from runtime.control.emg.processing import normalise
 
+_MARGIN = 0.1  # s, that the first samples may take beside the filters
+
 
 class EmgActivationConfig(ControllerConfig):
     """Options of `emg-activation`."""
@@ -27,7 +29,7 @@ class EmgActivationConfig(ControllerConfig):
     )
     block: int = Field(64, gt=GONE, le=512, description="as the device has it: samples in a row")
     hold: float = Field(
-        0.5, ge=0.25, le=2, description="s for which the last activation stands while samples are missing"
+        0.5, ge=0.25, le=2, description="s for which the last activation stands while samples are missing, or more"
     )
 
 
@@ -60,7 +62,8 @@ class EmgActivation(Controller):
         self.simulated = "calibration" if made.simulated else ""
         self._rest = np.array([each.rest for each in made.muscles.values()])
         self._span = np.array([each.mvc for each in made.muscles.values()]) - self._rest
-        self._hold, self._stream = config.hold, Stream(n, made.filters())
+        self._stream = Stream(n, made.filters())
+        self._hold = max(config.hold, self._stream.settles + _MARGIN)  # else it could never begin
         self._clear()
 
     def _clear(self) -> None:

@@ -64,7 +64,7 @@ class EmgRecord(BaseModel):
     rate: _Positive
     band: tuple[_Positive, _Positive]
     band_order: int
-    cutoff: _Positive
+    cutoff: Annotated[FiniteFloat, Field(ge=2.5, le=20.0)]
     cutoff_order: int
     window: _Positive
     muscles: Annotated[dict[str, Muscle], Field(min_length=1, max_length=16)]

@@ -70,7 +70,7 @@ class Plan(Options):
     rate: float = Field(2000.0, gt=100, le=10000, description="Hz, of the device's samples")
     low: float = Field(20.0, gt=0, description="Hz, band-pass")
     high: float = Field(450.0, gt=0, description="Hz, band-pass")
-    cutoff: float = Field(5.0, ge=0.5, le=20, description="Hz, of the envelope")
+    cutoff: float = Field(5.0, ge=2.5, le=20, description="Hz, of the envelope")
     window: float = Field(0.5, ge=0.1, le=1.0, description="s, over which a contraction's envelope is averaged")
 
     @model_validator(mode="after")

@@ -9,7 +9,7 @@ import pytest
 
 from drivers.noitom.skeleton import Skeleton
 from runtime.contracts.rotation import matrices
-from runtime.contracts.wearer import Action, Explore, Perform, Rest, Walk
+from runtime.contracts.wearer import Action, Explore, Perform, Rest, Return, Walk
 from sim.wearer.people import subject
 from sim.wearer.performer import Performer, measured
 
@@ -111,6 +111,18 @@ def test_walking_goes_about_its_speed_and_stops() -> None:
     assert speed[100:200].mean() == pytest.approx(who.subject.scale, rel=0.05)
     assert speed[:18].max() < 0.01
     assert speed[-40:].max() < 0.01
+
+
+@pytest.mark.parametrize(("number", "walks"), [(0, 12.0), (1, 3.1), (2, 0.0)])
+def test_who_returns_stands_where_it_stood_and_faces_as_it_did(number: int, walks: float) -> None:
+    who, stayed = person(number), person(number)
+    if walks:
+        who.instruct(2.0, Walk())
+    who.instruct(2.0 + walks, Return())
+    t = next(t for t in np.arange(2.0 + walks, 60.0, 0.1) if who.there(t)) + 0.1
+    np.testing.assert_allclose(places(who, t), places(stayed, t), atol=1e-6)
+    if walks > 1.0:
+        assert np.linalg.norm(places(who, 2.0 + walks)[0] - places(stayed, 2.0 + walks)[0]) > 0.5
 
 
 def test_people_differ_and_each_repeats_itself() -> None:
