@@ -47,6 +47,7 @@ class SoftHand(Driver):
 
     Config = SoftHandConfig
     summary = "qb SoftHand / Pisa-IIT SoftHand: one motor, one synergy (RS485)"
+    pictured_as = "softhand"
     usb = ("0403",)  # FTDI, in the vendor's adapter
     gives = ("position", "current")
     takes = (COMMAND,)

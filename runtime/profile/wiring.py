@@ -28,7 +28,7 @@ from runtime.profile.doubts import doubts
 from runtime.profile.graph import Actuator, Cleared, Copy, Graph, Law
 from runtime.profile.meta import describe
 from runtime.profile.names import Link, link
-from runtime.profile.pictured import pictured
+from runtime.profile.pictured import pictured, with_a_place
 from runtime.profile.profile import Profile
 from runtime.profile.robots import remarks as robot_remarks
 from runtime.profile.source import Source
@@ -75,7 +75,7 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
     layout.meta = describe(b.profile, b.source, b.signals, b.simulated, devices, laws, parameters, scenery, b.frames)
     layout.meta["frames"] |= placed
     # A frame on a link that nothing measures isn't among those of the layout: the robot would stand at the root.
-    layout.meta["robots"] = [r for r in robots if not profile.frames or r["name"] in layout.meta["frames"]]
+    layout.meta["robots"] = with_a_place(robots, layout.meta["frames"]) if profile.frames else robots
     keys.check(layout.fields, f"{b.source.label}: signal")
     row = Row(layout)
     for item in layout.meta["parameters"]:

@@ -11,7 +11,7 @@ from runtime.recorder.eye import look
 from runtime.recorder.scene import plot_path
 from runtime.recording.columns import entity
 from runtime.recording.format import EVENTS
-from runtime.recording.robots import robots
+from runtime.recording.robots import StandingRobots
 from runtime.recording.shapes import visuals
 
 NAMED, FEW = 5, 3  # curves in one view that its legend names, and in a low one
@@ -46,11 +46,11 @@ def make(layout: Layout, row: Words | None, live: bool) -> rrb.Blueprint:
         columns=rrb.TextLogColumns(timeline_columns=["time"], text_log_columns=["LogLevel", "Body"]),
     )
     left = [events]
-    shapes, drawn = visuals(layout), robots(layout)
+    standing = StandingRobots(layout)
+    shapes, drawn = visuals(layout), standing.robots
     if shapes or drawn:
         # Where a robot is drawn whole, the simulated world's lines of it would only hide it.
-        lines = {f"world.{robot.name}_{what}" for robot in drawn for what in ("links", "outline")}
-        seen = [entity(f.name) for f in shapes if f.name not in lines]
+        seen = [entity(f.name) for f in shapes if f.name not in standing.hidden]
         view = rrb.Spatial3DView(
             name="3D",
             contents=[

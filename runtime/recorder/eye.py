@@ -8,7 +8,7 @@ import rerun.blueprint as rrb
 from runtime.contracts.field import Field
 from runtime.contracts.signals import Array
 from runtime.ipc.layout import Layout, Words
-from runtime.recording.robots import robots
+from runtime.recording.robots import StandingRobots
 from runtime.recording.shapes import Placing
 
 # From the thumb's side of a right hand (-x), from behind the wrist (-y) and from its back (+z). It suits a robot, too.
@@ -44,9 +44,8 @@ def look(layout: Layout, row: Words, shapes: list[Field]) -> rrb.EyeControls3D |
         if not len(points):
             continue
         low, high = np.minimum(low, points.min(axis=0) - margin), np.maximum(high, points.max(axis=0) + margin)
-    for robot in robots(layout):
-        T = placing.to_root(row, robot.name)
-        points = robot.origins(layout, row) @ T[:3, :3].T + T[:3, 3]
+    for links in StandingRobots(layout).of(row):
+        points = links[:, :3, 3]
         if np.isfinite(points).all():
             low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
     if np.isfinite(low).all():  # fixed objects are included, but they are not worth a view of their own

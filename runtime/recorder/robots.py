@@ -69,7 +69,7 @@ class RobotShapes:
         """Sends what doesn't move; `frames` are the names of those that the recording has."""
         for robot in self.robots:
             for number, link in enumerate(robot.linkage.links):
-                above = robot.name if robot.name in frames else ROOT
+                above = robot.on.replace("/", ":") if robot.on else robot.name if robot.name in frames else ROOT
                 if not link.joint:
                     T = homogeneous(link.pose)
                     parent = robot.frame(link.parent) if link.parent >= 0 else above

@@ -31,6 +31,7 @@ from runtime.recording.solids import Solids, Thing
 ACROSS = 5  # pictures in a row
 SIZE = (2.3, 3.1)  # inches of one among others
 ALONE = (6.0, 7.0)  # inches of a single one
+NAMED = 1.6  # inches of a name in the legend
 ARC = np.linspace(-np.pi / 2, np.pi / 2, 25)
 # From what is looked at to the eye, in the root frame: a body's front is its x, its left is y.
 SIDES = {"front": (1.0, 0.0, 0.0), "back": (-1.0, 0.0, 0.0), "left": (0.0, 1.0, 0.0), "right": (0.0, -1.0, 0.0)}
@@ -138,7 +139,7 @@ def draw(
             late = "" if state == State.ACTIVE else ", no law runs"
             axis.set_title(f"{letter}{times[i]:.2f} s, cycle {cycle}{late}", fontsize=8)
             scene.paint(axis, shape, middles[i], reach)
-        legend(figure, scene.things, 4 if len(rows) == 1 else 9)
+        legend(figure, scene.things, 4 if len(rows) == 1 else max(2, int(size[0] / NAMED)))
         figure.suptitle(title(recording), fontsize=10)
         if names:
             figure.draw_without_rendering()  # places and limits are final now

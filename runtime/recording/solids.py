@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from runtime.contracts.field import Field
 from runtime.contracts.signals import Array
 from runtime.ipc.layout import Layout
+from runtime.recording.link_capsules import link_capsules
+from runtime.recording.robots import StandingRobots
 from runtime.recording.shapes import JOINTED, Placing, color_numbers, visuals
 
 THICK: Final = {"points": (0.004, 0.0025), "skeleton": (0.009, 0.006), "robot": (0.03, 0.02)}  # m, radii: point, link
@@ -23,10 +25,10 @@ NEWTON: Final = 0.02  # m, length of an arrow for each newton
 
 @dataclass(frozen=True)
 class Thing:
-    """One signal's shape.
+    """The shape of one signal, or of one robot.
 
     Attributes:
-        name: the signal.
+        name: the signal, or the robot's device.
         points: whether it is points with links. Otherwise it is capsules.
         numbers: of its colours, one a row or one for all; empty where the distance gives the colours.
         labels, links, groups: of its rows.
@@ -50,17 +52,23 @@ class Solids:
     """The things of one layout.
 
     Attributes:
-        things: in the order of their signals.
+        things: in the order of their signals; then the robots, by the names of their devices.
     """
 
     def __init__(self, layout: Layout) -> None:
         self._layout = layout
-        self._fields = visuals(layout)
+        self._standing = StandingRobots(layout)
+        self._fields = [field for field in visuals(layout) if field.name not in self._standing.hidden]
         self._placing = Placing(layout)
         numbers = color_numbers(self._fields)
         self.things = [
             replace(_thing(field, numbers[field.name]), law=field.role == "internal") for field in self._fields
         ]
+        first = 1 + max((number for each in numbers.values() for number in each), default=-1)
+        self.things += [
+            Thing(robot.name, False, (first + i,), solid=True) for i, robot in enumerate(self._standing.robots)
+        ]
+        self._links = [link_capsules(robot.linkage) for robot in self._standing.robots]
 
     def of(self, row: NDArray[np.int64]) -> list[Array]:
         """What each thing is in a row (width,): points (k, 3), or capsules (k, 8) as terms.CAPSULE says, m.
@@ -69,7 +77,7 @@ class Solids:
         """
         known: dict[str | None, Array] = {}
         found = []
-        for field, thing in zip(self._fields, self.things, strict=True):
+        for field, thing in zip(self._fields, self.things, strict=False):  # the robots come after
             if field.frame not in known:
                 known[field.frame] = self._placing.to_root(row, field.frame)
             T, values = known[field.frame], self._layout.value(row, field.name)
@@ -78,6 +86,11 @@ class Solids:
                 rows[:] = np.nan  # no sample yet
             for at in (0,) if thing.points else (0, 3):
                 rows[:, at : at + 3] = rows[:, at : at + 3] @ T[:3, :3].T + T[:3, 3]
+            found.append(rows)
+        for places, (numbers, shapes) in zip(self._standing.of(row), self._links, strict=True):
+            T, rows = places[numbers], shapes.copy()
+            for at in (0, 3):
+                rows[:, at : at + 3] = (T[:, :3, :3] @ rows[:, at : at + 3, None])[..., 0] + T[:, :3, 3]
             found.append(rows)
         return found
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from xml.etree.ElementTree import Element
 
 from runtime.contracts.errors import WiringError, nearest
@@ -57,7 +57,7 @@ def _find(
     at = part.config.at
     if at is None:
         at = part.name if part.name in frames.entries else None
-    elif at != part.name and part.name in frames.entries and frames.entries[part.name].pose is None:
+    elif at != part.name and part.name in frames.entries and not _unseen(frames, part.name, {*mjcf.carried, *waiting}):
         problem = f"the profile says where '{part.name}' is, frames.{part.name}, and this says it again"
         remedy = "Leave `at:` out; `off_by:` makes the world differ from what the profile says"
         raise WiringError(_place(part.name), problem, remedy)
@@ -89,6 +89,20 @@ def _find(
                 raise WiringError(_place(other), problem, f"Say under `frames:` where '{b}' is: give it a parent")
         frame = entry.parent
     return mjcf.worldbody, pose, ""
+
+
+def _unseen(frames: Frames, name: str, parts: Container[str]) -> bool:
+    """Whether a pose is measured on the frame's way to its root, and no part of the world carries that one.
+
+    Then the profile says what is seen, and only the part itself can say what is so.
+    """
+    above = frames.entries[name].parent
+    while above in frames.entries and above not in parts:
+        entry = frames.entries[above]
+        if entry.pose is not None:
+            return True
+        above = entry.parent
+    return frames.entries[name].pose is not None
 
 
 def _stuck(lacking: Mapping[str, str], mjcf: Mjcf, frames: Frames) -> WiringError:

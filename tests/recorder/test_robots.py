@@ -199,8 +199,8 @@ def test_robots_whose_places_are_not_known_are_not_drawn_into_each_other(
 
 def test_a_robot_on_a_link_that_nothing_measures_is_not_drawn() -> None:
     real, simulated = (wiring.build(*profile.load("moca-finger"), sim).layout.meta for sim in (None, []))
-    assert [robot["name"] for robot in real["robots"]] == ["arm", "base"]  # where the person's hand is, nobody knows
-    assert [robot["name"] for robot in simulated["robots"]] == ["arm", "base", "finger"]
+    assert [robot["name"] for robot in real["robots"]] == ["arm", "base", "gripper"]  # where the person's hand is, nobody knows
+    assert [robot["name"] for robot in simulated["robots"]] == ["arm", "base", "finger", "gripper"]
 
 
 def test_a_base_without_frames_stands_where_it_says_it_is(tmp_path: Path) -> None:

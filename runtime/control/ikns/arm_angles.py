@@ -21,6 +21,8 @@ from runtime.control.models import BodyOption, named
 _STARTS: Final = 6  # postures that a reset tries
 _LEVER: Final = 0.1  # m, from a segment's origin to the points that stand for its axes
 
+_NODES: Final = ("chest", "shoulder", "elbow", "wrist", "palm")
+
 Chain = Literal["torso", "clavicle", "arm"]
 
 
@@ -43,6 +45,9 @@ class ArmAnglesConfig(ControllerConfig):
         description="instead of markers, the device's segments: NAME: {segment: right_hand, position, quaternion}",
     )
     chest: str | None = Field(default=None, description="frame of the profile's tree that the output `chest` measures")
+    forearm: str | None = Field(
+        default=None, description="frame of the profile's tree that the output `forearm` measures"
+    )
     max_hold: float = Field(
         default=2.0,
         gt=0,
@@ -75,8 +80,9 @@ class ArmAngles(Controller):
     angle is about to change its turn, or near straight forward has two readings: it stays, and may jump where `held`
     falls. While a joint of torso or clavicle is held, so are the arm's joints, and `hand` stays;
     `hand` (7,), the pose of the palm's middle in the chest's frame; `chest` (7,), the chest's pose in the inputs'
-    frame; `residual` (1,) m, rms of the used markers; `used` (k,) 1 used, 0 not seen, -1 rejected. `hand` and `chest`
-    are NaN until the chest was seen after a reset, `residual` is in a frame that fits nothing.
+    frame; `forearm` (7,), that of the forearm (origin in the elbow), and `nodes` (5, 3) m, in the inputs' frame, for
+    pictures; `residual` (1,) m, rms of the used markers; `used` (k,) 1 used, 0 not seen, -1 rejected. These poses
+    and nodes are NaN until the chest was seen after a reset, `residual` is in a frame that fits nothing.
 
     A torso or clavicle that is held for longer than `max_hold` is the loss of the person.
     """
@@ -120,10 +126,22 @@ class ArmAngles(Controller):
             Signal(name="held", shape=(len(joints),), unit="1", labels=joints),
             Signal(name="hand", shape=(7,), unit="m", frame=config.chest, labels=POSE),
             Signal(name="chest", shape=(7,), unit="m", frame=f"={what}", of=config.chest, labels=POSE),
+            Signal(name="forearm", shape=(7,), unit="m", frame=f"={what}", of=config.forearm, labels=POSE),
+            Signal(
+                name="nodes",
+                shape=(len(_NODES), 3),
+                unit="m",
+                frame=f"={what}",
+                labels=_NODES,
+                components=(POINT,),
+                visual="skeleton",
+                links=(tuple(range(len(_NODES))),),
+            ),
             Signal(name="residual", shape=(1,), unit="m"),
             Signal(name="used", shape=(len(names),), unit="1", labels=names),
         )
-        self._hand = f"{side}_hand"
+        self._hand, self._forearm = f"{side}_hand", f"{side}_forearm"
+        self._shown = (f"{side}_upper_arm", self._forearm, self._hand)
         self._grip: rotation.Pose = (*fit.body.grip(side), 1.0, 0.0, 0.0, 0.0)
         self._clear()
 
@@ -177,12 +195,16 @@ class ArmAngles(Controller):
         self.lost = self._gone > self._patience
         self._seen_once |= not fit.held[self._torso].any()
         if not self._seen_once:
-            out["chest"][:] = out["hand"][:] = np.nan
+            for name in ("chest", "hand", "forearm", "nodes"):
+                out[name][:] = np.nan
             return
         chest = self._pose("torso")
-        hand = rotation.composed(self._pose(self._hand), self._grip)
+        hand = self._pose(self._hand)
+        palm = rotation.composed(hand, self._grip)
+        out["nodes"][:] = [chest[:3], *(self._fit.pose(s).translation for s in self._shown), palm[:3]]
+        out["forearm"][:] = self._pose(self._forearm)
         out["chest"][:] = chest
-        out["hand"][:] = self._kept("hand", rotation.composed(rotation.inverted(chest), hand))
+        out["hand"][:] = self._kept("hand", rotation.composed(rotation.inverted(chest), palm))
 
     def _pose(self, segment: str) -> rotation.Pose:
         """A segment's pose in the frame of the inputs, with the sign of its quaternion kept."""

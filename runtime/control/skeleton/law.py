@@ -12,7 +12,7 @@ from pydantic import Field
 from runtime.contracts.controller import Controller
 from runtime.contracts.errors import RecordingError
 from runtime.contracts.signals import Array, Signal
-from runtime.contracts.terms import POINT, QUATERNION
+from runtime.contracts.terms import POINT, POSE, QUATERNION
 from runtime.control.skeleton import bvh
 from runtime.control.skeleton.kinematics import Kinematics
 from runtime.control.skeleton.options import SkeletonConfig
@@ -25,6 +25,7 @@ class SkeletonLawConfig(SkeletonConfig):
     """Options of `skeleton`."""
 
     frame: str | None = Field(None, description="frame of the profile's tree that the suit's world is")
+    mount: str | None = Field(None, description="frame of the profile's tree that the output `mount` measures")
     vector: bool = Field(True, description="give the paper's motion vector, too; it takes longer than the nodes")
 
 
@@ -35,7 +36,8 @@ class Skeleton(Controller):
     rad (m where a joint slides), the positions of the arms that exist. An arm that doesn't is drawn at zero.
 
     Outputs: `nodes` (90, 3) m in the suit's world (y up, z forward at calibration, x to the body's left); `vector`
-    (90, 6), row after row the paper's 540 numbers, cm and degrees (`runtime.control.skeleton.paper`).
+    (90, 6), row after row the paper's 540 numbers, cm and degrees (`runtime.control.skeleton.paper`); with the option
+    `mount` also `mount` (7,), the pose in the suit's world of the body's node on which the arms hang, m.
 
     Source: Zhang, Liu, Li 2022, algorithm 1 without its drawing; forward kinematics as BVH means it.
     """
@@ -75,6 +77,11 @@ class Skeleton(Controller):
         )
         if config.vector:
             self.outputs += (Signal(name="vector", shape=(n, 6), unit="1", labels=tree.names, components=(COLUMNS,)),)
+        if config.mount is not None:
+            self.outputs += (
+                Signal(name="mount", shape=(7,), unit="m", frame=config.frame, of=config.mount, labels=POSE),
+            )
+        self._mount = self._kinematics.body(arms.parent) if config.mount is not None else None
         self._figure, self._sides = figure, arms.sides
 
     def reset(self) -> None:
@@ -84,6 +91,9 @@ class Skeleton(Controller):
         rotation, translation = self.input["rotation"], self.input["translation"]
         arms = {side: self.input[side] for side in self._sides}
         self.output["nodes"][:] = self._kinematics.nodes(rotation, translation, arms)
+        if self._mount is not None:
+            data, out = self._kinematics.data, self.output["mount"]
+            out[:3], out[3:] = data.xpos[self._mount], data.xquat[self._mount]
         if self._paper is not None:
             self._paper.write(rotation, translation, arms, self.output["vector"])
 

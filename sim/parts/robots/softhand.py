@@ -7,7 +7,7 @@ stops while the others continue to close.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import isnan, nan, pi, radians, sqrt
+from math import isnan, nan, pi, radians
 from typing import Any, ClassVar, Final, cast
 from xml.etree.ElementTree import Element
 
@@ -16,30 +16,28 @@ import numpy as np
 from pydantic import Field
 
 from runtime.contracts.signals import Array, Signal
+from runtime.control.robots.softhand import (
+    FACTOR,
+    FINGERS,
+    FLEXION,
+    FULL,
+    KNUCKLE,
+    KNUCKLES,
+    PAIRS,
+    PALM,
+    PHALANX,
+    RADIUS,
+    ROLL,
+    TIP,
+    thumb,
+)
 from sim.world.mjcf import add
 from sim.world.part import Mjcf, Part, PartConfig
 from sim.world.robot_mjcf import ROBOT_CONTACT
 
-FINGERS: Final = ("thumb", "index", "middle", "ring", "little")
 CLOSED: Final = 19000 / 65536 * 2 * pi  # rad of the motor at which the empty hand is closed
-_FULL: Final = radians(45)  # rad, each hinge of the closed hand; also its end stop
 _BASE_MASS: Final = 0.112  # kg, of base and motor: the total mass without palm and fingers
-_PALM: Final = ((0.002, 0.00695, 0.0535), (0.0365, 0.0911, 0.0848), 0.228)  # position in the base (m), size (m), kg
-# Knuckle in the palm (m), and the share of the synergy by which it swings sideways: fingers come together.
-_KNUCKLES: Final = {
-    "thumb": ((0.00566972, 0.029616, 0.055314), 1.3),
-    "index": ((-0.0033, 0.0195, 0.0936994), -0.2),
-    "middle": ((-0.0033, 0.0, 0.100699), 0.0),
-    "ring": ((-0.0033, -0.0195, 0.0936994), 0.2),
-    "little": ((-0.0033, -0.039, 0.0836994), 0.4),
-}
-_PAIRS: Final = {
-    finger: ("inner", "outer") if finger == "thumb" else ("inner", "middle", "outer") for finger in FINGERS
-}
-_FACTOR: Final = {("thumb", "inner"): 1.3}  # all other flexions follow the synergy itself
-_THUMB: Final = (0.97, 0.24)  # direction of the open thumb: radial, distal; our own choice
-_ROLL, _PHALANX, _KNUCKLE_LENGTH, _TIP = 0.013, 0.009, 0.009, 0.024  # m
-_RADIUS: Final = 0.008  # m, of phalanges; the sheet's boxes are 14 to 19 mm thick
+_PALM_MASS: Final = 0.228  # kg
 _LIGAMENT: Final = 0.02  # N m/rad per joint
 # Pulleys and springs are larger near the palm. The free hand still closes evenly, but a finger around an object
 # presses with all its phalanges instead of rolling off it. Our own choice.
@@ -72,7 +70,7 @@ class SoftHandPart(Part):
     def __init__(self, name: str, config: PartConfig, seed: int) -> None:
         super().__init__(name, config, seed)
         self._config = cast(SoftHandConfig, config)
-        self.labels = tuple(f"{finger}_{joint}" for finger in FINGERS for joint in ("abduction", *_PAIRS[finger]))
+        self.labels = tuple(f"{finger}_{joint}" for finger in FINGERS for joint in ("abduction", *PAIRS[finger]))
         self.truth = (
             Signal(name=f"{name}_motor", shape=(1,), unit="rad"),
             Signal(name=f"{name}_current", shape=(1,), unit="A"),
@@ -88,17 +86,17 @@ class SoftHandPart(Part):
         config, name = self._config, self.name
         base = mjcf.body(parent, f"{name}/base", **self.at())
         add(base, "inertial", pos=(0, 0, 0.03), mass=_BASE_MASS, diaginertia=(1e-4, 1e-4, 1e-4))
-        place, size, mass = _PALM
+        place, size = PALM
         palm = mjcf.body(base, f"{name}/palm", pos=place)
         half = tuple(v / 2 for v in size)
         box = {"type": "box", "pos": (0, 0, half[2]), "size": half}
         rubber = {"friction": (config.grip, 0.005, 0.0001), "condim": 4, "rgba": "0.25 0.25 0.28 1", **ROBOT_CONTACT}
-        add(palm, "geom", name=f"{name}/palm", mass=mass, **box, **rubber)
+        add(palm, "geom", name=f"{name}/palm", mass=_PALM_MASS, **box, **rubber)
         pulls: list[tuple[str, float, float]] = []
-        for finger, (knuckle, swing) in _KNUCKLES.items():
+        for finger, (knuckle, swing) in KNUCKLES.items():
             self._add_finger(palm, finger, knuckle, swing, rubber, pulls)
         # Lever arms in motor angle: the free hand is just closed when the motor is, if all springs are alike.
-        lever = CLOSED / (_FULL * sum(factor**2 * strength for _, factor, strength in pulls))
+        lever = CLOSED / (FULL * sum(factor**2 * strength for _, factor, strength in pulls))
         stall = config.torque_constant * config.current_limit
         motor = add(base, "body", name=f"{name}/motor")
         add(motor, "inertial", pos=(0, 0, 0), mass=1e-6, diaginertia=(1e-9, 1e-9, 1e-9))
@@ -139,7 +137,7 @@ class SoftHandPart(Part):
         """Adds a finger's bodies; appends its hinges and their share of the synergy to `pulls`."""
         called = f"{self.name}/{finger}"
         if finger == "thumb":
-            y, z = np.array(_THUMB) / sqrt(_THUMB[0] ** 2 + _THUMB[1] ** 2)
+            y, z = thumb()
             body = add(palm, "body", name=f"{called}_abduction", pos=knuckle, xyaxes=(1, 0, 0, 0, z, -y))
             axis, limits = (0.0, y, -z), (0.0, radians(90))  # swings about the palm's -z, outward in front of the palm
         else:
@@ -149,29 +147,29 @@ class SoftHandPart(Part):
         if swing:
             pulls.append((f"{called}_abduction", swing, _STRENGTH["abduction"]))
         add(body, "inertial", pos=(0, 0, 0), mass=_KNUCKLE_MASS, diaginertia=(1e-6, 1e-6, 1e-6))
-        at = _KNUCKLE_LENGTH
-        for pair in _PAIRS[finger]:
-            factor, last = _FACTOR.get((finger, pair), 1.0), pair == "outer"
+        at = KNUCKLE
+        for pair in PAIRS[finger]:
+            factor, last = FACTOR.get((finger, pair), 1.0), pair == "outer"
             for half in ("1", "2"):
                 joint = f"{called}_{pair}_{half}"
                 body = add(body, "body", name=joint, pos=(0, 0, at))
-                self._hinge(body, joint, (0.0, 1.0, 0.0), (0.0, _FULL), _STRENGTH[pair])
+                self._hinge(body, joint, FLEXION, (0.0, FULL), _STRENGTH[pair])
                 pulls.append((joint, factor, _STRENGTH[pair]))
-                at = _ROLL
+                at = ROLL
                 if half == "1":
-                    add(body, "inertial", pos=(0, 0, _ROLL / 2), mass=_ROLL_MASS, diaginertia=(1e-7, 1e-7, 1e-7))
-            length = _TIP if last else _PHALANX
+                    add(body, "inertial", pos=(0, 0, ROLL / 2), mass=_ROLL_MASS, diaginertia=(1e-7, 1e-7, 1e-7))
+            length = TIP if last else PHALANX
             add(
                 body,
                 "geom",
                 name=joint,
                 type="capsule",
                 fromto=(0, 0, 0, 0, 0, length),
-                size=_RADIUS,
+                size=RADIUS,
                 mass=_TIP_MASS if last else _PHALANX_MASS,
                 **rubber,
             )
-            at = _PHALANX
+            at = PHALANX
 
     def _hinge(
         self, body: Element, name: str, axis: tuple[float, ...], limits: tuple[float, float], strength: float
