@@ -24,6 +24,7 @@ _SLIDER: Final = 2.0  # 1/s, rate at which the speed scaling follows the slider
 _PROTECTIVE_STOP: Final = 15.0  # rad/s^2
 _FOLLOWING: Final = 0.1  # rad between target and joint; beyond it, something holds the arm
 _TOO_FAST: Final = 1.1  # factor of a joint's greatest velocity
+_RANGE: Final = np.repeat((160.0, 10.0), 3)  # N, N m, of the UR16e's flange sensor along each of its axes: data sheet
 _FREE: Final = 2.0  # N m s/rad with which a joint resists a hand in freedrive
 _HISTORY: Final = 1000  # cycles whose joint positions and forces are remembered
 _CONTACT, _TOUCH = 10.0, 2.0  # N: a contact counts from the first on and began at the second
@@ -143,7 +144,10 @@ class UrController:
         joints = self.arm.robot.labels
         target, rate = self.target()
         fast = np.abs(rate) > self._fastest
-        force = float(np.linalg.norm(self.wrench[:3]))
+        # The controller stops by the joints' currents, too, which know of more than the sensor's range.
+        beyond_range = self.arm.flange_wrench()[:3]
+        beyond_range -= np.clip(beyond_range, -_RANGE[:3], _RANGE[:3])
+        force = float(np.linalg.norm(self.wrench[:3] + self.arm.flange()[0] @ beyond_range))
         behind = np.abs(target - q) > _FOLLOWING
         beyond = (np.abs(q) > REACH) & (np.sign(q) * rate > 0)  # the way back is free once the stop was ended
         if fast.any():
@@ -317,7 +321,8 @@ class UrController:
 
     def _feel(self) -> Array:
         turn, _ = self.arm.flange()
-        felt = self.arm.flange_wrench()
+        # The sensor's own range, of what is mounted on the flange with its weight: zeroing doesn't widen it.
+        felt = np.clip(self.arm.flange_wrench(), -_RANGE, _RANGE)
         mass, cog = self.payload
         weight = mass * self.arm.down()
         felt = felt - self._zero

@@ -258,3 +258,16 @@ def test_the_same_seed_gives_the_same_bits_and_a_saved_world_goes_on_from_there(
     bound(one, {})
     again = run(one, 100)
     assert again.tobytes() == first.tobytes()
+
+
+def test_the_flange_sensor_shows_no_more_than_its_range_and_the_stop_knows_of_more():
+    fake = make_fake()
+    fake.open()
+    push(fake, (0.0, 0.0, 200.0))
+    advance(fake, 300)
+    axes = fake.controller.arm.flange()[0].T @ fake.controller.wrench[:3]
+    assert np.abs(axes).max() == pytest.approx(160.0, abs=1e-6)
+    assert fake.health.fault == ""
+    push(fake, (0.0, 0.0, 270.0))
+    advance(fake, 300)
+    assert fake.health.fault.startswith("protective stop")
