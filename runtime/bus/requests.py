@@ -339,6 +339,14 @@ class Requests:
             ),
             Answer.REFUSED_RATE: ("too many requests, more than 5 a second from the bus", "Ask less often"),
             Answer.OVERTAKEN: _OVERTAKEN,
+            Answer.REFUSED_UNMEASURED: (
+                "nothing measures where the limb is now, and it would go home by itself",
+                "End the run, put the limb near its home, and begin again",
+            ),
+            Answer.REFUSED_KEPT: (
+                "the profile says that nothing may release in this run what stands",
+                "End the run; `reset.keeps` of the profile names the latches",
+            ),
             Answer.REFUSED_VALUE: (
                 "the loop found the value not finite or out of bounds",
                 "Ask without payload for the bounds",

@@ -58,6 +58,8 @@ class Answer(IntEnum):
     REFUSED_LATCH = 6  # a latch stands that its origin may not release
     REFUSED_RATE = 7  # too many of its origin
     OVERTAKEN = 8  # a stop came after it
+    REFUSED_UNMEASURED = 9  # nothing measures where the limb is, and it would move by itself
+    REFUSED_KEPT = 10  # a latch stands that nothing may release in this run
 
 
 @dataclass(slots=True)

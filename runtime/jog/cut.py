@@ -17,7 +17,8 @@ from runtime.contracts.errors import ProfileError, RequestError, WiringError, ne
 from runtime.contracts.signals import Command, Kind, Stop
 from runtime.contracts.terms import PLANAR_TWIST
 from runtime.control.setpoint.jog import HOLD
-from runtime.ipc import presses
+from runtime.ipc import latches, presses
+from runtime.ipc.words import Latch
 from runtime.profile import profile, wiring
 from runtime.profile.builder import Builder
 from runtime.profile.graph import Actuator, Graph
@@ -172,6 +173,10 @@ def _part(
     plain["stop"] = {name: str(Stop.HOLD) if entry == Stop.RETRACT else entry for name, entry in stop.items()}
     faults = (whole.get("faults") or {}).items()
     plain["faults"] = {name: "stop" if entry == Stop.RETRACT else entry for name, entry in faults}
+    # Nor by a reset after a loss; and no reset hides a switch that this run doesn't read.
+    plain["reset"] = {"unmeasured": "refuse"}
+    if len(stays) < len(checked.emergency):
+        plain["reset"]["keeps"] = latches.names(Latch.EMERGENCY)
     plain["emergency"] = [dict(whole["emergency"][i]) for i in stays]
     for entry in plain["emergency"]:
         if entry.get("category") == Stop.RETRACT:

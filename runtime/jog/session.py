@@ -10,13 +10,12 @@ from functools import partial
 from typing import Any, Final
 
 from runtime.contracts.files import encoded
-from runtime.contracts.signals import Stop
 from runtime.ipc import latches
 from runtime.ipc.control_socket import LIFETIME, send_request
 from runtime.ipc.launch import Launch
 from runtime.ipc.requests import RequestKind, RequestWriter
 from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.words import CYCLE, LINK_ACTIVE, Cause, Latch, State
+from runtime.ipc.words import CYCLE, Cause, Latch, State
 from runtime.jog.cut import PRESS, WAY, Cut
 from runtime.jog.hold import Hold
 from runtime.jog.panel import Panel
@@ -200,30 +199,15 @@ class Session:
                 else:
                     self._said.append(f"{what}: done" if answer["ok"] else f"{what} refused: {answer.get('error', '')}")
 
-    def _reset(self, desk: Desk, row: Any, expires: int | None = None) -> dict[str, Any] | None:
-        """Asks the loop for a reset, unless it is refused here. Returns the answer; None: none in time.
+    @staticmethod
+    def _reset(desk: Desk, row: Any, expires: int | None = None) -> dict[str, Any] | None:
+        """Asks the loop for a reset, which judges it. Returns the answer; None: none in time.
 
         `expires`, CLOCK_MONOTONIC ns: of a reset on the panel, which counts from the picture that was seen there.
         """
         if row is None:
             return None
-        if refusal := self._reset_refused(row):
-            return {"ok": False, "state": State(int(row[CYCLE.state])).name.lower(), "error": refusal}
         return desk.begin("reset", int(row[CYCLE.wake]) if expires is None else expires - LIFETIME)
-
-    def _reset_refused(self, row: Any) -> str:
-        """Why a reset can't be asked for here; "" if it can."""
-        if self._cut.left_out and int(row[CYCLE.latches]) & Latch.EMERGENCY:
-            return f"the emergency input '{self._cut.left_out[0]}' isn't read here; use `srl run`"
-        actuator = self._cut.actuator
-        if actuator.command.feedback is not None:
-            return ""
-        device = self._cut.graph.devices[actuator.device].name
-        limp = self._cut.profile.stop.get(device) == Stop.LIMP
-        # It would go home by itself, or at once: nothing knows where it is.
-        if limp or not int(self._cut.graph.layout.word(row, f"{device}.link")) & LINK_ACTIVE:
-            return "nothing measures where the limb is now. End the run, put it near its home, jog again"
-        return ""
 
 
 class Desk:

@@ -102,6 +102,9 @@ class Cycle:
         # start and after a limp stop. After a loss it is near what was sent last and goes home slowly.
         self._homed = [True for a in graph.actuators]
         self._put_home = [a.command.feedback is None for a in graph.actuators]
+        self._begun = [False for a in graph.actuators]  # it has been commanded in this run
+        self._unmeasured_stay = profile.reset.unmeasured == "refuse"
+        self._kept = latches.of_names(profile.reset.keeps)
         self._ran = False  # all laws, in this cycle
         self._leaving = 0  # ns since the exit was requested
         self._fault: Fault | None = None
@@ -154,6 +157,8 @@ class Cycle:
         else:
             stop = request.kind in _STOPS
             if answer is Answer.NONE and request.kind in STATE_REQUESTS:
+                answer = self._refused(request.kind)
+            if answer is Answer.NONE and request.kind in STATE_REQUESTS:
                 # A client that no longer sends must not prevent a restart of the limb without it.
                 present = None if self._client_is_silent() else self._fault
                 answer = machine.request(request.kind, request.origin, request.target, present)
@@ -163,6 +168,24 @@ class Cycle:
         stopped = machine.state in (State.STOPPING, State.STOPPED)
         self.reset_inputs.look(now, stopped and not stop and not self.struck)
         return answer
+
+    def _refused(self, kind: RequestKind) -> Answer:
+        """What the profile's `reset:` refuses whoever asks, and from wherever."""
+        machine = self.machine
+        if kind not in (RequestKind.START, RequestKind.RESET):
+            return Answer.NONE
+        if machine.latches & self._kept:
+            return Answer.REFUSED_KEPT
+        if kind is RequestKind.RESET and machine.state is State.STOPPED and self._unmeasured_stay:
+            for i, actuator in enumerate(self.graph.actuators):
+                # The first motion of a run begins at home, where a person has put the limb.
+                if (
+                    actuator.command.feedback is None
+                    and self._begun[i]
+                    and (not self._links.item(actuator.device) & LINK_ACTIVE or self.category(actuator) is Stop.LIMP)
+                ):
+                    return Answer.REFUSED_UNMEASURED
+        return Answer.NONE
 
     def _find_fault(self, now: int) -> Fault | None:
         stamps, links = self._stamps.tolist(), self._links.tolist()  # plain integers: each costs a tenth of a numpy one
@@ -348,6 +371,7 @@ class Cycle:
                 self.machine.stop(Fault(Cause.DRIVER_ERROR, actuator.device))
                 continue
             self._links[actuator.device] |= LINK_ACTIVE
+            self._begun[i] = True
 
     def _make_guard(self, a: Actuator, limits: Limits) -> CommandGuard:
         profile = self.graph.profile

@@ -36,6 +36,8 @@ _ANSWERS = {
     Answer.REFUSED_RATE: "too many requests, more than 5 a second",
     Answer.EXPIRED: "the request came too late, or doesn't say until when it is valid",
     Answer.OVERTAKEN: "a stop came after it",
+    Answer.REFUSED_UNMEASURED: "nothing measures where the limb is now. End the run, put it near its home, begin again",
+    Answer.REFUSED_KEPT: "what stands can't be released in this run, as an emergency input isn't read; use `srl run`",
 }
 
 

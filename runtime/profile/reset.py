@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from runtime.ipc import latches
@@ -23,6 +25,21 @@ class ResetConfig(BaseModel):
     bus: tuple[str, ...] = Field(
         tuple(latches.names(latches.GRANTED)), description="latches that clients of the bus may release"
     )
+
+    unmeasured: Literal["home", "refuse"] = Field(
+        "home",
+        description="after the loss or a limp stop of an actuator that nothing measures: home, it goes home; refuse, "
+        "no reset starts it again in this run",
+    )
+    keeps: tuple[str, ...] = Field((), description="latches that no start or reset of this run may release")
+
+    @field_validator("keeps")
+    @classmethod
+    def _known(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        for name in value:
+            if name not in latches.names(latches.ALL):
+                raise ValueError(f"'{name}' is no latch; they are: {', '.join(latches.names(latches.ALL))}")
+        return value
 
     @field_validator("bus")
     @classmethod

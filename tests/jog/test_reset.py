@@ -1,4 +1,4 @@
-"""A reset of a run of `srl jog`: refused where nothing knows where the limb is, the same on terminal and panel."""
+"""A reset of a run of `srl jog`: refused by the loop where nothing knows where the limb is, whoever asks."""
 
 from __future__ import annotations
 
@@ -15,13 +15,17 @@ from helpers.wait import until
 
 from runtime.ipc import presses
 from runtime.ipc.control_socket import LIFETIME
+from runtime.ipc.requests import Answer, Request, RequestKind
 from runtime.ipc.run_folder import RunFolder
-from runtime.ipc.words import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, State
+from runtime.ipc.words import CYCLE, DEVICE, LINK_ACTIVE, LINK_CONNECTED, Latch, Origin, State
 from runtime.jog.cut import cut
 from runtime.jog.hold import Hold
 from runtime.jog.presses import Presses
 from runtime.jog.session import Session
-from runtime.profile import profile
+from runtime.loop.cycle import Cycle, limits_of
+from runtime.loop.lockstep import Lockstep
+from runtime.profile import profile, wiring
+from runtime.profile.graph import Graph
 
 
 class Desk:
@@ -73,21 +77,98 @@ def folder(tmp_path: Path) -> RunFolder:
     return RunFolder(tmp_path)
 
 
-def test_after_a_loss_the_reset_of_an_unmeasured_limb_is_refused(folder: RunFolder) -> None:
-    lost = Run("finger-jog")
-    lost.words[DEVICE.link] = LINK_CONNECTED
-    answer = lost.reset_on_the_panel(folder, time.monotonic_ns())
-    assert answer is not None
-    assert not answer["ok"]
-    assert "nothing measures where the limb is" in str(answer["error"])
-    assert answer["state"] == "stopped"
-    keyed = Run("finger-jog", terminal=True)
-    keyed.words[DEVICE.link] = LINK_CONNECTED
-    assert keyed.press_r() == [f"reset refused: {answer['error']}"]
-    assert lost.desk.asked == keyed.desk.asked == []
+def lockstep(graph: Graph) -> Lockstep:
+    """A simulated run, with clients that are there and have sent nothing yet."""
+    clients = graph.row.devices[len(graph.devices) :]
+    clients[:, DEVICE.link], clients[:, DEVICE.stamp] = LINK_CONNECTED, -1
+    return Lockstep(graph)
 
 
-def test_after_a_mere_stop_it_is_asked_for_as_of_what_was_seen(folder: RunFolder) -> None:
+class Loop:
+    """The loop of a simulated jog run, which has begun to move. `origin`: whoever asks, it judges alike."""
+
+    def __init__(self, name: str, *overrides: str) -> None:
+        self.cut = cut(*profile.load(name, overrides), None, 0.1, True)
+        self.run = lockstep(self.cut.graph)
+        self.link = self.cut.graph.row.devices[self.cut.actuator.device : self.cut.actuator.device + 1, DEVICE.link]
+        self.until(State.ACTIVE)
+
+    def until(self, state: State) -> None:
+        for _ in range(300):
+            if self.step() is state:
+                return
+        raise AssertionError(f"never {state.name}")
+
+    def step(self, kind: RequestKind = RequestKind.NONE, origin: Origin = Origin.LOCAL) -> State:
+        self.run.sense()
+        return self.run.act(kind, origin)
+
+    def lose(self) -> None:
+        """The cable is out for a moment."""
+        self.run.sense()
+        self.link &= ~LINK_CONNECTED
+        self.run.act()
+        self.link |= LINK_CONNECTED
+        self.until(State.STOPPED)
+
+    def ask(self, kind: RequestKind = RequestKind.RESET, origin: Origin = Origin.LOCAL) -> Answer:
+        self.step(kind, origin)
+        return Answer(int(self.cut.graph.row.ints[CYCLE.request_result]))
+
+
+@pytest.mark.parametrize("origin", [Origin.LOCAL, Origin.INPUT])
+def test_after_a_loss_no_reset_sends_an_unmeasured_limb_home(origin: Origin) -> None:
+    lost = Loop("finger-jog")
+    lost.lose()
+    for _ in range(3):
+        assert lost.ask(origin=origin) is Answer.REFUSED_UNMEASURED
+        assert lost.step() is State.STOPPED
+
+
+def test_nor_after_a_limp_stop() -> None:
+    limp = Loop("finger-jog", "stop.finger=limp")
+    limp.step(RequestKind.STOP)
+    limp.until(State.STOPPED)
+    assert limp.ask() is Answer.REFUSED_UNMEASURED
+
+
+def test_after_a_mere_stop_or_with_feedback_it_begins_again() -> None:
+    held = Loop("finger-jog")
+    held.step(RequestKind.STOP)
+    held.until(State.STOPPED)
+    assert held.ask() is Answer.DONE
+    measured = Loop("servo-jog")
+    measured.lose()
+    assert measured.ask() is Answer.DONE
+
+
+def test_a_whole_profile_goes_home_unless_it_says_otherwise() -> None:
+    graphs = [wiring.build(*profile.load("finger-jog", given), []) for given in ([], ["reset.unmeasured=refuse"])]
+    answers = []
+    for graph in graphs:
+        run = lockstep(graph)
+        for k in range(200):
+            run.sense()
+            if k == 100:
+                graph.row.devices[0, DEVICE.link] &= ~LINK_CONNECTED
+            run.act(RequestKind.RESET if k == 199 else RequestKind.NONE)
+            if k == 100:
+                graph.row.devices[0, DEVICE.link] |= LINK_CONNECTED
+        answers.append(Answer(int(graph.row.ints[CYCLE.request_result])))
+    assert answers == [Answer.DONE, Answer.REFUSED_UNMEASURED]
+
+
+def test_a_switch_that_this_run_does_not_read_keeps_its_stop() -> None:
+    switch = "emergency=[{signal: client.position, element: distal}]"
+    found = cut(*profile.load("servo-jog", [switch]), None, 0.1, True)
+    assert found.left_out
+    cycle = Cycle(found.graph, limits_of(found.graph), True, Latch.EMERGENCY)
+    for kind in (RequestKind.RESET, RequestKind.START):
+        assert cycle.check(0, Request(1, kind, 0, 0, np.empty(0), Origin.LOCAL)) is Answer.REFUSED_KEPT
+        assert cycle.machine.state is State.STOPPED
+
+
+def test_it_is_asked_for_for_as_of_what_was_seen(folder: RunFolder) -> None:
     stopped = Run("finger-jog")
     stopped.words[DEVICE.link] = LINK_CONNECTED | LINK_ACTIVE
     since = time.monotonic_ns() - LIFETIME // 2
@@ -97,12 +178,6 @@ def test_after_a_mere_stop_it_is_asked_for_as_of_what_was_seen(folder: RunFolder
     stopped.words[DEVICE.link] = LINK_CONNECTED | LINK_ACTIVE
     assert stopped.press_r() == ["reset: done"]
     assert stopped.desk.asked == [("reset", 1234)]
-
-
-def test_a_limb_that_is_measured_may_be_reset_after_a_loss(folder: RunFolder) -> None:
-    lost = Run("servo-jog")
-    lost.words[DEVICE.link] = LINK_CONNECTED
-    assert lost.reset_on_the_panel(folder, time.monotonic_ns()) == {"ok": True, "state": "active"}
 
 
 @pytest.mark.parametrize("expires", [None, "soon", True, 1.0])
