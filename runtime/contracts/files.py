@@ -7,7 +7,10 @@ from __future__ import annotations
 
 import base64
 import binascii
+import errno
 import hashlib
+import os
+import stat
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,6 +23,29 @@ from pydantic_core import CoreSchema, core_schema
 from runtime.contracts.errors import OptionError, RecordingError
 
 LARGEST: Final = 1 << 20  # bytes of a file that is kept: each segment of a recording holds it
+
+
+def read_regular(path: Path, most: int = -1) -> bytes:
+    """The bytes of a regular file, `most` of them at most; -1: all.
+
+    A pipe would keep its reader waiting for ever, and opening a device may do something to it: they aren't opened.
+
+    Raises:
+        OSError: it can't be read, or is something else than a file.
+    """
+    _check_regular(os.stat(path).st_mode)
+    # Between the two it may have become a pipe: then this doesn't wait for its other end.
+    with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
+        _check_regular(os.fstat(file.fileno()).st_mode)
+        return file.read(most)
+
+
+def _check_regular(mode: int) -> None:
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if not stat.S_ISREG(mode):
+        kinds = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device"}
+        raise OSError(errno.EINVAL, f"it is {kinds.get(stat.S_IFMT(mode), 'something else')}, not a file")
 
 
 class Typed(str):
@@ -52,8 +78,7 @@ class KeptFile:
     def read(cls, path: Path, otherwise: str = "Name an existing file") -> KeptFile:
         """Reads a file. Raises OptionError, with `otherwise` as the remedy for one that isn't there."""
         try:
-            with path.open("rb") as file:
-                content = file.read(LARGEST + 1)
+            content = read_regular(path, LARGEST + 1)
         except FileNotFoundError:
             raise OptionError(f"there is no file {path}", otherwise) from None
         except OSError as error:

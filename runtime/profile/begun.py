@@ -13,6 +13,7 @@ from runtime import __version__
 from runtime.contracts.errors import ProfileError, RequestError, nearest
 from runtime.profile import profile, shelf
 from runtime.profile.edit import content, edited, set_at
+from runtime.profile.overrides import split
 
 
 @dataclass(frozen=True)
@@ -38,9 +39,13 @@ def begin(template: str, name: str, overrides: Sequence[str]) -> Begun:
         overrides: as for `srl run`, with `--set`.
     Raises:
         ProfileError: there is no such template, or an override is wrong.
-        RequestError: the name is none, or is taken by a shipped profile.
+        RequestError: the name is none, or is taken by a shipped profile; or an override gives another.
     """
     check_name(name)
+    for override in overrides:
+        if split(override)[0] == "name":
+            problem = f"the new profile's name is said already: {name}"
+            raise RequestError(f"--set {override}", problem, "Leave it out; the first word after `srl new` is the name")
     if template not in shelf.shipped():
         raise _no_template(template)
     label, text, folder = profile.find(template)

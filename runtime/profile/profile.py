@@ -22,7 +22,7 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.events import AliasEvent, MappingEndEvent, MappingStartEvent, SequenceEndEvent, SequenceStartEvent
 
 from runtime.contracts.errors import OptionError, ProfileError, nearest
-from runtime.contracts.files import Files
+from runtime.contracts.files import Files, read_regular
 from runtime.contracts.frames import FrameEntry
 from runtime.contracts.signals import Stop
 from runtime.control.models import KINDS, Model, of_entry
@@ -33,7 +33,7 @@ from runtime.profile.element import Element
 from runtime.profile.guard_entry import GuardEntry
 from runtime.profile.overrides import apply as apply_override
 from runtime.profile.overrides import plain_values
-from runtime.profile.pictured import RobotFile
+from runtime.profile.pictured import RobotEntry
 from runtime.profile.plots import Plot
 from runtime.profile.reset import ResetConfig
 from runtime.profile.source import Source, first_error
@@ -56,9 +56,8 @@ class DeviceEntry(BaseModel):
 
     driver: str
     max_age: float | None = Field(None, gt=0, allow_inf_nan=False, description="s; older than this a sample is stale")
-    robot: str | RobotFile | None = Field(
-        None,
-        description="for pictures: a description, a finger or robot of `models:`, or {urdf, base, tip}",
+    robot: RobotEntry | None = Field(
+        None, description="for pictures: a description, a model, {axes: ...}, or {urdf: FILE, base: LINK, tip: LINK}"
     )
 
     @property
@@ -222,7 +221,7 @@ def find(name: str) -> tuple[str, str, Path]:
     path = Path(name)
     if path.suffix in (".yaml", ".yml") or "/" in name:
         try:
-            return str(path), path.read_text(encoding="utf-8"), path.absolute().parent
+            return str(path), read_regular(path).decode("utf-8"), path.absolute().parent
         except (OSError, UnicodeDecodeError) as error:
             reason = error.strerror if isinstance(error, OSError) else "it isn't UTF-8 text"
             raise ProfileError(name, f"the profile can't be read: {reason}", "Give an existing YAML file") from None

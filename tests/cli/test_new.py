@@ -130,6 +130,7 @@ def test_another_folder_and_a_file_that_was_typed_from_here(folder: Path) -> Non
         (["a", "--from", "servo-jog", "-o", "no/a.yaml"], "no: the folder can't be written"),
         (["a", "--from", "servo-jog", "-o", "."], "it is a folder. Name a file in it: -o ./a.yaml"),
         (["a" * 300, "--from", "servo-jog"], "a.yaml: it can't be written: File name too long. Choose"),
+        (["a", "--from", "servo-jog", "--set", "name=b"], "--set name=b: the new profile's name is said already: a. L"),
         (["a"], "--from: it isn't said what the new profile begins as. For example srl new a --from"),
     ],
 )

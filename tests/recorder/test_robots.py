@@ -199,7 +199,8 @@ def test_robots_whose_places_are_not_known_are_not_drawn_into_each_other(
 
 def test_a_robot_on_a_link_that_nothing_measures_is_not_drawn() -> None:
     real, simulated = (wiring.build(*profile.load("moca-finger"), sim).layout.meta for sim in (None, []))
-    assert [robot["name"] for robot in real["robots"]] == ["arm", "base", "gripper"]  # where the person's hand is, nobody knows
+    # Where the person's hand is, nobody knows.
+    assert [robot["name"] for robot in real["robots"]] == ["arm", "base", "gripper"]
     assert [robot["name"] for robot in simulated["robots"]] == ["arm", "base", "finger", "gripper"]
 
 
