@@ -55,7 +55,11 @@ STANDING: Final = {
     "restart": "the run before ended badly",
     "start": "it waits for a person's first start",
 }
-_MEASURES: Final = "The run measures. It commands nothing."
+MEASURES: Final = {  # of a run that commands nothing, such as a calibration's
+    State.ACTIVE: "The run measures. It commands nothing.",
+    State.STOPPING: "The run is being stopped.",
+    State.STOPPED: "The run is stopped. Nothing counts until a reset.",
+}
 _READY: Final = "Put a limb that measures nothing at its home. See that nobody is in the way, then start."
 
 
@@ -72,9 +76,9 @@ def state(layout: Layout, row: Words) -> dict[str, str]:
     elif stopped and cause is not Cause.NONE:
         todo = REMEDIES[cause].format(who=who or "it")
     standing = [STANDING[name] for name in latches.names(int(row[CYCLE.latches]))]
-    measures = now is State.ACTIVE and layout.meta.get("commands") == {}
+    means = STATES if layout.meta.get("commands") != {} else STATES | MEASURES
     return {
-        "now": now.name.lower(), "means": _MEASURES if measures else STATES[now], "why": why[:1].upper() + why[1:],
+        "now": now.name.lower(), "means": means[now], "why": why[:1].upper() + why[1:],
         "stands": "; ".join(standing), "todo": todo,
     }  # fmt: skip
 

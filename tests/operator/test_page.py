@@ -12,6 +12,7 @@ from helpers.operated import OperatedLoop
 from helpers.operator_seen import Seen
 from helpers.wait import until
 
+from runtime.ipc.guidance import GUIDE, OVER, REPORT, GuideEnd
 from runtime.ipc.words import LINK_ACTIVE, LINK_CONNECTED, Cause, Latch, State
 from runtime.operator.client import OperatorPage
 
@@ -73,6 +74,53 @@ def test_what_stopped_it_and_what_to_do_stand_there_and_a_reset_needs_a_second_w
     seen.says("answer", "done, active")
     assert [asked["ask"] for asked in seen.loop.asked] == ["reset", "reset"]
     until(lambda: not seen.able("reset"))
+
+
+def test_a_guided_calibration_is_shown_and_pressed(seen: Seen) -> None:
+    shown = {
+        "kind": GUIDE, "step": 7, "title": "srl calibrate", "task": "Hold still", "lack": "it moves", "missing": "",
+        "things": "poses", "states": ["done", "now", "weak: too short"], "said": ["a line"], "asks": False,
+        "bars": [{"name": "still", "share": 0.5, "said": "1 N", "good": False},
+                 {"name": "force", "share": None, "said": " 1 2 3", "good": None}],
+    }  # fmt: skip
+    end = GuideEnd(seen.loop.folder)
+
+    def typed() -> list[tuple[str, int]]:
+        found: list[tuple[str, int]] = []
+        until(lambda: found.extend(end.heard()) or found)
+        return found
+
+    try:
+        end.tell(shown)
+        until(lambda: end.heard() == [] and "Hold still" in seen.text("guide_task"))
+        seen.says("guide_lack", "It moves.")
+        seen.says("guide_weak", "3: weak: too short")
+        assert not seen.able("guide_on")  # without control
+        seen.control()
+        until(lambda: seen.able("guide_on"))
+        seen.click("guide_skip")
+        assert typed() == [("s", 7)]
+        assert not seen.able("guide_redo")
+        seen.page.value("document.querySelectorAll('#guide_states .chip')[2].click()")
+        seen.says("guide_redo", "Do 3 again")
+        seen.click("guide_redo")
+        assert typed() == [("r 3", 7)]
+        seen.page.key("Escape", "Escape", 27)
+        seen.says("guide_missing", "nothing counts")
+        seen.says("warning", "stopped")  # also where there is nothing to see in space
+        end.tell(shown | {"step": 8, "asks": True})
+        end.tell({"kind": REPORT, "step": 8, "lines": ["a report"], "refused": [], "picture": "", "choices": []})
+        seen.says("guide_lines", "a report")
+        seen.says("guide_on", "Write the file")
+        seen.click("guide_end")
+        until(lambda: seen.text("guide_sure"))
+        seen.click("guide_yes")
+        assert typed() == [("q", 8)]
+        end.tell({"kind": OVER, "ok": False, "words": "No file was written."})
+        seen.says("guide_over", "No file was written.")
+        assert not seen.text("guide_on")
+    finally:
+        end.close()
 
 
 def test_a_waiting_run_is_started(seen: Seen) -> None:

@@ -38,8 +38,9 @@ export class Guide {
     else if (message.kind === "guide_gone") this.now = this.report = this.over = null;
   }
 
-  // may: whether this page has control; bare: whether there is nothing to see in space.
-  draw(linked, may, bare) {
+  // may: whether this page has control; bare: whether there is nothing to see in space; stands: whether the run
+  // is stopped.
+  draw(linked, may, bare, stands) {
     const { part, now, report, over } = this;
     document.body.classList.toggle("bare", bare);
     document.body.classList.toggle("guided", Boolean(now));
@@ -51,7 +52,8 @@ export class Guide {
     text(part.guide_task, over ? (over.ok ? "The calibration is done" : "The calibration has ended") : now.task);
     text(part.guide_over, over ? over.words : "");
     part.guide_over.className = over && over.ok ? "well" : "bad";
-    text(part.guide_missing, over || !now.missing ? "" : `${now.missing}.`);
+    const missing = stands ? "The run is stopped: nothing counts until it is reset" : now.missing;
+    text(part.guide_missing, over || !missing ? "" : `${missing}.`);
     text(part.guide_lack, over || !now.lack ? "" : `${now.lack}.`);
     this.bars(over ? [] : now.bars);
     this.states(now, may && runs);

@@ -91,7 +91,7 @@ function frame() {
   text(part.warning, stopWords || (words && words + asItWas));
   part.warning.className = kind === "held" && !stopWords ? "mild" : "";
   operator.draw(current, performance.now());
-  guide.draw(Boolean(link.socket), operator.yours, !scene || !scene.things.length);
+  guide.draw(Boolean(link.socket), operator.yours, !scene || !scene.things.length, kind === "stopped");
   frames++;
   globalThis.pictureNow = { // for whoever looks from outside: what this frame shows
     condition: kind, words, cycle: newest && newest.cycle, current, frames, drawn: space.drawn, age: newest && now - newest.t,
