@@ -1,5 +1,7 @@
 """`srl new`: writes a user's own profile, begun as one that comes with the runtime, and checks it.
 
+`--urdf FILE` makes it of a limb's URDF instead (`runtime.cli.new_robot`).
+
 `srl new device NAME` writes a package for a device instead (`runtime.cli.new_device`). The word `device` alone is a
 profile's name like any other, where `--from` says what it begins as.
 """
@@ -36,6 +38,12 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument(
         "--from", dest="template", metavar="PROFILE", help="begin as this one (srl list); left out: asks, on a terminal"
     )
+    parser.add_argument("--urdf", metavar="FILE", help="begin as a limb of servos with this URDF, in place of --from")
+    parser.add_argument("--base", metavar="LINK", help="with --urdf: the link at the limb's base; default: the root")
+    parser.add_argument("--tip", metavar="LINK", help="with --urdf: the link at the limb's end")
+    parser.add_argument(
+        "--driver", choices=("dynamixel", "feetech"), default="dynamixel", help="with --urdf: of its servos"
+    )
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="write this value into it")
     parser.add_argument(
         "--port", action="append", default=[], metavar="DEVICE=PORT", help="a device's port (srl find-port lists them)"
@@ -58,6 +66,15 @@ def run(args: argparse.Namespace) -> int:
         raise RequestError("srl new device", problem, "Give its name; for a profile called device, say --from PROFILE")
     check_name(args.name)
     target = _target(args)
+    if args.urdf is not None:
+        from runtime.cli import new_robot
+
+        if args.template is not None:
+            raise RequestError("--from", "--urdf says what the profile begins as", "Leave one of them out")
+        ports = [f"devices.{device}.port={json.dumps(port)}" for device, port in map(_port, args.port)]
+        return new_robot.write(args, target, [*args.set, *ports])
+    if typed := next((option for option in ("base", "tip") if getattr(args, option) is not None), None):
+        raise RequestError(f"--{typed}", "it is for a limb's URDF", "Give --urdf FILE, or leave it out")
     template, ports = args.template, list(args.port)
     if template is None:
         from runtime.cli import new_questions

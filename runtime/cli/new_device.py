@@ -23,7 +23,7 @@ from runtime.contracts.errors import RequestError
 
 _NAME = r"[a-z][a-z0-9]*([-_][a-z0-9]+)*"
 _LONGEST = 40
-_OF_PROFILES = {"template": "--from", "set": "--set", "port": "--port", "yes": "--yes"}
+_OF_PROFILES = {"template": "--from", "set": "--set", "port": "--port", "yes": "--yes", "urdf": "--urdf"}
 
 
 def write(args: argparse.Namespace) -> int:
