@@ -1,0 +1,1 @@
+"""What drivers of drives on a CAN bus have in common: axes, their position after power-up, and faults by axis."""
