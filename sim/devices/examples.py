@@ -18,12 +18,24 @@ def _cell(**parts: dict[str, Any]) -> dict[str, Any]:
 HAND = _cell(hand={"part": "human-hand"})
 _OFTEN = [[0.02 * k, 0.02 * k + 0.01] for k in range(1, 3000)]  # s, a button pressed 50 times a second
 
+CUBEMARS = {
+    "id": 1, "model": "AK80-9", "parked": 0.0, "lower": -1.5, "upper": 1.5, "velocity": 5.0, "acceleration": 50.0,
+    "current": 10.0, "torque_constant": 0.819,
+}  # fmt: skip
+ODRIVE = {"node": 1, "gear": 8, "parked": 0.0, "velocity": 5.0, "current": 20.0, "torque_constant": 0.083}
+
 # driver: (config without port, fake's options, world, a port on which nobody answers)
 DEVICES: dict[str, tuple[dict[str, Any], dict[str, Any], dict[str, Any], str]] = {
     "ati-netft": ({}, {}, _cell(ft_sensor={"part": "ft-sensor"}), "udp://127.0.0.1:9"),
     "base": ({}, {}, _cell(base={"part": "summit-xl"}), "tcp://127.0.0.1:9"),
     "bno085": ({}, {}, _cell(imu={"part": "imu"}), "tcp://127.0.0.1:9"),
     "can-ft": ({}, {}, _cell(ft_sensor={"part": "ft-sensor"}), "can://udp_multicast/239.74.163.99?port=43199"),
+    "cubemars-servo": (
+        {"timeout": 0.5, "axes": {"one": CUBEMARS}},
+        {},
+        _cell(chain={"part": "actuator-chain", "axes": {"one": {"model": "AK80-9"}}}),
+        "can://udp_multicast/239.74.163.99?port=43198",
+    ),
     "cyberglove": ({}, {}, HAND, "tcp://127.0.0.1:9"),
     "dynamixel": (
         {"motors": {"one": {"id": 1, "model": "MX-64"}}},
@@ -55,6 +67,12 @@ DEVICES: dict[str, tuple[dict[str, Any], dict[str, Any], dict[str, Any], str]] =
     ),
     "natnet": ({"segments": {"wand": "wand"}}, {}, _cell(wand={"part": "mocap-body"}), "udp://127.0.0.1:9"),
     "noitom": ({}, {}, _cell(body={"part": "body"}), "tcp://127.0.0.1:9"),
+    "odrive": (
+        {"firmware": "0.5", "watchdog_set": True, "axes": {"one": ODRIVE}},
+        {},
+        _cell(chain={"part": "actuator-chain", "axes": {"one": {"model": "ODrive-8"}}}),
+        "can://udp_multicast/239.74.163.99?port=43197",
+    ),
     "panda": ({}, {}, _cell(arm={"part": "panda"}), "tcp://127.0.0.1:9"),
     "ring": ({}, {}, CELL, "/dev/ttyRING"),
     "softhand": ({}, {}, _cell(hand={"part": "softhand"}), "tcp://127.0.0.1:9"),

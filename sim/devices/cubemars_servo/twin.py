@@ -1,0 +1,18 @@
+"""The twin of CubeMars AK actuators in servo mode: simulated drives with the real protocol on a CAN bus."""
+
+from __future__ import annotations
+
+from runtime.contracts.world import Fake
+from sim.devices.cubemars_servo.fake import FakeCubemarsServo
+from sim.devices.cubemars_servo.firmware import ServoNode
+from sim.devices.shared.can_drives import DrivesTwin
+
+
+class CubemarsServoTwin(DrivesTwin):
+    """See `DrivesTwin`. It obeys a frame that sets the origin, as the actuator does; the driver never sends one."""
+
+    nodes: list[ServoNode]  # type: ignore[assignment]
+
+    def __init__(self, fake: Fake) -> None:
+        assert isinstance(fake, FakeCubemarsServo)
+        super().__init__(fake)

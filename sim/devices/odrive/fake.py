@@ -1,0 +1,31 @@
+"""ODrives in the simulated world."""
+
+from __future__ import annotations
+
+from drivers.odrive import Odrive
+from drivers.odrive.config import OdriveConfig
+from runtime.contracts.errors import WiringError
+from sim.devices.odrive.firmware import OdriveNode
+from sim.devices.shared.can_drives import FakeDrives
+
+
+class FakeOdrive(FakeDrives):
+    """See `FakeDrives`."""
+
+    real = Odrive
+    nodes: list[OdriveNode]  # type: ignore[assignment]
+
+    def node(self, k: int, i: int) -> OdriveNode:
+        config = self.config
+        assert isinstance(config, OdriveConfig)
+        axis, gear = list(config.axes.values())[k], self.chain.motors.models[i].gear
+        if axis.gear != gear:
+            raise WiringError(
+                f"sim.parts.{self.chain.name}.axes.{self.chain.names[i]}.model",
+                f"its gear is {gear:g}, devices.{self.name} says {axis.gear:g}",
+                "Make them agree",
+            )
+        found = OdriveNode(self.chain, i, axis, config)
+        if (endpoints := config.numbers()) is not None:
+            found.fits(endpoints)
+        return found

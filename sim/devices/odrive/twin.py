@@ -1,0 +1,18 @@
+"""The twin of ODrives: simulated axes with the real protocol on a CAN bus."""
+
+from __future__ import annotations
+
+from runtime.contracts.world import Fake
+from sim.devices.odrive.fake import FakeOdrive
+from sim.devices.odrive.firmware import OdriveNode
+from sim.devices.shared.can_drives import DrivesTwin
+
+
+class OdriveTwin(DrivesTwin):
+    """See `DrivesTwin`. With firmware 0.6 it answers requests with the id 63, too, as the maker's scan needs it."""
+
+    nodes: list[OdriveNode]  # type: ignore[assignment]
+
+    def __init__(self, fake: Fake) -> None:
+        assert isinstance(fake, FakeOdrive)
+        super().__init__(fake)
