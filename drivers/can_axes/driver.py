@@ -355,10 +355,13 @@ class CanAxes(Driver):
         link.read()
         link.write(message)
         deadline, found = time.monotonic() + seconds, list[bytes]()
-        while time.monotonic() < deadline and not found:
-            for got in link.read_wait(max(deadline - time.monotonic(), 0.0)):
+        while not found:
+            left = deadline - time.monotonic()
+            for got in link.read_wait(max(left, 0.0)):
                 if got.arbitration_id == answer and not got.is_remote_frame and len(got.data):
                     found.append(bytes(got.data))
+            if left <= 0:
+                break
         return found
 
     def _send(self, link: CanLink, messages: Sequence[can.Message]) -> bool:

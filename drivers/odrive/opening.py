@@ -60,9 +60,11 @@ def _wait(link: CanLink, config: OdriveConfig, place: str) -> dict[int, dict[int
         return all({Command.HEARTBEAT, Command.ESTIMATES} <= heard.get(node, {}).keys() for node in wanted)
 
     deadline = time.monotonic() + LISTEN
-    while not complete() and time.monotonic() < deadline:
+    while True:
         for node, found in listen(link, 0.02).items():
             heard.setdefault(node, {}).update(found)
+        if complete() or time.monotonic() >= deadline:
+            break
     beating = sorted(node for node, found in heard.items() if Command.HEARTBEAT in found)
     for name, axis in config.axes.items():
         if Command.HEARTBEAT not in heard.get(axis.node, {}):

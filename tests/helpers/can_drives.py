@@ -5,12 +5,19 @@ from __future__ import annotations
 import itertools
 import json
 import os
+from contextlib import ExitStack
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
+from unittest.mock import patch
 
 import can
 import numpy as np
 
+import drivers.can_axes.driver
+import drivers.canbus
+import drivers.cubemars_servo.driver
+import drivers.odrive.opening
 from drivers.can_axes.driver import CanAxes
 from drivers.cubemars_servo import CubemarsServo
 from drivers.cubemars_servo.config import CubemarsServoConfig
@@ -186,7 +193,16 @@ class TwinRig:
         self.spy.shutdown()
 
     def open(self) -> None:
-        with self.bench.running():
+        """Opens the driver; while it waits, simulated time passes, and no other."""
+        clock = SimpleNamespace(monotonic=lambda: self.bench.now * 1e-9, sleep=self.bench.run)
+        with ExitStack() as patches:
+            for module in (
+                drivers.canbus,
+                drivers.can_axes.driver,
+                drivers.odrive.opening,
+                drivers.cubemars_servo.driver,
+            ):
+                patches.enter_context(patch.object(module, "time", clock))
             self.driver.open()
 
     def run(self, seconds: float, command: Any = None, stop: Stop | None = None) -> None:

@@ -122,6 +122,7 @@ def test_this_driver_moves_the_client_s_own_mock(monkeypatch):
     try:
         with pytest.raises(DeviceError, match=r"has firmware 0.0.0; the profile says 0.5"):
             driver.open()
+        monkeypatch.setattr(opening, "LISTEN", 10.0)
         monkeypatch.setattr(opening, "check", lambda *_: "the mock")
         driver.open()
         position = driver.state_arrays["position"]
