@@ -36,7 +36,7 @@ ROOMS: dict[str, set[str]] = {
     "runtime.recorder": LOOP,
     "runtime.panel": LOOP,
     "runtime.service": LOOP,
-    "runtime.calibration": LOOP | {"runtime.recorder", "runtime.service"},
+    "runtime.calibration": LOOP | {"runtime.recorder", "runtime.service", "runtime.jog"},
     "runtime.jog": LOOP | {"runtime.service"},
     "runtime.operator": LOOP | {"runtime.bus", "runtime.panel"},
     "runtime.export": LOOP,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import pi
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -12,7 +12,10 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from drivers.dynamixel.models import MODELS, Model, Nominal
 from drivers.dynamixel.packets import HIGHEST_ID
 from drivers.dynamixel.table import baud_code
+from runtime.contracts import servo_record
 from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.files import KeptFile
+from runtime.contracts.servo_record import Entry, Line, ServoFile
 from runtime.contracts.signals import Limits
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -65,9 +68,39 @@ class ServoConfig(AxisConfig):
         raise NotImplementedError
 
     @property
+    def entry(self) -> Entry:
+        """What a calibration rests on. Bounds and home aren't in it: they are the axis' own."""
+        return self.model_dump(include={"id", "model", "reversed", "zero", "m_per_rad", "offset"})
+
+    @property
+    def mirror(self) -> float:
+        """rad: with `reversed` the other way round, an angle has the other sign."""
+        return 0.0
+
+    @property
+    def bounds(self) -> dict[str, float]:
+        """rad, `lower` and `upper` where they are given."""
+        return {key: end for key, end in (("lower", self.lower), ("upper", self.upper)) if end is not None}
+
+    def calibrated(self, line: Line) -> Self:
+        """The axis as a calibration found it. Its scale is the encoder's."""
+        turned = self.reversed != (line.direction < 0)
+        trim = -line.trim if turned else line.trim
+        return self.model_copy(update={"reversed": turned, "zero": self.zero + trim})
+
+    @property
     def newton_metres(self) -> float:
         """N m/A at the shaft."""
         return self.torque_constant if self.torque_constant is not None else self.facts.torque_constant
+
+
+A = TypeVar("A", bound=ServoConfig)
+
+
+def calibrated(axes: Mapping[str, A], file: KeptFile, driver: str) -> dict[str, A]:
+    """The axes with what `srl calibrate PROFILE servos` found. Raises ProfileError: the file can't be used."""
+    lines = servo_record.lines(file, driver, {name: axis.entry for name, axis in axes.items()})
+    return {name: axis.calibrated(lines[name]) if name in lines else axis for name, axis in axes.items()}
 
 
 def check_axes(axes: Mapping[str, AxisConfig]) -> None:
@@ -119,6 +152,17 @@ class DynamixelConfig(DeviceConfig):
     start_tolerance: float = Field(
         0.1, gt=0, le=pi, description="rad of the shaft; a servo whose command is farther off gets no torque"
     )
+
+    calibration: ServoFile | None = Field(
+        None, description="file of `srl calibrate PROFILE servos`: other `zero` and `reversed` than said here"
+    )
+    jointed: ClassVar[str] = "motors"  # where the entries of the joints are
+
+    @model_validator(mode="after")
+    def _calibrated(self) -> Self:
+        if self.calibration is None:
+            return self
+        return self.model_copy(update={"motors": calibrated(self.motors, self.calibration, "dynamixel")})
 
     @model_validator(mode="after")
     def _fits(self) -> Self:

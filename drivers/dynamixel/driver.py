@@ -24,6 +24,7 @@ from drivers.dynamixel.recovery import Recovery
 from drivers.dynamixel.session import Session, who
 from drivers.dynamixel.setup import Bus, set_up, watchdog_code
 from drivers.transport import Transport, open_transport
+from runtime.contracts import servo_record
 from runtime.contracts.driver import Driver
 from runtime.contracts.errors import DeviceError, DeviceLostError
 from runtime.contracts.signals import Kind, Stop
@@ -47,10 +48,12 @@ class Dynamixel(Driver):
     gives = declare.STATES
     takes: tuple[str, ...] = declare.COMMANDS
     max_age = 0.1
+    calibrated = servo_record.WHAT
 
     def __init__(self, name: str, config: DynamixelConfig) -> None:
         super().__init__(name, config)
         self.config: DynamixelConfig = config
+        self.simulated = servo_record.of_device(config.calibration, name)
         self._family = family(config)
         self.states, self.commands = (
             declare.states(config.motors),

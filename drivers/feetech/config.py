@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from math import pi
-from typing import Literal, Self
+from typing import ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from drivers.dynamixel.config import ServoConfig, check_axes
+from drivers.dynamixel.config import ServoConfig, calibrated, check_axes
 from drivers.feetech.models import MODELS, Model
 from drivers.feetech.table import BAUDS
 from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.servo_record import ServoFile
 
 Mode = Literal["position", "extended"]
 
@@ -42,6 +43,17 @@ class FeetechConfig(DeviceConfig):
     start_tolerance: float = Field(
         0.1, gt=0, le=pi, description="rad of the shaft; a servo whose command is farther off gets no torque"
     )
+
+    calibration: ServoFile | None = Field(
+        None, description="file of `srl calibrate PROFILE servos`: other `zero` and `reversed` than said here"
+    )
+    jointed: ClassVar[str] = "motors"  # where the entries of the joints are
+
+    @model_validator(mode="after")
+    def _calibrated(self) -> Self:
+        if self.calibration is None:
+            return self
+        return self.model_copy(update={"motors": calibrated(self.motors, self.calibration, "feetech")})
 
     @model_validator(mode="after")
     def _fits(self) -> Self:

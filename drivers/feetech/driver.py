@@ -26,6 +26,7 @@ from drivers.feetech.opening import Bus, set_up, settings, who
 from drivers.feetech.table import TABLE
 from drivers.feetech.units import FeetechUnits
 from drivers.transport import Transport, open_transport
+from runtime.contracts import servo_record
 from runtime.contracts.driver import Driver
 from runtime.contracts.errors import DeviceError, DeviceLostError
 from runtime.contracts.signals import Stop
@@ -48,10 +49,12 @@ class Feetech(Driver):
     gives = declare.STATES
     takes: tuple[str, ...] = (_COMMAND,)
     max_age = 0.1
+    calibrated = servo_record.WHAT
 
     def __init__(self, name: str, config: FeetechConfig) -> None:
         super().__init__(name, config)
         self.config: FeetechConfig = config
+        self.simulated = servo_record.of_device(config.calibration, name)
         self._units = FeetechUnits(config)
         self.states = declare.states(config.motors)
         self.commands = (declare.command_of(config.motors, _COMMAND, self._units.unit.tolist(), None),)

@@ -1,16 +1,20 @@
-"""A Firmata board's options in the profile, and the calibration of its servos."""
+"""A Firmata board's options in the profile, and how its servos' pulses relate to angles."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Self
+from typing import Annotated, ClassVar, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from drivers.firmata.protocol import MAX_SERVOS, MIN_PULSE_US
+from runtime.contracts import servo_record
 from runtime.contracts.driver import DeviceConfig
+from runtime.contracts.errors import ProfileError
+from runtime.contracts.servo_record import Entry, Line, ServoFile
 
 MAX_PULSE_US = 2400
+DRIVER = "firmata"
 PINS = range(2, 20)  # of an ATmega328P board; 0 and 1 are the serial line, a Nano's A6 and A7 can only be read
 
 
@@ -88,6 +92,27 @@ class ServoConfig(BaseModel):
         return self
 
     @property
+    def entry(self) -> Entry:
+        """What a calibration rests on. `home` isn't in it: it is an angle of the joint."""
+        return self.model_dump(exclude={"home"})
+
+    @property
+    def mirror(self) -> float:
+        """rad: with `reversed` the other way round, the angle of a pulse is this less what it was."""
+        return self.lower + self.upper
+
+    @property
+    def bounds(self) -> dict[str, float]:
+        """None: `lower` and `upper` say what the pulses mean."""
+        return {}
+
+    def calibrated(self, line: Line) -> ServoConfig:
+        """The servo as a calibration found it: other angles at the same pulses. Raises ValidationError."""
+        lower, upper = (line.scale * (end - line.trim) for end in (self.lower, self.upper))
+        turned = self.reversed != (line.direction < 0)
+        return ServoConfig.model_validate(self.model_dump() | {"lower": lower, "upper": upper, "reversed": turned})
+
+    @property
     def calibration(self) -> Calibration:
         """The conversion from angles to pulses.
 
@@ -122,6 +147,28 @@ class FirmataConfig(DeviceConfig):
     port: str = Field(description="the board's port, e.g. /dev/ttyACM0")
     servos: dict[str, ServoConfig] = Field(default={}, max_length=MAX_SERVOS, description="joints by name")
     buttons: dict[str, ButtonConfig] = Field(default={}, description="buttons by name")
+    calibration: ServoFile | None = Field(None, description="file of `srl calibrate PROFILE servos`")
+
+    jointed: ClassVar[str] = "servos"  # where the entries of the joints are
+
+    @property
+    def joints(self) -> dict[str, ServoConfig]:
+        """The servos by name, with what the calibration found.
+
+        Raises ProfileError: the file can't be used, or a servo's home is out of its reach with it.
+        """
+        if self.calibration is None:
+            return self.servos
+        entries = {name: servo.entry for name, servo in self.servos.items()}
+        found = dict(self.servos)
+        for name, line in servo_record.lines(self.calibration, DRIVER, entries).items():
+            try:
+                found[name] = self.servos[name].calibrated(line)
+            except ValidationError as error:
+                problem = error.errors()[0]["msg"].removeprefix("Value error, ")
+                place = f"{self.calibration.path}: joints.{name}"
+                raise ProfileError(place, f"with it, {problem}", "Change `home` in the profile") from None
+        return found
 
     @model_validator(mode="after")
     def _something_on_each_pin(self) -> Self:

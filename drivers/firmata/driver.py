@@ -18,6 +18,7 @@ from drivers.firmata.config import ButtonConfig, Calibration, FirmataConfig
 from drivers.firmata.identify import FLASH, identify, listen, require, who
 from drivers.firmata.protocol import Decoder, Mode
 from drivers.transport import Transport, open_transport
+from runtime.contracts import servo_record
 from runtime.contracts.driver import Driver
 from runtime.contracts.errors import DeviceError, DeviceLostError
 from runtime.contracts.signals import Array, Command, Kind, Limits, Signal, Stop
@@ -49,12 +50,14 @@ class Firmata(Driver):
     usb = ("2341", "2a03", "1a86")  # Arduino twice, and the CH340 of many boards like it
     gives = ("buttons",)
     takes = (COMMAND,)
+    calibrated = servo_record.WHAT
     max_age = 1.2
 
     def __init__(self, name: str, config: FirmataConfig) -> None:
         super().__init__(name, config)
         self.config: FirmataConfig = config
-        servos, buttons = config.servos, config.buttons
+        servos, buttons = config.joints, config.buttons
+        self.simulated = servo_record.of_device(config.calibration, name)
         self.home: dict[str, Array] = {}
         if servos:
             self.commands = (

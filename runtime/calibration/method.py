@@ -13,8 +13,10 @@ from typing import Any, ClassVar, Generic, Protocol, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from runtime.calibration.cut import find
+from runtime.calibration.live import Live
 from runtime.calibration.order import Order
 from runtime.calibration.run_taps import RunTaps
+from runtime.calibration.sources import RowSource, Simulated
 from runtime.contracts.errors import OptionError, ProfileError, RequestError, SrlError, nearest
 from runtime.control.shared.guided import Procedure, Samples
 from runtime.control.shared.record_file import NAME
@@ -79,6 +81,14 @@ class Method(ABC, Generic[T, R]):
     @abstractmethod
     def cut(self, person: str) -> tuple[Profile, Source]:
         """The part of the profile that the calibration needs. Raises ProfileError, WiringError."""
+
+    def simulated(self, made: Profile, text: Source) -> RowSource:
+        """Where its rows come from with `--sim`. Raises SrlError."""
+        return Simulated(made, text, self.taps, self.say, self.order.record)
+
+    def live(self, text: Source, name: str, record: Path) -> RowSource:
+        """Where they come from live; `name`: the instance's. Raises SrlError: it doesn't start."""
+        return Live(text, self.taps, name, record, self.order.view, self.say)
 
     @abstractmethod
     def taps(self, layout: Layout, place: str) -> T:

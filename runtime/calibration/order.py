@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-LAWS: Final = ("ikns", "intention", "independent-operation", "ft", "glove", "frames", "emg", "suit")
+LAWS: Final = ("ikns", "intention", "independent-operation", "ft", "glove", "frames", "emg", "suit", "servos")
 """What can be calibrated: the names of `runtime.calibration.session.METHODS`."""
 
 

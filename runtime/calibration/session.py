@@ -19,12 +19,12 @@ from runtime.calibration.glove_method import GloveMethod
 from runtime.calibration.guide import Guide, QuitError
 from runtime.calibration.ikns_method import IknsMethod
 from runtime.calibration.intention_method import IntentionMethod
-from runtime.calibration.live import Live
 from runtime.calibration.method import Method, Outcome
 from runtime.calibration.order import Order
 from runtime.calibration.run_taps import RunTaps
 from runtime.calibration.screen import Report, Screen
-from runtime.calibration.sources import RowSource, Simulated, recorded
+from runtime.calibration.servo_method import ServoMethod
+from runtime.calibration.sources import RowSource, recorded
 from runtime.calibration.suit_method import SuitMethod
 from runtime.calibration.target import check_target, write_record
 from runtime.calibration.task_method import TaskMethod
@@ -40,7 +40,17 @@ from runtime.service.end_signals import EndSignals
 
 METHODS: Final[dict[str, type[Method[Any, Any]]]] = {
     made.name: made
-    for made in (IknsMethod, IntentionMethod, TaskMethod, FtMethod, GloveMethod, FrameMethod, EmgMethod, SuitMethod)
+    for made in (
+        IknsMethod,
+        IntentionMethod,
+        TaskMethod,
+        FtMethod,
+        GloveMethod,
+        FrameMethod,
+        EmgMethod,
+        SuitMethod,
+        ServoMethod,
+    )  # fmt: skip
 }
 _USABLE: Final = "Its recording can be used: --recording"
 _AGAIN: Final = "r N redo number N   q quit"
@@ -80,7 +90,7 @@ def run(order: Order, screen: Screen) -> int:
         if answer := procedure.redo(number):
             raise RequestError(f"--redo {number}", answer, "Name one of them")
     if order.sim:
-        simulated = Simulated(made, text, method.taps, screen.say, order.record)
+        simulated = method.simulated(made, text)
         try:
             return _guided(method, simulated, procedure, before, screen)
         finally:
@@ -100,10 +110,11 @@ def _live(
     with EndSignals() as signals:
         asked: list[bool] = []
         signals.pass_to(lambda: asked.append(True))
-        source = Live(text, method.taps, name, record, order.view, screen.say)
+        source = method.live(text, name, record)
         try:
-            screen.begin(source.folder)
-            code = _guided(method, source, procedure, before, screen, lambda: bool(asked))
+            shown = source.screen or screen
+            shown.begin(source.folder)
+            code = _guided(method, source, procedure, before, shown, lambda: bool(asked))
         except QuitError:
             if asked:
                 return 130  # by Ctrl-C, as a shell says it
@@ -151,6 +162,8 @@ def _guided(
                 raise QuitError("calibration", "it was ended without a file", _USABLE)
             break
         if fine := not isinstance(result, SrlError) and not result.refusals:
+            if source.screen is not None:  # its limb could move, and nobody would watch it meanwhile
+                source.close()
             _write(method, result)
             screen.written(f"{method.target}, its report {_picture(method)}")
     if not fine:

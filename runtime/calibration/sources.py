@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 
 from runtime.calibration.cut import build
 from runtime.calibration.run_taps import RunTaps
+from runtime.calibration.screen import Screen
 from runtime.contracts.errors import ProfileError, RecordingError
 from runtime.control.shared.guided import Procedure
 from runtime.ipc.layout import Layout
 from runtime.ipc.requests import RequestKind
+from runtime.ipc.run_folder import RunFolder
 from runtime.loop.lockstep import Lockstep
 from runtime.profile.profile import Profile
 from runtime.profile.source import Source
@@ -36,9 +38,13 @@ class RowSource(ABC):
 
     Attributes:
         taps: where the calibration's signals are in them.
+        folder: of its instance, where it is a run.
+        screen: its own, where keys move something; None: it has none.
     """
 
     taps: RunTaps
+    folder: RunFolder
+    screen: Screen | None = None
 
     @abstractmethod
     def take(self) -> Rows:

@@ -134,7 +134,22 @@ class Return:
     """
 
 
-Instruction = Rest | Explore | Hold | Follow | Perform | Walk | Turn | Shape | Lead | Contract | Return
+@dataclass(frozen=True)
+class Drive:
+    """Move one joint of a limb by held keys until it stands as said. Done when it stands there and the keys are free.
+
+    Attributes:
+        joint: index in the command's order.
+        angle: rad, that whoever looks at the joint sees; None: `commanded` counts.
+        commanded: rad, that the screen shows.
+    """
+
+    joint: int
+    angle: float | None
+    commanded: float | None = None
+
+
+Instruction = Drive | Rest | Explore | Hold | Follow | Perform | Walk | Turn | Shape | Lead | Contract | Return
 
 
 class Wearer(Protocol):

@@ -109,6 +109,13 @@ class Fake(Driver):
             self.states, self.commands, self.home, self.limits = real.states, real.commands, real.home, real.limits
             self.traffic = real.traffic
 
+    def looks(self) -> Array:
+        """(n,) where somebody who looks at the device sees its joints, in the command's order, rad or m.
+
+        Only a calibration's simulated person asks. Raises NotImplementedError: its joints can't be seen.
+        """
+        raise NotImplementedError(self.name)
+
 
 class Twin(ABC):
     """A fake's wire interface: it speaks the device's protocol, so a real driver or a vendor's client can connect.

@@ -11,7 +11,8 @@ import numpy as np
 from runtime.contracts.signals import Array
 
 PAUSE: Final = 0.8  # s without a key that end a step: consoles repeat a held key after 0.25 to 0.7 s by default
-_WAYS: Final = {"left": -1.0, "right": 1.0}
+FINE: Final = 0.2  # of the speed
+_WAYS: Final = {"left": -1.0, "right": 1.0, ",": -FINE, ".": FINE}
 
 
 class Hold:
@@ -22,7 +23,7 @@ class Hold:
 
     Attributes:
         joint: index of the chosen joint.
-        moving: the sense in which it was told to move last: -1, 1, or 0.
+        moving: the sense in which it was told to move last: -1, 1 (less for a fine motion), or 0.
     """
 
     def __init__(self, joints: Sequence[str], fresh: float, step: bool = False) -> None:
@@ -35,17 +36,35 @@ class Hold:
         self._count, self._fresh, self._step = len(joints), fresh, step
         self.joint = 0
         self.moving = 0.0
+        self._guided = self._locked = self._rests = False
         self._number = 0
         self._until = self._last = -inf  # s: until when the press is told; the newest key that moves
 
+    def guide(self, joint: int | None, now: float) -> None:
+        """A guide chooses: from now on this joint alone moves; None: none does.
+
+        The joint brakes. A key that is held moves nothing until it was let go for `PAUSE`: it was meant for the joint
+        before.
+        """
+        self._guided, self._locked, self._rests = True, joint is None, True
+        self.joint = self.joint if joint is None else joint
+        self.moving = 0.0
+        self._number += 1
+        self._until = now + self._fresh
+
     def key(self, key: str, now: float) -> None:
-        """Takes a key. Every key but left and right lets the joint brake."""
+        """Takes a key. Every key but those that move lets the joint brake."""
         way = _WAYS.get(key, 0.0)
         if way:
-            again = self._step and now - self._last < PAUSE
+            held = now - self._last < PAUSE
             self._last = now
-            if again:
+            self._rests = self._rests and held
+            if self._locked or self._rests:
+                way = 0.0
+            elif self._step and held:
                 return
+        elif self._guided:
+            pass
         elif key in ("up", "down"):
             self.joint = (self.joint + (1 if key == "down" else -1)) % self._count
         elif key.isdecimal() and (int(key) - 1) % 10 < self._count:
@@ -56,6 +75,8 @@ class Hold:
 
     def press(self, joint: int, way: float, until: float) -> None:
         """Takes a press on the panel that is worth something until `until`, s. Way 0 lets the joint brake."""
+        if self._guided and (self._locked or joint != self.joint):
+            joint, way = self.joint, 0.0
         self.joint, self.moving, self._until = joint, way, until
         self._number += 1
 

@@ -11,6 +11,7 @@ _SEQUENCES: Final = {
     "OA": "up", "OB": "down", "OC": "right", "OD": "left",
     "[I": "focus", "[O": "focus lost",
 }  # fmt: skip
+_NAMED: Final = {" ": "space", "\r": "enter", "\n": "enter", "\x7f": "backspace", "\b": "backspace"}
 _WHOLE: Final = re.compile(rb"\x1b(\[[0-?]*[ -/]*[@-~]|O[@-~])")
 _BEGUN: Final = re.compile(rb"\x1b(\[[0-?]*[ -/]*|O)?\Z")
 
@@ -27,7 +28,8 @@ class Keys:
         self._since = 0.0
 
     def take(self, data: bytes, now: float) -> list[str]:
-        """Returns the keys in the bytes that came: "up", "left", "esc", "space", "focus lost", "1", "q", or "other".
+        """Returns the keys in the bytes that came: "up", "left", "esc", "space", "enter", "backspace",
+        "focus lost", "1", "q", or "other".
 
         Args:
             data: what came since the last call; may be empty.
@@ -39,7 +41,7 @@ class Keys:
         while rest:
             if rest[:1] != b"\x1b":
                 letter = chr(rest[0])
-                found.append("space" if letter == " " else letter if "!" <= letter <= "~" else "other")
+                found.append(_NAMED.get(letter, letter if "!" <= letter <= "~" else "other"))
                 rest = rest[1:]
             elif key := _WHOLE.match(rest):
                 found.append(_SEQUENCES.get(key.group(1).decode(), "other"))

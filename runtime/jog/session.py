@@ -5,9 +5,12 @@ from __future__ import annotations
 import signal
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Generator, Iterator
 from functools import partial
-from typing import Any, Final
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+import numpy as np
 
 from runtime.contracts.files import encoded
 from runtime.ipc import latches
@@ -20,9 +23,10 @@ from runtime.jog.cut import PRESS, WAY, Cut
 from runtime.jog.hold import Hold
 from runtime.jog.panel import Panel
 from runtime.jog.presses import Presses
-from runtime.jog.screen import lines
+from runtime.jog.screen import View, lines
 from runtime.jog.terminal import Terminal
 from runtime.service.end_signals import EndSignals
+from runtime.service.helpers import helpers
 from runtime.service.standing import Standing
 from runtime.service.summary import WELL
 from runtime.service.supervisor import Supervisor, state_dir
@@ -32,15 +36,37 @@ _TELL: Final = 0.02  # s between two words to the loop
 _DRAW: Final = 0.1  # s between two pictures
 _AGAIN: Final = 0.1  # s between two requests for the same stop
 _ANSWER: Final = 0.1  # s that an answer of the loop may take
+_LIFE: Final = 2_000_000_000  # ns that a parameter's change may wait for a cycle
 _KEPT: Final = 6  # messages on the screen
 
 
+class Face(Protocol):
+    """What a guide puts on the terminal in place of the joints' table."""
+
+    def key(self, key: str, state: State) -> bool:
+        """Takes a key; returns whether it was for the guide. Then it moves nothing, and the joint brakes."""
+
+    def lines(self, view: View, width: int, height: int) -> list[str]:
+        """What is shown on a terminal of this size; `view`: the joints' table and the run's state."""
+
+    def said(self, text: str) -> None:
+        """Takes a message."""
+
+
 class Session:
-    """The run; see the module's docstring."""
+    """The run; see the module's docstring.
+
+    Attributes:
+        supervisor: its supervisor, once it has begun.
+        desk: its requests, while the joints can move.
+        hold: the chosen joint and the presses.
+        why: what ended it; "" for nothing.
+        code: 0, or 1 after a fault; once it is over.
+    """
 
     def __init__(
         self, cut: Cut, name: str, sim: bool, arm: tuple[bool, str], step: bool, say: Callable[[str], None],
-        panel: bool = False,
+        panel: bool = False, face: Face | None = None, record: Path | None = None, view: bool = False,
     ) -> None:  # fmt: skip
         """
         Args:
@@ -51,15 +77,22 @@ class Session:
             step: a held key moves once.
             say: takes a line of text while the terminal isn't taken.
             panel: presses on the operator's panel in place of the terminal's keys.
+            face: what is shown in place of the joints' table.
+            record: file of the recording; None: none.
+            view: show the recording in the rerun viewer.
         """
+        self._face, self._record, self._view = face, record, view
+        self.supervisor: Supervisor | None = None
+        self.desk: Desk | None = None
+        self.code = 0
         self._panel = panel
         self._cut, self._name, self._sim, self._say = cut, name, sim, say
         # Somebody has to read that a switch can't stop this run.
         self._automatic, self._advice = arm[0] and not cut.left_out, arm[1]
         fresh = max(FRESH, 1.5 / float(cut.profile.rate))
-        self._hold = Hold(tuple(cut.speed), fresh, step)
+        self.hold = Hold(tuple(cut.speed), fresh, step)
         self._said: deque[str] = deque(maxlen=_KEPT)
-        self._why = ""
+        self.why = ""
 
     def run(self) -> int:
         """Runs until a key, a signal or the loss of the terminal ends it. Returns 0, or 1 after a fault.
@@ -67,8 +100,24 @@ class Session:
         Raises:
             SrlError: it can't begin.
         """
+        for _ in self.turns():
+            pass
+        return self.code
+
+    def end(self, why: str) -> None:
+        """The limb brakes and the run ends; `turns` goes on until it is over."""
+        self.why = self.why or why
+
+    def turns(self) -> Iterator[Any]:
+        """The run, a look at the terminal and the loop at a time. Yields the newest row; None before the first.
+
+        Whoever doesn't take them in time stops the limb, as a terminal that falls silent does.
+
+        Raises:
+            SrlError: it can't begin.
+        """
         where, state = RunFolder.of(self._name), state_dir(self._name)
-        terminal = Presses(where, len(self._cut.speed), self._hold) if self._panel else Terminal()
+        terminal = Presses(where, len(self._cut.speed), self.hold) if self._panel else Terminal()
         with EndSignals() as signals:
             where.claim()
             where.press_socket.unlink(missing_ok=True)  # of a run that was killed: the panel would believe it
@@ -84,39 +133,45 @@ class Session:
                 launch = Launch(
                     source.label, source.text, list(source.overrides), str(source.files.folder),
                     encoded(source.files.kept), [] if self._sim else None, False, None, self._automatic, found,
+                    self._record is not None,
                 )  # fmt: skip
                 # No bus: the terminal is the only one who may write the requests.
-                supervisor = Supervisor(where, launch, state, [], self._report)
+                beside = helpers(where, False, self._record, self._view)
+                self.supervisor = supervisor = Supervisor(where, launch, state, beside, self._report)
                 signals.pass_to(supervisor.end)
-                well = self._supervised(supervisor, kept, terminal)
+                well = yield from self._supervised(supervisor, kept, terminal)
             finally:
                 signal.signal(signal.SIGTSTP, before)
                 if kept is not None:
                     ran = kept.began or (supervisor is not None and supervisor.death is not None)
                     kept.close(well or not ran)
                 where.release()
-        return 0 if well else 1
+        self.code = 0 if well else 1
 
     def _suspended(self, *_: object) -> None:
-        self._why = "it was about to be suspended"
+        self.why = "it was about to be suspended"
 
     def _report(self, text: str) -> None:
-        if self._panel:
+        if self._face is not None:
+            self._face.said(text)
+        elif self._panel:
             self._say(text)
         else:
             self._said.append(text)
 
-    def _supervised(self, supervisor: Supervisor, kept: Standing | None, terminal: Terminal | Presses) -> bool:
+    def _supervised(
+        self, supervisor: Supervisor, kept: Standing | None, terminal: Terminal | Presses
+    ) -> Generator[Any, None, bool]:
         """Starts the supervisor and runs it until the end. Returns whether the run ended well."""
         row = None
         supervisor.start()
         try:
             self._say(f"{self._name}: the devices are opened")
             while supervisor.step() and not supervisor.running:
-                if self._why:
+                if self.why:
                     supervisor.end()
             if supervisor.running:
-                row = self._moved(supervisor, kept, terminal)
+                row = yield from self._moved(supervisor, kept, terminal)
         finally:
             # After an error here, too, the limb comes to its stop before this process ends.
             supervisor.end()
@@ -129,8 +184,8 @@ class Session:
             self._say(text)
         if supervisor.error is not None:
             raise supervisor.error
-        if self._why:
-            self._say(f"ended: {self._why}")
+        if self.why:
+            self._say(f"ended: {self.why}")
         if supervisor.death is not None:
             self._say(f"{supervisor.death.how}: find the cause before the next run, which begins in the stop")
             return False
@@ -141,11 +196,13 @@ class Session:
             self._say(f"the next run of '{self._name}' begins stopped ({', '.join(left)}), until `srl reset`")
         return Cause(int(row[CYCLE.cause])) in WELL
 
-    def _moved(self, supervisor: Supervisor, kept: Standing | None, terminal: Terminal | Presses) -> Any:
+    def _moved(
+        self, supervisor: Supervisor, kept: Standing | None, terminal: Terminal | Presses
+    ) -> Generator[Any, None, Any]:
         """Takes the terminal until the run is over. Returns the newest row."""
         assert supervisor.layout is not None
         assert supervisor.rows is not None
-        desk = Desk(supervisor, self._hold)
+        self.desk = desk = Desk(supervisor, self.hold)
         panel = Panel(self._cut, supervisor.layout, self._name)
         if self._advice:
             self._report(self._advice)
@@ -162,8 +219,8 @@ class Session:
                         self._take(key, desk, row)
                     if isinstance(terminal, Presses):
                         terminal.resets(partial(self._reset, desk, row))
-                    self._why = self._why or terminal.gone
-                    if self._why:
+                    self.why = self.why or terminal.gone
+                    if self.why:
                         desk.end()
                     desk.tell(row)
                     if supervisor.events is not None:
@@ -171,10 +228,16 @@ class Session:
                             self._report(event.text)
                     if row is not None and not self._panel and time.monotonic() >= drawn + _DRAW:
                         drawn = time.monotonic()
-                        terminal.show(lines(panel.view(row, self._hold.joint, tuple(self._said)), *terminal.size))
+                        terminal.show(self._picture(panel, row, *terminal.size))
+                    yield row
         finally:
+            self.desk = None
             desk.close()
         return row
+
+    def _picture(self, panel: Panel, row: Any, width: int, height: int) -> list[str]:
+        view = panel.view(row, self.hold.joint, tuple(self._said))
+        return lines(view, width, height) if self._face is None else self._face.lines(view, width, height)
 
     @staticmethod
     def _newer(supervisor: Supervisor, row: Any) -> Any:
@@ -184,20 +247,22 @@ class Session:
     def _take(self, key: str, desk: Desk, row: Any) -> None:
         if key in ("focus", "focus lost"):
             return
-        self._hold.key(key, time.monotonic())
+        state = None if row is None else State(int(row[CYCLE.state]))
+        guided = self._face is not None and state is not None and self._face.key(key, state)
+        self.hold.key("guided" if guided else key, time.monotonic())
+        if guided:
+            return
         if key in ("space", "esc"):
             desk.stop()
         elif key in ("q", "Q"):
-            self._why = "q was pressed"
-        elif key in ("s", "r") and row is not None:
-            state = State(int(row[CYCLE.state]))
-            if (key, state) in (("s", State.READY), ("r", State.STOPPED)):
-                what = "start" if key == "s" else "reset"
-                answer = self._reset(desk, row) if key == "r" else desk.begin(what, int(row[CYCLE.wake]))
-                if answer is None:
-                    self._said.append(f"{what}: no answer in time")
-                else:
-                    self._said.append(f"{what}: done" if answer["ok"] else f"{what} refused: {answer.get('error', '')}")
+            self.why = "q was pressed"
+        elif (key, state) in (("s", State.READY), ("r", State.STOPPED)):
+            what = "start" if key == "s" else "reset"
+            answer = self._reset(desk, row) if key == "r" else desk.begin(what, int(row[CYCLE.wake]))
+            if answer is None:
+                self._report(f"{what}: no answer in time")
+            else:
+                self._report(f"{what}: done" if answer["ok"] else f"{what} refused: {answer.get('error', '')}")
 
     @staticmethod
     def _reset(desk: Desk, row: Any, expires: int | None = None) -> dict[str, Any] | None:
@@ -215,7 +280,7 @@ class Desk:
 
     def __init__(self, supervisor: Supervisor, hold: Hold) -> None:
         assert supervisor.layout is not None
-        self._supervisor, self._hold, self._folder = supervisor, hold, supervisor.run_folder
+        self._supervisor, self.hold, self._folder = supervisor, hold, supervisor.run_folder
         names = [entry["name"] for entry in supervisor.layout.meta["setpoints"]]
         self._way, self._press = names.index(WAY), names.index(PRESS)
         self._requests = RequestWriter(self._folder.requests)
@@ -227,10 +292,10 @@ class Desk:
     def tell(self, row: Any) -> None:
         """Tells the loop of the keys: a new press at once, that the terminal is there every `_TELL`."""
         now = time.monotonic()
-        way, press = self._hold.told(now)
+        way, press = self.hold.told(now)
         if now >= self._told + _TELL or (press[0] and press[0] != self._number):
             self._told, self._number = now, float(press[0])
-            expires = round(self._hold.expires(now) * 1e9)
+            expires = round(self.hold.expires(now) * 1e9)
             self._requests.send(RequestKind.SETPOINT, expires, self._way, way)
             self._requests.send(RequestKind.SETPOINT, expires, self._press, press)
         if self._stop and now >= self._asked + _AGAIN:
@@ -241,6 +306,11 @@ class Desk:
         elif self._stop and row is not None and int(row[CYCLE.latches]) & Latch.PERSON:
             # A row from before the stop may show the latch that a reset has just released.
             self._stop = int(row[CYCLE.wake]) <= self._since
+
+    def set(self, parameter: int, value: float) -> None:
+        """Sets a parameter of the run, by its number."""
+        expires = time.monotonic_ns() + _LIFE
+        self._requests.send(RequestKind.PARAMETER, expires, parameter, np.array([value]))
 
     def stop(self) -> None:
         """A person's stop: it is asked for until a row says that it stands."""
@@ -257,7 +327,7 @@ class Desk:
         """The limb brakes and the run ends."""
         if not self._over:
             self._over = True
-            self._hold.key("end", time.monotonic())
+            self.hold.key("end", time.monotonic())
             self._supervisor.end()
 
     def close(self) -> None:

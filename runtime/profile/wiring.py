@@ -148,6 +148,9 @@ def _devices(b: Builder, world: World | None) -> list[Driver]:
             raise WiringError(b.source.place(path), problem, "Derive it from Driver, with write and stop")
         for command in device.commands:
             _check_report(command, b.source.place(path), entry.driver)
+        if device.commands and device.simulated and name not in b.simulated:
+            problem = "it was made in simulation, and this device is real: what it moves would go elsewhere"
+            raise ProfileError(b.source.place(f"{path}.{device.simulated}"), problem, "Calibrate the real one")
         if entry.max_age is not None:
             device.max_age = entry.max_age
         for signal in device.states:

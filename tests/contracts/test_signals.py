@@ -78,6 +78,10 @@ def law_of(name: str, folder: Path) -> Controller:
         "ft-marks": {"signal": "sensor.wrench", "wrench": {name: f"sensor.wrench[{name}]" for name in WRENCH}},
         "frame-marks": {"frame": "arm", "parent": "room", "drivers": {"a": "vicon"}, "parent_signal": "a.b.pose"},
         "glove-marks": {"person": "P1", "signal": "glove.raw", "hand": "right", "sensors": ["thumb_roll"]},
+        "servo-marks": {
+            "device": "finger", "driver": "firmata", "signal": "finger.position_command.sent", "joints": {"a": {}},
+            "mirror": [0.0], "home": None, "lower": [-1.0], "upper": [1.0], "measures": False,
+        },
         "intention-marks": {"person": "P1", "actions": ["wave", "point"], "trunk": ["Spine"], **seen},
         "task-marks": {
             "person": "P1", "teach": True, **seen,

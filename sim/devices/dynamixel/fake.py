@@ -80,6 +80,10 @@ class FakeDynamixel(Fake):
         """The servos, with encoders read now; `numbers` are those of this bus."""
         return self.chain.measure()
 
+    def looks(self) -> Array:
+        """See `Fake.looks`."""
+        return self.chain.angles()[self._of]
+
     # -- life cycle
 
     def open(self) -> None:

@@ -7,14 +7,15 @@ from collections.abc import Mapping
 from fractions import Fraction
 from typing import Annotated, Final, Protocol, cast
 
-from pydantic import AfterValidator, Field
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from drivers.firmata import Firmata
-from drivers.firmata.config import FirmataConfig
+from drivers.firmata.config import Calibration, FirmataConfig
 from drivers.firmata.driver import COMMAND
 from runtime.contracts.driver import DeviceConfig
 from runtime.contracts.errors import DeviceLostError, WiringError, nearest
-from runtime.contracts.signals import Stop
+from runtime.contracts.signals import Array, Stop
 from runtime.contracts.world import Fake, FakeConfig, World
 from sim.devices.shared.windows import Windows, inside, refuse_while_gone, require_cell, rising
 from sim.parts.hand.servos import Servos
@@ -22,8 +23,21 @@ from sim.parts.hand.servos import Servos
 _NEUTRAL: Final = 1500  # us, pulse width of an attached servo before its first command
 
 
+class Ends(BaseModel):
+    """How a servo really sits: the world's joint angles at both ends of its pulses (`min_us`, `max_us`, `trim_us`)."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    shortest: float = Field(allow_inf_nan=False, description="rad, at the shortest pulse")
+    longest: float = Field(allow_inf_nan=False, description="rad, at the longest pulse")
+
+
 class FakeFirmataConfig(FakeConfig):
     """Options of the fake."""
+
+    characteristic: dict[str, Ends] = Field(
+        default={}, description="how servos really sit, by joint; the others are as the profile and its calibration say"
+    )
 
     joints: dict[str, str] = Field(
         default={}, description="the world's servo that each of the board's turns; those not listed go by their names"
@@ -68,6 +82,9 @@ class FakeFirmata(Fake):
         self._options = options
         self._calibrations = real.calibrations
         self._joints, self._buttons = tuple(config.servos), tuple(config.buttons)
+        self._truth = tuple(self._calibrations)
+        for joint, ends in options.characteristic.items():
+            self._seat(joint, ends, config)
         n = len(self._joints)
         self._turns: list[str] = []  # the name of the world's servo that each of the board's is
         if n:
@@ -89,6 +106,24 @@ class FakeFirmata(Fake):
         self._delay = round(options.delay * 1e9)
         frame = Fraction(10**9) / Fraction(options.frame_rate).limit_denominator(10**6)
         self._frame = frame.as_integer_ratio()  # ns, as a rational
+
+    def _seat(self, joint: str, ends: Ends, config: FirmataConfig) -> None:
+        """Takes over how a servo really sits, which the driver doesn't know. Raises WiringError."""
+        place = f"sim.devices.{self.name}.characteristic"
+        if joint not in self._joints:
+            raise WiringError(place, f"the board has no servo '{joint}'", nearest(joint, self._joints))
+        servo, i = config.servos[joint], self._joints.index(joint)
+        slope = (servo.max_us - servo.min_us) / (ends.longest - ends.shortest) if ends.longest != ends.shortest else 0.0
+        if not slope:
+            raise WiringError(f"{place}.{joint}", "both ends are one angle", "Give two angles")
+        known, zero = self._calibrations[i], servo.min_us + servo.trim_us - slope * ends.shortest
+        true = Calibration(slope, zero, known.shortest, known.longest)
+        self._truth = (*self._truth[:i], true, *self._truth[i + 1 :])
+
+    def looks(self) -> Array:
+        """See `Fake.looks`."""
+        angles = self.servos.angles()
+        return np.array([angles[name] for name in self._turns])
 
     def _mount(self, world: World) -> None:
         """Finds the world's servos; a board with buttons only needs none."""
@@ -218,7 +253,7 @@ class FakeFirmata(Fake):
         low, high = self._bounds[joint]
         pulse = low if us < low else high if us > high else us
         self._pulses[joint] = self._widths[joint] = pulse
-        return self._calibrations[joint].angle(pulse)
+        return self._truth[joint].angle(pulse)
 
     def _send(self, targets: Mapping[str, float | None]) -> None:
         """Sends targets, by the world's servo, that apply from the first pulse after the delay."""

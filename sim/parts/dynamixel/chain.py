@@ -296,6 +296,11 @@ class ServoChain(Part, Generic[D]):
         self.motors.measure(self._data.qpos[self._q] / self.scale + self.zero, self._data.qvel[self._v] / self.scale)
         return self.motors
 
+    def angles(self) -> Array:
+        """(n,) rad or m: where the axes are."""
+        found: Array = self._data.qpos[self._q].copy()
+        return found
+
     def drive(self, step: int) -> None:
         self._data.ctrl[self._u] = self.measure().step() / self.scale
         if not np.array_equal(self.motors.torque, self._powered):

@@ -136,6 +136,10 @@ class RoboticFingerPart(Part):
                 self._qpos[self.joints.index(joint)] = angle
             mujoco.mj_kinematics(self._model, self._data)
 
+    def joint_angles(self) -> Array:
+        """(n,) rad: where the joints are."""
+        return self._qpos.copy()
+
     def servo_targets(self) -> Array:
         """(n,) rad: the target that each servo holds at present; NaN for a servo without pulses."""
         return self._bank.held.copy()

@@ -45,3 +45,7 @@ class Servos:
     def targets(self) -> dict[str, float]:
         """rad, by name: what each servo holds at present; NaN without pulses."""
         return {n: float(f.servo_targets()[f.joints.index(joint)]) for n, (f, joint) in self._where.items()}
+
+    def angles(self) -> dict[str, float]:
+        """rad, by name: where each joint is."""
+        return {n: float(f.joint_angles()[f.joints.index(joint)]) for n, (f, joint) in self._where.items()}

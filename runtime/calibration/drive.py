@@ -1,0 +1,120 @@
+"""A calibration that moves something: the run is that of `srl jog`, and its rows are read from their ring.
+
+What moves, and what doesn't any more when a key, the terminal or the device is lost, is `srl jog`'s alone.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+from runtime.calibration.guide import QuitError
+from runtime.calibration.keyed import Keyed
+from runtime.calibration.sources import Rows, RowSource, Tap
+from runtime.contracts.errors import HostError
+from runtime.control.servos.procedure import Procedure
+from runtime.ipc.ring import RingReader
+from runtime.ipc.run_folder import RunFolder
+from runtime.jog.cut import Cut
+from runtime.jog.session import Session
+from runtime.service import arming
+
+_LOOK: Final = 0.05  # s between two looks at the rows
+_LOST: Final = "Nothing was written. Put the limb near its home and begin again"
+
+
+class Drive(RowSource):
+    """The run.
+
+    Attributes:
+        screen: that of the keys.
+        folder: of its instance.
+    """
+
+    def __init__(
+        self, cut: Cut, tap: Tap[Any], name: str, record: Path | None, view: bool, screen: Keyed,
+        report: Callable[[str], None], sim: bool = False,
+    ) -> None:  # fmt: skip
+        """Starts it and waits until it runs.
+
+        Args:
+            cut: what `srl jog` would run, and the marks' law.
+            tap: where its signals are.
+            name: the instance's.
+            record: file of the recording.
+            view: show it in the rerun viewer.
+            screen: the terminal's other half.
+            report: takes a line of text before and after the terminal is taken.
+            sim: run on the simulated device, in real time.
+        Raises:
+            SrlError: it doesn't start.
+        """
+        self.screen = self._keyed = screen
+        self._report = report
+        self._rows: RingReader | None = None
+        arm = arming.automatic(cut.graph, False)
+        self._session = Session(cut, name, sim, arm, False, report, face=screen, record=record, view=view)
+        self._turns = self._session.turns()
+        self._over = False
+        self.folder = RunFolder.of(name)
+        try:
+            self._turn()
+            supervisor = self._session.supervisor
+            assert supervisor is not None
+            assert supervisor.layout is not None
+            self.taps = tap(supervisor.layout, cut.source.label)
+            self._mark = [p["name"] for p in supervisor.layout.meta["parameters"]].index(self.taps.parameter)
+            self._rows = RingReader(supervisor.run_folder.rows, width=supervisor.layout.width)
+        except BaseException:
+            self.close()
+            raise
+
+    def take(self) -> Rows:
+        assert self._rows is not None
+        until = time.monotonic() + _LOOK
+        while time.monotonic() < until:
+            self._turn()
+        rows = self._rows.take()
+        if self._rows.lost:
+            raise HostError("rows", f"{self._rows.lost} were overwritten before they were read", "Free the processor")
+        return rows
+
+    def begin(self, procedure: Any) -> None:
+        step: Procedure = procedure
+        self._session.hold.guide(step.step.moves, time.monotonic())
+        if self._session.desk is not None:
+            self._session.desk.set(self._mark, float(step.step.mark))
+
+    def wait(self) -> None:
+        self.take()
+
+    def close(self) -> None:
+        """The limb brakes and the run ends."""
+        try:
+            self._session.end("the calibration is over")
+            while not self._over:
+                try:
+                    next(self._turns)
+                except StopIteration:
+                    self._over = True
+        finally:
+            self._over = True
+            if self._rows is not None:
+                self._rows.close()
+                self._rows = None
+            for text in self._keyed.told:
+                self._report(text)
+            self._keyed.told.clear()
+
+    def _turn(self) -> None:
+        """One look of the run at terminal and loop. Raises QuitError: it is over."""
+        try:
+            next(self._turns)
+        except StopIteration:
+            self._over = True
+            raise QuitError("calibration", f"it ended: {self._session.why or 'the run is over'}", _LOST) from None
+        except BaseException:
+            self._over = True
+            raise

@@ -1,0 +1,354 @@
+"""How servos are calibrated: each joint is moved under a held key to known angles; trim, sense and scale are found."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from types import ModuleType
+from typing import Any, ClassVar, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.calibration import device_cut, servo_report
+from runtime.calibration.drive import Drive
+from runtime.calibration.keyed import Keyed
+from runtime.calibration.method import Method, Say, kept, settings
+from runtime.calibration.order import Order
+from runtime.calibration.run_taps import RunTaps, marks_law, words
+from runtime.calibration.servo_report import Found, Result
+from runtime.calibration.simulated_drive import SimulatedDrive
+from runtime.calibration.sources import RowSource
+from runtime.contracts import registry, servo_record
+from runtime.contracts.driver import Driver
+from runtime.contracts.errors import RecordingError, RequestError, SrlError, WiringError
+from runtime.contracts.files import KeptFile
+from runtime.contracts.servo_record import FORMAT, WHAT, Joint, ServoRecord
+from runtime.contracts.signals import Kind
+from runtime.control.servos.fit import Seat, ServoError, Thresholds, refusals, seat
+from runtime.control.servos.procedure import Procedure
+from runtime.control.servos.samples import (
+    FIRST,
+    LEFT_OUT,
+    Plan,
+    Samples,
+    ServoMarksConfig,
+    angles,
+    held,
+    joined,
+    left_out,
+)  # fmt: skip
+from runtime.control.shared.marks import stretch_of
+from runtime.ipc.layout import Layout
+from runtime.jog.cut import Cut
+from runtime.jog.cut import cut as jog_cut
+from runtime.profile import profile, wiring
+from runtime.profile.builder import Builder
+from runtime.profile.part import parsed
+from runtime.profile.profile import Profile
+from runtime.profile.source import Source
+
+MARKS: Final = "servo-marks"
+_HAND: Final = "human-hand"
+
+
+@dataclass(frozen=True)
+class Taps(RunTaps):
+    """What is read of servos. Attributes: `options` of the marks' law; `angles` (n,), of all joints."""
+
+    options: ServoMarksConfig
+    angles: NDArray[np.intp]
+
+    @property
+    def person(self) -> str:
+        return ""
+
+    @property
+    def parameter(self) -> str:
+        return f"{MARKS}.mark"
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the servos are simulated."""
+        return self.options.device in self.layout.meta["simulated"]
+
+    def may_begin_again(self, row: NDArray[np.int64]) -> bool:
+        """Never by itself: it could move."""
+        return False
+
+    def samples(self, rows: NDArray[np.int64]) -> Samples:
+        rows = rows[self.active(rows)]
+        floats = self.floats(rows)
+        return Samples(self.times(rows), floats[:, self.angles], self.marks(floats))
+
+
+class ServoMethod(Method[Taps, Result]):
+    """See the module's docstring."""
+
+    name, law, option, kind, error = WHAT, "", "calibration", ServoRecord, ServoError
+    personal = False
+    thing = "joints"
+    report: ClassVar[ModuleType] = servo_report
+
+    def __init__(self, order: Order, checked: Profile, source: Source, target: Path, say: Say) -> None:
+        super().__init__(order, checked, source, target, say)
+        found = _settings(order)
+        self._plan, self._thresholds = found["plan"], found["thresholds"]
+        self._device = device_cut.device(checked, source, WHAT, self._plan.device)
+        driver = self._driver(without_file=True)
+        place = source.place(f"devices.{self._device}")
+        if not driver.commands or driver.commands[0].kind is not Kind.POSITION:
+            raise WiringError(place, "it takes no positions, so no joint goes to an angle", "Set mode: position")
+        if driver.commands[0].slides:
+            problem = f"'{driver.commands[0].slides[0]}' slides, and only joints that turn are calibrated"
+            raise WiringError(place, problem, "Measure it, and set `zero` and `m_per_rad`")
+        self._bare_driver, self._command = driver, driver.commands[0]
+        try:
+            for option in ("first", "second"):
+                angles(getattr(self._plan, option), self._command.names, option)
+        except ServoError as error:
+            raise RequestError(error.place, error.problem, error.remedy) from None
+
+    @classmethod
+    def named(cls, order: Order, checked: Profile, source: Source) -> Path | None:
+        chosen = _settings(order)["plan"].device
+        return device_cut.named(checked, source, device_cut.device(checked, source, WHAT, chosen))
+
+    # -- the cut profile
+
+    def _driver(self, without_file: bool) -> Driver:
+        """The device's driver, which isn't opened. Raises ProfileError."""
+        entry, path = self.checked.devices[self._device], f"devices.{self._device}"
+        cls = registry.load("drivers", entry.driver, self.source.place(f"{path}.driver"))
+        options = {key: value for key, value in entry.options.items() if not (without_file and key == self.option)}
+        made: Driver = cls(self._device, Builder(self.checked, self.source, None).options(cls.Config, options, path))
+        return made
+
+    @property
+    def _joints(self) -> Mapping[str, Joint]:
+        config: Any = self._bare_driver.config
+        found: Mapping[str, Joint] = getattr(config, config.jointed)
+        return found
+
+    @property
+    def _measures(self) -> bool:
+        return self._command.feedback is not None
+
+    def _bare(self) -> tuple[Profile, Source]:
+        """The whole profile as it is without a calibration: its bounds hold wherever the joints' zeros are.
+
+        A device that doesn't measure begins with the pulses with which a run begins: with the file that is there now.
+        """
+        plain, _ = profile.tree(self.source.label, self.source.text, self.source.overrides, self.source.files)
+        device = plain["devices"][self._device]
+        device.pop(self.option, None)
+        entries = device[self._bare_driver.config.jointed]  # type: ignore[attr-defined]
+        if not self._measures:
+            for name, angle in self._begins().items():
+                entries[name]["home"] = angle
+        for i, (name, joint) in enumerate(self._joints.items()):
+            low, high = self._widened(i, joint.bounds.get("lower"), joint.bounds.get("upper"))
+            entries[name] |= {key: value for key, value in (("lower", low), ("upper", high)) if key in joint.bounds}
+        command = f"{self._device}.{self._command.name}"
+        if (given := self.checked.guard.get(command)) is not None:
+            place = self.source.place(f"guard.{command}")
+            limits = given.to_limits(self._command.shape, place, self._command.labels, self._command.ordered)
+            lows, highs = (None if b is None else b.tolist() for b in (limits.lower, limits.upper))
+            for i, name in enumerate(self._joints):
+                low, high = self._widened(i, lows and lows[i], highs and highs[i])
+                for key, all_, value in (("lower", lows, low), ("upper", highs, high)):
+                    if all_ is not None:
+                        if not isinstance(plain["guard"][command].get(key), dict) or not i:
+                            plain["guard"][command][key] = {}
+                        plain["guard"][command][key][name] = value
+        return parsed(plain, self.source, list(range(len(plain.get("controllers") or ()))))
+
+    def _widened(self, i: int, low: float | None, high: float | None) -> tuple[float | None, float | None]:
+        """Bounds of joint `i` (rad) in its entry's angle, wherever its zero is and whichever way it turns."""
+        (mirror,), share = [list(self._joints.values())[i].mirror], 0.0 if self._measures else self._thresholds.share
+        trim, (lowest, highest) = self._thresholds.trim, (self._reach[0][i], self._reach[1][i])
+        far = [None if b is None else (b / (1.0 - share), b / (1.0 + share)) for b in (low, high)]
+        down = None if far[0] is None else min(far[0]) - trim
+        up = None if far[1] is None else max(far[1]) + trim
+        ends = [None if down is None or up is None else min(down, mirror - up),
+                None if down is None or up is None else max(up, mirror - down)]  # fmt: skip
+        if self._measures:
+            return ends[0], ends[1]
+        return (None if ends[0] is None else max(ends[0], lowest)), (None if ends[1] is None else min(ends[1], highest))
+
+    @cached_property
+    def _reach(self) -> tuple[list[float], list[float]]:
+        """rad, lowest and highest of the entries' angles that the servos may take, as far as the profile says."""
+        limits, n = self._bare_driver.limits.get(self._command.name), len(self._joints)
+        if self._measures or limits is None or limits.lower is None or limits.upper is None:
+            return [-1e9] * n, [1e9] * n
+        return limits.lower.tolist(), limits.upper.tolist()
+
+    def _begins(self) -> dict[str, float]:
+        """rad in the entry's angle, by joint: where a run begins now, with the file that the profile names."""
+        found = {name: float(joint.home or 0.0) for name, joint in self._joints.items()}
+        given = self.checked.devices[self._device].options.get(self.option)
+        if given is None:
+            return found
+        entries = {name: joint.entry for name, joint in self._joints.items()}
+        try:
+            file = KeptFile.read(self.source.files.find(given))
+            lines = servo_record.lines(file, self._driver_name, entries)
+        except (SrlError, ValueError):
+            return found  # no run begins with it
+        for i, (name, joint) in enumerate(self._joints.items()):
+            if (line := lines.get(name)) is not None:
+                at = Seat(line.trim, line.direction, line.scale, line.known, joint.mirror).entry(found[name])
+                found[name] = min(max(at, self._reach[0][i]), self._reach[1][i])
+        return found
+
+    @property
+    def _driver_name(self) -> str:
+        return self.checked.devices[self._device].driver
+
+    @cached_property
+    def driven(self) -> Cut:
+        """What `srl jog` would run of the profile, and the marks' law. Raises SrlError."""
+        made = jog_cut(*self._bare(), self._device, self._plan.speed, self.order.sim)
+        plain, _ = profile.tree(made.source.label, made.source.text, made.source.overrides, made.source.files)
+        plain["controllers"].append(self._marks())
+        for part in ((plain.get("sim") or {}).get("parts") or {}).values():
+            if part.get("part") == _HAND:  # it would play its own plan, and push the limb
+                part["wearer"] = {"told": True}
+        own, text = parsed(plain, made.source, [])
+        graph = wiring.build(own, text, [] if self.order.sim else None)
+        (actuator,) = graph.actuators
+        return replace(made, profile=own, source=text, graph=graph, actuator=actuator)
+
+    def cut(self, person: str) -> tuple[Profile, Source]:
+        return self.driven.profile, self.driven.source
+
+    def _marks(self) -> dict[str, Any]:
+        """The entry of the marks' law."""
+        joints, command = self._joints, self._command
+        feedback = f"{self._device}.{command.feedback}"
+        homes = None if self._measures else [float(joint.home or 0.0) for joint in joints.values()]
+        return {
+            "use": MARKS, "name": MARKS, "device": self._device, "driver": self._driver_name,
+            "signal": feedback if self._measures else f"{self._device}.{command.name}.sent",
+            "joints": {name: dict(joint.entry) for name, joint in joints.items()},
+            "mirror": [joint.mirror for joint in joints.values()], "home": homes,
+            "lower": self._reach[0], "upper": self._reach[1], "measures": self._measures,
+            "plan": self._plan.model_dump(), "thresholds": self._thresholds.model_dump(),
+        }  # fmt: skip
+
+    # -- the session
+
+    def simulated(self, made: Profile, text: Source) -> RowSource:
+        return SimulatedDrive(self.driven, self.taps, self.say, self.order.record)
+
+    def live(self, text: Source, name: str, record: Path) -> RowSource:
+        screen = Keyed(f"srl calibrate {self.order.profile} {WHAT}: {self._device}")
+        return Drive(self.driven, self.taps, name, record, self.order.view, screen, self.say)
+
+    def taps(self, layout: Layout, place: str) -> Taps:
+        _, entry = marks_law(layout, place, MARKS)
+        if entry is None:
+            problem = "it has no marks, so which samples belong to which angle isn't known"
+            raise RecordingError(place, problem, f"Use a recording of `srl calibrate PROFILE {WHAT}`")
+        options = ServoMarksConfig.model_validate(entry.options)
+        where = words(layout, [f"{options.signal}[{name}]" for name in options.joints], place)
+        return Taps(layout, layout.fields[f"{MARKS}.mark"].offset, options, where)
+
+    def ready(self, taps: Taps) -> None:
+        if (taps.options.device, taps.options.driver) != (self._device, self._driver_name):
+            problem = f"it is of the device '{taps.options.device}' ({taps.options.driver})"
+            raise RequestError("--recording", problem, f"Name a recording of '{self._device}' ({self._driver_name})")
+        ours = {name: dict(joint.entry) for name, joint in self._joints.items()}
+        if taps.options.joints != ours:
+            name = next(n for n in taps.options.joints.keys() | ours if taps.options.joints.get(n) != ours.get(n))
+            problem = f"its joint '{name}' isn't as in the profile: other options, or none of this name"
+            raise RequestError("--recording", problem, "Set the profile as it was, or calibrate from the beginning")
+
+    def same(self, one: Taps, other: Taps) -> bool:
+        return all(getattr(one.options, key) == getattr(other.options, key) for key in ("device", "driver", "joints"))
+
+    def take(self, older: Taps) -> Taps:
+        self.ready(older)  # its samples are joined with ours
+        self._plan = kept(older.options.plan, self._plan)
+        self._thresholds = kept(older.options.thresholds, self._thresholds)
+        homes = None if self._measures else [float(joint.home or 0.0) for joint in self._joints.values()]
+        update = {"plan": self._plan, "thresholds": self._thresholds, "home": homes}
+        return replace(older, options=older.options.model_copy(update=update))
+
+    def ended(self, samples: Samples) -> Samples:
+        marks = samples.marks.copy()
+        if len(marks) and FIRST < marks[-1] < LEFT_OUT:
+            marks[stretch_of(marks, marks[-1])] = 0
+        return replace(samples, marks=marks)
+
+    def procedure(self, before: Sequence[Any]) -> Procedure:
+        options = ServoMarksConfig.model_validate({k: v for k, v in self._marks().items() if k not in ("use", "name")})
+        if not before:
+            return Procedure(options, None)
+        samples, done = joined(before), dict[int, tuple[float, float] | None]()
+        for i in range(len(options.joints)):
+            if left_out(samples, i):
+                done[i + 1] = None
+            elif (both := self._places(samples, i)) is not None:
+                done[i + 1] = both[0][0], both[1][0]
+        return Procedure(options, done)
+
+    def _places(self, samples: Samples, i: int) -> tuple[tuple[float, float], tuple[float, float]] | None:
+        """Mean and deviation at both places of joint `i`; None: it wasn't held to the end at one. Raises ServoError."""
+        one, two = (held(samples, i, second, self._plan, self._thresholds) for second in (False, True))
+        return None if one is None or two is None else (one, two)
+
+    def compute(self, taps: Taps, parts: Sequence[Any], date: datetime.date) -> Result:
+        options, samples, limits = taps.options, joined(parts), self._thresholds
+        names = tuple(options.joints)
+        first = dict.fromkeys(names, 0.0) | angles(self._plan.first, names, "first")
+        second = angles(self._plan.second, names, "second")
+        found, left, refused = list[Found](), list[str](), list[ServoError]()
+        for i, name in enumerate(names):
+            place = f"joint {i + 1} ({name})"
+            if left_out(samples, i):
+                left.append(name)
+                continue
+            both = self._places(samples, i)
+            if both is None:
+                raise ServoError(place, "it wasn't held at both places to the end", f"Do it again: r {i + 1}")
+            n = both[0][0], both[1][0]
+            try:
+                made = seat(n, first[name], second.get(name), options.mirror[i], options.measures, limits.apart)
+            except ServoError as error:
+                raise ServoError(f"{place}: {error.place}", error.problem, f"{error.remedy}: r {i + 1}") from None
+            home = None if options.home is None else options.home[i]
+            reach = options.lower[i], options.upper[i]
+            refused += refusals(place, made, n, second.get(name), home, reach, limits)
+            found.append(
+                Found(name, made, n, (first[name], second.get(name)), max(both[0][1], both[1][1]), home, reach)
+            )
+        if not found:
+            raise ServoError("joints", "all are left out", "Calibrate one at least")
+        plan = options.model_copy(update={"plan": self._plan, "thresholds": limits})
+        return Result(plan, taps.simulated, tuple(found), tuple(left), date, tuple(refused))
+
+    def record(self, result: Result) -> ServoRecord:
+        options = result.options
+        lines = {
+            f.name: {
+                "trim": round(f.seat.trim, 6), "direction": f.seat.direction, "scale": round(f.seat.scale, 6),
+                "known": f.seat.known, "entry": options.joints[f.name],
+            }
+            for f in result.joints
+        }  # fmt: skip
+        return ServoRecord.model_validate(
+            {
+                "format": FORMAT, "by": options.plan.by, "date": result.date, "simulated": result.simulated,
+                "device": options.device, "driver": options.driver, "joints": lines, "left": list(result.left),
+                "uncertain": round(max(f.spread for f in result.joints), 6),
+            }
+        )  # fmt: skip
+
+
+def _settings(order: Order) -> dict[str, Any]:
+    return settings(order, {"plan": Plan, "thresholds": Thresholds})

@@ -1,0 +1,135 @@
+"""What is told of a calibration of servos: as text, as figures, and as a picture."""
+
+from __future__ import annotations
+
+import datetime
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from runtime.calibration.picture import save
+from runtime.control.servos.fit import Seat, ServoError
+from runtime.control.servos.samples import ServoMarksConfig
+
+
+@dataclass(frozen=True)
+class Found:
+    """One joint.
+
+    Attributes:
+        name: of the joint.
+        seat: what was found.
+        n: rad, the entry's angles at both places.
+        known: rad, the joint's angles there, as the person gave them; None: on the positive side of the first.
+        spread: rad, standard deviation while it was held, at most.
+        home: rad, of the joint, where a run begins; None: where it is measured.
+        reach: rad, the entry's angles that the servo may take.
+    """
+
+    name: str
+    seat: Seat
+    n: tuple[float, float]
+    known: tuple[float, float | None]
+    spread: float
+    home: float | None
+    reach: tuple[float, float]
+
+    @property
+    def ends(self) -> tuple[float, float] | None:
+        """rad, lowest and highest angle of the joint that the servo reaches; None: it says so itself at its opening."""
+        if not np.isfinite(self.reach).all() or abs(self.reach[0]) >= 1e9:
+            return None
+        low, high = sorted(self.seat.joint(end) for end in self.reach)
+        return low, high
+
+
+@dataclass(frozen=True)
+class Result:
+    """What was found, and why it can't be used, if it can't.
+
+    Attributes:
+        options: with which it was measured.
+        simulated: whether the servos were.
+        joints: those that were calibrated.
+        left: those that weren't.
+        date: of the measurement.
+        refusals: why it can't be used.
+    """
+
+    options: ServoMarksConfig
+    simulated: bool
+    joints: tuple[Found, ...]
+    left: tuple[str, ...]
+    date: datetime.date
+    refusals: tuple[ServoError, ...]
+
+
+def lines(result: Result) -> list[str]:
+    """The report as text."""
+    told = f"{result.options.device}{' (simulated)' if result.simulated else ''}, {result.date.isoformat()}"
+    found = [told + (f", by {result.options.plan.by}" if result.options.plan.by else "")]
+    for joint in result.joints:
+        seat = joint.seat
+        way = "as the profile says" if seat.direction > 0 else "the other way than the profile says"
+        scale = f"scale {seat.scale:.4f}" if seat.known else "scale not measured"
+        text = f"{joint.name}: trim {seat.trim:+.4f} rad, turns {way}, {scale}"
+        if joint.ends is not None:
+            text += f"; reaches {joint.ends[0]:.2f} to {joint.ends[1]:.2f} rad"
+        found.append(text)
+    if result.left:
+        found.append(f"as the profile says: {', '.join(result.left)}")
+    return found
+
+
+def figures(result: Result) -> dict[str, Any]:
+    """The report as JSON types; SI units."""
+    return {
+        "device": result.options.device, "driver": result.options.driver, "by": result.options.plan.by,
+        "date": result.date.isoformat(), "simulated": result.simulated, "left": list(result.left),
+        "joints": {
+            f.name: {
+                "trim": f.seat.trim, "direction": f.seat.direction, "scale": f.seat.scale, "known": f.seat.known,
+                "places": list(f.n), "angles": list(f.known), "spread": f.spread,
+                "reach": None if f.ends is None else list(f.ends),
+            }
+            for f in result.joints
+        },
+        "refusals": [{"place": r.place, "problem": r.problem} for r in result.refusals],
+    }  # fmt: skip
+
+
+def draw(result: Result, png: Path) -> None:
+    """Draws each joint's angle over the profile's own angle: as the profile says, and as found. Raises RecordError."""
+    n = len(result.joints)
+    columns = min(n, 4)
+    rows = -(-n // columns)
+    figure, axes = plt.subplots(
+        rows, columns, figsize=(4.2 * columns, 3.8 * rows), constrained_layout=True, squeeze=False
+    )
+    for view, joint in zip(axes.flat, result.joints, strict=False):
+        ends = joint.reach if joint.ends is not None else (min(joint.n) - 0.5, max(joint.n) + 0.5)
+        span = np.array(ends)
+        view.plot(span, span, color="0.7", label="as the profile says")
+        view.plot(span, [joint.seat.joint(each) for each in ends], color="#0072B2", label="found")
+        view.plot(joint.n[0], joint.known[0], "o", color="#D55E00", label="known angles")
+        if joint.known[1] is not None:
+            view.plot(joint.n[1], joint.known[1], "o", color="#D55E00")
+        else:
+            view.axvline(joint.n[1], color="#D55E00", linestyle=":", label="positive side")
+        if joint.home is not None:
+            view.plot(joint.seat.entry(joint.home), joint.home, "s", color="#009E73", label="home")
+        view.set_title(joint.name, fontsize=10)
+        view.set_xlabel("the profile's own angle, rad")
+        view.set_ylabel("the joint's angle, rad")
+    for view in axes.flat[n:]:
+        view.axis("off")
+    axes[0, 0].legend(fontsize=7)
+    figure.suptitle(lines(result)[0], fontsize=10)
+    save(figure, png)
