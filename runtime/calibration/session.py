@@ -50,7 +50,7 @@ METHODS: Final[dict[str, type[Method[Any, Any]]]] = {
         EmgMethod,
         SuitMethod,
         ServoMethod,
-    )  # fmt: skip
+    )
 }
 _USABLE: Final = "Its recording can be used: --recording"
 _AGAIN: Final = "r N redo number N   q quit"

@@ -52,6 +52,10 @@ class Hold:
         self._number += 1
         self._until = now + self._fresh
 
+    def rest(self) -> None:
+        """A key that is held now, or again within `PAUSE`, moves nothing until it was let go."""
+        self._rests = True
+
     def key(self, key: str, now: float) -> None:
         """Takes a key. Every key but those that move lets the joint brake."""
         way = _WAYS.get(key, 0.0)

@@ -251,6 +251,7 @@ class Session:
         guided = self._face is not None and state is not None and self._face.key(key, state)
         self.hold.key("guided" if guided else key, time.monotonic())
         if guided:
+            self.hold.rest()
             return
         if key in ("space", "esc"):
             desk.stop()
