@@ -58,7 +58,7 @@ sim:
 """
 RIGHT, LEFT = b"\x1b[C", b"\x1b[D"
 TAKE = "import fcntl, os, sys, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0); os.execv(sys.argv[1], sys.argv[1:])"
-QUICK = ("speed=0.2", "settle=0.2", "hold=0.3", "first=0.3")
+QUICK = ("speed=0.4", "settle=0.2", "hold=0.3", "first=0.3")
 
 
 class Calibrating:
@@ -117,14 +117,14 @@ class Calibrating:
 
         def there() -> bool:
             off = to - self.applied
-            if abs(off) > 0.007 and time.monotonic() > self.next:
-                near = abs(off) < 0.03
+            if abs(off) > 0.008 and time.monotonic() > self.next:
+                near = abs(off) < 0.05
                 self.type((b"." if near else RIGHT) if off > 0 else (b"," if near else LEFT))
                 self.next = time.monotonic() + (0.3 if near else 0.04)
-            return abs(off) <= 0.007
+            return abs(off) <= 0.008
 
         self.next = time.monotonic() + 1.0
-        self.until(there, f"the joint at {to}")
+        until(there, self.step, what=f"the joint at {to}", timeout=120.0)
 
     @property
     def loop(self) -> int:
@@ -226,5 +226,5 @@ def test_what_ends_in_the_middle_brakes_and_writes_nothing(end: str, tmp_path: P
         assert State(int(rows[-1][CYCLE.state])) is State.ENDED
         pressed = np.flatnonzero(run.layout.value(rows, "terminal.press")[:, 0] > 0)[-1]
         after = run.layout.value(rows[pressed:], "finger.position_command.applied")[:, 0]
-        assert np.ptp(after) <= 0.2 * 0.3  # rad: a press' 0.12 s, and braking
+        assert np.ptp(after) <= 0.4 * 0.3  # rad: a press' 0.12 s, and braking
     assert not (tmp_path / "tip.json").exists()
