@@ -13,6 +13,7 @@ from runtime.ipc.requests import Request, RequestKind
 from runtime.ipc.words import CYCLE, Origin, State
 from runtime.loop.cycle import Cycle, limits_of
 from runtime.loop.device import Device
+from runtime.loop.release import release
 from runtime.profile.graph import Graph
 
 
@@ -60,10 +61,13 @@ class Lockstep:
         self.cycle.check(0, Request(0, kind, 0, 0, np.empty(0), origin) if kind else None)
         self.cycle.control()
         self.cycle.guard()
+        now = self.count * self.period
         for device in self.devices:
             if device.active:
-                device.write(self.count * self.period)
-            device.publish(self.count * self.period)
+                device.write(now)
+        release(self.cycle, self.devices, now)
+        for device in self.devices:
+            device.publish(now)
         return self.cycle.machine.state
 
     def step(self, kind: RequestKind = RequestKind.NONE, origin: Origin = Origin.LOCAL) -> State:

@@ -9,14 +9,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from runtime.contracts.signals import Stop
 from runtime.ipc.requests import STATE_REQUESTS, Answer, RequestKind
 from runtime.ipc.ring import RingWriter
 from runtime.ipc.words import CYCLE, Cause, Origin, State
 from runtime.loop.clock import Clock
-from runtime.loop.cycle import Cycle, by_itself
+from runtime.loop.cycle import Cycle
 from runtime.loop.device import Device
 from runtime.loop.refusals import Refusals, described, refusal
+from runtime.loop.release import release
 from runtime.loop.request_queue import PendingRequest, RequestQueue
 from runtime.profile.graph import Graph
 
@@ -77,7 +77,8 @@ class Loop:
                     device.write(tick.now)
                     if not device.lost:
                         self.after_write(device)
-            self._release(tick.now)
+            for device in release(self.cycle, self.commanded, tick.now):
+                self.after_write(device)
             for device in self.commanded:
                 device.publish(tick.now)
             ints[_WRITE] = written = monotonic()
@@ -137,17 +138,3 @@ class Loop:
     def culprit(self) -> str:
         """The name of the part that caused the stop, or an empty text."""
         return self.graph.layout.culprit(self.cycle.machine.cause, self.cycle.machine.culprit)
-
-    def _release(self, now: int) -> None:
-        """Once a stop has begun, tells the devices that stop by themselves (limp, damped positions) to do so."""
-        if self.cycle.machine.state not in (State.STOPPING, State.STOPPED):
-            return
-        for device in self.commanded:
-            if device.active or device.lost:
-                continue
-            for actuator in device.actuators:
-                category = self.cycle.category(actuator)
-                if category is Stop.LIMP or by_itself(actuator, category):
-                    device.stop(category, now)
-                    if not device.lost:
-                        self.after_write(device)

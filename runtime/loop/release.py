@@ -1,0 +1,27 @@
+"""Devices that carry out a stop by themselves: torque off, or positions that become damping."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from runtime.contracts.signals import Stop
+from runtime.ipc.words import State
+from runtime.loop.cycle import Cycle, by_itself
+from runtime.loop.device import Device
+
+
+def release(cycle: Cycle, devices: Iterable[Device], now: int) -> list[Device]:
+    """Once a stop has begun, tells such devices so, in each cycle; returns those that were told and are still there."""
+    if cycle.machine.state not in (State.STOPPING, State.STOPPED):
+        return []
+    told = []
+    for device in devices:
+        if device.active or device.lost:
+            continue
+        for actuator in device.actuators:
+            category = cycle.category(actuator)
+            if category is Stop.LIMP or by_itself(actuator, category):
+                device.stop(category, now)
+                if not device.lost:
+                    told.append(device)
+    return told
