@@ -278,7 +278,7 @@ class MitCan(Driver):
         self._before[i] = value
         ramp = self.config.ramp * 1e9
         share = min(1.0, (now - self._since[i]) / ramp) if ramp > 0 else 1.0
-        self._held[i] = self._encode(i, Impedance(position=shaft, kp=motor.kp, kd=motor.kd))
+        self._held[i] = self._encode(i, Impedance(shaft, 0.0, motor.kp * share, motor.kd))
         return Impedance(shaft, speed, motor.kp * share, motor.kd)
 
     def _clear(self, i: int, value: float) -> float:
@@ -300,8 +300,7 @@ class MitCan(Driver):
         """Brings a motor to the point from which it may get commands; True once it is there. Sends for it till then."""
         faults = self._faults
         if self._stage[i] == _OFF:
-            position = float(self.state_arrays["position"][i])
-            away = abs(value - position) if self._kind is Kind.POSITION else 0.0
+            away = abs(value - self.state_arrays["position"].item(i)) if self._kind is Kind.POSITION else 0.0
             if away > self.config.start_tolerance * abs(self._scale[i]):
                 faults.far[i] = away
             if faults.concerns(i):
@@ -325,13 +324,13 @@ class MitCan(Driver):
         self._stage[i], self._last[i], self._held[i] = _OFF, b"", self._damp[i]
 
     def _damp_or_ask(self, line: Line, i: int, now: int) -> None:
-        """Keeps a motor's states coming while nobody commands it; if it is enabled it gets damping."""
+        # After a device fault the loop sends no commands: a limb that held its position must not sink then.
         if self._v3 and not self.config.enable_at_open and not self._moved:
             return  # its status comes by itself
         if self._damiao and not self._on[i]:
             line.ask(i)
             return
-        line.send(i, self._slack[i] if self._rest is Stop.LIMP else self._damp[i], now)
+        line.send(i, self._slack[i] if self._rest is Stop.LIMP else self._held[i], now)
 
     # -- replies
 

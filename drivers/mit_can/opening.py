@@ -317,7 +317,7 @@ class Opening:
             left = deadline - time.monotonic()
             new = [message for message in self._link.read_wait(max(left, 0.0)) if fits(message)]
             if new and not found:
-                deadline = time.monotonic() + more * self._patience
+                deadline = time.monotonic() + more * min(self._patience, 1.0)
             found += new
             if time.monotonic() >= deadline:
                 return found
