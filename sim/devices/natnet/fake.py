@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from math import sqrt
+from typing import Final, Literal
 
 from pydantic import Field
 
@@ -14,6 +15,9 @@ from runtime.contracts.driver import DeviceConfig
 from runtime.contracts.errors import DeviceError
 from runtime.contracts.world import FakeConfig, World
 from sim.devices.shared.cameras import Cameras, CamerasConfig
+from sim.parts.body.body import BodyPart
+
+_BONES: Final = (sqrt(0.5), -sqrt(0.5), 0.0, 0.0)  # x left, z up, y back in the suit's x left, y up, z forward
 
 
 class FakeNatNetConfig(CamerasConfig):
@@ -32,7 +36,9 @@ class FakeNatNetConfig(CamerasConfig):
 
 
 class FakeNatNet(Cameras):
-    """See `Cameras`. A subject of one segment is a rigid body, one of several a skeleton."""
+    """See `Cameras`. A subject of one segment is a rigid body, one of several a skeleton.
+
+    A skeleton on the part `body` has Motive's axes, which are those of the suit's with y up."""
 
     Options = FakeNatNetConfig
     real = NatNet
@@ -42,6 +48,12 @@ class FakeNatNet(Cameras):
         assert isinstance(config, NatNetConfig)
         assert isinstance(options, FakeNatNetConfig)
         self.optitrack, self.motive = config, options
+        # In the T-pose Motive's bones have the world's axes, y up and z ahead, as the suit's have; the driver renames
+        # those of world and bones.
+        for subject, bodies in options.bodies.items():
+            part, _, _ = next(iter(bodies.values())).partition("/")
+            if len(bodies) > 1 and isinstance(self.cell.parts.get(part), BodyPart):
+                self.scene.turn(subject, _BONES)
         self.y_up = config.up == "y" if options.y_up is None else options.y_up
 
     def open(self) -> None:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.capture.names import Marker, Segment, Subject
 from runtime.contracts.errors import WiringError, nearest
 from runtime.contracts.frames import IDENTITY, as_pose
-from runtime.contracts.rotation import composed, homogeneous, inverted
+from runtime.contracts.rotation import Quaternion, composed, homogeneous, inverted
 from runtime.contracts.signals import Array
 from sim.parts.body.subject import MocapSubject
 from sim.world.cell import Cell
@@ -80,10 +81,18 @@ class Scene:
             raise WiringError(
                 place, "the cell has nothing for cameras to see", "Add a part 'mocap-body' or 'upper-body', or 'bodies'"
             )
+        self._turns: Array = np.tile([1.0, 0.0, 0.0, 0.0], (len(self.segments), 1))
+        self._turned = np.zeros(len(self.segments), np.bool_)
         self._bodies, self._sites = np.array(body_ids, np.intp), np.array(site_ids, np.intp)
         self.owner_of_segment = np.array([number for number, _ in self.segments], np.intp)
         self.carriers = np.array(carriers, np.intp)
         self.owner_of_marker = np.array([number for number, _ in self.markers], np.intp)
+
+    def turn(self, subject: str, q: Quaternion) -> None:
+        """The system's axes of a subject's segments are turned by this in those of the cell's bodies."""
+        number = next(s.id for s in self.subjects if s.name == subject)
+        self._turns[self.owner_of_segment == number] = q
+        self._turned[self.owner_of_segment == number] = True
 
     @property
     def size(self) -> int:
@@ -92,7 +101,12 @@ class Scene:
 
     def take(self) -> Array:
         """(size,): x, y, z (m), w, x, y, z of each segment, then x, y, z of each marker, now, in its frame."""
-        poses = np.hstack([self._data.xpos[self._bodies], self._data.xquat[self._bodies]])
+        turned = self._data.xquat[self._bodies]
+        if self._turned.any():
+            turned = turned.copy()
+            for row in np.flatnonzero(self._turned).tolist():
+                mujoco.mju_mulQuat(turned[row], turned[row].copy(), self._turns[row])
+        poses = np.hstack([self._data.xpos[self._bodies], turned])
         points = self._data.site_xpos[self._sites]
         if self._frame is not None and (origin := self._cell.pose_of(self._frame)) != IDENTITY:
             back = inverted(origin)
