@@ -17,6 +17,7 @@ from runtime.contracts.signals import Signal
 from runtime.contracts.terms import WRENCH
 from runtime.control.hand.human_hand import SENSORS
 from runtime.control.models import FingerModel
+from runtime.control.robots import ARMS
 from runtime.profile import profile, shelf, wiring
 from srl.testing import check_controller, check_driver
 
@@ -66,6 +67,15 @@ def law_of(name: str, folder: Path) -> Controller:
         "joint-setpoint": {"joints": ["a"]},
         "velocity-setpoint": {"axes": ["a"]},
         "pose-in-frame": {"frame": "a"},
+        "cartesian-follow": {"robot": "panda"},
+        "joint-impedance": {"robot": "panda", "stiffness": 10.0},
+        "mirror": {"robot": "panda", "other": "panda", "normal": [0.0, 1.0, 0.0]},
+        "waypoints": {
+            "robot": "ur16e", "waypoints": {"rest": dict.fromkeys(ARMS["ur16e"].labels, 0.0)},
+            "speed": 0.1, "acceleration": 1.0, "jerk": 10.0,
+        },
+        "suit-joints": {"segments": {"pelvis": "Hips"}},
+        "suit-segments": {"joints": {"chest": "Spine3"}, "frame": "room"},
         "finger-closure": {"open": 0.0, "closed": 1.0, "model": FingerModel()},
         "calibration-marks": {
             "person": "P1",
