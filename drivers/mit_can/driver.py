@@ -14,7 +14,7 @@ from drivers.mit_can.config import MitCanConfig
 from drivers.mit_can.declare import COMMANDS, KINDS, PERIOD, STATES
 from drivers.mit_can.faults import MitFaults, warnings
 from drivers.mit_can.line import Line, command_ids
-from drivers.mit_can.opening import Opening
+from drivers.mit_can.opening import Opening, same_place
 from drivers.mit_can.plausible import Plausible
 from drivers.mit_can.protocol import Impedance, State
 from drivers.mit_can.replies import Replies
@@ -28,7 +28,9 @@ STATUS: Final = 100_000_000  # ns, the same of a V3, which may send its status a
 LOST: Final = 500_000_000  # ns without a word from any motor
 AGAIN: Final = 20_000_000  # ns between two attempts to enable a motor
 ASLEEP: Final = 500_000_000  # ns after which a motor that doesn't enable is a fault
+PAUSE: Final = 20_000_000  # ns without a frame for it, after which a CubeMars may have let go
 CLEARED: Final = 50_000_000  # ns: a drive packs its reply before it obeys
+UNHEARD: Final = 40_000_000  # ns without a status, after which a V3 may have started anew
 JUMP: Final = 0.3  # rad of the shaft between two replies that no motion explains
 _OFF, _WAKING, _ARMED = 0, 1, 2
 
@@ -83,6 +85,8 @@ class MitCan(Driver):
         self._since = [0] * n  # ns, of the present stage
         self._asked = [0] * n  # ns, of the last attempt to enable
         self._last: list[bytes] = [b""] * n  # the newest commands
+        self._doubt = [-1] * n  # ns, since when a CubeMars may have let go and come alive again; -1: no doubt
+        self._stood = [0.0] * n  # where it stood then, as the drive says it
         self._before = [0.0] * n  # the command before, in the axis' unit
         self._plausible = [Plausible() for _ in range(n)]
         self._wrote, self._complete = -1, False  # complete: all were armed since the last stop
@@ -111,6 +115,9 @@ class MitCan(Driver):
                     "Use an adapter of SocketCAN or slcan",
                 )
             found = Opening(link, self.config, self._place, self.patience).find()
+            if self.health.was_open:
+                stood = [wire + offset for wire, offset in zip(self._wire, self._offset, strict=True)]
+                same_place(found, stood, self.config, self._place)
         except BaseException:
             link.close()
             raise
@@ -177,6 +184,10 @@ class MitCan(Driver):
                     continue
                 if finite[i]:
                     self._last[i] = self._encode(i, self._wanted(i, value, dt, now))
+                if self._doubtful(line, i, now):
+                    line.send(i, self._damp[i], now)
+                    complete = False
+                    continue
                 complete &= line.send(i, self._last[i] or self._damp[i], now) and finite[i]
         except DeviceLostError as error:
             self.health.lost(error.problem)
@@ -321,7 +332,7 @@ class MitCan(Driver):
 
     def _disarm(self, i: int) -> None:
         """A motor gets no command before it was armed again; until then no stop frame repeats its last one."""
-        self._stage[i], self._last[i], self._held[i] = _OFF, b"", self._damp[i]
+        self._stage[i], self._last[i], self._held[i], self._doubt[i] = _OFF, b"", self._damp[i], -1
 
     def _damp_or_ask(self, line: Line, i: int, now: int) -> None:
         # After a device fault the loop sends no commands: a limb that held its position must not sink then.
@@ -330,7 +341,31 @@ class MitCan(Driver):
         if self._damiao and not self._on[i]:
             line.ask(i)
             return
-        line.send(i, self._slack[i] if self._rest is Stop.LIMP else self._held[i], now)
+        held = self._damp[i] if self._doubtful(line, i, now) else self._held[i]
+        line.send(i, self._slack[i] if self._rest is Stop.LIMP else held, now)
+
+    def _doubtful(self, line: Line, i: int, now: int) -> bool:
+        """Whether a CubeMars may have let go, or lost its turn, unseen. Then it is damped until it says where it is.
+
+        Some firmware slackens after 25 ms of silence and obeys the next frame (sheet, section 2.6), and a V3 needs no
+        enabling after a loss of power: either would be pulled back to where it was.
+        """
+        if self._damiao or self._stage[i] != _ARMED or self._kind is not Kind.POSITION:
+            return False
+        unheard = line.pending[i] >= UNANSWERED and now - self._heard[i] > (UNHEARD if self._v3 else SILENT)
+        if self._doubt[i] < 0 and (unheard or now - line.left[i] > PAUSE):
+            self._doubt[i], self._stood[i] = now, self._wire[i]
+        if self._doubt[i] < 0:
+            return False
+        if not unheard and self._heard[i] > self._doubt[i]:
+            away, turn = self._wire[i] - self._stood[i], self._motors[i].turn
+            if abs(away) > min(self.config.start_tolerance, turn / 4 if turn is not None else JUMP):
+                self._faults.jumped.setdefault(i, away)
+                self._disarm(i)
+                return True
+            self._doubt[i] = -1
+            return False
+        return True
 
     # -- replies
 

@@ -26,6 +26,7 @@ class Line:
     Attributes:
         link: the bus.
         pending: by motor, frames sent since its last reply.
+        left: by motor, ns of the newest frame that left.
         refused: frames for which the bus had no room.
     """
 
@@ -33,6 +34,7 @@ class Line:
         self.link, self._place = link, place
         self._ids, self._listen, self._v3 = config.ids, command_ids(config), config.generation == "v3"
         self.pending = [0] * len(self._ids)
+        self.left = [-1] * len(self._ids)
         self.refused = 0
         self._since = -1  # ns, since when the bus takes nothing
 
@@ -45,6 +47,7 @@ class Line:
         self.pending[i] += 1
         if self.link.write(self._message(i, data)):
             self._since = -1
+            self.left[i] = now if now is not None else self.left[i]
             return True
         self.refused += 1
         if now is not None:

@@ -301,3 +301,54 @@ def test_it_declares_what_the_driver_declares() -> None:
     real = MitCan("bus", limb.fake.config)
     assert (limb.fake.states, limb.fake.commands, limb.fake.max_age) == (real.states, real.commands, real.max_age)
     assert limb.fake.traffic == real.traffic
+
+
+@pytest.mark.parametrize("gap", [0.05, 0.2])
+def test_a_v3_that_lost_its_turn_isn_t_driven_back_though_it_obeys_without_enabling(gap: float) -> None:
+    motors = {"elbow": AK["elbow"] | {"lower": 3.0, "upper": 5.0, "park": 4.0}}
+    limb = Limb(motors, "v3", cell(motors, hanging=False, start=4.0), ramp=0.1).open()
+    where = limb.hold(0.2)
+    limb.run(0.3, lambda t: where + t)
+    limb.run(0.5, where + 0.3)
+    away = limb.truth()
+    limb.drives.power_down(0)
+    limb.run(gap, where + 0.3)
+    limb.drives.power_up(0)
+    limb.run(0.3, where + 0.3)
+    assert "its position jumped" in limb.fault
+    assert limb.truth() == pytest.approx(away, abs=0.01)
+
+
+@pytest.mark.parametrize("maker", ["v2", "v3"])
+def test_whole_turns_away_from_its_park_isn_t_taken_for_parked_within_a_run(maker: str) -> None:
+    motors = {"elbow": AK["elbow"]}
+    limb = Limb(motors, maker, cell(motors, hanging=False), ramp=0.1).open()
+    where = limb.hold(0.2)
+    limb.run(0.7, lambda t: where + t)
+    limb.run(0.5, where + 0.7)
+    limb.fake.close()
+    with pytest.raises(DeviceError, match=r"stood at 0\.70 when it was last heard, and would be at 0\.00"):
+        limb.fake.open()
+
+
+def test_an_ak_that_let_go_while_the_loop_paused_isn_t_pulled_back() -> None:
+    motors = {"elbow": AK["elbow"]}
+    limb = Limb(motors, "v2", cell(motors), fake={"silence": 0.025}, ramp=0.1).open()
+    where = limb.hold(0.5)
+    limb.world.advance(limb.world.time + 300_000_000)
+    fallen = limb.truth()[0]
+    limb.run(0.3, where)
+    assert fallen > 0.3
+    assert limb.truth()[0] > fallen
+    assert "its position jumped" in limb.fault
+
+
+def test_an_ak_that_held_while_the_loop_paused_goes_on() -> None:
+    motors = {"elbow": AK["elbow"]}
+    limb = Limb(motors, "v2", cell(motors), ramp=0.1).open()
+    where = limb.hold(0.5)
+    stood = limb.truth()
+    limb.world.advance(limb.world.time + 300_000_000)
+    limb.run(0.3, where)
+    assert not limb.fault
+    assert limb.truth() == pytest.approx(stood, abs=0.02)
