@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import pi
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -26,6 +27,7 @@ from runtime.control.shared.ramp import Ramps
 
 _QUICKEST: Final = 1.0  # 1/s, of a factor that a client has changed
 _SAME: Final = 1e-9  # rad or m, by which a command that was let through may differ
+_ROUND: Final = 0.3  # rad beyond a half turn, up to which the tool keeps the way round that it has taken
 _UNKNOWN: Final = 1.0  # rad/s or m/s, of a joint whose greatest speed nobody says
 
 
@@ -250,6 +252,7 @@ class CartesianFollow(Controller):
         self.lost = self._unseen > config.patience
         if not seen:
             self._blind += 1
+            self._turn = (0.0, 0.0, 0.0)
             return None
         self.output["missing"][0] = far
         self._worst = max(self._worst, far)
@@ -261,6 +264,8 @@ class CartesianFollow(Controller):
         x, y, z, w = pin.Quaternion(place.rotation).coeffs().tolist()
         turn = rotation.product(target.turn, rotation.conjugate((w, x, y, z)))
         self._turn = rotation.log_nearest(turn, self._turn)
+        if float(np.linalg.norm(self._turn)) > pi + _ROUND:
+            self._turn = rotation.log(turn)  # the target has jumped: it isn't approached the long way round
         return np.concatenate([wanted, _bounded(gain * np.array(self._turn), share["speed"] * config.turning)])
 
     def _gaps(self, dt: float) -> tuple[Array, Array]:

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from scipy.optimize import lsq_linear
 
 from runtime.contracts.files import KeptFile
-from runtime.contracts.rotation import exp
+from runtime.contracts.rotation import exp, matrix, product
 from runtime.control.arm.cartesian_follow import CartesianFollow, CartesianFollowConfig
 from runtime.control.robot_model import RobotModel
 from runtime.control.robots import PANDA
@@ -228,3 +228,23 @@ def test_a_number_that_is_none_leaves_nothing_behind(name: str) -> None:
 def test_options_that_do_not_fit_are_refused(options: dict[str, Any], reason: str) -> None:
     with pytest.raises(ValidationError, match=reason):
         law(**options)
+
+
+@pytest.mark.parametrize("lost", [False, True], ids=["jumps", "comes back turned"])
+def test_a_target_that_turns_at_once_is_approached_the_short_way_round(lost: bool) -> None:
+    made = law(PANDA.home, robot="panda", target="pose")
+    start = tuple(made.input["target"][3:])
+    made.input["target"][3:] = product(exp(0.0, 0.0, 2.9), start)
+    run(made, 3)
+    if lost:
+        held = made.input["target"].copy()
+        made.input["target"][:] = np.nan
+        run(made, 50)
+        made.input["target"][:] = held
+    made.input["target"][3:] = product(exp(0.0, 0.0, -0.6), start)
+    q, _ = run(made, 300)
+    there = PANDA.forward(q[0])[:3, 0]
+    aim = np.array(matrix(exp(0.0, 0.0, -0.6))) @ PANDA.forward(PANDA.home)[:3, 0]
+    cosines = [float(PANDA.forward(each)[:3, 0] @ aim) for each in q[::20]]
+    assert min(cosines) > float(there @ aim) - 0.15  # the long way round goes through -1
+    assert cosines[-1] > 0.99
