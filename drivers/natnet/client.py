@@ -254,6 +254,7 @@ class Client:
         if (before.multicast, before.group, before.data_port) != (info.multicast, info.group, info.data_port):
             raise DeviceLostError(self._place, "Motive sends in another way now", "It is opened anew")
         self.order.restart()
+        self.order.restarts += 1  # whoever was seen upright was so by the axes of the Motive before
         self.names_again()
 
     def _name(self, payload: bytes) -> None:

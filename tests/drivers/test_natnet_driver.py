@@ -143,6 +143,7 @@ def test_a_motive_that_was_restarted_in_another_version_is_read_in_that():
         bench.twin.muted = False
         step(bench, driver, 100)
         assert driver.figures()["natnet"] == "3.0"
+        assert driver.health.resyncs == 1  # with it goes the proof of which axis is up
         assert bench.now - driver.health.stamp < 30_000_000
         np.testing.assert_allclose(shown(driver, "tool.pose"), POSE, atol=2e-3)
 
