@@ -22,6 +22,7 @@ from runtime.ipc.run_folder import RunFolder
 from runtime.ipc.words import Cause
 from runtime.profile import profile, wiring
 from runtime.profile.graph import Graph
+from runtime.profile.source import Source
 from runtime.service import arming
 from runtime.service.end_signals import EndSignals
 from runtime.service.helpers import helpers
@@ -73,6 +74,7 @@ def _run(args: argparse.Namespace, signals: EndSignals, status: Status) -> int:
     check_guards(graph)
     check_certificates(graph)
     _check_arguments(args, graph)
+    _check_owners(args.person, source, graph)
     name = args.instance or checked.name
     if not re.match(profile.SLUG, name):
         raise RequestError("--instance", f"'{name}' is no name", "Use lower-case letters, digits, - and _")
@@ -228,6 +230,21 @@ def _check_arguments(args: argparse.Namespace, graph: Graph) -> None:
         raise RequestError("--figure", f"there is no folder {args.figure.parent}", "Make it first")
     if args.figure is not None and args.figure.suffix.lower() not in PICTURES:  # else it would fail after the run
         raise RequestError("--figure", f"'{args.figure.name}' isn't named as a picture", "Name it like run.png")
+
+
+def _check_owners(person: str | None, source: Source, graph: Graph) -> None:
+    """Refuses another person's calibration, of whatever kind. A simulated person's serves where all is simulated."""
+    if person is None:
+        return
+    from runtime.recording.summary import owner
+
+    all_simulated = all(device.name in graph.simulated for device in graph.devices)
+    for name, content in source.files.kept.items():
+        whose, simulated = owner(content)
+        known = re.fullmatch(ANONYMOUS, whose) is not None and not (simulated and all_simulated)
+        if known and whose != person:
+            problem = f"the file {name} was made with {whose}, the run is {person}'s"
+            raise RequestError("--person", problem, f"Name {person}'s file in the profile, or calibrate {person}")
 
 
 def check_names() -> None:

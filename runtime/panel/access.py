@@ -108,4 +108,4 @@ def _key(request: web.Request) -> str:
 
 def _same(given: str, secret: str) -> bool:
     """Whether a secret is there, and is the given one."""
-    return bool(secret) and hmac.compare_digest(given.encode(), secret.encode())
+    return bool(secret) and hmac.compare_digest(given.encode(errors="backslashreplace"), secret.encode())

@@ -106,12 +106,22 @@ def persons(layout: Layout) -> tuple[str, ...]:
         files = list(decoded(layout.meta.get("files") or {}, "the layout").values())
     except (SrlError, AttributeError, TypeError):
         files = []
-    for content in files:
-        try:
-            found.append(json.loads(content).get("person"))
-        except (ValueError, AttributeError):
-            continue  # no calibration of a person
+    found += [owner(content)[0] for content in files]
     return tuple(dict.fromkeys(person for person in found if isinstance(person, str) and person))
+
+
+def owner(content: bytes) -> tuple[str, bool]:
+    """Whose a calibration file is, and whether it was made in simulation; "" where it doesn't say."""
+    try:
+        said = json.loads(content)
+    except ValueError:
+        try:
+            said = YAML(typ="safe", pure=True).load(content.decode())  # a glove's may be YAML
+        except (YAMLError, ValueError):
+            return "", False
+    if not isinstance(said, dict) or not isinstance(said.get("person"), str):
+        return "", False
+    return said["person"], said.get("simulated") is True
 
 
 def _summary(path: Path) -> Summary:

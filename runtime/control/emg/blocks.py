@@ -12,7 +12,9 @@ import numpy as np
 from runtime.contracts.signals import Array
 from runtime.control.emg.processing import Filters, OnlineEnvelope
 
-GONE: Final = 20  # exact zeros of one muscle in succession: no electrode gives them, a sensor out of reach does
+# Equal samples of one muscle in succession: no electrode gives them, a sensor that is out of reach, hangs or is at its
+# end does.
+GONE: Final = 20
 
 
 class Stream:
@@ -45,7 +47,7 @@ class Stream:
         new = count - self._count
         self.fresh = False
         there = np.isfinite(count) and bool(np.isfinite(block).all())
-        if not there or (block[-GONE:] == 0.0).all(axis=0).any() or not 0 <= new <= len(block):
+        if not there or self._stands(block) or not 0 <= new <= len(block):
             self.forget()
             self._count = count if there else np.nan
             return None
@@ -56,6 +58,12 @@ class Stream:
         self._seen += int(new)
         self.fresh, self.settled = True, self._seen >= self._least
         return found
+
+    @staticmethod
+    def _stands(block: Array) -> bool:
+        """Whether a muscle's newest samples are all alike."""
+        newest = block[-GONE:]
+        return len(newest) == GONE and bool((newest == newest[-1]).all(axis=0).any())
 
 
 def joined_samples(blocks: Array, counts: Array) -> Array | None:
