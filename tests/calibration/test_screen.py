@@ -11,7 +11,7 @@ import pytest
 from helpers.calibration import PROFILE, Actor, Person
 from rich.console import Console
 
-from runtime.calibration import session
+from runtime.calibration import method, session
 from runtime.calibration.guide import QuitError
 from runtime.calibration.order import Order
 from runtime.calibration.screen import Screen, Terminal, picture
@@ -104,7 +104,7 @@ def actor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Actor:
     (tmp_path / "worn.yaml").write_text(PROFILE)
     monkeypatch.chdir(tmp_path)
     made = Actor()
-    monkeypatch.setattr(session, "Simulated", lambda *_: made)
+    monkeypatch.setattr(method, "Simulated", lambda *_: made)
     return made
 
 

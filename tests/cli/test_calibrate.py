@@ -15,7 +15,7 @@ from helpers.edited import edited
 from helpers.run import call, ended, environment, srl, summary
 from helpers.wait import until
 
-from runtime.calibration import report, session
+from runtime.calibration import method, report
 from runtime.calibration.sources import RowFile
 from runtime.cli import main
 from runtime.control.ikns import record
@@ -44,7 +44,7 @@ def command(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
     """
 
     def run(*arguments: str, actor: Actor | None = None, picture: bool = False) -> int:
-        monkeypatch.setattr(session, "Simulated", lambda *_: actor or Actor())
+        monkeypatch.setattr(method, "Simulated", lambda *_: actor or Actor())
         monkeypatch.setattr(report, "draw", drawn if picture else lambda _, png: png.touch())
         return main(["calibrate", "worn.yaml", "ikns", *OPTIONS, *arguments])
 
@@ -134,7 +134,7 @@ def test_a_link_is_followed(command: Command, folder: Path) -> None:
 def test_a_shipped_profile_keeps_its_file(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(session, "Simulated", lambda *_: Actor())
+    monkeypatch.setattr(method, "Simulated", lambda *_: Actor())
     assert main(["calibrate", "ikns-finger", "ikns", "--sim", "--person", "P07", "--yes"]) == 2
     assert "-o: the profile 'ikns-finger' comes with srl" in capsys.readouterr().err
     typed = ("--set", "controllers.1.calibration=p07.json")

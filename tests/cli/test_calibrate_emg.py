@@ -15,7 +15,7 @@ from helpers.emg_calibration import GAINS, NAMES, PROFILE, QUICK, Electrodes
 from helpers.run import call, summary
 from rich.console import Console
 
-from runtime.calibration import emg_report, session
+from runtime.calibration import emg_report, method
 from runtime.calibration.screen import picture
 from runtime.calibration.sources import RowFile
 from runtime.cli import main
@@ -45,7 +45,7 @@ def command(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
 
     def run(*arguments: str, actor: Electrodes | None = None, picture: bool = False, person: bool = True) -> int:
         monkeypatch.setattr(emg_report, "draw", drawn if picture else lambda _, png: png.touch())
-        monkeypatch.setattr(session, "Simulated", lambda *_: actor or Electrodes())
+        monkeypatch.setattr(method, "Simulated", lambda *_: actor or Electrodes())
         typed = TYPED if "--recording" not in arguments else []
         return main(["calibrate", "worn.yaml", "emg", *(("--person", "P07") if person else ()), *typed, *arguments])
 

@@ -17,7 +17,7 @@ from helpers.run import call, summary
 from rich.console import Console
 from scipy.spatial.transform import Rotation
 
-from runtime.calibration import frame_report, session
+from runtime.calibration import frame_report, method, session
 from runtime.calibration.screen import picture
 from runtime.calibration.sources import RowFile
 from runtime.cli import main
@@ -47,7 +47,7 @@ def command(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
 
     def run(*arguments: str, actor: Leader | None = None, picture: bool = False) -> int:
         monkeypatch.setattr(frame_report, "draw", drawn if picture else lambda _, png: png.touch())
-        monkeypatch.setattr(session, "Simulated", lambda *_: actor or Leader())
+        monkeypatch.setattr(method, "Simulated", lambda *_: actor or Leader())
         return main(["calibrate", "cell.yaml", "frames", *arguments])
 
     return run

@@ -17,7 +17,7 @@ from helpers.run import call, summary
 from rich.console import Console
 from scipy.spatial.transform import Rotation
 
-from runtime.calibration import ft_report, session
+from runtime.calibration import ft_report, method, session
 from runtime.calibration.screen import picture
 from runtime.calibration.sources import RowFile
 from runtime.cli import main
@@ -46,7 +46,7 @@ def command(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
 
     def run(*arguments: str, actor: Turner | None = None, picture: bool = False) -> int:
         monkeypatch.setattr(ft_report, "draw", drawn if picture else lambda _, png: png.touch())
-        monkeypatch.setattr(session, "Simulated", lambda *_: actor or Turner())
+        monkeypatch.setattr(method, "Simulated", lambda *_: actor or Turner())
         return main(["calibrate", "led.yaml", "ft", *arguments])
 
     return run

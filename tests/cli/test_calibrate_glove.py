@@ -16,7 +16,7 @@ from helpers.run import call, summary
 from rich.console import Console
 
 from drivers.cyberglove import calibration
-from runtime.calibration import glove_report, session
+from runtime.calibration import glove_report, method
 from runtime.calibration.screen import picture
 from runtime.calibration.sources import RowFile
 from runtime.cli import main
@@ -48,7 +48,7 @@ def command(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
 
     def run(*arguments: str, actor: Gloved | None = None, picture: bool = False, person: bool = True) -> int:
         monkeypatch.setattr(glove_report, "draw", drawn if picture else lambda _, png: png.touch())
-        monkeypatch.setattr(session, "Simulated", lambda *_: actor or Gloved())
+        monkeypatch.setattr(method, "Simulated", lambda *_: actor or Gloved())
         return main(["calibrate", "worn.yaml", "glove", *(("--person", "P07") if person else ()), *arguments])
 
     return run

@@ -13,7 +13,7 @@ from helpers.intention_calibration import PROFILE, Person, Pretender
 from helpers.run import call, summary
 from rich.console import Console
 
-from runtime.calibration import intention_report, session
+from runtime.calibration import intention_report, method
 from runtime.calibration.screen import picture
 from runtime.calibration.sources import RowFile
 from runtime.cli import main
@@ -44,7 +44,7 @@ def command(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
 
     def run(*arguments: str, actor: Pretender | None = None, actions: str | None = FOUR, picture: bool = False) -> int:
         monkeypatch.setattr(intention_report, "draw", drawn if picture else lambda _, png: png.touch())
-        monkeypatch.setattr(session, "Simulated", lambda *_: actor or Pretender(actions=actions))
+        monkeypatch.setattr(method, "Simulated", lambda *_: actor or Pretender(actions=actions))
         named = ("--actions", actions) if actions and "--recording" not in arguments else ()
         return main(["calibrate", "suit.yaml", "intention", *QUICK, *named, *arguments])
 

@@ -18,7 +18,7 @@ from rich.console import Console
 from drivers.noitom.config import NoitomConfig
 from drivers.noitom.pose import Pose
 from drivers.noitom.protocol import Frame
-from runtime.calibration import session, suit_report
+from runtime.calibration import method, suit_report
 from runtime.calibration.screen import picture
 from runtime.calibration.sources import RowFile
 from runtime.cli import main
@@ -48,7 +48,7 @@ def command(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
 
     def run(*arguments: str, actor: Suited | None = None, picture: bool = False, person: bool = True) -> int:
         monkeypatch.setattr(suit_report, "draw", drawn if picture else lambda _, png: png.touch())
-        monkeypatch.setattr(session, "Simulated", lambda *_: actor or Suited())
+        monkeypatch.setattr(method, "Simulated", lambda *_: actor or Suited())
         typed = TYPED if "--recording" not in arguments else []
         return main(["calibrate", "worn.yaml", "suit", *(("--person", "P07") if person else ()), *typed, *arguments])
 

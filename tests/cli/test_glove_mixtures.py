@@ -10,7 +10,7 @@ from helpers.edited import edited
 from helpers.glove_calibration import NAMES, PROFILE, Gloved
 
 from drivers.cyberglove import calibration
-from runtime.calibration import glove_report, session
+from runtime.calibration import glove_report, method
 from runtime.calibration.sources import RowFile
 from runtime.cli import main
 from runtime.contracts.errors import ProfileError
@@ -36,7 +36,7 @@ def refused(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captur
     """Why a calibration is refused, which writes no file."""
 
     def run(*arguments: str, actor: Gloved | None = None) -> str:
-        monkeypatch.setattr(session, "Simulated", lambda *_: actor or Gloved())
+        monkeypatch.setattr(method, "Simulated", lambda *_: actor or Gloved())
         before = sorted(folder.iterdir())
         assert main(["calibrate", "worn.yaml", "glove", *arguments]) == 2
         assert sorted(folder.iterdir()) == before
@@ -110,7 +110,7 @@ def test_a_file_that_the_driver_would_take_for_the_vendors_isnt_written(refused:
 
 @pytest.fixture
 def made(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr(session, "Simulated", lambda *_: Gloved())
+    monkeypatch.setattr(method, "Simulated", lambda *_: Gloved())
     assert main(["calibrate", "worn.yaml", "glove", "--sim", "--person", "P07"]) == 0
     return folder / "p07.json"
 
