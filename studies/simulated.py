@@ -66,8 +66,12 @@ class Run:
 
 
 def parsed(text: str, changes: Mapping[str, Any], seed: int) -> dict[str, Any]:
-    """Returns a profile with changes merged in, and without what needs files."""
-    content: dict[str, Any] = merged(YAML(typ="safe", pure=True).load(text), {**changes, "seed": seed, "record": None})
+    """Returns a profile with its choices made, changes merged in, and without what needs files."""
+    given = YAML(typ="safe", pure=True).load(text)
+    words = [f"{name}={changes[name]}" for name in given.get("choices", {}) if name in changes]
+    plain, _ = profile.tree("study.yaml", text, words)
+    rest = {key: value for key, value in changes.items() if key not in given.get("choices", {})}
+    content: dict[str, Any] = merged(plain, {**rest, "seed": seed, "record": None})
     return content
 
 

@@ -37,7 +37,7 @@ class CanAxes(Driver):
     """
 
     NAMES: tuple[str, ...] = ()  # of the states
-    usb = ("16d0", "1d50:606f")  # slcan adapters, candleLight
+    usb = ("16d0",)  # of slcan adapters
 
     def __init__(self, name: str, config: CanAxesConfig) -> None:
         super().__init__(name, config)

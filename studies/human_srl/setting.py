@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
-from ruamel.yaml import YAML
 
 from runtime.contracts.per_element import in_order
 from runtime.contracts.signals import Array, Command, Kind
 from runtime.control.models import ArmsModel
 from runtime.control.skeleton.body_clearance import BodyClearance, BodyClearanceConfig
 from runtime.guard import GUARDS, CommandGuard
+from runtime.profile import profile
 from runtime.profile.guard_entry import GuardEntry
 
 PROFILE: Final = "human-srl"
@@ -39,7 +39,7 @@ class Setting:
             text: the profile's.
             base, lag, tracking: in place of the profile's.
         """
-        given = YAML(typ="safe", pure=True).load(text)
+        given, _ = profile.tree("profile", text)
         entry = GuardEntry.model_validate(given["guard"][_COMMAND])
         assert entry.clear is not None
         self._entry, self._clear = entry, entry.clear

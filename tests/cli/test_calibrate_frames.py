@@ -17,7 +17,7 @@ from helpers.run import call, summary
 from rich.console import Console
 from scipy.spatial.transform import Rotation
 
-from runtime.calibration import frame_report, method, session
+from runtime.calibration import frame_method, frame_report, method
 from runtime.calibration.screen import picture
 from runtime.calibration.sources import RowFile
 from runtime.cli import main
@@ -355,8 +355,8 @@ def test_a_pose_left_out_counts_for_nothing() -> None:
     feed(actor, procedure, 60.0)
     assert procedure.done
     assert procedure.view().states[2] == "left out"
-    found = session.FrameMethod.compute(
-        object.__new__(session.FrameMethod), actor.taps, [actor.taps.samples(np.concatenate(actor.rows))],
+    found = frame_method.FrameMethod.compute(
+        object.__new__(frame_method.FrameMethod), actor.taps, [actor.taps.samples(np.concatenate(actor.rows))],
         actor.taps.date(actor.rows[0]),
     )  # fmt: skip
     assert found.mount.numbers == (1, 2, 4, 5, 6, 7)

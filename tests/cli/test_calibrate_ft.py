@@ -17,7 +17,7 @@ from helpers.run import call, summary
 from rich.console import Console
 from scipy.spatial.transform import Rotation
 
-from runtime.calibration import ft_report, method, session
+from runtime.calibration import ft_method, ft_report, method
 from runtime.calibration.screen import picture
 from runtime.calibration.sources import RowFile
 from runtime.cli import main
@@ -245,8 +245,8 @@ def test_a_pose_left_out_counts_for_nothing() -> None:
     feed(actor, procedure, 60.0)
     assert procedure.done
     assert procedure.view().states[2] == "left out"
-    found = session.FtMethod.compute(
-        object.__new__(session.FtMethod), actor.taps, [actor.taps.samples(np.concatenate(actor.rows))],
+    found = ft_method.FtMethod.compute(
+        object.__new__(ft_method.FtMethod), actor.taps, [actor.taps.samples(np.concatenate(actor.rows))],
         actor.taps.date(actor.rows[0]),
     )  # fmt: skip
     assert found.load.numbers == (1, 2, 4, 5, 6, 7)

@@ -19,7 +19,7 @@ from helpers.operated import OperatedLoop
 from helpers.operator_page import Socket, heard, take, talk
 from helpers.wait import until
 
-from runtime.calibration import ft_report, session
+from runtime.calibration import ft_method, ft_report, method
 from runtime.calibration.sources import Rows
 from runtime.cli import main
 from runtime.control.shared import record_file
@@ -53,7 +53,7 @@ def calibrated(
             await acts(tab)
 
         actor.folder = loop.folder  # type: ignore[attr-defined]
-        monkeypatch.setattr(session, "Live", lambda *_: actor)
+        monkeypatch.setattr(method, "Live", lambda *_: actor)
         failed: list[BaseException] = []
 
         def act() -> None:
@@ -110,7 +110,7 @@ def test_a_sensor_is_calibrated_on_the_page(calibrated: Callable[[Turner, Talk],
         assert "handle.json" in over["words"]
 
     assert calibrated(actor, acts) == 0
-    assert record_file.read(session.FtMethod.kind, tmp_path / "handle.json")
+    assert record_file.read(ft_method.FtMethod.kind, tmp_path / "handle.json")
     assert actor.closed
 
 

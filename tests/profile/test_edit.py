@@ -117,7 +117,7 @@ def test_a_choice_is_made_first_and_its_branch_is_changed_in_its_place() -> None
     now = edited("f.yaml", text, ["devices.ring.port=/dev/ttyACM1", "controllers.0.name=press", "input=ring"])
     assert "        ring: {driver: ring, port: /dev/ttyACM1}\n" in now
     assert "{use: press-toggle, name: press, in" in now
-    assert "\ninput: ring                     # or gamepad" in now
+    assert "\ninput: ring                     # or ikns-optitrack" in now
 
 
 @pytest.mark.parametrize("name", shelf.shipped())

@@ -42,9 +42,10 @@ def test_the_wiring_of_each_choice_holds(name: str, word: str) -> None:
     simulated.world.close()
 
 
-def test_ikns_finger_takes_its_control_value_from_four_sources() -> None:
+def test_ikns_finger_takes_its_control_value_from_six_sources() -> None:
     words = {word for name, word in WORDS if name == "ikns-finger"}
-    assert words == {"input=ikns", "input=gamepad", "input=gamepad-rate", "input=ring"}
+    markers = {"input=ikns", "input=ikns-optitrack", "input=ikns-xsens"}
+    assert words == {*markers, "input=gamepad", "input=gamepad-rate", "input=ring"}
 
 
 @pytest.mark.parametrize("name", PROFILES)

@@ -8,6 +8,8 @@ from runtime.contracts.errors import WiringError
 from runtime.profile import profile, wiring
 
 RIGHT, LEFT = "guard.right.position_command.clear", "guard.left.position_command.clear"
+# Without the law `skeleton`, which the profile's frame for pictures reads.
+FRAMES = ("frames={world: {}, suit: {parent: world, quaternion: [0.5, 0.5, 0.5, 0.5]}}",)
 SUIT = "rotation: suit.rotation, translation: suit.translation"
 
 
@@ -30,7 +32,8 @@ def skeleton(right: str, left: str) -> str:
 
 
 def doubts(*changes: str) -> list[str]:
-    return wiring.build(*profile.load("human-srl-two", [*changes, "record={}"]), []).doubts
+    frames = FRAMES if any(change.startswith("controllers=") for change in changes) else ()
+    return wiring.build(*profile.load("human-srl-two", [*changes, *frames, "record={}"]), []).doubts
 
 
 @pytest.mark.parametrize(
