@@ -26,7 +26,9 @@ class Stream:
         settles: s, that this takes.
     """
 
-    def __init__(self, muscles: int, filters: Filters) -> None:
+    def __init__(self, muscles: int, filters: Filters, stuck: bool = True) -> None:
+        """`stuck`: equal samples of any value are missing, else zeros alone: a calibration says itself what is dead."""
+        self._any = stuck
         self._muscles, self._filters = muscles, filters
         self._least = round(filters.rate / filters.cutoff)
         self.settles = 1.0 / filters.cutoff
@@ -59,11 +61,10 @@ class Stream:
         self.fresh, self.settled = True, self._seen >= self._least
         return found
 
-    @staticmethod
-    def _stands(block: Array) -> bool:
+    def _stands(self, block: Array) -> bool:
         """Whether a muscle's newest samples are all alike."""
         newest = block[-GONE:]
-        return len(newest) == GONE and bool((newest == newest[-1]).all(axis=0).any())
+        return len(newest) == GONE and bool((newest == (newest[-1] if self._any else 0.0)).all(axis=0).any())
 
 
 def joined_samples(blocks: Array, counts: Array) -> Array | None:

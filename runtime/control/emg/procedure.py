@@ -75,7 +75,7 @@ class Procedure:
         """`rest` (n,) V: the level of an earlier time; then nothing is left to do until `redo` says so."""
         self.plan, self._muscles, self._factor = plan, tuple(muscles), thresholds.factor
         n = len(self._muscles)
-        self._stream = Stream(n, plan.filters())
+        self._stream = Stream(n, plan.filters(), stuck=False)
         self._silent = _NONE  # muscles whose sensor gives exact zeros
         self._level, self._best = np.full(n, np.nan), np.zeros(n)
         self._rest = np.full(n, np.nan) if rest is None else rest
