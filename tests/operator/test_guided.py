@@ -79,13 +79,26 @@ async def press(tab: Socket, typed: str, step: int) -> None:
     await tab.send_json({"kind": "guide", "typed": typed, "step": step})
 
 
+class Paced(Turner):
+    """Rows come slowly until the test has heard of the step: of what lasts an instant a page may hear nothing."""
+
+    def __init__(self, touched: dict[int, float]) -> None:
+        super().__init__(touched=touched)
+        self.heard = threading.Event()
+
+    def take(self) -> Rows:
+        self.heard.wait(0.2)
+        return super().take()
+
+
 def test_a_sensor_is_calibrated_on_the_page(calibrated: Callable[[Turner, Talk], int], tmp_path: Path) -> None:
-    actor = Turner(touched={3: 4.0})
+    actor = Paced(touched={3: 4.0})
 
     async def acts(tab: Socket) -> None:
         shown = await heard(tab, GUIDE, asks=False)
         assert shown["title"] == "srl calibrate led.yaml ft"
         assert len(shown["states"]) == 8
+        actor.heard.set()
         report = await heard(tab, REPORT)
         assert any(reason.startswith("pose 3: ") for reason in report["refused"])
         assert base64.b64decode(report["picture"]) == PNG
@@ -96,8 +109,10 @@ def test_a_sensor_is_calibrated_on_the_page(calibrated: Callable[[Turner, Talk],
         while "too late" not in " ".join((await heard(tab, GUIDE, asks=True))["said"]):
             pass
         actor.touched = {}
+        actor.heard.clear()
         await press(tab, "r 3", report["step"])
         again = await heard(tab, GUIDE, asks=False)
+        actor.heard.set()
         assert again["states"][2] == "now"
         assert again["task"].startswith("Turn the sensor: its x axis up")
         report = await heard(tab, REPORT)
