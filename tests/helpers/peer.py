@@ -110,7 +110,7 @@ def peer_of(profile: str, **options: Any) -> Peer:
     """The twin of the profile's actuator, in the profile's own simulated world."""
     _, entry, text = load(profile)
     world = {key: value for key, value in text["sim"].items() if key != "devices"}
-    config = {key: value for key, value in entry.items() if key not in ("driver", "max_age")}
+    config = {key: value for key, value in entry.items() if key not in ("driver", "max_age", "robot")}
     return Peer(entry["driver"], config, options, world)
 
 
