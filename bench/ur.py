@@ -97,7 +97,7 @@ def _ours(host: str) -> dict[str, float]:
         if newest is not None and found.take(newest):
             for array, values in zip(arrays, (found.position, found.velocity, found.effort, found.wrench), strict=True):
                 array[:] = values
-            found.pose(pose)
+            sample.fill_pose(found.tool.tolist(), pose)
     cpu, frames = time.process_time() - cpu, parser.frames - frames
     link.close()
     return {"cpu": cpu / frames * 1e6}

@@ -44,7 +44,8 @@ class Controller:
         self._config, self._where, self._host, self._place, self._clock = config, where, host, place, clock
 
     def identify(self) -> Steps[Identity]:
-        """Checks identity and control mode, and switches the arm on where allowed.
+        """Checks identity and control mode, and switches the arm on where allowed. An arm that is only read is just
+        identified, as it may be in local control: there a person leads it.
 
         Raises:
             DeviceError: another series, model or arm, local control, or an arm that may not be switched on.
@@ -60,6 +61,8 @@ class Controller:
                     "Use an e-Series controller",
                 )
             model, serial = yield from self._who(dashboard)
+            if self._config.interface == "none":
+                return Identity(software, model, serial)
             if software >= REMOTE and (yield from dashboard.ask("is in remote control")).lower() == "false":
                 raise DeviceError(
                     self._place,

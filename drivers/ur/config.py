@@ -66,7 +66,9 @@ class UrConfig(DeviceConfig):
     port: str = Field(description="tcp://HOST of the controller; tcp://HOST:RTDE?dashboard=PORT&script=PORT if moved")
     model: Literal["UR3e", "UR5e", "UR10e", "UR16e"] = "UR16e"
     serial: str | None = Field(None, description="the controller's serial number, to refuse any other arm")
-    interface: Literal["velocity", "position"] = "velocity"
+    interface: Literal["velocity", "position", "none"] = Field(
+        "velocity", description="what the joints are commanded in; none: the arm is only read, and no program is sent"
+    )
     power_on: bool = Field(False, description="switch the arm on and release its brakes when it is opened")
     timeout: float = Field(0.05, ge=0.006, le=0.5, description="s without a command after which the arm stops itself")
     acceleration: float = Field(10.0, gt=0, le=40, description="rad/s^2, of the joint that changes most; velocity only")

@@ -30,16 +30,19 @@ def states(config: UrConfig, name: str) -> tuple[Signal, ...]:
     return tuple(found)
 
 
-def command(config: UrConfig) -> Command:
-    """Returns an arm's command."""
+def commands(config: UrConfig) -> tuple[Command, ...]:
+    """Returns the arm's command, selected by its interface; none of `none`."""
+    if config.interface == "none":
+        return ()
     kind, unit = {
         "velocity": (Kind.VELOCITY, "rad/s"),
         "position": (Kind.POSITION, "rad"),
     }[config.interface]
-    return Command(
+    made = Command(
         name=f"{config.interface}_command", shape=(6,), unit=unit, labels=JOINTS, kind=kind,
         feedback="position", stops=(Stop.HOLD, Stop.BRAKE), period=PERIOD, timeout=config.timeout, ordered=True,
     )  # fmt: skip
+    return (made,)
 
 
 def limits(config: UrConfig) -> Limits:
@@ -47,6 +50,18 @@ def limits(config: UrConfig) -> Limits:
     reach = np.full(6, REACH)
     acceleration = np.full(6, config.acceleration) if config.interface == "velocity" else None
     return Limits(lower=-reach, upper=reach, velocity=fastest(config.model), acceleration=acceleration)
+
+
+def measured(robot_mode: int) -> bool:
+    """Whether the joints' own electronics are on: what the controller says of their angles is then measured."""
+    return robot_mode in (RobotMode.IDLE, RobotMode.BACKDRIVE, RobotMode.RUNNING)
+
+
+def remark(words: Words) -> str:
+    """Returns what is to be known of an arm that is only read; "" if nothing is."""
+    if measured(words.robot_mode):
+        return safety_words(words.safety_bits)
+    return f"the joints aren't measured (robot mode {name_of(RobotMode, words.robot_mode)}): switch the arm on"
 
 
 def fault(words: Words, nonce: int, timeout: float) -> str:

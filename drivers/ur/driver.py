@@ -17,7 +17,7 @@ from drivers.transport import Transport, open_transport
 from drivers.ur import registers, rtde, sample
 from drivers.ur.bring_up import PROTECTIVE, Controller, Identity, resolve
 from drivers.ur.config import UrConfig, address
-from drivers.ur.declaration import command, limits, states
+from drivers.ur.declaration import commands, limits, measured, remark, states
 from drivers.ur.declaration import fault as fault_of
 from drivers.ur.handshake import Handshake
 from drivers.ur.numbering import REST, Numbering
@@ -47,8 +47,8 @@ class Ur(Driver):
     centre point in axes of the controller's base, payload compensated; `pose` (7,) of the tool centre point in that
     base, m and quaternion w x y z; `speed_scaling` (1,), 0 to 1; `buttons` (m,), digital inputs.
 
-    Command: `velocity_command` (6,), rad/s, or `position_command` (6,), rad, selected by `interface`. Source: protocol
-    sheet ur-rtde.
+    Command: `velocity_command` (6,), rad/s, or `position_command` (6,), rad, selected by `interface`. With `interface:
+    none` the arm is only read: no input is claimed, no program sent, nothing switched. Source: protocol sheet ur-rtde.
     """
 
     Config = UrConfig
@@ -63,9 +63,9 @@ class Ur(Driver):
         super().__init__(name, config)
         self.config: UrConfig = config
         self.states = states(config, name)
-        self.commands = (command(config),)
-        self.limits = {self.commands[0].name: limits(config)}
-        self._command = self.commands[0].name
+        self.commands = commands(config)
+        self.limits = {c.name: limits(config) for c in self.commands}
+        self._command = f"{config.interface}_command"
         self._place = f"{name} ({config.port})"
         self._cycles = max(1, round(config.timeout / CYCLE))  # for which a command is valid
         self._inputs = tuple(config.buttons.values())
@@ -138,7 +138,7 @@ class Ur(Driver):
     def write(self, now: int) -> None:
         """See `Driver.write`. Sends nothing while `health.fault` is set."""
         link = self._open_link()
-        if self.health.fault:
+        if self.health.fault or not self.commands:
             return
         values = self.command_arrays[self._command].tolist()
         if not isfinite(sum(values)):
@@ -156,7 +156,7 @@ class Ur(Driver):
 
     def stop(self, category: Stop) -> None:
         """See `Driver.stop`: the program decelerates the arm with `deceleration` and holds it there."""
-        if self._link is None:
+        if self._link is None or not self.commands:
             return
         self._stay = True
         with contextlib.suppress(DeviceError):  # the next read reports a lost link
@@ -184,7 +184,7 @@ class Ur(Driver):
         loads the control program again.
         """
         self._now = now
-        if self._steps is None and self._link is not None:
+        if self._steps is None and self._link is not None and self.commands:
             self._failed = ""
             self._steps = self._recovery()
 
@@ -219,24 +219,17 @@ class Ur(Driver):
         return newest is not None and self._sample.take(newest)
 
     def _fill(self, now: int) -> None:
-        found, arrays = self._sample, self.state_arrays
-        arrays["position"][:] = found.position
-        arrays["velocity"][:] = found.velocity
-        arrays["effort"][:] = found.effort
-        arrays["wrench"][:] = found.wrench
-        found.pose(arrays["pose"])
-        arrays["speed_scaling"][0] = found.speed_scaling
-        if self._inputs:
-            bits, buttons = found.words.inputs, arrays["buttons"]
-            for i, number in enumerate(self._inputs):
-                buttons[i] = bits >> number & 1
+        found = self._sample
+        self._diagnose(found.words)
+        if not self.commands and not measured(found.words.robot_mode):
+            return  # without a new stamp, so that it becomes stale: angles that nobody measures count for nothing
+        found.fill(self.state_arrays, self._inputs)
         self.health.stamp = self._time.stamp(round(found.timestamp * 1e9), now)
-        self.health.unsent = registers.SIZE if self._pending() else 0
-        if abs(found.speed_scaling - self._scaling) > 0.005:
+        self.health.unsent = registers.SIZE if self.commands and self._pending() else 0
+        if self.commands and abs(found.speed_scaling - self._scaling) > 0.005:
             self._scaling = found.speed_scaling
             slowed = self._scaling < 0.995
             self.health.message = f"speed scaled to {self._scaling:.0%}" if slowed else str(self._identity)
-        self._diagnose(found.words)
 
     def _diagnose(self, words: Words) -> None:
         """Updates `health.fault` if anything that it depends on has changed."""
@@ -248,6 +241,9 @@ class Ur(Driver):
             self._stopped_at = 0
         elif not self._stopped_at:
             self._stopped_at = self._now
+        if not self.commands:  # what keeps it from moving keeps nobody from reading it
+            self.health.message = remark(words) or f"{self._identity}, only read"
+            return
         fault = fault_of(words, self._numbers.nonce, self.config.timeout)
         if self._steps is not None:
             fault = f"recovering: {fault}" if fault else "recovering"
@@ -290,7 +286,7 @@ class Ur(Driver):
         handshake.greet()
         handshake.require(self.config.effort)
         outputs = handshake.outputs(RATE, sample.names(self.config.effort), sample.TYPES)
-        recipe, _ = handshake.inputs(registers.INPUTS, registers.INPUT_TYPES)
+        recipe = handshake.inputs(registers.INPUTS, registers.INPUT_TYPES)[0] if self.commands else 0
         first = handshake.start(*outputs)
         self._parser = handshake.parser
         self._sample = Sample()  # what an earlier connection reported about the arm is no longer true
@@ -299,6 +295,8 @@ class Ur(Driver):
         self.health.message = handshake.text or str(self._identity)
         self._failed, self._diagnosed, self._stopped_at = "", (), 0
         self._numbers = Numbering(recipe, self._cycles)
+        if not self.commands:
+            return
         if safety_words(self._sample.words.safety_bits):
             self._new_nonce()  # the user has to act first, and the diagnosis reports this
             return

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import Final, NamedTuple
 
@@ -80,9 +81,16 @@ class Sample:
         """0 to 1, the factor by which the controller slows the program."""
         return float(self._values[31])
 
-    def pose(self, out: Array) -> None:
-        """Writes the tool centre point's pose into `out` (7,); see `fill_pose`."""
-        fill_pose(self.tool.tolist(), out)
+    def fill(self, arrays: Mapping[str, Array], inputs: Sequence[int]) -> None:
+        """Writes the driver's states into `arrays`; `inputs`: numbers of the digital inputs that are `buttons`."""
+        arrays["position"][:] = self.position
+        arrays["velocity"][:] = self.velocity
+        arrays["effort"][:] = self.effort
+        arrays["wrench"][:] = self.wrench
+        fill_pose(self.tool.tolist(), arrays["pose"])
+        arrays["speed_scaling"][0] = self.speed_scaling
+        for i, number in enumerate(inputs):
+            arrays["buttons"][i] = self.words.inputs >> number & 1
 
 
 def fill_pose(tool: list[float], out: Array) -> None:

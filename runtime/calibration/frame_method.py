@@ -104,6 +104,8 @@ class FrameMethod(Method[Taps, Result]):
             raise RequestError("--option frame_signal", "with known points nothing measures them", "Leave it out")
         self._devices = {signal.partition(".")[0]: "" for signal in self._signals}
         self._devices = {device: checked.devices[device].driver for device in self._devices}
+        given = {device: checked.devices[device].options.get("serial") for device in self._devices}
+        self._serials = {device: str(serial) for device, serial in given.items() if serial is not None}
 
     def cut(self, person: str) -> tuple[Profile, Source]:
         return cut_devices(
@@ -114,7 +116,7 @@ class FrameMethod(Method[Taps, Result]):
         """The entry of the marks' law."""
         return {
             "use": MARKS, "name": MARKS, "frame": self._frame, "parent": self._parent, "drivers": self._devices,
-            "parent_signal": self._signals[0], "frame_signal": (*self._signals, None)[1],
+            "serials": self._serials, "parent_signal": self._signals[0], "frame_signal": (*self._signals, None)[1],
             "plan": self._plan.model_dump(mode="json"), "thresholds": self._thresholds.model_dump(),
         }  # fmt: skip
 
@@ -165,6 +167,10 @@ class FrameMethod(Method[Taps, Result]):
             if now != driver:
                 problem = f"it was measured with '{device}' by the driver '{driver}'; now it is {now or 'no device'}"
                 raise RequestError("--recording", problem, "Name the profile with which it was recorded")
+            was = theirs.serials.get(device)
+            if was and (serial := self._serials.get(device, was)) != was:
+                problem = f"it was measured with '{device}' of serial {was}; now it is {serial}"
+                raise RequestError("--recording", problem, "Name the profile with which it was recorded")
 
     def take(self, older: Taps) -> Taps:
         self.ready(older)
@@ -195,7 +201,7 @@ class FrameMethod(Method[Taps, Result]):
         return FrameRecord.model_validate(
             {
                 "format": FORMAT, "date": result.date, "simulated": result.simulated, "frame": options.frame,
-                "parent": options.parent, "drivers": options.drivers,
+                "parent": options.parent, "drivers": options.drivers, "serials": options.serials,
                 "signals": [signal for signal in (options.parent_signal, options.frame_signal) if signal],
                 "what": mount.what, "count": len(mount.numbers), "pose": _pose(mount.pose),
                 "body": None if mount.body is None else _pose(mount.body),

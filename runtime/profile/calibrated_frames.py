@@ -57,6 +57,14 @@ def _other(made: FrameRecord, name: str, entry: FrameEntry, profile: Profile) ->
             yield f"it was measured with the device '{device}', which the profile doesn't have"
         elif (now := profile.devices[device].driver) != driver:
             yield f"it was measured with '{device}' by the driver '{driver}', now it is '{now}'"
+        elif (was := made.serials.get(device)) and (serial := _serial(profile, device)) not in (None, was):
+            yield f"it was measured with the {driver} of serial {was}, now '{device}' is {serial}"
+
+
+def _serial(profile: Profile, device: str) -> str | None:
+    """The serial number that a device's entry demands of it, if it does."""
+    given = profile.devices[device].options.get("serial")
+    return None if given is None else str(given)
 
 
 def as_measured(source: Source, records: Records, signals: Mapping[str, Signal]) -> None:
@@ -68,14 +76,22 @@ def as_measured(source: Source, records: Records, signals: Mapping[str, Signal])
                 raise WiringError(source.place(f"frames.{name}.calibration"), problem, "Calibrate this frame again")
 
 
-def doubts(source: Source, records: Records, frames: Mapping[str, FrameEntry], simulated: Iterable[str]) -> list[str]:
-    """Files that the simulation made, of frames between real devices; and places that no room has."""
+def doubts(source: Source, records: Records, profile: Profile, simulated: Iterable[str]) -> list[str]:
+    """Files that the simulation made, of frames between real devices; places that no room has; unknown devices."""
     made = []
     for name, record in records.items():
         place = source.place(f"frames.{name}.calibration")
         if record.simulated and (real := [device for device in record.drivers if device not in simulated]):
             text = f"it was made in simulation, and '{real[0]}' is real. It says nothing about a real one: calibrate"
             made.append(f"{place}: {text}")
-        if (far := max(map(abs, frames[name].position))) > _ROOM:
+        for device in record.drivers:
+            was, serial = record.serials.get(device), _serial(profile, device)
+            if was and serial is None:
+                text = f"it is of the {record.drivers[device]} {was}. Write `serial`, so that another one is refused"
+                made.append(f"{source.place(f'devices.{device}')}: {text}")
+            elif serial and not was:
+                text = f"it doesn't say of which {record.drivers[device]} it is, and '{device}' is {serial}"
+                made.append(f"{place}: {text}")
+        if (far := max(map(abs, profile.frames[name].position))) > _ROOM:
             made.append(f"{place}: it says that '{name}' is {far:g} m off. Are these millimetres?")
     return made

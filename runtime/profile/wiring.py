@@ -94,7 +94,7 @@ def build(profile: Profile, source: Source, sim: Iterable[str] | None = None) ->
         doubts(profile, source, devices, laws, world, b.simulated,
                {name: each.clearance for name, each in cleared.items()})
         + [f"{b.source.place(place)}: {text}" for place, text in unpictured]
-        + calibrated_frames.doubts(source, b.calibrated, b.profile.frames, b.simulated),
+        + calibrated_frames.doubts(source, b.calibrated, b.profile, b.simulated),
         [f"{b.source.place(f'sim.{key}')}: {text}" for key, text in (world.remarks if world is not None else ())]
         + carried
         + [f"{b.source.place(place)}: {text}" for place, text in robot_remarks(profile)],

@@ -7,7 +7,7 @@ import json
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -17,7 +17,10 @@ from helpers.run import call, summary
 from rich.console import Console
 from scipy.spatial.transform import Rotation
 
+from drivers.ur import Ur, UrConfig
 from runtime.calibration import frame_method, frame_report, method
+from runtime.calibration.cut import build
+from runtime.calibration.order import Order
 from runtime.calibration.screen import picture
 from runtime.calibration.sources import RowFile
 from runtime.cli import main
@@ -268,6 +271,35 @@ def test_a_recording_of_another_device_is_refused_and_its_signals_are_told(
     assert read(folder / "two.json").signals == ("mocap.tool.pose", "arm.pose")
 
 
+def test_another_arm_of_the_same_driver_and_name_is_noticed_by_its_serial_number(
+    command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`serials` in the file is what the profile demanded of the device, which refuses any other one itself."""
+    arm = "devices.arm={driver: ur, port: tcp://10.0.0.1, interface: none, serial: %s}"
+    checked, source = profile.load("cell.yaml", [arm % "'42'"])
+    method = frame_method.FrameMethod(Order("cell.yaml", "frames"), checked, source, folder / "a.json", print)
+    graph = build(*method.cut(""), sim=False)
+    assert method.taps(graph.layout, "").options.serials == {"arm": "42"}
+    assert [device.commands for device in graph.devices] == [(), ()]
+    assert command("--sim") == 0
+    whole = (folder / "arm.json").read_text()
+    edited(folder / "arm.json", lambda made: made["drivers"].update(arm="ur"))
+    bare = ["--set", "controllers=[]", "--set", "guard={}", "--set", "stop={}", "--set", "setpoints={}", "--set", arm]
+
+    def said(serial: str, code: int) -> str:
+        capsys.readouterr()
+        assert main(["check", "cell.yaml", *bare[:-1], arm % serial]) == code
+        told = capsys.readouterr()
+        return " ".join(f"{told.out} {told.err}".split())
+
+    assert "it doesn't say of which ur it is, and 'arm' is 42" in said("'42'", 0)
+    (folder / "arm.json").write_text(whole)
+    edited(folder / "arm.json", lambda made: (made["drivers"].update(arm="ur"), made.update(serials={"arm": "42"})))
+    assert "serial" not in said("'42'", 0)
+    assert "it was measured with the ur of serial 42, now 'arm' is 43" in said("'43'", 2)
+    assert "it is of the ur 42. Write `serial`, so that another one is refused" in said("null", 0)
+
+
 def test_a_file_that_was_changed_by_hand_is_refused(
     command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -280,11 +312,16 @@ def test_a_file_that_was_changed_by_hand_is_refused(
 
 
 def test_nothing_is_commanded_and_an_arm_that_takes_the_command_over_is_refused(
-    command: Command, folder: Path, capsys: pytest.CaptureFixture[str]
+    command: Command, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     graph = Leader().graph
     assert graph.actuators == []
     assert [device.commands for device in graph.devices] == [(), ()]
+
+    class TakesOver(UrConfig):
+        interface: Literal["velocity", "position"] = "velocity"  # type: ignore[assignment]
+
+    monkeypatch.setattr(Ur, "Config", TakesOver)
     assert main(["calibrate", "cell.yaml", "frames", "--set", "devices.arm={driver: ur, port: tcp://10.0.0.1}"]) == 2
     said = capsys.readouterr().err
     assert "its driver 'ur' can't be opened without taking the command over" in said

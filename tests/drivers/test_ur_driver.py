@@ -14,7 +14,9 @@ from drivers.ur.registers import ScriptState
 from drivers.ur.status import RobotMode
 from runtime.contracts.errors import DeviceError, DeviceLostError
 from runtime.contracts.signals import Stop
+from runtime.contracts.wearer import Lead
 from runtime.loop.clock import DeviceClock
+from sim.parts.robots.arm import ArmPart
 
 V = np.array([0.3, -0.2, 0.2, 0.1, -0.1, 0.5])
 
@@ -50,6 +52,54 @@ def test_open_says_who_the_arm_is_and_moves_nothing(rig):
         rig.cycle()
     np.testing.assert_allclose(rig.fake.controller.arm.position, before, atol=1e-4)
     assert driver.health.fault == ""
+
+
+def test_an_arm_that_is_only_read_gets_nothing_and_may_be_in_local_control():
+    with Rig({"interface": "none", "payload": 2.0, "power_on": True}, start="power-off") as rig:
+        rig.twin.dashboard.remote = False
+        driver = rig.open()
+        assert driver.commands == ()
+        controller, stamp = rig.fake.controller, driver.health.stamp
+        for _ in range(5):
+            rig.cycle()
+        assert "POWER_OFF): switch the arm on" in driver.health.message
+        assert driver.health.stamp == stamp  # nobody measures these angles
+        controller.robot_mode = RobotMode.RUNNING  # by the pendant
+        for count in range(30):
+            if count == 20:
+                controller.protective_stop("a hand")
+            rig.cycle()
+            driver.write(rig.now)
+            driver.stop(Stop.HOLD)
+            driver.recover(rig.now)
+            assert driver.health.fault == ""
+        assert "protective stop" in driver.health.message
+        assert driver.health.stamp > stamp
+        np.testing.assert_allclose(driver.state_arrays["position"], controller.arm.position, atol=1e-9)
+        assert driver.stop_frames(Stop.HOLD) == ()
+        with rig.bench.running():
+            driver.close()
+        assert set(rig.twin.dashboard.seen) <= {"PolyscopeVersion", "get robot model", "get serial number", "quit"}
+        assert (rig.twin.programs, rig.twin.errors, set(rig.twin.rtde.seen)) == ([], [], {"V", "v", "O", "S"})
+
+
+def test_a_simulated_arm_that_a_person_leads_is_read_on_the_way():
+    fake = make_fake({"interface": "none"}, {"arm": {"part": "ur16e", "guided": True}})
+    fake.open()
+    wearer, at = fake.cell.part(ArmPart, "arm", None).wearer, []
+    wearer.instruct(Lead(1))
+    advance(fake, 1600, lambda: at.append(fake.state_arrays["position"].copy()))
+    assert wearer.done
+    assert np.abs(at[-1] - at[0]).max() > 0.1
+    np.testing.assert_allclose(at[-1], wearer.at(fake.world.time * 1e-9), atol=0.01)
+    assert (fake.controller.stops, fake.health.fault) == ([], "")
+    fake.write(fake.world.time)  # nothing to write
+    fake.controller.power_off()
+    advance(fake, 1)
+    stamp = fake.health.stamp
+    advance(fake, 3)
+    assert fake.health.stamp == stamp
+    assert "POWER_OFF" in fake.health.message
 
 
 def test_a_cb3_is_refused():

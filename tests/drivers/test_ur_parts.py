@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from drivers.ur import UrConfig, dashboard
 from drivers.ur.config import Address, address
 from drivers.ur.dashboard import Lines
-from drivers.ur.declaration import command, limits, states
+from drivers.ur.declaration import commands, limits, states
 from drivers.ur.models import same
 from drivers.ur.sample import TYPES, Sample, fill_pose, names
 from drivers.ur.script import program
@@ -153,8 +153,10 @@ def test_what_an_arm_declares():
         "position": (6,), "velocity": (6,), "effort": (6,), "wrench": (6,), "pose": (7,), "speed_scaling": (1,),
         "buttons": (2,),
     }  # fmt: skip
-    assert command(config).name == "velocity_command"
-    assert command(config).feedback == "position"
+    (command,) = commands(config)
+    assert command.name == "velocity_command"
+    assert command.feedback == "position"
+    assert commands(config.model_copy(update={"interface": "none"})) == ()
     found = limits(config)
     np.testing.assert_allclose(found.velocity, np.radians([120, 120, 180, 180, 180, 180]))
     np.testing.assert_allclose(found.upper, 2 * np.pi)

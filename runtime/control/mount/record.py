@@ -40,6 +40,7 @@ class FrameRecord(BaseModel):
         simulated: of simulated devices, so it says nothing about real ones.
         frame, parent: the pose is that of `frame` in `parent`.
         drivers: the devices that measured, and their drivers.
+        serials: of those of them whose entry in the profile had `serial`.
         signals: the poses that were measured: in the parent, and in the frame (not with known points).
         what: points or poses.
         count: how many.
@@ -57,6 +58,7 @@ class FrameRecord(BaseModel):
     frame: Name
     parent: str
     drivers: Annotated[dict[str, str], Field(min_length=1)]
+    serials: dict[str, str] = {}
     signals: Annotated[tuple[str, ...], Field(min_length=1, max_length=2)]
     what: Literal["points", "poses"]
     count: Annotated[int, Field(ge=4, le=1000)]
@@ -69,6 +71,8 @@ class FrameRecord(BaseModel):
     def _is_whole(self) -> FrameRecord:
         if {signal.partition(".")[0] for signal in self.signals} != set(self.drivers):
             raise ValueError("the signals aren't those of the devices that measured")
+        if not self.serials.keys() <= self.drivers.keys():
+            raise ValueError("the serial numbers aren't those of the devices that measured")
         if (self.body is not None) != (self.what == "poses"):
             raise ValueError("poses have a body, and points have none")
         return self

@@ -176,6 +176,7 @@ class FrameMarksConfig(ControllerConfig):
     frame: str = Field(description="the frame that is calibrated")
     parent: str = Field(description="its parent")
     drivers: dict[str, str] = Field(description="the devices that measured, and their drivers")
+    serials: dict[str, str] = Field({}, description="the serial numbers of those whose entry demands one")
     parent_signal: str = Field(description="the pose that is measured in the parent")
     frame_signal: str | None = Field(None, description="the pose that is measured in the frame; null: known points")
     plan: Plan = Plan()

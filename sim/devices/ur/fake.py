@@ -11,6 +11,7 @@ from pydantic import AfterValidator, Field
 
 from drivers.ur import Ur, UrConfig
 from drivers.ur.declaration import fault as fault_of
+from drivers.ur.declaration import measured, remark
 from drivers.ur.registers import CYCLE, ScriptState
 from drivers.ur.sample import Words, fill_pose
 from drivers.ur.status import RobotBits, RobotMode, SafetyMode
@@ -95,6 +96,19 @@ class _Stream:
         return True
 
 
+class _Freedrive:
+    """A person leads the arm by hand, from the pendant."""
+
+    name = "freedrive"
+
+    def __init__(self, controller: UrController) -> None:
+        self._controller = controller
+
+    def cycle(self) -> bool:
+        self._controller.motion.free()
+        return True
+
+
 class FakeUr(SampledFake):
     """The arm of the cell's part `ur16e`, with the driver's states, commands, faults and recovery.
 
@@ -130,7 +144,9 @@ class FakeUr(SampledFake):
             self.controller.power_off()
         self._arm = arm
         self._program: _Stream | None = None
-        self._command = self.commands[0].name
+        self._command = f"{config.interface}_command"
+        if arm.wearer is not None and not self.commands:
+            self.controller.run(_Freedrive(self.controller))
         self._recovering = False
         self._failed = ""
         self._number = -1  # number of the newest cycle
@@ -143,6 +159,9 @@ class FakeUr(SampledFake):
     def open(self) -> None:
         """See `Driver.open`; with `power_on` the arm is on at once."""
         super().open()
+        self._recovering, self._failed = False, ""
+        if not self.commands:
+            return
         controller = self.controller
         if controller.robot_mode is not RobotMode.RUNNING:
             if not self._config.power_on or controller.emergency:
@@ -154,11 +173,16 @@ class FakeUr(SampledFake):
                 )
             controller.robot_mode = RobotMode.RUNNING
             controller.motion.halt(self._arm.position)
-        self._recovering, self._failed = False, ""
         self._load()
 
     def read(self, now: int) -> None:
+        stamp = self.health.stamp
         super().read(now)
+        if not self.commands:
+            if not measured(self.controller.robot_mode):
+                self.health.stamp = stamp  # as the driver, which takes no sample then
+            self.health.message = remark(self._words()) or f"simulated {self._config.model}, only read"
+            return
         if self._recovering:
             self._recover()
         words = self._words()
@@ -174,6 +198,8 @@ class FakeUr(SampledFake):
 
     def fill(self, values: Array, number: int) -> None:
         arrays, config = self.state_arrays, self._config
+        if not self.commands and not measured(int(values[ROBOT])):
+            return
         arrays["position"][:] = values[Q]
         arrays["velocity"][:] = values[QD]
         arrays["effort"][:] = values[EFFORT if config.effort == "target" else TORQUE]
@@ -186,8 +212,10 @@ class FakeUr(SampledFake):
 
     def write(self, now: int) -> None:
         self.check_there()
+        if self._program is None:
+            return
         values = self.command_arrays[self._command].tolist()
-        if self._program is not None and not self.health.fault and isfinite(sum(values)):
+        if not self.health.fault and isfinite(sum(values)):
             self._program.follow(values)
             self.sent_arrays[self._command][:] = values
 
@@ -209,7 +237,7 @@ class FakeUr(SampledFake):
             self._program = None
 
     def recover(self, now: int) -> None:
-        self._recovering, self._failed = True, ""
+        self._recovering, self._failed = bool(self.commands), ""
 
     # -- internals
 
