@@ -36,8 +36,10 @@ def frame_bits(size: int, extended: bool = False) -> int:
 
 
 def shared_bus(url: str) -> str:
-    """Returns what two URLs of the same bus have in common: they may differ in options."""
-    return url.partition("?")[0]
+    """Returns what two URLs of the same bus have in common: they may differ in options, but for a multicast's port."""
+    bus, _, options = url.partition("?")
+    port = dict(parse_qsl(options)).get("port") if bus.startswith("can://udp_multicast/") else None
+    return f"{bus}?port={port}" if port is not None else bus
 
 
 def open_can(url: str, *, place: str, filters: list[dict[str, int]] | None = None) -> CanLink:

@@ -52,7 +52,7 @@ class CanAxes(Driver):
             self.home[self._command] = np.array(homes)
         self.limits[self._command] = config.limits
         each, second = self.bits()
-        self.traffic = Traffic(shared_bus(config.port), config.bitrate, each, second)
+        self.traffic = Traffic(shared_bus(config.port), config.bitrate, each, second, self.identifiers())
         self.drives = [Drive(key, axis, axis.place is None) for key, axis in axes.items()]
         self._of = {axis.number: i for i, axis in enumerate(axes.values())}
         self._link: CanLink | None = None
@@ -77,6 +77,10 @@ class CanAxes(Driver):
     @abstractmethod
     def bits(self) -> tuple[float, float]:
         """Bits on the bus for each cycle, and for each second besides."""
+
+    @abstractmethod
+    def identifiers(self) -> dict[int, str]:
+        """What the drives obey and send; see `Traffic`."""
 
     @abstractmethod
     def identify(self, link: CanLink) -> str:

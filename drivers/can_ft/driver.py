@@ -100,7 +100,8 @@ class CanFt(Sensor):
         super().__init__(name, config)
         self.config: CanFtConfig = config
         self.states = (Signal(name="wrench", shape=(6,), unit="N, N m", frame=config.frame, labels=WRENCH),)
-        self.traffic = Traffic(shared_bus(config.port), 1e6, 0.0, 2 * frame_bits(8) * config.rate)
+        ids = dict(zip(config.ids, ("commands", "first halves of records", "second halves of records"), strict=True))
+        self.traffic = Traffic(shared_bus(config.port), 1e6, 0.0, 2 * frame_bits(8) * config.rate, ids)
         self._place = f"{name} ({config.port})"
         self._parser = Parser(config.ids[1], config.ids[2])
         self._link: CanLink | None = None

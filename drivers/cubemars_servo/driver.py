@@ -14,6 +14,7 @@ from drivers.canbus import CanLink, frame_bits
 from drivers.cubemars_servo import protocol
 from drivers.cubemars_servo.config import DEGREES, CubemarsServoConfig, ServoAxis
 from drivers.cubemars_servo.protocol import STATUS, Mode
+from runtime.contracts.driver import EXTENDED
 from runtime.contracts.errors import DeviceError
 
 LISTEN: Final = 1.2  # s: the slowest status comes once a second
@@ -167,6 +168,15 @@ class CubemarsServo(CanAxes):
         """See `CanAxes`."""
         n, full = len(self._ids), frame_bits(8, extended=True)
         return n * full, n * full * self.options.status_rate
+
+    def identifiers(self) -> dict[int, str]:
+        """See `CanAxes`: every mode's commands, also those that are never sent from here, and the status."""
+        found = dict[int, str]()
+        for name, drive in zip(self.labels, self._ids, strict=True):
+            modes = (EXTENDED | protocol.identifier(mode, drive) for mode in range(16))
+            found |= dict.fromkeys(modes, f"commands for '{name}'")
+            found[EXTENDED | protocol.identifier(STATUS, drive)] = f"the status of '{name}'"
+        return found
 
     def waking(self, i: int, value: float) -> Sequence[can.Message]:
         """See `CanAxes`. There is no enabling: the first command is obeyed at once."""

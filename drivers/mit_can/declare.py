@@ -12,6 +12,7 @@ from drivers.dynamixel.config import bounds
 from drivers.mit_can import protocol
 from drivers.mit_can.config import MitCanConfig
 from drivers.mit_can.models import Range
+from runtime.contracts.driver import EXTENDED
 from runtime.contracts.signals import Command, Kind, Limits, Signal, Stop
 
 STATES: Final = ("position", "velocity", "effort", "temperature")
@@ -49,6 +50,27 @@ def command(config: MitCanConfig) -> Command:
         period=PERIOD,
         resolution=tuple(_steps(config)),
     )
+
+
+def identifiers(config: MitCanConfig) -> tuple[dict[int, str], frozenset[int]]:
+    """What the motors obey and send, for `Traffic`: all of it, and what the motors of another device may have, too."""
+    found = dict[int, str]()
+    for name, motor in config.motors.items():
+        if config.generation == "v3":  # it is in servo mode at the same time
+            found |= dict.fromkeys((EXTENDED | mode << 8 | motor.id for mode in range(16)), f"commands for '{name}'")
+            found[EXTENDED | config.reply_id(motor)] = f"the status of '{name}'"
+            continue
+        if config.maker == "damiao":  # after a power-off it may be in another mode, in which it obeys these
+            found |= dict.fromkeys(
+                (mode << 8 | motor.id for mode in (1, 2, 3)), f"commands of other modes for '{name}'"
+            )
+        found[config.reply_id(motor)] = f"replies of '{name}'"
+        found[motor.id] = f"commands for '{name}'" + (" and its replies" if config.maker == "cubemars" else "")
+    if config.generation == "v3":
+        return found, frozenset()
+    common = protocol.REGISTERS if config.maker == "damiao" else 0
+    found[common] = "questions for its motors" if common else "replies of its motors"
+    return found, frozenset((common,))
 
 
 def _steps(config: MitCanConfig) -> list[float]:

@@ -63,7 +63,8 @@ class MitCan(Driver):
         self._name = self.commands[0].name
         self._place = f"{name} ({config.port})"
         size = frame_bits(8, self._v3)
-        self.traffic = Traffic(shared_bus(config.port), config.bitrate, 2.0 * size * len(motors))
+        bits = 2.0 * size * len(motors)
+        self.traffic = Traffic(shared_bus(config.port), config.bitrate, bits, 0.0, *declare.identifiers(config))
         if all(motor.home is not None for motor in motors):
             self.home[self._name] = np.array([motor.home for motor in motors])
         self._scale = [motor.scale for motor in motors]

@@ -218,6 +218,15 @@ class Odrive(CanAxes):
         n, full = len(self._nodes), frame_bits(8)
         return n * full, n * full * 110 + 1e9 / ASK * (frame_bits(0) + full)
 
+    def identifiers(self) -> dict[int, str]:
+        """See `CanAxes`: all 32 of each node."""
+        found = dict[int, str]()
+        for name, node in zip(self.labels, self._nodes, strict=True):
+            found |= dict.fromkeys(
+                (protocol.identifier(node, k) for k in range(32)), f"frames of node {node} ('{name}')"
+            )
+        return found
+
     def waking(self, i: int, value: float) -> Sequence[can.Message]:
         """See `CanAxes`. The input comes before the state: with an old one in it the axis would jump."""
         axis, node, mode = self._axes[i], self._nodes[i], self.options.mode

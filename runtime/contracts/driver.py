@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 
 import numpy as np
@@ -20,21 +20,30 @@ class DeviceConfig(Options):
     """
 
 
+EXTENDED = 0x8000_0000  # in `Traffic.identifiers`: of 29 bits, which no frame of 11 bits is taken for
+
+
 @dataclass(frozen=True)
 class Traffic:
-    """What a device's frames take of a line that it shares with other devices.
+    """What a device's frames take of a line that it shares with other devices, and by what they are told apart.
 
     Attributes:
         bus: the line, e.g. "can://socketcan/can0"; equal for all devices on it.
         bitrate: bit/s.
         per_cycle: bits on the line for each cycle of the loop, in the worst case.
         per_second: bits/s besides, whatever the loop's rate.
+        identifiers: of all frames that the device obeys or sends, and what each is, for people. No other device on the
+            line may obey or send one of them. An extended CAN identifier has bit 31 set (`EXTENDED`).
+        common: of those, the identifiers that another device may have in common if it says so, too: what is in the
+            frame tells whose it is.
     """
 
     bus: str
     bitrate: float
     per_cycle: float
     per_second: float = 0.0
+    identifiers: Mapping[int, str] = field(default_factory=dict)
+    common: frozenset[int] = frozenset()
 
 
 @dataclass(slots=True)
@@ -98,7 +107,7 @@ class Driver(ABC):
             sets it to NaN. Where a device
             stops by itself after a silence, report that, too.
         traffic: what its frames take of a shared line, known after `__init__`; None where they share none. `srl check`
-            adds up a line's devices and refuses more than it carries.
+            adds up a line's devices and refuses more than it carries, and an identifier that two of them use.
     """
 
     Config: type[DeviceConfig] = DeviceConfig

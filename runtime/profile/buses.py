@@ -1,10 +1,14 @@
-"""What a profile's buses carry: the frames of all devices on a line, at the loop's rate, in the worst case."""
+"""What a profile's buses carry: the frames of all devices on a line, at the loop's rate, in the worst case; and whose.
+
+A motor can't tell who sends what it listens to: it takes another device's reply on its own identifier for a command.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import combinations
 
-from runtime.contracts.driver import Driver, Traffic
+from runtime.contracts.driver import EXTENDED, Driver, Traffic
 from runtime.contracts.errors import WiringError
 from runtime.profile.builder import Builder
 
@@ -13,13 +17,35 @@ def check(b: Builder, devices: Sequence[Driver]) -> list[str]:
     """Returns a line on each bus.
 
     Raises:
-        WiringError: a bus can't carry its devices at the loop's rate, or they name different bit rates.
+        WiringError: a bus can't carry its devices at the loop's rate, they name different bit rates, or two of them
+            use an identifier.
     """
     buses: dict[str, dict[str, Traffic]] = {}
     for device in devices:
         if device.traffic is not None:
             buses.setdefault(device.traffic.bus, {})[device.name] = device.traffic
+    for bus, users in buses.items():
+        for (one, its), (other, others) in combinations(users.items(), 2):
+            _tell_apart(b, bus, {one: its, other: others})
     return [_judge(b, bus, users) for bus, users in buses.items()]
+
+
+def _tell_apart(b: Builder, bus: str, pair: dict[str, Traffic]) -> None:
+    """Refuses two devices of which one would obey, or take for its own, what belongs to the other."""
+    (one, its), (other, others) = pair.items()
+    both = its.identifiers.keys() & others.identifiers.keys() - (its.common & others.common)
+    if not both:
+        return
+    first = min(both)
+    also = f" (and {len(both) - 1} more)" if len(both) > 1 else ""
+    extended = "extended " if first & EXTENDED else ""
+    raise WiringError(
+        b.source.place(f"devices.{other}"),
+        f"'{one}' and '{other}' are on {bus}, and both use the {extended}identifier {first & ~EXTENDED:#x}{also}: "
+        f"{its.identifiers[first]} of '{one}', {others.identifiers[first]} of '{other}'. One would obey the other's "
+        "frames",
+        "Give one of them another id with the maker's tool and in the profile, or put it on another bus",
+    )
 
 
 def _judge(b: Builder, bus: str, users: dict[str, Traffic]) -> str:
