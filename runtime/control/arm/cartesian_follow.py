@@ -90,7 +90,8 @@ class CartesianFollow(Controller):
     back isn't wound up.
 
     It starts at rest where the limb is. A target that isn't there, or is farther than `farthest`, isn't followed: the
-    joints brake, and after `patience` the limb stops. A jump of the target is approached at `speed`.
+    joints brake, and after `patience` the limb stops; so it does without the measured joints, also at a reset, and goes
+    on where the limb is when they are back. A jump of the target is approached at `speed`.
     """
 
     Config = CartesianFollowConfig
@@ -135,6 +136,7 @@ class CartesianFollow(Controller):
         self._target = ToolTarget(config.ahead, config.offset)
         self._ramps = Ramps("speed", "gain", rate=_QUICKEST)
         self._posture, self._q, self._was, self._v = (np.zeros(robot.n) for _ in range(4))
+        self._known = False  # where the joints began
         self._turn: Vector = (0.0, 0.0, 0.0)
         self._cycles = self._limited = self._blind = 0
         self._worst = self._unseen = 0.0
@@ -149,10 +151,8 @@ class CartesianFollow(Controller):
             self._data = self._model.createData()
 
     def reset(self) -> None:
-        position = self._config.command == "position"
-        q = self.applied.get("q", self.input["q"]) if position else self.input["q"]
-        self._q[:], self._posture[:], self._was[:] = q, q, q
-        self._v[:] = 0.0 if position else self.applied.get("velocity", 0.0)
+        self._known = False
+        self._start()
         self._turn = (0.0, 0.0, 0.0)
         self._target.reset()
         self._ramps.reset(self.param)
@@ -209,13 +209,25 @@ class CartesianFollow(Controller):
 
     # -- parts of a cycle
 
+    def _start(self) -> None:
+        """Takes the joints and their posture from where the limb is, if that is known."""
+        position = self._config.command == "position"
+        q = self.applied.get("q", self.input["q"]) if position else self.input["q"]
+        v = 0.0 if position else self.applied.get("velocity", 0.0)
+        self._q[:], self._posture[:], self._was[:], self._v[:] = q, q, q, v
+        self._known = bool(np.isfinite(self._q).all() and np.isfinite(self._v).all())
+
     def _take(self, dt: float) -> bool:
         """Where the joints are, as far as the guard let them; False: they aren't known."""
         measured = self.input["q"]
-        if not np.isfinite(measured).all():
+        if np.isfinite(measured).all() and not self._known:
+            self._start()
+        if not (np.isfinite(measured).all() and self._known):
             for name in ("q", "velocity"):
                 if name in self.output:
                     self.output[name][:] = np.nan  # the guard brakes; nothing of it stays
+            self._unseen += dt
+            self.lost = self._unseen > self._config.patience
             return False
         if self._config.command == "velocity":
             self._q[:] = measured

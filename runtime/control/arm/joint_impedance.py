@@ -16,6 +16,7 @@ from runtime.contracts.per_element import NotNegative, Positive
 from runtime.contracts.signals import Array, Signal
 from runtime.contracts.terms import QUATERNION
 from runtime.contracts.transforms import Transform, device, frame, measured
+from runtime.control.arm.believed import Believed
 from runtime.control.arm.options import each, joints
 from runtime.control.arm.uprightness import Uprightness, by_frames, by_sensor
 from runtime.control.cobot.whole_body import LoadConfig
@@ -52,7 +53,7 @@ class JointImpedanceConfig(ControllerConfig):
     )
     world: str = Field("world", description="with `upright: frames`: a frame with z up, in which the base is known")
     smooth: float = Field(0.02, ge=0, le=1, description="s, time constant of the low-pass on where up is")
-    patience: float = Field(0.5, gt=0, le=10, description="s without it after which the limb stops")
+    patience: float = Field(0.5, gt=0, le=10, description="s without it, or without `q`, after which the limb stops")
     payload: LoadConfig | None = Field(None, description="what the flange always carries, beside the URDF's links")
 
     @model_validator(mode="after")
@@ -81,7 +82,9 @@ class JointImpedance(Controller):
     K grows, q_d comes nearer, so that the torque stays: stiffening gives the limb no energy either.
 
     At a reset q_d is where the limb is. While `wanted` isn't a number, q_d stays. While nothing says where up is, it
-    stays as it was, and after `patience` the limb stops.
+    stays as it was, and after `patience` the limb stops. A sample of `q` that no motion explains moves nothing: the
+    torque is that of the one before. If it lasts, and while `q` isn't a number, there is no torque (NaN: the guard
+    damps), after `patience` the limb stops, and when `q` is back, q_d begins where the limb is then.
     """
 
     Config = JointImpedanceConfig
@@ -120,32 +123,41 @@ class JointImpedance(Controller):
         self._model: Any = pinocchio_model(robot, payload=payload)
         self._data: Any = self._model.createData()
         self._up = Uprightness(config.smooth)
+        self._joints = Believed(robot.dq_max)
         self._q_d = np.zeros(robot.n)
         self._D = np.zeros(robot.n)
-        self._cycles = self._held_back = self._led = 0
+        self._cycles = self._held_back = self._led = self._doubted = 0
 
     def reset(self) -> None:
         self._ramps.reset(self.param)
         self._up.reset(self._found())
-        self.lost = self._up.missing > self._config.patience
-        self._q_d[:] = self.input["q"]
+        self._joints.reset(self.input["q"])
+        self._q_d[:] = self._joints.q
+        self._judge()
         self._step()
 
     def update(self, dt: float) -> None:
         self._watch()
         self._up.update(self._found(), dt)
-        self.lost = self._up.missing > self._config.patience
+        self._joints.update(self.input["q"], dt)
+        self._judge()
         before = self._ramps.values["stiffness"]
         self._ramps.update(self.param, dt)
         self._desire(before, dt)
         self._step()
 
     def figures(self) -> dict[str, object]:
-        """Shares of cycles with torque held back by the guard, and with the desired joints taken along."""
+        """Shares of cycles with torque held back by the guard, with the desired joints taken along, and doubted `q`."""
         cycles = max(self._cycles, 1)
-        return {"held_back": self._held_back / cycles, "led": self._led / cycles}
+        return {
+            "held_back": self._held_back / cycles, "led": self._led / cycles, "doubted": self._doubted / cycles
+        }  # fmt: skip
 
     # -- parts of a cycle
+
+    def _judge(self) -> None:
+        """Whether what the law needs has been missing for too long."""
+        self.lost = max(self._up.missing, self._joints.missing) > self._config.patience
 
     def _found(self) -> tuple[float, float, float] | None:
         """Where up is now in the base."""
@@ -157,9 +169,12 @@ class JointImpedance(Controller):
 
     def _desire(self, before: float, dt: float) -> None:
         """Moves q_d for dt seconds. `before`: the factor of K in the last cycle."""
-        q, q_d = self.input["q"], self._q_d
-        if not np.isfinite(q).all():
-            return  # the guard refuses the torque of such a cycle; nothing of it may stay
+        q, q_d, joints = self._joints.q, self._q_d, self._joints
+        self._doubted += bool((q != self.input["q"]).any())
+        if not joints.known:
+            return
+        if joints.anew:  # the limb may be elsewhere by now
+            q_d[:] = q
         k = self._ramps.values["stiffness"]
         if k > before:
             q_d[:] = q + before / k * (q_d - q)
@@ -174,7 +189,11 @@ class JointImpedance(Controller):
         q_d[:] = taken
 
     def _step(self) -> None:
-        config, q, qd, out = self._config, self.input["q"], self.input["qd"], self.output
+        config, q, qd, out = self._config, self._joints.q, self.input["qd"], self.output
+        if not self._joints.known:
+            for name in ("torque", "gravity", "desired"):
+                out[name][:] = np.nan  # the guard damps, with the gravity that it knew last
+            return
         k, d = self._ramps.values["stiffness"], self._ramps.values["damping"]
         if config.gravity == "here":
             x, y, z = (-GRAVITY * self._up.up).tolist()

@@ -21,6 +21,7 @@ from runtime.control.shared.ramp import Ramps
 
 _QUICKEST: Final = 1.0  # 1/s, of a factor that a client has changed
 _BEGINNING: Final = 0.5  # s, in which it takes up its speed
+_ENDING: Final = 0.2  # s, in which it comes to rest from its greatest speed where the other arm is lost
 _TURNED: Final = 0.02  # rad, by which an axis may be off the mirrored one
 _ASIDE: Final = 0.01  # m
 
@@ -70,7 +71,8 @@ class Mirror(Controller):
     an axis is mirrored to one about the mirrored axis by the opposite angle, and a way along it to the same way. So the
     signs follow from the two descriptions; arms that aren't each other's mirror images at zero are refused.
 
-    It starts where the limb is. While the other arm isn't there, the limb stands, and after `patience` it stops.
+    It starts where the limb is. While the other arm isn't there, the limb comes to rest within 0.2 s and stands, and
+    after `patience` it stops. When it is back, the limb takes up its speed again.
     """
 
     Config = MirrorConfig
@@ -90,6 +92,7 @@ class Mirror(Controller):
         self._from = np.array([config.other.labels.index(leading) for leading in config.leading.values()])
         self._signs = np.ones(robot.n)
         self._q = np.zeros(robot.n)
+        self._v = np.zeros(robot.n)
         self._missing = self._begun = 0.0
 
     def bind(self, *arrays: Any) -> None:
@@ -128,6 +131,7 @@ class Mirror(Controller):
     def reset(self) -> None:
         self._ramps.reset(self.param)
         self._q[:] = self.applied.get("q", self.input["q"])
+        self._v[:] = 0.0
         self._missing, self._begun, self.lost = 0.0, 0.0, False
         self.output["q"][:], self.output["q_velocity"][:] = self._q, 0.0
 
@@ -136,22 +140,28 @@ class Mirror(Controller):
         applied = self.applied.get("q")
         if applied is not None and np.isfinite(applied).all():
             self._q[:] = applied  # what the guard holds back isn't wound up
-        other = self.input["other"]
+        elif not np.isfinite(self._q).all():
+            self._q[:] = self.input["q"]  # nobody knew at the reset where the limb was
+        other, robot = self.input["other"], self._config.robot
         seen = bool(np.isfinite(other).all())
         self._missing = 0.0 if seen else self._missing + dt
         self.lost = self._missing > self._config.patience
-        step = np.zeros(len(self._q))
-        if not seen:
-            self._begun = 0.0
-        else:
-            robot = self._config.robot
+        share = self._ramps.values["speed"]
+        if seen:
             aim = np.clip(self._signs * other[self._from], robot.q_lower, robot.q_upper)
             self._begun = min(1.0, self._begun + dt / _BEGINNING)
-            most = self._begun * self._ramps.values["speed"] * self._speed * dt
+            most = self._begun * share * self._speed * dt
             step = np.clip(aim - self._q, -most, most)
+        else:
+            less = self._speed * dt / _ENDING
+            slower = self._v - np.clip(self._v, -less, less)
+            # At the end of a joint's travel it stops at once.
+            step = np.clip(self._q + slower * dt, robot.q_lower, robot.q_upper) - self._q
+            step = np.clip(step, -np.abs(slower) * dt, np.abs(slower) * dt)
+            self._begun = min(self._begun, float(np.max(np.abs(slower) / self._speed)))
+        self._v[:] = step / dt if dt > 0.0 else 0.0
         self._q += step
-        self.output["q"][:] = self._q
-        self.output["q_velocity"][:] = step / dt if dt > 0.0 else 0.0
+        self.output["q"][:], self.output["q_velocity"][:] = self._q, self._v
 
 
 def _axes(robot: RobotDescription, place: Array) -> list[tuple[Array, Array]]:

@@ -58,7 +58,8 @@ class Waypoints(Controller):
 
     The motions are Ruckig's (Berscheid and Kroeger 2021, RSS): the fastest within speed, acceleration and jerk. A new
     waypoint is taken up in motion. After a reset the limb stands, also while an element is still high. What the guard
-    holds back isn't wound up: the motion is planned anew from what was applied.
+    holds back isn't wound up: the motion is planned anew from what was applied. If at a reset nobody knows where the
+    limb is, no waypoint is taken and the command isn't a number, until it is known.
     """
 
     Config = WaypointsConfig
@@ -93,12 +94,14 @@ class Waypoints(Controller):
 
     def reset(self) -> None:
         self._ramps.reset(self.param)
-        self._q[:] = self.applied.get("q", self.output["q"])
-        self._was[:] = self._q
-        self._plan, self._goal, self._arrived = None, -1, False
         self._high[:] = True  # a button that is held through a reset moves nothing
-        self._state = (self._q.copy(), np.zeros(self._n), np.zeros(self._n))
+        self._stand(self.applied.get("q", self.output["q"]))
         self._write(np.zeros(self._n))
+
+    def _stand(self, q: Array) -> None:
+        self._q[:], self._was[:] = q, q
+        self._plan, self._goal, self._arrived = None, -1, False
+        self._state = (self._q.copy(), np.zeros(self._n), np.zeros(self._n))
 
     def update(self, dt: float) -> None:
         self._ramps.update(self.param, dt)
@@ -108,7 +111,7 @@ class Waypoints(Controller):
         if np.isfinite(go).all():
             rising = np.flatnonzero((go > 0.5) & ~self._high)
             self._high[:] = go > 0.5
-            if len(rising):
+            if len(rising) and np.isfinite(self._q).all():
                 self._begin(int(rising[0]))
         if self._arrived and self._goal in self._then:
             self._left -= dt
@@ -134,7 +137,9 @@ class Waypoints(Controller):
         applied = self.applied.get("q")
         if applied is None or not np.isfinite(applied).all():
             return
-        if (np.abs(applied - self._q) > _SAME).any() and self._goal >= 0:
+        if not np.isfinite(self._q).all():
+            self._stand(applied)
+        elif (np.abs(applied - self._q) > _SAME).any() and self._goal >= 0:
             real = (applied - self._was) / max(dt, 1e-9) / max(share, 0.1)
             planned = self._state[1]
             rate = np.clip(real, np.minimum(planned, 0.0), np.maximum(planned, 0.0))

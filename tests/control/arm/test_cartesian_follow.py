@@ -221,6 +221,51 @@ def test_a_number_that_is_none_leaves_nothing_behind(name: str) -> None:
     assert made.output["q"] == pytest.approx(last, abs=0.01)
 
 
+@pytest.mark.parametrize("command", ["position", "velocity"])
+def test_a_reset_without_measured_joints_begins_where_the_limb_is(command: str) -> None:
+    made = law(command=command, patience=0.2)
+    made.input["q"][:] = np.nan
+    for array in made.applied.values():
+        array[:] = np.nan
+    made.reset()
+    name = "q" if command == "position" else "velocity"
+    for _ in range(15):
+        made.update(0.02)
+        assert not np.isfinite(made.output[name]).any(), "the guard refuses it"
+    assert made.lost
+    made.input["q"][:] = Q
+    if command == "velocity":
+        made.applied["velocity"][:] = 0.0
+    else:
+        made.applied["q"][:] = Q
+    made.update(0.02)
+    assert not made.lost
+    begun = Q if command == "position" else np.zeros(4)
+    assert made.output[name] == pytest.approx(begun, abs=0.01)
+
+
+def test_the_step_is_that_of_another_solver_of_the_quadratic_program() -> None:
+    """All its terms, and joint speeds that bind: stacked least squares within intervals (scipy)."""
+    spared = {**dict.fromkeys(HIP_ARM.labels, 1.0), "yaw": 3.0}
+    made = law(Q, posture=2.0, damping=0.05, ahead=0.0, speed=3.0, spared=spared)
+    made._posture[:] = Q + np.array([0.2, -0.1, 0.15, 0.1])
+    by = np.array([0.1, 0.2, -0.15])
+    made.input["target"][:] += by
+    model = pinocchio_model(HIP_ARM)
+    A = pin.computeFrameJacobian(model, model.createData(), Q, model.getFrameId(FLANGE), pin.LOCAL_WORLD_ALIGNED)[:3]
+    root = np.diag(0.05 * np.sqrt([spared[name] for name in HIP_ARM.labels]))
+    pull = root @ (2.0 * (made._posture - Q))
+    free = np.linalg.lstsq(np.vstack([A, root]), np.concatenate([4.0 * by, pull]), rcond=None)[0]
+    # Within limits: nearest to the free step, the task `priority` times before the motion, both scaled to one.
+    weight = np.sqrt(made.config.limits.priority / np.max(np.sum((A / root.diagonal()) ** 2, axis=0)))
+    stacked = np.vstack([weight * A, root])
+    lower, upper = made._approach.speeds(Q, np.zeros(4), DT)
+    best = lsq_linear(stacked, stacked @ free, (lower, upper), tol=1e-13)
+    assert (best.active_mask != 0).any()
+    made.update(DT)
+    assert made.output["q_velocity"] == pytest.approx(best.x, abs=1e-5)
+
+
 @pytest.mark.parametrize(
     ("options", "reason"),
     [({"spared": {"yaw": 1.0}}, "spared: "), ({"robot": "pando"}, "no arm 'pando'"), ({"target": "line"}, "target")],

@@ -228,6 +228,75 @@ def test_a_number_that_is_none_leaves_nothing_behind(name: str) -> None:
     assert made.output["torque"] == pytest.approx(clean.output["torque"], abs=1e-12)
 
 
+def test_a_reset_without_measured_joints_waits_and_begins_where_the_limb_is() -> None:
+    made = law(patience=0.2)
+    made.input["q"][:] = np.nan
+    made.reset()
+    for _ in range(20):
+        assert not np.isfinite(made.output["torque"]).any()  # refused: the guard damps
+        assert not made.lost
+        made.update(0.01)
+    made.update(0.01)
+    assert made.lost
+    made.input["q"][:] = Q - 0.4
+    made.update(0.01)
+    assert not made.lost
+    assert made.output["desired"] == pytest.approx(Q - 0.4, abs=0.01)
+    assert np.abs(made.output["torque"] - made.output["gravity"]).max() < 0.2
+
+
+def test_one_wrong_sample_moves_nothing_and_one_that_lasts_begins_anew() -> None:
+    """The second joint, say, reads a radian off: a bit that flipped on the wire."""
+    clean, made = law(follow=False), law(follow=False)
+    for each in (clean, made):
+        each.reset()
+        each.update(0.002)
+    made.input["q"][1] += 1.0
+    made.update(0.002)
+    assert made.output["torque"] == pytest.approx(clean.output["torque"], abs=1e-9)
+    made.input["q"][1] -= 1.0
+    made.update(0.002)
+    clean.update(0.002)
+    assert made.output["torque"] == pytest.approx(clean.output["torque"], abs=1e-9)
+    assert made.output["desired"] == pytest.approx(clean.output["desired"], abs=1e-9)
+    assert made.figures()["doubted"] == pytest.approx(1 / 3)
+    made.input["q"][1] += 1.0
+    spring = []
+    for _ in range(200):
+        made.update(0.002)
+        spring.append(np.abs(made.output["torque"] - made.output["gravity"]).max())
+    assert np.isnan(spring).any()  # the guard damps meanwhile
+    assert np.nanmax(spring) < 1e-9
+    assert made.output["desired"] == pytest.approx(made.input["q"])
+
+
+def test_the_damping_is_that_of_each_joint_alone() -> None:
+    """2 ratio sqrt(K M_ii), with the inertia of another engine, of the arm with a load and rotors."""
+    rotors = {"yaw": 0.02, "shoulder": 0.03, "elbow": 0.01, "wrist": 0.004}
+    made = law(follow=False, damping_ratio=0.6, rotor_inertia=rotors)
+    root, mjcf = Element("mujoco"), Mjcf()
+    add_chain(mjcf, mjcf.worldbody, ROBOT, "arm", {name: {} for name in ROBOT.labels}, {})
+    add(root, "compiler", angle="radian", autolimits=True)
+    root.append(mjcf.worldbody)
+    model = mujoco.MjModel.from_xml_string(tostring(root, encoding="unicode"))
+    data = mujoco.MjData(model)
+    data.qpos[:] = Q
+    M = np.zeros((4, 4))
+    for i in range(4):  # column by column, from inverse dynamics
+        for sign in (1.0, -1.0):
+            data.qacc[:] = sign * np.eye(4)[i]
+            mujoco.mj_inverse(model, data)
+            M[:, i] += 0.5 * sign * data.qfrc_inverse
+    made.reset()
+    still = made.output["torque"].copy()
+    for i, name in enumerate(ROBOT.labels):
+        made.input["qd"][:] = np.eye(4)[i]
+        made.update(0.001)
+        damped = (still - made.output["torque"])[i]
+        inertia = M[i, i] - model.dof_armature[i] + rotors[name]
+        assert damped == pytest.approx(2 * 0.6 * np.sqrt(K[name] * inertia), rel=1e-6)
+
+
 @pytest.mark.parametrize(
     ("options", "reason"),
     [

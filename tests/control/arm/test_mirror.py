@@ -84,16 +84,38 @@ def test_it_starts_where_the_limb_is_and_goes_at_its_speed() -> None:
     assert (q[-1] == q[-2]).all()
 
 
-def test_an_arm_that_is_lost_is_waited_for() -> None:
+def test_an_arm_that_is_lost_is_waited_for_at_rest() -> None:
     made = law()
     made.reset()
-    run(made, 5)
-    last = made.output["q"].copy()
+    made.input["other"][:] = 1.0, 1.0, -1.0, 1.0
+    run(made, 60)
+    assert np.abs(made.output["q_velocity"]).max() == pytest.approx(2.0)
     made.input["other"][:] = np.nan
-    assert (run(made, 49) == last).all()
+    before = made.output["q_velocity"].copy()
+    q = run(made, 49)
+    v = np.diff(q, axis=0) / 0.01
+    assert np.abs(v[0] - before).max() <= 2.0 / 0.2 * 0.01 * 2 + 1e-9, "no joint stops dead"
+    assert np.abs(np.diff(v, axis=0)).max() <= 2.0 / 0.2 * 0.01 + 1e-9
+    assert (np.diff(np.abs(v), axis=0) < 1e-9).all()
+    assert (q[20:] == q[-1]).all()
     assert not made.lost
     run(made, 2)
     assert made.lost
+    made.input["other"][:] = 1.0, 1.0, -1.0, 1.0
+    v = np.diff(run(made, 100), axis=0) / 0.01
+    assert np.abs(v[0]).max() < 0.1, "it takes up its speed again"
+    assert not made.lost
+
+
+def test_a_reset_without_measured_joints_begins_where_the_limb_is() -> None:
+    made = law()
+    made.input["q"][:] = made.applied["q"][:] = np.nan
+    made.reset()
+    made.update(0.01)
+    assert not np.isfinite(made.output["q"]).any()
+    made.input["q"][:] = Q
+    made.update(0.01)
+    assert made.output["q"] == pytest.approx(Q, abs=0.02)
 
 
 def test_limits_of_the_led_arm_hold() -> None:

@@ -90,6 +90,25 @@ def test_nothing_moves_after_a_reset_while_a_button_is_held() -> None:
     assert q[-1][0] > Q[0] + 0.1
 
 
+def test_a_reset_where_nobody_knows_where_the_limb_is_begins_there_later() -> None:
+    made = law()
+    made.applied["q"][:] = np.nan
+    made.reset()
+    made.update(DT)
+    pressed(made, "aside")
+    made.update(DT)
+    assert not np.isfinite(made.output["q"]).any(), "the guard refuses it"
+    made.applied["q"][:] = Q
+    q, _ = run(made, 50)
+    assert (q == Q).all(), "an old press moves nothing"
+    made.input["go"][:] = 0.0
+    run(made, 1)
+    pressed(made, "aside")
+    q, _ = run(made, 50)
+    assert q[0] == pytest.approx(Q, abs=1e-3)
+    assert q[-1][0] > Q[0] + 0.1
+
+
 def test_one_waypoint_follows_another_after_its_rest() -> None:
     made = law(then={"ahead": "aside", "aside": "ahead"}, rest=0.2)
     made.reset()
