@@ -37,9 +37,14 @@ class MvnConfig(CaptureConfig):
     joints: tuple[str, ...] = Field((), description="MVN's joints whose angles are given, such as RightElbow")
     centre_of_mass: bool = Field(False, description="the body's centre of mass is given, too")
     character: int = Field(0, ge=0, le=255, description="which person of MVN's")
-    sender: str | None = Field(None, description="MVN's computer: datagrams of others are left out; null: any's count")
+    sender: str | None = Field(
+        None, description="MVN's computer: datagrams of others are left out; null: the first's count"
+    )
     up: Literal["z", "y"] = Field(
         "z", description="the axis that points up, in MVN's streamer; the stream doesn't say it"
+    )
+    forward: Literal["x", "z"] | None = Field(
+        None, description="with `up: y`: the axis along which the person looked in MVN's calibration"
     )
     delay: float = Field(
         0.0, ge=0, lt=1, description="s from a pose to its datagram, in MVN; the stream doesn't say it"
@@ -47,6 +52,13 @@ class MvnConfig(CaptureConfig):
 
     @model_validator(mode="after")
     def _known(self) -> Self:
+        if self.up == "y" and self.forward is None:
+            raise ValueError(
+                "`up: y` needs 'forward': no source says where that axis system of MVN looks. Stand as in MVN's "
+                "calibration and walk ahead: 'forward: z' if z grows, 'forward: x' if x does. Or choose Z up in MVN"
+            )
+        if self.up == "z" and self.forward is not None:
+            raise ValueError("'forward' is for `up: y`; with z up x is forward")
         for name in self.segments.values():
             if name not in SEGMENTS:
                 raise ValueError(f"MVN has no segment '{name}'. {nearest(name, SEGMENTS)}")

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from drivers.capture.axes import z_up_point, z_up_quaternion
+from drivers.capture.axes import z_up_point
 from drivers.capture.names import Point
 from drivers.capture.order import Order
 from drivers.capture.upright import Upright
@@ -23,12 +23,14 @@ from drivers.xsens_mvn import protocol
 from drivers.xsens_mvn.assembly import Assembly, Sample
 from drivers.xsens_mvn.config import MvnConfig, signals
 from drivers.xsens_mvn.protocol import CENTRE, JOINT_ENDS, JOINTS, POSES, SEGMENTS, MalformedError, Pose
+from drivers.xsens_mvn.sources import Sources
 from runtime.contracts.driver import Sensor
 from runtime.contracts.errors import DeviceError, DeviceLostError
 from runtime.contracts.rotation import Quaternion, normalised
 from runtime.contracts.signals import Array
 
 FIRST: Final = 2.0  # s for the first sample of everything wanted
+OTHERS: Final = 0.1  # s in which another one that sends the same character would be heard, too
 SILENT: Final = 2_000_000_000  # ns without a datagram of the character after which the port is opened anew
 _TICK: Final = 1_000_000  # ns of MVN's time code
 _FAR: Final = 10.0  # m; a pelvis that is higher is in cm
@@ -71,6 +73,7 @@ class XsensMvn(Sensor):
         self._wanted = {POSES} | ({JOINTS} if config.joints else set()) | ({CENTRE} if config.centre_of_mass else set())
         self._link: Datagrams | None = None
         self._sender: str | None = None
+        self._sources = Sources()
         self._foreign = self._others = self._missed = self._other_types = 0
         self._begin()
 
@@ -79,6 +82,7 @@ class XsensMvn(Sensor):
         self._orders = {kind: Order(32) for kind in self._wanted}
         self._upright = Upright()
         self._characters: set[int] = set()
+        self._sources.begin()
         self._newest: dict[int, int] = {}  # ns, the stamp of each type's newest sample
         self._heard = -1
         self._restarted()
@@ -113,7 +117,7 @@ class XsensMvn(Sensor):
         if self._link is None:
             raise DeviceLostError(self._place, "it isn't open", "Open it first")
         try:
-            samples = self._samples(self._link.read_from())
+            samples = self._samples(self._link.read_from(), now)
         except DeviceLostError as error:
             self.health.lost(error.problem)
             raise
@@ -156,17 +160,17 @@ class XsensMvn(Sensor):
             "late_samples": sum(order.late for order in self._orders.values()),
             "restarts": self._orders[POSES].restarts,
             "others": self._others,
-            "foreign": self._foreign,
+            "foreign": self._foreign + self._sources.left_out,
             "other_types": self._other_types,
         }
 
     # -- cycle
 
-    def _samples(self, datagrams: list[tuple[bytes, tuple[str, int]]]) -> list[Sample]:
+    def _samples(self, datagrams: list[tuple[bytes, tuple[str, int]]], now: int) -> list[Sample]:
         """The complete samples of this person, of the types that are wanted."""
         found = []
-        for data, (host, _) in datagrams:
-            if self._sender is not None and host != self._sender:
+        for data, address in datagrams:
+            if self._sender is not None and address[0] != self._sender:
                 self._foreign += 1
                 continue
             try:
@@ -181,6 +185,8 @@ class XsensMvn(Sensor):
             if datagram.kind not in self._wanted:
                 self._other_types += 1
                 continue
+            if not self._sources.takes(datagram.kind, address, now):
+                continue
             if (sample := self._assembly.take(datagram)) is not None:
                 found.append(sample)
         return found
@@ -192,8 +198,7 @@ class XsensMvn(Sensor):
             elif sample.kind == JOINTS and self._upright.proven:
                 self._take_joints(protocol.joints(sample.items, sample.payload), now)
             elif sample.kind == CENTRE and self._upright.proven:
-                p = protocol.centre(sample.payload)
-                self.state_arrays["centre_of_mass"][:] = z_up_point(p) if self._config.up == "y" else p
+                self.state_arrays["centre_of_mass"][:] = self._point(protocol.centre(sample.payload))
                 self._newest[CENTRE] = now
         except MalformedError:
             self.health.errors += 1
@@ -215,12 +220,20 @@ class XsensMvn(Sensor):
             self.health.stamp = stamp
 
     def _placed(self, pose: Pose) -> tuple[Point, Quaternion]:
-        q = normalised(pose.rotation)
-        return (z_up_point(pose.position), z_up_quaternion(q)) if self._config.up == "y" else (pose.position, q)
+        w, x, y, z = normalised(pose.rotation)
+        x, y, z = self._point((x, y, z))  # the axes are renamed alike
+        return self._point(pose.position), (w, x, y, z)
+
+    def _point(self, p: Point) -> Point:
+        """In axes x forward, y to the left, z up."""
+        if self._config.up == "z":
+            return p
+        x, y, z = p
+        return (z, x, y) if self._config.forward == "z" else z_up_point(p)
 
     def _usable(self, places: Mapping[int, tuple[Point, Quaternion]]) -> bool:
         """Whether these can be m, and z up."""
-        self.health.message = ""
+        self.health.message = self._sources.doubt
         if 1 in places and max(map(abs, places[1][0])) > _FAR:
             self.health.message = "the pelvis is more than 10 m away: is MVN sending centimetres?"
             return False
@@ -230,7 +243,7 @@ class XsensMvn(Sensor):
             self.health.message = "pelvis and head aren't in the stream: nothing tells which axis is up"
             return False
         usable = self._upright.judge(places[1][0], places[_HEAD][0], f"up: {self._config.up}")
-        self.health.message = self._upright.why
+        self.health.message = self._upright.why or self._sources.doubt
         return usable
 
     def _take_joints(self, found: Mapping[tuple[int, int], tuple[float, float, float]], now: int) -> None:
@@ -265,9 +278,12 @@ class XsensMvn(Sensor):
             link.wait(left)
             datagrams = link.read_from()
             heard = heard or (datagrams[0][0] if datagrams else b"")
-            kinds |= {sample.kind for sample in self._samples(datagrams)}
+            kinds |= {sample.kind for sample in self._samples(datagrams, time.monotonic_ns())}
         if kinds >= self._wanted:
+            self._alone(link)
             return
+        if self._sources.doubt and self._sender is None:
+            raise self._two()
         if kinds:
             lacking = ", ".join(_NAMES[kind] for kind in sorted(self._wanted - kinds))
             raise DeviceError(self._place, f"MVN doesn't send: {lacking}", "Tick it in MVN's Network Streamer")
@@ -286,3 +302,20 @@ class XsensMvn(Sensor):
             )
         shown = f"{len(heard)} bytes that aren't: {heard[:12].hex(' ')}" if heard else "nothing"
         raise DeviceError(self._place, f"expected MVN's stream, got {shown}", _REMEDY)
+
+    def _alone(self, link: Datagrams) -> None:
+        """Nobody can tell which of two that send this character is the wearer's."""
+        deadline = time.monotonic() + OTHERS
+        while (left := deadline - time.monotonic()) > 0:
+            link.wait(left)
+            self._samples(link.read_from(), time.monotonic_ns())
+        if self._sources.doubt:
+            raise self._two()
+
+    def _two(self) -> DeviceError:
+        return DeviceError(
+            self._place,
+            f"{self._sources.doubt}. Nobody can tell which is the wearer's",
+            "End the other stream in its MVN, or set 'sender' to the wearer's computer; after MVN has moved to another "
+            "computer, start the run anew",
+        )

@@ -11,6 +11,7 @@ from pydantic import ValidationError
 
 from drivers.xsens_mvn import XsensMvn, protocol
 from drivers.xsens_mvn import driver as module
+from drivers.xsens_mvn.protocol import POSES, Pose
 from runtime.contracts.errors import DeviceError, DeviceLostError
 from runtime.contracts.rotation import matrix
 
@@ -30,6 +31,12 @@ def system(whole):
     with opened(whole, WANTED) as driver:
         step(whole, driver, 3)
         yield whole, driver
+
+
+@pytest.fixture(autouse=True)
+def brisk(monkeypatch):
+    """The twin's time is no wall clock: others are heard at once."""
+    monkeypatch.setattr(module, "OTHERS", 0.02)
 
 
 @pytest.fixture
@@ -174,6 +181,37 @@ def test_only_the_sender_s_datagrams_count(impatient, whole):
         pass
 
 
+def test_two_that_send_the_same_person_are_never_mixed(impatient, whole, monkeypatch):
+    """Without `sender`: the first counts, the second is told; at an opening with both nobody can tell whose it is."""
+    with (
+        opened(whole, FEW) as driver,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as replay,
+    ):
+        other.bind(("127.0.0.2", 0))
+        replay.bind(("127.0.0.1", 0))  # MVN's own computer plays a recording, too
+        here = ("127.0.0.1", whole.twin._port)
+        poses = [Pose(n, (2.0, 2.0, 1.5), (1.0, 0.0, 0.0, 0.0)) for n in range(1, 24)]
+        seen, before = [], driver.figures()["foreign"]
+        for k in range(30):
+            data = protocol.encode(POSES, 90_000 + k, 90_000 + 10 * k, protocol.encode_poses(poses), 23)
+            (other if k % 2 else replay).sendto(data, here)
+            step(whole, driver)
+            seen.append(shown(driver, "chest.pose")[0])
+        assert max(seen) < 1.0
+        assert "127.0.0.2 port" in driver.health.message
+        assert "is left out: 127.0.0.1 port" in driver.health.message
+        assert driver.figures()["foreign"] - before == 30
+        driver.close()
+        plain = whole.twin._send
+        monkeypatch.setattr(whole.twin, "_send", lambda *a: (plain(*a), other.sendto(data, here)))
+        with whole.serving(), pytest.raises(DeviceError, match=r"which is the wearer's.*set 'sender'"):
+            driver.open()
+        monkeypatch.setattr(whole.twin, "_send", lambda *a: other.sendto(data, here))
+        with whole.serving(), pytest.raises(DeviceError, match=r"127.0.0.1 was the first"):
+            driver.open()
+
+
 # -- wrong settings
 
 
@@ -183,7 +221,7 @@ def test_the_wrong_up_axis_is_told_and_nothing_is_used():
             step(bench, driver, 5)
             assert driver.health.stamp < 0
             assert "check 'up: z'" in driver.health.message
-        with opened(bench, FEW | {"up": "y"}) as driver:
+        with opened(bench, FEW | {"up": "y", "forward": "z"}) as driver:
             step(bench, driver, 5)
             assert driver.health.stamp >= 0
             chest = bench.twin.mvn.cell.model.body("wearer/Spine3").id
@@ -219,6 +257,8 @@ def test_types_that_aren_t_ticked_are_told(impatient, whole, monkeypatch):
         ({"segments": {"a": "T8", "b": "T8"}}, "named twice"),
         ({"markers": {"a": "b/c"}}, "markers"),
         ({"segments": {"Chest": "T8"}}, "can't be a name"),
+        ({"up": "y"}, "`up: y` needs 'forward'.*'forward: z' if z grows"),
+        ({"forward": "x"}, "'forward' is for `up: y`"),
     ],
 )
 def test_options_that_can_t_be(options, said):

@@ -38,7 +38,9 @@ class FakeMvnConfig(SensorOptions):
     delay: float = Field(default=0.03, ge=0, le=0.5, description="s, from the pose to its datagram's arrival")
     datagrams: int = Field(default=1, ge=1, le=4, description="over which the segments of a sample are spread")
     others: int = Field(default=0, ge=0, le=3, description="further characters in the stream, who stand still")
-    y_up: bool = Field(default=False, description="MVN's y axis is up, whatever the profile says")
+    y_up: bool = Field(
+        default=False, description="MVN's y axis is up and its z axis forward, whatever the profile says"
+    )
     old: bool = Field(default=False, description="headers as before MVN 2019")
 
 

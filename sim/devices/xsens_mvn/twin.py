@@ -111,7 +111,7 @@ class XsensMvnTwin(SocketTwin):
         ]
         sent.append(protocol.encode(JOINTS, sample, time, b"".join(items), len(items), **head))  # type: ignore[arg-type]
         x, y, z = centre.tolist()
-        place = (x, z, -y) if options.y_up else (x, y, z)
+        place = (y, z, x) if options.y_up else (x, y, z)
         sent.append(protocol.encode(CENTRE, sample, time, protocol.encode_centre(place), 1, **head))  # type: ignore[arg-type]
         return sent
 
@@ -121,7 +121,7 @@ class XsensMvnTwin(SocketTwin):
     def _pose(self, number: int, row: Array) -> Pose:
         (x, y, z), (w, qx, qy, qz) = posed(row)
         if self.mvn.stream.y_up:
-            return Pose(number, (x, z, -y), (w, qx, qz, -qy))
+            return Pose(number, (y, z, x), (w, qy, qz, qx))
         return Pose(number, (x, y, z), (w, qx, qy, qz))
 
 
