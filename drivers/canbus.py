@@ -21,6 +21,8 @@ from can.interfaces.udp_multicast.utils import pack_message
 from runtime.contracts.errors import DeviceError, DeviceLostError
 
 MOST = 256  # frames in one read, so that a flood can't block the loop
+PAUSE = 50_000_000  # ns between two reads, after which frames without a time of the kernel may have waited so long
+_TIMED = ("socketcan", "udp_multicast", "virtual")  # their frames have the time of arrival, of the system's clock
 _BUS_OFF = 0x40  # in a Linux error frame's identifier
 _STRUCT = struct.Struct("=IB3x8s")  # Linux' can_frame: identifier with its flags, length, data
 _EXTENDED = 0x8000_0000
@@ -96,6 +98,7 @@ class CanLink:
         self.url, self.place, self.interface = url, place, interface
         self._bus = bus
         self._writer: socket.socket | None = None
+        self._read_at = self._waited = 0  # ns: the last read, and the pause before it
         # A multicast bus returns one's own frames; nothing may take them for another's.
         self._own: deque[tuple[int, bytes]] | None = deque(maxlen=MOST) if interface == "udp_multicast" else None
 
@@ -106,6 +109,8 @@ class CanLink:
             DeviceLostError: the bus is gone or closed, or the controller has gone bus-off.
         """
         found: list[can.Message] = []
+        before, self._read_at = self._read_at, int(time.monotonic() * 1e9)
+        self._waited = self._read_at - before if 0 < before < self._read_at - PAUSE else 0
         for _ in range(MOST):
             try:
                 message = self._open_bus().recv(timeout=0)
@@ -137,6 +142,16 @@ class CanLink:
             "Check the bit rate, the wires and the terminators (120 ohm at both ends), then take the interface down "
             "and up: 'ip link set IFACE down' and 'up', or set 'restart-ms 100' with it",
         )
+
+    def stamp(self, message: can.Message, now: int) -> int:
+        """Returns when a frame of the last `read` arrived, ns on the loop's clock, which is at `now`.
+
+        After a pause of the loop frames wait in a queue that is full of old ones. An interface that doesn't say when
+        they came (slcan) leaves open when they did within that pause: then they count as if they came at its beginning.
+        """
+        if self.interface in _TIMED and message.timestamp > 0:
+            return max(now - max(int((time.time() - message.timestamp) * 1e9), 0), 0)
+        return max(now - self._waited, 0)
 
     def read_wait(self, timeout_s: float) -> list[can.Message]:
         """Like `read`, but waits up to `timeout_s` for the first. Blocks: for `open` only."""

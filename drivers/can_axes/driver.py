@@ -88,7 +88,7 @@ class CanAxes(Driver):
 
     @abstractmethod
     def hear(self, message: can.Message, now: int) -> None:
-        """Takes a frame of another node."""
+        """Takes a frame of another node, which arrived at `now`."""
 
     @abstractmethod
     def ask(self, link: CanLink, now: int) -> None:
@@ -169,7 +169,7 @@ class CanAxes(Driver):
         self._now = now
         try:
             for message in link.read():
-                self.hear(message, now)
+                self.hear(message, link.stamp(message, now))
             for drive in self.drives:
                 if drive.heard < 0:
                     drive.heard = now
@@ -248,10 +248,12 @@ class CanAxes(Driver):
         return True
 
     def _strayed(self, i: int, value: float, now: int) -> bool:
-        """Whether an axis went away from its command while none left: it coasted, and would be pulled back."""
+        """Whether an axis went, or may have gone, away from its command while none left: it would be pulled back."""
         drive = self.drives[i]
         if not drive.armed or self.config.mode != "position" or now - self._left <= PAUSE:
             return False
+        if now - drive.sampled > PAUSE:  # only frames from within the pause have been read so far
+            return True
         if abs(value - drive.position) <= self.config.start_tolerance:
             return False
         drive.dropped = f"moved by {drive.position - value:.2f} rad while no command reached it: it was let go"

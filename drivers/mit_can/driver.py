@@ -158,7 +158,7 @@ class MitCan(Driver):
             if self._heard[0] < 0:
                 self._heard = [now] * len(self._heard)
             for message in line.link.read():
-                self._take(line, message, now)
+                self._take(line, message, line.link.stamp(message, now))
             self.health.errors = self._replies.strange
             self._look(line, now)
             if not self._writing:

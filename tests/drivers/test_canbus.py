@@ -11,6 +11,7 @@ import pytest
 import serial
 from can.interfaces.socketcan.socketcan import build_can_frame
 
+from drivers import canbus
 from drivers.canbus import CanLink, open_can
 from runtime.contracts.errors import DeviceError, DeviceLostError
 
@@ -36,6 +37,38 @@ def test_frames_go_both_ways(url: str) -> None:
     other.close()
     with pytest.raises(DeviceLostError, match="closed"):
         one.read()
+
+
+@pytest.mark.parametrize("url", ["can://virtual/aged", "can://udp_multicast/239.74.163.79?port={port}"])
+def test_a_frame_that_waited_in_the_queue_keeps_its_age(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As after a pause of the loop: the kernel has kept them, and says when they came."""
+    url = url.format(port=20000 + os.getpid() % 10000)
+    one, other = open_can(url, place="one"), open_can(url, place="other")
+    other.write(can.Message(arbitration_id=1, data=[1], is_extended_id=False))
+    (frame,) = one.read_wait(2.0)
+    now = 10_000_000_000
+    fresh = one.stamp(frame, now)
+    assert 0 < fresh <= now
+    real = canbus.time.time
+    monkeypatch.setattr(canbus.time, "time", lambda: real() + 0.7)
+    assert one.stamp(frame, now) <= fresh - 690_000_000
+    monkeypatch.setattr(canbus.time, "time", lambda: real() - 0.7)  # somebody has set the clock
+    assert one.stamp(frame, now) == now
+    one.close()
+    other.close()
+
+
+def test_what_an_interface_without_times_had_in_its_queue_counts_as_old_as_the_pause(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    link = CanLink("can://slcan/none", "one", can.Bus(interface="virtual", channel="untimed"), "slcan")
+    frame, now, clock = can.Message(arbitration_id=1), 10_000_000_000, [50.0]
+    monkeypatch.setattr(canbus.time, "monotonic", lambda: clock[0])
+    for pause, age in ((0.01, 0), (0.01, 0), (0.3, 300_000_000), (0.01, 0)):
+        clock[0] += pause
+        link.read()
+        assert now - link.stamp(frame, now) == pytest.approx(age, abs=100)
+    link.close()
 
 
 @pytest.mark.parametrize(
