@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from math import radians
+from math import inf, radians
 from typing import Final
 
 import can
@@ -16,9 +16,11 @@ from drivers.cubemars_servo.config import DEGREES, CubemarsServoConfig, ServoAxi
 from drivers.cubemars_servo.protocol import STATUS, Mode
 from runtime.contracts.driver import EXTENDED
 from runtime.contracts.errors import DeviceError
+from runtime.contracts.signals import Stop
 
 LISTEN: Final = 1.2  # s: the slowest status comes once a second
 WARM: Final = 70  # degC of the drive from which on a person is told
+_SURE: Final = 0.8  # of its time limit, in which it surely still holds
 STILL: Final = 0.2  # A: below this a drive counts as without torque
 
 
@@ -215,6 +217,12 @@ class CubemarsServo(CanAxes):
             held = self.held(i)
             return [held] if held is not None else []
         return [protocol.brake(self._ids[i], self._scales[i].axis.current)]
+
+    def frames_good_for(self, category: Stop) -> float:
+        """See `Driver.frames_good_for`: after its time limit it has let go, and obeys the next frame."""
+        if category is Stop.LIMP or self.options.mode != "position":
+            return inf
+        return self.options.timeout * _SURE
 
     def clearing(self, i: int) -> Sequence[can.Message]:
         """See `CanAxes`. Nothing clears an error on the bus; it ends with its cause, or with the supply."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from math import inf
 from typing import Final
 
 import can
@@ -29,6 +30,7 @@ LOST: Final = 500_000_000  # ns without a word from any motor
 AGAIN: Final = 20_000_000  # ns between two attempts to enable a motor
 ASLEEP: Final = 500_000_000  # ns after which a motor that doesn't enable is a fault
 PAUSE: Final = 20_000_000  # ns without a frame for it, after which a CubeMars may have let go
+HOLDS: Final = 0.05  # s, up to which a position is near to where a CubeMars that let go after 25 ms has come
 CLEARED: Final = 50_000_000  # ns: a drive packs its reply before it obeys
 UNHEARD: Final = 40_000_000  # ns without a status, after which a V3 may have started anew
 JUMP: Final = 0.3  # rad of the shaft between two replies that no motion explains
@@ -255,6 +257,11 @@ class MitCan(Driver):
         if self._frames[0] != held and self._line is not None:
             self._frames = held, self._line.stop_frames(held, off=False)
         return self._frames[1]
+
+    def frames_good_for(self, category: Stop) -> float:
+        """See `Driver.frames_good_for`: a CubeMars may let go in silence, and come alive where it was held before."""
+        holds = category not in (Stop.DAMP, Stop.LIMP) and self._kind is Kind.POSITION
+        return HOLDS if holds and not self._damiao else inf
 
     def recover(self, now: int) -> None:
         """See `Driver.recover`: clears a Damiao's errors. Motors that may stand elsewhere are opened anew."""

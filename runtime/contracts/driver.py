@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import inf
 from types import MappingProxyType
 
 import numpy as np
@@ -220,6 +221,14 @@ class Driver(ABC):
         the device's own watchdog stops it.
         """
         return ()
+
+    def frames_good_for(self, category: Stop) -> float:
+        """How long after the last write `stop_frames` of this category may be written, s; inf: always.
+
+        A device that lets go when it hears nothing for a while, and obeys the next frame, would be pulled back by a
+        position of before. Without frames it goes on with its last command, or has let go anyway.
+        """
+        return inf
 
     def figures(self) -> dict[str, object]:
         """Returns the driver's own figures for the run's summary."""

@@ -1,8 +1,8 @@
 """The newest stop frames of each actuator. The loop stores them where the supervisor finds them after its death.
 
 A slot has two buffers. The loop fills the idle one and then marks it as valid, so a death in between leaves the
-older frames whole. Slot: int64 valid (0: none, 1 or 2), then twice (int64 length, `FRAMES` bytes). In these each
-frame has its length in front, two bytes.
+older frames whole. Slot: int64 valid (0: none, 1 or 2), int64 ns of CLOCK_MONOTONIC until which they may be written (0:
+always), then twice (int64 length, `FRAMES` bytes). In these each frame has its length in front, two bytes.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ SLOTS = 64  # devices with commands; fixed, so that the supervisor can make and 
 FRAMES = 2040  # bytes of all frames of a slot with their lengths; every buffer begins at a multiple of 8
 _LENGTH = 2
 _BUFFER = 8 + FRAMES
-_SLOT = 8 + 2 * _BUFFER
+_SLOT = 16 + 2 * _BUFFER
 
 
 class StopSlots:
@@ -55,11 +55,19 @@ class StopSlots:
             raise HostError(str(path), problem, "Make room there, or set SRL_RUNTIME_DIR") from None
         return cls(path)
 
-    def write(self, slot: int, frames: tuple[bytes, ...]) -> bool:
-        """Stores the frames of an actuator. This costs nothing if they are the same object as before.
+    def write(self, slot: int, frames: tuple[bytes, ...], until: int = 0) -> bool:
+        """Stores the frames of an actuator. This costs little if they are the same object as before.
 
-        Returns False if they are too long: those before stay in force.
+        Args:
+            slot: the actuator's.
+            frames: see `Driver.stop_frames`.
+            until: ns of CLOCK_MONOTONIC, after which they must not be written any more; 0: always.
+
+        Returns:
+            False if they are too long: those before stay in force.
         """
+        at = slot * _SLOT + 8
+        self._map[at : at + 8] = until.to_bytes(8, "little")
         if frames is self._newest[slot]:
             return True
         self._newest[slot] = frames
@@ -68,7 +76,7 @@ class StopSlots:
             return False
         start = slot * _SLOT
         other = 2 if self._map[start] == 1 else 1
-        at = start + 8 + (other - 1) * _BUFFER
+        at = start + 16 + (other - 1) * _BUFFER
         self._map[at : at + 8 + len(packed)] = len(packed).to_bytes(8, "little") + packed
         self._map[start] = other
         return True
@@ -84,11 +92,16 @@ class StopSlots:
         valid = self._map[start]
         if valid not in (1, 2):
             return []
-        at = start + 8 + (valid - 1) * _BUFFER
+        at = start + 16 + (valid - 1) * _BUFFER
         length = int.from_bytes(self._map[at : at + 8], "little")
         if length > FRAMES:  # damaged
             return []
         return _frames(self._map[at + 8 : at + 8 + length])
+
+    def until(self, slot: int) -> int:
+        """Returns the ns of CLOCK_MONOTONIC until which the frames may be written; 0: always."""
+        at = slot * _SLOT + 8
+        return int.from_bytes(self._map[at : at + 8], "little")
 
     def close(self) -> None:
         """Unmaps the file."""

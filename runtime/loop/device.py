@@ -146,6 +146,17 @@ class Device:
         self._call("give its stop frames", ask, now)
         return found
 
+    def frames_good_for(self, category: Stop, now: int) -> float:
+        """How long the device's stop frames may be written, s; 0 if its driver fails to say it."""
+        found = 0.0
+
+        def ask(_: int) -> None:
+            nonlocal found
+            found = self.driver.frames_good_for(category)
+
+        self._call("say how long its stop frames hold good", ask, now)
+        return found
+
     def fileno(self, now: int) -> int | None:
         """The device's descriptor; None if it has none, or its driver fails to give it."""
         found: int | None = None

@@ -213,8 +213,10 @@ class Process:
             self.channel.send({"say": "lost", "slot": numbers[device]})
 
         def after_write(device: Device) -> None:
-            frames = device.stop_frames(self._category(loop, device), now())
-            if frames is not None and not slots.write(numbers[device], frames):
+            category = self._category(loop, device)
+            frames, good = device.stop_frames(category, now()), device.frames_good_for(category, now())
+            until = 0 if math.isinf(good) else time.monotonic_ns() + round(good * 1e9)
+            if frames is not None and not slots.write(numbers[device], frames, until):
                 name, size = device.driver.name, sum(map(len, frames))
                 self.report(f"'{name}' has stop frames of {size} bytes, too long for the supervisor", Level.WARNING)
 

@@ -48,12 +48,14 @@ class Actuators:
         """Writes every actuator's stop frames, each by a write of its own.
 
         Each is tried once before any is waited for: one that takes nothing delays no other. Those with a rest are
-        then tried in turn. May be called again: frames that were written twice are the same stop. What went wrong is
-        reported at the end, once for each actuator; the second frame of one that has taken the first may be refused.
+        then tried in turn. Frames that are older than their driver allows are left out, and that is said: the device
+        may have let go since, and would be pulled back. May be called again: frames that were written twice are the
+        same stop. What went wrong is reported at the end, once for each actuator; the second frame of one that has
+        taken the first may be refused.
         """
         deadline = time.monotonic() + PATIENCE
         failures: dict[int, str] = {}
-        rest = {slot: self._slots.read(slot) for slot in self._held}
+        rest = {slot: self._slots.read(slot) for slot in self._held if not self._old(slot)}
         while rest := self._give(rest, failures):
             if (left := deadline - time.monotonic()) <= 0:
                 failures |= dict.fromkeys(rest, f"it took no bytes for {PATIENCE:g} s")
@@ -67,6 +69,17 @@ class Actuators:
                 continue
             self._report(f"'{self._held[slot].name}' can't be reached for its stop: {why}")
         self._settled = set(self._held)
+
+    def _old(self, slot: int) -> bool:
+        until = self._slots.until(slot)
+        if not until or time.monotonic_ns() <= until:
+            return False
+        if slot not in self._settled:
+            self._report(
+                f"'{self._held[slot].name}' gets no stop frame: it would be pulled back to where it was if it has let "
+                "go since. It goes on with its last command, or does what it does in silence"
+            )
+        return True
 
     def _give(self, frames: dict[int, list[bytes]], failures: dict[int, str]) -> dict[int, list[bytes]]:
         """Writes what can be written at once. Returns what is left of each actuator's frames, if anything is."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import os
 import time
 from collections.abc import Iterator
@@ -12,7 +13,7 @@ import can
 import numpy as np
 import pytest
 from helpers.ft import Server, bound
-from helpers.mit_can import TWO, cell, config, twin
+from helpers.mit_can import AK, TWO, cell, config, twin
 from helpers.wait import until
 
 from drivers.mit_can import MitCan, protocol
@@ -109,6 +110,18 @@ def test_hold_s_stop_frames_are_the_last_positions_at_rest_with_all_their_stiffn
             assert link.stop_frame(can.Message(arbitration_id=motor.id, data=data, is_extended_id=False)) == frame
         arm.close()
         assert arm.fileno() is None
+
+
+def test_a_cubemars_position_holds_good_for_the_supervisor_only_as_long_as_it_surely_holds() -> None:
+    with Server(twin(world=cell(hanging=False))) as server:
+        arm = driver(server.twin.address)
+        assert all(math.isinf(arm.frames_good_for(category)) for category in Stop), "a Damiao ignores it once it let go"
+        arm.close()
+    ak = MitCan("arm", config(AK, "v2"))
+    assert ak.frames_good_for(Stop.HOLD) == 0.05
+    assert ak.frames_good_for(Stop.DAMP) == ak.frames_good_for(Stop.LIMP) == math.inf
+    ak = MitCan("arm", config(AK, "v2", interface="torque"))
+    assert ak.frames_good_for(Stop.HOLD) == math.inf, "they damp"
 
 
 def test_a_bus_that_takes_nothing_is_given_up_with_its_remedy(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import socket
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -98,3 +99,28 @@ def test_one_that_takes_nothing_is_reported_and_delays_no_other(
         assert got == [b"stop"]
     (report,) = reports
     assert report.startswith("'arm' can't be reached for its stop: it took no bytes")
+
+
+def test_frames_that_are_older_than_the_driver_allows_are_left_out_and_that_is_said(
+    tmp_path: Path, reports: list[str]
+) -> None:
+    """An actuator that let go in the silence would be pulled back by a position of before."""
+    slots = StopSlots.create(tmp_path / "slots")
+    ours, bus = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with ours, bus:
+        found = Actuators(slots, reports.append)
+        found.hold(0, "arm", os.dup(ours.fileno()))
+        slots.write(0, FRAMES, time.monotonic_ns() - 1)
+        found.stop()
+        found.stop()
+        bus.setblocking(False)
+        with pytest.raises(BlockingIOError):
+            bus.recv(100)
+        assert reports == [
+            "'arm' gets no stop frame: it would be pulled back to where it was if it has let go since. It goes on with "
+            "its last command, or does what it does in silence"
+        ]
+        slots.write(0, FRAMES, time.monotonic_ns() + 10**12)
+        found.stop()
+        assert bus.recv(100) == FRAMES[0]
+        found.close()
