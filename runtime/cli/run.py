@@ -17,6 +17,7 @@ from runtime.cli.status import Status
 from runtime.contracts.errors import HostError, RequestError
 from runtime.contracts.files import encoded
 from runtime.ipc import latches
+from runtime.ipc.events import Level
 from runtime.ipc.launch import ANONYMOUS, Launch
 from runtime.ipc.run_folder import RunFolder
 from runtime.ipc.words import Cause
@@ -166,6 +167,7 @@ def _summary(supervisor: Supervisor) -> Summary | None:
 
 def _show(supervisor: Supervisor, summary: Summary, status: Status) -> None:
     summary.update()
+    status.mark(summary)
     for event in supervisor.events.take() if supervisor.events is not None else ():
         status.line(f"cycle {event.cycle}: {event.text}", event.level)
     status.show(summary)
@@ -189,10 +191,12 @@ def _report(supervisor: Supervisor, result: dict[str, Any], args: argparse.Names
         rows = f"The last rows are in {death.black_box}. " if death.black_box else ""
         status.line(
             f"{death.how}; the actuators had their stop {death.stopped_after_ms:.1f} ms after its last sign of life. "
-            f"{rows}Find the cause before the next run, which begins in the stop."
+            f"{rows}Find the cause before the next run, which begins in the stop.",
+            Level.ERROR,
         )
     elif cause not in WELL:
-        status.line(f"ended in a fault: {cause.name.lower().replace('_', ' ')} {result['culprit']}".rstrip())
+        text = f"ended in a fault: {cause.name.lower().replace('_', ' ')} {result['culprit']}"
+        status.line(text.rstrip(), Level.ERROR)
     if args.json:
         print(json.dumps(result))
     return code

@@ -29,8 +29,8 @@ class Status:
         self._shown = False
         self._next = 0.0
 
-    def show(self, summary: Summary) -> None:
-        """Shows the present state in one line."""
+    def mark(self, summary: Summary) -> None:
+        """The messages that follow carry this state as fields of the journal."""
         if summary.row is None:
             return
         cause = Cause(summary.word("cause"))
@@ -40,13 +40,16 @@ class Status:
             "SRL_STATE": summary.state.name.lower(),
             "SRL_CAUSE": cause.name.lower(),
         }
-        if self._quiet:
+
+    def show(self, summary: Summary) -> None:
+        """Shows the present state in one line."""
+        if summary.row is None or self._quiet:
             return
         if not self._console.terminal:
             if time.monotonic() < self._next:
                 return
             self._next = time.monotonic() + _EVERY
-        text = _line(summary, cause)
+        text = _line(summary)
         if self._console.terminal:
             self.wait(text)
         else:
@@ -78,8 +81,9 @@ class Status:
             self._shown = False
 
 
-def _line(summary: Summary, cause: Cause) -> str:
+def _line(summary: Summary) -> str:
     seconds, wall = summary.seconds()
+    cause = Cause(summary.word("cause"))
     culprit = summary.layout.culprit(cause, summary.word("culprit"))
     why = f" ({cause.name.lower()} {culprit})".replace(" )", ")") if cause else ""
     if standing := latches.names(summary.word("latches")):

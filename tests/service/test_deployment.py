@@ -1,6 +1,6 @@
 """The systemd unit, the udev rules, and the notification protocol as systemd would see it.
 
-There is no systemd running where these tests run: `systemd-analyze` reads the unit, a socket of the test's own
+No systemd is needed here (`test_systemd` boots one): `systemd-analyze` reads the unit, a socket of the test's own
 stands for systemd's, and the unit's own syscall rules are put on a run by libseccomp.
 """
 
