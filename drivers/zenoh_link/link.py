@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import contextlib
-import select
 import socket
-import subprocess
-import sys
 import time
 from dataclasses import dataclass
 from typing import NoReturn
 
+from drivers.helper_process import HelperProcess, ProcessEndedError
 from drivers.zenoh_link import wire
 from drivers.zenoh_link.config import PeerConfig
 from runtime.contracts.errors import DeviceError, DeviceLostError
@@ -47,8 +45,7 @@ class Link:
 
     def __init__(self, place: str) -> None:
         self.place = place
-        self._end: socket.socket | None = None
-        self._process: subprocess.Popen[bytes] | None = None
+        self._helper = HelperProcess(place, "drivers.zenoh_link", "zenoh process")
         self._session = 0
         self._open = False
         self._where = ""
@@ -91,7 +88,7 @@ class Link:
             ],
             "alive": alive,
         }
-        self._ensure_process()
+        self._helper.ensure()
         self._kept.clear()
         self._sent = self._taken = 0
         self._stop_frames = (wire.simple(b"S", self._session),)
@@ -118,28 +115,8 @@ class Link:
                     )
             if ready:
                 return
-        # The process hangs: it can't end in an orderly way, and the next attempt needs one that works.
-        self._end_process()
-        raise DeviceError(self.place, "its zenoh process hangs", "It was ended, and is started again")
-
-    def _ensure_process(self) -> None:
-        if self._end is not None and self._process is not None and self._process.poll() is None:
-            return
-        self._let_go()
-        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        ours.setblocking(False)
-        with theirs:
-            try:
-                self._process = subprocess.Popen(
-                    [sys.executable, "-m", "drivers.zenoh_link", str(theirs.fileno())],
-                    pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, start_new_session=True,
-                )  # fmt: skip
-            except OSError as error:
-                ours.close()
-                raise DeviceError(
-                    self.place, f"its zenoh process can't be started: {error.strerror}", "Look at the host's limits"
-                ) from None
-        self._end = ours
+        self._open = False
+        self._helper.end_hanging()
 
     @property
     def is_open(self) -> bool:
@@ -148,7 +125,7 @@ class Link:
 
     def fileno(self) -> int | None:
         """Returns the socket's descriptor; only a whole message, of `stop_frames`, may be written to it."""
-        return self._end.fileno() if self._end is not None and self._open else None
+        return self._helper.fileno() if self._open else None
 
     @property
     def stop_frames(self) -> tuple[bytes, ...]:
@@ -172,19 +149,15 @@ class Link:
 
     def _receive(self) -> list[wire.Event]:
         events: list[wire.Event] = []
-        end = self._end
-        if end is None or not self._open:
+        if not self._open:
             raise DeviceLostError(self.place, "it isn't open", "Open it first")
         for _ in range(MOST):
             try:
-                message = end.recv(1 << 17)
-            except BlockingIOError:
+                message = self._helper.take()
+            except ProcessEndedError:
+                self._ended()
+            if message is None:
                 break
-            except OSError:
-                message = b""
-            if not message:
-                self._let_go()
-                self._lost("its zenoh process has ended")
             if wire.head(message)[1] != self._session:
                 continue
             event = wire.read_event(message)
@@ -201,8 +174,7 @@ class Link:
         return self.read() if self._kept else self._wait(timeout)
 
     def _wait(self, timeout: float) -> list[wire.Event]:
-        if self._end is not None:
-            select.select([self._end], [], [], max(timeout, 0))
+        self._helper.wait(timeout)
         return self._receive()
 
     def ask(self, key: str, timeout: float = 1.0) -> dict[str, bytes]:
@@ -261,60 +233,37 @@ class Link:
 
     def close(self) -> None:
         """Ends the session; publishes the stop first if a command was in force. Always succeeds."""
-        if self._open and self._end is not None:
-            with contextlib.suppress(OSError):
-                self._end.send(wire.simple(b"C", self._session))
+        if self._open:
+            with contextlib.suppress(ProcessEndedError):
+                self._helper.give(wire.simple(b"C", self._session))
         self._open = False
 
     def pid(self) -> int | None:
         """Returns the process id, for tests."""
-        return None if self._process is None else self._process.pid
+        return self._helper.pid()
 
     def _tell(self, message: bytes) -> None:
-        deadline = time.monotonic() + 1.0
-        while not self._give(message):
-            if time.monotonic() > deadline:
-                self._end_process()
-                raise DeviceError(self.place, "its zenoh process hangs", "It was ended, and is started again")
-            time.sleep(0.001)
+        try:
+            self._helper.tell(message)
+        except ProcessEndedError:
+            self._ended()
 
     def _give(self, message: bytes) -> bool:
-        if self._end is None:
-            self._lost("its zenoh process has ended")
         try:
-            self._end.send(message)
-        except BlockingIOError:
-            return False
-        except OSError:
-            self._let_go()
-            self._lost("its zenoh process has ended")
-        return True
+            return self._helper.give(message)
+        except ProcessEndedError:
+            self._ended()
+
+    def _ended(self) -> NoReturn:
+        self._open = False
+        self._lost("its zenoh process has ended")
 
     def _lost(self, why: str) -> NoReturn:
         raise DeviceLostError(self.place, f"{self._where}: {why}", "Check that the other side runs, and the network")
 
-    def _let_go(self) -> None:
-        """Closes the socket, which makes the process end; reaps the process if it has ended."""
-        end, self._end = self._end, None
-        self._open = False
-        if end is not None:
-            end.close()
-        if self._process is not None:
-            self._process.poll()
-            self._process = None
-
-    def _end_process(self) -> None:
-        """Kills a process that hangs."""
-        process = self._process
-        self._let_go()
-        if process is not None:
-            process.kill()
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                process.wait(1.0)
-
     def __del__(self) -> None:
         try:
-            self._let_go()
+            self._helper.let_go()
         except Exception:  # at the interpreter's end modules may be gone, contextlib among them
             pass
 

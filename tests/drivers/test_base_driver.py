@@ -69,9 +69,9 @@ def test_the_process_stops_it_when_the_driver_is_gone() -> None:
     with robot(expiry=0.5) as r:
         r.base.open()
         r.drive()
-        process = r.base._link._process
+        process = r.base._link._helper._process
         assert process is not None
-        r.base._link._end.close()  # type: ignore[union-attr]  # as the kernel does when the loop is killed
+        r.base._link._helper._end.close()  # type: ignore[union-attr]  # as the kernel does when the loop is killed
         until(lambda: r.speed() < 0.01)
         assert r.served.do(lambda: r.twin.taken[-1][1]) == (0.0, 0.0, 0.0)
         assert process.wait(20) == 0
