@@ -11,6 +11,10 @@ from runtime.cli.instance import choose
 
 POLL = 0.005  # s between looks for new rows
 NEWS = 1.0  # s between looks for what to tell
+_REMEDY = (
+    "Start it as the service srl-lsl@ (docs/lsl.md), or say --exposed if all in the network may, "
+    "or if a firewall closes the ports 16571 to 16603"
+)
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -30,14 +34,14 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> int:
     """Sends until Ctrl-C or SIGTERM, over restarts of the loop too."""
+    from runtime.contracts.reach import refuse_strangers
     from runtime.export.lsl_outlet import Outlet, library
-    from runtime.export.lsl_reach import refuse_strangers
 
     ended: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda got, _: ended.append(got))
     lsl = library(args.exposed)
-    addresses = [] if args.exposed else refuse_strangers()
+    addresses = [] if args.exposed else refuse_strangers(_REMEDY)
     outlet = Outlet(lsl, choose(args.instance), args.signals)
     told, lack, lost, due = "", "", 0, 0.0
     try:
@@ -47,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
             if now >= due:
                 due = now + NEWS
                 if not args.exposed:
-                    addresses = refuse_strangers(addresses)  # a cable or a radio that comes up later
+                    addresses = refuse_strangers(_REMEDY, addresses)  # a cable or a radio that comes up later
                 if outlet.description != told:
                     told = outlet.description
                     print(f"{told} (Ctrl-C ends)", flush=True)

@@ -1,7 +1,7 @@
 """An instance's rows as a stream of the Lab Streaming Layer (LSL), for a lab's recorder. It only reads.
 
 Its stamps are of CLOCK_MONOTONIC, as LSL's own clock. liblsl has many threads, and listens on every address of the
-machine, without a password: so it is in a process of its own, and `runtime.export.lsl_reach` says who could read it.
+machine, without a password: so it is in a process of its own, and `runtime.contracts.reach` says who could read it.
 There is one stream: of several in a process, a search that comes by 127.0.0.1 finds one.
 """
 

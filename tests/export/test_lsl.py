@@ -17,9 +17,9 @@ from helpers.panel import SIGNAL, MadeUpLoop
 from helpers.run import environment, refused, srl
 
 from runtime.contracts.errors import RecordingError, RequestError
+from runtime.contracts.reach import reachable
 from runtime.export.lsl_channels import Channels
 from runtime.export.lsl_outlet import Outlet
-from runtime.export.lsl_reach import reachable
 from runtime.ipc.layout import Layout
 from runtime.ipc.rows import LOOK
 from runtime.ipc.words import DEVICE, Cause, State
@@ -187,13 +187,13 @@ def in_namespace(command: str, folder: Path, timeout: float = 100) -> subprocess
 
 @needs_namespaces
 def test_who_could_read_it_is_tried(tmp_path: Path) -> None:
-    look = f"{sys.executable} -c 'from runtime.export.lsl_reach import reachable; print(reachable())'"
+    look = f"{sys.executable} -c 'from runtime.contracts.reach import reachable; print(reachable())'"
     assert in_namespace(look, tmp_path).stdout == "[]\n"
     lab = "ip addr add 10.98.7.6/32 dev lo;"
     assert in_namespace(f"{lab} {look}", tmp_path).stdout == "['10.98.7.6']\n"
     done = in_namespace(f"{lab} {' '.join(srl('lsl', '--signals', SIGNAL))}", tmp_path)
     assert done.returncode == 2
-    assert "other machines could read it at 10.98.7.6" in done.stderr
+    assert "other machines could reach it at 10.98.7.6" in done.stderr
 
 
 @needs_namespaces
@@ -202,7 +202,7 @@ def test_an_address_that_comes_up_later_ends_it(tmp_path: Path) -> None:
     script.write_text(_LATER)
     done = in_namespace(f"{sys.executable} {script}", tmp_path)
     assert done.stdout.splitlines()[-1] == "2", done.stderr
-    assert "other machines could read it at 10.98.7.6" in done.stderr
+    assert "other machines could reach it at 10.98.7.6" in done.stderr
 
 
 _LATER = """
@@ -228,7 +228,7 @@ print(main(["lsl", "--signals", "law.x"]))
 def test_an_address_that_nobody_can_reach_isn_t_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     trie = tmp_path / "trie"
     trie.write_text("     |-- 127.0.0.1\n        /32 host LOCAL\n     |-- 203.0.113.9\n        /32 host LOCAL\n")
-    monkeypatch.setattr("runtime.export.lsl_reach.ADDRESSES", trie)
+    monkeypatch.setattr("runtime.contracts.reach.ADDRESSES", trie)
     assert reachable() == []  # no address of this machine: nothing can listen there
 
 

@@ -1,4 +1,4 @@
-"""Whether another machine could read what this process serves on every address: tried, not believed."""
+"""Whether another machine could reach what this process opens on every address: tried, not believed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from typing import Final
 from runtime.contracts.errors import RequestError
 
 PATIENCE: Final = 0.3  # s for a connection of this machine to itself
-PORTS: Final = "16571 to 16603"
 ADDRESSES: Final = Path("/proc/net/fib_trie")  # those of all interfaces, in this network namespace
 
 
@@ -35,10 +34,11 @@ def reachable() -> list[str]:
     return found
 
 
-def refuse_strangers(tried: Sequence[str] | None = None) -> list[str]:
-    """Tries whether other machines could read the streams, and returns the machine's addresses.
+def refuse_strangers(remedy: str, tried: Sequence[str] | None = None) -> list[str]:
+    """Tries whether other machines could reach what LSL's library opens, and returns the machine's addresses.
 
     Args:
+        remedy: what to do if they could.
         tried: the addresses of the last time; while they are the same, nothing is tried.
     Raises:
         RequestError: other machines could.
@@ -46,12 +46,9 @@ def refuse_strangers(tried: Sequence[str] | None = None) -> list[str]:
     present = _addresses()
     addresses = [] if present == tried else reachable()
     if addresses:
-        problem = f"LSL has no password, and other machines could read it at {', '.join(addresses)}"
-        remedy = (
-            f"Start it as the service srl-lsl@ (docs/lsl.md), or say --exposed if all in the network may, "
-            f"or if a firewall closes the ports {PORTS}"
+        raise RequestError(
+            "the network", f"LSL has no password, and other machines could reach it at {', '.join(addresses)}", remedy
         )
-        raise RequestError("the network", problem, remedy)
     return present
 
 
