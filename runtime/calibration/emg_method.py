@@ -110,7 +110,12 @@ class EmgMethod(Method[Taps, Result]):
             plain["rate"] = 100
             rate = _FASTEST
         needed = ceil(self._plan.rate / float(rate)) + _FRAME
-        entry["block"] = max(int(entry.get("block") or 0), needed)
+        stated = entry.get("rate")
+        if stated is not None and float(stated) != self._plan.rate:
+            place = self.source.place(f"devices.{self._device}.rate")
+            raise WiringError(place, f"{stated:g} Hz isn't what is calibrated at", f"Add `--option rate={stated:g}`")
+        asked = _asked(entry)
+        asked["block"] = max(int(asked.get("block") or 0), needed)
         if not self.order.sim:
             plain.pop("sim", None)
             return
@@ -140,7 +145,7 @@ class EmgMethod(Method[Taps, Result]):
 
     def _is_ours(self, taps: Taps, place: str) -> None:
         """Raises RequestError: it is of other muscles, or of other slots, than the profile's."""
-        ours = dict(self.checked.devices[self._device].options.get("channels") or {})
+        ours = dict(_asked(self.checked.devices[self._device].options).get("channels") or {})
         theirs = _channels(taps.layout, self._device)
         if tuple(taps.options.muscles) != tuple(ours) or theirs != ours:
             said = " and ".join(", ".join(f"{k}: {v}" for k, v in each.items()) for each in (theirs, ours))
@@ -167,7 +172,7 @@ class EmgMethod(Method[Taps, Result]):
         return replace(samples, marks=marks)
 
     def procedure(self, before: Sequence[Any]) -> Procedure:
-        muscles = tuple(self.checked.devices[self._device].options.get("channels") or {})
+        muscles = tuple(_asked(self.checked.devices[self._device].options).get("channels") or {})
         level = None
         if before:
             filters = self._plan.filters()
@@ -199,6 +204,12 @@ class EmgMethod(Method[Taps, Result]):
         )  # fmt: skip
 
 
+def _asked(options: dict[str, Any]) -> dict[str, Any]:
+    """Where a device's options have `channels` and `block`: those of its signal `samples`, if it names its signals."""
+    found: dict[str, Any] = (options.get("signals") or {}).get("samples", options)
+    return found
+
+
 def _rounded(volts: float) -> float:
     return float(f"{volts:.6g}")
 
@@ -207,7 +218,7 @@ def _channels(layout: Layout, device: str) -> dict[str, int]:
     """The muscles' slots in a layout's own profile."""
     checked, _ = marks_law(layout, "recording", MARKS)
     entry = checked.devices.get(device)
-    return dict(entry.options.get("channels") or {}) if entry is not None else {}
+    return dict(_asked(entry.options).get("channels") or {}) if entry is not None else {}
 
 
 def _marks(
@@ -218,7 +229,8 @@ def _marks(
     field = graph.layout.fields.get(signal)
     if field is None or count not in graph.layout.fields or not field.components:
         problem = f"there is no '{signal}' of named muscles beside '{count}'"
-        raise WiringError(f"the input 'samples' of {LAW}", problem, "Use the driver `trigno`")
+        remedy = "Use the driver `trigno`, or `lsl` with a signal `samples` that has a `block`"
+        raise WiringError(f"the input 'samples' of {LAW}", problem, remedy)
     return {
         "use": MARKS, "name": MARKS, "person": person, "signal": signal, "count": count,
         "muscles": list(field.components[0]), "plan": plan.model_dump(), "thresholds": thresholds.model_dump(),

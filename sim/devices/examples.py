@@ -56,6 +56,16 @@ DEVICES: dict[str, tuple[dict[str, Any], dict[str, Any], dict[str, Any], str]] =
         "tcp://127.0.0.1:9",
     ),
     "gamepad": ({}, {"axes": {"left_x": [[0.0, 0.0], [100.0, 1.0]]}}, CELL, "/dev/input/event-none"),
+    "lsl": (
+        {
+            "stream": {"source_id": "srl-test"},
+            "rate": 200,
+            "signals": {"position": {"channels": {"a": "A", "b": "B"}, "unit": "rad"}},
+        },
+        {},
+        CELL,
+        "lsl://127.0.0.1:26571",
+    ),
     "mit-can": (
         {
             "maker": "damiao",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from typing import Annotated, Final, Protocol
+from typing import Annotated, Final
 
 import numpy as np
 from pydantic import AfterValidator, Field
@@ -15,23 +15,12 @@ from runtime.contracts.driver import DeviceConfig, Sensor
 from runtime.contracts.errors import DeviceLostError, WiringError, nearest
 from runtime.contracts.signals import Array
 from runtime.contracts.world import Fake, FakeConfig, World
+from sim.devices.shared.surface_emg import Muscles, SurfaceEmg, muscles
 from sim.devices.shared.windows import Windows, inside, refuse_while_gone, rising
-from sim.world.cell import Cell
 
 IN_FRAME: Final = 27  # samples in a frame
 _CATCH_UP: Final = 80  # most frames in one read
-_BLOCK: Final = 2048  # number of samples whose noise is made together
-_TAPS: Final = 101
-_BAND: Final = (20.0, 450.0)  # Hz, band that contains the power of surface EMG
 _Windows = Annotated[Windows, AfterValidator(rising)]
-
-
-class Muscles(Protocol):
-    """A part of the cell that has muscles."""
-
-    def activation(self, muscle: str) -> float:
-        """The present activation, from 0 (relaxed) to 1 (greatest voluntary contraction)."""
-        ...
 
 
 class FakeTrignoConfig(FakeConfig):
@@ -74,8 +63,7 @@ class FakeTrigno(Sensor, Fake):
         self._block_size, self._latency = config.block, round(config.latency * 1e9)
         self._muscles = self._find()
         self._key = [world.seed, zlib.crc32(name.encode())]
-        self._white: dict[int, Array] = {}
-        self._kernel = _band_pass()
+        self._electrodes = SurfaceEmg(self._key, SLOTS, RATE)
         self._envelope = Envelope(len(config.channels), max(round(config.window * RATE), 1))
         self._zeros = np.zeros(len(config.channels), int)
         self._next = 0  # number of the next frame
@@ -139,7 +127,7 @@ class FakeTrigno(Sensor, Fake):
             if inside(self.script.out_of_reach.get(muscle, ()), round(time * 1e9)):
                 continue
             strength = self.script.gains.get(muscle, self.script.mvc) * self._activation(muscle, time)
-            unit = self._unit(first, slot - 1)
+            unit = self._electrodes.unit(first, IN_FRAME, slot - 1)
             values = strength * unit[0] + self.script.noise * unit[1] + hum
             out[:, slot - 1] = np.clip(np.round(values / RANGE * 32767), -32768, 32767) * RANGE / 32767
         return out
@@ -151,40 +139,9 @@ class FakeTrigno(Sensor, Fake):
         times, values = zip(*points, strict=True)
         return float(np.interp(time, times, values))
 
-    def _unit(self, first: int, slot: int) -> tuple[Array, Array]:
-        """Noise in the muscle's band and noise of the electronics, (27,) each, RMS 1, for samples from `first` on."""
-        wanted = np.arange(first - _TAPS + 1, first + IN_FRAME) + _TAPS  # numbers start at 1
-        blocks = {int(block): self._drawn(int(block)) for block in np.unique(wanted // _BLOCK)}
-        white = np.array([blocks[n // _BLOCK][slot, n % _BLOCK] for n in wanted.tolist()])
-        return np.convolve(white, self._kernel, "valid"), white[-IN_FRAME:]
-
-    def _drawn(self, block: int) -> Array:
-        if block not in self._white:
-            rng = np.random.default_rng([*self._key, 0, block])
-            self._white = {k: v for k, v in self._white.items() if k == block - 1}
-            self._white[block] = rng.normal(size=(SLOTS, _BLOCK))
-        return self._white[block]
-
     def _find(self) -> Muscles | None:
         if unknown := [muscle for muscle in self.script.gains if muscle not in self.channels]:
             place = f"sim.devices.{self.name}.gains"
             raise WiringError(place, f"the device has no channel '{unknown[0]}'", nearest(unknown[0], self.channels))
         named = self.script.part
-        if named is None:
-            return None
-        place = f"sim.devices.{self.name}.part"
-        if not isinstance(self.world, Cell) or named not in self.world.parts:
-            raise WiringError(place, f"the world has no part '{named}'", "Name one of sim.parts, or leave it out")
-        part = self.world.parts[named]
-        if not hasattr(part, "activation"):
-            raise WiringError(place, f"the part '{named}' has no muscles", "Name a simulated person")
-        return part
-
-
-def _band_pass() -> Array:
-    """A windowed-sinc band-pass, scaled so that white noise of RMS 1 keeps this RMS."""
-    n = np.arange(_TAPS) - _TAPS // 2
-    low, high = (2 * f / RATE * np.sinc(2 * f / RATE * n) for f in _BAND)
-    kernel: Array = (high - low) * np.hamming(_TAPS)
-    kernel /= np.sqrt((kernel**2).sum())
-    return kernel
+        return None if named is None else muscles(self.world, f"sim.devices.{self.name}.part", named)

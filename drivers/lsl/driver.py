@@ -1,0 +1,210 @@
+"""A stream of the Lab Streaming Layer as a device: channels by name, ages by the sender's stamps."""
+
+from __future__ import annotations
+
+import importlib.util
+import time
+from typing import Any, Final, NoReturn
+
+import numpy as np
+
+from drivers.helper_process import HelperProcess, ProcessEndedError
+from drivers.lsl import wire
+from drivers.lsl.config import LslConfig
+from drivers.lsl.match import match
+from drivers.lsl.rows import Rows
+from runtime.contracts.driver import Sensor
+from runtime.contracts.errors import DeviceError, DeviceLostError
+
+START: Final = 15.0  # s for the process to begin, find the stream and describe it
+FIRST: Final = 3.0  # s for a regular stream's first sample
+MOST: Final = 64  # messages in one read
+CLOCK: Final = 5.0  # s; stamps that are further away aren't of LSL's clock
+AHEAD: Final = 100_000_000  # ns by which a stamp may be later than its arrival, by an error of the clocks' offset
+WINDOW: Final = 2_000_000_000  # ns over which the rate is counted
+SLOW: Final = 0.8  # of the rate; what is beyond these two isn't drift
+FAST: Final = 1.25
+_SENDER: Final = "Look at the sender, its sensors and its network"
+
+
+class Rate:
+    """Whether a regular stream brings as many samples as it says."""
+
+    def __init__(self, rate: float) -> None:
+        """`rate`: Hz."""
+        self._rate = rate
+        self._since: tuple[int, int] | None = None
+
+    def wrong(self, number: int, arrived: int) -> float | None:
+        """Takes the newest sample's number and arrival (ns). Returns the rate found (Hz) where it is another."""
+        if self._since is None:
+            self._since = number, arrived
+        begun, since = self._since
+        if arrived - since < WINDOW:
+            return None
+        self._since = number, arrived
+        found = (number - begun) / (arrived - since) * 1e9
+        return None if SLOW * self._rate <= found <= FAST * self._rate else found
+
+
+class Lsl(Sensor):
+    """One stream of the Lab Streaming Layer; the states are those that the profile lists.
+
+    A state is (n,), the newest sample, or with `block: k` (k, n), the newest k samples, oldest first, beside `count`
+    (1,), how many there have been. Where samples are missing, `count` grows by more than a block holds, so that no law
+    filters across. A sample with a value that isn't finite isn't taken, unless its signal says `nan: true`: then the
+    device becomes stale.
+
+    liblsl runs in a process of its own, which only passes samples on. A stream that ends, falls silent, comes at
+    another rate or is looked up anew as another one is a loss, and the runtime opens it again: then name, channels,
+    rate and units are compared with the profile anew.
+
+    Source: protocol sheet lsl.
+    """
+
+    Config = LslConfig
+    gives = ("<signal>", "count")
+    summary = "any stream of the Lab Streaming Layer (LSL): EMG, EEG, gaze, motion capture"
+    max_age = 0.2
+    here = False
+
+    def __init__(self, name: str, config: LslConfig) -> None:
+        super().__init__(name, config)
+        self._config = config
+        self.states = config.states()
+        self._place = f"{name} ({config.port})"
+        self._helper = HelperProcess(self._place, "drivers.lsl", "LSL process")
+        self._rows = Rows(config, {})
+        self._latency, self._silence = round(config.latency * 1e9), round(config.silence * 1e9)
+        self._uid = ""
+        self._forget()
+
+    def _forget(self) -> None:
+        self._rate = Rate(self._config.rate)
+        self._next: int | None = None  # number of the sample that must come next
+        self._heard = -1  # ns, the loop's clock
+        self._problem = ""  # of the newest sample
+        self._kept: list[wire.Data] = []  # came while it was opened
+
+    def open(self) -> None:
+        """See `Driver.open`. Blocks up to 18 s.
+
+        Raises:
+            DeviceError: pylsl isn't installed; other machines could reach liblsl; no such stream, or two; another
+                rate, number of channels, label or unit; stamps of another clock.
+        """
+        if importlib.util.find_spec("pylsl") is None:
+            raise DeviceError(self._place, "the package pylsl isn't installed", "pip install 'srl-runtime[lsl]'")
+        self.close()
+        config = self._config
+        try:
+            self._helper.ensure()
+            wanted, exposed = config.stream.predicate(), config.unencrypted_network
+            order = wire.Order(config.host, config.number, exposed, config.here, wanted)
+            self._helper.tell(wire.words(b"O", order._asdict()))
+            told = self._await(START, "R")
+            assert isinstance(told, wire.Words)
+            self._rows = Rows(config, match(self._place, config, told.content))
+            if config.rate:
+                self._check_clock(self._await(FIRST, "D"))
+        except ProcessEndedError:
+            self.close()
+            problem, remedy = "its LSL process has ended", "Look at the host's memory and limits"
+            raise DeviceError(self._place, problem, remedy) from None
+        except BaseException:
+            self.close()
+            raise
+        uid = str(told.content["uid"])
+        self.health.message = "the sender has started anew" if self._uid not in ("", uid) else ""
+        self._uid = uid
+        self.health.opened()
+
+    def read(self, now: int) -> None:
+        """See `Driver.read`."""
+        if not self.health.connected:
+            raise DeviceLostError(self._place, "it isn't open", "Open it first")
+        arrived, self._kept = self._kept, []
+        try:
+            for _ in range(MOST):
+                message = self._helper.take()
+                if message is None:
+                    break
+                item = wire.read(message)
+                if isinstance(item, wire.Words):
+                    self._lost(item.content["problem"], item.content["remedy"])
+                arrived.append(item)
+        except ProcessEndedError:
+            self._lost("its LSL process has ended", "It is started again")
+        for item in arrived:
+            self._take(item)
+        if arrived or self._heard < 0:
+            self._heard = now
+        elif self._config.rate and now - self._heard > self._silence:
+            self._lost(f"nothing came for {self._config.silence:g} s", _SENDER)
+
+    def close(self) -> None:
+        """See `Driver.close`."""
+        self.health.connected = False
+        self._helper.kill()
+        self._forget()
+
+    def pid(self) -> int | None:
+        """The id of its process, for tests."""
+        return self._helper.pid()
+
+    # -- samples
+
+    def _take(self, item: wire.Data) -> None:
+        gap = item.number != self._next  # the first of all, too: what a block holds is of before
+        self._next = item.number + len(item.stamps)
+        stamps = np.rint((item.stamps + item.offset) * 1e9)
+        good, problem = self._rows.take(self.state_arrays, item.values, stamps <= item.arrived + AHEAD, gap)
+        self.health.frames += int(good.sum())
+        self.health.errors += int((~good).sum())
+        if good.any():
+            stamp = min(int(stamps[good][-1]), item.arrived) - self._latency
+            self.health.stamp = max(self.health.stamp, stamp)
+        if problem or self._problem:
+            self.health.message = self._problem = problem
+        found = self._rate.wrong(self._next, item.arrived) if self._config.rate else None
+        if found is not None:
+            self._lost(f"it brings {found:.0f} samples a second, and says {self._config.rate:g}", _SENDER)
+
+    # -- opening
+
+    def _await(self, timeout: float, kind: str) -> wire.Words | wire.Data:
+        """The description ("R") or samples ("D"). Raises DeviceError: the process says why not, or nothing."""
+        deadline = time.monotonic() + timeout
+        while (rest := deadline - time.monotonic()) > 0:
+            message = self._helper.take()
+            if message is None:
+                self._helper.wait(rest)
+                continue
+            item = wire.read(message)
+            if isinstance(item, wire.Data):
+                self._kept.append(item)
+                if kind == "D":
+                    return item
+            elif item.kind == b"R":
+                return item
+            else:
+                raise DeviceError(self._place, item.content["problem"], item.content["remedy"])
+        if kind == "D":
+            raise DeviceError(self._place, f"the stream is there, and sends nothing within {timeout:g} s", _SENDER)
+        self._helper.end_hanging()
+
+    def _check_clock(self, item: wire.Words | wire.Data) -> None:
+        assert isinstance(item, wire.Data)
+        age = item.arrived * 1e-9 - (item.stamps[-1] + item.offset)
+        if not abs(age) < CLOCK:
+            way = f"{age:.0f} s old" if age > 0 else f"{-age:.0f} s in the future"
+            problem = f"its stamps are {way} on arrival: they aren't of LSL's clock"
+            raise DeviceError(self._place, problem, "Let the sender stamp by local_clock(), or leave the stamp to LSL")
+
+    def _lost(self, problem: str, remedy: str) -> NoReturn:
+        self.health.lost(problem)
+        raise DeviceLostError(self._place, problem, remedy)
+
+    def figures(self) -> dict[str, Any]:
+        """Returns the stream's uid: another one is another start of its sender."""
+        return {"uid": self._uid}
