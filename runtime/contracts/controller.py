@@ -50,6 +50,7 @@ class Controller(ABC):
 
     Config: type[ControllerConfig] = ControllerConfig
     summary: str = ""
+    c_version: ClassVar[str] = ""  # `module:class` of its C version (runtime/contracts/compiled.py); not inherited
     exports: ClassVar[tuple[str, ...]] = ()  # the forms of files that its own `export` writes: "bvh"
 
     def __init__(self, name: str, config: ControllerConfig) -> None:

@@ -22,6 +22,30 @@ RATES = ("velocity", "acceleration", "jerk", "effort", "effort_rate", "inertia")
 SMALLEST, LARGEST = 1e-9, 1e9  # limits that a device gives must lie in between, in any unit
 
 
+class Fast(ABC):
+    """A guard's ordinary cycles in C (runtime/guard/compiled.py). Each method leaves the guard as Python would."""
+
+    @abstractmethod
+    def step(self, desired: Array, desired_velocity: Array | None, dt: float) -> int:
+        """A cycle of `CommandGuard.step`: 0 done, 1 done and limited, -1 nothing done and left: Python must."""
+
+    @abstractmethod
+    def taken(self, left: bool, dt: float) -> bool:
+        """A cycle of `SentTracker.compare` in which all was sent as applied; False: nothing done, Python must."""
+
+    @abstractmethod
+    def leave(self) -> None:
+        """Gives the guard its state back, before Python computes a cycle."""
+
+    @abstractmethod
+    def tell(self) -> None:
+        """Gives the guard's tracker its state back."""
+
+    @abstractmethod
+    def forget(self) -> None:
+        """Drops all state: the guard begins anew."""
+
+
 class CommandGuard(ABC):
     """Limits one command. Life cycle: `bind` -> (`reset` -> cycles of `reseat` and `step` or `stop`), repeated.
 
@@ -43,6 +67,7 @@ class CommandGuard(ABC):
         at_rest: the present stop is complete.
         blind: the measurements are old. The runtime sets it; the guard then makes no decision based on them.
         verified: asks the clearance of `keep_clear`; None without one.
+        fast: computes its ordinary cycles in C; None: Python computes all.
     """
 
     needs: tuple[str, ...] = ()  # limits that it requires
@@ -128,6 +153,7 @@ class CommandGuard(ABC):
         self._ready = False
         self.blind = False
         self.verified: VerifiedStop | None = None
+        self.fast: Fast | None = None
         self._prepare(limits)
 
     def _prepare(self, limits: Limits) -> None:
@@ -162,6 +188,7 @@ class CommandGuard(ABC):
                     "Wire arrays of the command's shape",
                 )
         self.applied, self._position, self._velocity = applied, position, velocity
+        self.fast = None  # it is bound to the arrays that were
         self._sent, self._gravity = sent, gravity
         self._bound()
 
@@ -214,7 +241,10 @@ class CommandGuard(ABC):
         Raises:
             DeviceError: the position or velocity is not finite.
         """
-        self._restart(*self._start(position, velocity))
+        start = self._start(position, velocity)
+        if self.fast is not None:
+            self.fast.forget()
+        self._restart(*start)
         self._tracker.restart(self.applied.ravel().tolist())
 
     def reseat(self, left: bool, dt: float) -> None:
@@ -231,8 +261,12 @@ class CommandGuard(ABC):
         self.reseated = False
         if self._sent is None or not self._ready:
             return
+        if self.fast is not None and self.fast.taken(left, dt):
+            return
         parted = self._tracker.compare(self._sent.ravel().tolist(), self.applied.ravel().tolist(), left, dt)
         if parted:
+            if self.fast is not None:
+                self.fast.leave()
             self._seat(self._tracker.seats, parted)
             self.reseated = True
             self.reseats += 1
@@ -242,6 +276,8 @@ class CommandGuard(ABC):
         assert self._sent is not None
         sent = self._sent.ravel().tolist()
         if self._ready:
+            if self.fast is not None:
+                self.fast.tell()
             sent = self._tracker.last(sent, self.applied.ravel().tolist())
         return np.array(sent).reshape(self.command.shape)
 
@@ -255,6 +291,12 @@ class CommandGuard(ABC):
         """
         self._begin()
         dt = self._span(dt)
+        if self.fast is not None:
+            if not self.blind and (done := self.fast.step(desired, desired_velocity, dt)) >= 0:
+                self.limited = done > 0
+                self.limitations += self.limited
+                return
+            self.fast.leave()
         wanted = desired.ravel().tolist()
         rate = None if desired_velocity is None else desired_velocity.ravel().tolist()
         if finite(wanted) and (rate is None or finite(rate)) and self._sensed():
@@ -270,6 +312,8 @@ class CommandGuard(ABC):
     def stop(self, category: Stop, dt: float) -> None:
         """Runs one cycle of a stop. `at_rest` is True once the stop is complete. dt: s since the last cycle."""
         self._begin()
+        if self.fast is not None:
+            self.fast.leave()
         self._halt(category if self._sensed() else Stop.HOLD, self._span(dt))
 
     @abstractmethod

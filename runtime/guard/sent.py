@@ -48,8 +48,7 @@ class SentTracker:
         """
         dt_before, self._dt = self._dt, dt
         if sent == applied and dt <= self._patience and (left or not self.stalled):
-            self.seats = self._low = self._high = self._previous = applied
-            self._unsent, self.stalled = [dt] * len(applied), False
+            self.all_taken(applied, dt)
             return []
         seats, unsent, parted = list(self.seats), list(self._unsent), []
         low, high = list(map(min, self._low, applied)), list(map(max, self._high, applied))
@@ -75,6 +74,11 @@ class SentTracker:
             previous[i] = nan
         self.seats, self._low, self._high, self._previous, self._unsent = seats, low, high, previous, unsent
         return parted
+
+    def all_taken(self, applied: list[float], dt: float) -> None:
+        """After a cycle of dt seconds in which all was sent as applied."""
+        self.seats = self._low = self._high = self._previous = applied
+        self._unsent, self.stalled = [dt] * len(applied), False
 
     def last(self, sent: list[float], applied: list[float]) -> list[float]:
         """What was sent last, for a start there, by element; NaN where nothing was."""

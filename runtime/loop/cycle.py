@@ -12,6 +12,7 @@ from math import isfinite
 
 import numpy as np
 
+from runtime.contracts.compiled import Backend
 from runtime.contracts.errors import DeviceError, WiringError, nearest
 from runtime.contracts.signals import Kind, Limits, Stop
 from runtime.guard import GUARDS, CommandGuard
@@ -38,6 +39,7 @@ from runtime.ipc.words import (
     Origin,
     State,
 )
+from runtime.loop.backends import Backends
 from runtime.loop.lookout import Lookout
 from runtime.loop.machine import Fault, Ladder, Machine
 from runtime.loop.reset_inputs import ResetInputs
@@ -64,6 +66,7 @@ class Cycle:
         automatic: bool,
         standing: Latch = latches.NONE,
         report: Callable[[str], None] = lambda text: None,
+        backend: Backend | None = None,
     ) -> None:
         """Builds the guards.
 
@@ -73,6 +76,9 @@ class Cycle:
             automatic: leave READY without a request.
             standing: latches of an earlier run: with one, start in the state STOPPED.
             report: takes the text of an event; called rarely.
+            backend: computes laws and guards; None: the profile's choice.
+        Raises:
+            WiringError: there is no C here, and it is to compute.
         """
         self.graph = graph
         profile = graph.profile
@@ -83,6 +89,7 @@ class Cycle:
         self.ladder = Ladder(overrun.tolerate, overrun.window, overrun.stop)
         self.report = report
         self.guards = [self._make_guard(a, limits[a.name]) for a in graph.actuators]
+        self._backends = Backends(graph, self.guards, backend)
         self._ints = graph.row.ints
         self._stamps, self._links = graph.row.devices[:, DEVICE.stamp], graph.row.devices[:, DEVICE.link]
         self._commands = graph.row.devices[:, DEVICE.commands]
@@ -95,7 +102,10 @@ class Cycle:
         self._max_age = self._ages()
         self._sights = Sights(graph.sights)
         self._count = len(graph.devices)
-        self._laws = [(law.controller, law.reads, law.measured, law.writes) for law in graph.laws]
+        self._laws = [
+            (law.controller, compiled or law.controller, law.reads, law.measured, law.writes)
+            for law, compiled in zip(graph.laws, self._backends.laws, strict=True)
+        ]
         self._followed = [graph.followed(law) for law in graph.laws]
         self._emergency = [(graph.element(e), e.when, self._device_of(e.signal)) for e in graph.profile.emergency]
         # A device without feedback starts at its `home` position, where the user has placed it: at the first
@@ -250,15 +260,15 @@ class Cycle:
             return
         dt, floats = self._ints.item(_DT) * 1e-9, self.graph.row.floats
         fresh = self._was is not State.ACTIVE
-        for i, (controller, reads, measured, writes) in enumerate(self._laws):
+        for i, (controller, law, reads, measured, writes) in enumerate(self._laws):
             try:
                 for index, array in reads:
                     floats.take(index, 0, array, "clip")
                 for transform in measured:
                     transform.update()
                 if fresh:
-                    controller.reset()
-                controller.update(dt)
+                    law.reset()
+                law.update(dt)
                 for index, array in writes:
                     floats[index] = array
             except Exception:
@@ -343,6 +353,11 @@ class Cycle:
         machine.settle(at_rest or self._leaving > PATIENCE)
         ints[_STATE], ints[_CAUSE], ints[_CULPRIT] = machine.state, machine.cause, machine.culprit
         ints[_LATCHES] = machine.latches
+
+    def figures(self) -> dict[str, dict[str, object]]:
+        """The laws' own figures, by name."""
+        self._backends.give_back()
+        return {c.name: c.figures() for c in self.graph.controllers}
 
     def category(self, actuator: Actuator) -> Stop:
         """The present stop category of this actuator: the fault's if the actuator supports it, else its own."""

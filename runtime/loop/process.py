@@ -248,7 +248,7 @@ class Process:
 
     def _figures(self, loop: Loop) -> dict[str, Any]:
         graph = loop.graph
-        figures: dict[str, Any] = {c.name: c.figures() for c in graph.controllers}
+        figures: dict[str, Any] = {**loop.cycle.figures()}
         figures |= {d.name: f for d in graph.devices if (f := d.figures())}
         figures["guard"] = {
             a.name: {"rejected": g.rejections, "limited": g.limitations, "fallback": g.fallbacks, "reseated": g.reseats}

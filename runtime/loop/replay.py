@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
 from runtime.contracts import provenance
+from runtime.contracts.compiled import PYTHON, Backend, available
 from runtime.contracts.errors import ProfileError, RecordingError, WiringError
 from runtime.contracts.files import Files, decoded
 from runtime.contracts.signals import Limits
@@ -226,16 +227,27 @@ def _rebuild(layout: Layout, place: str) -> tuple[Graph, Cycle]:
             raise RecordingError(place, problem, remedy)
     try:
         limits = {name: Limits(**{k: np.array(v) for k, v in value.items()}) for name, value in meta["limits"].items()}
-        return graph, Cycle(graph, limits, meta["automatic"], latches.of_names(meta["latches"]))
+        # Bits are the same within one backend. An earlier version had Python alone.
+        backend: Backend = "auto" if _computed(layout).startswith("c") else "python"
+        standing = latches.of_names(meta["latches"])
+        return graph, Cycle(graph, limits, meta["automatic"], standing, backend=backend)
     except (KeyError, TypeError, ValueError) as error:
         problem = f"the layout's limits or latches are damaged: {type(error).__name__}: {error}"
         raise RecordingError(place, problem, _DAMAGED) from None
 
 
 def _other_versions(layout: Layout) -> list[str]:
-    now = provenance.versions() | {"blas": provenance.blas()}
-    then = layout.meta["versions"] | {"blas": layout.meta["blas"]}
+    then = layout.meta["versions"] | {"blas": layout.meta["blas"], "backend": _computed(layout)}
+    # What Python has computed it computes anywhere.
+    backend = PYTHON if then["backend"] == PYTHON else available()
+    now = provenance.versions() | {"blas": provenance.blas(), "backend": backend}
     return [f"{name}: recorded with {then[name]}, now {now.get(name)}" for name in then if then[name] != now.get(name)]
+
+
+def _computed(layout: Layout) -> str:
+    """What computed the laws and guards of a recording that have a C version."""
+    found = layout.meta.get("backend", {})
+    return str(found.get("computed", PYTHON)) if isinstance(found, dict) else PYTHON
 
 
 def perturbed(layout: Layout, rows: NDArray[np.int64], what: str) -> NDArray[np.int64]:

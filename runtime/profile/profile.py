@@ -21,6 +21,7 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.events import AliasEvent, MappingEndEvent, MappingStartEvent, SequenceEndEvent, SequenceStartEvent
 
+from runtime.contracts.compiled import Backend
 from runtime.contracts.errors import OptionError, ProfileError, nearest
 from runtime.contracts.files import Files, read_regular
 from runtime.contracts.frames import FrameEntry
@@ -172,6 +173,7 @@ class Profile(Part):
     rate: Fraction = Field(description="Hz; 100, or '1000/3'")
     start: Literal["auto", "manual"] = "auto"
     seed: int = 0
+    backend: Backend = Field("auto", description="what computes laws and guards: 'auto', 'c' or 'python'")
     clock: str = Field("monotonic", description="'monotonic', or the device whose own tick paces the loop")
     devices: dict[str, DeviceEntry] = Field(min_length=1)
     setpoints: dict[str, SetpointEntry] = Field(default_factory=dict)

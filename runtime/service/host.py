@@ -15,6 +15,7 @@ from typing import Literal
 
 import numpy as np
 
+from runtime.contracts import compiled
 from runtime.ipc.run_folder import base, free_bytes
 from runtime.loop.clock import MonotonicClock
 from runtime.loop.realtime import PRIORITY
@@ -48,6 +49,7 @@ def examine(rate: Fraction, ports: dict[str, str]) -> Iterator[Finding]:
     yield _governor()
     yield _memory_folder()
     yield _disk()
+    yield _laws()
     for name, port in ports.items():
         yield from _port(name, port)
     yield from _latency_timers(rate)
@@ -59,6 +61,13 @@ def _read(path: str) -> str:
         return Path(path).read_text().strip()
     except OSError:
         return ""
+
+
+def _laws() -> Finding:
+    if not compiled.missing():
+        return Finding("laws and guards", "good", compiled.available())
+    remedy = "Install srl-runtime where there is a C compiler; Python takes about eight times as long"
+    return Finding("laws and guards", "doubtful", compiled.missing(), remedy)
 
 
 def _kernel() -> Finding:

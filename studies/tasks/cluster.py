@@ -179,8 +179,9 @@ def _check(client: Any, trials: Mapping[str, Mapping[str, str]], say: Callable[[
         for worker, theirs in client.run(environment, trial, workers=rest).items():
             if words := differences(ours_, theirs):
                 found.setdefault(worker, []).extend(words)
-            elif theirs["blas"] != ours_["blas"]:
-                say(f"{worker}: {theirs['blas']} there, {ours_['blas']} here: last bits of its rows may differ")
+            for name in ("blas", "backend"):
+                if not words and (there := theirs.get(name)) != ours_[name]:
+                    say(f"{worker}: {there} there, {ours_[name]} here: last bits of its rows may differ")
     if found:
         listed = "; ".join(f"{worker}: {', '.join(dict.fromkeys(words))}" for worker, words in found.items())
         raise HostError("workers", listed, "Install the same there and start the workers again")

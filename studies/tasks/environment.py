@@ -10,17 +10,18 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
-from runtime.contracts import provenance
+from runtime.contracts import compiled, provenance
 from studies.tasks.task import GROUP
 
 OURS: Final = ("runtime", "drivers", "sim", "studies", "profiles")
 _SUFFIXES: Final = (".py", ".yaml")
-# Recorded, but not part of a key: kernels differ in last bits only, and between machines that work for one study.
-_RECORDED: Final = ("blas",)
+# Recorded, but not part of a key: kernels and what computes the laws differ in last bits only, and between machines
+# that work for one study.
+_RECORDED: Final = ("blas", "backend")
 
 
 def environment(trial: str) -> dict[str, str]:
-    """Returns versions, the BLAS kernel, the trial's function, and the hash of the program, by name.
+    """Returns versions, the BLAS kernel, what computes the laws, the trial's function, and the program's hash, by name.
 
     It is read once a process: what is imported later must be what was there at the start.
 
@@ -52,7 +53,8 @@ def _short(value: str | None) -> str:
 def _environment(trial: str) -> dict[str, str]:
     value = next((point.value for point in entry_points(group=f"srl.{GROUP}") if point.name == trial), "missing")
     tops = [*OURS, *({value.partition(":")[0].partition(".")[0]} - {*OURS, "missing"})]
-    return provenance.versions() | {"blas": provenance.blas(), "function": value, "program": program(tops)}
+    found = {"blas": provenance.blas(), "backend": compiled.available(), "function": value, "program": program(tops)}
+    return provenance.versions() | found
 
 
 def program(tops: list[str]) -> str:

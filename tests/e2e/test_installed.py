@@ -32,12 +32,12 @@ STUDIES = ("grasp-isotropy", "peg-in-hole", "human-srl", "ikns-dofs")
 CLEAN = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "SRL_"))}
 
 
-def built(source: Path, wheels: Path) -> Path:
-    """The wheel of a project's folder."""
+def built(source: Path, wheels: Path, **variables: str) -> Path:
+    """The wheel of a project's folder, with these variables."""
     subprocess.run(
         [sys.executable, "-m", "pip", "wheel", "--quiet", "--disable-pip-version-check", "--no-deps", "--no-index",
          "--no-build-isolation", "--wheel-dir", wheels, source],
-        cwd=wheels, check=True, timeout=300,
+        cwd=wheels, check=True, timeout=300, env=os.environ | variables,
     )  # fmt: skip
     (wheel,) = wheels.glob("*.whl")
     return wheel
@@ -46,8 +46,8 @@ def built(source: Path, wheels: Path) -> Path:
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     copy = tmp_path_factory.mktemp("copy")  # a build leaves files in its folder, which a later one would take up
-    for name in PACKAGES:
-        shutil.copytree(ROOT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in (*PACKAGES, "native"):
+        shutil.copytree(ROOT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__", "*.so"))
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, copy)
     return built(copy, tmp_path_factory.mktemp("wheel"))
@@ -96,10 +96,37 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Installe
 
 def test_the_wheel_has_every_file_of_its_packages(wheel: Path) -> None:
     inside = set(zipfile.ZipFile(wheel).namelist())
-    files = [p for name in PACKAGES for p in (ROOT / name).rglob("*") if p.is_file() and "__pycache__" not in p.parts]
+    files = [
+        p
+        for name in PACKAGES
+        for p in (ROOT / name).rglob("*")
+        if p.is_file() and "__pycache__" not in p.parts and p.suffix != ".so"
+    ]
     assert len(files) > 500
     assert sorted(str(p.relative_to(ROOT)) for p in files if str(p.relative_to(ROOT)) not in inside) == []
     assert not [name for name in inside if name.startswith(("tests", "bench", "docs"))]
+
+
+def test_the_laws_in_c_come_with_it_where_there_is_a_compiler(wheel: Path, installed: Installed) -> None:
+    code = "from runtime.contracts import compiled; print(compiled.available())"
+    found = installed.run("python", "-c", code).strip()
+    if shutil.which("cc") is None:
+        assert found == "python"
+        return
+    assert wheel.name.partition("-cp")[2].startswith("311-abi3-linux_")
+    assert found.startswith("c, ")
+
+
+def test_without_a_compiler_the_wheel_is_built_and_python_computes(tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    for name in ("runtime", "native"):
+        shutil.copytree(ROOT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__", "*.so"))
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, copy)
+    (tmp_path / "wheel").mkdir()
+    made = built(copy, tmp_path / "wheel", CC="/nowhere/cc")
+    assert not [name for name in zipfile.ZipFile(made).namelist() if name.endswith(".so")]
+    assert "runtime/contracts/compiled.py" in zipfile.ZipFile(made).namelist()
 
 
 def test_its_own_packages_are_used_and_not_the_checkout(installed: Installed) -> None:

@@ -97,6 +97,7 @@ class Admittance(Controller):
     """
 
     Config = AdmittanceConfig
+    c_version = "runtime.control.cobot.compiled_admittance:CompiledAdmittance"
     summary = "hand force to desired motion, on SO(3), leashed and passive (SUPER-MAN eq. 1)"
 
     def __init__(self, name: str, config: AdmittanceConfig) -> None:

@@ -180,6 +180,7 @@ class MocaImpedance(Controller):
     """
 
     Config = MocaImpedanceConfig
+    c_version = "runtime.control.cobot.compiled_moca:CompiledMoca"
     summary = "weighted whole-body impedance: arm in torque, base in velocity (SUPER-MAN eqs. 2-9)"
 
     def __init__(self, name: str, config: MocaImpedanceConfig) -> None:

@@ -43,6 +43,7 @@ class ToolPose(Controller):
     """
 
     Config = ToolPoseConfig
+    c_version = "runtime.control.cobot.compiled_tool_pose:CompiledToolPose"
     summary = "pose, twist and Jacobian of the tool of an arm on a mobile base"
 
     def __init__(self, name: str, config: ToolPoseConfig) -> None:

@@ -1,0 +1,41 @@
+/* A law or guard as a C function over the arrays that Python has bound: the contract of runtime/contracts/compiled.py. */
+#ifndef SRL_LAW_H
+#define SRL_LAW_H
+
+#include <float.h>
+#include <math.h>
+
+#define MOST_JOINTS 16
+#define ORDINARY 1e100 /* a larger input is for Python, which knows what its sums make of it */
+
+/* What a step returns. It writes nothing at all before it knows that it won't return RARE. */
+enum { RARE = -1, DONE = 0, LIMITED = 1 };
+
+typedef struct {
+    const char *name;
+    int fixed, each; /* it has fixed + each * n elements, for n joints */
+    int written;
+} Arg;
+
+typedef int (*Step)(double *const *a, int n, double dt, int flag);
+
+typedef struct {
+    const char *name;
+    Step step;
+    const Arg *args; /* ends with a name of NULL; n is the number of elements of the first, where its `each` is 1 */
+} Law;
+
+extern const Law tool_pose, admittance, moca_impedance, torque_guard, velocity_guard, position_guard, sent_tracker;
+
+/* As Python's: the first, unless the second is smaller (larger). */
+static inline double least_of(double a, double b) { return b < a ? b : a; }
+static inline double most_of(double a, double b) { return b > a ? b : a; }
+
+/* Whether all are finite and so small that no sum of squares overflows. */
+static inline int ordinary(const double *v, int count) {
+    for (int i = 0; i < count; i++)
+        if (!(fabs(v[i]) < ORDINARY)) return 0;
+    return 1;
+}
+
+#endif

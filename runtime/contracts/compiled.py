@@ -1,0 +1,125 @@
+"""Laws and guards in C: the extension `runtime._compiled`, and how a law is bound to it (docs/compiled.md).
+
+The Python law is the specification and the fallback. It keeps its options, its checks, its reset and its figures. The C
+function computes the ordinary cycle. Where it meets anything else (a NaN, a pause, a switched load), it does nothing
+and returns RARE, and Python computes that cycle from the same state.
+"""
+
+from __future__ import annotations
+
+import importlib
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Any, Final, Literal
+
+import numpy as np
+
+from runtime.contracts.controller import Controller
+from runtime.contracts.signals import Array
+
+extension: Any
+try:
+    extension, _missing = importlib.import_module("runtime._compiled"), ""
+except ImportError as error:  # built without a compiler, or for another machine
+    extension, _missing = None, f"the laws in C aren't installed: {error}"
+
+Backend = Literal["auto", "c", "python"]
+Step = Callable[..., int]
+PYTHON: Final = "python"
+
+
+class NotCompiledError(Exception):
+    """Why a law or guard is computed in Python; its text is for people."""
+
+
+def missing() -> str:
+    """Why there is no C here; "" if there is."""
+    return _missing
+
+
+def available() -> str:
+    """What computes laws that have a C version: "c, COMPILER" or "python"."""
+    return PYTHON if extension is None else f"c, {extension.compiler}"
+
+
+def bind(name: str, *arrays: Array) -> Step:
+    """The C function of this name over these arrays, which it holds on to.
+
+    Returns:
+        `f(dt, flag=False)`: 0 done, 1 done and limited (of a guard), -1 nothing done: Python must.
+
+    Raises:
+        NotCompiledError: there is no C here, or the arrays are of a kind or size that it doesn't take.
+    """
+    if extension is None:
+        raise NotCompiledError(_missing)
+    try:
+        step: Step = extension.bind(name, *arrays)
+    except (TypeError, ValueError, BufferError) as error:
+        raise NotCompiledError(str(error)) from None
+    return step
+
+
+def numbers(*values: Any) -> Array:
+    """One contiguous array of all values, in order: the constants of a law."""
+    return np.concatenate([np.ravel(np.asarray(value, np.float64)) for value in values])
+
+
+def compiled(law: Controller) -> Compiled:
+    """The C version of a bound law. A class that is derived from a law doesn't inherit it.
+
+    Raises:
+        NotCompiledError: it has none, or none that does what its options ask for.
+    """
+    where = vars(type(law)).get("c_version", "")
+    if not where:
+        raise NotCompiledError("it has no C version")
+    if extension is None:
+        raise NotCompiledError(_missing)
+    module, _, name = where.partition(":")
+    made: Compiled = getattr(importlib.import_module(module), name)(law)
+    return made
+
+
+class Compiled(ABC):
+    """A bound law whose ordinary cycles are computed in C.
+
+    While `inside`, the law's state is in the array `state`; else it is in the law's own attributes.
+    """
+
+    def __init__(self, law: Controller) -> None:
+        self.law = law
+        self.inside = False
+        self.rare = 0  # cycles that Python has computed
+        self._step = self._bind()
+
+    def reset(self) -> None:
+        """As the law's own."""
+        self.leave()  # what a reset keeps: counts, for one
+        self.law.reset()
+
+    def update(self, dt: float) -> None:
+        """As the law's own."""
+        if not self.inside:
+            self._enter()
+            self.inside = True
+        if self._step(dt) < 0:
+            self.leave()
+            self.rare += 1
+            self.law.update(dt)
+
+    def leave(self) -> None:
+        """Gives the law its state back: before it computes a cycle, and before it is asked for its figures."""
+        if self.inside:
+            self._leave()
+            self.inside = False
+
+    @abstractmethod
+    def _bind(self) -> Step:
+        """Binds the C function. Raises NotCompiledError: it doesn't do what the law's options ask for."""
+
+    def _enter(self) -> None:
+        """Takes the state from the law."""
+
+    def _leave(self) -> None:
+        """Gives the state to the law."""

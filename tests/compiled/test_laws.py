@@ -1,0 +1,210 @@
+"""The laws in C compute what the Python ones do: on any input, through resets, parameters, switches and NaNs.
+
+`admittance` has the same order of operations, so the same bits. The others' sums are made otherwise by pinocchio and
+Eigen: 1e-10 of a signal's scale in any posture, and no NaN more or less.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from helpers.compiled import EXACT, ODD, Pair, needs_c
+from helpers.control import bound
+from helpers.superman import MOUNT
+
+from runtime.contracts.compiled import NotCompiledError, compiled
+from runtime.contracts.controller import Controller
+from runtime.contracts.signals import Array
+from runtime.control.cobot.admittance import Admittance, AdmittanceConfig
+from runtime.control.cobot.compiled_moca import CompiledMoca
+from runtime.control.cobot.moca_impedance import MocaImpedance, MocaImpedanceConfig
+from runtime.control.cobot.tool_pose import ToolPose, ToolPoseConfig
+from runtime.control.robots import ARMS
+
+pytestmark = needs_c
+DT = 1e-3
+TIMES = (2 * DT, 0.0, 0.027, 0.3)
+TILTED = (0.2, -0.1, 0.5, *(np.array([0.8, 0.2, -0.3, 0.4]) / np.linalg.norm([0.8, 0.2, -0.3, 0.4])))
+
+
+def quaternion(rng: np.random.Generator) -> Array:
+    q = rng.normal(size=4)
+    return np.array(q / np.linalg.norm(q))
+
+
+def spoil(rng: np.random.Generator, value: Array, chance: float) -> Array:
+    """Now and then, something in it that can't be."""
+    if rng.random() < chance:
+        value = np.array(value, float)
+        value.flat[rng.integers(value.size)] = rng.choice(ODD)
+    return value
+
+
+def time(rng: np.random.Generator) -> float:
+    """s; now and then another than the period."""
+    return DT if rng.random() > 0.05 else float(rng.choice(TIMES))
+
+
+ADMITTANCES: list[dict[str, Any]] = [
+    {}, {"leash": None}, {"tank": None, "release": None}, {"release": {"draw_in": None}},
+    {"calibration": {"bias": [1.0, -2.0, 0.5, 0.1, 0.0, -0.2], "tool_mass": 0.7, "tool_com": [0.01, 0.02, 0.09]},
+     "mass": [1e-3, 2.0, 3.0, 0.01, 0.2, 5.0], "damping": [80.0, 1e-6, 3.0, 1e-4, 2.0, 0.1]},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("options", ADMITTANCES)
+@pytest.mark.parametrize("seed", range(3))
+def test_admittance(options: dict[str, Any], seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    sensor = (0.1, -0.05, 0.02, *quaternion(rng))
+    pair = Pair(lambda: bound(Admittance("guide", AdmittanceConfig.model_validate(options)), sensor=sensor))
+    pose, modes = np.array([0.5, 0.2, 1.0, *quaternion(rng)]), np.zeros(4)
+
+    def step(k: int) -> None:
+        if rng.random() < 0.03:
+            modes[:2] = rng.random(2) < 0.6
+        if rng.random() < 0.03:
+            pair.give(str(rng.choice(["scale", "damping", "leash"])), rng.uniform(0.3, 3.0), "param")
+        # The robot follows, or stands; now and then it is somewhere else.
+        made = pair.python.output["pose"]
+        if np.isfinite(made).all() and rng.random() < 0.7 and made.any():
+            pose[:] = made
+        elif rng.random() < 0.05:
+            pose[:3], pose[3:] = rng.normal(0, 1, 3), quaternion(rng)
+        pair.give("wrench", spoil(rng, rng.choice([0.2, 20.0, 300.0]) * rng.normal(size=6), 0.03))
+        pair.give("pose", spoil(rng, pose, 0.03))
+        pair.give("twist", spoil(rng, rng.normal(0, 0.3, 6), 0.03))
+        pair.give("modes", modes)
+
+    for k in range(400):
+        step(k)
+        if k == 0 or rng.random() < 0.03:
+            pair.reset()
+        pair.step(time(rng))
+        assert pair.same_bits() if EXACT else pair.gap() < 1e-10, k
+    pair.fast.leave()
+    assert pair.python.figures() == pair.c.figures()
+    assert pair.fast.rare < 200  # most was computed in C
+
+
+def postures(rng: np.random.Generator, robot: Any) -> Array:
+    q = rng.uniform(robot.q_lower, robot.q_upper)
+    if rng.random() < 0.2:  # stretched out, or folded: singular
+        q = np.where(rng.random(robot.n) < 0.7, 0.0, q)
+    return np.array(q)
+
+
+@pytest.mark.parametrize("name", ["panda", "ur16e"])
+def test_tool_pose(name: str) -> None:
+    rng, robot = np.random.default_rng(1), ARMS[name]
+    tool = (0.01, 0.02, 0.15, *quaternion(rng))
+    pair = Pair(lambda: bound(ToolPose("tool", ToolPoseConfig(robot=robot)), mount=TILTED, tool=tool))
+
+    def step(k: int) -> None:
+        pair.give("q", spoil(rng, postures(rng, robot), 0.1))
+        pair.give("qd", spoil(rng, rng.normal(0, 1, robot.n), 0.05))
+        pair.give("base_pose", spoil(rng, rng.uniform(-4, 4, 3), 0.05))
+        pair.give("base_twist", spoil(rng, rng.normal(0, 1, 3), 0.05))
+
+    # A quaternion and its opposite mean the same: near w = 0 either may come.
+    for k in range(400):
+        step(k)
+        pair.step(DT)
+        a, b = pair.python.output["pose"][3:], pair.c.output["pose"][3:]
+        if abs(a[0]) < 1e-9 and a @ b < 0:
+            b *= -1
+        assert pair.gap() < 1e-12, k
+    assert pair.fast.rare < 150
+
+
+MOCAS: list[dict[str, Any]] = [
+    {}, {"unit_mass": True, "rotors": "none", "coriolis": False}, {"rotors": "all", "gravity": "here", "blend": 0.0},
+    {"payload": {"mass": 2.0, "com": [0.02, 0.01, 0.1]}, "base_acceleration": [1.0, 1.0, 1.0]},
+    {"payload": {"mass": 2.0, "com": [0.02, 0.01, 0.1]}, "gravity": "here", "payload_time": 0.01},
+]  # fmt: skip
+
+
+def moca(options: dict[str, Any], robot: Any, mount: Sequence[float]) -> MocaImpedance:
+    law = bound(MocaImpedance("body", MocaImpedanceConfig.model_validate({"robot": robot, **options})), mount=mount)
+    for name in ("torque", "base_twist"):
+        cast(dict[str, Array], law.applied)[name] = np.zeros_like(law.output[name])
+    return law
+
+
+@pytest.mark.parametrize("options", MOCAS)
+@pytest.mark.parametrize("name", ["panda", "ur16e"])
+def test_moca_impedance(options: dict[str, Any], name: str) -> None:
+    rng, robot = np.random.default_rng(2), ARMS[name]
+    mount = TILTED if name == "panda" else MOUNT
+    pair = Pair(lambda: moca(options, robot, mount))
+    tool = bound(ToolPose("tool", ToolPoseConfig(robot=robot)), mount=mount)
+    modes = np.zeros(4)
+
+    def step(k: int) -> None:
+        if rng.random() < 0.05:
+            modes[2:] = rng.random(2) < 0.5
+        if rng.random() < 0.03:
+            pair.give(str(rng.choice(["stiffness", "damping"])), rng.uniform(0.5, 1.5), "param")
+        tool.input["q"][:], tool.input["qd"][:] = postures(rng, robot), rng.normal(0, 1, robot.n)
+        tool.input["base_pose"][:], tool.input["base_twist"][:] = rng.uniform(-4, 4, 3), rng.normal(0, 1, 3)
+        tool.update(DT)
+        for key in ("q", "qd", "base_pose"):
+            pair.give(key, spoil(rng, tool.input[key], 0.02))
+        for key in ("pose", "twist", "jacobian"):
+            pair.give(key, spoil(rng, tool.output[key], 0.02))
+        away = np.array([*rng.normal(0, 0.1, 3), *quaternion(rng)])
+        pair.give("desired_pose", spoil(rng, np.array([*(tool.output["pose"][:3] + away[:3]), *away[3:]]), 0.02))
+        pair.give("desired_twist", spoil(rng, rng.normal(0, 0.3, 6), 0.02))
+        pair.give("modes", modes)
+        asked = pair.python.output["torque"]
+        pair.give("torque", np.where(np.isfinite(asked), asked, 0.0) + rng.choice([0.0, 1.0]), "applied")
+        pair.give("base_twist", rng.normal(0, 0.3, 3), "applied")
+
+    def settle() -> None:
+        """What each makes of the last bits must not add up: both go on from the Python's outputs."""
+        for key, value in pair.python.output.items():
+            pair.c.output[key][...] = value
+
+    worst = 0.0
+    for k in range(250):
+        step(k)
+        if k == 0 or rng.random() < 0.03:
+            pair.reset()
+        pair.step(time(rng))
+        worst = max(worst, pair.gap())
+        settle()
+    pair.fast.leave()
+    assert worst < 1e-10
+    a, b = pair.python.figures(), pair.c.figures()
+    assert a["strongest_force_n"] == pytest.approx(b["strongest_force_n"], rel=1e-10)
+    assert (a["held_back"], a["near_singular"]) == (b["held_back"], b["near_singular"])
+    assert pair.fast.rare < 150
+
+
+def test_what_it_does_not_do_is_named() -> None:
+    with pytest.raises(NotCompiledError, match="identified"):
+        CompiledMoca(moca({"payload": "identified"}, ARMS["panda"], MOUNT))
+    with pytest.raises(NotCompiledError, match="force_age"):
+        compiled(bound(Admittance("guide", AdmittanceConfig(force_age=0.02))))
+
+
+def test_state_goes_to_c_and_back_without_loss() -> None:
+    """Python and C take turns; the bits are those of Python alone."""
+    law = lambda: bound(Admittance("guide", AdmittanceConfig()))  # noqa: E731
+    pair = Pair(law)
+    pair.give("pose", [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    pair.give("modes", [1.0, 1.0, 0.0, 0.0])
+    pair.reset()
+    for k in range(300):
+        pair.give("wrench", [5.0 * np.sin(0.1 * k), 3.0, 0.0, 0.4, 0.0, 0.2])
+        pair.python.update(DT)
+        if k % 7 == 3:
+            pair.fast.leave()
+            cast(Controller, pair.c).update(DT)
+        else:
+            pair.fast.update(DT)
+        assert pair.same_bits()
+    assert pair.fast.rare == 0
