@@ -39,6 +39,7 @@ ROOMS: dict[str, set[str]] = {
     "runtime.calibration": LOOP | {"runtime.recorder", "runtime.service", "runtime.jog"},
     "runtime.jog": LOOP | {"runtime.service"},
     "runtime.operator": LOOP | {"runtime.bus", "runtime.panel"},
+    "runtime.viewing": LOOP | {"runtime.panel", "runtime.recorder"},
     "runtime.export": LOOP,
     "runtime.testing": LOOP,
     "runtime.cli": LOOP

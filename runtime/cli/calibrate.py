@@ -26,7 +26,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     parser.add_argument("--sim", action="store_true", help="a simulated person does it, as fast as it goes")
     parser.add_argument("--record", type=Path, metavar="FILE.rrd", help="where every row goes; a person's always do")
-    parser.add_argument("--view", action="store_true", help="show a person's motion in the rerun viewer (127.0.0.1)")
+    parser.add_argument("--view", action="store_true", help="show a person's motion in rerun, in a browser here")
     parser.add_argument(
         "--recording", type=Path, nargs="+", metavar="FILE.rrd", help="compute from recordings, nobody moves"
     )

@@ -29,16 +29,25 @@ class PageServer(ABC):
     """Serves one kind of page of one instance.
 
     Attributes:
-        files: all there is to fetch: name and kind of the file, by path.
+        files: all files there are to fetch: name and kind, by path.
+        scripts: where the page's scripts may come from.
         peers: the pages that are open, the oldest first.
     """
 
     files: ClassVar[Mapping[str, tuple[str, str]]]
+    scripts: ClassVar[str] = "'self'"
 
     def __init__(self, run_folder: RunFolder) -> None:
         self.peers: list[Peer] = []
         self._folder = run_folder
         self._access: Access | None = None
+
+    def add_routes(self, router: web.UrlDispatcher) -> None:
+        """Adds what is to be fetched beside the files."""
+
+    def peer(self) -> Peer:
+        """A connection for a page that comes."""
+        return Peer()
 
     @abstractmethod
     def joined(self, peer: Peer) -> None:
@@ -77,10 +86,11 @@ class PageServer(ABC):
             port: 0: any free one.
         """
         listener = listen(port)
-        self._access = Access(listener.getsockname()[1])
+        self._access = Access(listener.getsockname()[1], self.scripts)
         app = web.Application(middlewares=[self._access.middleware], client_max_size=1024)
         for path in self.files:
             app.router.add_get(path, self._file, allow_head=False)
+        self.add_routes(app.router)
         app.router.add_get("/socket", self._talk, allow_head=False)
         app.router.add_post("/stop", self._stop)
         runner = web.AppRunner(app, access_log=None, handle_signals=False, shutdown_timeout=1.0)
@@ -110,7 +120,7 @@ class PageServer(ABC):
     async def _talk(self, request: web.Request) -> web.StreamResponse:
         if len(self.peers) >= PEERS:
             raise web.HTTPServiceUnavailable(text="Too many pages are open.\n")
-        peer = Peer()
+        peer = self.peer()
         await peer.socket.prepare(request)
         self.joined(peer)
         self.peers.append(peer)

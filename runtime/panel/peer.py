@@ -28,9 +28,10 @@ class Peer:
         participant: whether this page begins trials; another only looks on.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, heartbeat: float = HEARTBEAT) -> None:
+        """`heartbeat`: s; a page that is silent for half as long again is gone."""
         self.socket = web.WebSocketResponse(
-            max_msg_size=LONGEST, heartbeat=HEARTBEAT, compress=False, protocols=(PROTOCOL,)
+            max_msg_size=LONGEST, heartbeat=heartbeat, compress=False, protocols=(PROTOCOL,)
         )
         self.participant = False
         self._said: list[str] = []
@@ -47,6 +48,18 @@ class Peer:
         self._value = value
         self._news.set()
 
+    @property
+    def pending(self) -> bool:
+        """Whether there is something that wasn't sent yet."""
+        return bool(self._said or self._value)
+
+    def wake(self) -> None:
+        """There is more to send."""
+        self._news.set()
+
+    async def send_more(self) -> None:
+        """Sends what isn't a message or a value: nothing, of most pages."""
+
     async def send(self) -> None:
         """Sends what there is, until the connection ends."""
         while not self.socket.closed:
@@ -59,6 +72,7 @@ class Peer:
             value, self._value = self._value, ""
             for text in [*said, value] if value else said:
                 await self.socket.send_str(text)
+            await self.send_more()
 
     async def hear(self) -> dict[str, Any] | None:
         """Waits for the page's next message. None: the connection has ended, maybe for a message that was no JSON."""

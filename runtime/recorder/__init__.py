@@ -1,1 +1,1 @@
-"""The recorder: a process that writes every row of a run to rerun files. Also the live viewer and the pictures."""
+"""The recorder: a process that writes every row of a run to rerun files. Also the pictures."""

@@ -1,4 +1,4 @@
-"""`python -m runtime.recorder RUN_FOLDER --out FILE.rrd [--view]`; `--view` alone shows the run and saves nothing.
+"""`python -m runtime.recorder RUN_FOLDER --out FILE.rrd`.
 
 The supervisor starts it, and starts it again with the same arguments if it dies.
 
@@ -14,8 +14,6 @@ from pathlib import Path
 
 from runtime.contracts.errors import SrlError
 from runtime.ipc.child import Ending
-from runtime.ipc.run_folder import RunFolder
-from runtime.recorder.viewer_server import ViewerServer
 
 
 def main() -> int:
@@ -23,36 +21,16 @@ def main() -> int:
     ending = Ending(interrupt=True)  # before the imports that take long
     parser = argparse.ArgumentParser(prog="python -m runtime.recorder")
     parser.add_argument("run_folder", type=Path)
-    parser.add_argument("--out", type=Path)
-    parser.add_argument("--view", action="store_true")
+    parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
-    if options.out is None and not options.view:
-        parser.error("give --out, --view or both")
-    server = _server() if options.view else None
     try:
-        from runtime.recorder.process import Recorder, watch
+        from runtime.ipc.run_folder import RunFolder
+        from runtime.recorder.process import Recorder
 
-        run = RunFolder(options.run_folder)
-        if options.out is not None:
-            return Recorder(run, options.out, server, ending).run()
-        return watch(run, server, ending) if server is not None else 0
+        return Recorder(RunFolder(options.run_folder), options.out, ending).run()
     except SrlError as error:
         print(f"recorder: {error}", file=sys.stderr)
         return 2
-    finally:
-        if server is not None:
-            server.close()
-
-
-def _server() -> ViewerServer | None:
-    """Starts the viewer's server, and says its address at once: the imports for its data take a second or two."""
-    try:
-        server = ViewerServer()
-    except SrlError as error:
-        print(f"recorder: {error}", file=sys.stderr, flush=True)
-        return None
-    print(f"recorder: viewer: {server.url}", file=sys.stderr, flush=True)
-    return server
 
 
 if __name__ == "__main__":

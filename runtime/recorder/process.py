@@ -15,9 +15,7 @@ from runtime.ipc.child import Ending
 from runtime.ipc.run_folder import RunFolder
 from runtime.recorder.merge import covers, merge, remove
 from runtime.recorder.stream import Stream
-from runtime.recorder.tail import Batch, Tail
-from runtime.recorder.viewer import Viewer
-from runtime.recorder.viewer_server import ViewerServer
+from runtime.recorder.tail import Tail
 from runtime.recording.framing import HEADER, strip
 from runtime.recording.reader import check_run
 from runtime.recording.segments import Segments, check_target, folder_of, listed
@@ -31,10 +29,8 @@ WELL, INCOMPLETE = 0, 1
 class Recorder:
     """One run's recorder."""
 
-    def __init__(
-        self, run: RunFolder, target: Path, server: ViewerServer | None = None, ending: Ending | None = None
-    ) -> None:
-        """Opens the rings and finds where to begin or to continue. With a `server` the run is also shown live.
+    def __init__(self, run: RunFolder, target: Path, ending: Ending | None = None) -> None:
+        """Opens the rings and finds where to begin or to continue.
 
         Raises:
             RecordingError: there is no run, or a recording of another run exists at the target.
@@ -53,7 +49,6 @@ class Recorder:
         self._stream.prologue(self._ring.newest())
         head = self._binary.read()
         self._segments = Segments(folder_of(target), head[:HEADER] + strip(head))
-        self._viewer = start_viewer(self._tail, server) if server is not None else None
         for problem in self._stream.problems:
             say(problem)
         self._stuck = False
@@ -67,8 +62,6 @@ class Recorder:
             stored = self._record()
         finally:
             self._segments.close()
-            if self._viewer is not None:
-                self._viewer.close()
         if not stored:
             say(f"the disk stayed full: new rows are in the ring, the rest in {folder_of(self._target)}")
             return INCOMPLETE
@@ -95,19 +88,9 @@ class Recorder:
                 continue
             self._stream.rows(batch.sequence, batch.rows)
             self._stream.events(batch.numbers, batch.events)
-            self._show(batch)
             if not self._store(strip(self._binary.read())):
                 return False
             self._ring.set_consumed(self._ring.sequence)
-
-    def _show(self, batch: Batch) -> None:
-        if self._viewer is None:
-            return
-        if not self._viewer.alive:
-            say("the viewer's server has ended; the recording goes on")
-            self._viewer = None
-            return
-        self._viewer.show(batch)
 
     def _store(self, data: bytes) -> bool:
         """Writes messages and waits for room if necessary. Returns False if the run is over without room."""
@@ -136,37 +119,6 @@ class Recorder:
             check_target(self._target)
         remove(folder_of(self._target))
         return WELL
-
-
-def watch(run: RunFolder, server: ViewerServer, ending: Ending | None = None) -> int:
-    """Shows a run live until it ends and saves nothing. Returns the exit code: a missing viewer fails no run.
-
-    Raises:
-        RecordingError: there is no run.
-    """
-    tail = Tail(run, recorder=False, ending=ending)
-    viewer = start_viewer(tail, server)
-    for problem in viewer.problems if viewer is not None else ():
-        say(problem)
-    over = False
-    while viewer is not None and viewer.alive and not over:
-        batch, over = tail.next()
-        viewer.show(batch)
-    if viewer is not None:
-        viewer.close()
-        if not over:
-            say("the viewer's server has ended")
-    return WELL
-
-
-def start_viewer(tail: Tail, server: ViewerServer) -> Viewer | None:
-    """Sends the run to a server. If that doesn't start, says why and returns None: the recording goes on without it."""
-    try:
-        server.await_start()
-    except RecordingError as error:
-        say(str(error))
-        return None
-    return Viewer(tail.text, tail.ring.newest(), server)
 
 
 def say(text: str) -> None:

@@ -5,7 +5,8 @@ Nothing of this is read back: the rows are in the columns.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
@@ -50,6 +51,37 @@ ELBOW, LIMB, ARROW, TRAIL = 0.03, 0.02, 0.012, 0.006  # m, radii for objects of 
 TRAILING = 150  # points of a path that are kept: 5 s
 NEWTON = 0.02  # m, length of an arrow for each newton
 AXES = 0.03  # m, length of a frame's axes
+
+
+@dataclass(frozen=True)
+class Thinned:
+    """The newest rows (k, width) of each 1/VIEW_RATE s.
+
+    Attributes:
+        sequence: (k,) their sequence numbers.
+        timing: (k, n) by entity path: the largest of each 1/VIEW_RATE s.
+        trails: k lines (points, 3) by signal, the path until each row.
+    """
+
+    sequence: Words
+    rows: Words
+    timing: Mapping[str, NDArray[np.float64]]
+    trails: Mapping[str, list[NDArray[np.float64]]]
+
+    @property
+    def size(self) -> int:
+        """Bytes, at most about this."""
+        return self.rows.nbytes + sum(line.nbytes for lines in self.trails.values() for line in lines)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Thinned]) -> Thinned:
+        """One after the other, as one; there is at least one."""
+        return cls(
+            np.concatenate([p.sequence for p in parts]),
+            np.concatenate([p.rows for p in parts]),
+            {path: np.concatenate([p.timing[path] for p in parts]) for path in parts[0].timing},
+            {name: [line for p in parts for line in p.trails[name]] for name in parts[0].trails},
+        )
 
 
 class Scene:
@@ -109,36 +141,62 @@ class Scene:
             for look in _looks(field, colors(numbers[field.name])):
                 log(path, look)
 
-    def send(self, recording: rr.RecordingStream, rows: Words) -> None:
-        """Sends the views of rows (k, width). The rows must follow those of the last call."""
-
-        def columns(path: str, at: Words, *what: Any) -> None:
-            rr.send_columns(
-                path, self._columns.times(at), [c for w in what for c in w], recording=recording, strict=True
-            )
-
+    def thin(self, sequence: Words, rows: Words) -> Thinned:
+        """The rows that are drawn, of rows (k, width) with their numbers, which must follow those of the last call."""
         now = self._layout.word(rows, "now")
         bins = np.floor_divide(now, int(1e9 / VIEW_RATE))
         ends = np.append(np.flatnonzero(np.diff(bins)), len(rows) - 1)
         starts = np.append(0, ends[:-1] + 1)
         if self._wake == 0 and ends[0] > 0:  # the very first row, so that the views show data from the start
             ends, starts = np.append(0, ends), np.insert(starts, 1, 1)
-        thin = rows[ends]
-        for path, values in self._timing(rows).items():
-            largest = np.fmax.reduceat(values, starts, axis=0)
+        timing = {path: np.fmax.reduceat(values, starts, axis=0) for path, values in self._timing(rows).items()}
+        trails = {
+            f.name: self._trail(f.name, self._layout.value(rows[ends], f.name)[:, :3])
+            for f in self._visuals
+            if f.visual == "path"
+        }
+        return Thinned(sequence[ends], rows[ends], timing, trails)
+
+    def send(self, recording: rr.RecordingStream, thinned: Thinned) -> None:
+        """Sends the views of what was thinned."""
+        columns, thin = self._sender(recording), thinned.rows
+        for path, largest in thinned.timing.items():
             columns(path, thin, scalars(largest))
         for plot in self._plots:
             curves = plot.curves(self._layout, thin)
             columns(plot_path(plot), thin, scalars(np.stack(list(curves.values()), axis=1)))
         for field in self._visuals:
-            values = self._layout.value(thin, field.name)
-            shape = self._trail(field.name, values[:, :3]) if field.visual == "path" else _shape(field, values)
+            if field.name in thinned.trails:
+                strips = thinned.trails[field.name]
+                shape = [rr.LineStrips3D.columns(strips=strips).partition(np.ones(len(strips), int))]
+            else:
+                shape = _shape(field, self._layout.value(thin, field.name))
             columns(entity(field.name), thin, *shape)
         moves = Moves()
         self._measured_frames(moves, thin)
         self.robots.move(moves, thin)
         moves.send(thin, columns)
-        self._states(rows, columns)
+
+    def send_states(self, recording: rr.RecordingStream, rows: Words) -> None:
+        """Sends the changes of state and cause in rows (k, width), which must follow those of the last call."""
+        columns = self._sender(recording)
+        for word, names in (("state", State), ("cause", Cause)):
+            values = self._layout.word(rows, word)
+            before = np.append(self._state.get(word, -1), values[:-1])
+            changed = np.flatnonzero(values != before)
+            self._state[word] = int(values[-1])
+            if len(changed):
+                known = {int(n): n.name.lower() for n in names}
+                texts = [known.get(int(values[i]), str(values[i])) for i in changed]
+                columns(f"/loop/{word}", rows[changed], rr.StateChange.columns(state=texts))
+
+    def _sender(self, recording: rr.RecordingStream) -> Callable[..., None]:
+        def columns(path: str, at: Words, *what: Any) -> None:
+            rr.send_columns(
+                path, self._columns.times(at), [c for w in what for c in w], recording=recording, strict=True
+            )
+
+        return columns
 
     def _timing(self, rows: Words) -> dict[str, NDArray[np.float64]]:
         """Durations by entity path, (k, n): us for the phases, ms for the others."""
@@ -159,31 +217,19 @@ class Scene:
             timing["/loop/timing/ages"] = np.where(stamps < 0, np.nan, ages)
         return timing
 
-    def _trail(self, name: str, positions: NDArray[np.float64]) -> list[Any]:
+    def _trail(self, name: str, positions: NDArray[np.float64]) -> list[NDArray[np.float64]]:
         """The path of the last seconds, for each of the positions (k, 3)."""
         before = self._trails.get(name, positions[:0])
         whole = np.concatenate([before, positions])
         self._trails[name] = whole[-TRAILING:]
         strips = [whole[max(end - TRAILING, 0) : end] for end in range(len(before) + 1, len(whole) + 1)]
-        strips = [strip[strip.any(axis=1)] for strip in strips]  # a position before the first sample is all zeros
-        return [rr.LineStrips3D.columns(strips=strips).partition(np.ones(len(strips), int))]
+        return [strip[strip.any(axis=1)] for strip in strips]  # a position before the first sample is all zeros
 
     def _measured_frames(self, moves: Moves, thin: Words) -> None:
         for name, frame in self._frames.items():
             if frame.pose in self._layout.fields:
                 poses = np.array([as_pose(pose) for pose in self._layout.value(thin, str(frame.pose))])
                 moves.add(poses, f"{name} mount", name)  # a pose before the first sample isn't finite
-
-    def _states(self, rows: Words, columns: Any) -> None:
-        for word, names in (("state", State), ("cause", Cause)):
-            values = self._layout.word(rows, word)
-            before = np.append(self._state.get(word, -1), values[:-1])
-            changed = np.flatnonzero(values != before)
-            self._state[word] = int(values[-1])
-            if len(changed):
-                known = {int(n): n.name.lower() for n in names}
-                texts = [known.get(int(values[i]), str(values[i])) for i in changed]
-                columns(f"/loop/{word}", rows[changed], rr.StateChange.columns(state=texts))
 
 
 def plot_path(plot: Plot) -> str:

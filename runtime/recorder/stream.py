@@ -16,7 +16,7 @@ import rerun as rr
 from runtime.ipc.events import Event
 from runtime.ipc.layout import Layout, Words
 from runtime.recorder import blueprint
-from runtime.recorder.scene import Scene
+from runtime.recorder.scene import Scene, Thinned
 from runtime.recording.columns import ArrowBatch, Columns
 from runtime.recording.format import APPLICATION, EVENT, EVENTS, FORMAT, LEVELS, PROPERTY
 
@@ -30,9 +30,14 @@ def recording_id(text: str) -> str:
 
 
 class Stream:
-    """Converts rows and events to rerun's data model. The caller attaches a file or a viewer."""
+    """Converts rows and events to rerun's data model. The caller attaches a file or a viewer.
 
-    def __init__(self, text: str) -> None:
+    Attributes:
+        recording: what is sent.
+        told: the same; or, if they are to be `apart`, the changes of state and the events of it.
+    """
+
+    def __init__(self, text: str, apart: bool = False) -> None:
         """`text` is the layout's JSON."""
         self._text = text
         self.layout = Layout.from_json(text)
@@ -40,6 +45,9 @@ class Stream:
         self._scene = Scene(self._columns)
         self._newest = np.zeros((1, self.layout.width), np.int64)
         self.recording = rr.RecordingStream(APPLICATION, recording_id=recording_id(text), send_properties=False)
+        self.told = self.recording
+        if apart:
+            self.told = rr.RecordingStream(APPLICATION, recording_id=recording_id(text), send_properties=False)
 
     @property
     def problems(self) -> list[str]:
@@ -64,8 +72,18 @@ class Stream:
         """Sends rows (k, width) with their sequence numbers (k,)."""
         if len(rows):
             self._columns.send(self.recording, sequence, rows)
-            self._scene.send(self.recording, rows)
-            self._newest = rows
+            self._scene.send(self.recording, self.thin(sequence, rows))
+
+    def thin(self, sequence: Words, rows: Words) -> Thinned:
+        """Sends the changes of state in rows (k, width), k > 0, and returns what is drawn of them."""
+        self._scene.send_states(self.told, rows)
+        self._newest = rows
+        return self._scene.thin(sequence, rows)
+
+    def show(self, thinned: Thinned) -> None:
+        """Sends the rows that are drawn, and nothing of those between."""
+        self._columns.send(self.recording, thinned.sequence, thinned.rows)
+        self._scene.send(self.recording, thinned)
 
     def events(self, sequence: Sequence[int], events: Sequence[Event]) -> None:
         """Sends events. Each appears at the time of its cycle's row, or of the newest row before it."""
@@ -84,4 +102,4 @@ class Stream:
         ]
         columns += rr.TextLog.columns(text=[n.text for n in events], level=[LEVELS[n.level] for n in events])
         indexes = [rr.TimeColumn("cycle", sequence=[n.cycle for n in events]), time]
-        rr.send_columns(EVENTS, indexes, columns, recording=self.recording, strict=True)
+        rr.send_columns(EVENTS, indexes, columns, recording=self.told, strict=True)

@@ -63,6 +63,8 @@ class Helper:
         """
         attempts = ATTEMPTS
         while time.monotonic() < deadline and attempts:
+            if self.process is None and self.name != "recorder":
+                return True
             if self.process is None:
                 attempts -= 1
                 try:
@@ -71,7 +73,7 @@ class Helper:
                     time.sleep(0.1)
                     continue
             code = self.ended()
-            if code == 0 or (code is not None and self.name == "bus"):
+            if code == 0 or (code is not None and self.name != "recorder"):  # nothing is lost with another
                 return True
             if code is not None:
                 self.process = None
@@ -105,8 +107,9 @@ def helpers(run_folder: RunFolder, bus: bool, record: Path | None, view: bool) -
     found = []
     if bus:
         found.append(Helper("bus", [sys.executable, "-m", "runtime.bus", str(run_folder.path)]))
-    if record is not None or view:
-        command = [sys.executable, "-m", "runtime.recorder", str(run_folder.path)]
-        command += ["--out", str(record)] if record is not None else []
-        found.append(Helper("recorder", command + (["--view"] if view else [])))
+    if record is not None:
+        command = [sys.executable, "-m", "runtime.recorder", str(run_folder.path), "--out", str(record)]
+        found.append(Helper("recorder", command))
+    if view:
+        found.append(Helper("viewer", [sys.executable, "-m", "runtime.viewing", str(run_folder.path)]))
     return found

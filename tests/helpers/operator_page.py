@@ -1,17 +1,16 @@
-"""Speaks to the operator's panel as its page does, or as somebody who isn't."""
+"""Speaks to a server of pages as its page does, or as somebody who isn't."""
 
 from __future__ import annotations
 
 import asyncio
 import http.client
 from collections.abc import Awaitable, Callable
-from typing import Any
+from typing import Any, Protocol
 from urllib.parse import urlsplit
 
 import aiohttp
 
 from helpers.panel import shown
-from runtime.operator.client import OperatorPage
 
 Socket = aiohttp.ClientWebSocketResponse
 UPGRADE = {
@@ -20,15 +19,22 @@ UPGRADE = {
 }  # fmt: skip
 
 
-def place(page: OperatorPage) -> str:
+class Served(Protocol):
+    """What serves a page."""
+
+    @property
+    def address(self) -> str: ...
+
+
+def place(page: Served) -> str:
     return urlsplit(page.address).netloc
 
 
-def get(page: OperatorPage, path: str, method: str = "GET", **headers: str) -> http.client.HTTPResponse:
+def get(page: Served, path: str, method: str = "GET", **headers: str) -> http.client.HTTPResponse:
     return asked(page, path, method, **headers)[0]
 
 
-def asked(page: OperatorPage, path: str, method: str, **headers: str) -> tuple[http.client.HTTPResponse, str]:
+def asked(page: Served, path: str, method: str, **headers: str) -> tuple[http.client.HTTPResponse, str]:
     """An answer, and what it holds."""
     connection = http.client.HTTPConnection(place(page), timeout=20)
     connection.putrequest(method, path, skip_host=True, skip_accept_encoding=True)
@@ -41,14 +47,14 @@ def asked(page: OperatorPage, path: str, method: str, **headers: str) -> tuple[h
     return answer, words
 
 
-def cookie(page: OperatorPage) -> dict[str, str]:
+def cookie(page: Served) -> dict[str, str]:
     """What the browser that took the address shows from then on: the cookie, and its page's key."""
     answer, words = asked(page, f"/?{urlsplit(page.address).query}", "GET")
     assert answer.status == 200
     return {"Cookie": str(answer.headers["Set-Cookie"]).partition(";")[0]} | shown(words)
 
 
-def talk(page: OperatorPage, *parts: Callable[..., Awaitable[Any]], kept: dict[str, str] | None = None) -> Any:
+def talk(page: Served, *parts: Callable[..., Awaitable[Any]], kept: dict[str, str] | None = None) -> Any:
     """Opens as many tabs as the function takes, and hands them to it."""
     (what,) = parts
     headers = {**(kept or cookie(page)), "Origin": f"http://{place(page)}"}

@@ -146,11 +146,11 @@ class Running:
         return -1 if row is None else int(self.layout.word(row, name))
 
     def children(self) -> dict[str, int]:
-        """Process ids of loop, bus and recorder."""
+        """Process ids of loop, bus, recorder and viewer."""
         found = {}
         for path in Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split():
             line = Path(f"/proc/{path}/cmdline").read_bytes().decode().split("\0")
-            for name in ("loop", "bus", "recorder"):
+            for name in ("loop", "bus", "recorder", "viewing"):
                 if f"runtime.{name}" in line:
                     found[name] = int(path)
         return found

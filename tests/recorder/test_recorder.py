@@ -10,7 +10,6 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
-import psutil
 import pytest
 from helpers import environment
 from helpers.recording import make_layout, make_run, write_run
@@ -20,8 +19,7 @@ from helpers.wait import until
 from runtime.contracts.errors import RecordingError
 from runtime.ipc.ring import RingReader
 from runtime.recorder import __main__ as command
-from runtime.recorder import viewer_server
-from runtime.recorder.process import Recorder, watch
+from runtime.recorder.process import Recorder
 from runtime.recording.reader import read
 from runtime.recording.segments import folder_of
 
@@ -133,31 +131,6 @@ def test_a_full_disk_is_waited_out_and_harms_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_viewer_listens_on_loopback_only_and_dies_with_the_recorder(tmp_path: Path) -> None:
-    layout = make_layout()
-    run, ring, events = make_run(tmp_path / "run", layout)
-    recorder = start_recorder(run.path, tmp_path / "out.rrd", "--view")
-    try:
-        write_run(run, ring, events, layout, 500, 1000.0)
-        assert recorder.stderr is not None
-        line = recorder.stderr.readline()
-        assert "viewer: http://127.0.0.1:" in line
-        me = psutil.Process(recorder.pid)
-        servers = me.children(recursive=True)
-        ears = [c for p in [me, *servers] for c in p.net_connections("inet") if c.status == psutil.CONN_LISTEN]
-        assert len(ears) >= 2
-        assert {c.laddr.ip for c in ears} == {"127.0.0.1"}
-        until(lambda: ring.consumed == 500)
-        recorder.send_signal(signal.SIGKILL)
-        recorder.wait()
-        _, alive = psutil.wait_procs(servers, 5)
-        assert alive == []
-    finally:
-        recorder.kill()
-        recorder.wait()
-
-
-@pytest.mark.slow
 def test_a_stop_signal_is_outlived_until_the_loop_is_silent(tmp_path: Path) -> None:
     layout = make_layout()
     run, ring, events = make_run(tmp_path / "run", layout)
@@ -196,55 +169,7 @@ def test_a_restart_goes_on_from_the_ring_without_reading_the_segments(tmp_path: 
     assert np.array_equal(recording.rows, expected(layout, 400))
 
 
-def test_a_viewer_that_does_not_start_costs_no_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    layout, out = make_layout(), tmp_path / "out.rrd"
-    run, ring, _ = make_run(tmp_path / "run", layout)
-    ring.append(expected(layout, 1)[0])
-    ring.finish()
-    arguments = ["runtime.recorder", str(run.path), "--view"]
-    monkeypatch.setattr(command, "Ending", lambda **_: None)  # it would be this process's
-    monkeypatch.setattr(viewer_server, "find_spec", lambda _: None)  # nothing to start
-    monkeypatch.setattr(sys, "argv", [*arguments, "--out", str(out)])
-    assert command.main() == 0
-    assert len(read(out).rows) == 1
-    monkeypatch.setattr(sys, "argv", arguments)
-    assert command.main() == 0
-
-
-def test_a_viewer_that_dies_at_once_costs_no_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    layout, out = make_layout(), tmp_path / "out.rrd"
-    run, ring, _ = make_run(tmp_path / "run", layout)
-    ring.append(expected(layout, 1)[0])
-    ring.finish()
-    monkeypatch.setattr(viewer_server, "_executable", lambda: "/bin/false")
-    server = viewer_server.ViewerServer()
-    assert Recorder(run, out, server).run() == 0
-    assert len(read(out).rows) == 1
-    assert watch(run, server) == 0
-
-
-def test_watching_keeps_nothing_and_leaves_the_recorders_mark(tmp_path: Path) -> None:
-    layout = make_layout()
-    run, ring, events = make_run(tmp_path / "run", layout)
-    watcher = subprocess.Popen(
-        [sys.executable, "-m", "runtime.recorder", str(run.path), "--view"], stderr=subprocess.PIPE, text=True
-    )
-    try:
-        assert watcher.stderr is not None
-        assert "viewer: http://127.0.0.1:" in watcher.stderr.readline()
-        before = sorted(p.name for p in tmp_path.rglob("*"))
-        write_run(run, ring, events, layout, 500, 2500.0)
-        ring.finish()
-        assert watcher.wait(30) == 0
-        assert watcher.stderr.read() == ""
-        assert sorted(p.name for p in tmp_path.rglob("*")) == before
-        assert ring.consumed == 0
-    finally:
-        watcher.kill()
-        watcher.wait()
-
-
-@pytest.mark.parametrize(("arguments", "reason"), [([], "--out, --view or both"), (["--view"], "no run is here")])
+@pytest.mark.parametrize(("arguments", "reason"), [([], "--out"), (["--out", "run.rrd"], "no run is here")])
 def test_wrong_arguments_and_an_absent_run_are_refused(
     tmp_path: Path,
     arguments: list[str],

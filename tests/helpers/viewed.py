@@ -1,0 +1,69 @@
+"""A made-up loop for rerun's viewer, and the process that serves it."""
+
+from __future__ import annotations
+
+import contextlib
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from helpers.panel import MadeUpLoop
+from runtime.ipc.events import EventWriter
+from runtime.ipc.words import CYCLE
+
+WALL = 1_700_000_000_000_000_000  # ns
+
+
+class ViewedLoop(MadeUpLoop):
+    """Its rows have the times that a recording needs, and it has events."""
+
+    def begin(self) -> None:
+        self.layout.meta |= {"wall": WALL, "profile": "name: made-up\n", "sha256": "0" * 64}
+        super().begin()
+        self.events = EventWriter(self.folder.events)
+        self.times: list[float] = []
+
+    def step(self, at: float | None = None) -> None:
+        self.cycle += 1
+        row = np.zeros(self.layout.width, np.int64)
+        now = time.monotonic_ns() if at is None else round(at * 1e9)
+        for word in ("now", "deadline", "wake", "read", "control", "guard", "write"):
+            row[getattr(CYCLE, word)] = now
+        row[CYCLE.cycle], row[CYCLE.state] = self.cycle, self.state
+        row[self.layout.device(0)][:2] = now, self.link
+        row[self.layout.ints :] = np.array([self.value, self.held, 0.0]).view(np.int64)
+        self.times.append(now / 1e6)
+        self.ring.append(row)
+
+    def time_of(self, cycle: int) -> float:
+        """CLOCK_MONOTONIC ms of a cycle."""
+        return self.times[cycle - 1]
+
+
+class ViewerProcess:
+    """`python -m runtime.viewing`; a context manager that leaves no process.
+
+    Attributes:
+        address: the one that it printed.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "runtime.viewing", str(folder)], stderr=subprocess.PIPE, text=True
+        )
+        assert self.process.stderr is not None
+        line = self.process.stderr.readline()
+        assert line.startswith("viewer: http://127.0.0.1:"), line
+        self.address = line.split()[1]
+
+    def __enter__(self) -> ViewerProcess:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.process.kill()
+        self.process.wait()
+        with contextlib.suppress(AttributeError):
+            self.process.stderr.close()  # type: ignore[union-attr]
