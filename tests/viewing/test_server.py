@@ -22,6 +22,8 @@ from helpers.wait import until
 from runtime.ipc.words import State
 from runtime.recording.framing import HEADER, strip
 from runtime.recording.reader import read
+from runtime.viewing import __main__ as command
+from runtime.viewing import assets
 from runtime.viewing.assets import listener
 
 
@@ -264,10 +266,14 @@ def test_the_runs_end_is_said_and_nothing_is_kept(tmp_path: Path) -> None:
     assert loop.ring.consumed == 0  # the recorder's mark
 
 
-def test_without_a_run_or_reruns_viewer_it_is_refused(tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "runtime.viewing", str(tmp_path)], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 2
-    assert "Is the run up?" in done.stderr
-    assert "Traceback" not in done.stderr
+def test_without_a_run_or_reruns_viewer_it_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(command, "Ending", lambda **_: None)  # it would be this process's
+    monkeypatch.setattr(os, "nice", lambda _: 0)
+    monkeypatch.setattr(sys, "argv", ["runtime.viewing", str(tmp_path)])
+    assert command.main() == 2
+    assert "Is the run up?" in capsys.readouterr().err
+    monkeypatch.setattr(assets, "find_spec", lambda _: None)
+    assert command.main() == 2
+    assert "Install rerun-sdk anew" in capsys.readouterr().err

@@ -9,11 +9,11 @@ import { Link, stop as askStop } from "/link.js";
 import { text } from "/part.js";
 
 const CHANNEL = "run", LATE = 1000; // ms of a picture's age from which it isn't shown as if it were of now
+const NOT = -1; // in place of a picture's time: not of now
 const CHECK = 50; // ms between looks, where the browser draws no frames
 const part = Object.fromEntries([...document.querySelectorAll("[id]")].map((e) => [e.id, e]));
-const hidden = () => [part.old, part.words].map((e) => e.animate([{ opacity: 0 }, { opacity: 1 }], { delay: LATE, duration: 1, fill: "both" }));
 let handle = null, age = null, link = null, run = null, now = null, began = performance.now(), newest = 0, stopWords = "", failure = "";
-let alarms = [];
+let alarms = [], armed = null; // the animations that bring up the red frame, and the picture's time they are for
 
 async function stop() {
   stopWords = "Stopping …";
@@ -45,9 +45,23 @@ function old(ms) {
   if (now.condition === "silent") return `${now.words}: this is the past`;
   if (run.wall === null) return now.words;
   if (age.time === null || age.timeline !== "time") return age.timeline ? `Old or new? The viewer goes by '${age.timeline}', not by 'time'` : "The first picture is being drawn";
-  if (!(ms > LATE)) return "";
+  if (Math.abs(ms) <= LATE) return "";
+  if (!(ms > 0)) return "How old the picture is isn't known"; // no answer of the server's clock yet, or clocks that disagree
   const words = `OLD PICTURE: ${(ms / 1000).toFixed(1)} s ago`;
-  return age.plays ? `${words}. This machine draws slowly` : `${words}. The viewer is paused: press its ⏭ to follow`;
+  const quiet = (performance.now() - link.heard) / 1000;
+  if (1000 * quiet > LATE) return `${words}. Nothing was heard of the run for ${quiet.toFixed(1)} s`;
+  return age.plays ? `${words}. This machine draws slowly` : `${words}. The viewer is paused: its second button below follows the run`;
+}
+
+// Puts the red frame off until the picture is old. Only for another picture: what is set anew in each frame of the
+// page never begins in the compositor.
+function arm(time, ms) {
+  if (time === armed) return;
+  armed = time;
+  const before = alarms, delay = Math.max(0, LATE - ms) || 0;
+  alarms = [part.old, part.words].map((e) => e.animate([{ opacity: 0 }, { opacity: 1 }], { delay, duration: 1, fill: "both" }));
+  if (time === NOT) alarms.forEach((alarm) => alarm.finish());
+  before.forEach((alarm) => alarm.cancel());
 }
 
 function frame() {
@@ -61,14 +75,13 @@ function check() {
   const ms = age && run && run.wall !== null && age.time !== null ? link.time(performance.now()) - (age.time - run.wall) : NaN;
   const words = old(ms);
   text(part.words, words || "OLD PICTURE: more than 1 s ago");
-  for (const alarm of alarms) alarm.currentTime = words ? LATE + 1 : Math.max(0, ms);
+  arm(words ? NOT : age.time, ms);
   text(part.age, words ? "not of now" : `${(ms / 1000).toFixed(1)} s ago`);
   text(part.note, stopWords || (now && now.condition !== "ended" && now.condition !== "silent" ? now.words : ""));
   globalThis.viewerNow = { words, ms, note: part.note.textContent, time: age && age.time, plays: age && age.plays, timeline: age && age.timeline, loaded: performance.now() - began };
 }
 
 async function begin() {
-  alarms = hidden();
   frame();
   setInterval(check, CHECK);
   await wasm_bindgen({ module_or_path: fetch("/re_viewer_bg.wasm") });
