@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Annotated, Final, Literal, Self
 
@@ -18,7 +19,7 @@ Mode = Literal["position", "velocity", "torque"]
 TURN: Final = 6.283185307179586  # rad
 
 
-class CanAxis(BaseModel):
+class CanAxis(BaseModel, ABC):
     """One axis. With the angle s of the drive's shaft (rad, 0 where the drive says 0): axis = ±(s - zero)."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -41,22 +42,22 @@ class CanAxis(BaseModel):
         return -1.0 if self.reversed else 1.0
 
     @property
+    @abstractmethod
     def number(self) -> int:
         """The drive's id on the bus."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def most_torque(self) -> float:
         """N m at the axis, at the most current that the profile allows."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def place(self) -> float | None:
         """rad, where the axis must stand when the drive is switched on and when a run opens; None: it knows where."""
-        raise NotImplementedError
 
 
-class CanAxesConfig(DeviceConfig):
+class CanAxesConfig(DeviceConfig, ABC):
     """Drives on one CAN bus. All arrays have the order of `axes`."""
 
     port: str = Field(description="can://INTERFACE/CHANNEL, e.g. can://socketcan/can0")
@@ -70,9 +71,9 @@ class CanAxesConfig(DeviceConfig):
     )
 
     @property
+    @abstractmethod
     def all_axes(self) -> Mapping[str, CanAxis]:
         """The axes by name."""
-        raise NotImplementedError
 
     @property
     def command(self) -> str:

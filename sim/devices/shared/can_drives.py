@@ -14,12 +14,12 @@ import can
 from pydantic import AfterValidator, Field
 
 from drivers.can_axes.driver import CanAxes
-from drivers.canbus import CanLink
 from runtime.contracts.driver import DeviceConfig
 from runtime.contracts.errors import WiringError, nearest
 from runtime.contracts.signals import Array, Stop
 from runtime.contracts.world import Fake, FakeConfig, World
 from sim.devices.shared.can import CanTwin
+from sim.devices.shared.memory_can import MemoryCan
 from sim.devices.shared.noise import SampleNoise
 from sim.devices.shared.windows import Windows, inside, refuse_while_gone, require_cell, rising
 from sim.parts.actuators.chain import ActuatorChain
@@ -92,43 +92,6 @@ def numbers(chain: ActuatorChain, names: Sequence[str], device: str) -> list[int
     return [chain.names.index(name) for name in names]
 
 
-class MemoryBus(CanLink):
-    """A bus in memory, with simulated drives at its other end. It takes no time."""
-
-    def __init__(self, fake: FakeDrives) -> None:
-        self.url, self.place, self.interface = "can://memory/0", fake.name, "memory"
-        self._fake: FakeDrives | None = fake
-        self._waiting: list[can.Message] = []
-
-    def read(self) -> list[can.Message]:
-        fake = self._fake
-        if fake is None or fake.is_gone:
-            self._waiting.clear()
-            return []
-        found, self._waiting = self._waiting + fake.due(), []
-        return found
-
-    def read_wait(self, timeout_s: float) -> list[can.Message]:
-        """Nothing comes later: the world stands still while a driver is opened. So the drives speak at once."""
-        if self._fake is not None and not self._waiting:
-            self._waiting = self._fake.due(at_once=True)
-        return self.read()
-
-    def write(self, message: can.Message) -> bool:
-        if self._fake is not None and not self._fake.is_gone:
-            self._waiting += self._fake.take(message)
-        return True
-
-    def stop_fileno(self) -> int | None:
-        return None
-
-    def stop_frame(self, message: can.Message) -> bytes:
-        return b""
-
-    def close(self) -> None:
-        self._fake = None
-
-
 class FakeDrives(Fake):
     """Drives of one bus: the driver, before simulated firmware.
 
@@ -198,7 +161,7 @@ class FakeDrives(Fake):
     def open(self) -> None:
         self.close()
         refuse_while_gone(self.name, self.drive_options.loss, self.world.time)
-        self.driver.opens(MemoryBus(self))
+        self.driver.opens(MemoryCan(self.name, self.take, self.due, lambda: self.is_gone))
 
     def read(self, now: int) -> None:
         self.driver.read(now)

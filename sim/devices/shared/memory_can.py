@@ -11,30 +11,50 @@ from drivers.canbus import MOST, CanLink
 from runtime.contracts.errors import DeviceLostError
 
 
+def _nothing(at_once: bool) -> list[can.Message]:
+    return []
+
+
 class MemoryCan(CanLink):
     """See `CanLink`. A frame is obeyed when it is written; its answers are there for the next `read`."""
 
-    def __init__(self, place: str, obey: Callable[[can.Message], list[can.Message]]) -> None:
+    def __init__(
+        self,
+        place: str,
+        obey: Callable[[can.Message], list[can.Message]],
+        due: Callable[[bool], list[can.Message]] = _nothing,
+        gone: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """
+        Args:
+            place: the device's name for errors.
+            obey: takes a frame of the host; returns the answers.
+            due: returns what the drives send by themselves; given True, as if their time had come.
+            gone: whether the bus is gone: nothing comes or goes.
+        """
         super().__init__("memory", place, None, "virtual")
-        self._obey = obey
+        self._obey, self._due, self._gone = obey, due, gone
         self._waiting: deque[can.Message] = deque(maxlen=MOST)
         self._closed = False
 
     def read(self) -> list[can.Message]:
         """See `CanLink.read`."""
         self._check()
-        found = list(self._waiting)
+        found = [] if self._gone() else [*self._waiting, *self._due(False)]
         self._waiting.clear()
         return found
 
     def read_wait(self, timeout_s: float) -> list[can.Message]:
-        """See `CanLink.read_wait`; nothing comes by waiting."""
+        """See `CanLink.read_wait`. The world stands still meanwhile: the drives speak at once."""
+        if not self._waiting:
+            self._waiting.extend(self._due(True))
         return self.read()
 
     def write(self, message: can.Message) -> bool:
         """See `CanLink.write`."""
         self._check()
-        self._waiting.extend(self._obey(message))
+        if not self._gone():
+            self._waiting.extend(self._obey(message))
         return True
 
     def close(self) -> None:
