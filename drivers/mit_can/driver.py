@@ -13,6 +13,7 @@ from drivers.canbus import CanLink, frame_bits, open_can, shared_bus
 from drivers.mit_can import declare, protocol
 from drivers.mit_can.config import MitCanConfig
 from drivers.mit_can.declare import COMMANDS, KINDS, PERIOD, STATES
+from drivers.mit_can.doubt import Doubts
 from drivers.mit_can.faults import MitFaults, warnings
 from drivers.mit_can.line import Line, command_ids
 from drivers.mit_can.opening import Opening, same_place
@@ -29,7 +30,6 @@ STATUS: Final = 100_000_000  # ns, the same of a V3, which may send its status a
 LOST: Final = 500_000_000  # ns without a word from any motor
 AGAIN: Final = 20_000_000  # ns between two attempts to enable a motor
 ASLEEP: Final = 500_000_000  # ns after which a motor that doesn't enable is a fault
-PAUSE: Final = 20_000_000  # ns without a frame for it, after which a CubeMars may have let go
 HOLDS: Final = 0.05  # s, up to which a position is near to where a CubeMars that let go after 25 ms has come
 CLEARED: Final = 50_000_000  # ns: a drive packs its reply before it obeys
 UNHEARD: Final = 40_000_000  # ns without a status, after which a V3 may have started anew
@@ -88,8 +88,7 @@ class MitCan(Driver):
         self._since = [0] * n  # ns, of the present stage
         self._asked = [0] * n  # ns, of the last attempt to enable
         self._last: list[bytes] = [b""] * n  # the newest commands
-        self._doubt = [-1] * n  # ns, since when a CubeMars may have let go and come alive again; -1: no doubt
-        self._stood = [0.0] * n  # where it stood then, as the drive says it
+        self._doubts = Doubts(n)
         self._before = [0.0] * n  # the command before, in the axis' unit
         self._plausible = [Plausible() for _ in range(n)]
         self._wrote, self._complete = -1, False  # complete: all were armed since the last stop
@@ -340,7 +339,8 @@ class MitCan(Driver):
 
     def _disarm(self, i: int) -> None:
         """A motor gets no command before it was armed again; until then no stop frame repeats its last one."""
-        self._stage[i], self._last[i], self._held[i], self._doubt[i] = _OFF, b"", self._damp[i], -1
+        self._stage[i], self._last[i], self._held[i] = _OFF, b"", self._damp[i]
+        self._doubts.forget(i)
 
     def _damp_or_ask(self, line: Line, i: int, now: int) -> None:
         # After a device fault the loop sends no commands: a limb that held its position must not sink then.
@@ -353,26 +353,17 @@ class MitCan(Driver):
         line.send(i, self._slack[i] if self._rest is Stop.LIMP else held, now)
 
     def _doubtful(self, line: Line, i: int, now: int) -> bool:
-        """Whether a CubeMars may have let go, or lost its turn, unseen. Then it is damped until it says where it is.
-
-        Some firmware slackens after 25 ms of silence and obeys the next frame (sheet, section 2.6), and a V3 needs no
-        enabling after a loss of power: either would be pulled back to where it was.
-        """
+        """Whether a CubeMars by position is to be damped, since it may have let go; see `Doubts`."""
         if self._damiao or self._stage[i] != _ARMED or self._kind is not Kind.POSITION:
             return False
-        unheard = line.pending[i] >= UNANSWERED and now - self._heard[i] > (UNHEARD if self._v3 else SILENT)
-        if self._doubt[i] < 0 and (unheard or now - line.left[i] > PAUSE):
-            self._doubt[i], self._stood[i] = now, self._wire[i]
-        if self._doubt[i] < 0:
+        heard, turn, most = self._heard[i], self._motors[i].turn, self.config.start_tolerance
+        silent = line.pending[i] >= UNANSWERED and now - heard > (UNHEARD if self._v3 else SILENT)
+        most = min(most, turn / 4 if turn is not None else JUMP)
+        if not self._doubts.look(i, now, line.left[i], heard, silent, self._wire[i], most):
             return False
-        if not unheard and self._heard[i] > self._doubt[i]:
-            away, turn = self._wire[i] - self._stood[i], self._motors[i].turn
-            if abs(away) > min(self.config.start_tolerance, turn / 4 if turn is not None else JUMP):
-                self._faults.jumped.setdefault(i, away)
-                self._disarm(i)
-                return True
-            self._doubt[i] = -1
-            return False
+        if (away := self._doubts.moved.get(i)) is not None:
+            self._faults.jumped.setdefault(i, away)
+            self._disarm(i)
         return True
 
     # -- replies
