@@ -1,116 +1,183 @@
-"""Merges segments to one file. It is written beside the target, read back, compared, and only then put in place."""
+"""Merges segments into the recording as it grows: each is packed, read back and compared before it is removed."""
 
 from __future__ import annotations
 
+import contextlib
+import os
 import zlib
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from runtime.contracts.errors import RecordingError
+from runtime.ipc.events import Event
 from runtime.ipc.layout import Words
-from runtime.ipc.run_folder import free_bytes
 from runtime.recorder.stream import Stream
-from runtime.recording.segments import folder_of, listed
-from runtime.recording.source import Source
-
-BATCH = 4096  # rows in a chunk of the merged file
+from runtime.recording.framing import HEADER, strip, whole
+from runtime.recording.segments import GROWING, append, folder_of, numbered
+from runtime.recording.source import Source, last_row
 
 
 @dataclass
-class Sum:
-    """Number and checksum of rows: equal for two readings of the same rows."""
+class _Piece:
+    """What a segment becomes: bytes for the growing file, the row with which it ends, and the events in it."""
 
-    rows: int = 0
-    check: int = 0
-
-    def add(self, sequence: Words, rows: Words) -> None:
-        """Adds rows, in their order."""
-        self.rows += len(rows)
-        self.check = zlib.crc32(np.column_stack([sequence, rows]).tobytes(), self.check)
+    segment: Path
+    data: bytes = b""
+    last: int = 0
+    events: set[int] = field(default_factory=set)
 
 
-def merge(target: Path) -> int:
-    """Merges the segments of `target` into it and removes them. Returns the number of rows.
+class Merger:
+    """The growing file of one recording, `GROWING` in the folder of its segments."""
 
-    Raises:
-        RecordingError: the merge failed; the text says why. The segments are kept as they are.
-    """
-    folder = folder_of(target)
-    files = listed(folder)
-    kept = f"The segments are kept and can be read as they are: {folder}"
-    if target.exists():
-        raise RecordingError(str(target), "a recording is there already", kept)
-    if free_bytes(folder) < sum(f.stat().st_size for f in files):
-        raise RecordingError(str(target), "the disk hasn't enough room for the merged recording", kept)
-    part = target.with_name(f"{target.name}.part")
-    part.unlink(missing_ok=True)
+    def __init__(self, target: Path, text: str) -> None:
+        """`text` is the layout's JSON. Nothing is opened before the first merge."""
+        self._target, self._text = target, text
+        self.path = folder_of(target) / GROWING
+        self._kept = f"The segments are kept and can be read as they are: {self.path.parent}"
+        self._file: int | None = None
+        self._size = self._last = 0
+        self._sent: set[int] = set()
+        self._piece: _Piece | None = None  # what couldn't be written yet
+        self._stream: Stream | None = None
+        self._head = b""
+
+    def merge(self, segments: Sequence[Path]) -> None:
+        """Merges segments that no more is written to, the oldest first, and removes each that is safely in.
+
+        Raises:
+            RecordingError: one can't be read whole, or the recording can't be written. It and those after it stay.
+        """
+        try:
+            for segment in segments:
+                if self._file is None:
+                    self._open()
+                if self._piece is None or self._piece.segment != segment:
+                    self._piece = self._packed(segment)
+                self._write(self._piece)
+                self._piece.data = b""  # it isn't written again if the segment can't be removed
+                segment.unlink()
+                self._last = max(self._last, self._piece.last)
+                self._sent |= self._piece.events
+                self._piece = None
+        except OSError as error:
+            raise RecordingError(str(self.path), f"it can't be written: {error.strerror}", self._kept) from None
+
+    def finish(self) -> None:
+        """Merges what is left, and puts the recording in its place.
+
+        Raises:
+            RecordingError: as `merge`; no row was recorded; the place is taken.
+        """
+        self.merge(numbered(self.path.parent))
+        self.close()
+        if not self._last and not (self.path.exists() and last_row(self.path)):
+            raise RecordingError(str(self._target), "no row was recorded", "The run ended before its first cycle")
+        if self._target.exists():
+            raise RecordingError(str(self._target), "a recording is there already", self._kept)
+        try:
+            self.path.rename(self._target)
+            _sync(self._target.parent)
+        except OSError as error:
+            raise RecordingError(str(self._target), f"it can't be finished: {error.strerror}", self._kept) from None
+        with contextlib.suppress(OSError):  # somebody put something there
+            self.path.parent.rmdir()
+
+    def close(self) -> None:
+        """Closes the file."""
+        if self._file is not None:
+            os.close(self._file)
+            self._file = None
+
+    def _open(self) -> None:
+        """Opens the file, or goes on with that of a recorder that was killed."""
+        file = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
+        try:
+            self._size, self._last = whole(self.path), last_row(self.path)
+            if not self._last:
+                source = Source([self.path])
+                if not any(True for _ in source.blocks()) and not source.events:
+                    self._size = 0  # torn in what comes before the first rows
+            os.ftruncate(file, self._size)
+            os.lseek(file, self._size, os.SEEK_SET)
+        except BaseException:
+            os.close(file)
+            raise
+        self._file = file
+
+    def _packed(self, segment: Path) -> _Piece:
+        """Packs a segment's rows and events, and reads them back."""
+        source = Source([segment])
+        blocks = list(source.blocks())
+        if source.text and source.text != self._text:
+            raise RecordingError(str(segment), "it belongs to another run", self._kept)
+        if source.damaged:
+            raise RecordingError(str(segment), f"{source.damaged} blocks of its rows are damaged", self._kept)
+        events = {n: event for n, event in sorted(source.events.items()) if n not in self._sent}
+        sequence = np.concatenate([np.empty(0, np.int64), *(s for s, _ in blocks)])
+        new = sequence > self._last
+        if not new.any() and not events:
+            return _Piece(segment)
+        if self._stream is None:
+            self._stream = Stream(self._text)
+            self._binary = self._stream.recording.binary_stream()
+            self._stream.prologue(blocks[0][1][0] if blocks else None)
+            self._head = self._binary.read()
+            self._head = self._head[:HEADER] + strip(self._head)
+        rows = np.concatenate([np.empty((0, self._stream.layout.width), np.int64), *(r for _, r in blocks)])[new]
+        self._stream.rows(sequence[new], rows)
+        self._stream.events(list(events), list(events.values()))
+        data = strip(self._binary.read())
+        self._compare(segment, data, _sum(sequence[new], rows), events)
+        last = int(sequence[-1]) if len(sequence) else 0
+        return _Piece(segment, data, last, set(events))
+
+    def _compare(self, segment: Path, data: bytes, expected: tuple[int, int], events: Mapping[int, Event]) -> None:
+        """Reads a piece back as a reader will."""
+        scratch = os.memfd_create("srl-piece", os.MFD_CLOEXEC)
+        try:
+            append(scratch, self._head + data, 0)
+            copy = Source([Path(f"/proc/self/fd/{scratch}")])
+            rows = check = 0
+            for s, r in copy.blocks():
+                rows, check = rows + len(s), _sum(s, r, check)[1]
+            if (rows, check) != expected or copy.events != events or copy.text != self._text or copy.cut:
+                problem = f"packed it isn't complete ({rows} of {expected[0]} rows)"
+                raise RecordingError(str(segment), problem, self._kept)
+        finally:
+            os.close(scratch)
+
+    def _write(self, piece: _Piece) -> None:
+        """Appends a piece, and compares what the file now holds."""
+        assert self._file is not None
+        data = piece.data if self._size or not piece.data else self._head + piece.data
+        if not data:
+            return
+        before = self._size
+        self._size = append(self._file, data, before)
+        try:
+            os.fsync(self._file)
+            if os.pread(self._file, len(data), before) != data:
+                raise OSError(0, "it holds other bytes than were written")
+        except OSError:
+            os.ftruncate(self._file, before)
+            os.lseek(self._file, before, os.SEEK_SET)
+            self._size = before
+            raise
+
+
+def _sum(sequence: Words, rows: Words, check: int = 0) -> tuple[int, int]:
+    """Number and checksum of rows: equal for two readings of the same rows, however they are split."""
+    return len(sequence), zlib.crc32(np.column_stack([sequence, rows]).tobytes(), check)
+
+
+def _sync(folder: Path) -> None:
+    """Makes a new name in a folder last."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
     try:
-        source = Source(files)
-        written = _write(source, part)
-        copy = Source([part])
-        found = Sum()
-        for sequence, rows in copy.blocks():
-            found.add(sequence, rows)
-        if found != written or copy.events != source.events or copy.text != source.text or copy.cut:
-            problem = f"the merged recording isn't complete ({found.rows} of {written.rows} rows)"
-            raise RecordingError(str(target), problem, kept)
-        part.rename(target)
-    except OSError as error:
-        raise RecordingError(str(target), f"it can't be written: {error.strerror}", kept) from None
+        os.fsync(descriptor)
     finally:
-        part.unlink(missing_ok=True)
-    remove(folder)
-    return written.rows
-
-
-def remove(folder: Path) -> None:
-    """Removes the segments."""
-    for file in listed(folder):
-        file.unlink()
-    folder.rmdir()
-
-
-def covers(target: Path, rows: int) -> bool:
-    """True if `target` is whole and ends with row `rows`: a merge was killed before it removed the segments."""
-    source = Source([target])
-    last = max((int(sequence[-1]) for sequence, _ in source.blocks()), default=0)
-    return last == rows and source.cut == 0
-
-
-def _write(source: Source, part: Path) -> Sum:
-    written = Sum()
-    stream: Stream | None = None
-    sent: set[int] = set()
-    for sequence, rows in _batches(source):
-        if stream is None:
-            stream = Stream(source.text)
-            stream.recording.save(part)
-            stream.prologue(rows[-1])
-            stream.recording.flush()
-        written.add(sequence, rows)
-        stream.rows(sequence, rows)
-        cycle = int(stream.layout.word(rows, "cycle")[-1])
-        _events(stream, source, sent, cycle)
-        stream.recording.flush()  # limits the data that waits in memory
-    if stream is None:
-        raise RecordingError(str(part.with_suffix("")), "no row was recorded", "The run ended before its first cycle")
-    _events(stream, source, sent, None)
-    stream.recording.flush()
-    stream.recording.disconnect()  # writes the manifest and closes the file
-    return written
-
-
-def _events(stream: Stream, source: Source, sent: set[int], cycle: int | None) -> None:
-    """Sends the events up to `cycle` that have not been sent yet."""
-    new = sorted(n for n, event in source.events.items() if n not in sent and (cycle is None or event.cycle <= cycle))
-    stream.events(new, [source.events[n] for n in new])
-    sent.update(new)
-
-
-def _batches(source: Source) -> Iterator[tuple[Words, Words]]:
-    for sequence, rows in source.blocks():
-        for at in range(0, len(rows), BATCH):
-            yield sequence[at : at + BATCH], rows[at : at + BATCH]
+        os.close(descriptor)

@@ -1,4 +1,4 @@
-"""The recorder's loop: it writes rows and events from the rings to segments, and merges them at the end to one file.
+"""The recorder's loop: it writes rows and events from the rings to segments. A thread merges them as they are closed.
 
 It can be killed at any moment and started again: the ring's `consumed` advances only over rows that have left this
 process, and later rows are still in the ring. Rows that were written twice because of a kill are dropped on reading.
@@ -6,19 +6,24 @@ process, and later rows are still in the ring. Rows that were written twice beca
 
 from __future__ import annotations
 
+import contextlib
+import os
 import sys
+import threading
 import time
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 from runtime.contracts.errors import RecordingError
 from runtime.ipc.child import Ending
 from runtime.ipc.run_folder import RunFolder
-from runtime.recorder.merge import covers, merge, remove
+from runtime.recorder.merge import Merger
 from runtime.recorder.stream import Stream
 from runtime.recorder.tail import Tail
 from runtime.recording.framing import HEADER, strip
 from runtime.recording.reader import check_run
-from runtime.recording.segments import Segments, check_target, folder_of, listed
+from runtime.recording.segments import Segments, check_target, claim, folder_of, listed
+from runtime.recording.source import Source
 
 RETRY = 0.5  # s between attempts to write to a full disk
 PATIENCE = 10.0  # s after the run's end during which the recorder waits for room on a full disk
@@ -35,45 +40,83 @@ class Recorder:
         Raises:
             RecordingError: there is no run, or a recording of another run exists at the target.
         """
-        self._target = target
+        self._target, self._folder = target, folder_of(target)
         self._tail = Tail(run, recorder=True, ending=ending)
         self._ring = self._tail.ring
-        self._segments_there = bool(listed(folder_of(target)))
-        if self._segments_there:
-            check_run(folder_of(target), self._tail.text)
+        self._done = self._finished()
+        if self._done:
+            return
+        if listed(self._folder):
+            check_run(self._folder, self._tail.text)
             self._ring.sequence = self._ring.consumed
-        elif not target.exists():
+        else:
             check_target(target)
+        self._claim = claim(self._folder)
         self._stream = Stream(self._tail.text)
         self._binary = self._stream.recording.binary_stream()
-        self._stream.prologue(self._ring.newest())
+        self._stream.head()
         head = self._binary.read()
-        self._segments = Segments(folder_of(target), head[:HEADER] + strip(head))
+        self._segments = Segments(self._folder, head[:HEADER] + strip(head))
+        self._merger = Merger(target, self._tail.text)
+        self._worker = ThreadPoolExecutor(1, "merge", initializer=_yield_to_others)
+        self._merging: Future[None] | None = None
         for problem in self._stream.problems:
             say(problem)
-        self._stuck = False
+        self._stuck = self._unmerged = False
         self._lost = 0
 
     def run(self) -> int:
-        """Records until the run ends, then merges. Returns the exit code."""
-        if self._target.exists():
-            return self._tidy()
+        """Records until the run ends, then merges the rest. Returns the exit code."""
+        if self._done:
+            return WELL
         try:
             stored = self._record()
         finally:
             self._segments.close()
+            self._worker.shutdown()
         if not stored:
-            say(f"the disk stayed full: new rows are in the ring, the rest in {folder_of(self._target)}")
+            say(f"the disk stayed full: new rows are in the ring, the rest in {self._folder}")
             return INCOMPLETE
         try:
-            rows = merge(self._target)
+            self._merger.finish()
         except RecordingError as error:
             say(str(error))
             return INCOMPLETE
+        finally:
+            self._merger.close()
+            os.close(self._claim)
         if self._lost:
-            say(f"{self._target}: {rows} rows, {self._lost} were lost")
+            say(f"{self._target}: {self._ring.head - self._lost} rows, {self._lost} were lost")
             return INCOMPLETE
         return WELL
+
+    def _finished(self) -> bool:
+        """Whether an earlier recorder of this run had put the recording in its place before it was killed."""
+        if not self._target.exists() or listed(self._folder) or not self._ring.closed:
+            return False
+        if self._ring.consumed != self._ring.head or not self._ring.head:
+            return False
+        try:
+            mine = Source([self._target]).head() == self._tail.text
+        except RecordingError:
+            return False
+        if mine and self._folder.is_dir():
+            self._folder.rmdir()
+        return mine
+
+    def _merge(self) -> None:
+        """Has the closed segments merged beside the recording. What fails is tried again with the next segment."""
+        if self._merging is not None:
+            if not self._merging.done():
+                return
+            error = self._merging.exception()
+            if error is not None and not self._unmerged:
+                say(f"{error} (it is tried again)")
+            elif error is None and self._unmerged:
+                say(f"{self._folder}: merging again")
+            self._unmerged = error is not None
+        closed = self._segments.closed
+        self._merging = self._worker.submit(self._merger.merge, closed) if closed else None
 
     def _record(self) -> bool:
         """Takes rows until no more will follow. Returns False if there was no room for the last ones."""
@@ -86,26 +129,28 @@ class Recorder:
                 self._lost = self._ring.lost
             if not batch:
                 continue
-            self._stream.rows(batch.sequence, batch.rows)
+            self._stream.pack(batch.sequence, batch.rows)
             self._stream.events(batch.numbers, batch.events)
-            if not self._store(strip(self._binary.read())):
+            if not self._store(strip(self._binary.read()), batch.rows.nbytes):
                 return False
             self._ring.set_consumed(self._ring.sequence)
 
-    def _store(self, data: bytes) -> bool:
+    def _store(self, data: bytes, weight: int) -> bool:
         """Writes messages and waits for room if necessary. Returns False if the run is over without room."""
         over_since = None
         while True:
             try:
-                self._segments.write(data)
+                begun = self._segments.write(data, weight)
             except OSError as error:
                 if not self._stuck:
-                    say(f"{folder_of(self._target)}: can't write ({error.strerror}); will try again")
+                    say(f"{self._folder}: can't write ({error.strerror}); will try again")
                 self._stuck = True
             else:
                 if self._stuck:
-                    say(f"{folder_of(self._target)}: recording again")
+                    say(f"{self._folder}: recording again")
                 self._stuck = False
+                if begun:
+                    self._merge()
                 return True
             if self._tail.over:
                 over_since = over_since or time.monotonic()
@@ -113,12 +158,11 @@ class Recorder:
                     return False
             time.sleep(RETRY)
 
-    def _tidy(self) -> int:
-        """Cleans up after an earlier recorder of this run that was killed between merging and removing segments."""
-        if not self._segments_there or not self._ring.closed or not covers(self._target, self._ring.head):
-            check_target(self._target)
-        remove(folder_of(self._target))
-        return WELL
+
+def _yield_to_others() -> None:
+    """The merging thread may wait: the loop and the recording itself may not."""
+    with contextlib.suppress(OSError):
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 10)
 
 
 def say(text: str) -> None:

@@ -24,7 +24,7 @@ from runtime.profile.plots import Plot, command_plots, joint_plots, profile_plot
 from runtime.recorder.capsules import capsule_columns, capsule_look
 from runtime.recorder.robots import ROOT, Moves, RobotShapes
 from runtime.recorder.solid_shapes import solid_shapes
-from runtime.recording.columns import Columns, entity
+from runtime.recording.columns import Columns, entity, rounded
 from runtime.recording.shapes import PALETTE, Color, Placing, color_numbers, colors, visuals
 
 VIEW_RATE = 30.0  # Hz of the loop's clock
@@ -283,9 +283,9 @@ def _colored(names: type[IntEnum], colors: Mapping[Any, tuple[int, int, int]], o
 
 
 def scalars(values: NDArray[np.float64]) -> Any:
-    """The columns of values (k, n), which are n series."""
+    """The columns of values (k, n), which are n series, with the precision of float32: that compresses."""
     k, n = values.shape
-    return rr.Scalars.columns(scalars=values.ravel()).partition(np.full(k, n))
+    return rr.Scalars.columns(scalars=rounded(values).ravel()).partition(np.full(k, n))
 
 
 def _shape(field: Field, values: NDArray[np.float64]) -> list[Any]:

@@ -17,8 +17,9 @@ from runtime.ipc.events import Event
 from runtime.ipc.layout import Layout, Words
 from runtime.recorder import blueprint
 from runtime.recorder.scene import Scene, Thinned
-from runtime.recording.columns import ArrowBatch, Columns
-from runtime.recording.format import APPLICATION, EVENT, EVENTS, FORMAT, LEVELS, PROPERTY
+from runtime.recording.blocks import MOST, kin, pack
+from runtime.recording.columns import ROW, ArrowBatch, Columns
+from runtime.recording.format import APPLICATION, BLOCK, EVENT, EVENTS, FORMAT, LEVELS, PROPERTY, ROWS
 
 
 def recording_id(text: str) -> str:
@@ -43,6 +44,7 @@ class Stream:
         self.layout = Layout.from_json(text)
         self._columns = Columns(self.layout)
         self._scene = Scene(self._columns)
+        self._near = kin(self.layout)
         self._newest = np.zeros((1, self.layout.width), np.int64)
         self.recording = rr.RecordingStream(APPLICATION, recording_id=recording_id(text), send_properties=False)
         self.told = self.recording
@@ -54,25 +56,43 @@ class Stream:
         """What couldn't be drawn as it was asked for, a line each; known after `prologue`."""
         return self._scene.robots.problems
 
+    def head(self) -> None:
+        """Sends what a reader needs: format and layout."""
+        meta = self.layout.meta
+        digest = str(meta.get("sha256", ""))
+        self.recording.send_recording_name(str(meta.get("name", "srl")))
+        self.recording.send_property(PROPERTY, rr.AnyValues(format=FORMAT, layout=self._text, profile_sha256=digest))
+
     def prologue(self, row: Words | None, live: bool = False) -> None:
         """Sends the data at the head of every file: layout, profile, names, blueprint.
 
         `row` (width,), if there is one, decides where the 3D view looks. `live` makes the view follow the newest rows.
         """
+        self.head()
         meta = self.layout.meta
         profile, digest = str(meta.get("profile", "")), str(meta.get("sha256", ""))
-        self.recording.send_recording_name(str(meta.get("name", "srl")))
-        self.recording.send_property(PROPERTY, rr.AnyValues(format=FORMAT, layout=self._text, profile_sha256=digest))
         document = rr.TextDocument(f"```yaml\n{profile}\n```\nsha256 {digest}", media_type="text/markdown")
         rr.log("/profile", document, static=True, recording=self.recording, strict=True)
         self._scene.statics(self.recording)
         self.recording.send_blueprint(blueprint.make(self.layout, row, live))
 
     def rows(self, sequence: Words, rows: Words) -> None:
-        """Sends rows (k, width) with their sequence numbers (k,)."""
+        """Sends rows (k, width) with their sequence numbers (k,) as a file holds them: packed, and drawn."""
         if len(rows):
-            self._columns.send(self.recording, sequence, rows)
+            self.pack(sequence, rows)
+            self._columns.draw(self.recording, rows)
             self._scene.send(self.recording, self.thin(sequence, rows))
+
+    def pack(self, sequence: Words, rows: Words) -> None:
+        """Sends rows packed, and nothing that is drawn of them."""
+        for at in range(0, len(rows), MOST):
+            part = slice(at, at + MOST)
+            data = np.frombuffer(pack(sequence[part], rows[part], self.layout.ints, self._near), np.uint8)
+            indexes = [rr.TimeColumn(ROW, sequence=sequence[part][-1:]), *self._columns.times(rows[part][-1:])]
+            descriptor = rr.ComponentDescriptor("block").with_builtin_archetype(BLOCK)
+            column = rr.ComponentColumn(descriptor, ArrowBatch(pa.array(data)), offsets=[0, len(data)])
+            rr.send_columns(ROWS, indexes, [column], recording=self.recording, strict=True)
+            self._newest = rows
 
     def thin(self, sequence: Words, rows: Words) -> Thinned:
         """Sends the changes of state in rows (k, width), k > 0, and returns what is drawn of them."""
@@ -82,7 +102,7 @@ class Stream:
 
     def show(self, thinned: Thinned) -> None:
         """Sends the rows that are drawn, and nothing of those between."""
-        self._columns.send(self.recording, thinned.sequence, thinned.rows)
+        self._columns.send(self.recording, thinned.rows)
         self._scene.send(self.recording, thinned)
 
     def events(self, sequence: Sequence[int], events: Sequence[Event]) -> None:

@@ -1,12 +1,14 @@
-"""Converts rows to columns and back, bit for bit: each signal is an entity of float64, the loop's words of int64.
+"""Rows as rerun's columns, for people: each signal is an entity of float64, the loop's words of int64.
 
-Every column has three timelines: `row` (the ring's sequence number, which links a row's columns), `cycle`, and
-`time` (Unix time: the loop's clock plus the offset measured at start-up).
+Every column has the timelines `cycle` and `time` (Unix time: the loop's clock plus the offset measured at start-up).
+In recordings of format 1 the columns held every row, and `row` (the ring's sequence number) linked a row's columns.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -14,10 +16,12 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from runtime.contracts.errors import RecordingError
+from runtime.contracts.signals import Array
 from runtime.ipc.layout import Layout, Words
 from runtime.ipc.words import CYCLE, DEVICE
 
 ROW = "row"
+DRAWN = 10.0  # Hz of the loop's clock at which a file's columns show the rows; the rows themselves are in its blocks
 
 
 @dataclass(frozen=True)
@@ -51,6 +55,7 @@ class Columns:
     def __init__(self, layout: Layout) -> None:
         self.layout = layout
         self._wall = int(layout.meta.get("wall", 0))
+        self._bin = -1
         self.entities: dict[str, list[Column]] = {}
         words = [("/loop/cycle", "srl.Cycle", word) for word in CYCLE._fields]
         words += [(f"/loop/devices/{d}", "srl.Device", word) for d in layout.devices for word in DEVICE._fields]
@@ -70,21 +75,37 @@ class Columns:
             rr.TimeColumn("time", timestamp=stamps.astype("datetime64[ns]")),
         ]
 
-    def send(self, recording: rr.RecordingStream, sequence: Words, rows: Words) -> None:
-        """Sends rows (k, width) with their sequence numbers (k,)."""
-        indexes = [rr.TimeColumn(ROW, sequence=sequence), *self.times(rows)]
+    def send(self, recording: rr.RecordingStream, rows: Words) -> None:
+        """Sends rows (k, width) as they are."""
+        self._send(recording, rows, lambda values: values)
+
+    def draw(self, recording: rr.RecordingStream, rows: Words) -> None:
+        """Sends one row of each 1/DRAWN s of rows (k, width), with the precision of float32: that compresses.
+
+        The rows must follow those of the last call.
+        """
+        bins = np.floor_divide(self.layout.word(rows, "now"), int(1e9 / DRAWN))
+        new = bins != np.append(self._bin, bins[:-1])
+        self._bin = int(bins[-1])
+        if new.any():
+            self._send(recording, rows[new], rounded)
+
+    def _send(self, recording: rr.RecordingStream, rows: Words, shown: Callable[[Array], Array]) -> None:
+        indexes = self.times(rows)
         for path, columns in self.entities.items():
             components = []
             for column in columns:
                 block = np.ascontiguousarray(rows[:, column.start : column.start + column.size])
                 offsets = np.arange(0, block.size + 1, column.size, dtype=np.int32)
-                array = pa.array(block.view(column.kind).ravel())
-                components.append(rr.ComponentColumn(column.descriptor, ArrowBatch(array), offsets=offsets))
+                values: NDArray[Any] = block.view(column.kind).ravel()
+                if column.kind is np.float64:
+                    values = shown(values)
+                components.append(rr.ComponentColumn(column.descriptor, ArrowBatch(pa.array(values)), offsets=offsets))
             rr.send_columns(path, indexes, components, recording=recording, strict=True)
 
 
 class Assembler:
-    """Assembles columns into rows again. A row is complete once all its columns are there."""
+    """Assembles the columns of format 1 into rows again. A row is complete once all its columns are there."""
 
     def __init__(self, columns: Columns) -> None:
         self._width = columns.layout.width
@@ -143,6 +164,12 @@ class Assembler:
         self._pending = rest
         self.bytes = sum(block.nbytes for *_, block in rest)
         return sequence[whole], rows[whole]
+
+
+def rounded(values: Array) -> Array:
+    """Values with the precision of float32; what is beyond its range is infinite."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return values.astype(np.float32).astype(np.float64)
 
 
 def entity(name: str) -> str:

@@ -11,6 +11,8 @@ from __future__ import annotations
 import os
 import struct
 from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
@@ -44,9 +46,10 @@ def whole(path: Path) -> int:
     size = path.stat().st_size
     with open(path, "rb") as file:
         start = file.read(HEADER)
-        if start[:4] != _MAGIC[: len(start)]:
+        magic = start[:4].rstrip(b"\0")  # zeros: the power failed before it was on the disk
+        if magic != _MAGIC[: len(magic)]:
             raise RecordingError(str(path), "the file isn't a rerun recording", "Give a .rrd file that srl wrote")
-        if len(start) < HEADER:
+        if len(start) < HEADER or magic != _MAGIC:
             return 0
         end = HEADER
         for kind, after in _walk(file, size):
@@ -73,12 +76,50 @@ def _has_footer(file: BinaryIO, size: int) -> bool:
     return file.read(_FOOTER)[20:28] == b"RRF2FOOT"
 
 
-def copy_prefix(source: Path, target: Path, length: int) -> None:
-    """Copies the first `length` bytes."""
-    with open(source, "rb") as one, open(target, "wb") as other:
-        done = 0
-        while done < length:
-            count = os.sendfile(other.fileno(), one.fileno(), done, length - done)
-            if count == 0:
-                return
-            done += count
+@dataclass(frozen=True)
+class Window:
+    """Whole messages of a file as a stream in memory at `path`: its bytes from `start` to `end`."""
+
+    path: Path
+    start: int
+    end: int
+
+
+@contextmanager
+def windows(path: Path, start: int, length: int, most: int = 32 << 20) -> Iterator[Iterator[Window]]:
+    """The whole messages of a file between two bytes as windows, each of at most `most` bytes or of one message.
+
+    rerun's reader takes a path, and refuses a stream whose end is torn.
+    """
+    with ExitStack() as stack:
+        file = stack.enter_context(open(path, "rb"))
+        scratch = os.memfd_create("srl-window", os.MFD_CLOEXEC)
+        stack.callback(os.close, scratch)
+        yield _windows(file, start, length, most, scratch)
+
+
+def _windows(file: BinaryIO, start: int, length: int, most: int, scratch: int) -> Iterator[Window]:
+    ends = [end for kind, end in _walk(file, length) if kind != _END]
+    if not ends:
+        return
+    head = ends[0]  # the header, and the message that says what is recorded
+    # From a byte that ends no message: from the next that does.
+    start = next((end for end in ends if end >= start), head) if start else 0
+    for i, end in enumerate(ends):
+        if end <= start or (i + 1 < len(ends) and ends[i + 1] - start <= most):
+            continue
+        os.ftruncate(scratch, 0)
+        os.lseek(scratch, 0, os.SEEK_SET)
+        if start:
+            _send(file, scratch, 0, head)
+        _send(file, scratch, start, end)
+        yield Window(Path(f"/proc/self/fd/{scratch}"), start, end)
+        start = end
+
+
+def _send(file: BinaryIO, target: int, start: int, end: int) -> None:
+    while start < end:
+        count = os.sendfile(target, file.fileno(), start, end - start)
+        if count == 0:
+            return
+        start += count

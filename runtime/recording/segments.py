@@ -1,28 +1,37 @@
 """The files of a recording in progress: `FILE.rrd.segments/000001.rrd`, each readable by itself.
 
-A batch is written with one `write`: a killed process leaves whole messages and at most one torn message.
+`000000.rrd` is the recording itself as it grows: what was merged into it is in no other file any more. A batch is
+written with one `write`: a killed process leaves whole messages and at most one torn message.
 """
 
 from __future__ import annotations
 
+import fcntl
 import os
 import time
 from pathlib import Path
 
 from runtime.contracts.errors import RecordingError
 
-SECONDS = 60.0
-BYTES = 64 << 20
+ENDING = ".segments"
+GROWING = "000000.rrd"
+SECONDS = 20.0  # of a segment: the longer, the better its rows are packed, and the more there is to do at the end
+BYTES = 48 << 20  # of its rows before they are packed
 
 
 def folder_of(target: Path) -> Path:
     """The folder with the segments of a recording to `target`."""
-    return target.with_name(f"{target.name}.segments")
+    return target.with_name(target.name + ENDING)
 
 
 def listed(folder: Path) -> list[Path]:
-    """The segments, oldest first."""
+    """The files, the oldest rows first."""
     return sorted(p for p in folder.glob("*.rrd") if p.stem.isdigit())
+
+
+def numbered(folder: Path) -> list[Path]:
+    """The segments that aren't merged yet, oldest first."""
+    return [file for file in listed(folder) if file.name != GROWING]
 
 
 def check_target(target: Path) -> None:
@@ -45,6 +54,27 @@ def check_target(target: Path) -> None:
         raise RecordingError(str(target.parent), "the folder can't be written", "Make it, or choose another place")
 
 
+def claim(folder: Path) -> int:
+    """Makes the folder, and holds it for this process as long as the returned descriptor is open.
+
+    Raises:
+        RecordingError: another recorder writes there, or the folder can't be made.
+    """
+    try:
+        folder.mkdir(exist_ok=True)
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    except OSError as error:
+        raise RecordingError(str(folder), f"it can't be made: {error.strerror}", "Choose another place") from None
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(descriptor)
+        raise RecordingError(str(folder), "another run is being recorded there", "Choose another name") from None
+    except OSError:
+        pass  # a file system without locks: names that are there already are refused all the same
+    return descriptor
+
+
 class Segments:
     """Writes segments. A failed write leaves the file as it was, so that it can be tried again."""
 
@@ -52,21 +82,34 @@ class Segments:
         """`prologue`: stream header and messages at the beginning of each file."""
         self.folder = folder
         self._prologue = prologue
+        self._number = 0
         self._file: int | None = None
-        self._size = 0
+        self._size = self._weight = 0
         self._begun = 0.0
 
-    def write(self, data: bytes) -> None:
-        """Appends whole messages. When it returns, they have left this process.
+    def write(self, data: bytes, weight: int = 0) -> bool:
+        """Appends whole messages. When it returns, they have left this process. Whether a segment began with them.
 
+        Args:
+            data: the messages.
+            weight: bytes of their rows before they were packed.
         Raises:
             OSError: the write failed; earlier data is unharmed.
         """
-        if self._file is not None and (self._size >= BYTES or time.monotonic() - self._begun >= SECONDS):
+        if self._file is not None and (self._weight >= BYTES or time.monotonic() - self._begun >= SECONDS):
             self.close()
-        if self._file is None:
+        begins = self._file is None
+        if begins:
             self._begin()
         self._append(data)
+        self._weight += weight
+        return begins
+
+    @property
+    def closed(self) -> list[Path]:
+        """The segments that no more is written to, oldest first."""
+        files = numbered(self.folder)
+        return files if self._file is None else [file for file in files if int(file.stem) != self._number]
 
     def close(self) -> None:
         """Ends the current file."""
@@ -76,10 +119,11 @@ class Segments:
 
     def _begin(self) -> None:
         self.folder.mkdir(parents=True, exist_ok=True)
-        last = listed(self.folder)
-        path = self.folder / f"{int(last[-1].stem) + 1 if last else 1:06d}.rrd"
+        # A name isn't used again: its segment may be being merged.
+        self._number = max([self._number, *(int(file.stem) for file in listed(self.folder))]) + 1
+        path = self.folder / f"{self._number:06d}.rrd"
         self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o640)
-        self._size = 0
+        self._size = self._weight = 0
         self._begun = time.monotonic()
         try:
             self._append(self._prologue)
@@ -90,12 +134,21 @@ class Segments:
 
     def _append(self, data: bytes) -> None:
         assert self._file is not None
-        rest = memoryview(data)
-        try:
-            while rest:
-                rest = rest[os.write(self._file, rest) :]
-        except OSError:
-            os.ftruncate(self._file, self._size)
-            os.lseek(self._file, self._size, os.SEEK_SET)
-            raise
-        self._size += len(data)
+        self._size = append(self._file, data, self._size)
+
+
+def append(file: int, data: bytes, size: int) -> int:
+    """Writes at the end of a file of `size` bytes and returns its new size.
+
+    Raises:
+        OSError: the write failed; the file is as it was.
+    """
+    rest = memoryview(data)
+    try:
+        while rest:
+            rest = rest[os.write(file, rest) :]
+    except OSError:
+        os.ftruncate(file, size)
+        os.lseek(file, size, os.SEEK_SET)
+        raise
+    return size + len(data)

@@ -1,10 +1,14 @@
-"""Reads recorded rows file by file: cuts torn tails, drops duplicates, never holds more than one file in memory."""
+"""Reads recorded rows file by file: cuts torn tails, drops duplicates, never holds more than a window in memory.
+
+A recording can be read while it grows: its files are held open from the beginning, so none can vanish.
+"""
 
 from __future__ import annotations
 
-import tempfile
+import os
 import warnings
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +19,27 @@ import rerun as rr
 from runtime.contracts.errors import RecordingError
 from runtime.ipc.events import Event
 from runtime.ipc.layout import Layout, Words
-from runtime.recording.columns import Assembler, Columns
-from runtime.recording.format import APPLICATION, EVENT, EVENTS, FORMAT, LEVELS, OLD_EVENT, OLD_EVENTS, PROPERTY
-from runtime.recording.framing import copy_prefix, whole
+from runtime.recording.blocks import unpack
+from runtime.recording.columns import ROW, Assembler, Columns
+from runtime.recording.format import (
+    APPLICATION,
+    BLOCK,
+    COLUMNS_ONLY,
+    EVENT,
+    EVENTS,
+    FORMAT,
+    LEVELS,
+    OLD_EVENT,
+    OLD_EVENTS,
+    PROPERTY,
+    ROWS,
+)
+from runtime.recording.framing import Window, whole, windows
+from runtime.recording.segments import ENDING, listed
 
 _MUCH = 64 << 20  # bytes of columns before rows are made of them
+_TAIL = 64 << 20  # bytes at a file's end that hold its last rows
+_LOOKS = 5  # at a folder whose files are merged meanwhile
 _ARCHETYPES = {EVENTS: EVENT, OLD_EVENTS: OLD_EVENT}
 _LEVELS = {text: level for level, text in LEVELS.items()}
 Chunk = tuple[str, pa.RecordBatch]
@@ -31,7 +51,8 @@ class Source:
     Attributes:
         text: the layout's JSON. Like `layout`, it is known once a block has been returned or all have been read.
         events: the events read so far, by sequence number.
-        cut: number of bytes of torn tails in the files read so far.
+        cut: number of bytes that are torn or spoilt in the files read so far.
+        damaged: blocks of rows that didn't prove themselves; their rows are left out.
     """
 
     def __init__(self, files: Sequence[Path]) -> None:
@@ -39,8 +60,9 @@ class Source:
         self.text = ""
         self.layout: Layout | None = None
         self.events: dict[int, Event] = {}
-        self.cut = 0
-        self._assembler: Assembler | None = None
+        self.cut = self.damaged = 0
+        self._assembler: Assembler | None = None  # of format 1
+        self._rows: list[tuple[Words, Words]] = []
 
     def blocks(self) -> Iterator[tuple[Words, Words]]:
         """Yields sequence numbers (k,), ascending throughout, and rows (k, width).
@@ -49,48 +71,96 @@ class Source:
             RecordingError: a file isn't a recording of srl, or belongs to another version or run than the first.
         """
         last = 0
-        for file in self.files:
-            self._assembler = None
-            for path, batch in self._chunks(file):
-                self._take(file, path, batch)
-                if self._assembler is not None and self._assembler.bytes > _MUCH:
-                    sequence, rows = self._assembler.take()
+        with ExitStack() as stack:
+            for file, held in self._held(stack):
+                self._assembler = None
+                for path, batch in self._chunks(file, held):
+                    self._take(file, path, batch)
+                    for sequence, rows in self._made(_MUCH):
+                        new = sequence > last
+                        if new.any():
+                            last = int(sequence[-1])
+                            yield sequence[new], rows[new]
+                for sequence, rows in self._made(0):
                     new = sequence > last
                     if new.any():
                         last = int(sequence[-1])
                         yield sequence[new], rows[new]
-            if self._assembler is not None:
-                sequence, rows = self._assembler.take()
-                new = sequence > last
-                if new.any():
-                    last = int(sequence[-1])
-                    yield sequence[new], rows[new]
 
     def head(self) -> str:
         """The layout's JSON of the first file, without reading its rows; "" if the file ends before it."""
-        for path, batch in self._chunks(self.files[0]):
+        for path, batch in self._chunks(self.files[0], self.files[0]):
             self._take(self.files[0], path, batch)
             if self.text:
                 break
         return self.text
 
-    def _chunks(self, file: Path) -> Iterator[Chunk]:
+    def _made(self, most: int) -> list[tuple[Words, Words]]:
+        """The rows read since the last call; those of columns once there are more than `most` bytes."""
+        made, self._rows = self._rows, []
+        if self._assembler is not None and self._assembler.bytes > most:
+            made.append(self._assembler.take())
+        return made
+
+    def _held(self, stack: ExitStack) -> list[tuple[Path, Path]]:
+        """Each file, and where it can be read even if its recorder merges and removes it meanwhile."""
+        for _ in range(_LOOKS):
+            found = []
+            try:
+                for file in self.files:
+                    descriptor = os.open(file, os.O_RDONLY | os.O_CLOEXEC)
+                    stack.callback(os.close, descriptor)
+                    found.append((file, Path(f"/proc/self/fd/{descriptor}")))
+                return found
+            except FileNotFoundError as error:
+                gone = Path(str(error.filename))
+                self.files = listed(gone.parent)
+                if not self.files or not gone.parent.name.endswith(ENDING):
+                    break
+        raise RecordingError(str(gone), "the file has gone meanwhile", "Read the finished recording")
+
+    def _chunks(self, file: Path, held: Path) -> Iterator[Chunk]:
         """Yields the chunks of a file's whole messages, those of the layout first."""
-        size, good = file.stat().st_size, whole(file)
-        self.cut += size - good
-        if good == 0:
-            return
-        if good == size:
-            yield from _ordered(file, file)
-            return
-        with tempfile.TemporaryDirectory(prefix="srl-") as scratch:
-            copy = Path(scratch) / file.name
-            copy_prefix(file, copy, good)
-            yield from _ordered(copy, file)
+        try:
+            size, good = held.stat().st_size, whole(held)
+        except RecordingError as error:
+            raise RecordingError(str(file), error.problem, error.remedy) from None
+        self.cut += max(size - good, 0)
+        held_back: list[Chunk] = []  # rows wait until the layout has been read
+        known = False
+        with windows(held, 0, good) as found:
+            for window in found:
+                for path, batch in self._decoded(window, held, file):
+                    known = known or path == f"/__properties/{PROPERTY}"
+                    held_back.append((path, batch))
+                    if known:
+                        held_back.sort(key=lambda item: item[0] != f"/__properties/{PROPERTY}")
+                        yield from held_back
+                        held_back.clear()
+
+    def _decoded(self, window: Window, held: Path, file: Path) -> list[Chunk]:
+        """The chunks of a window; without the messages that a power failure or the disk has spoilt, which are cut."""
+        try:
+            return _decoded(window.path, file, named=window.start == 0)
+        except RuntimeError as error:  # rerun raises this for what it can't decode
+            reason = str(error).splitlines()[0]
+        made: list[Chunk] = []
+        with windows(held, window.start, window.end, 0) as found:
+            for single in found:
+                try:
+                    made += _decoded(single.path, file, named=single.start == 0)
+                except RuntimeError:
+                    self.cut += single.end - single.start
+        if not made and window.start == 0:
+            problem = f"rerun can't read it: {reason}"
+            raise RecordingError(str(file), problem, "It is damaged, or from another rerun")
+        return made
 
     def _take(self, file: Path, path: str, batch: pa.RecordBatch) -> None:
         if path == f"/__properties/{PROPERTY}":
             self._take_layout(file, batch)
+        elif path == ROWS:
+            self._take_rows(batch)
         elif path in _ARCHETYPES:
             self._take_events(batch, _ARCHETYPES[path])
         elif self._assembler is not None:
@@ -98,8 +168,8 @@ class Source:
 
     def _take_layout(self, file: Path, batch: pa.RecordBatch) -> None:
         version = column(batch, "format")[0]
-        if version != FORMAT:
-            problem = f"the recording's format is {version}, this srl reads {FORMAT}"
+        if version not in (COLUMNS_ONLY, FORMAT):
+            problem = f"the recording's format is {version}, this srl reads {COLUMNS_ONLY} and {FORMAT}"
             raise RecordingError(str(file), problem, "Read it with the version of srl that wrote it")
         text = column(batch, "layout")[0]
         if self.text and text != self.text:
@@ -107,7 +177,21 @@ class Source:
         if not self.text:
             self.text, self.layout = text, Layout.from_json(text, str(file))
         assert self.layout is not None
-        self._assembler = Assembler(Columns(self.layout))
+        self._assembler = Assembler(Columns(self.layout)) if version == COLUMNS_ONLY else None
+
+    def _take_rows(self, batch: pa.RecordBatch) -> None:
+        assert self.layout is not None
+        width = len(self.layout.recorded_names) + self.layout.floats
+        blocks = batch.column(batch.schema.names.index(f"{BLOCK}:block"))
+        for i in range(len(blocks)):
+            try:
+                sequence, rows = unpack(blocks[i].values.to_numpy().tobytes())
+                if rows.shape[1] != width:
+                    raise ValueError("its rows are of another width")
+            except ValueError:
+                self.damaged += 1
+                continue
+            self._rows.append((sequence, self.layout.upgrade(rows)))
 
     def _take_events(self, batch: pa.RecordBatch, archetype: str) -> None:
         names = (f"{archetype}:sequence", f"{archetype}:time", "TextLog:text", "TextLog:level")
@@ -123,30 +207,27 @@ def column(batch: pa.RecordBatch, name: str) -> list[Any]:
     return values
 
 
-def _ordered(file: Path, shown: Path) -> Iterator[Chunk]:
-    """Yields the chunks of a file of whole messages. Rows are held back until the layout has been read."""
-    held: list[Chunk] = []
-    known = False
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # a segment correctly has no manifest at its end
-            reader = rr.chunk.RrdReader(file)
-            if not any(store.application_id == APPLICATION for store in reader.recordings()):
-                raise RecordingError(str(shown), "no run of srl is recorded in it", "Give a .rrd file that srl wrote")
-            stream = reader.stream()
-        for chunk in stream:
-            path, batch = chunk.entity_path, chunk.to_record_batch()
-            known = known or path == f"/__properties/{PROPERTY}"
-            held.append((path, batch))
-            if known:
-                held.sort(key=lambda item: item[0] != f"/__properties/{PROPERTY}")
-                yield from held
-                held.clear()
-    except RuntimeError as error:  # rerun raises this for a file that it can't decode
-        reason = str(error).splitlines()[0]
-        raise RecordingError(
-            str(shown), f"rerun can't read it: {reason}", "It is damaged, or from another rerun"
-        ) from None
+def _decoded(stream: Path, shown: Path, named: bool) -> list[Chunk]:
+    """The chunks of a stream of whole messages; `named`: it must be srl's. Raises RuntimeError."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # a stream correctly has no manifest at its end
+        reader = rr.chunk.RrdReader(stream)
+        if named and not any(store.application_id == APPLICATION for store in reader.recordings()):
+            problem = "no run of srl is recorded in it"
+            raise RecordingError(str(shown), problem, "Give a .rrd file that srl wrote")
+        chunks = list(reader.stream())
+    return [(chunk.entity_path, chunk.to_record_batch()) for chunk in chunks]
+
+
+def last_row(path: Path) -> int:
+    """The number of the last row of a file, found from its end; 0 if it has none there."""
+    source, good, last = Source([path]), whole(path), 0
+    with windows(path, max(good - _TAIL, 0), good) as found:
+        for window in found:
+            for entity, batch in source._decoded(window, path, path):
+                if entity == ROWS:
+                    last = max(last, *batch.column(batch.schema.names.index(ROW)).to_pylist())
+    return last
 
 
 def gaps(sequence: Words) -> list[tuple[int, int]]:

@@ -24,13 +24,13 @@ def make_segments(folder: Path, layout: Layout, count: int, batch: int = 250, ev
     layout.save(folder.parent / "layout.json")
     stream = Stream((folder.parent / "layout.json").read_text())
     binary = stream.recording.binary_stream()
-    stream.prologue(None)
+    stream.head()
     head = binary.read()
     segments = Segments(folder, head[:HEADER] + strip(head))
     rows = expected(layout, count)
     for at in range(0, count, batch):
         part = rows[at : at + batch]
-        stream.rows(np.arange(at + 1, at + 1 + len(part)), part)
+        stream.pack(np.arange(at + 1, at + 1 + len(part)), part)
         if at == 0:
             stream.events(range(1, len(events) + 1), events)
         segments.write(strip(binary.read()))

@@ -2,23 +2,31 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import random
+import shutil
+import tempfile
 from pathlib import Path
 
 import numpy as np
 import pytest
+import rerun as rr
 from helpers.recording import make_layout, make_run
 from helpers.segments import expected, make_segments
+from hypothesis import Phase, example, given, settings
+from hypothesis import strategies as st
 
 from runtime.contracts.errors import RecordingError
 from runtime.ipc.events import Event, Level
-from runtime.recorder import merge as merging
 from runtime.recorder import stream
+from runtime.recorder.merge import Merger
 from runtime.recorder.process import Recorder
 from runtime.recorder.stream import Stream
 from runtime.recording.framing import HEADER, whole
 from runtime.recording.reader import read
-from runtime.recording.segments import check_target, folder_of, listed
+from runtime.recording.segments import check_target, claim, folder_of, listed, numbered
+from runtime.recording.source import Source
 
 
 def test_segments_cut_anywhere_give_a_prefix_bit_for_bit(tmp_path: Path) -> None:
@@ -106,8 +114,6 @@ def test_a_black_box_is_read(tmp_path: Path) -> None:
 
 
 def test_what_is_not_a_recording_is_refused_with_its_reason(tmp_path: Path) -> None:
-    import rerun as rr
-
     text = tmp_path / "text.rrd"
     text.write_text("hello, I am not a recording")
     foreign = tmp_path / "foreign.rrd"
@@ -150,9 +156,14 @@ def test_an_existing_recording_is_never_overwritten(tmp_path: Path) -> None:
         check_target(tmp_path / "new.rrd")
 
 
+def merger(out: Path) -> Merger:
+    return Merger(out, (out.parent / "layout.json").read_text())
+
+
 def test_a_merge_that_is_not_complete_keeps_the_segments(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out = tmp_path / "out.rrd"
-    make_segments(folder_of(out), make_layout(), 500)
+    folder = folder_of(out)
+    make_segments(folder, make_layout(), 500)
 
     def loses_a_row(self: Stream, sequence: np.ndarray, rows: np.ndarray) -> None:
         send(self, sequence[1:], rows[1:])
@@ -160,31 +171,147 @@ def test_a_merge_that_is_not_complete_keeps_the_segments(tmp_path: Path, monkeyp
     send = Stream.rows
     monkeypatch.setattr(Stream, "rows", loses_a_row)
     with pytest.raises(RecordingError, match=r"499 of 500 rows.*kept"):
-        merging.merge(out)
+        merger(out).finish()
     assert not out.exists()
     monkeypatch.undo()
-    monkeypatch.setattr(merging, "free_bytes", lambda _: 1000)
-    with pytest.raises(RecordingError, match="room"):
-        merging.merge(out)
-    monkeypatch.undo()
-    assert len(listed(folder_of(out))) == 1
-    assert merging.merge(out) == 500
-    assert len(read(out).rows) == 500
+    assert np.array_equal(read(folder).rows, expected(make_layout(), 500))
+    merger(out).finish()
+    assert np.array_equal(read(out).rows, expected(make_layout(), 500))
+    assert not folder.exists()
 
 
-def test_a_merge_killed_while_tidying_up_is_finished_by_the_next(tmp_path: Path) -> None:
+@pytest.mark.parametrize("call", ["write", "fsync", "pread", "unlink", "rename"])
+def test_whatever_fails_in_a_merge_loses_nothing_and_is_made_good_by_the_next(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
+) -> None:
+    out, layout = tmp_path / "out.rrd", make_layout(extra=3)
+    make_segments(folder_of(out), layout, 300, events=[Event(5, Level.INFO, 1, "ready")])
+    first = merger(out)
+    real = {"unlink": Path.unlink, "rename": Path.rename}.get(call) or getattr(os, call)
+    places = {"unlink": (Path, "unlink"), "rename": (Path, "rename")}
+
+    def fails(*given: object) -> object:
+        if call == "write" and len(given[1]) > 100_000:  # a half of it reaches the disk
+            real(given[0], given[1][: len(given[1]) // 2])
+            return fails(given[0], b"")
+        if call == "pread":
+            return bytes(given[1])
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(*places.get(call, (os, call)), fails)
+        with pytest.raises(RecordingError, match=r"can't be.*kept"):
+            first.finish()
+    there = read(folder_of(out))
+    assert np.array_equal(there.rows, expected(layout, 300))
+    assert not out.exists()
+    first.finish()
+    found = read(out)
+    assert np.array_equal(found.rows, expected(layout, 300))
+    assert [event.text for event in found.events] == ["ready"]
+    assert (found.missing, found.salvaged) == ([], 0)
+    assert not folder_of(out).exists()
+    kinds = [chunk.entity_path for chunk in rr.chunk.RrdReader(out).stream()]
+    assert kinds.count("/rows") == 1, "nothing was written twice"
+
+
+def cut(grown: Path, at: int, zeros: int, folder: Path) -> int:
+    """Copies a growing recording with its growing file cut; returns how many bytes of that aren't whole messages."""
+    data = (folder_of(grown / "out.rrd") / "000000.rrd").read_bytes()[:at] + bytes(zeros)
+    folder.mkdir(parents=True)
+    (folder / "000000.rrd").write_bytes(data)
+    shutil.copy(folder_of(grown / "out.rrd") / "000002.rrd", folder)
+    shutil.copy(grown / "layout.json", folder.parent)
+    return len(data) - whole(folder / "000000.rrd")
+
+
+@given(at=st.integers(0, 1 << 40), zeros=st.sampled_from([0, 0, 1, 300]))
+@example(1, 1).via("the magic begun")
+@example(7, 9).via("the header begun")
+@settings(max_examples=20, deadline=None, phases=[Phase.explicit, Phase.generate])
+def test_a_recording_cut_at_any_byte_while_it_grows_gives_all_that_stands_in_it_and_says_what_is_gone(
+    grown: Path, at: int, zeros: int
+) -> None:
+    size = (folder_of(grown / "out.rrd") / "000000.rrd").stat().st_size
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch) / "out.rrd.segments"
+        torn = cut(grown, at % (size + 1), zeros, folder)
+        found = read(folder)
+    assert np.array_equal(found.rows, expected(make_layout(extra=3), 400)[found.sequence - 1])
+    assert found.salvaged == torn or (zeros and found.salvaged > torn)  # zeros that end a message spoil it
+    # The rows of the segment are there whatever the growing file lost; what that had lost is a gap.
+    assert (found.missing, len(found.rows)) in (([], 400), ([(1, 200)], 200))
+    if at % (size + 1) == size:
+        assert not found.missing
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("at", [0, 1, 11, 12, 100, -1, *np.random.default_rng(5).integers(0, 300_000, 8).tolist()])
+def test_a_recorder_goes_on_with_a_growing_file_that_is_cut_anywhere(grown: Path, tmp_path: Path, at: int) -> None:
     out = tmp_path / "out.rrd"
-    layout = make_layout()
+    cut(grown, at, 0, folder_of(out))
+    there = read(folder_of(out))
+    merger(out).finish()
+    done = read(out)
+    assert np.array_equal(done.rows, there.rows)
+    assert done.salvaged == 0
+    assert "/profile" in {chunk.entity_path for chunk in rr.chunk.RrdReader(out).stream()}
+
+
+@pytest.fixture(scope="module")
+def grown(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording of 400 rows while it grows: 200 of them are merged, the others a segment."""
+    out, layout = tmp_path_factory.mktemp("grown") / "out.rrd", make_layout(extra=3)
+    make_segments(folder_of(out), layout, 200)
+    segment = folder_of(out) / "000001.rrd"
+    merging = merger(out)
+    merging.merge([segment])
+    merging.close()
+    stream = Stream((out.parent / "layout.json").read_text())
+    binary = stream.recording.binary_stream()
+    stream.head()
+    stream.pack(np.arange(201, 401), expected(layout, 400)[200:])
+    (folder_of(out) / "000002.rrd").write_bytes(binary.read())
+    return out.parent
+
+
+def test_a_recording_is_read_whole_while_its_segments_are_merged(tmp_path: Path) -> None:
+    out, layout = tmp_path / "out.rrd", make_layout(extra=3)
+    make_segments(folder_of(out), layout, 200)
+    source = Source(listed(folder_of(out)))
+    blocks = source.blocks()
+    got = [next(blocks)]
+    merging = merger(out)
+    merging.merge(numbered(folder_of(out)))
+    assert numbered(folder_of(out)) == []
+    got += list(blocks)
+    assert np.array_equal(np.concatenate([rows for _, rows in got]), expected(layout, 200))
+    gone = Source([folder_of(out) / "000001.rrd"])  # listed before it was merged
+    assert sum(len(s) for s, _ in gone.blocks()) == 200
+    merging.finish()
+    with pytest.raises(RecordingError, match="has gone"):
+        list(Source([folder_of(out) / "000000.rrd"]).blocks())
+
+
+def test_a_recorder_killed_after_the_last_merge_has_finished(tmp_path: Path) -> None:
+    out, layout = tmp_path / "out.rrd", make_layout()
     run, ring, _ = make_run(tmp_path / "run", layout)
     for row in expected(layout, 300):
         ring.append(row)
     ring.finish()
-    make_segments(folder_of(out), layout, 300)
-    kept = (folder_of(out) / "000001.rrd").read_bytes()
-    merging.merge(out)
-    folder_of(out).mkdir()
-    (folder_of(out) / "000001.rrd").write_bytes(kept)
+    assert Recorder(run, out).run() == 0
     before = out.read_bytes()
+    folder_of(out).mkdir()  # killed before it removed the folder
     assert Recorder(run, out).run() == 0
     assert not folder_of(out).exists()
     assert out.read_bytes() == before
+
+
+def test_two_recorders_never_write_into_one_folder(tmp_path: Path) -> None:
+    out = tmp_path / "out.rrd"
+    held = claim(folder_of(out))
+    run, _, _ = make_run(tmp_path / "run", make_layout())
+    with pytest.raises(RecordingError, match="another run is being recorded there"):
+        Recorder(run, out)
+    os.close(held)
+    os.close(claim(folder_of(out)))
