@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -33,9 +33,9 @@ class _Piece:
 class Merger:
     """The growing file of one recording, `GROWING` in the folder of its segments."""
 
-    def __init__(self, target: Path, text: str) -> None:
-        """`text` is the layout's JSON. Nothing is opened before the first merge."""
-        self._target, self._text = target, text
+    def __init__(self, target: Path, text: str, report: Callable[[str], None] = lambda text: None) -> None:
+        """`text` is the layout's JSON; `report` is told what can't be drawn. Nothing is opened before the first merge."""
+        self._target, self._text, self._report = target, text, report
         self.path = folder_of(target) / GROWING
         self._kept = f"The segments are kept and can be read as they are: {self.path.parent}"
         self._file: int | None = None
@@ -125,6 +125,8 @@ class Merger:
             self._stream = Stream(self._text)
             self._binary = self._stream.recording.binary_stream()
             self._stream.prologue(blocks[0][1][0] if blocks else None)
+            for problem in self._stream.problems:
+                self._report(problem)
             self._head = self._binary.read()
             self._head = self._head[:HEADER] + strip(self._head)
         rows = np.concatenate([np.empty((0, self._stream.layout.width), np.int64), *(r for _, r in blocks)])[new]

@@ -57,11 +57,9 @@ class Recorder:
         self._stream.head()
         head = self._binary.read()
         self._segments = Segments(self._folder, head[:HEADER] + strip(head))
-        self._merger = Merger(target, self._tail.text)
+        self._merger = Merger(target, self._tail.text, say)
         self._worker = ThreadPoolExecutor(1, "merge", initializer=_yield_to_others)
         self._merging: Future[None] | None = None
-        for problem in self._stream.problems:
-            say(problem)
         self._stuck = self._unmerged = False
         self._lost = 0
 

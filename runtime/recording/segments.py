@@ -16,7 +16,7 @@ from runtime.contracts.errors import RecordingError
 ENDING = ".segments"
 GROWING = "000000.rrd"
 SECONDS = 20.0  # of a segment: the longer, the better its rows are packed, and the more there is to do at the end
-BYTES = 48 << 20  # of its rows before they are packed
+BYTES = 24 << 20  # of its rows before they are packed
 
 
 def folder_of(target: Path) -> Path:

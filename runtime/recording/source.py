@@ -167,6 +167,9 @@ class Source:
             self._assembler.add(path, batch)
 
     def _take_layout(self, file: Path, batch: pa.RecordBatch) -> None:
+        if not {"format", "layout"} <= set(batch.schema.names):
+            problem = "its layout isn't as srl writes it"
+            raise RecordingError(str(file), problem, "Give the file that srl wrote, not a copy that rerun's tools made")
         version = column(batch, "format")[0]
         if version not in (COLUMNS_ONLY, FORMAT):
             problem = f"the recording's format is {version}, this srl reads {COLUMNS_ONLY} and {FORMAT}"

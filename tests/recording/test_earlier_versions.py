@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pytest
+import rerun as rr
 from helpers.recording import make_layout, make_rows
 from ruamel.yaml import YAML
 
@@ -17,7 +18,7 @@ from runtime.ipc.layout import _FIRST_CYCLE, _FIRST_DEVICE, Layout
 from runtime.ipc.ring import RingWriter
 from runtime.profile import profile
 from runtime.recorder.figure import draw
-from runtime.recording.columns import Assembler, Columns
+from runtime.recording.columns import ArrowBatch, Assembler, Columns
 from runtime.recording.reader import read
 from srl.testing import simulate
 
@@ -73,6 +74,32 @@ def test_columns_of_the_first_version(tmp_path: Path) -> None:
     expected[:, [layout.int_names.index(name) for name in absent]] = 0
     assert sequence.tolist() == list(range(1, 21))
     assert made.tobytes() == expected.tobytes()
+
+
+def test_a_file_of_format_1_whose_columns_hold_every_row(tmp_path: Path) -> None:
+    layout = make_layout()
+    layout.save(tmp_path / "layout.json")
+    rows = make_rows(layout, 200)
+    with rr.RecordingStream("srl", send_properties=False) as stream:
+        stream.save(tmp_path / "run.rrd")
+        text = (tmp_path / "layout.json").read_text()
+        stream.send_property("srl", rr.AnyValues(format=1, layout=text, profile_sha256=""))
+        for at in (0, 150):
+            part = rows[at : at + 150]
+            for path, columns in Columns(layout).entities.items():
+                parts = [
+                    rr.ComponentColumn(
+                        c.descriptor,
+                        ArrowBatch(pa.array(part[:, c.start : c.start + c.size].copy().view(c.kind).ravel())),
+                        offsets=np.arange(0, len(part) * c.size + 1, c.size, dtype=np.int32),
+                    )
+                    for c in columns
+                ]
+                index = rr.TimeColumn("row", sequence=np.arange(at + 1, at + 1 + len(part)))
+                rr.send_columns(path, [index], parts, recording=stream, strict=True)
+    found = read(tmp_path / "run.rrd")
+    assert found.rows.tobytes() == rows.tobytes()
+    assert (found.missing, found.salvaged) == ([], 0)
 
 
 def test_a_layout_names_the_words_of_its_rows(tmp_path: Path) -> None:
