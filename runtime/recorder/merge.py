@@ -34,7 +34,7 @@ class Merger:
     """The growing file of one recording, `GROWING` in the folder of its segments."""
 
     def __init__(self, target: Path, text: str, report: Callable[[str], None] = lambda text: None) -> None:
-        """`text` is the layout's JSON; `report` is told what can't be drawn. Nothing is opened before the first merge."""
+        """`text` is the layout's JSON; `report` is told what can't be drawn. Files are opened by the first merge."""
         self._target, self._text, self._report = target, text, report
         self.path = folder_of(target) / GROWING
         self._kept = f"The segments are kept and can be read as they are: {self.path.parent}"
