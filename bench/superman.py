@@ -14,7 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -24,7 +24,7 @@ import numpy as np
 from bench import differential_ik
 from bench.pairs import PAIRS, Pairs, Row, measure
 from runtime.ipc.ring import RingWriter
-from runtime.ipc.words import CYCLE, State
+from runtime.ipc.words import CYCLE, DEVICE, State
 from runtime.loop import realtime
 from runtime.loop.clock import MonotonicClock
 from runtime.loop.lockstep import Lockstep
@@ -83,20 +83,24 @@ def _judged(row: Row, name: str) -> Row:
 class Decisions:
     """Runs check, control, guard and log of a profile over the rows of its own simulated run."""
 
-    def __init__(self, name: str) -> None:
-        checked, source = profile.load(name)
+    def __init__(self, name: str, overrides: Sequence[str] = (), span: float = SPAN) -> None:
+        """overrides: of the profile; span: s of simulated time."""
+        checked, source = profile.load(name, overrides)
         graph = wiring.build(checked, source, [])
         assert graph.world is not None
         self._graph, self._made = graph, graph.row
         self._lockstep = lockstep = Lockstep(graph)
         self._step = lockstep.cycle
         rows = []
-        for _ in range(round(SPAN * 1e9 / lockstep.period)):
+        for _ in range(round(span * 1e9 / lockstep.period)):
             lockstep.sense()
             before = graph.row.words.copy()
             if lockstep.act() is State.ACTIVE and lockstep.count > 100:
                 rows.append(before)
         self._rows, self._at = rows, 0
+        # Time goes on from lap to lap: the watch of the base's pose takes a clock that goes back for a jump.
+        self._lap = self._ahead = lockstep.count * lockstep.period
+        self._stamps = graph.row.devices[:, DEVICE.stamp]
         self._folder = tempfile.TemporaryDirectory()
         self._ring = RingWriter.create(Path(self._folder.name) / "rows", graph.layout.width, 4096)
 
@@ -113,7 +117,10 @@ class Decisions:
         for i in range(count):
             each()
             self._at = (self._at + 1) % len(self._rows)
+            self._ahead += self._lap * (self._at == 0)
             words[:] = self._rows[self._at]
+            self._made.ints[_NOW] += self._ahead
+            self._stamps += self._ahead
             begun = clock()
             step.check(0)
             step.control()

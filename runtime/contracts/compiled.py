@@ -81,6 +81,34 @@ def compiled(law: Controller) -> Compiled:
     return made
 
 
+class Patience:
+    """When C is tried again after a cycle that was Python's: what is out of the ordinary often lasts.
+
+    After 1, 3, 7 and then always 15 cycles, until C has computed one. So the tries cost little.
+    """
+
+    MOST: Final = 15
+
+    def __init__(self) -> None:
+        self._left = self._pause = 0
+
+    def over(self) -> bool:
+        """Whether C is to be tried in this cycle."""
+        if self._left > 0:
+            self._left -= 1
+            return False
+        return True
+
+    def tried(self, done: bool) -> None:
+        """Whether C has computed this cycle."""
+        self._pause = 0 if done else min(2 * self._pause + 1, self.MOST)
+        self._left = self._pause
+
+    def forget(self) -> None:
+        """Begins anew."""
+        self._left = self._pause = 0
+
+
 class Compiled(ABC):
     """A bound law whose ordinary cycles are computed in C.
 
@@ -91,22 +119,28 @@ class Compiled(ABC):
         self.law = law
         self.inside = False
         self.rare = 0  # cycles that Python has computed
+        self._patience = Patience()
         self._step = self._bind()
 
     def reset(self) -> None:
         """As the law's own."""
         self.leave()  # what a reset keeps: counts, for one
+        self._patience.forget()
         self.law.reset()
 
     def update(self, dt: float) -> None:
         """As the law's own."""
-        if not self.inside:
-            self._enter()
-            self.inside = True
-        if self._step(dt) < 0:
+        if self.inside or self._patience.over():
+            if not self.inside:
+                self._enter()
+                self.inside = True
+            done = self._step(dt) >= 0
+            self._patience.tried(done)
+            if done:
+                return
             self.leave()
-            self.rare += 1
-            self.law.update(dt)
+        self.rare += 1
+        self.law.update(dt)
 
     def leave(self) -> None:
         """Gives the law its state back: before it computes a cycle, and before it is asked for its figures."""

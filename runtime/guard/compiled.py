@@ -6,7 +6,7 @@ from math import inf
 
 import numpy as np
 
-from runtime.contracts.compiled import NotCompiledError, Step, bind
+from runtime.contracts.compiled import NotCompiledError, Patience, Step, bind
 from runtime.contracts.signals import Array
 from runtime.guard.base import CommandGuard, Fast
 from runtime.guard.position import PositionGuard
@@ -42,6 +42,7 @@ class _Compiled(Fast):
         self._inside, self._all_taken, self._dt = False, False, 0.0
         self._tolerance, self._tracker = np.array([guard.tolerance]), guard._tracker
         self._applied = np.zeros(guard.size)  # what was applied when all had been sent
+        self._patience = Patience()
         self._step = self._bind(guard)
         self._same: Step | None = None
         if guard._sent is not None:
@@ -52,10 +53,11 @@ class _Compiled(Fast):
             self.leave()
             return _RARE
         if not self._inside:
-            if not self._enter():
+            if not self._patience.over() or not self._enter():
                 return _RARE
             self._inside = True
         done = self._step(dt, self._flag)
+        self._patience.tried(done >= 0)
         if done < 0:
             self.leave()
         return done
@@ -81,6 +83,7 @@ class _Compiled(Fast):
 
     def forget(self) -> None:
         self._inside = self._all_taken = False
+        self._patience.forget()
 
     def _bind(self, guard: CommandGuard) -> Step:
         raise NotImplementedError
