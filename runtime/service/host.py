@@ -66,7 +66,7 @@ def _read(path: str) -> str:
 def _laws() -> Finding:
     if not compiled.missing():
         return Finding("laws and guards", "good", compiled.available())
-    remedy = "Install srl-runtime where there is a C compiler; Python takes about eight times as long"
+    remedy = "Install srl-runtime where there is a C compiler; Python takes about five times as long"
     return Finding("laws and guards", "doubtful", compiled.missing(), remedy)
 
 
