@@ -29,7 +29,13 @@ class Claim:
 
 @dataclass
 class Result:
-    """A study's outcome. `table`: rows by column; `files`: the written files, relative to the given folder."""
+    """A study's outcome.
+
+    Attributes:
+        table: rows by column.
+        files: the written files, relative to the given folder.
+        page: Markdown for a page, which `srl study NAME --write PAGE` puts there; "" if it has none.
+    """
 
     study: str
     simulated: bool
@@ -37,6 +43,7 @@ class Result:
     claims: list[Claim] = field(default_factory=list)
     table: list[dict[str, Any]] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
+    page: str = ""
 
     def figures(self) -> dict[str, Any]:
         """Returns the result for `--json`."""

@@ -32,6 +32,10 @@ from runtime.ipc.words import Cause, Latch, Origin, State
 from runtime.loop.machine import Machine
 from runtime.profile import profile, wiring
 from sim.devices.examples import DEVICES
+from studies.faults import wire_trial
+from studies.faults.device_faults import KINDS
+from studies.faults.process_faults import FAULTS as PROCESS
+from studies.faults.study import OF_CLIENT, PART, TITLES
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -230,8 +234,32 @@ def test_the_safety_pages_defaults_are_the_machines() -> None:
 def test_the_safety_page_says_who_may_end_which_stop_as_the_code_does() -> None:
     """Write it anew: replace what stands between the two comments by `python -m runtime.ipc.latches`."""
     text = (DOCS / "safety.md").read_text()
-    (written,) = re.findall(r"<!-- latches: .* -->\n(.*?)\n<!-- end -->", text, re.DOTALL)
+    (written,) = re.findall(r"<!-- latches: [^\n]* -->\n(.*?)\n<!-- end -->", text, re.DOTALL)
     assert written == latches.table()
+
+
+def test_each_promise_of_safety_has_tests_that_are_there() -> None:
+    text = (DOCS / "safety.md").read_text()
+    (table,) = re.findall(r"^\| hazard \| promised \| tests \|\n\|.*\n((?:\|.*\n)+)", text, re.MULTILINE)
+    for line in table.splitlines():
+        named = re.findall(r"`(tests/\S+\.py)::(\w+)`", line)
+        assert named, line
+        for file, test in named:
+            assert re.search(rf"^def {test}\(", (ROOT / file).read_text(), re.MULTILINE), f"{file}::{test}"
+
+
+def test_safety_has_room_for_the_fault_campaign_and_a_line_for_each_fault() -> None:
+    """Write it anew by `srl study faults --write docs/safety.md`."""
+    text = (DOCS / "safety.md").read_text()
+    (written,) = re.findall(r"<!-- faults: [^\n]* -->\n(.*?)<!-- end -->", text, re.DOTALL)
+    words = [f"| `{kind}`: {what} |" for kind, what in (KINDS | wire_trial.KINDS).items()]
+    words += [f"| {f.what} |" for f in PROCESS.values()]
+    if PART not in written:
+        assert [each for each in words if each not in written] == []
+    lines = re.findall(r"^\| .*? \|", written, re.MULTILINE)
+    known = {*words, *(f"| {text} |" for text in OF_CLIENT.values()), *(f"| {title} |" for title in TITLES.values())}
+    assert lines
+    assert set(lines) <= known | {"| --- |"}
 
 
 @pytest.mark.parametrize("latch", latches.ALL)

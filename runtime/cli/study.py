@@ -5,14 +5,15 @@ from __future__ import annotations
 import argparse
 import inspect
 import json
+import re
 import sys
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
 from runtime.cli import add_command
-from runtime.contracts import registry
-from runtime.contracts.errors import RequestError
+from runtime.contracts import registry, whole_file
+from runtime.contracts.errors import HostError, RequestError
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -27,6 +28,10 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         help="change what was assumed: how much does each claim depend on it",
     )
     parser.add_argument("--json", action="store_true", help="one JSON object")
+    parser.add_argument(
+        "--write", type=Path, metavar="PAGE",
+        help="puts the study's tables into this page, between `<!-- NAME: ... -->` and `<!-- end -->`",
+    )  # fmt: skip
     people = parser.add_argument_group("with a person, beside `srl run`, where the study can be done with people")
     people.add_argument("--person", metavar="ID", help="anonymous id, such as P07")
     people.add_argument("--profile", metavar="PROFILE", help="the one that runs; default: the study's own")
@@ -55,6 +60,7 @@ def run(args: argparse.Namespace) -> int:
     if args.person is None and args.profile is not None:
         raise RequestError("--profile", "it is for a study with a person", "Add --person ID, or leave it out")
     _refuse_what_would_be_ignored(args)
+    page = None if args.write is None else Page(args.write, args.name)
     runner = _runner(args, study)
     folder = args.out / args.name
     try:
@@ -66,7 +72,38 @@ def run(args: argparse.Namespace) -> int:
     if args.person is not None:
         return _show(_session(args, study, folder), folder / args.person, args.json)
     result = study(folder, args.quick) if runner is None else study(folder, args.quick, runner=runner)
+    if page is not None:
+        page.fill(result.page)
     return max(_show(result, folder, args.json), 1 if runner is not None and runner.failed else 0)
+
+
+class PageError(HostError):
+    """A page that can't be written."""
+
+
+class Page:
+    """A page of Markdown with room for a study's tables."""
+
+    def __init__(self, path: Path, study: str) -> None:
+        """Reads it, before hours of trials. Raises RequestError: it can't be read, or has no room."""
+        self._path, self._place = path, f"--write {path}"
+        try:
+            self._text = path.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise RequestError(self._place, f"it can't be read: {error}", "Name a page that is there") from None
+        found = re.search(rf"<!-- {re.escape(study)}: [^\n]*-->\n(.*?)<!-- end -->", self._text, re.DOTALL)
+        if found is None:
+            remedy = f"Put `<!-- {study}: made by ... -->` and `<!-- end -->` there, each on a line of its own"
+            raise RequestError(self._place, "it has no room for this study", remedy)
+        self._room = found.span(1)
+
+    def fill(self, content: str) -> None:
+        """Writes the study's tables in place of what was there. Raises RequestError: it has none, or it can't."""
+        if not content:
+            raise RequestError(self._place, "this study has no tables for a page", "Leave out --write")
+        begin, end = self._room
+        text = self._text[:begin] + content.rstrip() + "\n" + self._text[end:]
+        whole_file.write(self._path, text.encode(), PageError)
 
 
 def _session(args: argparse.Namespace, study: Any, folder: Path) -> Any:
@@ -98,6 +135,8 @@ def _show(result: Any, folder: Path, as_json: bool) -> int:
 
 
 def _refuse_what_would_be_ignored(args: argparse.Namespace) -> None:
+    if args.write is not None and (args.sweep or args.person is not None):
+        raise RequestError("--write", "only a whole study has tables for a page", "Leave out --sweep and --person")
     if args.sweep and (args.quick or args.person is not None):
         raise RequestError("--sweep", "it has its own persons and tasks", "Leave out --quick and --person")
     if args.person is not None and (named := _about_trials(args)):

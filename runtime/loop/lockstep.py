@@ -58,10 +58,13 @@ class Lockstep:
 
     def act(self, kind: RequestKind = RequestKind.NONE, origin: Origin = Origin.LOCAL) -> State:
         """The second half of a step: makes the decisions, sends the commands and returns the new state."""
+        now = self.count * self.period
         self.cycle.check(0, Request(0, kind, 0, 0, np.empty(0), origin) if kind else None)
+        if self.cycle.machine.recover:
+            for device in self.devices:
+                device.recover(now)
         self.cycle.control()
         self.cycle.guard()
-        now = self.count * self.period
         for device in self.devices:
             if device.active:
                 device.write(now)

@@ -19,14 +19,20 @@ FAULTS = {
     "silent": "it is connected and nothing comes any more: the newest sample grows old",
     "frozen": "samples go on coming, and the values in them stay as they were",
     "nan": "samples go on coming, and every value in them is NaN",
+    "garbage": "samples go on coming, with other numbers in each: of either sign, from 0.001 to a million",
+    "out-of-range": "samples go on coming, and every value in them is a million",
     "late": "samples come `by` seconds after they were taken",
+    "clock-jump": "samples go on coming, and their stamps are off by `by` seconds, forward or back",
     "disconnected": "it is gone, as with the cable pulled out, and can't be opened until it is healed",
     "deaf": "it takes no command, as with a link that stalls",
     "refusing": "it is connected and says that it won't move, as after a protective stop",
 }
 """What each does, in one line."""
 _OF_COMMANDS = ("deaf", "refusing")
-_OF_SAMPLES = ("silent", "frozen", "nan", "late")
+_CHANGED = ("frozen", "nan", "garbage", "out-of-range", "late", "clock-jump")
+_OF_SAMPLES = ("silent", *_CHANGED)
+_TIMED = ("late", "clock-jump")
+_HUGE = 1e6
 
 
 @dataclass(frozen=True)
@@ -50,6 +56,7 @@ class FaultyDevice:
         self._read, self._write, self._open = driver.read, driver.write, driver.open
         self._own = self._shown = self._sample()
         self._waiting: deque[tuple[int, Sample]] = deque()
+        self._random = np.random.default_rng(0)
         driver.read, driver.write, driver.open = self.read, self.write, self.open  # type: ignore[method-assign]
 
     def begin(self, kind: str, by: float = 0.0) -> None:
@@ -57,15 +64,16 @@ class FaultyDevice:
 
         Args:
             kind: one of `FAULTS`.
-            by: s, of "late".
+            by: s, of "late" and "clock-jump".
         Raises:
             RequestError: there is no such fault, or the device can't have it.
         """
         place = f"fault of '{self._driver.name}'"
         if kind not in FAULTS:
             raise RequestError(place, f"'{kind}' is none", nearest(kind, FAULTS))
-        if (kind == "late") != (0 < by < inf):
-            raise RequestError(place, f"`by` is {by:g} s", "Give `by`, in seconds, with 'late' and with no other")
+        if (kind in _TIMED) != (0 < abs(by) < inf) or (kind == "late" and by < 0):
+            remedy = "Give `by`, in seconds, with 'late' (above 0) and 'clock-jump', and with no other"
+            raise RequestError(place, f"`by` is {by:g} s", remedy)
         if kind in _OF_COMMANDS and not self._driver.commands:
             raise RequestError(place, f"it takes no commands, so it can't be {kind}", "Name a device that moves")
         if kind in _OF_SAMPLES and not self._driver.states:
@@ -74,12 +82,13 @@ class FaultyDevice:
         self.kind, self._by = kind, round(by * 1e9)
         self._own = self._shown = self._sample()
         self._waiting.clear()
+        self._random = np.random.default_rng([ord(c) for c in self._driver.name])  # the same run gives the same bits
 
     def end(self) -> None:
         """Ends the fault, if there is one. A device that was gone waits for the runtime to open it again."""
         if self.kind == "refusing":
             self._driver.health.fault = ""
-        if self.kind in ("frozen", "nan", "late"):
+        if self.kind in _CHANGED:
             self._show(self._own)
         self.kind = ""
 
@@ -88,23 +97,35 @@ class FaultyDevice:
         self._refuse_while_gone()
         if self.kind == "silent":
             return
-        if self.kind not in ("frozen", "nan", "late"):
+        if self.kind not in _CHANGED:
             self._read(now)
             if self.kind == "refusing":
                 self._driver.health.fault = "it refuses to move (a fault of the test)"
             return
         self._show(self._own)  # a fake that has no new sample leaves its arrays as it has left them
         self._read(now)
-        self._own = own = self._sample()
+        fresh = self._sample()
+        new, self._own = fresh.stamp != self._own.stamp, fresh
         if self.kind == "late":
-            self._waiting.append((now, own))
+            self._waiting.append((now, fresh))
             while self._waiting and self._waiting[0][0] <= now - self._by:
                 self._shown = self._waiting.popleft()[1]
-        elif self.kind == "frozen":
-            self._shown = Sample(own.stamp, self._shown.values)
-        else:
-            self._shown = Sample(own.stamp, {name: np.full_like(v, np.nan) for name, v in own.values.items()})
+        elif self.kind == "clock-jump":
+            self._shown = Sample(fresh.stamp + self._by, fresh.values)
+        elif self.kind != "garbage" or new:  # garbage stays until the next sample comes
+            self._shown = Sample(
+                fresh.stamp, {n: self._made(v, self._shown.values[n]) for n, v in fresh.values.items()}
+            )
         self._show(self._shown)
+
+    def _made(self, values: NDArray[np.float64], shown: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What stands in a sample in place of its values."""
+        if self.kind == "frozen":
+            return shown
+        if self.kind == "garbage":
+            signs = self._random.choice((-1.0, 1.0), values.shape)
+            return signs * 10 ** self._random.uniform(-3.0, np.log10(_HUGE), values.shape)
+        return np.full_like(values, np.nan if self.kind == "nan" else _HUGE)
 
     def write(self, now: int) -> None:
         """As the driver's."""

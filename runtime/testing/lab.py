@@ -205,8 +205,8 @@ class Lab:
 
         Args:
             device: its name in the profile.
-            kind: "silent", "frozen", "nan", "late", "disconnected", "deaf", "refusing" (`runtime.testing.faults`).
-            by: s, of "late".
+            kind: one of `runtime.testing.faults.FAULTS`, such as "silent".
+            by: s, of "late" and "clock-jump".
         Raises:
             RequestError: there is no such device or fault, or this device can't have it.
         """
